@@ -1,0 +1,69 @@
+"""The results of a fit: coefficients with intervals, best averaging, the datasheet's verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+__all__ = ["BestAveraging", "Coefficient", "DatasheetVerdict"]
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficient:
+    """One noise coefficient of IEEE 952 (Q, N, B, K or R).
+
+    Attributes
+    ----------
+    value : float
+        Estimate, never negative.
+    lower, upper : float
+        95 % interval; `lower` is 0 where zero cannot be ruled out.
+    unit : str
+        E.g. ``dps/sqrt(Hz)``.
+    detected : bool
+        False when the data give only the upper limit.
+    wait_s : float or None
+        How much longer to run until it can be expected to be known to about 20 %; None when it is
+        known already or when nothing can be said.
+    """
+
+    value: float
+    lower: float
+    upper: float
+    unit: str
+    detected: bool
+    wait_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BestAveraging:
+    """How many samples to average for the smallest variance, DT0064's own question."""
+
+    tau: float
+    samples: int
+    deviation: float
+    lower: float
+    upper: float
+    at_end: bool = False
+    """True when the curve still falls at its end: the true minimum lies further out."""
+
+
+@dataclass(frozen=True, slots=True)
+class DatasheetVerdict:
+    """One value of the datasheet against what was measured.
+
+    Attributes
+    ----------
+    limit, measured : float or None
+        One-sided density in `unit`; None when not published, or not measured yet.
+    verdict : str
+        ``better``, ``typical``, ``worse``, ``not published`` or ``not known yet``.
+    explanation : str
+        One sentence with the convention spelled out.
+    """
+
+    limit: float | None
+    measured: float | None
+    unit: str
+    verdict: str
+    explanation: str = ""
+    details: dict[str, float] = field(default_factory=dict)

@@ -1,0 +1,160 @@
+"""What an LSM6DS3H, LSM6DSL or LSM6DSM is: scales, rates, filters, temperature, datasheet noise.
+
+Values are those of the ST datasheets DocID028475 Rev 7 (LSM6DSL) and DocID028165 (LSM6DSM), and of
+ST's register drivers. What ST does not publish is None here and is reported as such. DSL and DSM
+share a WHO_AM_I, and so do DS3 and DS3H: a stream cannot tell them apart, the user must.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from allanscope.errors import UsageError
+
+__all__ = ["ACCEL_SCALES", "GYRO_SCALES", "PARTS", "Part", "part_named"]
+
+GYRO_SCALES: Mapping[float, float] = {
+    125.0: 4.375e-3,
+    250.0: 8.75e-3,
+    500.0: 17.5e-3,
+    1000.0: 35e-3,
+    2000.0: 70e-3,
+}
+"""dps per count at each full scale in dps. Not full scale / 32768: 2000 dps reaches 2293.76."""
+
+ACCEL_SCALES: Mapping[float, float] = {2.0: 0.061e-3, 4.0: 0.122e-3, 8.0: 0.244e-3, 16.0: 0.488e-3}
+"""g per count at each full scale in g."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One sensor part number.
+
+    Attributes
+    ----------
+    name : str
+        As ST writes it.
+    who_am_i : int
+        Content of register 0x0F.
+    rates_hz : tuple of float
+        Output data rates that the part offers to both sensors.
+    gyro_density : float or None
+        Typical rate noise density in high-performance mode, dps/sqrt(Hz), one-sided.
+    accel_density : mapping or None
+        Typical acceleration noise density in high-performance mode for each full scale in g,
+        g/sqrt(Hz), one-sided.
+    gyro_rms, accel_rms : float, mapping or None
+        Typical rms noise in normal and low-power mode (dps; g for each full scale).
+    zero_rate_dps, zero_g_g : float or None
+        Typical offset.
+    zero_rate_dps_per_c, zero_g_g_per_c : float or None
+        Typical change of the offset with temperature.
+    temperature_lsb_per_c : float
+        Sensitivity of the temperature output; 0 counts mean 25 degC.
+    source : str
+        Where the noise values come from.
+    """
+
+    name: str
+    who_am_i: int
+    rates_hz: tuple[float, ...]
+    gyro_density: float | None
+    accel_density: Mapping[float, float] | None
+    gyro_rms: float | None
+    accel_rms: Mapping[float, float] | None
+    zero_rate_dps: float | None
+    zero_g_g: float | None
+    zero_rate_dps_per_c: float | None
+    zero_g_g_per_c: float | None
+    temperature_lsb_per_c: float
+    source: str
+
+    def gyro_scale(self, full_scale_dps: float) -> float:
+        """Return dps per count; UsageError for a full scale that the part does not have."""
+        return _scale(GYRO_SCALES, full_scale_dps, "gyro", "dps")
+
+    def accel_scale(self, full_scale_g: float) -> float:
+        """Return g per count; UsageError for a full scale that the part does not have."""
+        return _scale(ACCEL_SCALES, full_scale_g, "accelerometer", "g")
+
+
+def _scale(table: Mapping[float, float], full_scale: float, sensor: str, unit: str) -> float:
+    if full_scale not in table:
+        choices = ", ".join(f"{value:g}" for value in table)
+        raise UsageError(
+            f"no {sensor} full scale of {full_scale:g} {unit}; choose one of {choices}"
+        )
+    return table[full_scale]
+
+
+_RATES = (12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1660.0, 3330.0, 6660.0)
+_ACCEL_RMS = {2.0: 1.8e-3, 4.0: 2.0e-3, 8.0: 2.4e-3, 16.0: 3.0e-3}
+
+PARTS: Mapping[str, Part] = {
+    "LSM6DS3H": Part(
+        name="LSM6DS3H",
+        who_am_i=0x69,
+        rates_hz=tuple(rate for rate in _RATES if rate <= 1660.0),
+        gyro_density=None,
+        accel_density=None,
+        gyro_rms=None,
+        accel_rms=None,
+        zero_rate_dps=None,
+        zero_g_g=None,
+        zero_rate_dps_per_c=None,
+        zero_g_g_per_c=None,
+        temperature_lsb_per_c=16.0,
+        source="not published in any document we could read",
+    ),
+    "LSM6DSL": Part(
+        name="LSM6DSL",
+        who_am_i=0x6A,
+        rates_hz=_RATES,
+        gyro_density=4e-3,
+        accel_density={2.0: 80e-6, 4.0: 80e-6, 8.0: 90e-6, 16.0: 130e-6},
+        gyro_rms=75e-3,
+        accel_rms=_ACCEL_RMS,
+        zero_rate_dps=3.0,
+        zero_g_g=40e-3,
+        zero_rate_dps_per_c=15e-3,
+        zero_g_g_per_c=0.1e-3,
+        temperature_lsb_per_c=256.0,
+        source="LSM6DSL datasheet DocID028475 Rev 7, tables 3 and 4",
+    ),
+    "LSM6DSM": Part(
+        name="LSM6DSM",
+        who_am_i=0x6A,
+        rates_hz=_RATES,
+        gyro_density=3.8e-3,
+        accel_density={2.0: 90e-6, 4.0: 90e-6, 8.0: 90e-6, 16.0: 130e-6},
+        gyro_rms=75e-3,
+        accel_rms=_ACCEL_RMS,
+        zero_rate_dps=3.0,
+        zero_g_g=40e-3,
+        zero_rate_dps_per_c=15e-3,
+        zero_g_g_per_c=0.1e-3,
+        temperature_lsb_per_c=256.0,
+        source="LSM6DSM datasheet, tables 3 and 4",
+    ),
+}
+"""Every part that allanscope knows, by name."""
+
+
+def part_named(name: str) -> Part:
+    """Return a part by its name, in any case.
+
+    Raises
+    ------
+    UsageError
+        If there is none; the message lists all.
+
+    Examples
+    --------
+    >>> part_named("lsm6dsm").gyro_density
+    0.0038
+    """
+    part = PARTS.get(name.upper())
+    if part is None:
+        raise UsageError(f"unknown part {name!r}; choose one of {', '.join(PARTS)}")
+    return part

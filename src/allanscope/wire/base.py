@@ -1,0 +1,163 @@
+"""What every wire format provides: a decoder, an encoder, a way to be recognised and to be started.
+
+Nothing here has ever heard of a serial port. Bytes go in, events come out (and the other way round
+for the encoder, which the simulated device uses); whoever owns the port moves the bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, Protocol
+
+from allanscope.samples import Block, Event, StreamInfo
+
+__all__ = ["Command", "Decoder", "Encoder", "LinkStats", "WireFormat", "WireSettings"]
+
+
+@dataclass(slots=True)
+class LinkStats:
+    """Counters of one link; every one of them is shown, none of them is fatal.
+
+    Attributes
+    ----------
+    bytes : int
+        Bytes received.
+    frames : int
+        Frames or records that passed every check.
+    crc_errors : int
+        Frames whose checksum was wrong.
+    resyncs : int
+        Times that bytes had to be thrown away to find the next frame.
+    unknown : int
+        Sound frames of a type that this version does not know.
+    samples : int
+        Samples delivered.
+    lost_samples : int
+        Samples known to be missing.
+    unknown_losses : int
+        Gaps of which nobody can tell the length.
+    """
+
+    bytes: int = 0
+    frames: int = 0
+    crc_errors: int = 0
+    resyncs: int = 0
+    unknown: int = 0
+    samples: int = 0
+    lost_samples: int = 0
+    unknown_losses: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class WireSettings:
+    """What the user said about the device; None or empty where the stream itself must tell.
+
+    Attributes
+    ----------
+    part : str
+        Name of the part.
+    rate_hz : float or None
+        Nominal sample rate.
+    gyro_fs, accel_fs : float or None
+        Full scales in dps and g.
+    units : dict
+        Unit of a group of columns of delimited text, e.g. ``{"gyro": "dps"}``.
+    """
+
+    part: str = ""
+    rate_hz: float | None = None
+    gyro_fs: float | None = None
+    accel_fs: float | None = None
+    units: dict[str, str] = field(default_factory=dict)
+
+
+class Decoder(Protocol):
+    """Bytes to events. Never raises on any input; never keeps more than one frame of it."""
+
+    stats: LinkStats
+
+    def feed(self, data: bytes, host_s: float) -> list[Event]:
+        """Take bytes that arrived at host time `host_s` and return what they complete."""
+
+    def interrupt(self, reason: str) -> list[Event]:
+        """Forget a partial frame, e.g. after an unplug; the next Block follows a Gap."""
+
+    def finish(self) -> list[Event]:
+        """Return what the end of the stream completes, e.g. a last line without its newline."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What a host asked a device to do.
+
+    Attributes
+    ----------
+    name : {'start', 'stop', 'describe', 'ping', 'set', 'unknown'}
+        The request.
+    sequence : int
+        Number that the reply must echo, where the format has one.
+    fields : dict
+        What came with it: ``rate_hz``, ``gyro_fs``, ``accel_fs``, ``axes`` or raw ``payload``.
+    """
+
+    name: Literal["start", "stop", "describe", "ping", "set", "unknown"]
+    sequence: int = 0
+    fields: dict[str, Any] = field(default_factory=dict)
+
+
+class Encoder(Protocol):
+    """The device's end of the wire: events to bytes, and the host's bytes to commands."""
+
+    silent_until_started: ClassVar[bool]
+    """True when the device says nothing before it has been told to start."""
+
+    def describe(self, info: StreamInfo) -> bytes:
+        """Return what the device sends to say what follows; empty when the format has none."""
+
+    def encode(self, block: Block) -> bytes:
+        """Return the frames of a block. Block.index may jump: that is how losses are told."""
+
+    def status(self, produced: int, sent: int, dropped: int, uptime_s: float) -> bytes:
+        """Return the periodic status; empty when the format has none."""
+
+    def receive(self, data: bytes) -> list[Command]:
+        """Take bytes from the host and return the commands that they complete."""
+
+    def reply(self, command: Command, ok: bool = True) -> bytes:
+        """Return the answer to a command; empty when the format has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class WireFormat:
+    """One entry of the registry.
+
+    Attributes
+    ----------
+    name : str
+        As used on the command line.
+    summary : str
+        One line for the help.
+    """
+
+    name: str
+    summary: str
+
+    def decoder(self, settings: WireSettings) -> Decoder:
+        """Return a fresh decoder."""
+        raise NotImplementedError
+
+    def encoder(self) -> Encoder:
+        """Return a fresh encoder."""
+        raise NotImplementedError
+
+    def start(self, settings: WireSettings) -> list[bytes]:
+        """Return what a host writes, each in a single write, to make a device stream."""
+        return []
+
+    def stop(self) -> list[bytes]:
+        """Return what a host writes at the end."""
+        return []
+
+    def score(self, sample: bytes) -> float:
+        """Return from 0 (surely not) to 1 (surely) how well a sample of a stream fits."""
+        raise NotImplementedError

@@ -1,0 +1,1 @@
+"""From samples to a result: the streaming analyser and what it returns."""

@@ -1,0 +1,237 @@
+"""The result of a run: all that is known about every axis, as it is shown and written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan.deviation import Deviation
+from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
+from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
+from allanscope.spectrum.density import Density
+from allanscope.wire.base import LinkStats
+
+__all__ = ["SCHEMA", "Analysis", "AxisAnalysis", "Level", "ModelCurve", "Rate"]
+
+SCHEMA = "allanscope/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """The sample rate: claimed, and measured against the host's clock.
+
+    `measured_hz` and `uncertainty_ppm` (one standard deviation) are None until known.
+    """
+
+    nominal_hz: float
+    measured_hz: float | None = None
+    uncertainty_ppm: float | None = None
+
+    @property
+    def best_hz(self) -> float:
+        """The measured rate where it is known, else the nominal one."""
+        return self.nominal_hz if self.measured_hz is None else self.measured_hz
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Zero-rate or zero-g level: the mean of the axis, and how much it moved.
+
+    `stability` is the standard deviation of the means over tenths of the run, None when the run is
+    too short to tell.
+    """
+
+    mean: float
+    stability: float | None
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class ModelCurve:
+    """A fitted model, evaluated for drawing.
+
+    Attributes
+    ----------
+    x : ndarray, shape (k,)
+        Averaging times in s for a deviation, frequencies in Hz for a density.
+    total : ndarray, shape (k,)
+        Deviation, or one-sided density, of the whole model.
+    components : mapping
+        Name (N, B, K, ..., or the kind of an effect) to its own curve, shape (k,).
+    """
+
+    x: NDArray[np.float64]
+    total: NDArray[np.float64]
+    components: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisAnalysis:
+    """What is known of one axis.
+
+    Attributes
+    ----------
+    unit : str
+        ``dps`` or ``g``.
+    curves : mapping
+        Estimator name to its curve (one axis, only taus that have a value).
+    coefficients : mapping
+        Q, N, B, K, R; empty until the first fit.
+    model, model_before : ModelCurve or None
+        Deviation (``oadev``) of the final model and of the textbook model.
+    density : Density or None
+        Measured one-sided density.
+    density_model : ModelCurve or None
+        Density of the final model at the frequencies of `density`.
+    """
+
+    unit: str
+    curves: Mapping[str, Deviation]
+    level: Level | None = None
+    coefficients: Mapping[str, Coefficient] = field(default_factory=dict)
+    best_averaging: BestAveraging | None = None
+    datasheet: Mapping[str, DatasheetVerdict] = field(default_factory=dict)
+    density: Density | None = None
+    model: ModelCurve | None = None
+    model_before: ModelCurve | None = None
+    density_model: ModelCurve | None = None
+    explanation: AxisExplanation | None = None
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """The result of a run, or of a run so far.
+
+    Attributes
+    ----------
+    input : mapping
+        Where the samples came from: name, wire format, file hash, device identity.
+    lost_samples : int
+        Samples known to be missing; `unknown_losses` counts the gaps of unknown length.
+    segments : int
+        Contiguous stretches of samples.
+    temperature : mapping
+        ``first``, ``last``, ``lowest``, ``highest`` in degC; empty when there is none.
+    marks : tuple of (seconds, text)
+        Set by the user during the run.
+    remarks : tuple of str
+        What the reader must know about the run as a whole, one sentence each.
+    """
+
+    input: Mapping[str, str]
+    part: str
+    duration_s: float
+    samples: int
+    lost_samples: int
+    segments: int
+    rate: Rate
+    link: LinkStats
+    axes: Mapping[str, AxisAnalysis]
+    reconnects: int = 0
+    unknown_losses: int = 0
+    temperature: Mapping[str, float] = field(default_factory=dict)
+    marks: tuple[tuple[float, str], ...] = ()
+    remarks: tuple[str, ...] = ()
+    version: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in the schema ``allanscope/1``: plain numbers, null for what is not."""
+        return {
+            "schema": SCHEMA,
+            "allanscope": self.version,
+            "input": dict(self.input),
+            "part": self.part,
+            "duration_s": self.duration_s,
+            "samples": self.samples,
+            "lost_samples": self.lost_samples,
+            "unknown_losses": self.unknown_losses,
+            "segments": self.segments,
+            "rate": asdict(self.rate),
+            "link": {
+                "bytes": self.link.bytes,
+                "frames": self.link.frames,
+                "crc_errors": self.link.crc_errors,
+                "resyncs": self.link.resyncs,
+                "unknown": self.link.unknown,
+                "reconnects": self.reconnects,
+            },
+            "temperature": dict(self.temperature),
+            "marks": [{"time_s": time_s, "text": text} for time_s, text in self.marks],
+            "remarks": list(self.remarks),
+            "axes": {name: _axis_dict(axis) for name, axis in self.axes.items()},
+        }
+
+
+def _axis_dict(axis: AxisAnalysis) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "unit": axis.unit,
+        "curves": {kind: _curve_dict(curve) for kind, curve in axis.curves.items()},
+        "remarks": list(axis.remarks),
+    }
+    if axis.level is not None:
+        out["level"] = asdict(axis.level)
+    if axis.coefficients:
+        out["coefficients"] = _plain({k: asdict(c) for k, c in axis.coefficients.items()})
+    if axis.best_averaging is not None:
+        out["best_averaging"] = _plain(asdict(axis.best_averaging))
+    if axis.datasheet:
+        out["datasheet"] = _plain({k: asdict(v) for k, v in axis.datasheet.items()})
+    if axis.explanation is not None:
+        out |= _explanation_dict(axis.explanation)
+    return out
+
+
+def _curve_dict(curve: Deviation) -> dict[str, Any]:
+    arrays = ("tau", "deviation", "lower", "upper", "edf", "terms", "noise", "trusted")
+    return {name: _plain(getattr(curve, name).tolist()) for name in arrays}
+
+
+def _explanation_dict(explanation: AxisExplanation) -> dict[str, Any]:
+    return {
+        "coefficients": _plain({k: asdict(c) for k, c in explanation.coefficients_after.items()}),
+        "coefficients_before": _plain(
+            {k: asdict(c) for k, c in explanation.coefficients_before.items()}
+        ),
+        "effects": [_effect_dict(effect) for effect in explanation.effects],
+        "residual": {
+            "before": _residual_dict(explanation.before),
+            "after": _residual_dict(explanation.after),
+            "held_out_nats": _plain(explanation.held_out_nats),
+            "held_out_nats_se": _plain(explanation.held_out_nats_se),
+            "explained": explanation.explained,
+            "remarks": list(explanation.remarks),
+        },
+    }
+
+
+def _effect_dict(effect: Effect) -> dict[str, Any]:
+    return {
+        "kind": effect.kind,
+        "parameters": _plain({k: asdict(p) for k, p in effect.parameters.items()}),
+        "equivalent": list(effect.equivalent),
+        "axes": list(effect.axes),
+        "evidence": _plain(dict(effect.evidence)),
+    }
+
+
+def _residual_dict(error: ResidualError) -> dict[str, Any]:
+    return {k: _plain(v) for k, v in asdict(error).items()}
+
+
+def _plain(value: Any) -> Any:
+    """Return the value with numpy types made plain and everything that is not finite made None."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,155 @@
+"""What every estimator of the Allan family has in common, and the table of all of them.
+
+An estimator turns the phase ``x`` of one axis into a variance at one averaging factor ``m``. Phase
+is the running sum of the rates with ``x[0] = 0``, one value more than there are rates, in units of
+data times samples (tau0 = 1)::
+
+    x[i] = y[0] + ... + y[i - 1],     w[i] = (x[i + m] - x[i]) / m    mean of m rates
+
+Adding an estimator means adding a file to this folder: a subclass of `Estimator` under `register`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["REGISTRY", "Estimator", "Sums", "register"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sums:
+    """Variances and how many squares went into each: all that confidence needs.
+
+    Attributes
+    ----------
+    m : ndarray of int64, shape (k,)
+        Averaging factors in samples, ascending.
+    variance : ndarray of float64, shape (k,) or (axes, k)
+        Variances, (unit of the data)^2; the time variances (TVAR, TTOTVAR) in (unit x samples)^2.
+        NaN where there is none.
+    terms : ndarray of int64, same shape as `variance`
+        Number of squared terms in each mean.
+    stride : ndarray of int64, shape (k,)
+        Step between successive terms in samples: 1 for full overlap, m for none, 2^L in level L of
+        the cascade.
+    n : int
+        Number of rate samples in the run.
+    """
+
+    m: NDArray[np.int64]
+    variance: NDArray[np.float64]
+    terms: NDArray[np.int64]
+    stride: NDArray[np.int64]
+    n: int
+
+
+class Estimator(ABC):
+    """One variance of the Allan family, on one axis and one averaging factor at a time.
+
+    Attributes
+    ----------
+    name : str
+        Name of the deviation, e.g. ``"oadev"``: the key in `REGISTRY`.
+    variance_name : str
+        Name of its square in DT0064, e.g. ``"OAVAR"``.
+    tau_factor : float
+        tau = tau_factor * m / rate; 0.75 for the Theo family, else 1.
+    trust_fraction : float
+        Part of the run up to which DT0064 trusts the estimator: tau <= trust_fraction * duration.
+    min_terms : int
+        Fewest terms with which a value is given at all.
+    lowest_alpha : int
+        Steepest power law for which the variance converges; steeper ones are treated as this one.
+    even : bool
+        True when m must be even.
+    derived_from : str
+        Estimator of which this one is a multiple by `factor`, or ``""``.
+    """
+
+    name: ClassVar[str]
+    variance_name: ClassVar[str]
+    tau_factor: ClassVar[float] = 1.0
+    trust_fraction: ClassVar[float] = 0.1
+    min_terms: ClassVar[int] = 2
+    lowest_alpha: ClassVar[int] = -2
+    even: ClassVar[bool] = False
+    derived_from: ClassVar[str] = ""
+
+    @abstractmethod
+    def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
+        """Return variance and number of terms, by definition and from every term there is.
+
+        Parameters
+        ----------
+        phase : ndarray of float64, shape (n + 1,)
+            Phase of one axis, tau0 = 1.
+        m : int
+            Averaging factor.
+
+        Returns
+        -------
+        variance : float
+            As in `Sums`; NaN when there is no term.
+        terms : int
+            Number of terms, 0 when the record is too short.
+        """
+
+    @abstractmethod
+    def edf(
+        self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
+    ) -> NDArray[np.float64]:
+        """Return the equivalent degrees of freedom (arguments broadcast).
+
+        Parameters
+        ----------
+        alpha : array_like of int
+            Exponent of the power law of the rate, S_y ~ f^alpha: 2 white PM ... -4.
+        m, n, stride : array_like of int
+            As in `Sums`.
+        """
+
+    @abstractmethod
+    def needed(self, m: int) -> int:
+        """Return how many rate samples give `min_terms` terms at averaging factor `m`."""
+
+    def exact_stride(self, m: int) -> int:
+        """Return the step between the terms of `exact`: 1, or m for those that do not overlap."""
+        return 1
+
+    def factor(self, m: ArrayLike) -> NDArray[np.float64]:
+        """Return variance / variance of `derived_from`."""
+        return np.ones(np.shape(m))
+
+    def bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return the published expectation of the raw variance / true variance."""
+        return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))
+
+
+REGISTRY: dict[str, Estimator] = {}
+"""Every estimator by name, filled when `allanscope.allan.estimators` is imported."""
+
+E = TypeVar("E", bound=type[Estimator])
+
+
+def register(cls: E) -> E:
+    """Enter an estimator in `REGISTRY` under its name."""
+    REGISTRY[cls.name] = cls()
+    return cls
+
+
+def estimator_named(name: str) -> Estimator:
+    """Return an estimator by name; ValueError, with all names, when there is none."""
+    try:
+        return REGISTRY[name]
+    except KeyError:
+        raise ValueError(f"unknown estimator {name!r}; choose one of {_names(REGISTRY)}") from None
+
+
+def _names(keys: Iterable[str]) -> str:
+    return " ".join(sorted(keys))

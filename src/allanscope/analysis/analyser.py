@@ -1,0 +1,96 @@
+"""The analyser: events in, a result out whenever one is asked for."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+
+from allanscope.analysis.state import StreamState
+from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
+
+__all__ = ["Analyser", "AnalyserSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class AnalyserSettings:
+    """How finely and how long to remember.
+
+    Attributes
+    ----------
+    part : str
+        The part, when the user named one; it overrules what the stream claims.
+    per_octave : int
+        Averaging times in each octave.
+    level : float
+        Confidence of every interval.
+    history_rows : int
+        Rows of block means that are kept: live runs keep fewer than an analysis to the end.
+    """
+
+    part: str = ""
+    per_octave: int = 4
+    level: float = 0.95
+    history_rows: int = 1 << 18
+
+
+class Analyser:
+    """Take the events of one session, in order.
+
+    A device that comes back with other axes, scales or rate starts a new configuration with sums
+    of its own: counts of different scale are never added. The configuration with the most samples
+    is the one that is reported, and a remark says that there were others.
+    """
+
+    def __init__(self, settings: AnalyserSettings | None = None) -> None:
+        self.settings = settings or AnalyserSettings()
+        self.configurations: list[StreamState] = []
+        self.marks: list[tuple[float, str]] = []
+        self.errors: list[str] = []
+
+    @property
+    def state(self) -> StreamState | None:
+        """The configuration in force."""
+        return self.configurations[-1] if self.configurations else None
+
+    def take(self, event: Event) -> None:
+        """Take one event."""
+        match event:
+            case Block():
+                assert self.state is not None, "a decoder describes a stream before its samples"
+                self.state.block(event)
+            case Gap():
+                if self.state is not None:
+                    self.state.gap(event)
+            case StreamInfo():
+                self._configure(event)
+            case Notice(kind="mark"):
+                self.mark(event.text)
+            case Notice(kind="error"):
+                self.errors.append(event.text)
+
+    def mark(self, text: str) -> None:
+        """Remember a remark at the present moment of the run."""
+        samples, rate_hz = (self.state.samples, self.state.info.nominal_hz) if self.state else (0, 0)
+        self.marks.append((samples / rate_hz if rate_hz else 0.0, text))
+
+    def frozen(self) -> Analyser:
+        """Return a copy that later events do not change, to be summarised in another thread."""
+        return copy.deepcopy(self)
+
+    def _configure(self, info: StreamInfo) -> None:
+        state = self.state
+        if state is not None and _same(state.info, info):
+            state.info = info
+            return
+        self.configurations.append(
+            StreamState(info, self.settings.per_octave, self.settings.history_rows)
+        )
+
+
+def _same(one: StreamInfo, other: StreamInfo) -> bool:
+    """Whether counts of the two streams may be added: same axes, same scales, same nominal rate."""
+    return (
+        one.axes == other.axes
+        and one.scale == other.scale
+        and one.nominal_hz == other.nominal_hz
+    )

@@ -1,0 +1,184 @@
+"""From chunks to events: listen until the wire format is known, wake the device, then decode.
+
+The same object serves a live port and a replay, and it looks at nothing but the chunks and their
+times; that is why a recording gives the same events, bit for bit, as the night it was made in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from allanscope.errors import InputError
+from allanscope.samples import Event, Notice
+from allanscope.sources.base import Chunk
+from allanscope.wire import WireFormat, format_named, formats, sniff
+from allanscope.wire.base import Decoder, LinkStats, WireSettings
+
+__all__ = ["Decoding"]
+
+LISTEN_S = 2.0
+"""A port is listened to for this long before it is given up as speaking none of the formats."""
+
+LISTEN_BYTES = 1 << 18
+"""As much of a file is read before the same decision."""
+
+SILENCE_S = 0.6
+"""After this much silence the device is told to start, in every format that knows how to say it."""
+
+ENOUGH = 0.5
+"""Score above which a format is taken without waiting for more bytes."""
+
+
+class Decoding:
+    """Turn the chunks of one source into events.
+
+    Parameters
+    ----------
+    settings : WireSettings
+        What the user said about the device.
+    wire : str
+        Name of the format, or empty to find out.
+    write : callable, optional
+        Sends bytes to the device; None where there is none, as in a replay.
+    """
+
+    def __init__(
+        self,
+        settings: WireSettings,
+        wire: str = "",
+        write: Callable[[bytes], None] | None = None,
+    ) -> None:
+        self._settings = settings
+        self._write = write
+        self._format: WireFormat | None = None
+        self._decoder: Decoder | None = None
+        self._heard: list[Chunk] = []
+        self._heard_bytes = 0
+        self._opened_ns: int | None = None
+        self._first_byte_ns: int | None = None
+        self._woken = False
+        if wire:
+            self._choose(wire)
+
+    @property
+    def wire(self) -> str:
+        """Name of the format, empty while it is not known."""
+        return self._format.name if self._format else ""
+
+    @property
+    def stats(self) -> LinkStats:
+        """Counters of the link so far."""
+        if self._decoder is None:
+            return LinkStats(bytes=self._heard_bytes)
+        return self._decoder.stats
+
+    def take(self, chunk: Chunk) -> list[Event]:
+        """Take one chunk and return the events that it completes.
+
+        Raises
+        ------
+        InputError
+            When enough was heard and no format fits it; the message has a sample.
+        """
+        events: list[Event] = []
+        if self._opened_ns is None:
+            self._opened_ns = chunk.host_ns
+        if chunk.event in ("disconnected", "reconnected", "stalled", "resumed"):
+            events += self._link_event(chunk)
+        if not self._woken and not chunk.data and self._first_byte_ns is None:
+            self._wake_if_silent(chunk.host_ns)
+        if not chunk.data:
+            return events
+        if self._decoder is not None:
+            self._first_byte_ns = self._first_byte_ns or chunk.host_ns
+            return events + self._decoder.feed(chunk.data, _seconds(chunk))
+        return events + self._listen(chunk)
+
+    def finish(self) -> list[Event]:
+        """Return what the end of the stream completes.
+
+        Raises
+        ------
+        InputError
+            When there were bytes and no format fits them.
+        """
+        events: list[Event] = []
+        if self._decoder is None and self._heard:
+            events += self._decide(last=True)
+        if self._decoder is not None:
+            events += self._decoder.finish()
+        return events
+
+    def stop_device(self) -> None:
+        """Tell the device to stop, where its format knows how to."""
+        if self._format is not None and self._write is not None:
+            for message in self._format.stop():
+                self._write(message)
+
+    def _choose(self, name: str) -> None:
+        self._format = format_named(name)
+        self._decoder = self._format.decoder(self._settings)
+
+    def _listen(self, chunk: Chunk) -> list[Event]:
+        if self._first_byte_ns is None:
+            self._first_byte_ns = chunk.host_ns
+        self._heard.append(chunk)
+        self._heard_bytes += len(chunk.data)
+        patience_over = (
+            chunk.host_ns - self._first_byte_ns > LISTEN_S * 1e9
+            or self._heard_bytes > LISTEN_BYTES
+        )
+        return self._decide(last=patience_over)
+
+    def _decide(self, last: bool) -> list[Event]:
+        sample = b"".join(chunk.data for chunk in self._heard)
+        found = sniff(sample)
+        if found.name is None or (not last and found.scores[found.name] < ENOUGH):
+            if not last:
+                return []
+            if found.name is None:
+                raise InputError(
+                    f"none of the formats {', '.join(formats())} fits what was heard: "
+                    f"{found.excerpt}"
+                )
+        self._choose(found.name)
+        assert self._decoder is not None
+        events: list[Event] = [Notice("text", f"wire format {found.name}")]
+        for chunk in self._heard:
+            events += self._decoder.feed(chunk.data, _seconds(chunk))
+        self._heard.clear()
+        return events
+
+    def _wake_if_silent(self, now_ns: int) -> None:
+        """Tell a silent device to start: stock TMsg firmware says nothing until then."""
+        assert self._opened_ns is not None
+        if now_ns - self._opened_ns > SILENCE_S * 1e9:
+            self._woken = True
+            self._send_start()
+
+    def _link_event(self, chunk: Chunk) -> list[Event]:
+        if self._decoder is None:
+            return []
+        if chunk.event == "disconnected":
+            return self._decoder.interrupt("disconnected")
+        if chunk.event == "reconnected":
+            self._send_start()
+        elif chunk.event == "resumed":
+            return [Notice("text", "the device speaks again")]
+        elif chunk.event == "stalled":
+            return [Notice("error", "the device has fallen silent")]
+        return []
+
+    def _send_start(self) -> None:
+        if self._write is None:
+            return
+        names = [self._format.name] if self._format else formats()
+        for name in names:
+            for message in format_named(name).start(self._settings):
+                self._write(message)
+
+
+def _seconds(chunk: Chunk) -> float:
+    """Host time in s; a file has none, which its source says by the time 0."""
+    return chunk.host_ns * 1e-9 if chunk.host_ns else math.nan

@@ -1,0 +1,257 @@
+"""One session: a source is read, recorded, decoded, analysed and shown until it ends.
+
+Three threads, so that none waits for another::
+
+    reader    source.read ──▶ recorder (its own writer) and ──▶ queue
+    session   queue ──▶ decode ──▶ analyser and audience        (the caller's thread)
+    refresh   a frozen copy of the analyser ──▶ result ──▶ audience
+
+The reader does nothing but move bytes, so a slow disk, a long fit or a stalled viewer costs no
+sample. The session thread never computes a result: it copies the running sums, which takes
+milliseconds, and the refresh thread does the rest; the next refresh starts only when the last one
+has ended, and never sooner than a multiple of what it took, so refreshing adapts to the machine.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from allanscope.analysis.analyser import Analyser
+from allanscope.analysis.result import Analysis
+from allanscope.analysis.summary import Depth, summarise
+from allanscope.pipeline.decoding import Decoding
+from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
+from allanscope.sources.base import Chunk, Source
+
+__all__ = ["Audience", "Ledger", "Session"]
+
+QUEUE_CHUNKS = 1 << 14
+"""Reads that may wait to be decoded: minutes of a live port at its fastest."""
+
+REFRESH_S = 1.0
+REFRESH_SHARE = 0.2
+"""A refresh takes at most this share of one core."""
+
+
+class Audience(Protocol):
+    """Whoever watches a session: the viewer, the terminal. No method may block."""
+
+    def info(self, info: StreamInfo) -> None:
+        """Tell what the samples that follow mean."""
+
+    def samples(self, info: StreamInfo, block: Block) -> None:
+        """Show a run of samples."""
+
+    def gap(self, gap: Gap) -> None:
+        """Show a hole."""
+
+    def notice(self, notice: Notice) -> None:
+        """Show a remark."""
+
+    def snapshot(self, analysis: Analysis) -> None:
+        """Show the result so far."""
+
+
+class Ledger(Protocol):
+    """Whoever keeps what was read: the recorder."""
+
+    def rx(self, chunk: Chunk) -> None:
+        """Keep what came from the device."""
+
+    def tx(self, data: bytes, host_ns: int) -> None:
+        """Keep what was sent to it."""
+
+    def mark(self, text: str, host_ns: int) -> None:
+        """Keep a remark of the user."""
+
+
+class Session:
+    """Run one source to its end.
+
+    Parameters
+    ----------
+    source : Source
+        Where bytes come from; closed at the end.
+    decoding : Decoding
+        Turns them into events.
+    analyser : Analyser
+        Sums them up.
+    audience : sequence of Audience
+        Who is shown what happens.
+    ledger : Ledger, optional
+        Who records it.
+    duration_s : float, optional
+        Stop this long after the first byte.
+    input_facts : callable
+        Returns what the result says about where the samples came from.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        decoding: Decoding,
+        analyser: Analyser,
+        audience: Sequence[Audience] = (),
+        ledger: Ledger | None = None,
+        duration_s: float | None = None,
+        input_facts: Callable[[], dict[str, str]] = dict,
+    ) -> None:
+        self.source = source
+        self.decoding = decoding
+        self.analyser = analyser
+        self.audience = audience
+        self.ledger = ledger
+        self.reconnects = 0
+        self._duration_s = duration_s
+        self._input_facts = input_facts
+        self._stop = threading.Event()
+        self._inbox: queue.Queue[Chunk] = queue.Queue()
+        self._room = threading.Semaphore(QUEUE_CHUNKS)
+        self._marks: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._reader_error: BaseException | None = None
+        self._refresher = _Refresher(self._show)
+
+    def stop(self) -> None:
+        """End the session soon, as if the source had ended; callable from anywhere."""
+        self._stop.set()
+
+    def mark(self, text: str) -> None:
+        """Set a mark at the present moment; callable from any thread."""
+        self._marks.put(text)
+
+    def run(self) -> None:
+        """Read until the source ends, the duration is over, or `stop` is called.
+
+        Raises
+        ------
+        InputError
+            When no wire format fits what the source says.
+        DeviceError
+            When the source is lost for good.
+        """
+        reader = threading.Thread(target=self._read, name="reader", daemon=True)
+        reader.start()
+        try:
+            while (chunk := self._inbox.get()).event != "end":
+                self._take(chunk)
+                self._room.release()
+            for event in self.decoding.finish():
+                self._tell(event)
+            self.decoding.stop_device()
+        finally:
+            self._stop.set()
+            self._room.release()
+            self._refresher.close()
+            self.source.close()
+            reader.join(timeout=10.0)
+        if self._reader_error is not None:
+            raise self._reader_error
+
+    def result(self, depth: Depth) -> Analysis:
+        """Return the result of what was taken so far."""
+        return summarise(
+            self.analyser,
+            self.decoding.stats,
+            depth=depth,
+            input_facts={**self._input_facts(), "wire": self.decoding.wire},
+            reconnects=self.reconnects,
+        )
+
+    def _read(self) -> None:
+        """Move chunks from the source to the ledger and the queue; the reader thread."""
+        deadline = None
+        try:
+            while not self._stop.is_set():
+                chunk = self.source.read()
+                if chunk.data and deadline is None and self._duration_s is not None:
+                    deadline = time.monotonic() + self._duration_s
+                if self.ledger is not None and (chunk.data or chunk.event):
+                    self.ledger.rx(chunk)
+                self._room.acquire()
+                self._inbox.put(chunk)
+                if chunk.event == "end":
+                    return
+                if deadline is not None and time.monotonic() >= deadline:
+                    break
+        except Exception as error:
+            self._reader_error = error
+        self._inbox.put(Chunk(0, event="end"))
+
+    def _take(self, chunk: Chunk) -> None:
+        if chunk.event == "reconnected":
+            self.reconnects += 1
+        while not self._marks.empty():
+            text = self._marks.get()
+            if self.ledger is not None:
+                self.ledger.mark(text, chunk.host_ns)
+            self._tell(Notice("mark", text))
+        for event in self.decoding.take(chunk):
+            self._tell(event)
+        if self.analyser.state is not None and self.audience:
+            self._refresher.offer(self.analyser)
+
+    def _tell(self, event: Event) -> None:
+        self.analyser.take(event)
+        state = self.analyser.state
+        for viewer in self.audience:
+            match event:
+                case StreamInfo():
+                    viewer.info(event)
+                case Block():
+                    assert state is not None
+                    viewer.samples(state.info, event)
+                case Gap():
+                    viewer.gap(event)
+                case Notice():
+                    viewer.notice(event)
+
+    def _show(self, frozen: Analyser) -> None:
+        analysis = summarise(
+            frozen,
+            self.decoding.stats,
+            depth="live",
+            input_facts={**self._input_facts(), "wire": self.decoding.wire},
+            reconnects=self.reconnects,
+        )
+        for viewer in self.audience:
+            viewer.snapshot(analysis)
+
+
+class _Refresher:
+    """Computes results in a thread of its own, as often as the machine can bear."""
+
+    def __init__(self, show: Callable[[Analyser], None]) -> None:
+        self._show = show
+        self._next = 0.0
+        self._work: queue.Queue[Analyser | None] = queue.Queue(maxsize=1)
+        self._busy = threading.Event()
+        self.error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="refresh", daemon=True)
+        self._thread.start()
+
+    def offer(self, analyser: Analyser) -> None:
+        """Take a copy of the analyser if a refresh is due and none is running."""
+        if self._busy.is_set() or time.monotonic() < self._next:
+            return
+        self._busy.set()
+        self._work.put(analyser.frozen())
+
+    def close(self) -> None:
+        """Wait for a refresh that is running, and end."""
+        self._work.put(None)
+        self._thread.join(timeout=30.0)
+
+    def _run(self) -> None:
+        while (frozen := self._work.get()) is not None:
+            began = time.monotonic()
+            try:
+                self._show(frozen)
+            except Exception as error:  # a result that fails must not end the recording
+                self.error = error
+            took = time.monotonic() - began
+            self._next = time.monotonic() + max(REFRESH_S - took, took / REFRESH_SHARE - took)
+            self._busy.clear()

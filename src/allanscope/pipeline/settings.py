@@ -1,0 +1,90 @@
+"""What the user asked for, checked once and handed on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from allanscope.errors import UsageError
+from allanscope.parts import part_named
+from allanscope.wire import format_named
+from allanscope.wire.base import WireSettings
+
+__all__ = ["DeviceSettings", "SessionSettings", "SimulatedSettings", "ViewMode"]
+
+ViewMode = Literal["auto", "window", "web", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSettings:
+    """What the user said about the device; empty or None where the stream must tell.
+
+    Raises
+    ------
+    UsageError
+        For a part, a full scale, a rate or a wire format that does not exist.
+    """
+
+    part: str = ""
+    rate_hz: float | None = None
+    gyro_fs: float | None = None
+    accel_fs: float | None = None
+    wire: str = ""
+    units: Sequence[tuple[str, str]] = field(default_factory=tuple)
+
+    def __post_init__(self) -> None:
+        part = part_named(self.part or "LSM6DSM")
+        if self.part:
+            object.__setattr__(self, "part", part.name)
+        if self.rate_hz is not None and not 0.0 < self.rate_hz < 1e6:
+            raise UsageError(f"a sample rate of {self.rate_hz:g} Hz makes no sense")
+        if self.gyro_fs is not None:
+            part.gyro_scale(self.gyro_fs)
+        if self.accel_fs is not None:
+            part.accel_scale(self.accel_fs)
+        if self.wire:
+            format_named(self.wire)
+
+    def for_wire(self) -> WireSettings:
+        """Return the part of it that decoders need."""
+        return WireSettings(
+            part=self.part,
+            rate_hz=self.rate_hz,
+            gyro_fs=self.gyro_fs,
+            accel_fs=self.accel_fs,
+            units=dict(self.units),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSettings:
+    """How a session is shown and kept.
+
+    Attributes
+    ----------
+    out : Path or None
+        Folder of the session; None for a new one named after time and device.
+    view : str
+        ``auto`` is a window where there is a display, else the web viewer.
+    quiet : bool
+        Say nothing but errors on the terminal.
+    duration_s : float or None
+        Stop this long after the first byte; None for never.
+    """
+
+    out: Path | None = None
+    view: ViewMode = "auto"
+    quiet: bool = False
+    duration_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedSettings:
+    """What the simulated SensorTile is to be like, in the words of the command line."""
+
+    seed: int = 0
+    effects: Sequence[str] = ()
+    faults: Sequence[str] = ()
+    truth: Path | None = None

@@ -1,0 +1,63 @@
+"""The bounded memory of a run keeps means, times and segments right whatever happens to it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from allanscope.history import History
+
+
+def pieces(data, cuts):
+    """Split an array at the given places."""
+    return np.split(data, sorted(min(cut, len(data)) for cut in cuts))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 300), st.lists(st.integers(0, 300), max_size=6))
+def test_any_split_into_blocks_gives_the_same_rows(samples, cuts):
+    data = np.random.default_rng(samples).integers(-30000, 30000, (samples, 2)).astype(np.int16)
+    whole, split = History(2, rows=16), History(2, rows=16)
+    whole.update(data)
+    for piece in pieces(data, cuts):
+        split.update(piece)
+    assert whole.stride == split.stride
+    np.testing.assert_array_equal(whole.means(), split.means())
+
+
+def test_rows_are_the_means_of_consecutive_samples_and_never_more_than_allowed():
+    data = np.arange(1000.0)[:, np.newaxis]
+    history = History(1, rows=64)
+    history.update(data)
+    rows = history.means()
+    stride = history.stride
+    assert len(rows) <= 64
+    assert stride == 16
+    expected = data[: len(rows) * stride, 0].reshape(-1, stride).mean(axis=1)
+    np.testing.assert_allclose(rows[:, 0], expected)
+
+
+def test_no_row_spans_a_gap_and_time_goes_on_through_it():
+    history = History(1, rows=32)
+    history.update(np.zeros((5, 1)))
+    history.gap(lost=95)
+    history.update(np.ones((7, 1)))
+    record = history.record(10.0, ("gx",), (1.0,))
+    assert record.segments.tolist() == [[0, 5], [5, 12]]
+    assert record.start_s[5] == pytest.approx(10.0)
+    assert set(record.values[:, 0]) == {0.0, 1.0}
+
+
+def test_halving_keeps_segments_apart():
+    history = History(1, rows=8)
+    for level in range(4):
+        history.update(np.full((10, 1), float(level)))
+        history.gap(lost=0)
+    assert set(history.means()[:, 0]) <= {0.0, 1.0, 2.0, 3.0}
+
+
+def test_temperature_is_averaged_where_there_is_one():
+    history = History(1, rows=4)
+    history.update(np.zeros((8, 1)), np.array([20.0, np.nan, 22.0, 24.0, *[np.nan] * 4]))
+    record = history.record(1.0, ("gx",), (1.0,))
+    np.testing.assert_array_equal(record.temperature_c, [20.0, 23.0, np.nan, np.nan])

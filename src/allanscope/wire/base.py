@@ -158,6 +158,10 @@ class WireFormat:
         """Return what a host writes at the end."""
         return []
 
+    def describe(self) -> list[bytes]:
+        """Return what a host writes when a Notice with ``wanted="descriptor"`` comes."""
+        return []
+
     def score(self, sample: bytes) -> float:
         """Return from 0 (surely not) to 1 (surely) how well a sample of a stream fits."""
         raise NotImplementedError

@@ -1,0 +1,178 @@
+"""The device's end of the native protocol, fast enough to simulate a night in seconds."""
+
+from __future__ import annotations
+
+import struct
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.samples import AXES, Block, StreamInfo
+from allanscope.wire.base import Command
+from allanscope.wire.native import descriptor
+from allanscope.wire.native.commands import command_of
+from allanscope.wire.native.framing import Deframer, seal
+from allanscope.wire.native.layout import (
+    DATA_HEADER,
+    NO_TEMPERATURE,
+    NO_TICKS,
+    VERSION,
+    Flag,
+    FrameType,
+    Result,
+)
+from allanscope.wire.native.remarks import STATUS
+from allanscope.wire.native.stuffing import stuff_frames
+
+__all__ = ["NativeEncoder", "samples_per_frame"]
+
+_LONGEST_WAIT_S = 0.02
+_USUAL_SAMPLES = 16
+_TICKS_PER_S = 40_000
+
+
+def samples_per_frame(rate_hz: float) -> int:
+    """Return how many samples a device puts in a frame: 16, or what 20 ms bring.
+
+    >>> [samples_per_frame(rate) for rate in (26, 104, 416, 6660)]
+    [1, 3, 9, 16]
+    """
+    return max(1, min(_USUAL_SAMPLES, 1 + int(rate_hz * _LONGEST_WAIT_S)))
+
+
+class NativeEncoder:
+    """Events to bytes of the native protocol, and the host's bytes to commands.
+
+    Attributes
+    ----------
+    flags : Flag
+        Flags to raise in the next data frame, e.g. `Flag.SENSOR_OVERRUN` before a jump of the
+        index that the sensor caused.
+    """
+
+    silent_until_started: ClassVar[bool] = False
+
+    def __init__(self) -> None:
+        self.flags = Flag(0)
+        self._seq = 0
+        self._info = StreamInfo(AXES, (8.75e-3,) * 3 + (0.061e-3,) * 3)
+        self._next_index: int | None = None
+        self._deframer = Deframer()
+        self._received = 0
+
+    def describe(self, info: StreamInfo) -> bytes:
+        """Return the descriptor of what follows, after a zero that ends any torn frame."""
+        if info.epoch != self._info.epoch:
+            self._next_index = None
+        self._info = info
+        return b"\0" + self._seal(FrameType.DESCRIPTOR, descriptor.write(info))
+
+    def encode(self, block: Block) -> bytes:
+        """Return the data frames of a block.
+
+        Parameters
+        ----------
+        block : Block
+            Counts in the columns of the StreamInfo described last; what exceeds int16 is clipped
+            and flagged, as in a sensor. Each frame takes its time and temperature from the ticks,
+            interpolated and, beyond the last one, carried on at the nominal rate.
+        """
+        if len(block) == 0:
+            return b""
+        samples, saturated = self._samples(block.counts)
+        size = samples_per_frame(self._info.nominal_hz)
+        starts = np.arange(0, len(block), size)
+        headers = self._headers(block, starts, size, saturated)
+        if self._next_index is not None and block.index != self._next_index:
+            headers["flags"][0] |= Flag.DROPPED_BEFORE
+        headers["flags"][0] |= self.flags
+        self.flags = Flag(0)
+        self._next_index = block.index + len(block)
+        self._seq += len(starts)
+        full = len(block) // size
+        return stuff_frames(headers[:full], samples[: full * size]) + stuff_frames(
+            headers[full:], samples[full * size :]
+        )
+
+    def status(self, produced: int, sent: int, dropped: int, uptime_s: float) -> bytes:
+        """Return the status that goes out once a second."""
+        bad = self._deframer.crc_errors + self._deframer.malformed
+        counters = (produced, sent, dropped, 0, self._received, bad)
+        body = STATUS.pack(round(uptime_s * 1e6), *(n & 0xFFFFFFFF for n in counters))
+        return self._seal(FrameType.STATUS, body)
+
+    def event(self, text: str, uptime_s: float, level: int = 0) -> bytes:
+        """Return a line of text for the user; level 0 is a remark, 1 a warning, 2 an error."""
+        body = struct.pack("<QB", round(uptime_s * 1e6), level) + text.encode("utf-8")[:200]
+        return self._seal(FrameType.EVENT, body)
+
+    def receive(self, data: bytes) -> list[Command]:
+        """Take bytes from the host and return the commands that they complete."""
+        commands = [
+            command_of(frame) for frame in self._deframer.feed(data) if frame[0] >= FrameType.START
+        ]
+        self._received += len(commands)
+        return commands
+
+    def reply(self, command: Command, ok: bool = True) -> bytes:
+        """Return the answer to a command."""
+        result = Result.OK if ok else Result.FAILED
+        if command.name == "unknown":
+            result = Result.UNKNOWN_COMMAND
+        payload = command.fields.get("payload", b"") if command.name == "ping" else b""
+        kind = int(command.fields.get("type", 0))
+        body = struct.pack("<HBB", command.sequence & 0xFFFF, kind, result) + payload
+        return self._seal(FrameType.REPLY, body)
+
+    def _seal(self, kind: FrameType, body: bytes) -> bytes:
+        frame = seal(kind, self._seq, self._info.epoch, body)
+        self._seq += 1
+        return frame
+
+    def _samples(self, counts: NDArray[np.generic]) -> tuple[NDArray[np.int16], NDArray[np.uint8]]:
+        """Return counts in all six columns, and the saturation flags of each sample."""
+        wide = np.zeros((len(counts), len(AXES)), np.int16)
+        columns = [AXES.index(axis) for axis in self._info.axes]
+        wide[:, columns] = np.clip(np.rint(counts), -32768, 32767)
+        ends = (wide == -32768) | (wide == 32767)
+        flags = ends[:, :3].any(axis=1) * np.uint8(Flag.GYRO_SATURATED)
+        return wide, flags | ends[:, 3:].any(axis=1) * np.uint8(Flag.ACCEL_SATURATED)
+
+    def _headers(
+        self, block: Block, starts: NDArray[np.int64], size: int, saturated: NDArray[np.uint8]
+    ) -> NDArray[np.void]:
+        headers = np.zeros(len(starts), DATA_HEADER)
+        headers["type"] = FrameType.DATA
+        headers["version"] = VERSION
+        headers["seq"] = (self._seq + np.arange(len(starts))) & 0xFFFF
+        headers["epoch"] = self._info.epoch & 0xFFFF
+        valid = descriptor.valid_flags(descriptor.channels_of(self._info.axes))
+        headers["flags"] = valid | np.bitwise_or.reduceat(saturated, starts)
+        headers["n"] = np.minimum(len(block) - starts, size)
+        headers["index"] = (block.index + starts) & 0xFFFFFFFF
+        seconds = self._times(block, starts)
+        headers["mcu_us"] = np.rint(seconds * 1e6)
+        headers["sensor_ticks"] = np.rint(seconds * _TICKS_PER_S).astype(np.int64) % NO_TICKS
+        headers["temperature"] = self._temperatures(block, starts)
+        return headers
+
+    def _times(self, block: Block, starts: NDArray[np.int64]) -> NDArray[np.float64]:
+        period = 1.0 / self._info.nominal_hz if self._info.nominal_hz else 0.0
+        known = np.isfinite(block.ticks.device_s)
+        if not known.any():
+            return np.asarray((block.index + starts) * period, np.float64)
+        rows, seconds = block.ticks.offset[known], block.ticks.device_s[known]
+        beyond = np.maximum(starts - rows[-1], 0) + np.minimum(starts - rows[0], 0)
+        times = np.interp(starts, rows, seconds) + beyond * period
+        return np.asarray(np.maximum(times, 0.0), np.float64)
+
+    def _temperatures(self, block: Block, starts: NDArray[np.int64]) -> NDArray[np.int16]:
+        known = np.isfinite(block.ticks.temperature_c)
+        if not known.any():
+            return np.full(len(starts), NO_TEMPERATURE, np.int16)
+        degrees = np.interp(starts, block.ticks.offset[known], block.ticks.temperature_c[known])
+        per_degree = descriptor.counts_per_degree(self._info.part)
+        return np.clip(
+            np.rint((degrees - descriptor.ZERO_COUNTS_C) * per_degree), -32767, 32767
+        ).astype(np.int16)

@@ -1,0 +1,132 @@
+r"""Frames on the wire: CRC-32, COBS and a zero byte.
+
+A frame is never longer than 246 bytes, so that COBS (consistent overhead byte stuffing) takes its
+simplest form: one byte is put in front, and every zero byte of the frame is replaced by the
+distance to the next one (or to the end). What is sent holds no zero, so a zero byte ends it::
+
+    frame        11 22 00 33
+    on the wire  03 11 22 02 33 00
+                  |_______^ |_____^ distances
+
+A receiver that joins in the middle, or that lost bytes, is in step again after the next zero.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from zlib import crc32
+
+from allanscope.wire.native.layout import (
+    CRC_BYTES,
+    HEADER_BYTES,
+    LONGEST_CHUNK,
+    LONGEST_FRAME,
+    VERSION,
+)
+
+__all__ = ["Deframer", "seal", "stuff", "unstuff"]
+
+_HEADER = struct.Struct("<BBHHBB")
+
+
+def stuff(frame: bytes) -> bytes:
+    r"""Return the COBS form of a frame of at most 253 bytes, without the final zero.
+
+    >>> stuff(bytes([0x11, 0x22, 0x00, 0x33])).hex(" ")
+    '03 11 22 02 33'
+    """
+    return b"".join(bytes((len(run) + 1,)) + run for run in frame.split(b"\0"))
+
+
+def unstuff(chunk: bytes) -> bytes | None:
+    r"""Return the frame that `stuff` made this chunk of, or None when nothing can give it.
+
+    >>> unstuff(bytes.fromhex("03 11 22 02 33")).hex(" ")
+    '11 22 00 33'
+    >>> unstuff(bytes.fromhex("04 11 22")) is None
+    True
+    """
+    frame = bytearray(chunk)
+    end = len(chunk)
+    here = 0
+    while here < end:
+        step = chunk[here]
+        if step == 0:
+            return None
+        frame[here] = 0
+        here += step
+    return bytes(frame[1:]) if here == end and end else None
+
+
+def seal(kind: int, seq: int, epoch: int, body: bytes) -> bytes:
+    """Return a frame other than data as it goes over the wire, with its final zero."""
+    frame = _HEADER.pack(kind, VERSION, seq & 0xFFFF, epoch & 0xFFFF, 0, len(body)) + body
+    if len(frame) + CRC_BYTES > LONGEST_FRAME:
+        raise ValueError(
+            f"a body of {len(body)} bytes is too long for a frame; "
+            f"{LONGEST_FRAME - CRC_BYTES - HEADER_BYTES} fit"
+        )
+    return stuff(frame + crc32(frame).to_bytes(CRC_BYTES, "little")) + b"\0"
+
+
+class Deframer:
+    """Bytes to frames whose CRC is right, in plain Python.
+
+    Attributes
+    ----------
+    crc_errors : int
+        Chunks of a possible length whose CRC was wrong.
+    malformed : int
+        Chunks that cannot be a frame, and the first chunk after a start when it was only the tail
+        of one.
+    """
+
+    def __init__(self) -> None:
+        self.crc_errors = 0
+        self.malformed = 0
+        self._partial = bytearray()
+        self._overlong = False
+        self._joining = True
+
+    def feed(self, data: bytes) -> Iterator[bytes]:
+        """Yield the frames that the bytes complete, without their CRC."""
+        *chunks, rest = data.split(b"\0")
+        for chunk in chunks:
+            frame = self._close(chunk)
+            if frame is not None:
+                yield frame
+        self._keep(rest)
+
+    def reset(self) -> None:
+        """Forget a partial frame; the next chunk may be the tail of another."""
+        self._partial.clear()
+        self._overlong = False
+        self._joining = True
+
+    def _keep(self, rest: bytes) -> None:
+        if self._overlong or len(self._partial) + len(rest) > LONGEST_CHUNK:
+            self._overlong = True
+            self._partial.clear()
+        else:
+            self._partial += rest
+
+    def _close(self, chunk: bytes) -> bytes | None:
+        self._keep(chunk)
+        chunk, overlong, joining = bytes(self._partial), self._overlong, self._joining
+        self._partial.clear()
+        self._overlong = False
+        if not chunk and not overlong:
+            return None
+        self._joining = False
+        frame = None if overlong else unstuff(chunk)
+        if frame is None or len(frame) < HEADER_BYTES + CRC_BYTES:
+            self.malformed += 1
+            return None
+        if crc32(frame[:-CRC_BYTES]) != int.from_bytes(frame[-CRC_BYTES:], "little"):
+            if joining:
+                self.malformed += 1
+            else:
+                self.crc_errors += 1
+            return None
+        return frame[:-CRC_BYTES]

@@ -1,0 +1,55 @@
+"""Text that came off a wire, made safe to show.
+
+A port may say anything: escape sequences that repaint a terminal, bells, half a multi-byte
+character. None of that leaves this room. What is shown is one bounded line of printable text.
+"""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["excerpt", "text_of"]
+
+_ESCAPE_SEQUENCE = re.compile(
+    rb"\x1b(?:\[[0-?]*[ -/]*[@-~]"  # CSI: colours, cursor movement
+    rb"|[\]PX^_][^\x07\x1b]*(?:\x07|\x1b\\)?"  # OSC, DCS and other strings, up to their end
+    rb"|[ -/]*[0-~])?"  # two-byte escapes, and a bare ESC
+)
+
+
+def text_of(data: bytes, limit: int = 200) -> str:
+    r"""Return what a line says, without escape sequences and control characters.
+
+    Parameters
+    ----------
+    data : bytes
+        One line, in UTF-8 or Latin-1 (stock firmware writes the degree sign in Latin-1).
+    limit : int
+        Longest text to return, in characters.
+
+    Examples
+    --------
+    >>> text_of(b"\x1b[31mOverrun\x1b[0m at 12 s\x07\r\n")
+    'Overrun at 12 s'
+    """
+    # Four bytes are the longest character there is: decode no more than can be shown.
+    plain = _ESCAPE_SEQUENCE.sub(b"", data[: 16 * limit])
+    try:
+        text = plain.decode("utf-8")
+    except UnicodeDecodeError:
+        text = plain.decode("latin-1")
+    text = "".join(char if char.isprintable() else " " for char in text)
+    text = " ".join(text.split())
+    return text if len(text) <= limit else text[: limit - 1] + "…"
+
+
+def excerpt(data: bytes, limit: int = 160) -> str:
+    r"""Return a sample of unknown bytes, escaped: printable ASCII as it is, the rest as ``\xhh``.
+
+    Examples
+    --------
+    >>> print(excerpt(b"\xf02\x01 hi\n"))
+    \xf02\x01 hi\n
+    """
+    shown = data[:limit].decode("latin-1").encode("unicode_escape").decode("ascii")
+    return shown if len(data) <= limit else shown + "…"

@@ -15,7 +15,7 @@ from allanscope.wire.registry import format_named, formats
 __all__ = ["SniffResult", "sniff"]
 
 _GOOD_ENOUGH = 0.5
-_LONGEST_SAMPLE = 1 << 16
+_LONGEST_SAMPLE = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +28,13 @@ class SniffResult:
         The format, or None when none fits.
     scores : dict
         Score of every format.
-    heard : str
+    excerpt : str
         The beginning of the sample, escaped and printable.
     """
 
     name: str | None
     scores: dict[str, float]
-    heard: str
+    excerpt: str
 
 
 def sniff(sample: bytes) -> SniffResult:
@@ -43,7 +43,7 @@ def sniff(sample: bytes) -> SniffResult:
     Parameters
     ----------
     sample : bytes
-        What was heard; of more than 64 KiB only the beginning is looked at.
+        What was heard; of more than 256 KiB only the beginning is looked at.
     """
     sample = sample[:_LONGEST_SAMPLE]
     scores = {name: format_named(name).score(sample) for name in formats()}

@@ -11,8 +11,13 @@ import json
 import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from allanscope.errors import ExitCode, UsageError
+from allanscope.errors import ExitCode
+
+if TYPE_CHECKING:
+    from allanscope.analysis.result import Analysis
+    from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 
 __all__ = ["parser"]
 
@@ -24,14 +29,27 @@ def live(options: Namespace) -> int:
     """Watch a device, draw its curves while they grow, keep every byte."""
     from allanscope.pipeline.live import run_live
 
-    return _print_result(run_live(options), options)
+    analysis = run_live(
+        options.port,
+        _device_settings(options),
+        _session_settings(options, options.duration),
+        _simulated_settings(options),
+        resume=Path(options.resume) if options.resume else None,
+    )
+    return _print_json(analysis, options.json)
 
 
 def replay(options: Namespace) -> int:
     """Run a recording through the same path as a live device."""
     from allanscope.pipeline.live import run_replay
 
-    return _print_result(run_replay(options), options)
+    analysis = run_replay(
+        Path(options.recording),
+        options.speed,
+        _device_settings(options),
+        _session_settings(options, None),
+    )
+    return _print_json(analysis, options.json)
 
 
 def analyse(options: Namespace) -> int:
@@ -39,15 +57,14 @@ def analyse(options: Namespace) -> int:
     from allanscope.pipeline.analyse import analyse_input
     from allanscope.pipeline.outputs import write_json, write_report
 
-    analysis = analyse_input(options.input, _settings(options), quiet=options.quiet)
+    analysis = analyse_input(Path(options.input), _device_settings(options), options.quiet)
     if options.report:
         write_report(analysis, Path(options.report))
-    if options.json is not None and options.json != "-":
+    if options.json == "-":
+        return _print_json(analysis, True)
+    if options.json:
         write_json(analysis, Path(options.json))
-    elif options.json == "-":
-        json.dump(analysis.to_dict(), sys.stdout, indent=1, allow_nan=False)
-        print()
-    if not options.quiet and options.json != "-":
+    if not options.quiet:
         from allanscope.view.terminal import summary_lines
 
         print("\n".join(summary_lines(analysis)))
@@ -58,7 +75,13 @@ def simulate(options: Namespace) -> int:
     """Record the simulated device, much faster than real time."""
     from allanscope.pipeline.simulate import simulate_recording
 
-    simulate_recording(options)
+    simulate_recording(
+        Path(options.out),
+        options.hours,
+        _device_settings(options),
+        _simulated_settings(options),
+        options.quiet,
+    )
     return ExitCode.DONE
 
 
@@ -66,7 +89,12 @@ def device(options: Namespace) -> int:
     """Run the simulated device on a virtual serial port until it is stopped."""
     from allanscope.pipeline.simulate import run_virtual_device
 
-    run_virtual_device(options)
+    run_virtual_device(
+        _device_settings(options),
+        _simulated_settings(options),
+        options.duration,
+        emulated=options.emulated,
+    )
     return ExitCode.DONE
 
 
@@ -74,7 +102,7 @@ def import_data(options: Namespace) -> int:
     """Turn a text file or a raw capture into a recording."""
     from allanscope.pipeline.convert import import_capture
 
-    import_capture(options.input, options.out, _settings(options), quiet=options.quiet)
+    import_capture(Path(options.input), Path(options.out), _device_settings(options), options.quiet)
     return ExitCode.DONE
 
 
@@ -82,7 +110,9 @@ def export_data(options: Namespace) -> int:
     """Write a recording's samples as CSV or Parquet, or its coefficients as imu.yaml."""
     from allanscope.pipeline.convert import export_recording
 
-    export_recording(options.recording, options.out, _settings(options), quiet=options.quiet)
+    export_recording(
+        Path(options.recording), Path(options.out), _device_settings(options), options.quiet
+    )
     return ExitCode.DONE
 
 
@@ -98,7 +128,8 @@ def check(options: Namespace) -> int:
     """Compare a recording's coefficients with the limits of a specification."""
     from allanscope.pipeline.check import check_against
 
-    for line in check_against(options.recording, Path(options.against), _settings(options)):
+    recording, specification = Path(options.recording), Path(options.against)
+    for line in check_against(recording, specification, _device_settings(options)):
         print(line)
     return ExitCode.DONE
 
@@ -138,107 +169,112 @@ def parser() -> ArgumentParser:
     )
     top.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = top.add_subparsers(required=True, metavar="COMMAND")
-
-    add = _command(commands, "live", live, "allanscope live            # finds the board by itself")
-    add.add_argument("port", nargs="?", default="auto", help=_PORT_HELP)
-    _device_arguments(add)
-    _session_arguments(add)
-    add.add_argument("--resume", metavar="DIR", help="continue the session in DIR after a crash")
-    add.add_argument("--for", dest="duration", type=_duration, metavar="TIME", help=_FOR_HELP)
-    add.add_argument("--fault", action="append", default=[], help="with sim: a fault to inject")
-    add.add_argument("--effect", action="append", default=[], help="with sim: KIND:param=value,...")
-    add.add_argument("--seed", type=int, default=0, help="with sim: seed of its noise")
-
-    add = _command(commands, "replay", replay, "allanscope replay session.mcap --speed max")
-    add.add_argument("recording", help="a recording or the folder of a session")
-    add.add_argument("--speed", default="max", type=_speed, help="1, 10 or max (default)")
-    _device_arguments(add)
-    _session_arguments(add)
-    add.set_defaults(duration=None)
-
-    add = _command(commands, "analyse", analyse, "allanscope analyse log.csv --rate 104 --json -")
-    add.add_argument("input", help="a recording, a raw serial capture, or delimited text")
-    add.add_argument("--json", metavar="FILE", help="write the result; - for standard output")
-    add.add_argument("--report", metavar="FILE.html", help="write the report")
-    _device_arguments(add)
-    _common_arguments(add)
-
-    add = _command(commands, "simulate", simulate, "allanscope simulate night.mcap --hours 12")
-    add.add_argument("out", help="the recording to write")
-    add.add_argument("--hours", type=float, default=1.0)
-    add.add_argument("--seed", type=int, default=0)
-    add.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")
-    add.add_argument("--effect", action="append", default=[], metavar="KIND:param=value,...")
-    _device_arguments(add)
-    _common_arguments(add)
-
-    add = _command(commands, "device", device, "allanscope device --wire tmsg --rate 104")
-    add.add_argument("--seed", type=int, default=0)
-    add.add_argument("--effect", action="append", default=[], metavar="KIND:param=value,...")
-    add.add_argument("--fault", action="append", default=[], metavar="KIND:param=value,...")
-    add.add_argument("--for", dest="duration", type=_duration, metavar="TIME", help=_FOR_HELP)
-    add.add_argument("--emulated", action="store_true", help="real firmware on QEMU's STM32L475")
-    _device_arguments(add)
-    _common_arguments(add)
-
-    add = _command(commands, "import", import_data, "allanscope import log.csv log.mcap --rate 104")
-    add.add_argument("input")
-    add.add_argument("out", help="the recording to write")
-    _device_arguments(add)
-    _common_arguments(add)
-
-    add = _command(commands, "export", export_data, "allanscope export session.mcap night.csv")
-    add.add_argument("recording")
-    add.add_argument("out", help="a name that ends in .csv, .parquet or .yaml")
-    _device_arguments(add)
-    _common_arguments(add)
-
-    add = _command(commands, "recover", recover, "allanscope recover session.mcap saved.mcap")
-    add.add_argument("damaged")
-    add.add_argument("out")
-    _common_arguments(add)
-
-    add = _command(commands, "check", check, "allanscope check night.mcap --against spec.toml")
-    add.add_argument("recording")
-    add.add_argument("--against", required=True, metavar="SPEC.toml")
-    _device_arguments(add)
-    _common_arguments(add)
-
-    add = _command(commands, "report", report, "allanscope report night-1 night-2 --out both.html")
-    add.add_argument("sessions", nargs="+", help="folders of sessions, or result.json files")
-    add.add_argument("--out", default="report.html", metavar="FILE.html")
-    _common_arguments(add)
-
-    add = _command(commands, "fleet", fleet, "allanscope fleet 'rack/**/*.mcap' --out lot")
-    add.add_argument("pattern", metavar="GLOB")
-    add.add_argument("--out", required=True, metavar="DIR")
-    add.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="an existing Dask cluster")
-    _common_arguments(add)
-
-    add = _command(commands, "ports", ports, "allanscope ports")
-    _common_arguments(add)
+    for name, (run, arguments, example) in _COMMANDS.items():
+        summary = (run.__doc__ or "").splitlines()[0]
+        one = commands.add_parser(
+            name, help=summary, description=summary, epilog=f"Example: allanscope {example}"
+        )
+        one.set_defaults(command=run)
+        arguments(one)
+        one.add_argument("--quiet", action="store_true", help="say only results and errors")
+        one.add_argument("--debug", action="store_true", help="show a traceback on an error")
     return top
 
 
-_PORT_HELP = "a device path, any pyserial URL, auto (default) or sim, the simulated SensorTile"
-_FOR_HELP = "how long, e.g. 90s, 10m, 12h"
-
-
-def _command(  # type: ignore[no-untyped-def]
-    commands, name: str, run, example: str
-) -> ArgumentParser:
-    """Add one command, whose help is the first line of its function."""
-    summary = run.__doc__.splitlines()[0]
-    one: ArgumentParser = commands.add_parser(
-        name, help=summary, description=summary, epilog=f"Example: {example}"
+def _live_arguments(one: ArgumentParser) -> None:
+    one.add_argument(
+        "port",
+        nargs="?",
+        default="auto",
+        help="a device path, any pyserial URL, auto (default), or sim, the simulated SensorTile",
     )
-    one.set_defaults(command=run)
-    return one
+    one.add_argument("--resume", metavar="DIR", help="continue the session in DIR after a crash")
+    _duration_argument(one)
+    _session_arguments(one)
+    _device_arguments(one)
+    _simulated_arguments(one)
 
 
-def _common_arguments(one: ArgumentParser) -> None:
-    one.add_argument("--quiet", action="store_true", help="say nothing but results and errors")
-    one.add_argument("--debug", action="store_true", help="show a traceback when something fails")
+def _replay_arguments(one: ArgumentParser) -> None:
+    one.add_argument("recording", help="a recording or the folder of a session")
+    one.add_argument("--speed", default="max", type=_speed, help="1, 10 or max (default)")
+    _session_arguments(one)
+    _device_arguments(one)
+
+
+def _analyse_arguments(one: ArgumentParser) -> None:
+    one.add_argument("input", help="a recording, a raw serial capture, or delimited text")
+    one.add_argument("--json", metavar="FILE", help="write the result; - for standard output")
+    one.add_argument("--report", metavar="FILE.html", help="write the report")
+    _device_arguments(one)
+
+
+def _simulate_arguments(one: ArgumentParser) -> None:
+    one.add_argument("out", help="the recording to write")
+    one.add_argument("--hours", type=float, default=1.0)
+    _device_arguments(one)
+    _simulated_arguments(one)
+
+
+def _virtual_device_arguments(one: ArgumentParser) -> None:
+    one.add_argument("--emulated", action="store_true", help="real firmware on QEMU's STM32L475")
+    _duration_argument(one)
+    _device_arguments(one)
+    _simulated_arguments(one)
+
+
+def _import_arguments(one: ArgumentParser) -> None:
+    one.add_argument("input", help="a raw serial capture or delimited text")
+    one.add_argument("out", help="the recording to write")
+    _device_arguments(one)
+
+
+def _export_arguments(one: ArgumentParser) -> None:
+    one.add_argument("recording")
+    one.add_argument("out", help="a name that ends in .csv, .parquet or .yaml")
+    _device_arguments(one)
+
+
+def _recover_arguments(one: ArgumentParser) -> None:
+    one.add_argument("damaged", help="a recording that was cut off or has rotten places")
+    one.add_argument("out", help="the recording to write")
+
+
+def _check_arguments(one: ArgumentParser) -> None:
+    one.add_argument("recording")
+    one.add_argument("--against", required=True, metavar="SPEC.toml", help="limits per axis")
+    _device_arguments(one)
+
+
+def _report_arguments(one: ArgumentParser) -> None:
+    one.add_argument("sessions", nargs="+", help="folders of sessions, or recordings")
+    one.add_argument("--out", default="report.html", metavar="FILE.html")
+
+
+def _fleet_arguments(one: ArgumentParser) -> None:
+    one.add_argument("pattern", metavar="GLOB", help="recordings, e.g. 'rack/**/*.mcap'")
+    one.add_argument("--out", required=True, metavar="DIR")
+    one.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="an existing Dask cluster")
+
+
+def _no_arguments(one: ArgumentParser) -> None:
+    del one
+
+
+_COMMANDS = {
+    "live": (live, _live_arguments, "live            # finds the board by itself"),
+    "replay": (replay, _replay_arguments, "replay session.mcap --speed max"),
+    "analyse": (analyse, _analyse_arguments, "analyse log.csv --rate 104 --report log.html"),
+    "simulate": (simulate, _simulate_arguments, "simulate night.mcap --hours 12 --rate 104"),
+    "device": (device, _virtual_device_arguments, "device --wire tmsg --rate 104"),
+    "import": (import_data, _import_arguments, "import log.csv log.mcap --rate 104"),
+    "export": (export_data, _export_arguments, "export session.mcap night.csv"),
+    "recover": (recover, _recover_arguments, "recover session.mcap saved.mcap"),
+    "check": (check, _check_arguments, "check night.mcap --against spec.toml"),
+    "report": (report, _report_arguments, "report night-1 night-2 --out both.html"),
+    "fleet": (fleet, _fleet_arguments, "fleet 'rack/**/*.mcap' --out lot"),
+    "ports": (ports, _no_arguments, "ports"),
+}
 
 
 def _device_arguments(one: ArgumentParser) -> None:
@@ -253,11 +289,28 @@ def _device_arguments(one: ArgumentParser) -> None:
     )
 
 
+def _simulated_arguments(one: ArgumentParser) -> None:
+    group = one.add_argument_group("the simulated SensorTile")
+    group.add_argument("--seed", type=int, default=0, help="seed of its noise")
+    group.add_argument(
+        "--effect", action="append", default=[], metavar="KIND:param=value,...", help="an effect"
+    )
+    group.add_argument(
+        "--fault", action="append", default=[], metavar="KIND:param=value,...", help="a fault"
+    )
+    group.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")
+
+
 def _session_arguments(one: ArgumentParser) -> None:
-    one.add_argument("--out", metavar="DIR", help="folder of the session; must not hold one yet")
+    one.add_argument("--out", metavar="DIR", help="folder of the session")
     one.add_argument("--view", default="auto", choices=["auto", "window", "web", "none"])
     one.add_argument("--json", action="store_true", help="print the result at the end")
-    _common_arguments(one)
+
+
+def _duration_argument(one: ArgumentParser) -> None:
+    one.add_argument(
+        "--for", dest="duration", type=_duration, metavar="TIME", help="e.g. 90s, 10m or 12h"
+    )
 
 
 # --- argument types ---------------------------------------------------------------------------
@@ -304,17 +357,46 @@ class _Version(argparse.Action):
         top.exit()
 
 
-def _settings(options: Namespace):  # type: ignore[no-untyped-def]
-    """Return what the user said about the device, checked."""
-    from allanscope.pipeline.settings import device_settings
-
-    return device_settings(options)
+# --- from arguments to settings -----------------------------------------------------------------
 
 
-def _print_result(analysis, options: Namespace) -> int:  # type: ignore[no-untyped-def]
-    if analysis is None:
-        raise UsageError("nothing was measured")
-    if options.json:
+def _device_settings(options: Namespace) -> DeviceSettings:
+    from allanscope.pipeline.settings import DeviceSettings
+
+    return DeviceSettings(
+        part=options.part,
+        rate_hz=options.rate,
+        gyro_fs=options.gyro_fs,
+        accel_fs=options.accel_fs,
+        wire=options.wire,
+        units=tuple(options.unit),
+    )
+
+
+def _session_settings(options: Namespace, duration_s: float | None) -> SessionSettings:
+    from allanscope.pipeline.settings import SessionSettings
+
+    return SessionSettings(
+        out=Path(options.out) if options.out else None,
+        view=options.view,
+        quiet=options.quiet or options.json,
+        duration_s=duration_s,
+    )
+
+
+def _simulated_settings(options: Namespace) -> SimulatedSettings:
+    from allanscope.pipeline.settings import SimulatedSettings
+
+    return SimulatedSettings(
+        seed=options.seed,
+        effects=tuple(options.effect),
+        faults=tuple(options.fault),
+        truth=Path(options.truth) if options.truth else None,
+    )
+
+
+def _print_json(analysis: Analysis, wanted: bool) -> int:
+    if wanted:
         json.dump(analysis.to_dict(), sys.stdout, indent=1, allow_nan=False)
         print()
     return ExitCode.DONE

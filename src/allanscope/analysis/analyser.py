@@ -70,7 +70,9 @@ class Analyser:
 
     def mark(self, text: str) -> None:
         """Remember a remark at the present moment of the run."""
-        samples, rate_hz = (self.state.samples, self.state.info.nominal_hz) if self.state else (0, 0)
+        samples, rate_hz = (
+            (self.state.samples, self.state.info.nominal_hz) if self.state else (0, 0)
+        )
         self.marks.append((samples / rate_hz if rate_hz else 0.0, text))
 
     def frozen(self) -> Analyser:
@@ -90,7 +92,5 @@ class Analyser:
 def _same(one: StreamInfo, other: StreamInfo) -> bool:
     """Whether counts of the two streams may be added: same axes, same scales, same nominal rate."""
     return (
-        one.axes == other.axes
-        and one.scale == other.scale
-        and one.nominal_hz == other.nominal_hz
+        one.axes == other.axes and one.scale == other.scale and one.nominal_hz == other.nominal_hz
     )

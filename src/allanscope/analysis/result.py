@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan.deviation import Deviation
 from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
+from allanscope.history import Record
 from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
 from allanscope.spectrum.density import Density
 from allanscope.wire.base import LinkStats
@@ -122,6 +123,8 @@ class Analysis:
         Set by the user during the run.
     remarks : tuple of str
         What the reader must know about the run as a whole, one sentence each.
+    record : Record or None
+        The kept time series, for figures; not part of the JSON.
     """
 
     input: Mapping[str, str]
@@ -139,6 +142,7 @@ class Analysis:
     marks: tuple[tuple[float, str], ...] = ()
     remarks: tuple[str, ...] = ()
     version: str = ""
+    record: Record | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in the schema ``allanscope/1``: plain numbers, null for what is not."""

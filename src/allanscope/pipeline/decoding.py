@@ -126,8 +126,7 @@ class Decoding:
         self._heard.append(chunk)
         self._heard_bytes += len(chunk.data)
         patience_over = (
-            chunk.host_ns - self._first_byte_ns > LISTEN_S * 1e9
-            or self._heard_bytes > LISTEN_BYTES
+            chunk.host_ns - self._first_byte_ns > LISTEN_S * 1e9 or self._heard_bytes > LISTEN_BYTES
         )
         return self._decide(last=patience_over)
 

@@ -20,9 +20,10 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from allanscope.analysis.summary import Depth, summarise
+
 from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.result import Analysis
-from allanscope.analysis.summary import Depth, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 from allanscope.sources.base import Chunk, Source
@@ -95,6 +96,7 @@ class Session:
         source: Source,
         decoding: Decoding,
         analyser: Analyser,
+        *,
         audience: Sequence[Audience] = (),
         ledger: Ledger | None = None,
         duration_s: float | None = None,

@@ -1,0 +1,305 @@
+"""Numbers as people read them: the units of the field, intervals, durations.
+
+Inside allanscope a rate is in dps, an acceleration in g and a time in s. Datasheets, papers and
+Kalibr each speak another dialect, and this is the one place that translates::
+
+    coefficient   gyro                        accelerometer
+    N             mdps/sqrt(Hz)  deg/sqrt(h)  ug/sqrt(Hz)  m/s^2/sqrt(Hz)
+    B             deg/h          mdps         ug           m/s^2
+    K             deg/h/sqrt(h)  mdps/sqrt(s) ug/sqrt(h)   m/s^2/sqrt(s)
+    Q             arcsec         udeg         um/s         ug*s
+    R             deg/h/h        mdps/s       ug/h         m/s^2/s
+
+The first of each is the one that tables show. Units are spelled in ASCII, as in the JSON;
+`symbols` sets them the way print does. With sigma drawn in mdps (or ug), the white-noise line
+crosses tau = 1 s at N in mdps/sqrt(Hz) (or ug/sqrt(Hz)), which is why charts use those.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+__all__ = [
+    "COEFFICIENTS",
+    "COEFFICIENT_NAMES",
+    "DENSITY",
+    "DEVIATION",
+    "GRAVITY",
+    "Reading",
+    "count",
+    "duration",
+    "interval",
+    "limit",
+    "measured",
+    "number",
+    "of_unit",
+    "rate",
+    "size",
+    "symbols",
+]
+
+GRAVITY = 9.80665
+"""m/s^2 in one g: the standard acceleration of gravity, exact by definition (ISO 80000-3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A unit to read a quantity in: multiply the internal value by `factor`.
+
+    Examples
+    --------
+    >>> arw = COEFFICIENTS["dps", "N"][1]
+    >>> f"{0.0038 * arw.factor:.3f} {arw.unit}"
+    '0.228 deg/sqrt(h)'
+    >>> arw.interval(0.0038, 0.0037, 0.0039), arw.limit(0.0039)
+    ('0.228 (0.222 ... 0.234)', '< 0.23')
+    """
+
+    factor: float
+    unit: str
+
+    def interval(self, value: float, lower: float | None, upper: float | None) -> str:
+        """Return a value given in the internal unit, with its interval, without the unit."""
+        limits = (None if x is None else x * self.factor for x in (lower, upper))
+        return interval(value * self.factor, *limits)
+
+    def limit(self, upper: float) -> str:
+        """Return an upper limit given in the internal unit, without the unit."""
+        return limit(upper * self.factor)
+
+
+DEVIATION: Mapping[str, Reading] = {"dps": Reading(1e3, "mdps"), "g": Reading(1e6, "ug")}
+"""For sigma, levels and amplitudes, by the unit of the axis."""
+
+DENSITY: Mapping[str, Reading] = {
+    "dps": Reading(1e3, "mdps/sqrt(Hz)"),
+    "g": Reading(1e6, "ug/sqrt(Hz)"),
+}
+"""For the square root of a power spectral density, by the unit of the axis."""
+
+COEFFICIENTS: Mapping[tuple[str, str], tuple[Reading, Reading]] = {
+    ("dps", "N"): (Reading(1e3, "mdps/sqrt(Hz)"), Reading(60.0, "deg/sqrt(h)")),
+    ("dps", "B"): (Reading(3600.0, "deg/h"), Reading(1e3, "mdps")),
+    ("dps", "K"): (Reading(216e3, "deg/h/sqrt(h)"), Reading(1e3, "mdps/sqrt(s)")),
+    ("dps", "Q"): (Reading(3600.0, "arcsec"), Reading(1e6, "udeg")),
+    ("dps", "R"): (Reading(12.96e6, "deg/h/h"), Reading(1e3, "mdps/s")),
+    ("g", "N"): (Reading(1e6, "ug/sqrt(Hz)"), Reading(GRAVITY, "m/s^2/sqrt(Hz)")),
+    ("g", "B"): (Reading(1e6, "ug"), Reading(GRAVITY, "m/s^2")),
+    ("g", "K"): (Reading(60e6, "ug/sqrt(h)"), Reading(GRAVITY, "m/s^2/sqrt(s)")),
+    ("g", "Q"): (Reading(GRAVITY * 1e6, "um/s"), Reading(1e6, "ug*s")),
+    ("g", "R"): (Reading(3.6e9, "ug/h"), Reading(GRAVITY, "m/s^2/s")),
+}
+"""For each coefficient of IEEE 952, by the unit of the axis and the name: (usual, other)."""
+
+COEFFICIENT_NAMES: Mapping[str, str] = {
+    "Q": "quantization",
+    "N": "white noise (random walk)",
+    "B": "bias instability",
+    "K": "rate random walk",
+    "R": "rate ramp",
+}
+"""What each letter stands for."""
+
+_MULTIPLES = {"dps": 1.0, "mdps": 1e-3, "g": 1.0, "mg": 1e-3, "ug": 1e-6}
+
+
+def of_unit(value: float, unit: str) -> float:
+    """Return a value given in `unit` (``mdps/sqrt(Hz)``, ``ug``, ...) in dps or g.
+
+    Only the numerator is read; what follows the first slash stays as it is.
+
+    Examples
+    --------
+    >>> round(of_unit(3.8, "mdps/sqrt(Hz)"), 9), of_unit(2.0, "g")
+    (0.0038, 2.0)
+    """
+    numerator = unit.partition("/")[0]
+    if numerator not in _MULTIPLES:
+        raise ValueError(f"no unit of rate or acceleration: {unit!r}")
+    return value * _MULTIPLES[numerator]
+
+
+def symbols(unit: str) -> str:
+    """Return an ASCII unit the way it is printed.
+
+    Examples
+    --------
+    >>> symbols("deg/sqrt(h)"), symbols("ug/sqrt(Hz)"), symbols("m/s^2/sqrt(Hz)"), symbols("degC")
+    ('°/√h', 'µg/√Hz', 'm/s²/√Hz', '°C')
+    """
+    for name in ("Hz", "h", "s"):
+        unit = unit.replace(f"sqrt({name})", f"√{name}")
+    for plain, set_in_print in _SYMBOLS:
+        unit = unit.replace(plain, set_in_print)
+    return f"µ{unit[1:]}" if unit.startswith(("ug", "um", "u°")) else unit
+
+
+_SYMBOLS = (("degC", "°C"), ("deg", "°"), ("^2", "²"), ("^3", "³"), ("*", "·"), ("+-", "±"))
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Return a number with `digits` significant digits, with an exponent only when it must.
+
+    Examples
+    --------
+    >>> number(4.0217), number(0.00123), number(1.5e-7), number(48213.0), number(None)
+    ('4.02', '0.00123', '1.5e-7', '48200', '-')
+    """
+    if value is None or not math.isfinite(value):
+        return "-"
+    if value == 0.0:
+        return "0"
+    exponent = _exponent(value, digits)
+    if not -4 < exponent < 6:
+        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+        if "." in mantissa:
+            mantissa = mantissa.rstrip("0").rstrip(".")
+        return f"{mantissa}e{int(power)}"
+    return _fixed(value, digits - 1 - exponent)
+
+
+def interval(value: float, lower: float | None, upper: float | None) -> str:
+    """Return a value with its interval, in as many digits as the interval deserves.
+
+    Digits that the data do not support are not printed: half the interval's width keeps one
+    significant digit, or two when it begins with 1, 2 or 3 (the rule of the Particle Data Group).
+
+    Examples
+    --------
+    >>> interval(4.0217, 3.9812, 4.0622)
+    '4.02 (3.98 ... 4.06)'
+    >>> interval(812.4, 640.0, 1031.0)
+    '810 (640 ... 1030)'
+    >>> interval(4.0217, None, None)
+    '4.02'
+    """
+    if lower is None or upper is None or not math.isfinite(value + lower + upper):
+        return number(value)
+    if upper <= lower:
+        return f"{number(value)} ({number(lower)} ... {number(upper)})"
+    decimals = _decimals(0.5 * (upper - lower))
+    exponent = _exponent(max(abs(value), abs(lower), abs(upper)))
+    if -4 < exponent < 6:
+        centre, low, high = (_fixed(x, decimals) for x in (value, lower, upper))
+    else:
+        digits = max(2, min(exponent + decimals + 1, 6))
+        centre, low, high = (number(x, digits) for x in (value, lower, upper))
+    return f"{centre} ({low} ... {high})"
+
+
+def measured(
+    value: float, lower: float | None = None, upper: float | None = None, unit: str = ""
+) -> str:
+    """Return a value of any unit with its interval: rates in mdps, accelerations in ug.
+
+    Examples
+    --------
+    >>> measured(49.981, 49.97, 49.992, "Hz")
+    '49.981 (49.970 ... 49.992) Hz'
+    >>> measured(4.1e-3, 3.9e-3, 4.3e-3, "dps")
+    '4.10 (3.90 ... 4.30) mdps'
+    >>> measured(2.0e-4, unit="g/degC")
+    '200 ug/degC'
+    """
+    numerator, slash, rest = unit.partition("/")
+    if numerator in DEVIATION:
+        reading = DEVIATION[numerator]
+        text = reading.interval(value, lower, upper)
+        unit = f"{reading.unit}{slash}{rest}"
+    else:
+        text = interval(value, lower, upper)
+    return f"{text} {unit}".rstrip()
+
+
+def limit(upper: float) -> str:
+    """Return an upper limit.
+
+    >>> limit(0.5217)
+    '< 0.52'
+    """
+    return f"< {number(upper, 2)}"
+
+
+def duration(seconds: float) -> str:
+    """Return a duration in its two largest units.
+
+    Examples
+    --------
+    >>> duration(7800), duration(45.2), duration(200), duration(97200), duration(0.25)
+    ('2 h 10 min', '45 s', '3 min 20 s', '1 d 3 h', '0.25 s')
+    """
+    if not math.isfinite(seconds) or seconds < 0.0:
+        return "-"
+    if seconds < 9.95:
+        return f"{number(seconds, 2)} s"
+    left = round(seconds)
+    if left >= 36000:
+        left = 60 * round(left / 60)
+    if left >= 864000:
+        left = 3600 * round(left / 3600)
+    parts: list[str] = []
+    for unit, length in (("d", 86400), ("h", 3600), ("min", 60), ("s", 1)):
+        whole, left = divmod(left, length)
+        if whole or parts:
+            parts.append(f"{whole} {unit}" if whole else "")
+        if len(parts) == 2:
+            break
+    return " ".join(part for part in parts if part)
+
+
+def rate(hz: float, uncertainty_ppm: float | None = None) -> str:
+    """Return a sample rate with as many digits as its uncertainty deserves.
+
+    Examples
+    --------
+    >>> rate(6664.2173, 12.0), rate(6660.0), rate(104.0, 1.0)
+    ('6664.22 Hz +-12 ppm', '6660 Hz', '104.00000 Hz +-1.0 ppm')
+    """
+    if uncertainty_ppm is None:
+        return f"{hz:.6g} Hz"
+    if uncertainty_ppm <= 0.0:
+        return f"{hz:.9g} Hz"
+    decimals = max(0, min(_decimals(hz * uncertainty_ppm * 1e-6), 6))
+    return f"{hz:.{decimals}f} Hz +-{number(uncertainty_ppm, 2)} ppm"
+
+
+def count(number_of: int) -> str:
+    """Return a count in groups of three digits, as ISO 80000-1 sets them.
+
+    >>> count(143856000)
+    '143 856 000'
+    """
+    return f"{number_of:,}".replace(",", " ")
+
+
+def size(number_of_bytes: float) -> str:
+    """Return an amount of data in decimal multiples.
+
+    >>> size(950), size(12_345_678)
+    ('950 B', '12.3 MB')
+    """
+    value = float(number_of_bytes)
+    for unit in ("B", "kB", "MB", "GB"):
+        if value < 999.5:
+            return f"{value:.3g} {unit}"
+        value /= 1e3
+    return f"{value:.3g} TB"
+
+
+def _decimals(uncertainty: float) -> int:
+    """Decimals that a number with this uncertainty is printed with; negative: tens, hundreds."""
+    first, _, power = f"{uncertainty:.2e}".partition("e")
+    return (1 if float(first) < 3.55 else 0) - int(power)
+
+
+def _exponent(value: float, digits: int = 2) -> int:
+    """Power of ten of the first digit after rounding to `digits` significant ones."""
+    return int(f"{abs(value):.{digits - 1}e}".partition("e")[2])
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """Round to `decimals` (negative: to tens, hundreds) and print without an exponent."""
+    text = f"{round(value, decimals):.{max(decimals, 0)}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text

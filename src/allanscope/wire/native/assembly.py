@@ -61,9 +61,16 @@ class _Run:
 
 
 class Assembler:
-    """Turns tables of frames into events and keeps the counters."""
+    """Turns tables of frames into events and keeps the counters.
+
+    Attributes
+    ----------
+    repeats : int
+        Frames that came a second time and were ignored.
+    """
 
     def __init__(self, stats: LinkStats) -> None:
+        self.repeats = 0
         self._stats = stats
         self._descriptor: Descriptor | None = None
         self._next_seq: int | None = None
@@ -78,17 +85,17 @@ class Assembler:
         self._waited = 0
         self._refused_version = False
 
-    def take(self, table: FrameTable) -> list[Event]:
-        """Return the events of a table of frames."""
+    def take(self, table: FrameTable, host_s: NDArray[np.float64]) -> list[Event]:
+        """Return the events of a table of frames and the host times of its data frames."""
         events: list[Event] = []
         row = 0
         for other in table.others:
             if other.row > row:
-                events += self._data(table, row, other.row)
+                events += self._data(table, host_s, row, other.row)
                 row = other.row
             events += self._other(other.frame)
         if row < len(table.headers):
-            events += self._data(table, row, len(table.headers))
+            events += self._data(table, host_s, row, len(table.headers))
         return events
 
     def interrupt(self, reason: GapReason) -> None:
@@ -114,7 +121,9 @@ class Assembler:
 
     # -- frames that carry samples ---------------------------------------------------------------
 
-    def _data(self, table: FrameTable, start: int, stop: int) -> Iterator[Event]:
+    def _data(
+        self, table: FrameTable, host_s: NDArray[np.float64], start: int, stop: int
+    ) -> Iterator[Event]:
         headers = table.headers[start:stop]
         ends = np.cumsum(table.headers["n"][:stop], dtype=np.int64)[start:]
         first_sample = int(ends[0]) - int(headers["n"][0])
@@ -128,7 +137,7 @@ class Assembler:
                 _Run(
                     run,
                     table.samples[begin : int(ends[high - 1])],
-                    table.host_s[start + low : start + high],
+                    host_s[start + low : start + high],
                     missing,
                 )
             )
@@ -190,7 +199,7 @@ class Assembler:
         first = run.headers[0]
         if (int(first["seq"]), int(first["index"])) != self._last_repeat:
             return run
-        self._stats.resyncs += 1
+        self.repeats += 1
         size = int(first["n"])
         return _Run(run.headers[1:], run.samples[size:], run.host_s[1:], False)
 

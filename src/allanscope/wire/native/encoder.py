@@ -110,7 +110,9 @@ class NativeEncoder:
     def receive(self, data: bytes) -> list[Command]:
         """Take bytes from the host and return the commands that they complete."""
         commands = [
-            command_of(frame) for frame in self._deframer.feed(data) if frame[0] >= FrameType.START
+            command_of(frame)
+            for frame, _ in self._deframer.feed(data)
+            if frame[0] >= FrameType.START
         ]
         self._received += len(commands)
         return commands

@@ -80,53 +80,59 @@ class Deframer:
     malformed : int
         Chunks that cannot be a frame, and the first chunk after a start when it was only the tail
         of one.
+    partial : bytearray
+        What has come of the chunk that is still open: never longer than a chunk can be.
+    overlong : bool
+        Whether the open chunk is already longer than that, so that its end is all that matters.
+    joining : bool
+        Whether no chunk has been complete yet.
     """
 
     def __init__(self) -> None:
         self.crc_errors = 0
         self.malformed = 0
-        self._partial = bytearray()
-        self._overlong = False
-        self._joining = True
+        self.partial = bytearray()
+        self.overlong = False
+        self.joining = True
 
-    def feed(self, data: bytes) -> Iterator[bytes]:
-        """Yield the frames that the bytes complete, without their CRC."""
+    def feed(self, data: bytes) -> Iterator[tuple[bytes, int]]:
+        """Yield the frames that the bytes complete, without CRC, and where in `data` they end."""
         *chunks, rest = data.split(b"\0")
+        end = 0
         for chunk in chunks:
+            end += len(chunk) + 1
             frame = self._close(chunk)
             if frame is not None:
-                yield frame
+                yield frame, end
         self._keep(rest)
 
     def reset(self) -> None:
         """Forget a partial frame; the next chunk may be the tail of another."""
-        self._partial.clear()
-        self._overlong = False
-        self._joining = True
+        self.partial = bytearray()
+        self.overlong = False
+        self.joining = True
 
-    def _keep(self, rest: bytes) -> None:
-        if self._overlong or len(self._partial) + len(rest) > LONGEST_CHUNK:
-            self._overlong = True
-            self._partial.clear()
+    def _keep(self, piece: bytes) -> None:
+        if self.overlong or len(self.partial) + len(piece) > LONGEST_CHUNK:
+            self.overlong = True
+            self.partial = bytearray()
         else:
-            self._partial += rest
+            self.partial += piece
 
-    def _close(self, chunk: bytes) -> bytes | None:
-        self._keep(chunk)
-        chunk, overlong, joining = bytes(self._partial), self._overlong, self._joining
-        self._partial.clear()
-        self._overlong = False
+    def _close(self, piece: bytes) -> bytes | None:
+        self._keep(piece)
+        chunk, overlong, joining = bytes(self.partial), self.overlong, self.joining
+        self.partial = bytearray()
+        self.overlong = False
         if not chunk and not overlong:
             return None
-        self._joining = False
+        self.joining = False
         frame = None if overlong else unstuff(chunk)
         if frame is None or len(frame) < HEADER_BYTES + CRC_BYTES:
             self.malformed += 1
             return None
         if crc32(frame[:-CRC_BYTES]) != int.from_bytes(frame[-CRC_BYTES:], "little"):
-            if joining:
-                self.malformed += 1
-            else:
-                self.crc_errors += 1
+            self.malformed += joining
+            self.crc_errors += not joining
             return None
         return frame[:-CRC_BYTES]

@@ -6,6 +6,7 @@ worked out from the table alone. So the fast way cannot say anything else than t
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,15 +49,15 @@ class FrameTable:
         One row a data frame.
     samples : ndarray of int16, shape (n, 6)
         The samples of all data frames, one after another.
-    host_s : ndarray of float64, shape (m,)
-        Host time at which each data frame was complete.
+    ends : ndarray of int64, shape (m,)
+        Position after the final zero of each data frame, in the bytes that were read.
     others : list of OtherFrame
         Everything that is not data.
     """
 
     headers: NDArray[np.void]
     samples: NDArray[np.int16]
-    host_s: NDArray[np.float64]
+    ends: NDArray[np.int64]
     others: list[OtherFrame]
 
 
@@ -70,18 +71,18 @@ def is_data(frame: bytes) -> bool:
     )
 
 
-def table_of(frames: list[tuple[bytes, float]]) -> FrameTable:
-    """Return the table of frames and the host times at which they were complete."""
+def table_of(frames: Iterable[tuple[bytes, int]]) -> FrameTable:
+    """Return the table of frames, given each without its CRC and with the position of its end."""
     data: list[bytes] = []
-    times: list[float] = []
+    ends: list[int] = []
     others: list[OtherFrame] = []
-    for frame, host_s in frames:
+    for frame, end in frames:
         if is_data(frame):
             data.append(frame)
-            times.append(host_s)
+            ends.append(end)
         else:
             others.append(OtherFrame(len(data), frame))
     split = DATA_HEADER.itemsize
     headers = np.frombuffer(b"".join([frame[:split] for frame in data]), DATA_HEADER)
     samples = np.frombuffer(b"".join([frame[split:] for frame in data]), "<i2")
-    return FrameTable(headers, samples.reshape(-1, 6), np.asarray(times, np.float64), others)
+    return FrameTable(headers, samples.reshape(-1, 6), np.asarray(ends, np.int64), others)

@@ -1,0 +1,84 @@
+"""A proposal of an effect: what would be added to the model, and what speaks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.explain.effect import Parameter
+from allanscope.explain.spectral import Term
+
+__all__ = ["Candidate", "HeldOut"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Log-likelihood gained on data that was not used to fit.
+
+    Attributes
+    ----------
+    nats, error : float
+        Total, and its standard error.
+    design : str
+        How the data was held out, e.g. ``interleaved blocks of 1 s``.
+    replicated : bool or None
+        True when independent parts of the record show the same; None where that cannot be asked.
+    """
+
+    nats: float
+    error: float
+    design: str
+    replicated: bool | None = None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect with everything the loop needs to judge, enter and report it.
+
+    Attributes
+    ----------
+    kind : str
+        Word of the vocabulary; ``ramp`` is the textbook's R and never reported as an effect.
+    gain : float
+        Log-likelihood gained with the noise refitted under both hypotheses, in nats.
+    price : float
+        What the search cost: log of (alternatives looked at / false-alarm probability), in nats.
+        A candidate passes when its gain exceeds it.
+    signal : ndarray, shape (n,), or None
+        Deterministic part, to be subtracted from the data.
+    terms : tuple of Term
+        Stationary part, to be added to the spectrum.
+    shape : tuple of float
+        Numbers from which `EffectKind.refine` starts.
+    rivals : mapping
+        Log-likelihood gains of other kinds for the same symptom, in nats.
+    """
+
+    kind: str
+    parameters: Mapping[str, Parameter]
+    gain: float
+    price: float
+    signal: Array | None = field(default=None, repr=False)
+    terms: tuple[Term, ...] = ()
+    shape: tuple[float, ...] = ()
+    words: str = ""
+    evidence: Mapping[str, Any] = field(default_factory=dict)
+    rivals: Mapping[str, float] = field(default_factory=dict)
+    held_out: HeldOut | None = None
+    axes: tuple[str, ...] = ()
+
+    @property
+    def excess(self) -> float:
+        """Gain above the price: what candidates are ranked by."""
+        return self.gain - self.price
+
+    @property
+    def equivalent(self) -> tuple[str, ...]:
+        """Kinds that come within 3 nats: this record cannot rule them out."""
+        return tuple(k for k, g in self.rivals.items() if k != self.kind and g > self.gain - 3.0)

@@ -1,0 +1,129 @@
+r"""A low-pass: the sensor's own filter, or one behind it, cuts the top of the band.
+
+Spotted as a deficit towards Nyquist by Whittle likelihood. The order is not known, so a family is
+fitted, :math:`|H|^2 = 1 / (1 + (g(f)/g(f_c))^{2p})`, with g = sin (one pole in the sampled data, or
+an analog one aliased), tan (Butterworth by the bilinear transform) and f itself, p free. For one
+pole the cutoff is that of its time constant, which may lie beyond Nyquist; otherwise it is where
+the response is down by 3 dB. It enters the model as a factor on the white noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.heldout import halves
+from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+_CUTOFFS = (0.02, 0.05, 0.1, 0.18, 0.28, 0.38, 0.46)
+"""Cutoffs tried first, as shares of the rate."""
+
+
+def one_pole(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Power response of a sampled one-pole low-pass; nonlinear = (cutoff,)."""
+    phi = np.exp(-2 * np.pi * nonlinear[0] / rate)
+    s = np.sin(np.pi * frequency / rate)
+    return np.asarray((1 - phi) ** 2 / ((1 - phi) ** 2 + 4 * phi * s**2))
+
+
+def bilinear(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Power response of a Butterworth low-pass by the bilinear transform; (cutoff, order)."""
+    cutoff, order = nonlinear
+    top = np.pi * np.minimum(frequency / rate, 0.499999)
+    ratio = np.tan(top) / np.tan(np.pi * min(cutoff / rate, 0.499))
+    return np.asarray(1 / (1 + ratio ** (2 * order)))
+
+
+def plain(frequency: Array, _rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Power response 1 / (1 + (f/fc)^(2 p)); nonlinear = (cutoff, order)."""
+    return np.asarray(1 / (1 + (frequency / nonlinear[0]) ** (2 * nonlinear[1])))
+
+
+_FAMILIES = ((one_pole, None), (bilinear, 2.0), (plain, 1.0))
+
+
+class BandLimit(EffectKind):
+    """A low-pass filter."""
+
+    kind = "band_limit"
+    meaning = "a low-pass cuts the white noise"
+    confused_with = {
+        "repeated_samples": "rows that repeat are counted, and the deficit has another shape",
+        "gauss_markov": "leaves the top of the band flat",
+    }
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Fit the family from several cutoffs, if the top of the band lacks power at all."""
+        if view.has(self.kind):
+            return []
+        candidate = _best(view, [c * view.grid.rate_hz for c in _CUTOFFS])
+        return [candidate] if candidate is not None else []
+
+    def refine(self, view: View, candidate: Candidate) -> Candidate:
+        """Estimate the cutoff again."""
+        return _best(view, [candidate.shape[0]]) or candidate
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Judge by the two halves."""
+        return halves(view, view.terms + candidate.terms)
+
+
+def _fit(view: View, term: Term) -> Spectrum:
+    return fit_spectrum(
+        view.grid, view.power, base=view.base, terms=(*view.terms, term), floor=view.fitted_floor
+    )
+
+
+def _best(view: View, starts: list[float]) -> Candidate | None:
+    rate = view.grid.rate_hz
+    best: tuple[float, Term, Array] | None = None
+    for shape, order in _FAMILIES:
+        def loss(x: Array, shape=shape, order=order) -> float:  # type: ignore[no-untyped-def]
+            nonlinear = tuple(float(v) for v in np.exp(np.clip(x, -12, 12)))
+            if order is not None and not (0.3 < nonlinear[1] < 12 and nonlinear[0] < 0.499 * rate * (4 if shape is plain else 1)):
+                return 1e12
+            return -_fit(view, Term("band_limit", "shapes", nonlinear, shape)).loglik
+
+        tried = [np.log([s] if order is None else [s, order]) for s in starts]
+        if order is None:
+            tried += [np.log([rate * c]) for c in (0.6, 0.8)] if len(starts) > 1 else []
+        values = [loss(x) for x in tried]
+        first = tried[int(np.argmin(values))]
+        step = np.vstack([first] + [first + 0.15 * e for e in np.eye(len(first))])
+        found = minimize(loss, first, method="Nelder-Mead",
+                         options={"initial_simplex": step, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 120})  # fmt: skip
+        # An order that is free must earn its place.
+        value = float(found.fun) + (1.0 if order is not None else 0.0)
+        if best is None or value < best[0]:
+            best = (value, Term("band_limit", "shapes", tuple(float(v) for v in np.exp(found.x)), shape), found.x)
+    assert best is not None
+    term = best[1]
+    fit = _fit(view, term)
+    gain = fit.loglik - view.spectrum.loglik
+    cutoff = term.nonlinear[0]
+    h = 0.01
+
+    def at(factor: float) -> float:
+        return _fit(view, Term("band_limit", "shapes", (cutoff * factor, *term.nonlinear[1:]), term.shape)).loglik
+
+    curvature = (2 * fit.loglik - at(np.exp(h)) - at(np.exp(-h))) / h**2
+    error = 1 / np.sqrt(max(curvature, 1e-2))
+    return Candidate(
+        kind="band_limit",
+        parameters={"cutoff": Parameter(cutoff, cutoff * np.exp(-1.96 * error), cutoff * np.exp(1.96 * error), "Hz")},
+        gain=gain,
+        price=float(np.log(12 / ALPHA)),
+        terms=(term,),
+        shape=term.nonlinear,
+        words=f"the top of the band is cut above {cutoff:.3g} Hz",
+        evidence={"order": term.nonlinear[1] if len(term.nonlinear) > 1 else 1.0, "response": term.shape.__name__},
+    )  # fmt: skip

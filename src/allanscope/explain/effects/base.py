@@ -1,0 +1,84 @@
+"""What an effect is to the loop: declared facts, and how it proposes itself.
+
+To add a kind, add a file to this folder with one subclass of `EffectKind`; it registers itself.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Parameter
+from allanscope.explain.view import View
+
+__all__ = ["ALPHA", "KINDS", "EffectKind", "estimate"]
+
+ALPHA = 1e-3
+"""Probability of a false alarm that each kind may spend on one axis."""
+
+KINDS: dict[str, EffectKind] = {}
+"""Every kind by name, in the order in which the files of the folder are read."""
+
+
+class EffectKind(ABC):
+    """One kind of effect.
+
+    Attributes
+    ----------
+    kind : str
+        Its word in the vocabulary.
+    meaning : str
+        One line for people.
+    needs : frozenset of str
+        What it must be given: ``samples`` (rows that are single samples), ``temperature``,
+        ``axes`` (more than one), ``clock``.
+    stage : int
+        Kinds of a lower stage are settled first: faults of the data before its physics, and what
+        is judged on whitened data after everything that colours it.
+    confused_with : mapping
+        Other kind to what tells the two apart.
+    """
+
+    kind: ClassVar[str]
+    meaning: ClassVar[str]
+    needs: ClassVar[frozenset[str]] = frozenset()
+    stage: ClassVar[int] = 2
+    confused_with: ClassVar[Mapping[str, str]] = {}
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        KINDS[cls.kind] = cls()
+
+    @abstractmethod
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Return candidates that would explain part of the residual, the noise refitted."""
+
+    def refine(self, view: View, candidate: Candidate) -> Candidate:
+        """Estimate an accepted effect again, given everything else that was accepted.
+
+        `view` is without this effect. The default keeps it as it is.
+        """
+        del view
+        return candidate
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
+        """Judge the candidate on data that was not used to fit it; None where nothing can be."""
+        del view, candidate
+        return None
+
+    def available(self, view: View) -> bool:
+        """Tell whether the record has what this kind needs."""
+        has = {
+            "samples": view.series.stride == 1,
+            "temperature": view.series.thermal is not None,
+            "axes": len(view.series.axes) > 1,
+            "clock": view.clock is not None,
+        }
+        return all(has[need] for need in self.needs)
+
+
+def estimate(value: float, error: float, unit: str = "") -> Parameter:
+    """Return a parameter with the 95 % interval of a Gaussian estimate."""
+    return Parameter(float(value), float(value - 1.96 * error), float(value + 1.96 * error), unit)

@@ -1,0 +1,136 @@
+r"""Another axis leaks in: misalignment, g-sensitivity, a shared supply.
+
+y = c x + rest holds at every frequency and without lag, which a common vibration (one frequency)
+or a common temperature (only slow) does not: the slopes found in separate frequency bands must
+agree. Which axis is the source cannot be seen in white noise of equal colour; the direction is
+taken in which source and rest together are more probable,
+
+.. math:: L(x) + L(y - c x) \quad \text{against} \quad L(y) + L(x - c' y).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.heldout import interleaved_signal
+from allanscope.explain.spectral import binned_power, fit_spectrum
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+_SLOWEST_HZ = 0.1
+"""Below, a common temperature correlates all axes."""
+_BANDS = 8
+_LOUD = 25.0
+"""Whitened power above which an ordinate holds a line."""
+
+
+class CrossCoupling(EffectKind):
+    """One axis leaks into another."""
+
+    kind = "cross_coupling"
+    meaning = "another axis leaks in, at all frequencies alike"
+    needs = frozenset({"axes"})
+    confused_with = {
+        "sinusoid": "a common vibration correlates two axes at its own frequency only",
+        "temperature": "a common temperature correlates only what is slow",
+    }
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Regress on every other axis."""
+        taken = {c.parameters["source"].value for c in view.accepted if c.kind == self.kind}
+        for source in view.series.axes:
+            if source != view.axis and source not in taken:
+                candidate = _candidate(view, source)
+                if candidate is not None:
+                    yield candidate
+
+    def refine(self, view: View, candidate: Candidate) -> Candidate:
+        """Estimate the slope again."""
+        source = str(candidate.parameters["source"].value)
+        return _candidate(view, source) or candidate
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Judge the slope by interleaved blocks; quarters must agree."""
+        x = view.cleaned_source(str(candidate.parameters["source"].value))
+        return interleaved_signal(view, x[np.newaxis], candidate.gain)
+
+
+def _candidate(view: View, source: str) -> Candidate | None:
+    x = view.cleaned_source(source)
+    ordinates = view.source_ordinates(source)
+    if not np.any(ordinates):
+        return None
+    lowest = int(_SLOWEST_HZ * 2 * view.grid.n / view.grid.rate_hz)
+    white = 1 / view.spectrum.ordinates[lowest:]
+    d, e = view.ordinates[lowest:], ordinates[lowest:]
+    quiet = (d * d * white < _LOUD) & view.spectrum.kept[lowest:]
+    weight = white * quiet
+    normal = float(np.sum(e * e * weight))
+    if normal <= 0:
+        return None
+    slope = float(np.sum(e * d * weight)) / normal
+    z2 = slope**2 * normal
+    price = float(np.log(len(view.series.axes) / ALPHA))
+    if z2 / 2 < price or not _same_everywhere(d, e, weight, slope):
+        return None
+    gain, reverse = _directions(view, source, slope, z2 / 2)
+    if reverse > gain and not _physical(view.axis, source):
+        return None
+    return Candidate(
+        kind="cross_coupling",
+        parameters={
+            "source": Parameter(source),
+            "slope": estimate(slope, 1 / np.sqrt(normal), f"{view.unit}/{view.unit_of(source)}"),
+        },
+        gain=z2 / 2,
+        price=price,
+        signal=slope * (x - x.mean()),
+        words=f"{source} leaks in with {slope:.3g} {view.unit}/{view.unit_of(source)}",
+        evidence={"direction_nats": gain - reverse},
+    )
+
+
+def _physical(target: str, source: str) -> bool:
+    """Acceleration moves a gyro (g-sensitivity); rotation does not move an accelerometer at rest."""
+    return target.startswith("g") and source.startswith("a")
+
+
+def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
+    """Tell whether the slopes in separate bands agree with the common one (1 in 1000)."""
+    bounds = np.unique(np.geomspace(64, len(d), _BANDS + 1).astype(int))
+    distance, freedom = 0.0, -1
+    for low, high in zip(bounds, bounds[1:], strict=False):
+        normal = float(np.sum(e[low:high] ** 2 * weight[low:high]))
+        if normal > 0:
+            own = float(np.sum(e[low:high] * d[low:high] * weight[low:high])) / normal
+            distance += (own - slope) ** 2 * normal
+            freedom += 1
+    return freedom < 1 or bool(chi2.sf(distance, freedom) > 1e-3)
+
+
+def _directions(view: View, source: str, slope: float, gain: float) -> tuple[float, float]:
+    """Gain of this axis taking from the source, and of the source taking from this axis."""
+    other = view.source_ordinates(source)
+    squares = other**2
+    grid = view.grid
+
+    def fit(values: Array) -> float:
+        return fit_spectrum(grid, binned_power(grid, values, ()), floor=0.0).loglik
+
+    forward = fit((view.ordinates - slope * other) ** 2) - fit(view.squares)
+    back = fit_spectrum(grid, binned_power(grid, squares, ()), floor=0.0)
+    weight = 1 / back.ordinates
+    reverse_slope = float(np.sum(view.ordinates * other * weight)) / float(
+        np.sum(view.squares * weight)
+    )
+    reverse = fit((other - reverse_slope * view.ordinates) ** 2) - back.loglik
+    del gain
+    return forward, reverse

@@ -1,0 +1,116 @@
+r"""First-order Gauss-Markov noise: a bias that forgets itself after a correlation time.
+
+Spotted by the Whittle likelihood profiled over the correlation time, N, B and K refitted at each:
+flicker, white noise and a random walk together imitate up to nine tenths of it. The sampled
+process has an ordinate variance, with :math:`\phi = e^{-1/(f_s T_c)}`,
+
+.. math:: \sigma^2 (1 - \phi^2) / (1 - 2 \phi \cos 2 \pi f / f_s + \phi^2)
+
+A random telegraph signal has the same spectrum; only its two levels tell them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.heldout import halves
+from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+_PER_DECADE = 5
+_LONGEST = 0.15
+"""Longest correlation time looked for, as a share of the record: beyond, it is a random walk."""
+
+
+def lorentzian(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Variance of an ordinate of the process with unit variance; nonlinear = (Tc,)."""
+    phi = np.exp(-1 / (rate * nonlinear[0]))
+    return np.asarray((1 - phi**2) / ((1 - phi) ** 2 + 4 * phi * np.sin(np.pi * frequency / rate) ** 2))
+
+
+class GaussMarkov(EffectKind):
+    """First-order Gauss-Markov noise."""
+
+    kind = "gauss_markov"
+    meaning = "a stationary bias that forgets itself after the correlation time"
+    confused_with = {
+        "random_telegraph": "same spectrum; two levels instead of a bell",
+        "step": "happens once",
+        "band_limit": "an excess at low frequencies against a deficit at high ones",
+    }
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Profile the likelihood over the correlation time."""
+        shortest, longest = 3 / view.grid.rate_hz, _LONGEST * view.series.duration_s
+        if longest < 2 * shortest:
+            return []
+        bank = np.geomspace(shortest, longest, 2 + int(_PER_DECADE * np.log10(longest / shortest)))
+        gains = [fitted(view, tc).loglik for tc in bank]
+        best = int(np.argmax(gains))
+        return [_candidate(view, bank[max(0, best - 1)], bank[min(len(bank) - 1, best + 1)])]
+
+    def refine(self, view: View, candidate: Candidate) -> Candidate:
+        """Estimate correlation time and size again."""
+        tc = candidate.shape[0]
+        return _candidate(view, tc / 2, tc * 2)
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Judge by the two halves."""
+        return halves(view, view.terms + candidate.terms)
+
+
+def term_of(tc: float) -> Term:
+    """Return the spectral term for a correlation time."""
+    return Term("gauss_markov", "adds", (float(tc),), lorentzian)
+
+
+def fitted(view: View, tc: float) -> Spectrum:
+    """Fit the noise with a process of this correlation time beside it."""
+    terms = (*view.terms, term_of(tc))
+    return fit_spectrum(
+        view.grid, view.power, base=view.base, terms=terms, floor=view.fitted_floor
+    )
+
+
+def _candidate(view: View, low: float, high: float) -> Candidate:
+    best = minimize_scalar(
+        lambda x: -fitted(view, float(np.exp(x))).loglik,
+        bounds=(np.log(low), np.log(high)), method="bounded", options={"xatol": 0.01},
+    )  # fmt: skip
+    tc = float(np.exp(best.x))
+    fit = fitted(view, tc)
+    term = fit.terms[-1]
+    sigma, sigma_error = fit.sigma_of(term)
+    h = 0.1
+    curvature = (
+        2 * fit.loglik - fitted(view, tc * np.exp(h)).loglik - fitted(view, tc * np.exp(-h)).loglik
+    ) / h**2
+    error = 1 / np.sqrt(max(curvature, 1e-2))
+    # The profile over Tc refits sigma; seen the other way round, sigma moves with Tc.
+    slope = (
+        fitted(view, tc * np.exp(h)).sigma_of(term_of(tc * np.exp(h)))[0]
+        - fitted(view, tc * np.exp(-h)).sigma_of(term_of(tc * np.exp(-h)))[0]
+    ) / (2 * h)
+    sigma_error = float(np.hypot(sigma_error, slope * error))
+    spread = 1.96 * sigma_error / max(sigma, 1e-300)
+    return Candidate(
+        kind="gauss_markov",
+        parameters={
+            "sigma": Parameter(sigma, sigma * np.exp(-spread), sigma * np.exp(spread), view.unit),
+            "correlation_time": Parameter(tc, tc * np.exp(-1.96 * error), tc * np.exp(1.96 * error), "s"),
+        },
+        gain=fit.loglik - view.spectrum.loglik,
+        price=float(np.log(12 / ALPHA)),
+        terms=(term,),
+        shape=(tc,),
+        words=f"noise that forgets itself after {tc:.3g} s explains what N, B and K together cannot",
+    )  # fmt: skip

@@ -1,0 +1,59 @@
+r"""The step is coarse enough to matter.
+
+Rounding adds white noise of q^2/12 only while the noise is at least half a step. Below, the error
+depends on where the level lies between two codes,
+
+.. math:: E[e] = \sum_k \frac{(-1)^k}{\pi k} \sin(2\pi k \mu) e^{-2 \pi^2 k^2 \sigma^2},
+
+the curve can fall to zero or rise twenty-fivefold, and slow noise is distorted. Deterministic: the
+step is read off the values, the noise beneath it from how often neighbouring codes occur.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.lattice import noise_on_lattice
+from allanscope.explain.view import View
+
+_ENOUGH = 0.5
+"""Noise in steps above which rounding is white to a tenth of a per cent."""
+_KNOWN_TO = 1e-3
+
+
+class Quantization(EffectKind):
+    """A coarse step."""
+
+    kind = "quantization"
+    meaning = "the LSB is coarser than twice the noise"
+    needs = frozenset({"samples"})
+    stage = 0
+    confused_with = {"repeated_samples": "neighbours are equal because there are few values"}
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Compare the noise beneath the rounding with the step."""
+        if view.has(self.kind) or view.step <= 0:
+            return []
+        if float(view.data.std()) > 20 * view.step:
+            return []
+        sigma = noise_on_lattice(view.samples, view.step)
+        return [
+            Candidate(
+                kind=self.kind,
+                parameters={
+                    "step": Parameter(
+                        view.step,
+                        view.step * (1 - _KNOWN_TO),
+                        view.step * (1 + _KNOWN_TO),
+                        view.unit,
+                    )
+                },
+                gain=1e6 if sigma < _ENOUGH else 0.0,
+                price=1.0,
+                words=f"the noise is {sigma:.2g} of the step of {view.step:.3g} {view.unit}",
+                evidence={"noise_in_steps": sigma},
+            )
+        ]

@@ -1,0 +1,41 @@
+"""The ramp R of the textbook: a coefficient, not an effect, but it competes with the slow effects.
+
+Left out of the competition, a ramp would be sold as the tail of a warm-up or as part of K.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.regression import joint_fit, ordinates_of
+from allanscope.explain.view import View
+
+
+class Ramp(EffectKind):
+    """A straight drift."""
+
+    kind = "ramp"
+    meaning = "the level drifts in a straight line (R)"
+    confused_with = {"warm_up": "bends", "temperature": "follows the measured temperature"}
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Fit one slope."""
+        return [] if view.has(self.kind) else [self.refine(view, None)]
+
+    def refine(self, view: View, candidate: Candidate | None) -> Candidate:
+        """Estimate the slope."""
+        del candidate
+        t = np.arange(view.grid.n) / view.grid.rate_hz
+        fit = joint_fit(view, ordinates_of(t)[np.newaxis, : view.grid.low])
+        slope, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+        return Candidate(
+            kind="ramp",
+            parameters={"R": estimate(slope, error, f"{view.unit}/s")},
+            gain=fit.gain,
+            price=float(np.log(1 / ALPHA)),
+            signal=slope * (t - t.mean()),
+        )

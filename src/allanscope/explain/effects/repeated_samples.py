@@ -1,0 +1,128 @@
+r"""Rows that repeat the row before: a reader faster than the sensor, a stuck bus, a filled hole.
+
+Two neighbours may be equal by chance, the more so on a coarse lattice or behind a low-pass. With
+several axes: all of them repeat at once far more often than the product of their own chances.
+With one: differences of 0 are more frequent than those of +-1, +-2, +-3 steps let expect, whose
+frequencies follow a Gaussian whatever filter came before. White noise held with probability d has
+
+.. math:: S(f) = N^2 (1 - d^2) / (1 - 2 d \cos 2\pi f/f_s + d^2),
+
+which enters the model as a factor on the white part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.spectral import Term
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+_FINEST = 0.8
+"""Least noise in steps at which a single axis can be judged."""
+
+
+def held(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Spectrum of held white noise relative to its variance; nonlinear = (fraction,)."""
+    d = nonlinear[0]
+    s = np.sin(np.pi * frequency / rate)
+    return np.asarray((1 - d * d) / ((1 - d) ** 2 + 4 * d * s**2))
+
+
+class RepeatedSamples(EffectKind):
+    """Repeated rows."""
+
+    kind = "repeated_samples"
+    meaning = "rows repeat the row before although they should not"
+    needs = frozenset({"samples"})
+    stage = 0
+    confused_with = {
+        "band_limit": "a filter makes neighbours alike, not equal",
+        "quantization": "few values repeat by chance, each axis on its own",
+    }
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Count equal neighbours."""
+        if view.has(self.kind) or view.step <= 0:
+            return []
+        column = view.series.column(view.axis)
+        equal = view.series.equal
+        moving = [c for c in range(len(view.series.axes)) if equal[:, c].mean() < 0.9]
+        if column not in moving:
+            return []
+        found = _alone(view, equal[:, column])
+        if len(moving) > 1:
+            together = _together(equal[:, moving])
+            if found is None or together[1] >= found[1] or found[0] < 3 * together[0]:
+                found = together
+                axes = tuple(view.series.axes[c] for c in moving)
+            else:
+                axes = (view.axis,)
+        else:
+            axes = (view.axis,)
+        if found is None:
+            return []
+        fraction, gain, rows = found
+        error = np.sqrt(max(fraction * (1 - fraction), 1 / len(equal)) / len(equal)) * rows
+        return [
+            Candidate(
+                kind=self.kind,
+                parameters={
+                    "fraction": Parameter(
+                        fraction, max(0.0, fraction - 1.96 * error), fraction + 1.96 * error
+                    )
+                },
+                gain=gain,
+                price=float(np.log(2 / ALPHA)),
+                terms=(Term(self.kind, "shapes", (min(fraction, 0.95),), held),),
+                words=f"{100 * fraction:.3g} % of the rows repeat the row before",
+                axes=axes,
+            )
+        ]
+
+
+def _together(equal: NDArray[np.bool_]) -> tuple[float, float, float]:
+    """Fraction, gain and error factor from all axes repeating at once."""
+    n = len(equal)
+    both = float(equal.all(axis=1).sum())
+    share = both / n
+    rates = (equal.sum(axis=0) - both) / max(n - both, 1.0)
+    chance = float(np.prod(rates))
+    expected = chance * n
+    fraction = max(0.0, (share - chance) / (1 - chance))
+    if both <= expected or both < 3:
+        return fraction, 0.0, 1.0
+    floor = max(expected, 0.05)
+    return fraction, both * np.log(both / floor) - (both - floor), 1.0
+
+
+def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] | None:
+    """The same from one axis: an excess of zero differences over a Gaussian through the others."""
+    codes = np.round(np.diff(view.samples) / view.step)
+    n = len(codes)
+    reach = int(np.clip(np.std(codes), 3, 12))
+    counts = np.array([np.count_nonzero(np.abs(codes) == j) for j in range(reach + 1)], float)
+    if np.std(codes) / np.sqrt(2) < _FINEST or counts[1:].min() < 30:
+        return None
+    j = np.arange(1, reach + 1)
+    design = np.column_stack([np.ones(reach), -(j**2.0)])
+    weight = np.sqrt(counts[1:])
+    solution, *_ = np.linalg.lstsq(
+        design * weight[:, np.newaxis], np.log(counts[1:] / 2) * weight, rcond=None
+    )
+    sigma2 = float(np.linalg.inv((design * weight[:, np.newaxis] ** 2).T @ design)[0, 0])
+    expected = float(np.exp(solution[0]))
+    excess = float(counts[0]) - expected
+    variance = expected + expected**2 * sigma2
+    z = max(0.0, excess) / np.sqrt(variance)
+    fraction = max(0.0, excess / n) / (1 - expected / n)
+    factor = float(np.sqrt(variance + max(excess, 0.0)) / np.sqrt(max(excess, 1.0)))
+    del equal
+    return fraction, float(z * z / 2), factor

@@ -1,0 +1,66 @@
+r"""Dependence of the level on the measured temperature.
+
+:math:`AVAR_y = k_T^2 AVAR_T + 2 k_T ACOV_{yT}`: in the curve it is a hump where the room varies,
+swallowed by K. Spotted by GLS on the smoothed temperature (the converter's noise would attenuate
+the slope), the noise refitted. It repeats with every excursion, so quarters of the record must agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.heldout import interleaved
+from allanscope.explain.regression import joint_fit, ordinates_of
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+
+class Temperature(EffectKind):
+    """The level follows the temperature."""
+
+    kind = "temperature"
+    meaning = "the level follows the measured temperature"
+    needs = frozenset({"temperature"})
+    confused_with = {
+        "warm_up": "self-heating looks alike: the temperature must explain more than the clock",
+        "ramp": "the temperature may drift in a straight line too",
+    }
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Fit one slope."""
+        return [] if view.has(self.kind) else [self.refine(view, None)]
+
+    def refine(self, view: View, candidate: Candidate | None) -> Candidate:
+        """Estimate the slope."""
+        del candidate
+        thermal = view.series.thermal
+        assert thermal is not None
+        fit = joint_fit(view, _column(view))
+        slope, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+        return Candidate(
+            kind="temperature",
+            parameters={"slope": estimate(slope, error, f"{view.unit}/degC")},
+            gain=fit.gain,
+            price=float(np.log(1 / ALPHA)),
+            signal=slope * thermal,
+            words=f"the level follows the temperature with {slope:.3g} {view.unit}/degC",
+            evidence={"temperature_span_c": float(np.ptp(thermal))},
+        )
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Judge the slope by interleaved blocks; quarters must agree."""
+        del candidate
+        column = _column(view)
+        return interleaved(view, joint_fit(view, column), column, recurs=True)
+
+
+def _column(view: View) -> Array:
+    thermal = view.series.thermal
+    assert thermal is not None
+    return ordinates_of(thermal)[np.newaxis, : view.grid.low]

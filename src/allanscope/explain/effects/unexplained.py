@@ -1,0 +1,156 @@
+"""What no name fits: it is measured, located and reported, never given a wrong name.
+
+A tone that changes (a chirp, a modulated tone) is cut out of the spectrum so that the search can go
+on beside it. At the end of the search the residual is looked at once more: bands of the whitened
+spectrum, slow cosines that nothing explains, tails of the innovations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.regression import joint_fit
+from allanscope.explain.residual import band_scores, excess_kurtosis
+from allanscope.explain.spectral import Term
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+_BAND_Z = 5.0
+_NEIGHBOUR_Z = 3.0
+_TAIL_Z = 6.0
+_COSINES = 5
+
+
+def outside(frequency: Array, _rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """0 between two frequencies, 1 elsewhere."""
+    low, high = nonlinear
+    return np.where((frequency >= low) & (frequency <= high), 0.0, 1.0)
+
+
+class Unexplained(EffectKind):
+    """A residual without a name."""
+
+    kind = "unexplained"
+    meaning = "left over, and no name fits"
+    stage = 4
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Look at what is left in the spectrum, the slow drift and the distribution."""
+        yield from _bands(view)
+        yield from _drift(view)
+        if not any(c.shape == (0.0,) for c in view.accepted if c.kind == self.kind):
+            yield from _tails(view)
+
+
+def left_over(
+    view: View, low: float, high: float, gain: float, share: float, words: str
+) -> Candidate:
+    """Return an unexplained range of frequencies, which is cut out of the fit."""
+    top = view.grid.rate_hz / 2
+    low, high = max(low, 0.0), min(high, top)
+    return Candidate(
+        kind="unexplained",
+        parameters={
+            "frequency_low": Parameter(low, unit="Hz"),
+            "frequency_high": Parameter(high, unit="Hz"),
+            "share": Parameter(share),
+        },
+        gain=gain,
+        price=0.0,
+        terms=(Term("unexplained", "excludes", (low, high), outside),),
+        shape=(low, high),
+        words=words,
+    )
+
+
+def tone_left_over(view: View, candidate: Candidate) -> Candidate:
+    """Return the range that a tone or band covers which is not what its name would say."""
+    f0 = candidate.shape[0]
+    unit = view.grid.rate_hz / (2 * view.grid.n)
+    reach = max(candidate.shape[1] if candidate.kind == "narrowband" else 0.0, 8 * unit)
+    u = view.squares / view.spectrum.ordinates
+    low, high = _extent(u, f0, reach, unit)
+    inside = u[max(0, int(low / unit) - 1) : int(high / unit) + 1]
+    total = float(np.sum(view.squares))
+    share = float(np.sum(view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1])) / total
+    del inside
+    return left_over(
+        view, low, high, candidate.gain, share,
+        f"a tone between {low:.5g} and {high:.5g} Hz changes in frequency or amplitude",
+    )  # fmt: skip
+
+
+def _extent(u: Array, f0: float, reach: float, unit: float) -> tuple[float, float]:
+    """Grow a range around f0 until the spectrum beside it is level again."""
+    centre = int(f0 / unit)
+    width = max(8, int(reach / unit))
+    low, high = max(0, centre - width), min(len(u), centre + width)
+    limit = 1 + 4 * np.sqrt(2 / width)
+    while low > 0 and u[max(0, low - width) : low].mean() > limit:
+        low = max(0, low - width)
+    while high < len(u) and u[high : high + width].mean() > limit:
+        high = min(len(u), high + width)
+    return (low + 0.5) * unit, (high + 0.5) * unit
+
+
+def _bands(view: View) -> Iterable[Candidate]:
+    bands = band_scores(view)
+    worst = int(np.argmax(np.abs(bands.z)))
+    z = float(bands.z[worst])
+    if abs(z) < _BAND_Z:
+        return
+    low = high = worst
+    while low > 0 and bands.z[low - 1] * np.sign(z) > _NEIGHBOUR_Z:
+        low -= 1
+    while high < len(bands.z) - 1 and bands.z[high + 1] * np.sign(z) > _NEIGHBOUR_Z:
+        high += 1
+    share = float(np.average(bands.ratio[low : high + 1] - 1, weights=bands.count[low : high + 1]))
+    side = "more" if share > 0 else "less"
+    yield left_over(
+        view, float(bands.low[low]), float(bands.high[high]), z**2 / 2, share,
+        f"{100 * abs(share):.2g} % {side} power than the model between {bands.low[low]:.3g} and "
+        f"{bands.high[high]:.3g} Hz (z = {z:.1f})",
+    )  # fmt: skip
+
+
+def _drift(view: View) -> Iterable[Candidate]:
+    """A few free cosines that still gain: a slow drift of a form that has no name."""
+    m = view.grid.low
+    if not view.spectrum.kept[:_COSINES].all():
+        return
+    fit = joint_fit(view, np.eye(_COSINES, m))
+    if fit.gain < np.log(1 / ALPHA) + 2 * _COSINES:
+        return
+    high = (_COSINES + 0.5) * view.grid.rate_hz / (2 * view.grid.n)
+    share = float(np.sum(view.squares[:_COSINES]) / np.sum(view.squares))
+    yield left_over(
+        view, 0.0, high, fit.gain, share,
+        f"a drift slower than {1 / high:.0f} s is neither exponential nor straight nor thermal",
+    )  # fmt: skip
+
+
+def _tails(view: View) -> Iterable[Candidate]:
+    kurtosis, error = excess_kurtosis(view)
+    if kurtosis < _TAIL_Z * error or view.has("variance_change"):
+        return
+    top = view.grid.rate_hz / 2
+    yield Candidate(
+        kind="unexplained",
+        parameters={
+            "frequency_low": Parameter(0.0, unit="Hz"),
+            "frequency_high": Parameter(top, unit="Hz"),
+            "share": Parameter(kurtosis / (3 + kurtosis)),
+        },
+        gain=(kurtosis / error) ** 2 / 2,
+        price=float(np.log(1 / ALPHA)),
+        shape=(0.0,),
+        words=f"the samples have heavier tails than a Gaussian (excess kurtosis {kurtosis:.2g})",
+        evidence={"excess_kurtosis": kurtosis},
+    )

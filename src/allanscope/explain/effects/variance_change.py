@@ -1,0 +1,146 @@
+r"""The white level is not one level: a noisy stretch, a neighbour that runs for an hour.
+
+The Allan variance sees only the mean of the variance, so a curve that looks perfect can hide this.
+The data are whitened; over blocks of half a second the mean squares are chi-square, and every
+interval on a ladder of lengths is tested against the rest,
+
+.. math:: G = \tfrac12 [n \ln \bar s - n_1 \ln s_1 - n_2 \ln s_2].
+
+Tails heavier than a Gaussian's raise the scatter of the squares, and the gain is divided by that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+_BLOCK_S = 0.5
+_MOST = 8
+_LONGEST = 0.5
+
+
+class VarianceChange(EffectKind):
+    """Intervals of another white level."""
+
+    kind = "variance_change"
+    meaning = "the white level is not one level"
+    stage = 3
+    confused_with = {
+        "outliers": "single samples, not a stretch",
+        "unexplained": "heavy tails are everywhere",
+    }
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Look for intervals whose mean square differs from the rest's."""
+        if view.has(self.kind):
+            return []
+        size = max(8, int(_BLOCK_S * view.grid.rate_hz))
+        blocks = len(view.innovations) // size
+        if blocks < 16:
+            return []
+        white = view.innovations[: blocks * size].reshape(blocks, size)
+        power = np.mean(white**2, axis=1)
+        spread = float(np.median([np.var(part) for part in np.array_split(power, 16)]))
+        freedom = float(np.clip(2 / spread * np.median(power) ** 2, 1.0, size))
+        found = _intervals(power, freedom)
+        if not found:
+            return []
+        gain = sum(g for g, *_ in found)
+        seconds = size / view.grid.rate_hz
+        best = max(found)
+        ratio, inside = best[3], best[2] - best[1]
+        error = ratio * np.sqrt(2 / (freedom * inside))
+        return [
+            Candidate(
+                kind=self.kind,
+                parameters={
+                    "intervals": Parameter(float(len(found)), float(len(found)), float(len(found))),
+                    "start": _instant(best[1], seconds, ratio, freedom),
+                    "stop": _instant(best[2], seconds, ratio, freedom),
+                    "ratio": estimate(ratio, error),
+                },
+                gain=float(gain),
+                price=float(np.log(blocks * 4 * np.log2(blocks) / ALPHA)),
+                words=(
+                    f"between {best[1] * seconds:.0f} s and {best[2] * seconds:.0f} s the white "
+                    f"variance is {ratio:.3g} times that of the rest"
+                ),
+                evidence={"blocks": blocks},
+            )
+        ]
+
+
+def _instant(block: int, seconds: float, ratio: float, freedom: float) -> Parameter:
+    """Border of an interval with the blocks by which it may be off (11 over the squared contrast)."""
+    contrast = freedom * np.log(ratio) ** 2 / 2
+    off = (1 + 11.0 / max(contrast, 1e-3)) * seconds
+    return Parameter(block * seconds, block * seconds - off, block * seconds + off, "s")
+
+
+def _intervals(power: Array, freedom: float) -> list[tuple[float, int, int, float]]:
+    """Find (gain, first, last, ratio) of intervals, strongest first, the level evened out after each."""
+    power = power.copy()
+    n = len(power)
+    price = np.log(n * 4 * np.log2(n) / ALPHA)
+    found: list[tuple[float, int, int, float]] = []
+    for _ in range(_MOST):
+        gain, first, last = _best(power, freedom)
+        if gain < price:
+            break
+        inside = float(power[first:last].mean())
+        outside = float((power.sum() - power[first:last].sum()) / (n - last + first))
+        if last - first > n * _LONGEST:
+            break
+        found.append((gain, first, last, inside / outside))
+        power[first:last] *= outside / inside
+    return found
+
+
+def _best(power: Array, freedom: float) -> tuple[float, int, int]:
+    n = len(power)
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    best = (0.0, 0, 1)
+    width = 1
+    while width <= n * _LONGEST:
+        hop = max(1, width // 8)
+        first = np.arange(0, n - width + 1, hop)
+        best = max(best, _score(total, first, first + width, freedom))
+        width = max(width + 1, int(width * 1.3))
+    _, low, high = best
+    reach = max(2, (high - low) // 4)
+    for _ in range(3):  # refine both borders in turn
+        first = np.arange(max(0, low - reach), min(high, low + reach + 1))
+        best = max(best, _score(total, first, np.full_like(first, high), freedom))
+        low = best[1]
+        last = np.arange(max(low + 1, high - reach), min(n, high + reach) + 1)
+        best = max(best, _score(total, np.full_like(last, low), last, freedom))
+        _, low, high = best
+    return best
+
+
+def _score(
+    total: Array, first: NDArray[np.int64], last: NDArray[np.int64], freedom: float
+) -> tuple[float, int, int]:
+    n = len(total) - 1
+    count = (last - first).astype(float)
+    good = (count > 0) & (count < n)
+    first, last, count = first[good], last[good], count[good]
+    if len(first) == 0:
+        return 0.0, 0, 1
+    inside = (total[last] - total[first]) / count
+    outside = (total[-1] - total[last] + total[first]) / (n - count)
+    mean = total[-1] / n
+    gain = 0.5 * freedom * (
+        n * np.log(mean) - count * np.log(inside) - (n - count) * np.log(outside)
+    )
+    k = int(np.argmax(gain))
+    return float(gain[k]), int(first[k]), int(last[k])

@@ -1,0 +1,105 @@
+r"""A warm-up: after power-on the level relaxes exponentially, then stays.
+
+In the curve it is a ramp below its time constant and falls beyond; N, B and K swallow most of it,
+as K. Spotted by GLS for a bank of time constants, the noise refitted at each. It is anchored to
+the start of the record and must vanish later: a slow drift that is anything else fits a few free
+cosines better, which is why those compete (see `unexplained`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.heldout import interleaved
+from allanscope.explain.regression import exponential_ordinates, joint_fit
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+_SHORTEST_S = 5.0
+_LONGEST = 0.6
+"""Longest time constant, as a share of the record."""
+_BANK = 14
+
+
+class WarmUp(EffectKind):
+    """An exponential at the start."""
+
+    kind = "warm_up"
+    meaning = "the level relaxes exponentially from the start of the record"
+    confused_with = {
+        "temperature": "the measured temperature explains it",
+        "step": "does not bend",
+        "ramp": "does not end",
+        "unexplained": "another slow drift fits free cosines better",
+    }
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Fit a bank of time constants."""
+        longest = _LONGEST * view.series.duration_s
+        if longest < 2 * _SHORTEST_S or view.has(self.kind):
+            return []
+        bank = np.geomspace(_SHORTEST_S, longest, _BANK)
+        gains = [joint_fit(view, _column(view, tc), rounds=5).gain for tc in bank]
+        best = int(np.argmax(gains))
+        if gains[best] < 4.0:
+            return []
+        return [_candidate(view, bank[max(0, best - 1)], bank[min(_BANK - 1, best + 1)])]
+
+    def refine(self, view: View, candidate: Candidate) -> Candidate:
+        """Estimate time constant and amplitude again."""
+        tc = candidate.shape[0]
+        return _candidate(view, tc / 1.6, tc * 1.6)
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Judge the amplitude by interleaved blocks."""
+        column = _column(view, candidate.shape[0])
+        return interleaved(view, joint_fit(view, column), column)
+
+
+def _column(view: View, tc: float) -> Array:
+    return exponential_ordinates(view.grid, tc, view.grid.low)[np.newaxis]
+
+
+def _candidate(view: View, low: float, high: float) -> Candidate:
+    best = minimize_scalar(
+        lambda x: -joint_fit(view, _column(view, float(np.exp(x))), rounds=5).gain,
+        bounds=(np.log(low), np.log(high)), method="bounded", options={"xatol": 0.01},
+    )  # fmt: skip
+    tc = float(np.exp(best.x))
+    fit = joint_fit(view, _column(view, tc))
+    spectrum = fit.spectrum
+    # Gauss-Newton errors of both numbers under the final noise
+    h = 0.02
+    m = view.grid.low
+    derivative = (
+        exponential_ordinates(view.grid, tc * np.exp(h), m)
+        - exponential_ordinates(view.grid, tc * np.exp(-h), m)
+    ) / (2 * h)
+    amplitude = float(fit.amplitude[0])
+    jacobian = np.vstack([_column(view, tc)[0], amplitude * derivative])
+    weight = spectrum.kept[:m] / spectrum.at(view.grid.frequency[:m])
+    covariance = np.linalg.pinv((jacobian * weight) @ jacobian.T, hermitian=True)
+    error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0))
+    t = np.arange(view.grid.n) / view.grid.rate_hz
+    return Candidate(
+        kind="warm_up",
+        parameters={
+            "time_constant": Parameter(
+                tc, tc * float(np.exp(-1.96 * log_error)), tc * float(np.exp(1.96 * log_error)), "s"
+            ),
+            "amplitude": estimate(amplitude, float(error), view.unit),
+        },
+        gain=fit.gain,
+        price=float(np.log(8 / ALPHA)),
+        signal=amplitude * np.exp(-t / tc),
+        shape=(tc,),
+        words=f"the level relaxes by {amplitude:.3g} {view.unit} with a time constant of {tc:.4g} s",
+    )

@@ -1,0 +1,63 @@
+"""The values that occur: their step, and how a Gaussian falls onto them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import ndtr
+
+__all__ = ["noise_on_lattice", "step_of"]
+
+Array = NDArray[np.float64]
+
+_WINDOWS = 48
+
+
+def step_of(samples: Array, lsb: float) -> float:
+    """Return the greatest step of which all differences are multiples, 0 where there is none.
+
+    A sender that rounds to whole mg after scaling leaves a coarser step than the sensor's.
+
+    Examples
+    --------
+    >>> step_of(np.array([1.0, 1.5, 3.0, 0.5]), lsb=0.25)
+    0.5
+    """
+    if lsb <= 0 or len(samples) < 2:
+        return 0.0
+    counts = (samples - samples[0]) / lsb
+    whole = np.round(counts)
+    if np.max(np.abs(counts - whole)) > 0.02:
+        return 0.0
+    common = int(np.gcd.reduce(np.unique(np.abs(whole)).astype(np.int64)))
+    return float(common * lsb) if common else float(lsb)
+
+
+def noise_on_lattice(samples: Array, step: float) -> float:
+    """Return the median standard deviation, in steps, of the noise before it was rounded.
+
+    In each of many short windows mean and deviation are found by maximum likelihood from how often
+    each value occurs; a window that holds one value only counts as 0.1.
+    """
+    length = max(64, min(2000, len(samples) // _WINDOWS))
+    starts = np.linspace(0, len(samples) - length, min(_WINDOWS, len(samples) // length)).astype(int)
+    found = []
+    for start in starts:
+        codes = np.round((samples[start : start + length] - samples[start]) / step)
+        values, counts = np.unique(codes, return_counts=True)
+        if len(values) == 1:
+            found.append(0.1)
+            continue
+        if codes.std() > 1.5:
+            found.append(float(np.sqrt(max(codes.var() - 1 / 12, 0.01))))
+            continue
+
+        def loss(p: Array, values: Array = values, counts: Array = counts) -> float:
+            sigma = np.exp(p[1])
+            chance = ndtr((values + 0.5 - p[0]) / sigma) - ndtr((values - 0.5 - p[0]) / sigma)
+            return float(-np.sum(counts * np.log(np.maximum(chance, 1e-12))))
+
+        first = [codes.mean(), np.log(max(np.sqrt(max(codes.var() - 1 / 12, 0.0)), 0.15))]
+        found.append(float(np.exp(minimize(loss, first, method="Nelder-Mead").x[1])))
+    return float(np.median(found))

@@ -1,0 +1,212 @@
+"""The search: one effect at a time, each judged with the noise refitted, until nothing passes.
+
+Every iteration asks all kinds of the current stage for candidates. The one that gains most beyond
+the price of its search is taken, if
+
+- its gain exceeds the price, to which each iteration adds ln 2 (alpha / 2^k is left to spend);
+- it gains on data that was not used to fit it (`heldout`);
+- it is adequate: it removes most of the residual where it claims to act, a tone is one tone all
+  along, a band's envelope is that of noise. What triggers but is not adequate is unexplained.
+
+Then all accepted effects are estimated again given the others, and each is tested by deletion.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects import KINDS
+from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects.unexplained import tone_left_over
+from allanscope.explain.residual import band_scores
+from allanscope.explain.view import View
+
+__all__ = ["Budget", "close_loop"]
+
+Array = NDArray[np.float64]
+_LOG = logging.getLogger(__name__)
+
+_SPECTRAL = ("gauss_markov", "narrowband", "band_limit")
+_CONSTANT_P = 1e-5
+_FEWEST_COHERENCES = 20.0
+_SIMILAR = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How far the loop may go.
+
+    Attributes
+    ----------
+    effects : int
+        Most effects on one axis.
+    passes : int
+        Most rounds through the stages.
+    kinds : frozenset of str or None
+        Only these kinds are asked; None for all.
+    """
+
+    effects: int = 14
+    passes: int = 2
+    kinds: frozenset[str] | None = None
+
+
+def close_loop(view: View, budget: Budget | None = None) -> View:
+    """Return the view with every effect that was accepted."""
+    budget = budget or Budget()
+    for _ in range(budget.passes):
+        before = len(view.accepted)
+        for stage in sorted({kind.stage for kind in KINDS.values()}):
+            view = _settle(view, stage, budget)
+        if len(view.accepted) == before:
+            break
+    return view
+
+
+def _settle(view: View, stage: int, budget: Budget) -> View:
+    kinds = [
+        kind
+        for kind in KINDS.values()
+        if kind.stage == stage
+        and kind.available(view)
+        and (budget.kinds is None or kind.kind in budget.kinds)
+    ]
+    former: list[Candidate] = []
+    while len(view.accepted) < budget.effects:
+        candidates = list(_proposals(view, kinds))
+        if former:
+            view = _with_rivals(view, former, candidates)
+        accepted = _best(view, candidates)
+        if accepted is None:
+            break
+        _LOG.debug("%s accepts %s %s gain %.1f", view.axis, accepted.kind, accepted.shape[:3], accepted.gain)
+        former = candidates
+        view = accept(view, accepted)
+        if stage >= 2:
+            view = _delete(_refit(view))
+    return view
+
+
+def _proposals(view: View, kinds: Iterable[EffectKind]) -> Iterable[Candidate]:
+    for kind in kinds:
+        yield from kind.propose(view)
+
+
+def _best(view: View, candidates: list[Candidate]) -> Candidate | None:
+    """Return the first candidate, by what it gains beyond its price, that stands every test."""
+    spent = len([c for c in view.accepted if c.kind != "ramp"]) * np.log(2)
+    for candidate in sorted(candidates, key=lambda c: -c.excess):
+        if candidate.excess <= spent:
+            return None
+        verdict = _adequate(view, candidate)
+        if verdict is None:
+            continue
+        held = KINDS[verdict.kind].hold_out(view, verdict)
+        if held is not None and held.nats <= 0:
+            continue
+        return replace(verdict, held_out=held)
+    return None
+
+
+def _adequate(view: View, candidate: Candidate) -> Candidate | None:
+    """Return the candidate, `unexplained` in its place, or None."""
+    if candidate.kind == "sinusoid" and candidate.evidence["constancy_p"] < _CONSTANT_P:
+        return tone_left_over(view, candidate)
+    if candidate.kind == "narrowband":
+        f0, width = candidate.shape[:2]
+        kurtosis = candidate.evidence["envelope_kurtosis"]
+        error = candidate.evidence["envelope_kurtosis_error"]
+        if width * view.series.duration_s < _FEWEST_COHERENCES:
+            return tone_left_over(view, candidate)
+        if kurtosis < 1.6 and kurtosis + 3 * error < 2.0:
+            return tone_left_over(view, candidate)
+        del f0
+    if candidate.kind in _SPECTRAL and not _removes(view, candidate):
+        if candidate.kind == "narrowband":
+            return tone_left_over(view, candidate)
+        return None
+    return candidate
+
+
+def _removes(view: View, candidate: Candidate) -> bool:
+    """Tell whether most of the residual is gone where the candidate changes the spectrum most."""
+    after = view.with_terms(view.terms + candidate.terms)
+    bands = band_scores(view)
+    later = band_scores(after)
+    change = np.abs(np.log(after.spectrum.at(bands.frequency) / view.spectrum.at(bands.frequency)))
+    weight = change * np.sqrt(bands.count)
+    own = weight > 0.5 * weight.max()
+    first = float(np.sqrt(np.mean(bands.z[own] ** 2)))
+    second = float(np.sqrt(np.mean(later.z[own] ** 2)))
+    return second < max(3.0, 0.5 * first)
+
+
+def accept(view: View, candidate: Candidate) -> View:
+    """Return the view with one more effect."""
+    data = view.data if candidate.signal is None else view.data - candidate.signal
+    return replace(
+        view,
+        data=data,
+        terms=view.terms + candidate.terms,
+        accepted=(*view.accepted, candidate),
+    )
+
+
+def without(view: View, candidate: Candidate) -> View:
+    """Return the view without one of its effects."""
+    data = view.data if candidate.signal is None else view.data + candidate.signal
+    return replace(
+        view,
+        data=data,
+        terms=tuple(t for t in view.terms if t not in candidate.terms),
+        accepted=tuple(c for c in view.accepted if c is not candidate),
+    )
+
+
+def _refit(view: View) -> View:
+    """Estimate every effect again, given the others."""
+    if len([c for c in view.accepted if KINDS[c.kind].stage == 2]) < 2:
+        return view
+    for candidate in view.accepted:
+        if KINDS[candidate.kind].stage != 2:
+            continue
+        bare = without(view, candidate)
+        again = KINDS[candidate.kind].refine(bare, candidate)
+        again = replace(again, held_out=candidate.held_out, rivals=candidate.rivals)
+        grown = accept(bare, again)
+        order = [again if c is candidate else c for c in view.accepted]
+        view = replace(grown, accepted=tuple(order))
+    return view
+
+
+def _delete(view: View) -> View:
+    """Drop effects that the later ones have made superfluous."""
+    for candidate in view.accepted[:-1]:
+        if KINDS[candidate.kind].stage != 2 or candidate.kind == "unexplained":
+            continue
+        if candidate.gain < candidate.price:
+            _LOG.debug("%s drops %s", view.axis, candidate.kind)
+            view = without(view, candidate)
+    return view
+
+
+def _with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> View:
+    """Note kinds that would have done as well as the effect accepted last, and now gain nothing."""
+    if not view.accepted:
+        return view
+    last = view.accepted[-1]
+    rivals = dict(last.rivals)
+    for rival in former:
+        if rival.kind in (last.kind, "ramp") or rival.gain < last.gain - _SIMILAR:
+            continue
+        left = max((c.gain for c in now if c.kind == rival.kind), default=0.0)
+        if left < 0.5 * rival.gain:
+            rivals[rival.kind] = max(rival.gain, rivals.get(rival.kind, 0.0))
+    updated = replace(last, rivals=rivals)
+    return replace(view, accepted=(*view.accepted[:-1], updated))

@@ -1,0 +1,175 @@
+"""The record on one uniform time grid: what every effect looks at.
+
+The transforms of the loop need equally spaced samples. A hole is bridged with the line between the
+levels on its two sides plus noise resampled from its neighbourhood, so that neither the level nor
+the density around it changes; `bridged` tells how much of the grid is such filling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+from scipy.ndimage import uniform_filter1d
+
+from allanscope.history import Record
+
+__all__ = ["Series", "series_of"]
+
+Array = NDArray[np.float64]
+
+_LEVEL = 100
+"""Rows on each side of a hole whose mean is taken as the level there."""
+_MOST_BRIDGED = 0.1
+"""With more filling than this share, the longest stretch without holes is used instead."""
+_THERMAL_S = 30.0
+"""A package does not change its temperature faster: what moves faster is the converter's noise."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """All axes of a record at equal spacing.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, axes)
+        In dps or g.
+    rate_hz : float
+        Rows per second.
+    stride : int
+        Samples averaged into a row; only with 1 can single samples be judged.
+    temperature_c : ndarray, shape (n,), or None
+        As measured; None where the record has none or it never moves.
+    bridged : ndarray of bool, shape (n,)
+        Rows that are filling.
+    """
+
+    axes: tuple[str, ...]
+    values: Array
+    rate_hz: float
+    stride: int
+    lsb: tuple[float, ...]
+    temperature_c: Array | None
+    bridged: NDArray[np.bool_]
+    start_s: float = 0.0
+    remarks: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return int(self.values.shape[0])
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the grid in s."""
+        return len(self) / self.rate_hz
+
+    def column(self, axis: str) -> int:
+        """Return the column of an axis."""
+        return self.axes.index(axis)
+
+    @cached_property
+    def thermal(self) -> Array | None:
+        """Temperature smoothed to what a package can follow, mean removed; None without one.
+
+        The converter's noise would attenuate a regression on it (errors in variables): whitening
+        weighs high frequencies most, where the measured temperature is noise alone.
+        """
+        if self.temperature_c is None:
+            return None
+        width = max(1, round(_THERMAL_S * self.rate_hz))
+        smooth = uniform_filter1d(self.temperature_c, min(width, len(self)), mode="nearest")
+        return smooth - smooth.mean()
+
+    @cached_property
+    def equal(self) -> NDArray[np.bool_]:
+        """Which rows equal the row before, for every axis, shape (n - 1, axes)."""
+        return np.asarray(self.values[1:] == self.values[:-1])
+
+    @cached_property
+    def ordinates(self) -> Array:
+        """DCT-II ordinates of every axis, shape (axes, n - 1)."""
+        centred = (self.values - self.values.mean(axis=0)).T
+        return np.asarray(dct(centred, axis=1, norm="ortho")[:, 1:])
+
+
+def series_of(record: Record) -> Series:
+    """Put a record on a uniform grid.
+
+    Raises
+    ------
+    ValueError
+        If the record has no rows, or values that are not finite.
+    """
+    if record.values.ndim != 2 or len(record.values) == 0:
+        raise ValueError("the record holds no rows")
+    if not np.all(np.isfinite(record.values)):
+        raise ValueError("the record holds values that are not finite")
+    remarks: list[str] = []
+    row = np.round((record.start_s - record.start_s[0]) * record.rate_hz).astype(np.int64)
+    if np.any(np.diff(row) < 1):
+        row = np.arange(len(row))
+    size = int(row[-1]) + 1
+    if size > len(row) * (1 + _MOST_BRIDGED):
+        first, last = max(record.segments, key=lambda s: int(s[1] - s[0]))
+        remarks.append(
+            f"{100 * (1 - len(row) / size):.0f} % of the run is missing: only its longest stretch "
+            f"without holes ({(last - first) / record.rate_hz:.0f} s) was searched for effects"
+        )
+        row = row[first:last] - row[first]
+        values, temperature = record.values[first:last], record.temperature_c[first:last]
+        start = float(record.start_s[first])
+        size = len(row)
+    else:
+        values, temperature = record.values, record.temperature_c
+        start = float(record.start_s[0])
+    grid, bridged = _bridge(values, row, size)
+    return Series(
+        axes=record.axes,
+        values=grid,
+        rate_hz=record.rate_hz,
+        stride=record.stride,
+        lsb=record.lsb,
+        temperature_c=_temperature(temperature, row, size, remarks),
+        bridged=bridged,
+        start_s=start,
+        remarks=tuple(remarks),
+    )
+
+
+def _bridge(
+    values: Array, row: NDArray[np.int64], size: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    bridged = np.ones(size, bool)
+    bridged[row] = False
+    if not bridged.any():
+        return np.ascontiguousarray(values, np.float64), bridged
+    grid = np.zeros((size, values.shape[1]))
+    grid[row] = values
+    rng = np.random.default_rng(0)
+    holes = np.flatnonzero(np.diff(row) > 1)
+    for hole in holes:
+        left, right = row[hole] + 1, row[hole + 1]
+        before = values[max(0, hole + 1 - _LEVEL) : hole + 1]
+        after = values[hole + 1 : hole + 1 + _LEVEL]
+        share = ((np.arange(left, right) - left + 0.5) / (right - left))[:, np.newaxis]
+        level = (1 - share) * before.mean(axis=0) + share * after.mean(axis=0)
+        noise = np.concatenate([before - before.mean(axis=0), after - after.mean(axis=0)])
+        grid[left:right] = level + noise[rng.integers(len(noise), size=right - left)]
+    return grid, bridged
+
+
+def _temperature(
+    measured: Array, row: NDArray[np.int64], size: int, remarks: list[str]
+) -> Array | None:
+    known = np.isfinite(measured)
+    if not known.any():
+        return None
+    if np.all(measured[known] == 0.0):
+        remarks.append("the temperature is 0 throughout: no sensor behind it, so it is not used")
+        return None
+    if np.ptp(measured[known]) == 0.0:
+        remarks.append("the temperature never changes: nothing can be regressed on it")
+        return None
+    return np.interp(np.arange(size), row[known], measured[known])

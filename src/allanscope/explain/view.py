@@ -1,0 +1,131 @@
+"""What the loop shows to every effect: the data of one axis, what is explained so far, the noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct, idct
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.series import Series
+from allanscope.explain.spectral import Grid, Spectrum, Term, binned_power, fit_spectrum
+from allanscope.samples import unit_of
+
+__all__ = ["Clock", "View"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Nominal rate, and the rate measured against a better clock with its standard error."""
+
+    nominal_hz: float
+    measured_hz: float
+    error_hz: float
+
+
+@dataclass(frozen=True)
+class View:
+    """One axis as it stands between two steps of the loop.
+
+    Attributes
+    ----------
+    series : Series
+        All axes.
+    axis : str
+        The axis in question.
+    data : ndarray, shape (n,)
+        Its samples without every deterministic effect accepted so far.
+    accepted : tuple of Candidate
+        What has been accepted.
+    terms : tuple of Term
+        Their stationary parts.
+    step : float
+        Distance of the values that occur (the LSB, or what a sender's rounding made of it).
+    """
+
+    series: Series
+    grid: Grid
+    axis: str
+    data: Array
+    step: float
+    accepted: tuple[Candidate, ...] = ()
+    terms: tuple[Term, ...] = ()
+    clock: Clock | None = None
+    base: str = "NBK"
+
+    @cached_property
+    def ordinates(self) -> Array:
+        """DCT-II ordinates of the data without the mean, shape (n - 1,)."""
+        return np.asarray(dct(self.data - self.data.mean(), norm="ortho")[1:])
+
+    @cached_property
+    def squares(self) -> Array:
+        """Squared ordinates."""
+        return self.ordinates**2
+
+    @cached_property
+    def power(self) -> Array:
+        """Mean square of every bin."""
+        return binned_power(self.grid, self.squares, self.terms)
+
+    @property
+    def floor(self) -> float:
+        """Variance per row that the rounding to the step adds; none where a step holds no noise."""
+        return self.step**2 / 12 / self.series.stride
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """The noise fitted to the data with the terms accepted so far."""
+        return fit_spectrum(
+            self.grid, self.power, base=self.base, terms=self.terms, floor=self.fitted_floor
+        )
+
+    @cached_property
+    def fitted_floor(self) -> float:
+        """The rounding's variance, never more than half of what there is at the top."""
+        return float(min(self.floor, 0.5 * self.power[-8:].min()))
+
+    @cached_property
+    def innovations(self) -> Array:
+        """The data whitened by the noise model, back in time, shape (n,): unit variance."""
+        white = np.concatenate([[0.0], self.ordinates / np.sqrt(self.spectrum.ordinates)])
+        return np.asarray(idct(white, norm="ortho"))
+
+    @property
+    def samples(self) -> Array:
+        """The axis as measured."""
+        return np.asarray(self.series.values[:, self.series.column(self.axis)])
+
+    @property
+    def unit(self) -> str:
+        """Unit of the axis."""
+        return unit_of(self.axis)
+
+    def unit_of(self, axis: str) -> str:
+        """Unit of another axis."""
+        return unit_of(axis)
+
+    def cleaned_source(self, axis: str) -> Array:
+        """Another axis, as measured."""
+        return np.asarray(self.series.values[:, self.series.column(axis)])
+
+    def source_ordinates(self, axis: str) -> Array:
+        """Ordinates of another axis, as measured."""
+        return np.asarray(self.series.ordinates[self.series.column(axis)])
+
+    def with_terms(self, terms: tuple[Term, ...]) -> View:
+        """Return the view with other stationary parts, to be fitted anew."""
+        return replace(self, terms=terms)
+
+    def with_data(self, data: Array) -> View:
+        """Return the view of other data."""
+        return replace(self, data=data)
+
+    def has(self, kind: str) -> bool:
+        """Tell whether an effect of this kind has been accepted."""
+        return any(c.kind == kind for c in self.accepted)

@@ -1,0 +1,245 @@
+#include "device.h"
+
+#include "as_bytes.h"
+#include "descriptor.h"
+
+enum { PERIOD_US = 1000000, LONGEST_WAIT_MS = 20 };
+
+uint8_t device_frame_samples(float rate_hz)
+{
+    const uint32_t n = 1 + (uint32_t)(rate_hz * (LONGEST_WAIT_MS * 1e-3f));
+    return (uint8_t)(n < AS_USUAL_SAMPLES ? n : AS_USUAL_SAMPLES);
+}
+
+static uint64_t samples_us(const device *self, uint32_t samples)
+{
+    return (uint64_t)((float)samples * 1e6f / self->config.rate_hz);
+}
+
+static void send_descriptor(device *self)
+{
+    uint8_t body[AS_BODY_MAX];
+    const uint32_t n = descriptor_write(self->sensor, &self->config, self->clock, body);
+    (void)as_send_body(&self->sender, AS_DESCRIPTOR, body, n);
+}
+
+/* A new epoch: the descriptor goes into the queue before any data of it. */
+static void begin(device *self, uint64_t now_us)
+{
+    self->streaming = true;
+    self->began_us = now_us;
+    self->next_read_us = now_us + samples_us(self, device_frame_samples(self->config.rate_hz));
+    self->next_periodic_us = now_us + PERIOD_US;
+    send_descriptor(self);
+}
+
+void device_init(device *self, imu *sensor, as_ring *ring, const imu_config *config, uint8_t clock,
+                 uint16_t epoch, uint64_t now_us)
+{
+    self->sensor = sensor;
+    self->config = *config;
+    self->clock = clock;
+    self->answering = sensor->configure(sensor, &self->config);
+    as_sender_init(&self->sender, ring, epoch);
+    as_receiver_init(&self->receiver);
+    begin(self, now_us);
+}
+
+/* --- commands ---------------------------------------------------------------------------- */
+
+/* Read the entries of a set command into `wanted`; nothing is applied here. */
+static enum as_result read_entries(const as_command *command, imu_config *wanted)
+{
+    uint32_t at = 0;
+    while (at < command->n) {
+        if (command->n - at < 2 || command->body[at + 1] > command->n - at - 2) {
+            return AS_BAD_ARGUMENT;
+        }
+        const uint8_t tag = command->body[at];
+        const uint8_t length = command->body[at + 1];
+        const uint8_t *value = command->body + at + 2;
+        at += 2u + length;
+        if (tag == AS_TAG_CHANNELS && length == 1) {
+            if (value[0] != 0x3F) {
+                return AS_NOT_POSSIBLE; /* this device always sends all six */
+            }
+            continue;
+        }
+        if (length != 4) {
+            return AS_BAD_ARGUMENT;
+        }
+        const float number = as_float_of(as_get32(value));
+        switch (tag) {
+        case AS_TAG_RATE:
+            wanted->rate_hz = number;
+            break;
+        case AS_TAG_GYRO_FULL_SCALE:
+            wanted->gyro_full_scale = number;
+            break;
+        case AS_TAG_ACCEL_FULL_SCALE:
+            wanted->accel_full_scale = number;
+            break;
+        default:
+            return AS_BAD_ARGUMENT;
+        }
+    }
+    return AS_OK;
+}
+
+static bool same(const imu_config *a, const imu_config *b)
+{
+    return a->rate_hz == b->rate_hz && a->gyro_full_scale == b->gyro_full_scale &&
+           a->accel_full_scale == b->accel_full_scale;
+}
+
+/* Apply a set command; `restart` tells whether a new epoch must begin. */
+static enum as_result set(device *self, const as_command *command, bool *restart)
+{
+    imu_config wanted = self->config;
+    const enum as_result result = read_entries(command, &wanted);
+    if (result != AS_OK) {
+        return result;
+    }
+    if (wanted.rate_hz != self->config.rate_hz) {
+        wanted.rate_hz = imu_nearest_rate(wanted.rate_hz);
+    }
+    if (same(&wanted, &self->config)) {
+        return AS_OK;
+    }
+    if (wanted.rate_hz == 0.0f || imu_gyro_sensitivity(wanted.gyro_full_scale) == 0.0f ||
+        imu_accel_sensitivity(wanted.accel_full_scale) == 0.0f) {
+        return AS_NOT_POSSIBLE;
+    }
+    if (!self->sensor->configure(self->sensor, &wanted)) {
+        (void)self->sensor->configure(self->sensor, &self->config);
+        return AS_FAILED;
+    }
+    self->config = wanted;
+    *restart = self->streaming;
+    return AS_OK;
+}
+
+static void obey(device *self, const as_command *command, uint64_t now_us)
+{
+    enum as_result result = AS_OK;
+    const uint8_t *payload = 0;
+    uint8_t length = 0;
+    bool restart = false;
+    bool describe = false;
+    self->sender.commands++;
+    if (command->version >> 4 != AS_VERSION >> 4) {
+        result = AS_UNKNOWN_COMMAND;
+    } else {
+        switch (command->type) {
+        case AS_START:
+            restart = !self->streaming;
+            /* The sensor gathered while nobody asked: begin with an empty FIFO. */
+            if (restart && !self->sensor->configure(self->sensor, &self->config)) {
+                restart = false;
+                result = AS_FAILED;
+            }
+            break;
+        case AS_STOP:
+            self->streaming = false;
+            break;
+        case AS_DESCRIBE:
+            describe = true;
+            break;
+        case AS_SET:
+            result = set(self, command, &restart);
+            break;
+        case AS_PING:
+            payload = command->body;
+            length = command->n;
+            if (length > AS_PING_MAX) {
+                result = AS_BAD_ARGUMENT;
+                length = 0;
+            }
+            break;
+        default:
+            result = AS_UNKNOWN_COMMAND;
+        }
+    }
+    if (restart) {
+        as_new_epoch(&self->sender);
+    }
+    (void)as_send_reply(&self->sender, command->seq, command->type, result, payload, length);
+    if (restart) {
+        begin(self, now_us);
+    } else if (describe) {
+        send_descriptor(self);
+    }
+}
+
+void device_receive(device *self, uint8_t byte, uint64_t now_us)
+{
+    as_command command;
+    if (as_receive(&self->receiver, byte, &command)) {
+        obey(self, &command, now_us);
+    }
+    self->sender.bad_commands = self->receiver.bad;
+}
+
+/* --- data -------------------------------------------------------------------------------- */
+
+/* Say once when the sensor stops answering, and once when it answers again. */
+static void note_answer(device *self, bool answers, uint64_t now_us)
+{
+    if (answers != self->answering) {
+        (void)as_send_event(&self->sender, now_us, answers ? 0 : 2,
+                            answers ? "the sensor answers again" : "the sensor does not answer");
+        self->answering = answers;
+    }
+}
+
+static void send_batch(device *self, const imu_batch *batch, uint64_t now_us)
+{
+    if (batch->lost_before) {
+        as_sensor_lost(&self->sender, batch->lost_before);
+    }
+    if (batch->n == 0) {
+        return;
+    }
+    /* The last sample of a drained FIFO is as old as half a period on average; take it as new. */
+    const uint64_t age_us = samples_us(self, batch->n);
+    const as_data data = {
+        .mcu_time_us = now_us > age_us ? now_us - age_us : 0,
+        .sensor_time = batch->sensor_time,
+        .temperature = batch->temperature,
+        .channels = AS_GYRO_VALID | AS_ACCEL_VALID,
+        .n = batch->n,
+        .samples = batch->samples,
+    };
+    (void)as_send_data(&self->sender, &data);
+}
+
+void device_poll(device *self, uint64_t now_us)
+{
+    if (!self->streaming) {
+        return;
+    }
+    if (now_us >= self->next_read_us) {
+        const uint8_t usual = device_frame_samples(self->config.rate_hz);
+        imu_batch batch;
+        do {
+            const bool answers = self->sensor->read(self->sensor, usual, &batch);
+            note_answer(self, answers, now_us);
+            if (!answers) {
+                break;
+            }
+            send_batch(self, &batch, now_us);
+        } while (batch.n == usual);
+        self->next_read_us += samples_us(self, usual);
+        if (self->next_read_us <= now_us) {
+            self->next_read_us = now_us + samples_us(self, usual);
+        }
+    }
+    if (now_us >= self->next_periodic_us) {
+        send_descriptor(self);
+        (void)as_send_status(&self->sender, now_us);
+        self->next_periodic_us += PERIOD_US;
+        if (self->next_periodic_us <= now_us) {
+            self->next_periodic_us = now_us + PERIOD_US;
+        }
+    }
+}

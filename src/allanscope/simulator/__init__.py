@@ -1,1 +1,54 @@
-"""simulator"""
+"""The simulated SensorTile: a sensor with known truth, firmware, and a port to plug a cable into.
+
+::
+
+    Truth ──▶ AxisSignal x 6 ──▶ Simulator ──▶ Firmware ──▶ Device ──▶ a pty, for anyone's reader
+    N B K Q R   noise, effects     counts,       encoder,     thread,
+    effects     (all streams)      clocks,       commands,    pacing,
+                                   temperature   ring, faults  port
+
+Two halves meet in the Block. The sensor half (`Truth`, `Simulator`) makes samples of which every
+coefficient is known, so that whatever is estimated from them can be checked. The device half
+(`Firmware`, `Device`) puts them on a wire as real firmware does: it obeys commands, drops samples
+when nobody reads, damages bytes when told to, and keeps a `Ledger` of every sample that did not
+arrive, so that what a reader reports as lost can be checked too.
+
+Everything is reproducible from one seed, and independent of the sizes in which it is read.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from allanscope.simulator.effect_spec import EffectSpec, effect_help, parse_effect
+    from allanscope.simulator.simulator import Simulator
+    from allanscope.simulator.truth import AxisTruth, TemperatureTruth, Truth
+
+_HOME = {
+    "AxisTruth": "truth",
+    "EffectSpec": "effect_spec",
+    "Simulator": "simulator",
+    "TemperatureTruth": "truth",
+    "Truth": "truth",
+    "effect_help": "effect_spec",
+    "parse_effect": "effect_spec",
+}
+
+__all__ = [
+    "AxisTruth",
+    "EffectSpec",
+    "Simulator",
+    "TemperatureTruth",
+    "Truth",
+    "effect_help",
+    "parse_effect",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used: numba and scipy are heavy."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -1,0 +1,50 @@
+"""Noise synthesis: every named noise is a power law, and every power law is one filtered white one.
+
+::
+
+    white numbers ──▶ fractional integral (0 <= d < 1) ──▶ sums or differences ──▶ samples
+
+A rate whose two-sided density is ``h |f|^alpha`` is white noise integrated ``d = -alpha / 2`` times
+(`power_law`). The whole part of d is plain sums or differences; the fractional part is a bank of
+first-order filters that share one input (`fractional`). The named noises only translate the
+coefficients of IEEE 952 into `h`:
+
+===========  ==============  =================  ==========================  ===================
+alpha        generator       coefficient        two-sided density of rate   slope of log ADEV
+===========  ==============  =================  ==========================  ===================
++2           WhitePhase      Q (angle)          (2 pi f)^2 Q^2 t0           -1
++1           FlickerPhase    P (angle)          2 pi f P^2                  -1 (nearly)
+0            White           N                  N^2                         -1/2
+-1           Flicker         B                  B^2 / (2 pi f)              0
+-2           RandomWalk      K                  (K / 2 pi f)^2              +1/2
+-3           FlickerWalk     F (rate / s)       F^2 / (2 pi f)^3            +1 (HDEV)
+-4           RandomRun       D (rate / s^1.5)   D^2 / (2 pi f)^4            +3/2 (HDEV)
+===========  ==============  =================  ==========================  ===================
+
+`TrailingZeros` makes flicker the way of DT0064 instead, for comparison. All are streams
+(`Process`): however a record is cut into portions, the samples are the same, bit for bit.
+"""
+
+from allanscope.simulator.noise.flicker import Flicker
+from allanscope.simulator.noise.flicker_phase import FlickerPhase
+from allanscope.simulator.noise.flicker_walk import FlickerWalk
+from allanscope.simulator.noise.power_law import PowerLaw
+from allanscope.simulator.noise.process import Process
+from allanscope.simulator.noise.random_run import RandomRun
+from allanscope.simulator.noise.random_walk import RandomWalk
+from allanscope.simulator.noise.trailing_zeros import TrailingZeros
+from allanscope.simulator.noise.white import White
+from allanscope.simulator.noise.white_phase import WhitePhase
+
+__all__ = [
+    "Flicker",
+    "FlickerPhase",
+    "FlickerWalk",
+    "PowerLaw",
+    "Process",
+    "RandomRun",
+    "RandomWalk",
+    "TrailingZeros",
+    "White",
+    "WhitePhase",
+]

@@ -1,0 +1,218 @@
+"""What a simulated sensor is: noise coefficients, effects, temperature. The truth to be found."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from allanscope.errors import InputError
+from allanscope.parts import part_named
+from allanscope.samples import AXES
+from allanscope.simulator.effect_spec import EffectSpec, parse_effect
+from allanscope.simulator.grammar import Parameter, number
+from allanscope.simulator.random_streams import stream
+
+__all__ = ["AxisTruth", "TemperatureTruth", "Truth"]
+
+_SQRT2 = 2.0**0.5
+_UNPUBLISHED_GYRO_DENSITY = 5e-3
+_UNPUBLISHED_ACCEL_DENSITY = 90e-6
+
+
+@dataclass(frozen=True, slots=True)
+class AxisTruth:
+    """Noise of one axis in the conventions of IEEE 952, two-sided, and its level.
+
+    Attributes
+    ----------
+    N : float
+        White noise, unit/sqrt(Hz).
+    B : float
+        Flicker, unit; the floor of ADEV is 0.664 B.
+    K : float
+        Random walk, unit/sqrt(s).
+    Q : float
+        White angle noise, unit s.
+    R : float
+        Ramp, unit/s, signed.
+    offset : float
+        Level, unit.
+    """
+
+    N: float = 0.0
+    B: float = 0.0
+    K: float = 0.0
+    Q: float = 0.0
+    R: float = 0.0
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("N", "B", "K", "Q"):
+            number("truth", name, getattr(self, name), Parameter("", "", above=-1e-300))
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureTruth:
+    """The temperature of the sensor: a room that wanders, self-heating, and a noisy thermometer.
+
+    Attributes
+    ----------
+    start_c : float
+        At power-on.
+    wander_c, wander_s : float
+        Standard deviation and correlation time of the room (first-order Gauss-Markov).
+    self_heating_c, self_heating_s : float
+        Final rise above the room and its time constant.
+    sensor_noise_c : float
+        White noise of each reading.
+    """
+
+    start_c: float = 25.0
+    wander_c: float = 0.3
+    wander_s: float = 2000.0
+    self_heating_c: float = 2.5
+    self_heating_s: float = 300.0
+    sensor_noise_c: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """All that a fit could find out about a simulated sensor.
+
+    Attributes
+    ----------
+    axes : mapping
+        Axis to its noise; an axis that is not there is silent.
+    effects : tuple of EffectSpec
+        What the textbook model lacks.
+    temperature : TemperatureTruth
+        Of the sensor.
+    """
+
+    axes: Mapping[str, AxisTruth]
+    effects: tuple[EffectSpec, ...] = ()
+    temperature: TemperatureTruth = field(default_factory=TemperatureTruth)
+
+    @classmethod
+    def typical(cls, part: str = "LSM6DSM", seed: int = 0) -> Truth:
+        """Return a plausible sensor: densities of the datasheet, levels drawn from its tolerance.
+
+        The white noise is the typical density of the datasheet over sqrt(2), because that is
+        one-sided (where ST publishes none: 5 mdps and 90 ug/sqrt(Hz)). Flicker and random walk are
+        in no datasheet; the values are those of good specimens: 1 mdps and 0.1 mdps/sqrt(s), 30 ug
+        and 2 ug/sqrt(s). There are no effects: what the model calls clean is clean.
+
+        Examples
+        --------
+        >>> round(Truth.typical().axes["gx"].N * 2**0.5, 6)
+        0.0038
+        """
+        known = part_named(part)
+        accel = known.accel_density or {2.0: _UNPUBLISHED_ACCEL_DENSITY}
+        gyro = known.gyro_density or _UNPUBLISHED_GYRO_DENSITY
+        rng = stream(seed, "levels")
+        dps, g = known.zero_rate_dps or 3.0, known.zero_g_g or 0.04
+        axes = {
+            axis: AxisTruth(N=gyro / _SQRT2, B=1e-3, K=1e-4, offset=dps * rng.uniform(-1, 1))
+            for axis in AXES[:3]
+        } | {
+            axis: AxisTruth(N=accel[2.0] / _SQRT2, B=30e-6, K=2e-6, offset=g * rng.uniform(-1, 1))
+            for axis in AXES[3:]
+        }
+        axes["az"] = replace(axes["az"], offset=1.0 + axes["az"].offset)
+        return cls(axes)
+
+    @classmethod
+    def from_result(cls, result: Mapping[str, Any]) -> Truth:
+        """Return the sensor that a result of ``allanscope analyse`` describes.
+
+        Each axis has ``coefficients`` (N, B, K, Q, R, each plain or ``{"value": ...}``), and may
+        have ``effects`` and ``level``. A coefficient that was not detected is left out, and an
+        effect that is ``unexplained`` is skipped. The measured rate becomes a clock error.
+
+        Raises
+        ------
+        InputError
+            If the mapping has no axes.
+        """
+        axes = result.get("axes")
+        if not isinstance(axes, Mapping) or not set(axes) <= set(AXES) or not axes:
+            raise InputError(f"no sensor to simulate: needs axes, of {' '.join(AXES)}")
+        effects: list[EffectSpec] = []
+        for name, axis in axes.items():
+            effects += (one for one in _effects_of(name, axis) if not _repeats(one, effects))
+        effects += _clock_of(result.get("rate") or {})
+        return cls({name: _axis(axis) for name, axis in axes.items()}, tuple(effects))
+
+    @classmethod
+    def load(cls, path: Path) -> Truth:
+        """Return the sensor that a JSON or TOML file describes, see `from_result`.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read or is neither.
+        """
+        try:
+            text = path.read_text("utf-8")
+            content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: no JSON or TOML that can be read: {error}") from error
+        if not isinstance(content, Mapping):
+            raise InputError(f"{path}: no sensor to simulate: must be a table with axes")
+        return cls.from_result(content)
+
+    def with_effects(self, effects: Iterable[EffectSpec | str]) -> Truth:
+        """Return this sensor with more effects, given as they are or in words."""
+        more = (parse_effect(one) if isinstance(one, str) else one for one in effects)
+        return replace(self, effects=self.effects + tuple(more))
+
+    def effects_on(self, axis: str) -> Iterable[EffectSpec]:
+        """Return the effects of one axis in their order."""
+        return (effect for effect in self.effects if axis in effect.axes)
+
+    @property
+    def clock_error(self) -> float | None:
+        """Relative error of the sample rate if there is an effect that gives it, else None."""
+        errors = [e.parameters["relative"] for e in self.effects if e.kind == "clock_error"]
+        return errors[-1] if errors else None
+
+
+def _axis(axis: Mapping[str, Any]) -> AxisTruth:
+    given: dict[str, float] = {}
+    for name, entry in axis.get("coefficients", {}).items():
+        found = entry.get("value") if isinstance(entry, Mapping) else entry
+        if isinstance(entry, Mapping) and entry.get("detected") is False:
+            found = None
+        if found is not None and name in {one.name for one in fields(AxisTruth)}:
+            given[name] = number("truth", name, found, Parameter("", ""))
+    level = axis.get("level") or {}
+    return AxisTruth(**{"offset": float(level.get("mean") or 0.0), **given})
+
+
+def _effects_of(name: str, axis: Mapping[str, Any]) -> Iterable[EffectSpec]:
+    for one in axis.get("effects", ()):
+        if isinstance(one, str):
+            yield replace(parse_effect(one), axes=(name,))
+        elif one.get("kind") != "unexplained":
+            yield EffectSpec.from_result(name, one)
+
+
+def _repeats(effect: EffectSpec, known: Iterable[EffectSpec]) -> bool:
+    """Return whether an effect of whole rows or of the clock is known from another axis."""
+    return any(
+        one.kind == effect.kind and set(effect.axes) <= set(one.axes)
+        for one in known
+        if one.kind in ("repeated_samples", "clock_error")
+    )
+
+
+def _clock_of(rate: Mapping[str, Any]) -> list[EffectSpec]:
+    nominal, measured = rate.get("nominal_hz"), rate.get("measured_hz")
+    if not nominal or not measured:
+        return []
+    return [EffectSpec("clock_error", {"relative": measured / nominal - 1.0})]

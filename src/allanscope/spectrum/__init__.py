@@ -1,1 +1,27 @@
-"""spectrum"""
+"""Spectrum: the power spectral density of a run, while it runs, in constant memory.
+
+::
+
+    samples ──▶ level 0 ──▶ mean |FFT|^2 ─────────────────────────┐  high frequencies
+                   │ low-pass, every 4th                          │
+                   ▼                                              ├─▶ bands ──▶ Density
+                level 1 ──▶ mean |FFT|^2 ─────────────────────────┤
+                   │                                              │
+                   ▼ ...                                          ┘  low frequencies
+
+Every level sees a quarter of the rate of the one above and resolves four times finer, so that the
+resolution is about the same fraction of the frequency everywhere. A level is read only where its
+low-pass is flat and closed to aliases, and that low-pass is divided out.
+"""
+
+from allanscope.spectrum.density import Density
+
+__all__ = ["Density", "SpectrumBank"]
+
+
+def __getattr__(name: str) -> object:
+    if name == "SpectrumBank":
+        from allanscope.spectrum.bank import SpectrumBank
+
+        return SpectrumBank
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,227 @@
+"""The streaming spectrum: constant memory, from the length of the run to the Nyquist frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from allanscope.samples import Block
+from allanscope.spectrum.assembly import Stretch, assemble
+from allanscope.spectrum.decimator import FACTOR, Decimator, decimation_response
+from allanscope.spectrum.density import Density
+from allanscope.spectrum.level import SEGMENT, Level
+
+__all__ = ["SpectrumBank"]
+
+_SLICE = 1 << 15
+"""Samples taken at a time, so that what is in work stays in the cache."""
+_READ_TO = 0.3
+"""Part of its rate up to which a decimated level is read: flat and free of aliases."""
+_FIRST_BIN = 3
+"""Lowest bin that the window keeps clear of the mean and of slow drifts."""
+
+
+class SpectrumBank:
+    """Streaming one-sided power spectral density of several axes.
+
+    Level 0 averages windowed segments of 2048 samples; level l does the same at 1 / 4^l of the
+    rate and is read where level l - 1 is too coarse. A level comes into being when the first
+    sample reaches it, so that the state grows with the logarithm of the run (about 25 KiB an axis
+    and level).
+
+    Parameters
+    ----------
+    rate : float
+        Samples per second; only scales the result and can be replaced when it is read.
+    axes : int
+        Number of columns.
+
+    Examples
+    --------
+    White noise of variance 1 at 100 Hz has a one-sided density of 2 / 100:
+
+    >>> bank = SpectrumBank(rate=100.0, axes=1)
+    >>> bank.update(np.random.default_rng(1).standard_normal((100_000, 1)))
+    >>> density = bank.density(0)
+    >>> round(float(np.average(density.density, weights=density.averages)), 3)
+    0.02
+    """
+
+    def __init__(self, rate: float, axes: int = 6) -> None:
+        if not (np.isfinite(rate) and rate > 0):
+            raise ValueError(f"the rate must be a positive number of Hz, got {rate!r}")
+        if axes < 1:
+            raise ValueError(f"need at least one axis, got {axes}")
+        self.rate = float(rate)
+        self.axes = axes
+        self.samples = 0
+        self._anchor: NDArray[np.float64] | None = None
+        self._levels: list[Level] = []
+        self._decimators: list[Decimator] = []
+
+    def update(self, samples: Block | ArrayLike) -> None:
+        """Take the next samples.
+
+        Parameters
+        ----------
+        samples : Block or array_like, shape (n, axes)
+            Counts, or values in any unit. Contiguous with what came before.
+        """
+        values = np.asarray(samples.counts if isinstance(samples, Block) else samples)
+        if values.ndim == 1 and self.axes == 1:
+            values = values[:, np.newaxis]
+        if values.ndim != 2 or values.shape[1] != self.axes:
+            raise ValueError(f"need samples of shape (n, {self.axes}), got {values.shape}")
+        if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
+            raise ValueError("the samples hold values that are not finite; mark a gap instead")
+        for first in range(0, len(values), _SLICE):
+            part = values[first : first + _SLICE]
+            if self._anchor is None:
+                # Differences from the first sample keep their digits in float32.
+                self._anchor = part[0].astype(np.float64)
+            self._push((part - self._anchor).T.astype(np.float32, order="C"))
+        self.samples += len(values)
+
+    def gap(self) -> None:
+        """Mark a hole: no segment spans it."""
+        for level in self._levels:
+            level.clear()
+        for decimator in self._decimators:
+            decimator.clear()
+
+    def merge(self, other: SpectrumBank) -> None:
+        """Add what another bank has averaged, as if it had followed after a gap."""
+        if other.axes != self.axes:
+            raise ValueError(f"cannot merge {other.axes} axes into {self.axes}")
+        self.gap()
+        self._grow(len(other._levels))
+        for mine, theirs in zip(self._levels, other._levels, strict=False):
+            mine.power += theirs.power
+            mine.count += theirs.count
+        self.samples += other.samples
+
+    def density(
+        self,
+        axis: int,
+        rate: float | None = None,
+        scale: float = 1.0,
+        *,
+        per_decade: int | None = 60,
+    ) -> Density:
+        """Return the density of one axis.
+
+        Parameters
+        ----------
+        axis : int
+            Column.
+        rate : float, optional
+            True sample rate in Hz; that of the constructor when not given.
+        scale : float
+            Unit per count.
+        per_decade : int or None
+            Bands in a decade; None gives every bin, for the search for lines. Neighbouring bins
+            are then correlated (4/9, because of the window), and `averages` is that of each alone.
+
+        Returns
+        -------
+        Density
+            Empty as long as there are fewer than 64 samples.
+        """
+        stretches = [
+            Stretch(s.turns, s.width, s.power[axis], s.segments) for s in self._stretches()
+        ]
+        return assemble(stretches, rate or self.rate, scale, per_decade)
+
+    def densities(
+        self, rate: float | None = None, scale: ArrayLike = 1.0, *, per_decade: int | None = 60
+    ) -> tuple[Density, ...]:
+        """Return the densities of all axes; `scale` may differ from axis to axis."""
+        scales = np.broadcast_to(np.asarray(scale, np.float64), (self.axes,))
+        return tuple(
+            self.density(axis, rate, float(factor), per_decade=per_decade)
+            for axis, factor in enumerate(scales)
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Return everything as numbers and arrays, for `from_state`."""
+        return {
+            "rate": self.rate,
+            "axes": self.axes,
+            "samples": self.samples,
+            "anchor": None if self._anchor is None else self._anchor.copy(),
+            "levels": [
+                {"power": x.power.copy(), "count": x.count, "pending": x.pending.copy()}
+                for x in self._levels
+            ],
+            "rests": [decimator.rest.copy() for decimator in self._decimators],
+        }
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> SpectrumBank:
+        """Return the bank that `state` was taken from; it goes on exactly where that one was."""
+        bank = cls(state["rate"], state["axes"])
+        bank.samples = state["samples"]
+        anchor = state["anchor"]
+        bank._anchor = None if anchor is None else np.array(anchor, np.float64)
+        bank._grow(len(state["levels"]))
+        for level, stored in zip(bank._levels, state["levels"], strict=True):
+            level.power = np.array(stored["power"], np.float64)
+            level.count = int(stored["count"])
+            level.pending = np.array(stored["pending"], np.float32)
+        for decimator, rest in zip(bank._decimators, state["rests"], strict=True):
+            decimator.rest = np.array(rest, np.float32)
+        return bank
+
+    def _push(self, samples: NDArray[np.float32]) -> None:
+        depth = 0
+        while samples.shape[1]:
+            self._grow(depth + 1)
+            self._levels[depth].push(samples)
+            samples = self._decimators[depth].push(samples)
+            depth += 1
+
+    def _grow(self, levels: int) -> None:
+        while len(self._levels) < levels:
+            self._levels.append(Level(self.axes))
+            self._decimators.append(Decimator(self.axes))
+
+    def _stretches(self) -> list[Stretch]:
+        """Return what to read where, from the highest frequencies down; power is (axes, bins)."""
+        used = [depth for depth, level in enumerate(self._levels) if level.count]
+        found: list[Stretch] = []
+        for depth in used:
+            level = self._levels[depth]
+            mean = level.power / level.count
+            floor = _READ_TO / FACTOR if depth + 1 in used else 0.0
+            found.append(self._stretch(depth, SEGMENT, mean, float(level.count), floor))
+        deepest = used[-1] if used else -1
+        for depth in range(deepest + 1, len(self._levels)):
+            single = self._levels[depth].unfinished()
+            if single is None:
+                break
+            length = self._levels[depth].pending.shape[1]
+            below = found[-1].turns[0] - found[-1].width / 2 if found else np.inf
+            part = self._stretch(depth, length, single, 1.0, 0.0)
+            keep = part.turns + part.width / 2 <= below
+            if keep.any():
+                found.append(Stretch(part.turns[keep], part.width, part.power[:, keep], 1.0))
+        return found
+
+    def _stretch(
+        self, depth: int, length: int, power: NDArray[np.float64], segments: float, floor: float
+    ) -> Stretch:
+        """Cut the readable part out of one level and undo the low-passes in front of it."""
+        bins = np.arange(power.shape[1])
+        local, half = bins / length, 0.5 / length
+        top = _READ_TO if depth else 0.5
+        keep = (bins >= _FIRST_BIN) & (local - half >= floor) & (local + half <= top)
+        turns = local[keep] / FACTOR**depth
+        response = np.ones(len(turns))
+        for above in range(depth):
+            response *= decimation_response(turns * FACTOR**above)
+        width = 1 / length / FACTOR**depth
+        one_sided = 2 * power[:, keep] / response * FACTOR**depth
+        return Stretch(turns, width, one_sided, segments)

@@ -42,6 +42,8 @@ class GaussMarkov:
 
     def take(self, n: int) -> NDArray[np.float64]:
         """Return the next `n` samples, shape (n,), in the unit of the axis."""
+        if n == 0:  # lfilter forgets its state on an empty input
+            return np.empty(0)
         white = self._drive * self._rng.standard_normal(n)
         samples, self._carry = lfilter([1.0], [1.0, -self._phi], white, zi=self._carry)
         return np.asarray(samples)

@@ -55,9 +55,11 @@ class Narrowband:
 
     def take(self, n: int) -> NDArray[np.float64]:
         """Return the next `n` samples, shape (n,), in the unit of the axis."""
+        if n == 0:  # lfilter forgets its state on an empty input
+            return np.empty(0)
         white = self._rng.standard_normal((n, 2))
         driven = white @ self._step.T
-        if n and not self._started:  # a first step out of nothing is the stationary state itself
+        if not self._started:  # a first step out of nothing is the stationary state itself
             driven[0] = self._sigma * white[0]
             self._started = True
         samples = np.zeros(n)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from numpy.random import Generator
 
 from allanscope.simulator.noise.power_law import PowerLaw
@@ -26,4 +28,4 @@ class WhitePhase(PowerLaw):
     """
 
     def __init__(self, Q: float, rate_hz: float, rng: Generator) -> None:
-        super().__init__(2.0, Q**2 / rate_hz, rate_hz, rng)
+        super().__init__(2.0, (2.0 * math.pi * Q) ** 2 / rate_hz, rate_hz, rng)

@@ -1,1 +1,75 @@
-"""recording"""
+"""Recording: every byte of a session, safe against crashes, full disks and rotten sectors.
+
+What is kept is what the device said, not what we understood of it: the raw bytes of every read with
+the time at which they came. A replay feeds the same bytes to the same decoder, so a mistake in a
+decoder never costs a night::
+
+    Source ──Chunk──▶ Recorder ─(queue)─▶ SessionWriter ──▶ Segment ──▶ session.mcap
+                      own thread           numbers, times     memory      session-001.mcap
+                                           rotation           commit      ...
+
+    session.mcap ──▶ outline ──▶ unpack ──▶ Recording ──▶ chunks(), buffers(), events(), tx()
+                     where the   checked,                  │
+                     records     one by one                └──▶ recover() ──▶ one sound file
+                     lie
+
+The files are plain MCAP, which other tools open; `layout` says what is in them. Written once a
+second, they lose at most that second when the process is killed. The reader uses no index, checks
+every length before it believes it, skips what has rotted, and says so.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from allanscope.recording.chunk import Chunk, LinkEvent
+    from allanscope.recording.export import ExportReport, export_csv
+    from allanscope.recording.outline import Damage
+    from allanscope.recording.parquet import export_parquet
+    from allanscope.recording.reader import Buffer, Recording, is_recording
+    from allanscope.recording.recorder import Recorder
+    from allanscope.recording.recovery import RecoveryReport, recover
+    from allanscope.recording.session import SessionWriter, write_recording
+
+__all__ = [
+    "Buffer",
+    "Chunk",
+    "Damage",
+    "ExportReport",
+    "LinkEvent",
+    "Recorder",
+    "Recording",
+    "RecoveryReport",
+    "SessionWriter",
+    "export_csv",
+    "export_parquet",
+    "is_recording",
+    "recover",
+    "write_recording",
+]
+
+_HOMES = {
+    "Buffer": "reader",
+    "Chunk": "chunk",
+    "Damage": "outline",
+    "ExportReport": "export",
+    "LinkEvent": "chunk",
+    "Recorder": "recorder",
+    "Recording": "reader",
+    "RecoveryReport": "recovery",
+    "SessionWriter": "session",
+    "export_csv": "export",
+    "export_parquet": "parquet",
+    "is_recording": "reader",
+    "recover": "recovery",
+    "write_recording": "session",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for: the container's libraries are not light."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -2,32 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
+
+from allanscope.recording.chunk import Chunk, LinkEvent
 
 __all__ = ["Chunk", "LinkEvent", "Source"]
-
-LinkEvent = Literal["", "disconnected", "reconnected", "stalled", "resumed", "end"]
-
-
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """What one read brought.
-
-    Attributes
-    ----------
-    host_ns : int
-        Host monotonic time of the read, in nanoseconds; a recording gives back what it stored.
-    data : bytes
-        The bytes; empty when the read timed out or when only `event` matters.
-    event : str
-        What happened to the link before these bytes, or empty. ``end`` means that nothing will
-        ever follow.
-    """
-
-    host_ns: int
-    data: bytes = b""
-    event: LinkEvent = ""
 
 
 class Source(Protocol):

@@ -1,0 +1,269 @@
+"""Reading a recording: its chunks as they came, or in bulk, and what is wrong with it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.errors import InputError
+from allanscope.recording.chunk import Chunk, LinkEvent
+from allanscope.recording.layout import (
+    EVENTS,
+    MAGIC,
+    PROFILE,
+    RX,
+    TOPICS,
+    TX,
+    first_segment,
+    session_files,
+)
+from allanscope.recording.outline import Damage, Outline, outline_of
+from allanscope.recording.unpack import Message, RottenChunkError, messages_of, unpacked
+
+__all__ = ["Buffer", "Recording", "is_recording"]
+
+
+@dataclass(frozen=True, slots=True)
+class Buffer:
+    """Many reads in one piece, for decoding in bulk.
+
+    Attributes
+    ----------
+    data : bytes
+        The bytes of all reads, one after the other.
+    offset : ndarray of int64, shape (n,)
+        Where in `data` each read begins, ascending from 0.
+    host_ns : ndarray of int64, shape (n,)
+        Host monotonic time of each read.
+    event : str
+        What happened to the link before these bytes, or empty.
+    event_ns : int
+        When; 0 without an event.
+    """
+
+    data: bytes
+    offset: NDArray[np.int64]
+    host_ns: NDArray[np.int64]
+    event: LinkEvent = ""
+    event_ns: int = 0
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Take it apart again."""
+        if self.event:
+            yield Chunk(self.event_ns, b"", self.event)
+        bounds = [*self.offset.tolist(), len(self.data)]
+        for index, host_ns in enumerate(self.host_ns.tolist()):
+            yield Chunk(host_ns, self.data[bounds[index] : bounds[index + 1]])
+
+
+def is_recording(path: Path) -> bool:
+    """Return whether a path is a recording or the folder of one; its content may still be bad."""
+    try:
+        first = first_segment(path)
+        with first.open("rb") as file:
+            return first.suffix == ".mcap" or file.read(len(MAGIC)) == MAGIC
+    except (OSError, InputError):
+        return False
+
+
+class Recording:
+    """A recording that can be read as often as one likes.
+
+    Parameters
+    ----------
+    path : Path
+        A file, the first file of a session that grew over several, or the folder of a session.
+
+    Raises
+    ------
+    InputError
+        If it is no recording.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._segments = _segments(path)
+        self._rotten: dict[tuple[Path, int], Damage] = {}
+        self._read_through = False
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that make it up, in order."""
+        return [file for file, _ in self._segments]
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What the recording says about itself; the first file has the first word."""
+        merged: dict[str, str] = {}
+        for _, outline in self._segments:
+            merged = {**outline.metadata, **merged}
+        return merged
+
+    @property
+    def damage(self) -> list[Damage]:
+        """Everything that cannot be read, in order; reads the whole recording once to know."""
+        if not self._read_through:
+            for _ in self.sound():
+                pass
+        known = [damage for _, outline in self._segments for damage in outline.damage]
+        files = self.files
+        return sorted(
+            [*known, *self._rotten.values()], key=lambda one: (files.index(one.file), one.offset)
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first read to the last, pauses included, in seconds."""
+        first, last = (
+            next((m[2] for _, found in self.sound(step) for m in found[::step] if m[0] == RX), 0)
+            for step in (1, -1)
+        )
+        return (last - first) * 1e-9
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Yield what the source gave, in order: bytes with their times, and events of the link.
+
+        Where reads are missing there is a Chunk with the event ``hole`` and no bytes.
+        """
+        for buffer in self.buffers():
+            yield from buffer.chunks()
+
+    def buffers(self, size: int = 1 << 22) -> Iterator[Buffer]:
+        """Yield the same in pieces of about `size` bytes; an event of the link begins a new one."""
+        gathered = _Gathering()
+        expected = 0
+        for data, messages in self.sound():
+            for topic, sequence, _, host_ns, start, stop in messages:
+                if topic == RX:
+                    if sequence != expected and expected and sequence:
+                        yield from gathered.taken()
+                        gathered = _Gathering("hole", host_ns)
+                    elif gathered.length >= size:
+                        yield from gathered.taken()
+                        gathered = _Gathering()
+                    expected = sequence + 1 & 0xFFFFFFFF
+                    gathered.add(data[start:stop], host_ns)
+                elif topic == EVENTS and (event := _link_event(_json(data[start:stop]))):
+                    yield from gathered.taken()
+                    gathered = _Gathering(event, host_ns)
+        yield from gathered.taken()
+
+    def tx(self) -> Iterator[Chunk]:
+        """Yield what was written to the device."""
+        for host_ns, data in self._topic(TX):
+            yield Chunk(host_ns, data)
+
+    def events(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Yield the remarks, each with its host monotonic time in nanoseconds."""
+        for host_ns, data in self._topic(EVENTS):
+            if fields := _json(data):
+                yield host_ns, fields
+
+    def sha256(self) -> str:
+        """Return a hash of the bytes and times that were read, whatever files they lie in."""
+        content, times = hashlib.sha256(), hashlib.sha256()
+        for buffer in self.buffers():
+            content.update(buffer.data)
+            lengths = np.diff(buffer.offset, append=len(buffer.data))
+            times.update(np.column_stack([buffer.host_ns, lengths]).astype("<i8").tobytes())
+        return hashlib.sha256(content.digest() + times.digest()).hexdigest()
+
+    def sound(self, step: int = 1) -> Iterator[tuple[bytes, list[Message]]]:
+        """Yield the bytes of every MCAP chunk that is sound, with the messages that lie in them.
+
+        With step -1 from the last chunk to the first.
+        """
+        for path, outline in self._segments[::step]:
+            topics = dict(TOPICS)
+            try:
+                with path.open("rb") as file:
+                    for record in outline.chunks[::step]:
+                        file.seek(record.offset)
+                        try:
+                            data = unpacked(record, file.read(record.length))
+                            yield data, messages_of(data, topics)
+                        except RottenChunkError as error:
+                            self._rotten[path, record.offset] = Damage(
+                                path, record.offset, record.length, str(error), record.seconds
+                            )
+            except OSError as error:
+                raise InputError(f"cannot read {path}: {error.strerror}") from error
+        self._read_through = True
+
+    def _topic(self, wanted: str) -> Iterator[tuple[int, bytes]]:
+        for data, messages in self.sound():
+            for topic, _, _, host_ns, start, stop in messages:
+                if topic == wanted:
+                    yield host_ns, data[start:stop]
+
+
+class _Gathering:
+    """Reads that are being gathered into a Buffer."""
+
+    def __init__(self, event: LinkEvent = "", event_ns: int = 0) -> None:
+        self.length = 0
+        self._event: LinkEvent = event
+        self._event_ns = event_ns
+        self._parts: list[bytes] = []
+        self._offsets: list[int] = []
+        self._times: list[int] = []
+
+    def add(self, data: bytes, host_ns: int) -> None:
+        self._parts.append(data)
+        self._offsets.append(self.length)
+        self._times.append(host_ns)
+        self.length += len(data)
+
+    def taken(self) -> Iterator[Buffer]:
+        """Yield what has been gathered, if anything."""
+        if self._parts or self._event:
+            yield Buffer(
+                b"".join(self._parts),
+                np.array(self._offsets, np.int64),
+                np.array(self._times, np.int64),
+                self._event,
+                self._event_ns,
+            )
+
+
+def _segments(path: Path) -> list[tuple[Path, Outline]]:
+    """Return the files of a session with their outlines; strangers with a fitting name are not."""
+    first, *later = session_files(path)
+    outline = outline_of(first)
+    beginning = any(damage.offset <= len(MAGIC) for damage in outline.damage)
+    if not beginning and outline.profile != PROFILE and not outline.metadata:
+        raise InputError(f"no recording: {first} is an MCAP file of something else")
+    session = outline.metadata.get("session")
+    found = [(first, outline)]
+    for file in later:
+        try:
+            following = outline_of(file)
+        except InputError as error:
+            following = Outline(damage=[Damage(file, 0, file.stat().st_size, str(error))])
+        if following.metadata.get("session", session) == session:
+            found.append((file, following))
+    return found
+
+
+def _json(data: bytes) -> dict[str, Any]:
+    """Return a remark; empty if it is no JSON object."""
+    try:
+        fields = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    return fields if isinstance(fields, dict) else {}
+
+
+def _link_event(fields: dict[str, Any]) -> LinkEvent:
+    """Return what a remark says about the link; empty if it is about something else."""
+    event = fields.get("event")
+    if fields.get("kind") != "link" or event not in get_args(LinkEvent) or event == "end":
+        return ""
+    return cast(LinkEvent, event)

@@ -1,0 +1,218 @@
+"""The live recorder: a thread that writes, so that neither a slow nor a full disk stops a reading.
+
+The reader thread hands over every chunk and goes on; it never waits. The writer thread closes an
+MCAP chunk each second, which bounds what a killed process loses, and every few seconds waits for
+the disk itself, which bounds what a power cut loses. When the disk is full, the session goes on in
+memory for a while and is written as soon as there is room again; beyond that, reads are dropped,
+counted, and their numbers left out so that a replay knows of the hole. `alarm` says all this in
+one line; monitoring goes on in every case.
+"""
+
+from __future__ import annotations
+
+import queue
+import shutil
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from allanscope.recording.chunk import Chunk
+from allanscope.recording.session import SessionWriter
+
+__all__ = ["Recorder"]
+
+COMMIT_S = 1.0
+SYNC_S = 5.0
+BACKLOG_BYTES = 32 << 20
+"""What may wait in memory for the disk: some six minutes of a device at its fastest."""
+
+SCARCE_S = 600.0
+"""Free space that is used up sooner than this is worth an alarm."""
+
+
+class Recorder:
+    """Record a live session; every method returns at once and may be called from any thread.
+
+    Parameters
+    ----------
+    path : Path
+        The first file, or a folder in which it will be called ``session.mcap``.
+    metadata : mapping of str to str
+        Device, wire format, settings: whatever a reader should know. Written before all else.
+    on_alarm : callable, optional
+        Is called in the writer thread with the alarm whenever it changes; empty when it is over.
+    resume : bool
+        Continue the session that is there in a new file.
+    commit_s, sync_s : float
+        How often to write, and how often to wait for the disk.
+    backlog_bytes : int
+        What may wait in memory.
+    max_bytes, max_seconds : float
+        A new file is begun when one has become this large or this long.
+    free_bytes : callable
+        Free space of the disk that holds a folder.
+
+    Raises
+    ------
+    UsageError
+        If the session exists already or cannot be written there at all.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        metadata: Mapping[str, str],
+        *,
+        on_alarm: Callable[[str], None] | None = None,
+        resume: bool = False,
+        commit_s: float = COMMIT_S,
+        sync_s: float = SYNC_S,
+        backlog_bytes: int = BACKLOG_BYTES,
+        max_bytes: float = 1 << 30,
+        max_seconds: float = 3600.0,
+        free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+    ) -> None:
+        self._session = SessionWriter(
+            path, metadata, max_bytes=max_bytes, max_seconds=max_seconds, resume=resume
+        )
+        self.alarm = ""
+        self.dropped_bytes = 0
+        self.space_left_s: float | None = None
+        self._on_alarm = on_alarm or (lambda _: None)
+        self._commit_s, self._sync_s = commit_s, sync_s
+        self._backlog_bytes = backlog_bytes
+        self._free_bytes = free_bytes
+        self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._queued_bytes = 0
+        self._missed_reads = 0
+        self._began = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def path(self) -> Path:
+        """The file that is being written."""
+        return self._session.path
+
+    @property
+    def bytes_written(self) -> int:
+        """Bytes on the disk."""
+        return self._session.bytes_written
+
+    def rx(self, chunk: Chunk) -> None:
+        """Keep what one read brought."""
+        size = len(chunk.data)
+        with self._lock:
+            if self._queued_bytes + self._session.pending + size > self._backlog_bytes:
+                self.dropped_bytes += size
+                self._missed_reads += 1
+                return
+            self._queued_bytes += size
+            missed, self._missed_reads = self._missed_reads, 0
+        self._put(lambda: self._take(chunk, missed))
+
+    def tx(self, data: bytes, host_ns: int) -> None:
+        """Keep what was written to the device."""
+        self._put(lambda: self._session.tx(data, host_ns))
+
+    def event(self, fields: Mapping[str, Any], host_ns: int | None = None) -> None:
+        """Keep a remark: a mapping with a ``kind``, plain JSON."""
+        at = time.monotonic_ns() if host_ns is None else host_ns
+        kept = dict(fields)
+        self._put(lambda: self._session.event(kept, at))
+
+    def mark(self, text: str, host_ns: int | None = None) -> None:
+        """Keep a remark of the user at the present moment."""
+        self.event({"kind": "mark", "text": text}, host_ns)
+
+    def describe(self, **facts: str) -> None:
+        """Add to the metadata what was not known at the start, e.g. the wire format."""
+        self._put(lambda: self._session.describe(facts))
+
+    def close(self, timeout_s: float = 30.0) -> None:
+        """Write what waits, and the index; give a disk that hangs this long and no longer."""
+        self._queue.put(None)
+        self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            self._raise_alarm(f"{self.path}: the disk does not answer; the end is not written")
+
+    def _put(self, task: Callable[[], None]) -> None:
+        if self._thread.is_alive():
+            self._queue.put(task)
+
+    # --- the writer thread --------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            self._write()
+        except Exception as error:  # whatever it is, it must not end the measurement
+            self._raise_alarm(f"{self.path}: recording has stopped: {error}")
+            self._backlog_bytes = -1
+
+    def _write(self) -> None:
+        next_commit = time.monotonic() + self._commit_s
+        next_sync = time.monotonic() + self._sync_s
+        while True:
+            try:
+                task = self._queue.get(timeout=max(next_commit - time.monotonic(), 0.0))
+            except queue.Empty:
+                pass
+            else:
+                if task is None:
+                    self._finish()
+                    return
+                task()
+            now = time.monotonic()
+            if now >= next_commit:
+                self._commit(sync=now >= next_sync)
+                next_commit = now + self._commit_s
+                next_sync = now + self._sync_s if now >= next_sync else next_sync
+
+    def _take(self, chunk: Chunk, missed: int) -> None:
+        if missed:
+            self._session.missed(missed)
+            self._session.event({"kind": "dropped", "reads": missed}, chunk.host_ns)
+        self._session.chunk(chunk)
+        with self._lock:
+            self._queued_bytes -= len(chunk.data)
+
+    def _commit(self, sync: bool) -> None:
+        try:
+            self._session.commit()
+            if sync:
+                self._session.sync()
+            self._raise_alarm(self._remaining())
+        except OSError as error:
+            self._raise_alarm(self._refusal(error))
+
+    def _finish(self) -> None:
+        try:
+            self._session.close()
+        except OSError as error:
+            self._raise_alarm(self._refusal(error))
+
+    def _refusal(self, error: OSError) -> str:
+        lost = f"; {self.dropped_bytes} bytes are lost" if self.dropped_bytes else ""
+        return (
+            f"{self.path}: not recording ({error.strerror}): {self._session.pending} bytes wait "
+            f"in memory{lost}; free some space, monitoring goes on"
+        )
+
+    def _remaining(self) -> str:
+        """Return what is wrong although the disk has just taken everything."""
+        folder = self.path.parent
+        rate = self.bytes_written / max(time.monotonic() - self._began, 1.0)
+        self.space_left_s = self._free_bytes(folder) / rate
+        if self.space_left_s < SCARCE_S:
+            return f"{folder} will be full in {self.space_left_s / 60:.0f} min; free some space"
+        if self.dropped_bytes:
+            return f"{self.dropped_bytes} bytes were not recorded: the disk was full or too slow"
+        return ""
+
+    def _raise_alarm(self, line: str) -> None:
+        if line != self.alarm:
+            self.alarm = line
+            self._on_alarm(line)

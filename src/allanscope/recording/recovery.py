@@ -1,0 +1,125 @@
+"""Recovery: everything of a damaged session that can still be read, in one sound file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from allanscope.errors import InputError, UsageError
+from allanscope.recording.layout import RX, TOPICS
+from allanscope.recording.outline import Damage
+from allanscope.recording.reader import Recording
+from allanscope.recording.segment import Segment
+
+__all__ = ["RecoveryReport", "recover"]
+
+COMMIT_BYTES = 1 << 22
+"""The copy goes to the disk in pieces of about this size."""
+
+
+@dataclass(slots=True)
+class RecoveryReport:
+    """What was saved, and exactly what was not.
+
+    Attributes
+    ----------
+    out : Path
+        The new file.
+    reads, bytes : int
+        Reads of the source that were saved, and the bytes in them.
+    lost_reads : int
+        Reads that are missing between saved ones, by their numbers.
+    lost_s : float
+        Time between the neighbours of every hole, in seconds: no more than that is missing.
+    damage : list of Damage
+        Where the files could not be read, and how many bytes of them that is.
+    """
+
+    out: Path
+    reads: int = 0
+    bytes: int = 0
+    lost_reads: int = 0
+    lost_s: float = 0.0
+    damage: list[Damage] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        saved = f"{self.out}: saved {self.reads} reads, {self.bytes} bytes"
+        lost = f"lost {self.lost_reads} reads in at most {self.lost_s:.3f} s between them"
+        unreadable = f"{sum(one.length for one in self.damage)} bytes of the file not readable"
+        return "\n".join([saved, f"{lost}; {unreadable}", *(f"  {one}" for one in self.damage)])
+
+
+def recover(damaged: Path, out: Path) -> RecoveryReport:
+    """Save all that can be read of a session, rotten chunks skipped, into one new file.
+
+    Times, numbers and order stay as they were, so that a replay of what was saved gives the same
+    samples and knows of every hole. The damaged files are only read.
+
+    Parameters
+    ----------
+    damaged : Path
+        A file, the first file of a session, or its folder.
+    out : Path
+        The file to write; it appears, whole, at the very end.
+
+    Raises
+    ------
+    InputError
+        If nothing can be read.
+    UsageError
+        If `out` exists or cannot be written.
+    """
+    recording = Recording(damaged)
+    if out.exists():
+        raise UsageError(
+            f"{out} exists; name a file that does not, the damaged one is kept as it is"
+        )
+    report = RecoveryReport(out)
+    part = out.with_name(f"{out.name}.part")
+    try:
+        part.unlink(missing_ok=True)
+        _copy(recording, part, {**recording.metadata, "recovered_from": str(damaged)}, report)
+        if not report.reads:
+            raise InputError(f"{damaged} holds nothing that can be saved")
+        os.replace(part, out)
+    except OSError as error:
+        raise UsageError(f"cannot write {out}: {error.strerror}") from error
+    finally:
+        part.unlink(missing_ok=True)
+    report.damage = recording.damage
+    report.lost_s += sum(one.seconds or 0.0 for one in report.damage if one.what.startswith("torn"))
+    return report
+
+
+def _copy(
+    recording: Recording, part: Path, metadata: Mapping[str, str], report: RecoveryReport
+) -> None:
+    """Copy message by message, and count what is missing between the reads."""
+    segment = Segment(part, metadata)
+    with closing(segment):
+        expected, last_ns = 0, 0
+        for topic, sequence, epoch_ns, host_ns, data in _messages(recording):
+            segment.add(_CHANNELS[topic], sequence, epoch_ns, host_ns, data)
+            if segment.pending > COMMIT_BYTES:
+                segment.commit()
+            if topic != RX:
+                continue
+            report.reads += 1
+            report.bytes += len(data)
+            if sequence > expected > 0:
+                report.lost_reads += sequence - expected
+                report.lost_s += (epoch_ns - last_ns) * 1e-9
+            expected, last_ns = sequence + 1, epoch_ns
+
+
+def _messages(recording: Recording) -> Iterator[tuple[str, int, int, int, bytes]]:
+    for data, messages in recording.sound():
+        for topic, sequence, epoch_ns, host_ns, start, stop in messages:
+            if topic in _CHANNELS:
+                yield topic, sequence, epoch_ns, host_ns, data[start:stop]
+
+
+_CHANNELS = {topic: number for number, topic in TOPICS.items()}

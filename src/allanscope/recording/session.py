@@ -1,0 +1,236 @@
+"""A session that is being written: numbering, times, rotation over several files. No threads."""
+
+from __future__ import annotations
+
+import json
+import time
+import uuid
+from collections.abc import Iterable, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from allanscope.errors import UsageError
+from allanscope.recording.chunk import Chunk
+from allanscope.recording.layout import (
+    EVENTS,
+    RX,
+    TOPICS,
+    TX,
+    segment_number,
+    segment_path,
+    session_files,
+)
+from allanscope.recording.metadata import circumstances
+from allanscope.recording.outline import outline_of
+from allanscope.recording.segment import Segment
+
+__all__ = ["SessionWriter", "write_recording"]
+
+_CHANNEL = {topic: number for number, topic in TOPICS.items()}
+
+
+class SessionWriter:
+    """Write a session, file after file.
+
+    Everything that can fail because of the disk fails in `commit`, `sync` and `close`, never in
+    `rx`, `tx` and `event`, which only fill memory.
+
+    Parameters
+    ----------
+    path : Path
+        The first file, or a folder in which it will be called ``session.mcap``.
+    metadata : mapping of str to str
+        What to say about the session: device, wire format, settings.
+    max_bytes, max_seconds : float
+        A new file is begun when one has become this large or this long.
+    resume : bool
+        Continue a session that is already there in a new file; else it must not exist.
+    anchor_ns : tuple of int, optional
+        Time since 1970 and monotonic time of one moment, in nanoseconds; now, if not given.
+
+    Raises
+    ------
+    UsageError
+        If the session exists, or does not exist although it is to be resumed, or cannot be
+        written there.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        metadata: Mapping[str, str],
+        *,
+        max_bytes: float = 1 << 30,
+        max_seconds: float = 3600.0,
+        resume: bool = False,
+        anchor_ns: tuple[int, int] | None = None,
+    ) -> None:
+        self.first = path / "session.mcap" if path.is_dir() else path
+        self._segment_number = _next_number(self.first, resume)
+        epoch_ns, host_ns = anchor_ns or (time.time_ns(), time.monotonic_ns())
+        self._offset_ns = epoch_ns - host_ns
+        self._metadata = {
+            **circumstances(epoch_ns),
+            "clock_offset_ns": str(self._offset_ns),
+            "session": _session_name(self.first, resume),
+            **metadata,
+        }
+        self._max_bytes = max_bytes
+        self._max_ns = max_seconds * 1e9
+        self._numbers = dict.fromkeys(TOPICS.values(), 0)
+        self._began_ns: int | None = None
+        self._last_ns = 0
+        self._finished_bytes = 0
+        try:
+            self._segment = self._open()
+        except OSError as error:
+            raise UsageError(f"cannot record to {self.first}: {error.strerror}") from error
+
+    @property
+    def path(self) -> Path:
+        """The file that is being written."""
+        return self._segment.path
+
+    @property
+    def bytes_written(self) -> int:
+        """Bytes on the disk, all files of this run together."""
+        return self._finished_bytes + self._segment.committed
+
+    @property
+    def pending(self) -> int:
+        """Bytes that the disk has refused so far and that wait in memory."""
+        return self._segment.pending
+
+    def describe(self, facts: Mapping[str, str]) -> None:
+        """Add to the metadata what was not known at the start, e.g. the wire format."""
+        self._metadata |= facts
+        self._segment.describe(self._facts())
+
+    def rx(self, data: bytes, host_ns: int) -> None:
+        """Add one read."""
+        self._add(RX, data, host_ns)
+
+    def missed(self, reads: int) -> None:
+        """Leave out the numbers of reads that are not kept, so that a replay knows of the hole."""
+        self._numbers[RX] += reads
+
+    def tx(self, data: bytes, host_ns: int) -> None:
+        """Add one write to the device."""
+        self._add(TX, data, host_ns)
+
+    def event(self, fields: Mapping[str, Any], host_ns: int) -> None:
+        """Add one remark; `fields` has a ``kind`` and is plain JSON."""
+        self._add(EVENTS, json.dumps(dict(fields)).encode(), host_ns)
+
+    def chunk(self, chunk: Chunk) -> None:
+        """Add what one read of a source brought: an event of the link, bytes, or both."""
+        if chunk.event and chunk.event != "end":
+            self.event({"kind": "link", "event": chunk.event}, chunk.host_ns)
+        if chunk.data:
+            self.rx(chunk.data, chunk.host_ns)
+
+    def commit(self) -> int:
+        """Write what has gathered, then begin a new file if it is time; return bytes written.
+
+        Raises
+        ------
+        OSError
+            If the disk does not take it. Nothing is lost then: the next commit tries again.
+        """
+        written = self._segment.commit()
+        if self._is_long():
+            self._rotate()
+        return written
+
+    def sync(self) -> None:
+        """Make what was committed survive a power cut."""
+        self._segment.sync()
+
+    def close(self) -> None:
+        """Write the rest and the index."""
+        self._segment.close()
+
+    def _add(self, topic: str, data: bytes, host_ns: int) -> None:
+        self._numbers[topic] += 1
+        if self._began_ns is None:
+            self._began_ns = host_ns
+        self._last_ns = host_ns
+        epoch_ns = max(host_ns + self._offset_ns, 0)
+        self._segment.add(_CHANNEL[topic], self._numbers[topic], epoch_ns, host_ns, data)
+
+    def _is_long(self) -> bool:
+        if self._segment.committed >= self._max_bytes:
+            return True
+        return self._began_ns is not None and self._last_ns - self._began_ns >= self._max_ns
+
+    def _rotate(self) -> None:
+        """Open the next file before the old one is given up, so that a failure costs nothing."""
+        self._segment_number += 1
+        try:
+            following = self._open()
+        except OSError:
+            self._segment_number -= 1
+            raise
+        finished, self._segment = self._segment, following
+        self._began_ns = None
+        try:
+            finished.close()
+        finally:
+            self._finished_bytes += finished.committed
+
+    def _open(self) -> Segment:
+        return Segment(segment_path(self.first, self._segment_number), self._facts())
+
+    def _facts(self) -> dict[str, str]:
+        return {**self._metadata, "segment": str(self._segment_number)}
+
+
+def write_recording(path: Path, chunks: Iterable[Chunk], metadata: Mapping[str, str]) -> Path:
+    """Write a whole recording from chunks that are already there: an import, a simulation.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write; must not exist.
+    chunks : iterable of Chunk
+        In order.
+    metadata : mapping of str to str
+        What to say about it.
+
+    Returns
+    -------
+    Path
+        The first file.
+    """
+    session = SessionWriter(path, metadata, max_seconds=float("inf"), max_bytes=float("inf"))
+    waiting = 0
+    try:
+        with closing(session):
+            for chunk in chunks:
+                session.chunk(chunk)
+                waiting += len(chunk.data)
+                if waiting > COMMIT_BYTES:
+                    session.commit()
+                    waiting = 0
+    except OSError as error:
+        raise UsageError(f"cannot record to {session.path}: {error.strerror}") from error
+    return session.first
+
+
+COMMIT_BYTES = 1 << 22
+"""Bulk writing goes to the disk in pieces of about this size."""
+
+
+def _next_number(first: Path, resume: bool) -> int:
+    existing = [file for file in session_files(first) if file.exists()]
+    if resume and not existing:
+        raise UsageError(f"there is no session to resume at {first}")
+    if existing and not resume:
+        raise UsageError(f"{existing[0]} exists; a recording is never overwritten, name another")
+    return (segment_number(first, existing[-1]) or 0) + 1 if existing else 0
+
+
+def _session_name(first: Path, resume: bool) -> str:
+    """Return what the files of one session have in common: the name survives a resumption."""
+    return outline_of(first).metadata.get("session", "") if resume else uuid.uuid4().hex

@@ -1,0 +1,224 @@
+"""The live recorder: it never holds up a reading, whatever the disk does, and it says so."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from allanscope.errors import UsageError
+from allanscope.recording import Chunk, Recorder, Recording
+from allanscope.recording import segment as segment_module
+
+PATIENCE_S = 20.0
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "did not happen"
+        time.sleep(0.005)
+
+
+class Disk:
+    """A disk whose room can be set; a write beyond it takes what fits and then fails."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.room = 1 << 40
+        self.gate = threading.Event()
+        self.gate.set()
+        self._write = os.write
+        monkeypatch.setattr(segment_module.os, "write", self.write)
+
+    def write(self, fd: int, data: memoryview) -> int:
+        self.gate.wait(PATIENCE_S)
+        if self.room <= 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written = self._write(fd, data[: self.room])
+        self.room -= written
+        return written
+
+
+@pytest.fixture
+def disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[Disk]:
+    made = Disk(monkeypatch)
+    yield made
+    made.gate.set()
+
+
+def noise(index: int, size: int = 400) -> Chunk:
+    return Chunk(index * 1_000_000, index.to_bytes(4, "little") + os.urandom(size - 4))
+
+
+def numbers(path: Path) -> list[int]:
+    chunks = Recording(path).chunks()
+    return [int.from_bytes(chunk.data[:4], "little") for chunk in chunks if chunk.data]
+
+
+def test_a_live_session_is_recorded_in_order_with_its_remarks(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, {"part": "LSM6DSL"}, commit_s=0.01, sync_s=0.02)
+    recorder.tx(b"start", 1)
+    for index in range(200):
+        recorder.rx(noise(index))
+    recorder.rx(Chunk(7, b"", "disconnected"))
+    recorder.mark("door opened", 8)
+    recorder.describe(wire="native")
+    recorder.close()
+    recording = Recording(tmp_path)
+    assert numbers(tmp_path) == list(range(200))
+    assert [chunk.data for chunk in recording.tx()] == [b"start"]
+    assert (8, {"kind": "mark", "text": "door opened"}) in list(recording.events())
+    assert recording.metadata["wire"] == "native"
+    assert recording.damage == []
+    assert (recorder.alarm, recorder.dropped_bytes) == ("", 0)
+    assert recorder.bytes_written == (tmp_path / "session.mcap").stat().st_size
+
+
+def test_what_was_committed_is_on_the_disk_while_recording_goes_on(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", {}, commit_s=0.01)
+    recorder.rx(noise(5))
+    wait_until(lambda: numbers(tmp_path / "a.mcap") == [5])
+    recorder.close()
+
+
+def test_a_full_disk_that_gets_room_again_costs_nothing(tmp_path: Path, disk: Disk) -> None:
+    alarms: list[str] = []
+    path = tmp_path / "a.mcap"
+    recorder = Recorder(path, {}, commit_s=0.01, on_alarm=alarms.append)
+    recorder.rx(noise(0))
+    wait_until(lambda: numbers(path) == [0])
+    sound = path.stat().st_size
+    disk.room = 150
+    for index in range(1, 100):
+        recorder.rx(noise(index))
+    wait_until(lambda: bool(recorder.alarm))
+    assert "not recording (No space left on device)" in recorder.alarm
+    assert "\n" not in recorder.alarm
+    assert path.stat().st_size in (sound, sound + 150)
+    disk.room = 1 << 40
+    wait_until(lambda: not recorder.alarm)
+    recorder.close()
+    assert numbers(path) == list(range(100))
+    assert Recording(path).damage == []
+    assert alarms[-1] == ""
+    assert recorder.dropped_bytes == 0
+
+
+def test_a_disk_that_stays_full_keeps_every_whole_second_and_counts_the_rest(
+    tmp_path: Path, disk: Disk
+) -> None:
+    path = tmp_path / "a.mcap"
+    recorder = Recorder(path, {}, commit_s=0.01, backlog_bytes=20_000)
+    recorder.rx(noise(0))
+    wait_until(lambda: numbers(path) == [0])
+    disk.room = 0
+    for index in range(1, 200):
+        recorder.rx(noise(index))
+    wait_until(lambda: recorder.dropped_bytes > 0 and "are lost" in recorder.alarm)
+    recorder.close()
+    assert numbers(path) == [0]
+    assert [one.what.split(":")[0] for one in Recording(path).damage] == ["never closed"]
+
+
+def test_reads_that_were_dropped_are_a_hole_in_the_replay(tmp_path: Path, disk: Disk) -> None:
+    path = tmp_path / "a.mcap"
+    recorder = Recorder(path, {}, commit_s=0.01, backlog_bytes=2_000)
+    disk.gate.clear()
+    for index in range(20):
+        recorder.rx(noise(index))
+    assert recorder.dropped_bytes > 0
+    disk.gate.set()
+    wait_until(lambda: len(numbers(path)) > 0)
+    recorder.rx(noise(99))
+    wait_until(lambda: 99 in numbers(path))
+    assert "bytes were not recorded" in recorder.alarm
+    recorder.close()
+    kept = numbers(path)
+    assert kept == [*range(len(kept) - 1), 99]
+    assert [chunk.event for chunk in Recording(path).chunks() if chunk.event] == ["hole"]
+    dropped = [fields for _, fields in Recording(path).events() if fields["kind"] == "dropped"]
+    assert dropped == [{"kind": "dropped", "reads": 20 - (len(kept) - 1)}]
+    assert recorder.dropped_bytes == 400 * (20 - (len(kept) - 1))
+
+
+def test_a_disk_that_hangs_does_not_hold_up_the_reader(tmp_path: Path, disk: Disk) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", {}, commit_s=0.001)
+    disk.gate.clear()
+    for index in range(500):
+        recorder.rx(noise(index))
+    recorder.mark("still here")
+    recorder.close(timeout_s=0.05)
+    assert "does not answer" in recorder.alarm
+    disk.gate.set()
+    recorder._thread.join(PATIENCE_S)
+    assert numbers(tmp_path / "a.mcap") == list(range(500))
+
+
+def test_the_real_limit_of_a_file_keeps_whole_seconds(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    recorder = Recorder(path, {}, commit_s=0.01)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, hard))
+        for index in range(1000):
+            recorder.rx(noise(index))
+        wait_until(lambda: "not recording" in recorder.alarm)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    wait_until(lambda: not recorder.alarm)
+    recorder.close()
+    assert numbers(path) == list(range(1000))
+
+
+def test_scarce_space_is_told_with_the_time_left(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", {}, commit_s=0.01, free_bytes=lambda _: 2000)
+    recorder.rx(noise(1))
+    wait_until(lambda: bool(recorder.alarm))
+    assert "will be full in" in recorder.alarm
+    assert recorder.space_left_s is not None
+    assert recorder.space_left_s < 600
+    recorder.close()
+    assert numbers(tmp_path / "a.mcap") == [1]
+
+
+def test_a_bug_in_the_writer_is_an_alarm_and_no_crash(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", {}, commit_s=0.01)
+    recorder.event({"kind": "mark", "what": object()})
+    wait_until(lambda: "recording has stopped" in recorder.alarm)
+    recorder.rx(noise(1))
+    assert recorder.dropped_bytes == 400
+    recorder.close()
+
+
+def test_a_folder_that_does_not_exist_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"cannot record to .*: No such file or directory"):
+        Recorder(tmp_path / "nowhere" / "a.mcap", {})
+
+
+def test_a_disk_that_is_full_at_the_start_is_one_clear_line(tmp_path: Path, disk: Disk) -> None:
+    disk.room = 100
+    with pytest.raises(UsageError, match="No space left"):
+        Recorder(tmp_path / "a.mcap", {})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rotation_goes_on_in_the_old_file_when_the_new_one_cannot_be_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", {}, commit_s=0.01, max_seconds=0.05)
+    (tmp_path / "a-001.mcap").mkdir()
+    for index in range(100):
+        recorder.rx(noise(index))
+    wait_until(lambda: "File exists" in recorder.alarm)
+    (tmp_path / "a-001.mcap").rmdir()
+    wait_until(lambda: not recorder.alarm)
+    recorder.rx(noise(100))
+    recorder.close()
+    assert numbers(tmp_path / "a.mcap") == list(range(101))
+    assert recorder.path.name == "a-001.mcap"

@@ -1,0 +1,248 @@
+#include "lsm6dsm.h"
+
+#include "as_bytes.h"
+
+enum {
+    FIFO_CTRL2 = 0x07,
+    FIFO_CTRL3 = 0x08,
+    FIFO_CTRL4 = 0x09,
+    FIFO_CTRL5 = 0x0A,
+    WHO_AM_I = 0x0F,
+    CTRL1_XL = 0x10,
+    CTRL2_G = 0x11,
+    CTRL3_C = 0x12,
+    CTRL4_C = 0x13,
+    CTRL6_C = 0x15,
+    CTRL7_G = 0x16,
+    CTRL8_XL = 0x17,
+    CTRL10_C = 0x19,
+    OUT_TEMP_L = 0x20,
+    FIFO_STATUS1 = 0x3A,
+    FIFO_DATA_OUT_L = 0x3E,
+    WAKE_UP_DUR = 0x5C,
+
+    IDENTITY = 0x6A,
+    SW_RESET = 0x01,
+    BDU = 0x40,
+    IF_INC = 0x04,
+    DRDY_MASK = 0x08,
+    TIMER_EN = 0x20,
+    TIMER_HR = 0x10,       /* 25 us instead of 6.4 ms */
+    TIMER_FIFO_EN = 0x80,  /* the time stamp as the fourth data set */
+    NO_DECIMATION = 0x01,
+    FIFO_BYPASS = 0x00,
+    FIFO_CONTINUOUS = 0x06,
+    FIFO_OVER_RUN = 0x40,  /* in FIFO_STATUS2 */
+    FIFO_EMPTY = 0x10,
+
+    SET_WORDS = 9, /* gyro 3, accelerometer 3, time stamp 3 */
+    RESET_MS = 15,
+    TICKS_PER_S = 40000
+};
+
+typedef struct {
+    float rate_hz;
+    uint8_t code;     /* for CTRL1_XL, CTRL2_G and FIFO_CTRL5 alike */
+    uint8_t settling; /* samples of the gyro's filter to discard after a change */
+} odr;
+
+static const odr odrs[] = {
+    {12.5f, 1, 2},  {26.0f, 2, 3},  {52.0f, 3, 3},    {104.0f, 4, 5},   {208.0f, 5, 16},
+    {416.0f, 6, 16}, {833.0f, 7, 16}, {1660.0f, 8, 16}, {3330.0f, 9, 16}, {6660.0f, 10, 16},
+};
+
+static const odr *find_odr(float rate_hz)
+{
+    for (unsigned i = 0; i < sizeof odrs / sizeof *odrs; i++) {
+        if (odrs[i].rate_hz == rate_hz) {
+            return &odrs[i];
+        }
+    }
+    return 0;
+}
+
+/* FS_G and FS_125 of CTRL2_G. */
+static uint8_t gyro_bits(float full_scale)
+{
+    if (full_scale == 125.0f) {
+        return 0x02;
+    }
+    return full_scale == 250.0f ? 0x00 : full_scale == 500.0f ? 0x04
+                                     : full_scale == 1000.0f  ? 0x08
+                                                              : 0x0C;
+}
+
+/* FS_XL of CTRL1_XL: 16 g has the code that follows 2 g. */
+static uint8_t accel_bits(float full_scale)
+{
+    return full_scale == 2.0f ? 0x00 : full_scale == 4.0f ? 0x08
+                                   : full_scale == 8.0f   ? 0x0C
+                                                          : 0x04;
+}
+
+static bool get(lsm6dsm *self, uint8_t reg, uint8_t *to, uint16_t n)
+{
+    return self->bus.read(self->bus.context, reg, to, n);
+}
+
+static bool put(lsm6dsm *self, uint8_t reg, uint8_t value)
+{
+    return self->bus.write(self->bus.context, reg, value);
+}
+
+static bool reset(lsm6dsm *self)
+{
+    uint8_t identity = 0;
+    if (!get(self, WHO_AM_I, &identity, 1) || identity != IDENTITY) {
+        return false;
+    }
+    if (!put(self, CTRL3_C, SW_RESET)) {
+        return false;
+    }
+    self->bus.wait_ms(self->bus.context, RESET_MS);
+    return true;
+}
+
+static bool configure(imu *base, imu_config *config)
+{
+    lsm6dsm *self = (lsm6dsm *)base;
+    const odr *wanted = find_odr(imu_nearest_rate(config->rate_hz));
+    if (wanted == 0 || imu_gyro_sensitivity(config->gyro_full_scale) == 0.0f ||
+        imu_accel_sensitivity(config->accel_full_scale) == 0.0f) {
+        return false;
+    }
+    config->rate_hz = wanted->rate_hz;
+    const uint8_t rate_bits = (uint8_t)(wanted->code << 4);
+    /* The FIFO goes on last and is emptied by bypass before, so that its first set is a whole one. */
+    const bool done =
+        reset(self) && put(self, CTRL3_C, BDU | IF_INC) && put(self, CTRL4_C, DRDY_MASK) &&
+        put(self, WAKE_UP_DUR, TIMER_HR) && put(self, CTRL10_C, TIMER_EN) &&
+        put(self, CTRL1_XL, (uint8_t)(rate_bits | accel_bits(config->accel_full_scale))) &&
+        put(self, CTRL2_G, (uint8_t)(rate_bits | gyro_bits(config->gyro_full_scale))) &&
+        put(self, FIFO_CTRL5, FIFO_BYPASS) && put(self, FIFO_CTRL2, TIMER_FIFO_EN) &&
+        put(self, FIFO_CTRL3, NO_DECIMATION << 3 | NO_DECIMATION) &&
+        put(self, FIFO_CTRL4, NO_DECIMATION << 3) &&
+        put(self, FIFO_CTRL5, (uint8_t)(wanted->code << 3 | FIFO_CONTINUOUS));
+    self->settling = (uint8_t)(wanted->settling + 1); /* the first after a change of mode is void */
+    self->has_last = false;
+    self->period_ticks_q8 = (uint32_t)(TICKS_PER_S * 256.0f / wanted->rate_hz);
+    return done;
+}
+
+/* Skip words until the FIFO stands at the beginning of a set again; an overrun may have cut one. */
+static bool align(lsm6dsm *self, uint32_t *words, uint32_t pattern)
+{
+    uint8_t skipped[2];
+    while (pattern % SET_WORDS != 0 && *words > 0) {
+        if (!get(self, FIFO_DATA_OUT_L, skipped, 2)) {
+            return false;
+        }
+        pattern++;
+        (*words)--;
+    }
+    return true;
+}
+
+/* The 24-bit time stamp of a set, in the odd order in which the FIFO holds it. */
+static uint32_t stamp_of(const uint8_t *set)
+{
+    return (uint32_t)set[12] << 8 | (uint32_t)set[13] << 16 | (uint32_t)set[15];
+}
+
+/* Unwrap by the distance to the last one: the counter wraps every 419 s. */
+static uint32_t unwrapped(const lsm6dsm *self, uint32_t stamp)
+{
+    if (!self->has_last) {
+        return stamp;
+    }
+    return self->last_ticks + ((stamp - self->last_ticks) & 0xFFFFFFu);
+}
+
+/* Samples that are missing between the last one and this, from their time stamps. */
+static uint32_t missing(const lsm6dsm *self, uint32_t ticks)
+{
+    if (!self->has_last) {
+        return 0;
+    }
+    const uint32_t periods =
+        (((ticks - self->last_ticks) << 8) + self->period_ticks_q8 / 2) / self->period_ticks_q8;
+    return periods > 1 ? periods - 1 : 0;
+}
+
+static void take(imu_batch *batch, const uint8_t *set)
+{
+    for (uint8_t axis = 0; axis < AS_AXES; axis++) {
+        batch->samples[batch->n][axis] = (int16_t)as_get16(set + 2 * axis);
+    }
+    batch->n++;
+}
+
+static bool read(imu *base, uint8_t most, imu_batch *batch)
+{
+    lsm6dsm *self = (lsm6dsm *)base;
+    uint8_t status[4];
+    uint8_t temperature[2];
+    batch->n = 0;
+    batch->lost_before = 0;
+    batch->sensor_time = AS_NO_SENSOR_TIME;
+    if (!get(self, FIFO_STATUS1, status, 4) || !get(self, OUT_TEMP_L, temperature, 2)) {
+        return false;
+    }
+    batch->temperature = (int16_t)as_get16(temperature);
+    const bool overrun = status[1] & FIFO_OVER_RUN;
+    uint32_t words = status[1] & FIFO_EMPTY ? 0 : (uint32_t)(status[0] | (status[1] & 7u) << 8);
+    if (words == 0 && overrun) {
+        words = 2048; /* eleven bits cannot say that it is full */
+    }
+    if (!align(self, &words, as_get16(status + 2) & 0x3FFu)) {
+        return false;
+    }
+    while (words >= SET_WORDS && batch->n < most) {
+        uint8_t set[2 * SET_WORDS];
+        if (!get(self, FIFO_DATA_OUT_L, set, sizeof set)) {
+            return false;
+        }
+        words -= SET_WORDS;
+        const uint32_t ticks = unwrapped(self, stamp_of(set));
+        if (self->settling > 0) {
+            self->settling--;
+            continue;
+        }
+        if (batch->n == 0) {
+            batch->lost_before = missing(self, ticks);
+            batch->sensor_time = ticks;
+        }
+        take(batch, set);
+        self->last_ticks = ticks;
+        self->has_last = true;
+    }
+    return true;
+}
+
+static uint8_t registers(imu *base, uint8_t *pairs, uint8_t room)
+{
+    static const uint8_t wanted[] = {CTRL1_XL, CTRL2_G,  CTRL3_C,    CTRL4_C,    CTRL6_C,
+                                     CTRL7_G,  CTRL8_XL, CTRL10_C,   FIFO_CTRL2, FIFO_CTRL3,
+                                     FIFO_CTRL4, FIFO_CTRL5, WAKE_UP_DUR};
+    uint8_t n = 0;
+    for (unsigned i = 0; i < sizeof wanted && n + 2 <= room; i++) {
+        pairs[n] = wanted[i];
+        if (!get((lsm6dsm *)base, wanted[i], pairs + n + 1, 1)) {
+            return 0;
+        }
+        n = (uint8_t)(n + 2);
+    }
+    return n;
+}
+
+void lsm6dsm_init(lsm6dsm *self, const char *part, const lsm6_bus *bus)
+{
+    self->base.configure = configure;
+    self->base.read = read;
+    self->base.registers = registers;
+    self->base.part = part;
+    self->base.who_am_i = IDENTITY;
+    self->bus = *bus;
+    self->has_last = false;
+    self->settling = 0;
+}

@@ -1,0 +1,30 @@
+/* The LSM6DSM, LSM6DSL and LSM6DS3TR-C at register level, over any bus.
+ *
+ * Gyro, accelerometer and the part's own time stamp go through its FIFO, so that a sample is never
+ * read twice or torn, and a loss is known from the time stamps to the sample. Registers are those
+ * of ST's datasheets DocID028475 (LSM6DSL) and DocID028165 (LSM6DSM). */
+#ifndef LSM6DSM_H
+#define LSM6DSM_H
+
+#include "imu.h"
+
+/* Two functions and a clock are all that a board must give. */
+typedef struct {
+    void *context;
+    bool (*read)(void *context, uint8_t reg, uint8_t *to, uint16_t n);
+    bool (*write)(void *context, uint8_t reg, uint8_t value);
+    void (*wait_ms)(void *context, uint32_t ms);
+} lsm6_bus;
+
+typedef struct {
+    imu base;
+    lsm6_bus bus;
+    uint32_t period_ticks_q8; /* 25 us ticks between samples, times 256 */
+    uint32_t last_ticks;      /* unwrapped time stamp of the last sample that was delivered */
+    bool has_last;
+    uint8_t settling; /* samples still to be thrown away after a change */
+} lsm6dsm;
+
+void lsm6dsm_init(lsm6dsm *self, const char *part, const lsm6_bus *bus);
+
+#endif

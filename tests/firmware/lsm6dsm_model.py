@@ -1,0 +1,128 @@
+"""A register-accurate model of the LSM6DSM for tests of its driver.
+
+Registers that the driver uses behave as the datasheet says: reset values, self-clearing software
+reset, power-down until an ODR is set, the FIFO with its pattern of data sets (gyro, accelerometer,
+time stamp), its status, overwriting of the oldest word when it is full, and the 24-bit time stamp
+of 25 us that shares the oscillator with the ODR.
+"""
+
+from collections import deque
+
+RATES = {1: 12.5, 2: 26, 3: 52, 4: 104, 5: 208, 6: 416, 7: 833, 8: 1660, 9: 3330, 10: 6660}
+FIFO_WORDS = 2048
+RESET = {0x0F: 0x6A, 0x12: 0x04}
+SIGNED = 1 << 16
+
+
+class Lsm6dsm:
+    """One part on its bus.
+
+    Attributes
+    ----------
+    produced : int
+        Samples made since the ODR was set; sample k has counts `counts(k)`.
+    off_nominal : float
+        Relative error of the part's oscillator.
+    answers : bool
+        Whether it acknowledges on the bus.
+    """
+
+    def __init__(self, off_nominal=0.0):
+        self.off_nominal = off_nominal
+        self.answers = True
+        self.writes = []
+        self._reset()
+
+    def _reset(self):
+        self.registers = dict(RESET)
+        self.fifo = deque()
+        self.pattern = 0
+        self.overrun = False
+        self.produced = 0
+        self._phase = 0.0
+        self._ticks = 0.0
+
+    # --- time -----------------------------------------------------------------------------
+
+    @property
+    def rate_hz(self):
+        """True rate, 0 when powered down."""
+        nominal = RATES.get(self.registers.get(0x11, 0) >> 4, 0.0)
+        return nominal * (1.0 + self.off_nominal)
+
+    def advance(self, seconds):
+        """Let time pass."""
+        if not self.rate_hz:
+            return
+        self._phase += seconds * self.rate_hz
+        while self._phase >= 1.0:
+            self._phase -= 1.0
+            # Time stamp and ODR share an oscillator: a period is the nominal number of ticks.
+            self._ticks += 40_000 * (1.0 + self.off_nominal) / self.rate_hz
+            self._sample()
+
+    @staticmethod
+    def counts(k):
+        """Return the six counts of sample k."""
+        return [((k * 7 + axis * 1000) % SIGNED) - (SIGNED >> 1) for axis in range(6)]
+
+    def _sample(self):
+        words = [value % SIGNED for value in self.counts(self.produced)]
+        self.produced += 1
+        if self.registers.get(0x0A, 0) & 7 != 6:
+            return
+        if self.registers.get(0x07, 0) & 0x80:
+            stamp = int(self._ticks) & 0xFFFFFF if self.registers.get(0x19, 0) & 0x20 else 0
+            # ST's order: bits 15:8, 23:16, then one byte unused, bits 7:0.
+            words += [stamp >> 8 & 0xFFFF, (stamp & 0xFF) << 8, 0]
+        for word in words:
+            if len(self.fifo) == FIFO_WORDS:
+                self.fifo.popleft()
+                self.pattern = (self.pattern + 1) % len(words)
+                self.overrun = True
+            self.fifo.append(word)
+
+    # --- the bus --------------------------------------------------------------------------
+
+    def write(self, register, value):
+        """Write one register; returns whether it was acknowledged."""
+        if not self.answers:
+            return False
+        self.writes.append((register, value))
+        if register == 0x12 and value & 1:
+            self._reset()
+            return True
+        if register == 0x0A and value & 7 == 0:
+            self.fifo.clear()
+            self.pattern = 0
+            self.overrun = False
+        self.registers[register] = value
+        return True
+
+    def read(self, register, n):
+        """Read n bytes from a register on; None when it is not acknowledged."""
+        if not self.answers:
+            return None
+        if register == 0x3E:
+            return bytes(byte for _ in range(n // 2) for byte in self._pop())
+        return bytes(self._value(register + i) for i in range(n))
+
+    def _pop(self):
+        if not self.fifo:
+            return (0, 0)
+        word = self.fifo.popleft()
+        self.pattern = (self.pattern + 1) % 9
+        self.overrun = False
+        return (word & 0xFF, word >> 8)
+
+    def _value(self, register):
+        waiting = len(self.fifo)
+        special = {
+            0x20: 0x80,
+            0x21: 0x01,
+            0x3A: waiting & 0xFF,
+            0x3B: (waiting >> 8 & 7) | self.overrun << 6 | (waiting == 0) << 4,
+            0x3C: self.pattern,
+            0x3D: 0,
+        }
+        return special.get(register, self.registers.get(register, 0))

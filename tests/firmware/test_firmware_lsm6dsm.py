@@ -1,0 +1,220 @@
+"""The driver of the real part, against a register-accurate model of it."""
+
+import ctypes as c
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from lsm6dsm_model import Lsm6dsm
+
+DEVICE = Path(__file__).parents[2] / "firmware_protocol" / "device"
+READ = c.CFUNCTYPE(c.c_bool, c.c_void_p, c.c_uint8, c.POINTER(c.c_uint8), c.c_uint16)
+WRITE = c.CFUNCTYPE(c.c_bool, c.c_void_p, c.c_uint8, c.c_uint8)
+WAIT = c.CFUNCTYPE(None, c.c_void_p, c.c_uint32)
+
+
+class Bus(c.Structure):
+    _fields_ = (("context", c.c_void_p), ("read", READ), ("write", WRITE), ("wait_ms", WAIT))
+
+
+class Config(c.Structure):
+    _fields_ = (("rate", c.c_float), ("gyro_fs", c.c_float), ("accel_fs", c.c_float))
+
+
+class Batch(c.Structure):
+    _fields_ = (
+        ("n", c.c_uint8),
+        ("lost_before", c.c_uint32),
+        ("sensor_time", c.c_uint32),
+        ("temperature", c.c_int16),
+        ("samples", c.c_int16 * 6 * 18),
+    )
+
+
+class Imu(c.Structure):
+    """The head of struct imu: its functions, called with the object itself."""
+
+    _fields_ = (
+        ("configure", c.CFUNCTYPE(c.c_bool, c.c_void_p, c.POINTER(Config))),
+        ("read", c.CFUNCTYPE(c.c_bool, c.c_void_p, c.c_uint8, c.POINTER(Batch))),
+        ("registers", c.CFUNCTYPE(c.c_uint8, c.c_void_p, c.POINTER(c.c_uint8), c.c_uint8)),
+        ("part", c.c_char_p),
+        ("who_am_i", c.c_uint8),
+        ("rest", c.c_uint8 * 256),
+    )
+
+
+@pytest.fixture(scope="module")
+def library(compiler, tmp_path_factory):
+    out = tmp_path_factory.mktemp("driver") / "driver.so"
+    sources = [str(DEVICE / name) for name in ("lsm6dsm.c", "imu.c")]
+    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
+    include = f"-I{DEVICE.parent / 'encoder'}"
+    subprocess.run([compiler, *flags, include, "-fPIC", "-shared", "-o", out, *sources], check=True)
+    return c.CDLL(str(out))
+
+
+class Driver:
+    """The C driver on a bus of Python functions."""
+
+    def __init__(self, library, part):
+        self.part = part
+        self._bus = Bus(None, READ(self._read), WRITE(self._write), WAIT(lambda *_: None))
+        self._imu = Imu()
+        library.lsm6dsm_init(c.byref(self._imu), b"LSM6DSM", c.byref(self._bus))
+
+    def _read(self, _, register, to, n):
+        data = self.part.read(register, n)
+        if data is None:
+            return False
+        c.memmove(to, data, n)
+        return True
+
+    def _write(self, _, register, value):
+        return self.part.write(register, value)
+
+    def configure(self, rate=104.0, gyro_fs=250.0, accel_fs=2.0):
+        self.config = Config(rate, gyro_fs, accel_fs)
+        return self._imu.configure(c.addressof(self._imu), c.byref(self.config))
+
+    def read(self, most=16):
+        batch = Batch()
+        answered = self._imu.read(c.addressof(self._imu), most, c.byref(batch))
+        return answered, batch
+
+    def registers(self):
+        pairs = (c.c_uint8 * 64)()
+        n = self._imu.registers(c.addressof(self._imu), pairs, 64)
+        return dict(zip(pairs[0:n:2], pairs[1:n:2], strict=True))
+
+
+def numbers(batch):
+    """Return which samples of the model a batch holds, from the counts of all six axes."""
+    counts = np.array([list(row) for row in batch.samples[: batch.n]], np.int64).reshape(-1, 6)
+    k = (counts[:, 0] + 32768) * pow(7, -1, 65536) % 65536
+    for row, index in zip(counts, k, strict=True):
+        assert row.tolist() == Lsm6dsm.counts(int(index))
+    return k.tolist()
+
+
+@pytest.mark.parametrize(
+    ("config", "ctrl1", "ctrl2"),
+    [
+        ((104.0, 250.0, 2.0), 0x40, 0x40),
+        ((6660.0, 2000.0, 16.0), 0xA4, 0xAC),
+        ((12.5, 125.0, 4.0), 0x18, 0x12),
+        ((416.0, 500.0, 8.0), 0x6C, 0x64),
+        ((833.0, 1000.0, 2.0), 0x70, 0x78),
+    ],
+)
+def test_registers_are_set_as_the_datasheet_says(library, config, ctrl1, ctrl2):
+    part = Lsm6dsm()
+    driver = Driver(library, part)
+    assert driver.configure(*config)
+    told = driver.registers()
+    assert (told[0x10], told[0x11]) == (ctrl1, ctrl2)
+    assert told[0x12] & 0x40, "block data update keeps both bytes of one sample together"
+    assert told[0x0A] & 7 == 6, "FIFO in continuous mode"
+    assert told[0x0A] >> 3 == ctrl2 >> 4, "FIFO at the ODR of the sensors"
+    assert told[0x5C] & 0x10, "time stamp of 25 us"
+
+
+def test_what_the_part_cannot_do_is_refused_and_nothing_is_written(library):
+    part = Lsm6dsm()
+    driver = Driver(library, part)
+    assert not driver.configure(rate=150.0)
+    assert not driver.configure(gyro_fs=300.0)
+    assert not driver.configure(accel_fs=3.0)
+    assert part.writes == []
+
+
+def test_a_foreign_or_absent_part_is_refused(library):
+    part = Lsm6dsm()
+    part.registers[0x0F] = 0x69
+    assert not Driver(library, part).configure()
+    part.answers = False
+    assert not Driver(library, part).configure()
+
+
+@pytest.mark.parametrize("off", [0.0, -0.044, 0.07])
+def test_every_sample_comes_once_and_in_order_whatever_the_true_rate(library, off):
+    part = Lsm6dsm(off)
+    driver = Driver(library, part)
+    driver.configure(rate=416.0)
+    got, lost = [], 0
+    for _ in range(400):
+        part.advance(0.02)
+        while True:
+            answered, batch = driver.read()
+            assert answered
+            lost += batch.lost_before
+            got += numbers(batch)
+            if batch.n < 16:
+                break
+    assert lost == 0
+    assert got == list(range(got[0], got[0] + len(got)))
+    assert got[0] == 17, "the first after a change of mode and 16 of the settling filter are void"
+    assert len(got) == part.produced - 17
+
+
+@pytest.mark.parametrize("rate", [104.0, 6660.0])
+def test_an_overrun_is_told_to_the_sample_and_axes_do_not_shift(library, rate):
+    part = Lsm6dsm(0.03)
+    driver = Driver(library, part)
+    driver.configure(rate=rate)
+    expected, lost = None, 0
+    for step in range(60):
+        # Every tenth time the host is late by more than the FIFO holds (2048 words, 227 samples).
+        part.advance(400.0 / rate if step % 10 == 9 else 16.0 / rate)
+        while True:
+            _, batch = driver.read()
+            for k in numbers(batch):
+                if expected is not None:
+                    lost_here = k - expected
+                    assert lost_here == (batch.lost_before if k == numbers(batch)[0] else 0)
+                    lost += lost_here
+                expected = k + 1
+            if batch.n < 16:
+                break
+    assert lost > 0
+
+
+def test_the_time_stamp_is_unwrapped_across_its_24_bits(library):
+    part = Lsm6dsm()
+    driver = Driver(library, part)
+    driver.configure(rate=12.5)
+    stamps = []
+    for _ in range(9000):
+        part.advance(0.08)
+        _, batch = driver.read()
+        if batch.n:
+            assert batch.lost_before == 0
+            stamps.append(batch.sensor_time)
+    steps = np.diff(np.array(stamps, np.int64))
+    assert set(steps.tolist()) == {3200}
+    assert stamps[-1] > 1 << 24
+
+
+def test_a_part_that_falls_silent_is_an_error_and_not_a_wrong_sample(library):
+    part = Lsm6dsm()
+    driver = Driver(library, part)
+    driver.configure()
+    part.advance(1.0)
+    part.answers = False
+    assert driver.read()[0] is False
+    part.answers = True
+    answered, batch = driver.read()
+    assert answered
+    assert batch.temperature == 0x0180
+
+
+def test_an_empty_fifo_gives_no_sample(library):
+    driver = Driver(library, Lsm6dsm())
+    driver.configure()
+    answered, batch = driver.read()
+    assert answered
+    assert batch.n == 0

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.base import EffectKind
-from allanscope.explain.effects.unexplained import tone_left_over
+from allanscope.explain.effects.unexplained import COSINES, drift_left_over, tone_left_over
 from allanscope.explain.residual import band_scores
 from allanscope.explain.view import View
 
@@ -36,6 +36,8 @@ _SPECTRAL = ("gauss_markov", "narrowband", "band_limit")
 _CONSTANT_P = 1e-5
 _FEWEST_COHERENCES = 20.0
 _SIMILAR = 3.0
+_SLOW = ("warm_up", "ramp")
+_CLEARLY = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,8 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
         before = len(view.accepted)
         for stage in sorted({kind.stage for kind in KINDS.values()}):
             view = _settle(view, stage, budget)
+            if stage == 2:
+                view = _audit_drift(view)
         if len(view.accepted) == before:
             break
     return view
@@ -194,6 +198,25 @@ def _delete(view: View) -> View:
             _LOG.debug("%s drops %s", view.axis, candidate.kind)
             view = without(view, candidate)
     return view
+
+
+def _audit_drift(view: View) -> View:
+    """Replace slow effects by `unexplained` where free cosines do clearly better than they.
+
+    A drift of any other form is fitted piecewise by exponentials and ramps; each piece is
+    significant and none is true.
+    """
+    slow = [c for c in view.accepted if c.kind in _SLOW]
+    if not slow:
+        return view
+    bare = view
+    for candidate in slow:
+        bare = without(bare, candidate)
+    named = view.spectrum.loglik - bare.spectrum.loglik
+    free = drift_left_over(bare)
+    if free is None or free.gain - 2 * COSINES < named + _CLEARLY:
+        return view
+    return accept(bare, free)
 
 
 def _with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> View:

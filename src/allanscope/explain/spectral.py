@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,13 +130,18 @@ class Term:
 
     def at_bins(self, grid: Grid) -> Array:
         """Evaluate the shape for every bin: at its centre, or averaged where it is narrow."""
-        if self.narrow:
-            return grid.bin_means(self.at(grid, grid.frequency))
-        return self.at(grid, grid.centre)
+        return _at_bins(self, grid)
 
     def at(self, grid: Grid, frequency: Array) -> Array:
         """Evaluate the shape."""
         return self.shape(frequency, grid.rate_hz, self.nonlinear)
+
+
+@lru_cache(maxsize=64)
+def _at_bins(term: Term, grid: Grid) -> Array:
+    if term.narrow:
+        return grid.bin_means(term.at(grid, grid.frequency))
+    return term.at(grid, grid.centre)
 
 
 @dataclass(frozen=True)
@@ -185,7 +190,7 @@ class Spectrum:
     @cached_property
     def kept(self) -> NDArray[np.bool_]:
         """Ordinates that take part in the fit."""
-        return _kept(self.grid, self.terms)
+        return _kept(self.grid, _excluding(self.terms))
 
     @cached_property
     def covariance(self) -> Array:
@@ -219,6 +224,11 @@ class _Design:
         return np.full(len(self.count), floor)
 
 
+def _excluding(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    return tuple(t for t in terms if t.role == "excludes")
+
+
+@lru_cache(maxsize=16)
 def _kept(grid: Grid, terms: tuple[Term, ...]) -> NDArray[np.bool_]:
     kept = np.ones(grid.n - 1, bool)
     for term in terms:
@@ -239,7 +249,7 @@ def _design(grid: Grid, base: str, terms: tuple[Term, ...]) -> _Design:
     columns += [t.at_bins(grid) for t in terms if t.role == "adds"]
     count = grid.count
     if any(t.role == "excludes" for t in terms):
-        count = np.add.reduceat(_kept(grid, terms).astype(np.float64), grid.edges)
+        count = np.add.reduceat(_kept(grid, _excluding(terms)).astype(np.float64), grid.edges)
     return _Design(np.column_stack(columns), count)
 
 
@@ -247,7 +257,7 @@ def binned_power(grid: Grid, squares: Array, terms: tuple[Term, ...]) -> Array:
     """Mean square of the ordinates of every bin that take part in the fit."""
     if not any(t.role == "excludes" for t in terms):
         return grid.bin_means(squares)
-    kept = _kept(grid, terms)
+    kept = _kept(grid, _excluding(terms))
     count = np.add.reduceat(kept.astype(np.float64), grid.edges)
     return np.add.reduceat(squares * kept, grid.edges) / np.maximum(count, 1.0)
 

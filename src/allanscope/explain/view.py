@@ -126,6 +126,11 @@ class View:
         """Return the view of other data."""
         return replace(self, data=data)
 
+    @property
+    def drifts(self) -> bool:
+        """Whether a slow drift without a name has been accepted."""
+        return any(c.kind == "unexplained" and c.shape[0] == 0 < c.shape[-1] for c in self.accepted)
+
     def has(self, kind: str) -> bool:
         """Tell whether an effect of this kind has been accepted."""
         return any(c.kind == kind for c in self.accepted)

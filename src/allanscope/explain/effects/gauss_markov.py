@@ -27,6 +27,8 @@ from allanscope.explain.view import View
 Array = NDArray[np.float64]
 
 _PER_DECADE = 5
+_TELLING = 25.0
+"""Ratio of the process to the noise within a dwell above which two levels would be seen."""
 _LONGEST = 0.15
 """Longest correlation time looked for, as a share of the record: beyond, it is a random walk."""
 
@@ -50,6 +52,8 @@ class GaussMarkov(EffectKind):
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Profile the likelihood over the correlation time."""
+        if view.has("quantization"):
+            return []
         shortest, longest = 3 / view.grid.rate_hz, _LONGEST * view.series.duration_s
         if longest < 2 * shortest:
             return []
@@ -101,16 +105,22 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
         - fitted(view, tc * np.exp(-h)).sigma_of(term_of(tc * np.exp(-h)))[0]
     ) / (2 * h)
     sigma_error = float(np.hypot(sigma_error, slope * error))
-    spread = 1.96 * sigma_error / max(sigma, 1e-300)
+    error = min(error, 10.0)
+    gain = fit.loglik - view.spectrum.loglik
+    # Two levels can be told from a bell only where a dwell stands out of the noise within it.
+    noise = fit.variance_of("N") + fit.variance_of("B") * tc
+    signal = 2 * tc * sigma**2 / max(noise, 1e-300)
+    spread = min(1.96 * sigma_error / max(sigma, 1e-300), 20.0)
     return Candidate(
         kind="gauss_markov",
         parameters={
             "sigma": Parameter(sigma, sigma * np.exp(-spread), sigma * np.exp(spread), view.unit),
             "correlation_time": Parameter(tc, tc * np.exp(-1.96 * error), tc * np.exp(1.96 * error), "s"),
         },
-        gain=fit.loglik - view.spectrum.loglik,
+        gain=gain,
         price=float(np.log(12 / ALPHA)),
         terms=(term,),
         shape=(tc,),
+        rivals={"random_telegraph": gain} if signal < _TELLING else {},
         words=f"noise that forgets itself after {tc:.3g} s explains what N, B and K together cannot",
     )  # fmt: skip

@@ -11,7 +11,8 @@ the model as a term of the spectrum.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import halves
-from allanscope.explain.spectral import Term, binned_power, fit_spectrum
+from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
 from allanscope.explain.tones import envelope_kurtosis
 from allanscope.explain.view import View
 
@@ -30,7 +31,9 @@ Array = NDArray[np.float64]
 
 _WIDEST = 0.5
 """Widest run of ordinates looked at, as a share of its frequency."""
-_SUB_BINS = 600
+_SUB_BINS = 400
+_ROUNDS = 3
+_RESOLVED = 0.05
 
 
 def resonance(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
@@ -91,59 +94,91 @@ def _runs(view: View) -> list[tuple[int, int]]:
         bits = -np.log(max(float(tail), 1e-300))
         if bits > np.log(len(u)):
             excess = float(sums[k] - width)
-            runs.append((max(bits, excess**2 / (4 * width) if tail < 1e-290 else 0), int(first[k]), width))
+            beyond = excess**2 / (4 * width) if tail < 1e-290 else 0.0
+            runs.append((max(bits, beyond), int(first[k]), width))
         width *= 2
     runs.sort(reverse=True)
     return [(start, width) for _, start, width in runs[:2]]
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The ordinates around a band, averaged into at most some hundred bins."""
+
+    frequency: Array
+    power: Array
+    background: Array
+    size: int
+    rate: float
+
+    def loss(self, p: Array) -> float:
+        """Negative log-likelihood of (log background factor, log variance, f0, log width)."""
+        f0, width = float(p[2]), float(np.exp(p[3]))
+        if not (self.frequency[0] < f0 < self.frequency[-1]) or width > 2 * f0:
+            return 1e15
+        variance = self.background * np.exp(p[0]) + np.exp(p[1]) * resonance(
+            self.frequency, self.rate, (f0, width)
+        )
+        return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
+
+    def flat(self) -> float:
+        """Return the least loss without a band."""
+        ratio = float(np.mean(self.power / self.background))
+        variance = self.background * ratio
+        return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
+
+
+def _window(view: View, spectrum: Spectrum, f0: float, width: float) -> _Window:
+    grid = view.grid
+    unit = grid.rate_hz / (2 * grid.n)
+    reach = max(12 * width, 400 * unit)
+    low = int(max(0.2 * f0, f0 - reach) / unit)  # below, noise changes within a bin
+    high = int(min(grid.n - 1, (f0 + reach) / unit))
+    size = max(1, (high - low) // _SUB_BINS)
+    stop = low + (high - low) // size * size
+    f = grid.frequency[low:stop].reshape(-1, size).mean(axis=1)
+    power = view.squares[low:stop].reshape(-1, size).mean(axis=1)
+    return _Window(f, power, spectrum.at(f), size, grid.rate_hz)
 
 
 def _fit(view: View, start: int, width: int) -> Candidate | None:
     grid = view.grid
     unit = grid.rate_hz / (2 * grid.n)
     f0, w = (start + width / 2) * unit, max(width * unit * 0.5, 3 * unit)
-    reach = max(10 * width, 400)
-    low, high = max(0, start - reach), min(grid.n - 1, start + width + reach)
-    size = max(1, (high - low) // _SUB_BINS)
-    stop = low + (high - low) // size * size
-    f = grid.frequency[low:stop].reshape(-1, size).mean(axis=1)
-    power = view.squares[low:stop].reshape(-1, size).mean(axis=1)
-    background = view.spectrum.at(f)
-    count = float(size)
-
-    def loss(p: Array) -> float:
-        c, v, frequency, wide = p[0], p[1], p[2], p[3]
-        if not (f[0] < frequency < f[-1]):
-            return 1e12
-        variance = background * np.exp(c) + np.exp(v) * resonance(
-            f, grid.rate_hz, (frequency, float(np.exp(wide)))
+    excess = view.squares[start : start + width] - view.spectrum.ordinates[start : start + width]
+    point = np.array([0.0, np.log(max(float(excess.sum()) / grid.n, 1e-30)), f0, np.log(w)])
+    spectrum = view.spectrum
+    for _ in range(_ROUNDS):
+        # What is beside the band is known only once the band is in the model.
+        window = _window(view, spectrum, float(point[2]), float(np.exp(point[3])))
+        spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
+        found = minimize(
+            window.loss, point, method="Nelder-Mead",
+            options={"initial_simplex": np.vstack([point, point + spread]), "maxiter": 500,
+                     "xatol": 1e-3 * np.exp(point[3]), "fatol": 1e-3},
+        )  # fmt: skip
+        point = np.asarray(found.x)
+        f0, w = float(point[2]), float(np.exp(point[3]))
+        if w < 1.5 * unit or w > 2 * f0:
+            return None
+        term = Term("narrowband", "adds", (f0, w), resonance, narrow=True)
+        terms = (*view.terms, term)
+        whole = fit_spectrum(
+            grid, view.power, base=view.base, terms=terms, floor=view.fitted_floor
         )
-        return float(0.5 * count * np.sum(np.log(variance) + power / variance))
-
-    excess = float(np.sum(view.squares[start : start + width] - view.spectrum.ordinates[start : start + width]))
-    sigma2 = max(excess / grid.n, 1e-30)
-    first = np.array([0.0, np.log(sigma2), f0, np.log(w)])
-    simplex = np.vstack([first] + [first + d for d in np.diag([0.1, 0.7, 0.3 * w, 0.7])])
-    best = minimize(loss, first, method="Nelder-Mead",
-                    options={"initial_simplex": simplex, "xatol": 1e-4 * w, "fatol": 1e-3, "maxiter": 600})  # fmt: skip
-    f0, w = float(best.x[2]), float(np.exp(best.x[3]))
-    if w < 1.5 * unit or f0 <= 0 or w > 2 * f0:
-        return None
-    error = _errors(loss, best.x)
-    term = Term("narrowband", "adds", (f0, w), resonance, narrow=True)
-    terms = (*view.terms, term)
-    fit = fit_spectrum(grid, binned_power(grid, view.squares, terms), base=view.base, terms=terms, floor=view.fitted_floor)
-    coarse = fit.loglik - view.spectrum.loglik
-    flat = minimize(lambda c: float(0.5 * count * np.sum(np.log(background * np.exp(c[0])) + power / background / np.exp(c[0]))), [0.0], method="Nelder-Mead")
-    local = float(flat.fun - best.fun)
-    gain = max(coarse, local) if w < 0.1 * f0 else coarse
-    sigma = float(np.exp(best.x[1] / 2))
+        spectrum = replace(whole, terms=view.terms, variances=whole.variances[:-1])
+    gain = whole.loglik - view.spectrum.loglik
+    if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
+        gain = max(gain, window.flat() - float(found.fun))
+    error = _errors(window.loss, point)
+    sigma = float(np.exp(point[1] / 2))
     kurtosis, kurtosis_error = envelope_kurtosis(view.data, grid.rate_hz, f0, w)
     return Candidate(
         kind="narrowband",
         parameters={
             "frequency": estimate(f0, error[2], "Hz"),
-            "bandwidth": Parameter(w, w * np.exp(-1.96 * error[3]), w * np.exp(1.96 * error[3]), "Hz"),
-            "sigma": Parameter(sigma, sigma * np.exp(-0.98 * error[1]), sigma * np.exp(0.98 * error[1]), view.unit),
+            "bandwidth": _log_interval(w, error[3], "Hz"),
+            "sigma": _log_interval(sigma, error[1] / 2, view.unit),
         },
         gain=gain,
         price=float(np.log(4 * grid.n / ALPHA) * 0.5 + 7.0),
@@ -151,10 +186,15 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
         shape=(f0, w),
         words=f"noise in a band of {w:.3g} Hz around {f0:.4g} Hz",
         evidence={"envelope_kurtosis": kurtosis, "envelope_kurtosis_error": kurtosis_error},
-    )  # fmt: skip
+    )
 
 
-def _errors(loss, at: Array) -> Array:  # type: ignore[no-untyped-def]
+def _log_interval(value: float, error: float, unit: str) -> Parameter:
+    factor = float(np.exp(1.96 * min(error, 5.0)))
+    return Parameter(value, value / factor, value * factor, unit)
+
+
+def _errors(loss: Callable[[Array], float], at: Array) -> Array:
     """Standard errors from the curvature of the log-likelihood."""
     p = len(at)
     step = np.array([0.02, 0.05, 0.05 * np.exp(at[3]), 0.05])

@@ -17,6 +17,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
+from scipy.ndimage import minimum_filter1d
 from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
@@ -32,6 +33,8 @@ _FEWEST_CYCLES = 3.0
 _SLOW_CYCLES = 40.0
 """Below this many cycles per record the level around a line must come from the model."""
 _PROPOSALS = 3
+_MARGIN = 8
+"""Ordinates beside an excluded range into which what was excluded leaks."""
 
 
 class Sinusoid(EffectKind):
@@ -46,18 +49,18 @@ class Sinusoid(EffectKind):
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Look at every frequency from three cycles per record to Nyquist."""
-        yield from (self._at(view, f, g) for f, g in _fast_lines(view))
-        yield from (self._at(view, f, g) for f, g in _slow_lines(view))
+        yield from (self._at(view, f) for f in _fast_lines(view))
+        yield from (self._at(view, f) for f in _slow_lines(view))
 
     def refine(self, view: View, candidate: Candidate) -> Candidate:
         """Estimate frequency, amplitude and phase again."""
-        return self._at(view, candidate.shape[0], candidate.gain)
+        return self._at(view, candidate.shape[0])
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge amplitude and phase by interleaved blocks."""
         return interleaved_signal(view, _pair(view, candidate.shape[0]), candidate.gain)
 
-    def _at(self, view: View, frequency: float, gain: float) -> Candidate:
+    def _at(self, view: View, frequency: float) -> Candidate:
         n, rate = view.grid.n, view.grid.rate_hz
         duration = n / rate
         frequency = _peak(view.data, rate, frequency, 0.75 / duration)
@@ -72,6 +75,7 @@ class Sinusoid(EffectKind):
             normal = pair @ pair.T
             amplitudes = np.linalg.solve(normal, pair @ (view.data - view.data.mean()))
             level = local_level(view, frequency)
+            gain = float(amplitudes @ normal @ amplitudes / (2 * level))
             error = float(np.sqrt(2 * level / n))
         amplitude = float(np.hypot(*amplitudes))
         sd_frequency = np.sqrt(3.0) * error / (np.pi * amplitude * duration)
@@ -91,25 +95,23 @@ class Sinusoid(EffectKind):
         )
 
 
-def _fast_lines(view: View) -> list[tuple[float, float]]:
+def _fast_lines(view: View) -> list[float]:
     n, rate = view.grid.n, view.grid.rate_hz
     size = next_fast_len(2 * n, real=True)
     power = np.abs(rfft(view.data - view.data.mean(), size)) ** 2 / n
     frequency = np.arange(len(power)) * rate / size
     lowest = int(_SLOW_CYCLES * size / n) + 1
-    inside = view.spectrum.kept[
-        np.clip((frequency * 2 * n / rate).astype(int) - 1, 0, n - 2)
-    ]
-    power[~inside] = 0.0
+    open_ = minimum_filter1d(view.spectrum.kept, 2 * _MARGIN + 1)
+    inside = open_[np.clip((frequency * 2 * n / rate).astype(int) - 1, 0, n - 2)]
     level = running_level(power, lowest)
-    ratio = power[lowest:] / level
+    ratio = np.where(inside[lowest:], power[lowest:] / level, 0.0)
     found = []
     for _ in range(_PROPOSALS):
         best = int(np.argmax(ratio))
         gain = float(ratio[best])
         if gain < np.log(0.75 * n / ALPHA):
             break
-        found.append((float(frequency[best + lowest]), gain))
+        found.append(float(frequency[best + lowest]))
         ratio[max(0, best - 12) : best + 12] = 0.0
     return found
 
@@ -131,7 +133,7 @@ def running_level(power: Array, lowest: int, block: int = 512) -> Array:
     return np.exp(np.interp(np.arange(len(tail)), centres, np.log(medians)))
 
 
-def _slow_lines(view: View) -> list[tuple[float, float]]:
+def _slow_lines(view: View) -> list[float]:
     """Frequencies of few cycles, scanned by GLS under the null's noise, then refitted."""
     n, rate = view.grid.n, view.grid.rate_hz
     duration = n / rate
@@ -153,7 +155,7 @@ def _slow_lines(view: View) -> list[tuple[float, float]]:
             frequency = float(cycles[index] / duration)
             fit = joint_fit(view, _slow_pair(view, frequency))
             if fit.gain > 0.6 * price:
-                found.append((frequency, fit.gain))
+                found.append(frequency)
     return found[:1]
 
 

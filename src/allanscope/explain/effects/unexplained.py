@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 _BAND_Z = 5.0
 _NEIGHBOUR_Z = 3.0
 _TAIL_Z = 6.0
-_COSINES = 5
+COSINES = 5
 
 
 def outside(frequency: Array, _rate: float, nonlinear: tuple[float, ...]) -> Array:
@@ -44,7 +44,9 @@ class Unexplained(EffectKind):
     def propose(self, view: View) -> Iterable[Candidate]:
         """Look at what is left in the spectrum, the slow drift and the distribution."""
         yield from _bands(view)
-        yield from _drift(view)
+        drift = drift_left_over(view)
+        if drift is not None:
+            yield drift
         if not any(c.shape == (0.0,) for c in view.accepted if c.kind == self.kind):
             yield from _tails(view)
 
@@ -75,12 +77,9 @@ def tone_left_over(view: View, candidate: Candidate) -> Candidate:
     f0 = candidate.shape[0]
     unit = view.grid.rate_hz / (2 * view.grid.n)
     reach = max(candidate.shape[1] if candidate.kind == "narrowband" else 0.0, 8 * unit)
-    u = view.squares / view.spectrum.ordinates
-    low, high = _extent(u, f0, reach, unit)
-    inside = u[max(0, int(low / unit) - 1) : int(high / unit) + 1]
-    total = float(np.sum(view.squares))
-    share = float(np.sum(view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1])) / total
-    del inside
+    low, high = _extent(view.squares / view.spectrum.ordinates, f0, reach, unit)
+    inside = view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1]
+    share = float(inside.sum() / view.squares.sum())
     return left_over(
         view, low, high, candidate.gain, share,
         f"a tone between {low:.5g} and {high:.5g} Hz changes in frequency or amplitude",
@@ -101,6 +100,8 @@ def _extent(u: Array, f0: float, reach: float, unit: float) -> tuple[float, floa
 
 
 def _bands(view: View) -> Iterable[Candidate]:
+    if view.has("quantization"):
+        return
     bands = band_scores(view)
     worst = int(np.argmax(np.abs(bands.z)))
     z = float(bands.z[worst])
@@ -120,17 +121,17 @@ def _bands(view: View) -> Iterable[Candidate]:
     )  # fmt: skip
 
 
-def _drift(view: View) -> Iterable[Candidate]:
+def drift_left_over(view: View) -> Candidate | None:
     """A few free cosines that still gain: a slow drift of a form that has no name."""
     m = view.grid.low
-    if not view.spectrum.kept[:_COSINES].all():
-        return
-    fit = joint_fit(view, np.eye(_COSINES, m))
-    if fit.gain < np.log(1 / ALPHA) + 2 * _COSINES:
-        return
-    high = (_COSINES + 0.5) * view.grid.rate_hz / (2 * view.grid.n)
-    share = float(np.sum(view.squares[:_COSINES]) / np.sum(view.squares))
-    yield left_over(
+    if m <= COSINES or not view.spectrum.kept[:COSINES].all():
+        return None
+    fit = joint_fit(view, np.eye(COSINES, m))
+    if fit.gain < np.log(1 / ALPHA) + 2 * COSINES:
+        return None
+    high = (COSINES + 0.5) * view.grid.rate_hz / (2 * view.grid.n)
+    share = float(np.sum(view.squares[:COSINES]) / np.sum(view.squares))
+    return left_over(
         view, 0.0, high, fit.gain, share,
         f"a drift slower than {1 / high:.0f} s is neither exponential nor straight nor thermal",
     )  # fmt: skip

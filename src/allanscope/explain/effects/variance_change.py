@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 _BLOCK_S = 0.5
 _MOST = 8
+_CAP = 20.0
+"""Squares are cut here, so that one sample cannot make a stretch."""
 _LONGEST = 0.5
 
 
@@ -41,15 +43,15 @@ class VarianceChange(EffectKind):
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Look for intervals whose mean square differs from the rest's."""
-        if view.has(self.kind):
+        if view.has(self.kind) or view.has("quantization"):
             return []
         size = max(8, int(_BLOCK_S * view.grid.rate_hz))
         blocks = len(view.innovations) // size
         if blocks < 16:
             return []
         white = view.innovations[: blocks * size].reshape(blocks, size)
-        power = np.mean(white**2, axis=1)
-        spread = float(np.median([np.var(part) for part in np.array_split(power, 16)]))
+        power = np.mean(np.minimum(white**2, _CAP), axis=1)
+        spread = float(np.mean((np.diff(power)) ** 2)) / 2
         freedom = float(np.clip(2 / spread * np.median(power) ** 2, 1.0, size))
         found = _intervals(power, freedom)
         if not found:

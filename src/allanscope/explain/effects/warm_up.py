@@ -44,7 +44,7 @@ class WarmUp(EffectKind):
     def propose(self, view: View) -> Iterable[Candidate]:
         """Fit a bank of time constants."""
         longest = _LONGEST * view.series.duration_s
-        if longest < 2 * _SHORTEST_S or view.has(self.kind):
+        if longest < 2 * _SHORTEST_S or view.has(self.kind) or view.drifts:
             return []
         bank = np.geomspace(_SHORTEST_S, longest, _BANK)
         gains = [joint_fit(view, _column(view, tc), rounds=5).gain for tc in bank]

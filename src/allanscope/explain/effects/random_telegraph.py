@@ -1,0 +1,182 @@
+r"""A random telegraph signal: the level hops between two values, +A and -A, at random.
+
+Second moments are those of Gauss-Markov noise with sigma = A and 1/Tc = 2/dwell, exactly, so no
+curve and no spectrum can name it. What can is the path: a two-state hidden Markov model on block
+means, alternated with an estimate of the slow noise beneath (Wiener filter with the fitted B and
+K), gives the most probable path. Its likelihood, noise refitted, plus the probability of the path
+itself, is what the marginal likelihood of the Gauss-Markov process has to be compared with:
+
+.. math:: \ln p(y \mid s) + \ln P(s) + [\ln p(y) - \ln p(y, s)]_{HMM} \quad \text{against} \quad
+          \ln p_{GM}(y).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct, idct
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.gauss_markov import GaussMarkov, fitted, lorentzian
+from allanscope.explain.heldout import halves
+from allanscope.explain.regression import joint_fit, ordinates_of
+from allanscope.explain.spectral import Term
+from allanscope.explain.telegraph import posterior
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+_BLOCKS = 16384
+_MOST_BLOCKS = 1 << 17
+_PER_DWELL = 50.0
+"""Blocks in a mean dwell: two switches within a block go unseen."""
+_ROUNDS = 12
+_FEWEST_SWITCHES = 4
+
+
+class RandomTelegraph(EffectKind):
+    """Two levels."""
+
+    kind = "random_telegraph"
+    meaning = "the level hops between two values"
+    confused_with = {
+        "gauss_markov": "same spectrum; two levels instead of a bell",
+        "step": "fewer than four switches are steps",
+    }
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Start from the Gauss-Markov process of the same spectrum."""
+        if view.has(self.kind) or view.has("gauss_markov") or view.has("quantization"):
+            return
+        twin = next(iter(_TWIN.propose(view)), None)
+        if twin is None or twin.gain < twin.price:
+            return
+        best: Candidate | None = None
+        tc, sigma = twin.shape[0], float(twin.parameters["sigma"].value)
+        for stretch in (1.0, 3.0):
+            candidate = _candidate(view, sigma, 2 * tc * stretch)
+            if candidate and (best is None or candidate.gain > best.gain):
+                best = candidate
+        if best is not None:
+            yield Candidate(**{**best.__dict__, "rivals": {"gauss_markov": twin.gain}})
+
+    def refine(self, view: View, candidate: Candidate) -> Candidate:
+        """Find the path again."""
+        return _candidate(view, *candidate.shape) or candidate
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Judge its spectrum by the two halves."""
+        return halves(view, view.terms + candidate.terms)
+
+
+@dataclass(frozen=True)
+class _Path:
+    state: Array
+    log_prior: float
+    slack: float
+    amplitude: float
+    dwell_s: float
+    switches: int
+
+
+def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None:
+    path = _path(view, amplitude, dwell_s)
+    if path is None or path.switches < _FEWEST_SWITCHES:
+        return None
+    hop = view.grid.n // len(path.state)
+    full = np.repeat(path.state, hop)
+    full = np.concatenate([full, np.full(view.grid.n - len(full), full[-1])])
+    fit = joint_fit(view, ordinates_of(full)[np.newaxis, : view.grid.low])
+    size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+    if size <= 0:
+        return None
+    dwell = path.dwell_s
+    spread = 1.96 / np.sqrt(path.switches)
+    term = Term("random_telegraph", "adds", (dwell / 2,), lorentzian)
+    return Candidate(
+        kind="random_telegraph",
+        parameters={
+            "amplitude": estimate(size, error, view.unit),
+            "dwell": Parameter(
+                dwell, dwell * float(np.exp(-spread)), dwell * float(np.exp(spread)), "s"
+            ),
+        },
+        gain=fit.gain + path.log_prior + path.slack,
+        price=float(np.log(12 / ALPHA)),
+        terms=(term,),
+        shape=(size, dwell),
+        words=f"the level hops between two values {2 * size:.3g} {view.unit} apart",
+        evidence={"switches": path.switches},
+    )
+
+
+def _path(view: View, amplitude: float, dwell_s: float) -> _Path | None:
+    """Alternate between the path and the slow noise beneath it."""
+    grid = view.grid
+    fine = int(min(grid.n // _BLOCKS, dwell_s * grid.rate_hz / _PER_DWELL))
+    hop = max(1, fine, grid.n // _MOST_BLOCKS)
+    blocks = grid.n // hop
+    block_s = hop / grid.rate_hz
+    level = view.data[: blocks * hop].reshape(blocks, hop).mean(axis=1)
+    level = level - level.mean()
+    spectrum = view.spectrum
+    f = np.arange(1, blocks) * grid.rate_hz / (2 * grid.n)
+    white = float(np.median(view.power[-40:])) / hop if len(view.power) > 80 else 0.0
+    white = max(white, spectrum.variance_of("N") * grid.rate_hz / hop)
+    size, rate = amplitude, min(0.4, block_s / dwell_s)
+    parts = [variance * at for variance, at in _parts(view, dwell_s / 2, f)]
+    beneath_both = parts[1] / (parts[0] + parts[1] + parts[2])
+    wiener = parts[1] / (parts[0] + parts[1])
+    slow = _smooth(level, beneath_both)
+    result = None
+    for _ in range(_ROUNDS):
+        rest = level - slow
+        state, most, log_z, log_joint, switches = posterior(rest, size, rate, white)
+        weight = float(np.sum(state**2))
+        if weight <= 0:
+            return None
+        rate = float(np.clip(switches / (blocks - 1), 1e-6, 0.4))
+        hard = int(np.count_nonzero(np.diff(most)))
+        log_prior = hard * np.log(rate) + (blocks - 1 - hard) * np.log1p(-rate)
+        result = _Path(most, log_prior, log_z - log_joint, size, _dwell(rate, block_s), hard)
+        slow = _smooth(level - size * state, wiener)
+        new = float(np.sum((level - slow) * state) / np.sum(state**2))
+        if new <= 0:
+            return None
+        size = new
+    return result
+
+
+def _dwell(chance: float, block_s: float) -> float:
+    """Mean dwell of a signal that differs between two instants with this chance."""
+    return -2 * block_s / float(np.log1p(-2 * chance))
+
+
+def _smooth(values: Array, share: Array) -> Array:
+    """Keep the given share of every ordinate."""
+    ordinates = dct(values, norm="ortho")
+    ordinates[1:] *= share
+    return np.asarray(idct(ordinates, norm="ortho"))
+
+
+def _parts(view: View, tc: float, f: Array) -> list[tuple[float, Array]]:
+    """White noise; flicker and random walk; the process: as fitted together."""
+    fit = fitted(view, tc)
+    process = fit.sigma_of(fit.terms[-1])[0] ** 2
+    slow = sum(
+        fit.variance_of(letter) * view.grid.textbook(letter, f) for letter in ("B", "K")
+    )
+    white = fit.variance_of("N") * view.grid.rate_hz + fit.floor
+    return [
+        (1.0, np.full_like(f, white)),
+        (1.0, np.asarray(slow)),
+        (process, lorentzian(f, view.grid.rate_hz, (tc,))),
+    ]
+
+
+_TWIN = GaussMarkov()

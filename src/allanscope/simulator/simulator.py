@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,18 @@ class Simulator:
         duration_s: float = UNKNOWN_DURATION_S,
         run: int = 0,
     ) -> None:
+        self._arguments: dict[str, Any] = {
+            "part": part,
+            "rate": rate,
+            "seed": seed,
+            "truth": truth,
+            "gyro_fs": gyro_fs,
+            "accel_fs": accel_fs,
+            "clock_error": clock_error,
+            "axes": axes,
+            "duration_s": duration_s,
+            "run": run,
+        }
         known = part_named(part)
         if not 0.0 < rate <= 1e6:
             raise UsageError(f"a sample rate of {rate:g} Hz makes no sense")
@@ -139,6 +152,18 @@ class Simulator:
         ]
         self._thermometer = Thermometer(self.truth.temperature, run)
         self._stamp_noise = run.stream("stamps")
+
+    def reconfigured(self, **changes: Any) -> Simulator:
+        """Return another run of the same specimen with other arguments, e.g. ``rate=208.0``.
+
+        Examples
+        --------
+        >>> sensor = Simulator(rate=104.0, seed=1)
+        >>> sensor.reconfigured(rate=208.0).info.nominal_hz
+        208.0
+        """
+        next_run = {"run": self._arguments["run"] + 1}
+        return Simulator(**{**self._arguments, **next_run, **changes})
 
     @property
     def time_s(self) -> float:

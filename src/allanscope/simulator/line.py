@@ -1,0 +1,153 @@
+"""The line between device and host: a bounded ring, faults, and bytes on their way.
+
+::
+
+    units ──▶ Ring (bounded) ──▶ faults damage some ──▶ bytes written, in flight ──▶ host
+
+A unit is what the encoder made in one call: a frame of samples, or anything else. The line knows
+which samples are in which bytes, so whatever happens to bytes can be told in samples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from allanscope.simulator.ledger import Ledger
+from allanscope.simulator.line_noise import LineNoise
+
+__all__ = ["Line", "Ring", "Unit"]
+
+RESERVE_BYTES = 4096
+"""Room in the ring that samples never take: replies and status must get through."""
+WRITE_BYTES = 4096
+IN_FLIGHT_BYTES = 1 << 20
+"""More than any port holds of bytes that the host has not read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """What the encoder made in one call, and which samples it holds (`count` 0: none)."""
+
+    data: bytes
+    epoch: int = 0
+    first: int = 0
+    count: int = 0
+
+
+class Ring:
+    """Units that wait to be sent, at most `capacity` bytes of samples.
+
+    Parameters
+    ----------
+    capacity : int
+        Bytes.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._units: deque[Unit] = deque()
+        self._largest = 0
+        self.bytes = 0
+        self.samples = 0
+
+    def has_room(self) -> bool:
+        """Return whether another frame of samples may be made."""
+        return self.bytes + self._largest <= self._capacity
+
+    def has_reserve(self) -> bool:
+        """Return whether anything else may be made."""
+        return self.bytes <= self._capacity + RESERVE_BYTES
+
+    def push(self, unit: Unit) -> None:
+        """Append a unit."""
+        self._units.append(unit)
+        self.bytes += len(unit.data)
+        self.samples += unit.count
+        if unit.count:
+            self._largest = max(self._largest, len(unit.data))
+
+    def pop(self) -> Unit | None:
+        """Remove and return the oldest unit; None when there is none."""
+        if not self._units:
+            return None
+        unit = self._units.popleft()
+        self.bytes -= len(unit.data)
+        self.samples -= unit.count
+        return unit
+
+
+class Line:
+    """Takes units out of the ring, damages some, and knows where each one is.
+
+    Parameters
+    ----------
+    ring : Ring
+        What is to be sent.
+    noise : LineNoise
+        What happens to it.
+    ledger : Ledger
+        Where it is written down.
+    """
+
+    def __init__(self, ring: Ring, noise: LineNoise, ledger: Ledger) -> None:
+        self._ring = ring
+        self._noise = noise
+        self._ledger = ledger
+        self._out = bytearray()
+        self._loaded = 0
+        self._in_flight: deque[tuple[int, Unit]] = deque()
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing waits to be written."""
+        return not self._out and not self._ring.bytes
+
+    def next_bytes(self, now_s: float) -> memoryview:
+        """Return what is to be written next, some 4096 bytes at most."""
+        while len(self._out) < WRITE_BYTES and (unit := self._ring.pop()) is not None:
+            # What happens once at a given time is to happen to samples, not to a status.
+            damage = self._noise.damage(unit.data, now_s if unit.count else -math.inf)
+            self._out += damage.data
+            self._loaded += len(damage.data)
+            self._ledger.sent += unit.count
+            self._ledger.faults.update(damage.kinds)
+            if not unit.count:
+                continue
+            if damage.cause:
+                self._ledger.lose(unit.epoch, unit.first, unit.count, damage.cause)
+            else:
+                self._in_flight.append((self._loaded, unit))
+        return memoryview(self._out)[:WRITE_BYTES]
+
+    def written(self, n: int) -> None:
+        """Note that the port took the first `n` of those bytes."""
+        del self._out[:n]
+        self._ledger.bytes_sent += n
+        arrived = self._loaded - len(self._out) - IN_FLIGHT_BYTES
+        while self._in_flight and self._in_flight[0][0] <= arrived:
+            self._in_flight.popleft()
+
+    def cut(self, unread: int, cause: str, waiting: str) -> None:
+        """Lose everything that the host has not read, and everything that waits.
+
+        Parameters
+        ----------
+        unread : int
+            How many of the written bytes were still in the port.
+        cause : str
+            What to write down for samples of which a part was sent.
+        waiting : str
+            What to write down for those that never left the ring.
+        """
+        read = self._loaded - len(self._out) - unread
+        for end, unit in self._in_flight:
+            if end > read:
+                self._ledger.lose(unit.epoch, unit.first, unit.count, cause)
+        self._in_flight.clear()
+        self._out.clear()
+        while (waited := self._ring.pop()) is not None:
+            if waited.count:
+                self._ledger.lose(waited.epoch, waited.first, waited.count, waiting)
+        self._noise.end_of_line()

@@ -1,15 +1,31 @@
-"""From variances to deviations that say how far they can be trusted."""
+"""From variances to deviations that say how far they can be trusted.
+
+For Gaussian noise a variance estimate V with ``edf`` equivalent degrees of freedom is distributed
+like ``sigma^2 chi2(edf) / edf``. Its two-sided limits at a given level are therefore (NIST SP 1065
+eq. 45)::
+
+    lower^2 = V edf / quantile((1 + level) / 2),    upper^2 = V edf / quantile((1 - level) / 2)
+
+They are not symmetric: with one degree of freedom and 95 % the truth may be 32 times the estimate.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.deviation import Deviation
-from allanscope.allan.estimators.base import Sums
+from allanscope.allan.estimators import Sums, estimator_named
+from allanscope.allan.noise_type import NAMES
 
-__all__ = ["assemble", "wait_seconds"]
+__all__ = ["HadamardFactor", "assemble", "chi_square_limits", "simple_interval", "wait_seconds"]
+
+HadamardFactor = Literal["sp1065", "dt0064"]
+
+_NAMES = np.array([NAMES[alpha] for alpha in range(2, -5, -1)])
 
 
 def assemble(
@@ -18,8 +34,9 @@ def assemble(
     rate: float,
     level: float = 0.95,
     alpha: ArrayLike | None = None,
+    *,
     bias_corrected: bool = True,
-    hadamard_factor: Literal["sp1065", "dt0064"] = "sp1065",
+    hadamard_factor: HadamardFactor = "sp1065",
 ) -> Deviation:
     """Turn variances into a `Deviation` with chi-square limits.
 
@@ -37,18 +54,117 @@ def assemble(
         Power law at each tau, from `allanscope.allan.noise_type.identify`. Without it the limits
         are those of white FM and the noise is ``""``.
     bias_corrected : bool
-        Divide MTOT, TTOT and HTOT by their published bias.
+        Divide MTOT, TTOT and HTOT by their published bias, and take that of TOTVAR into account in
+        its limits.
     hadamard_factor : {'sp1065', 'dt0064'}
-        1/6 or 1/2 in front of the squared third difference.
+        1/6 or 1/2 in front of the squared third difference: the latter makes hdev, ohdev and
+        htotdev sqrt(3) larger.
 
     Returns
     -------
     Deviation
         On the taus of `sums`; NaN (refused) where there are fewer terms than ``min_terms``.
+
+    Raises
+    ------
+    ValueError
+        For an unknown estimator or factor, a rate that is not positive, a level outside (0, 1).
     """
-    raise NotImplementedError
+    estimator = estimator_named(kind)
+    if not (math.isfinite(rate) and rate > 0):
+        raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
+    m, n = sums.m, sums.n
+    law = np.broadcast_to(0 if alpha is None else np.asarray(alpha, np.int64), sums.variance.shape)
+    known = np.maximum(law, estimator.lowest_alpha)
+    bias = estimator.bias(known, m, n) if bias_corrected else np.ones(law.shape)
+    variance = sums.variance * _unit_factor(estimator.hadamard, hadamard_factor)
+    if estimator.time:
+        variance = variance / rate**2
+    unbiased = variance / bias
+    value = unbiased if estimator.corrected else variance
+    refused = (sums.terms < estimator.min_terms) | ~np.isfinite(variance)
+    edf = np.maximum(estimator.edf(known, m, n, sums.stride), 1.0)
+    edf = np.where(refused, np.nan, edf)
+    deviation = np.sqrt(np.where(refused, np.nan, value))
+    lower, upper = chi_square_limits(np.sqrt(np.where(refused, np.nan, unbiased)), edf, level)
+    tau = estimator.tau(m, n)
+    return Deviation(
+        kind=kind,
+        tau=tau / rate,
+        m=m,
+        deviation=deviation,
+        lower=lower,
+        upper=upper,
+        edf=edf,
+        terms=sums.terms,
+        noise=np.where(refused | (alpha is None), "", _NAMES[2 - law]),
+        level=level,
+        trusted=tau <= estimator.trust_fraction * n,
+    )
+
+
+def chi_square_limits(
+    deviation: ArrayLike, edf: ArrayLike, level: float = 0.95
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return lower and upper limit of a deviation with `edf` degrees of freedom.
+
+    Parameters
+    ----------
+    deviation, edf : array_like
+        They broadcast; NaN gives NaN.
+    level : float
+        Probability that the truth lies between the limits.
+
+    Examples
+    --------
+    >>> lower, upper = chi_square_limits(1.0, [1.0, 10.0, 1000.0])
+    >>> lower.round(3).tolist(), upper.round(3).tolist()
+    ([0.446, 0.699, 0.958], [31.91, 1.755, 1.046])
+    """
+    from scipy.special import gammaincinv
+
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must lie between 0 and 1, got {level!r}")
+    edf = np.asarray(edf, np.float64)
+    tail = (1.0 - level) / 2.0
+    smallest = 2.0 * gammaincinv(edf / 2.0, tail)
+    largest = 2.0 * gammaincinv(edf / 2.0, 1.0 - tail)
+    deviation = np.asarray(deviation, np.float64)
+    return deviation * np.sqrt(edf / largest), deviation * np.sqrt(edf / smallest)
+
+
+def simple_interval(
+    deviation: ArrayLike, terms: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the limits of DT0064: deviation -+ deviation / sqrt(terms).
+
+    One standard deviation if the terms were independent, which those of overlapping estimators are
+    not: at long tau it is far too narrow. Kept for comparison with figures made that way.
+
+    Examples
+    --------
+    >>> simple_interval(2.0, 16)
+    (np.float64(1.5), np.float64(2.5))
+    """
+    deviation = np.asarray(deviation, np.float64)
+    error = deviation / np.sqrt(np.asarray(terms, np.float64))
+    return deviation - error, deviation + error
 
 
 def wait_seconds(kind: str, m: int, n: int, rate: float) -> float:
-    """Return how many seconds more a run of `n` samples needs until `m` has a value; 0 if none."""
-    raise NotImplementedError
+    """Return how many seconds more a run of `n` samples needs until `m` has a value; 0 if none.
+
+    Examples
+    --------
+    OADEV over 100 samples has its first two terms after 201:
+
+    >>> wait_seconds("oadev", m=100, n=101, rate=10.0)
+    10.0
+    """
+    return max(estimator_named(kind).needed(m) - n, 0) / rate
+
+
+def _unit_factor(hadamard: bool, factor: str) -> float:
+    if factor not in ("sp1065", "dt0064"):
+        raise ValueError(f"unknown Hadamard factor {factor!r}; choose sp1065 (1/6) or dt0064 (1/2)")
+    return 3.0 if hadamard and factor == "dt0064" else 1.0

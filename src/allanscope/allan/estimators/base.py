@@ -19,7 +19,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["REGISTRY", "Estimator", "Sums", "register"]
+__all__ = ["REGISTRY", "Estimator", "Sums", "estimator_named", "register"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +68,12 @@ class Estimator(ABC):
         Steepest power law for which the variance converges; steeper ones are treated as this one.
     even : bool
         True when m must be even.
+    corrected : bool
+        True when the value itself is divided by `bias`; otherwise only its limits are.
+    time : bool
+        True when the deviation is in (unit of the data) x s.
+    hadamard : bool
+        True when the variance has a factor of 1/6 that DT0064 gives as 1/2.
     derived_from : str
         Estimator of which this one is a multiple by `factor`, or ``""``.
     """
@@ -79,6 +85,9 @@ class Estimator(ABC):
     min_terms: ClassVar[int] = 2
     lowest_alpha: ClassVar[int] = -2
     even: ClassVar[bool] = False
+    corrected: ClassVar[bool] = False
+    time: ClassVar[bool] = False
+    hadamard: ClassVar[bool] = False
     derived_from: ClassVar[str] = ""
 
     @abstractmethod
@@ -100,6 +109,10 @@ class Estimator(ABC):
             Number of terms, 0 when the record is too short.
         """
 
+    def curve(self, phase: NDArray[np.float64], factors: Iterable[int]) -> list[tuple[float, int]]:
+        """Return `exact` for each of several ascending m, sharing work where there is any."""
+        return [self.exact(phase, m) for m in factors]
+
     @abstractmethod
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
@@ -118,12 +131,24 @@ class Estimator(ABC):
     def needed(self, m: int) -> int:
         """Return how many rate samples give `min_terms` terms at averaging factor `m`."""
 
+    def admits(self, m: int, n: int) -> bool:
+        """Return whether `m` is an averaging factor of this estimator in a run of `n` samples."""
+        return m >= 1 and not (self.even and m % 2)
+
+    def factor_of_tau(self, tau: float, n: int) -> float:
+        """Return tau / m, both in samples, at averaging time `tau` in a run of `n` samples."""
+        return self.tau_factor
+
+    def tau(self, m: ArrayLike, n: int) -> NDArray[np.float64]:
+        """Return the averaging time in samples that goes with `m` in a run of `n` samples."""
+        return self.tau_factor * np.asarray(m, np.float64)
+
     def exact_stride(self, m: int) -> int:
         """Return the step between the terms of `exact`: 1, or m for those that do not overlap."""
         return 1
 
     def factor(self, m: ArrayLike) -> NDArray[np.float64]:
-        """Return variance / variance of `derived_from`."""
+        """Return this variance / the variance of `derived_from`, for tau0 = 1."""
         return np.ones(np.shape(m))
 
     def bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
@@ -148,8 +173,5 @@ def estimator_named(name: str) -> Estimator:
     try:
         return REGISTRY[name]
     except KeyError:
-        raise ValueError(f"unknown estimator {name!r}; choose one of {_names(REGISTRY)}") from None
-
-
-def _names(keys: Iterable[str]) -> str:
-    return " ".join(sorted(keys))
+        choices = " ".join(sorted(REGISTRY))
+        raise ValueError(f"unknown estimator {name!r}; choose one of {choices}") from None

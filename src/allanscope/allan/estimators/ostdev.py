@@ -1,0 +1,31 @@
+"""OSTDEV: the standard deviation of averages from every position."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from allanscope.allan.estimators.averages import AverageEstimator
+from allanscope.allan.estimators.base import register
+
+__all__ = ["Ostdev"]
+
+
+@register
+class Ostdev(AverageEstimator):
+    """Overlapping standard variance OSTDVAR: the sample variance of all means of m rates.
+
+    As STDVAR, with ``w[i] = (x[i + m] - x[i]) / m`` from every sample i (DT0064 OSTDVAR). Unlike
+    OAVAR it is biased low in a short run, for the overlapping means agree with their own mean.
+
+    Examples
+    --------
+    Rates 1 2 4 3: their means by two are 1.5, 3 and 3.5.
+
+    >>> import numpy as np
+    >>> variance, terms = Ostdev().exact(np.array([0.0, 1, 3, 7, 10]), 2)
+    >>> round(variance, 6), terms
+    (1.083333, 3)
+    """
+
+    name: ClassVar[str] = "ostdev"
+    variance_name: ClassVar[str] = "OSTDVAR"

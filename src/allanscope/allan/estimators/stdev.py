@@ -1,0 +1,31 @@
+"""STDEV: the standard deviation of averages, without overlap."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from allanscope.allan.estimators.averages import AverageEstimator
+from allanscope.allan.estimators.base import register
+
+__all__ = ["Stdev"]
+
+
+@register
+class Stdev(AverageEstimator):
+    """Standard variance STDVAR: the sample variance of the means of adjoining groups of m rates.
+
+    ``STDVAR = 1/(M - 1) sum (w[k] - mean(w))^2`` (NIST SP 1065 eq. 6; DT0064 STDVAR). For white FM
+    it equals AVAR; its excess over AVAR measures what lies below 1 / tau (Barnes' B1 ratio).
+
+    Examples
+    --------
+    Rates 1 2 4 3: their means by two are 1.5 and 3.5.
+
+    >>> import numpy as np
+    >>> Stdev().exact(np.array([0.0, 1, 3, 7, 10]), 2)
+    (2.0, 2)
+    """
+
+    name: ClassVar[str] = "stdev"
+    variance_name: ClassVar[str] = "STDVAR"
+    overlap: ClassVar[bool] = False

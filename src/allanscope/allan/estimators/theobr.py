@@ -1,0 +1,77 @@
+"""THEOBR: THEO1 with its bias removed by the record itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan.estimators.base import register
+from allanscope.allan.estimators.differences import mean_square_second
+from allanscope.allan.estimators.theo1 import Theo1, theo1_variance
+
+__all__ = ["TheoBR", "theobr_ratio"]
+
+_MOST_RATIOS = 256
+_WINDOWS_PER_TAU = 128
+
+
+@register
+class TheoBR(Theo1):
+    """Bias-removed THEO1: scaled so that it meets AVAR where both are well known.
+
+    ``TheoBR = k THEO1`` with k the mean of ``OAVAR(9 + 3i) / THEO1(12 + 4i)``, two variances at the
+    same tau, over i = 0 ... N/30 - 3 (J. Taylor and D. Howe 2010; NIST SP 1065 eq. 31), N being the
+    number of phases. The shortest run that has a k is of 90 phases.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(4)
+    >>> x = np.append(0.0, rng.standard_normal(2000).cumsum())
+    >>> round(theobr_ratio(x), 2)
+    1.01
+    """
+
+    name: ClassVar[str] = "theobr"
+    variance_name: ClassVar[str] = "THEOBR"
+
+    def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
+        """Return variance and number of windows."""
+        variance, windows = theo1_variance(phase, m)
+        ratio = theobr_ratio(phase)
+        return (ratio * variance, windows) if np.isfinite(ratio) else (np.nan, 0)
+
+    def curve(self, phase: NDArray[np.float64], factors: Iterable[int]) -> list[tuple[float, int]]:
+        """Return `exact` for each m, with the ratio evaluated once."""
+        ratio = theobr_ratio(phase)
+        if not np.isfinite(ratio):
+            return [(np.nan, 0) for _ in factors]
+        raw = [theo1_variance(phase, m) for m in factors]
+        return [(ratio * variance, windows) for variance, windows in raw]
+
+    def needed(self, m: int) -> int:
+        """Return how many rate samples make one window and one ratio."""
+        return max(super().needed(m), 89)
+
+
+def theobr_ratio(phase: NDArray[np.float64]) -> float:
+    """Return what THEO1 is multiplied by to have its bias removed; NaN below 90 phases.
+
+    By definition up to 1900 phases. Beyond, THEO1 windows start at every m/128-th sample only, and
+    the ratio is averaged over 256 tau instead of all: the ratios of neighbouring tau are nearly the
+    same number, and their effort would grow as the cube of the record.
+    """
+    last = phase.size // 30 - 3
+    if last < 0:
+        return np.nan
+    steps = np.unique(np.linspace(0, last, min(last + 1, _MOST_RATIOS)).round().astype(np.int64))
+    ratios = [_ratio(phase, 9 + 3 * int(i), 12 + 4 * int(i)) for i in steps]
+    return float(np.mean(ratios))
+
+
+def _ratio(phase: NDArray[np.float64], m: int, window: int) -> float:
+    allan = mean_square_second(phase, m, 1)[0] / (2.0 * m**2)
+    theo1 = theo1_variance(phase, window, max(1, window // _WINDOWS_PER_TAU))[0]
+    return allan / theo1 if theo1 > 0 else np.nan

@@ -1,0 +1,41 @@
+"""TTOTDEV: the time total deviation, MTOTDEV in terms of angle or velocity."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from allanscope.allan.estimators.base import register
+from allanscope.allan.estimators.mtotdev import Mtotdev
+
+__all__ = ["Ttotdev"]
+
+
+@register
+class Ttotdev(Mtotdev):
+    """Time total variance TTOT: ``tau^2 / 3`` times the modified total variance.
+
+    NIST SP 1065 eq. 28 (DT0064 TTOT); bias and degrees of freedom are those of `Mtotdev`.
+
+    Examples
+    --------
+    >>> variance, windows = Ttotdev().exact(np.array([0.0, 1, 3, 7, 10, 11, 9]), 2)
+    >>> round(variance, 6), windows
+    (2.075532, 2)
+    """
+
+    name: ClassVar[str] = "ttotdev"
+    variance_name: ClassVar[str] = "TTOTVAR"
+    derived_from: ClassVar[str] = "mtotdev"
+    time: ClassVar[bool] = True
+
+    def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
+        """Return raw variance and number of windows."""
+        variance, windows = super().exact(phase, m)
+        return variance * m**2 / 3.0, windows
+
+    def factor(self, m: ArrayLike) -> NDArray[np.float64]:
+        """Return TTOT / MTOT."""
+        return np.asarray(m, np.float64) ** 2 / 3.0

@@ -119,10 +119,10 @@ class Firmware:
             self.ledger.commands += 1
             self._obey(command)
 
-    def pending(self) -> memoryview:
+    def pending(self) -> bytes:
         """Return what is to be written to the port now; empty while there is nothing to say."""
         if not self._host or self.now_s < self._silent_until_s:
-            return memoryview(b"")
+            return b""
         return self._line.next_bytes(self.now_s)
 
     def written(self, n: int) -> None:
@@ -132,11 +132,9 @@ class Firmware:
     # -- time -----------------------------------------------------------------------------------
 
     @property
-    def next_frame_s(self) -> float:
-        """Device time at which the next frame of samples is ready; infinity when it is stopped."""
-        if not self._streaming:
-            return math.inf
-        return self._origin_s + (self.sensor.index + self._frame) / self.sensor.clock.true_hz
+    def next_s(self) -> float:
+        """Device time at which something is next to be done; infinity when all is quiet."""
+        return min(self._next_frame_s, self._back_at_s)
 
     @property
     def would_drop(self) -> bool:
@@ -160,9 +158,15 @@ class Firmware:
                 return
             self._happen()
 
+    @property
+    def _next_frame_s(self) -> float:
+        if not self._streaming:
+            return math.inf
+        return self._origin_s + (self.sensor.index + self._frame) / self.sensor.clock.true_hz
+
     def _measure(self, until_s: float) -> None:
-        while self.next_frame_s <= until_s:
-            self.now_s = max(self.now_s, self.next_frame_s)
+        while (ready_s := self._next_frame_s) <= until_s:
+            self.now_s = max(self.now_s, ready_s)
             self._frame_out(self.sensor.read(self._frame))
 
     def _happen(self) -> None:

@@ -99,13 +99,8 @@ class Line:
         self._loaded = 0
         self._in_flight: deque[tuple[int, Unit]] = deque()
 
-    @property
-    def idle(self) -> bool:
-        """Whether nothing waits to be written."""
-        return not self._out and not self._ring.bytes
-
-    def next_bytes(self, now_s: float) -> memoryview:
-        """Return what is to be written next, some 4096 bytes at most."""
+    def next_bytes(self, now_s: float) -> bytes:
+        """Return what is to be written next, 4096 bytes at most."""
         while len(self._out) < WRITE_BYTES and (unit := self._ring.pop()) is not None:
             # What happens once at a given time is to happen to samples, not to a status.
             damage = self._noise.damage(unit.data, now_s if unit.count else -math.inf)
@@ -119,7 +114,7 @@ class Line:
                 self._ledger.lose(unit.epoch, unit.first, unit.count, damage.cause)
             else:
                 self._in_flight.append((self._loaded, unit))
-        return memoryview(self._out)[:WRITE_BYTES]
+        return bytes(self._out[:WRITE_BYTES])
 
     def written(self, n: int) -> None:
         """Note that the port took the first `n` of those bytes."""

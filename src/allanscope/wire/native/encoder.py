@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from allanscope.samples import AXES, Block, StreamInfo
 from allanscope.wire.base import Command
+from allanscope.wire.device_side import temperatures, times
 from allanscope.wire.native import descriptor
 from allanscope.wire.native.commands import command_of
 from allanscope.wire.native.framing import Deframer, seal
@@ -153,28 +154,14 @@ class NativeEncoder:
         headers["flags"] = valid | np.bitwise_or.reduceat(saturated, starts)
         headers["n"] = np.minimum(len(block) - starts, size)
         headers["index"] = (block.index + starts) & 0xFFFFFFFF
-        seconds = self._times(block, starts)
+        seconds = times(block, starts, self._info.nominal_hz)
         headers["mcu_us"] = np.rint(seconds * 1e6)
         headers["sensor_ticks"] = np.rint(seconds * _TICKS_PER_S).astype(np.int64) % NO_TICKS
         headers["temperature"] = self._temperatures(block, starts)
         return headers
 
-    def _times(self, block: Block, starts: NDArray[np.int64]) -> NDArray[np.float64]:
-        period = 1.0 / self._info.nominal_hz if self._info.nominal_hz else 0.0
-        known = np.isfinite(block.ticks.device_s)
-        if not known.any():
-            return np.asarray((block.index + starts) * period, np.float64)
-        rows, seconds = block.ticks.offset[known], block.ticks.device_s[known]
-        beyond = np.maximum(starts - rows[-1], 0) + np.minimum(starts - rows[0], 0)
-        times = np.interp(starts, rows, seconds) + beyond * period
-        return np.asarray(np.maximum(times, 0.0), np.float64)
-
     def _temperatures(self, block: Block, starts: NDArray[np.int64]) -> NDArray[np.int16]:
-        known = np.isfinite(block.ticks.temperature_c)
-        if not known.any():
-            return np.full(len(starts), NO_TEMPERATURE, np.int16)
-        degrees = np.interp(starts, block.ticks.offset[known], block.ticks.temperature_c[known])
-        per_degree = descriptor.counts_per_degree(self._info.part)
-        return np.clip(
-            np.rint((degrees - descriptor.ZERO_COUNTS_C) * per_degree), -32767, 32767
-        ).astype(np.int16)
+        degrees = temperatures(block, starts) - descriptor.ZERO_COUNTS_C
+        counts = np.rint(degrees * descriptor.counts_per_degree(self._info.part))
+        known = np.clip(np.nan_to_num(counts), NO_TEMPERATURE + 1, 32767)
+        return np.where(np.isnan(degrees), NO_TEMPERATURE, known).astype(np.int16)

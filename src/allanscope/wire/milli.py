@@ -1,0 +1,104 @@
+"""What the integer milli-units of stock ST firmware mean: mdps and mg back to counts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.parts import GYRO_SCALES
+from allanscope.samples import AXES, StreamInfo
+from allanscope.wire import lattice
+from allanscope.wire.base import WireSettings
+from allanscope.wire.rows import Meaning, Row, Values, nominal_rate
+
+__all__ = ["GYRO_MILLI", "MilliUnits"]
+
+GYRO_MILLI: Mapping[float, float] = {fs: round(scale * 1e3, 6) for fs, scale in GYRO_SCALES.items()}
+"""mdps per count at each full scale."""
+
+_USUAL_FULL_SCALE = 2000.0
+_FEWEST_LEVELS = 6
+
+
+class MilliUnits:
+    """Decide what rows of integers in mdps and mg mean, and never forget what was ruled out.
+
+    A gyroscope of stock firmware stands at 2000 dps unless the user says otherwise; when the
+    numbers contradict that, the coarsest range that they allow is taken, and if there is none they
+    are left as they are.
+
+    Parameters
+    ----------
+    wire : str
+        Name of the format.
+    settings : WireSettings
+        The full scale of the gyroscope and the rate, where the user gave them.
+    usual_rates : tuple of float
+        Rates that this firmware has.
+    time_resolution_s : float
+        Step of its time stamps.
+    accel_choices : tuple of float
+        Sensitivities in mg per count that are coarse enough to be seen in the numbers.
+    """
+
+    def __init__(
+        self,
+        wire: str,
+        settings: WireSettings,
+        usual_rates: tuple[float, ...],
+        time_resolution_s: float,
+        accel_choices: tuple[float, ...] = (),
+    ) -> None:
+        self._wire = wire
+        self._settings = settings
+        self._usual_rates = usual_rates
+        self._time_resolution_s = time_resolution_s
+        first = GYRO_MILLI[settings.gyro_fs or _USUAL_FULL_SCALE]
+        self._gyro = [first, *(m for m in sorted(GYRO_MILLI.values(), reverse=True) if m < first)]
+        self._accel = list(accel_choices)
+        self._epoch = 0
+
+    def decide(self, rows: list[Row]) -> Meaning:
+        """Return what rows of six values mean, those of an absent sensor being NaN."""
+        values = np.array([row.values for row in rows])
+        columns = np.flatnonzero(np.isfinite(values[0]))
+        gyro, accel = columns[columns < 3], columns[columns >= 3]
+        whole = np.isfinite(values[:, columns]).all(axis=1)
+        sent = np.nan_to_num(values[whole]).astype(np.int64)
+        self._narrow(self._gyro, sent[:, gyro])
+        self._narrow(self._accel, sent[:, accel])
+        gyro_milli = self._gyro[0] if self._gyro else 1.0
+        enough = len(np.unique(np.abs(sent[:, accel]))) >= _FEWEST_LEVELS
+        accel_milli = self._accel[0] if self._accel and enough else 1.0
+        milli = np.array([gyro_milli] * len(gyro) + [accel_milli] * len(accel))
+        self._epoch += 1
+        info = StreamInfo(
+            axes=tuple(AXES[i] for i in columns),
+            scale=tuple(float(f"{m * 1e-3:.6g}") for m in milli),
+            nominal_hz=self._settings.rate_hz or nominal_rate(rows, self._usual_rates),
+            part=self._settings.part,
+            wire=self._wire,
+            time_resolution_s=self._time_resolution_s,
+            device_clock=True,
+            epoch=self._epoch,
+            truncated=tuple(bool(m == 1.0) for m in milli),
+        )
+        return Meaning(info, lambda new: _convert(new, columns, milli))
+
+    def _narrow(self, choices: list[float], sent: NDArray[np.int64]) -> None:
+        """Strike out the sensitivities that cannot have made these numbers."""
+        choices[:] = [m for m in choices if lattice.fits(sent, m).all()]
+
+
+def _convert(
+    values: Values, columns: NDArray[np.int64], milli: NDArray[np.float64]
+) -> tuple[NDArray[np.int32], int]:
+    """Return counts, and how many rows from the start have these axes and fit these steps."""
+    sent = np.nan_to_num(values[:, columns]).astype(np.int64)
+    counts = lattice.recover(sent, milli)
+    agree = (np.isfinite(values) == np.isin(np.arange(6), columns)).all(axis=1)
+    agree &= (lattice.truncate(counts, milli) == sent).all(axis=1)
+    good = len(agree) if agree.all() else int(np.argmin(agree))
+    return counts[:good].astype(np.int32), good

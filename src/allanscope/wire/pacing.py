@@ -1,0 +1,125 @@
+"""Losses told by time stamps alone.
+
+Stock firmware numbers nothing, but it stamps every sample with its clock. The stamp is taken when
+the sample was read, which is up to a polling loop late; so it is not the step between two stamps
+that is compared with the period, but each stamp with the time that the samples before predict. A
+sample that is late is followed by one that is not; a sample that is missing shifts all that follow
+by a whole period.
+
+A jump is believed only when the next stamp bears it out.
+
+The period is the mean over up to 8192 samples. Its relative error is about one over the number of
+samples n that it was taken from, so a hole of more than n / 4 samples cannot be counted reliably
+and is left without a number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+__all__ = ["Pacer", "period_of"]
+
+_MEMORY = 8192
+_PULL = 1 / 8
+_FEWEST_STEPS = 4
+_TRUSTED = 16
+_NEARBY = 8.5
+
+
+def period_of(times: Sequence[float]) -> float | None:
+    """Return the period of samples at given times, some of which may be missing.
+
+    The mean of the steps below 1.5 medians; None when there are too few, or when more than a
+    fifth of the steps are far from the median, so that there is no period to speak of.
+
+    >>> period_of([0.0, 0.01, 0.02, 0.03, 0.08, 0.09, 0.1])
+    0.01
+    >>> period_of([0.0, 0.0, 0.0, 0.04, 0.04, 0.04, 0.08]) is None
+    True
+    """
+    steps = np.diff(np.asarray(times, np.float64))
+    if len(steps) < _FEWEST_STEPS or not np.isfinite(steps).all():
+        return None
+    median = float(np.median(steps))
+    if median <= 0.0:
+        return None
+    long = steps > 1.5 * median
+    if (long | (steps < 0.4 * median)).mean() > 0.2:
+        return None
+    # Short steps stay in: coarse stamps have some, and the mean is right only with them.
+    return float(np.round(steps[~long].mean(), 12))
+
+
+class Pacer:
+    """Follow the time stamps of a stream and count what is missing between them.
+
+    Parameters
+    ----------
+    period_s : float
+        First idea of the period, from `period_of`.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period = period_s
+        self._expected: float | None = None
+        self._last = -math.inf
+        self._samples = 0
+        self._anchors: list[tuple[int, float]] = []
+
+    def missing(self, time_s: float) -> int | Literal["back"] | None:
+        """Return how many samples are missing before a sample of this time.
+
+        Returns
+        -------
+        int, None or 'back'
+            0 when nothing is missing; None when it cannot be told; ``back`` when time went back,
+            as it does when a device restarts.
+        """
+        if time_s < self._last:
+            return "back"
+        number = max(0, round(self._lateness(time_s)))
+        return number if number <= self._known() / 4 else None
+
+    def believable(self, time_s: float, next_s: float) -> bool:
+        """Return whether a stamp that jumps is borne out by the one after it.
+
+        Text has no checksum: a lost digit makes a wrong stamp. Then the next one goes on where the
+        one before had left off, and the one between must not be taken for a loss.
+        """
+        if 0.5 <= (next_s - time_s) / self._period <= 1.5:
+            return True
+        return not 0.5 <= self._lateness(next_s) <= _NEARBY
+
+    def follow(self, time_s: float) -> None:
+        """Take the next time stamp; after a jump that cannot be counted, start over from it."""
+        missing = self.missing(time_s)
+        if not isinstance(missing, int):
+            self._restart()
+            missing = 0
+        expected = time_s if self._expected is None else self._expected + missing * self._period
+        self._last = time_s
+        self._samples += missing
+        if not self._anchors or self._samples - self._anchors[-1][0] >= _MEMORY // 2:
+            self._anchors = [*self._anchors[-1:], (self._samples, time_s)]
+        first, since = self._anchors[0]
+        if self._samples - first >= _TRUSTED:
+            self._period = (time_s - since) / (self._samples - first)
+        self._expected = expected + _PULL * (time_s - expected) + self._period
+        self._samples += 1
+
+    def _restart(self) -> None:
+        self._expected = None
+        self._samples = 0
+        self._anchors = []
+
+    def _lateness(self, time_s: float) -> float:
+        """Return how many periods after its expected time a stamp is."""
+        return 0.0 if self._expected is None else (time_s - self._expected) / self._period
+
+    def _known(self) -> int:
+        """Return how many samples the period was taken from."""
+        return max(self._samples - self._anchors[0][0], _TRUSTED) if self._anchors else _TRUSTED

@@ -1,0 +1,244 @@
+"""Records that carry a time at best, and no number: rows to events.
+
+Text and stock firmware send rows of values. What they mean (which axes, which scale) shows in the
+first few of them, so the first 25 are held back until a format has decided; then come the
+StreamInfo and the Blocks. Losses are told by the time stamps where there are any (`pacing`); where
+there are none, a damaged row leaves a hole of unknown length.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.samples import Block, Event, Gap, GapReason, Notice, StreamInfo, Ticks
+from allanscope.wire.base import LinkStats
+from allanscope.wire.pacing import Pacer, period_of
+
+__all__ = ["HELD", "Convert", "Meaning", "Row", "Rows", "nominal_rate"]
+
+HELD = 25
+"""Rows that are looked at before it is decided what they mean."""
+
+Values = NDArray[np.float64]
+Convert = Callable[[Values], tuple[NDArray[np.generic], int]]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One sample of all axes, as it was sent.
+
+    Attributes
+    ----------
+    values : tuple of float
+        One for each axis of the row, NaN where an axis has none.
+    device_s : float
+        Unwrapped time stamp; NaN without one.
+    host_s : float
+        When it arrived.
+    temperature_c : float
+        NaN without one.
+    damaged_before : bool
+        Whether something unreadable came between this row and the one before.
+    """
+
+    values: tuple[float, ...]
+    device_s: float
+    host_s: float
+    temperature_c: float = math.nan
+    damaged_before: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """What a format makes of its rows.
+
+    Attributes
+    ----------
+    info : StreamInfo
+        What to tell the rest of the program.
+    convert : callable
+        Takes values (n, k) and returns counts (m, axes) and how many rows from the start, m <= n,
+        agree with this meaning; the row after them asks for a new one.
+    remarks : tuple of str
+        What the user should know of how it was decided.
+    """
+
+    info: StreamInfo
+    convert: Convert
+    remarks: tuple[str, ...] = ()
+
+
+def nominal_rate(rows: list[Row], usual: tuple[float, ...] = ()) -> float:
+    """Return the rate that rows come at, as the usual one nearest to it if within 6 %; 0 unknown.
+
+    >>> nominal_rate([Row((0.0,), 0.0097 * i, 0.0) for i in range(25)], (52.0, 104.0))
+    104.0
+    """
+    period = period_of([row.device_s for row in rows])
+    if period is None:
+        return 0.0
+    near = [rate for rate in usual if abs(rate * period - 1.0) < 0.06]
+    if near:
+        return min(near, key=lambda rate: abs(rate * period - 1.0))
+    return float(f"{1.0 / period:.4g}")
+
+
+class Rows:
+    """Collects rows and returns the events that they make.
+
+    Parameters
+    ----------
+    stats : LinkStats
+        Counters to keep.
+    decide : callable
+        Says what a list of rows, at most `HELD`, means.
+    """
+
+    def __init__(self, stats: LinkStats, decide: Callable[[list[Row]], Meaning | None]) -> None:
+        self._stats = stats
+        self._decide = decide
+        self._pending: list[Row] = []
+        self._meaning: Meaning | None = None
+        self._period: float | None = None
+        self._pacer: Pacer | None = None
+        self._index = 0
+        self._delivered = False
+        self._gap_due: GapReason | None = None
+        self._damaged = False
+
+    def add(
+        self,
+        values: tuple[float, ...],
+        device_s: float,
+        host_s: float,
+        temperature_c: float = math.nan,
+    ) -> None:
+        """Take a row."""
+        self._pending.append(Row(values, device_s, host_s, temperature_c, self._damaged))
+        self._damaged = False
+
+    def damaged(self) -> None:
+        """Note that something was unreadable."""
+        self._damaged = True
+
+    def interrupt(self, reason: GapReason) -> None:
+        """Note that the stream was interrupted: the next Block follows a Gap of this reason.
+
+        Rows that were still held back are given up: they are too few to say what they mean.
+        """
+        self._pending.clear()
+        self._damaged = False
+        if self._delivered:
+            self._gap_due = reason
+
+    def take(self, final: bool = False) -> list[Event]:
+        """Return the events of the rows since the last call; of all rows if `final`."""
+        events: list[Event] = []
+        while self._pending:
+            if self._meaning is None:
+                if len(self._pending) < HELD and not final:
+                    break
+                self._settle(events)
+            elif not self._deliver(self._meaning, events):
+                break
+        if final:
+            self._pending.clear()
+        return events
+
+    def _settle(self, events: list[Event]) -> None:
+        """Decide what the rows mean; throw them away when they mean nothing."""
+        first = self._pending[:HELD]
+        self._meaning = self._decide(first)
+        if self._meaning is None:
+            self._stats.unknown += len(first)
+            del self._pending[: len(first)]
+            return
+        self._period = period_of([row.device_s for row in first])
+        self._pacer = Pacer(self._period) if self._period else None
+        if self._delivered and self._gap_due is None:
+            self._gap_due = "restarted"
+        events.append(self._meaning.info)
+        events += [Notice("status", remark) for remark in self._meaning.remarks]
+
+    def _deliver(self, meaning: Meaning, events: list[Event]) -> bool:
+        """Deliver what is pending; return False when the last row must wait for the one after."""
+        rows = self._pending
+        counts, good = meaning.convert(np.array([row.values for row in rows], np.float64))
+        start = 0
+        for i, row in enumerate(rows[:good]):
+            if self._in_doubt(row):
+                if i + 1 == len(rows):
+                    self._block(rows[start:i], counts[start:i], events)
+                    self._pending = rows[i:]
+                    return False
+                if not self._borne_out(row, rows[i + 1]):
+                    self._block(rows[start:i], counts[start:i], events)
+                    self._stats.resyncs += 1
+                    rows[i + 1] = replace(rows[i + 1], damaged_before=True)
+                    start = i + 1
+                    continue
+            gap = self._gap_before(row)
+            if gap is not None:
+                self._block(rows[start:i], counts[start:i], events)
+                self._say(gap, events)
+                start = i
+        self._block(rows[start:good], counts[start:], events)
+        self._pending = rows[good:]
+        if self._pending:
+            self._meaning = None
+        return True
+
+    def _in_doubt(self, row: Row) -> bool:
+        """Return whether the time of a row says that something is missing before it."""
+        if self._pacer is None or self._gap_due is not None or math.isnan(row.device_s):
+            return False
+        return self._pacer.missing(row.device_s) != 0
+
+    def _borne_out(self, row: Row, after: Row) -> bool:
+        return self._pacer is None or self._pacer.believable(row.device_s, after.device_s)
+
+    def _gap_before(self, row: Row) -> Gap | None:
+        """Follow the time of a row and return the hole before it, if there is one."""
+        due, self._gap_due = self._gap_due, None
+        if due is not None and self._period is not None:
+            self._pacer = Pacer(self._period)
+        missing: int | str | None = 0
+        if self._pacer is not None and not math.isnan(row.device_s):
+            missing = self._pacer.missing(row.device_s)
+            self._pacer.follow(row.device_s)
+        elif row.damaged_before and self._delivered:
+            missing = None
+        if due is not None:
+            return Gap(due, None)
+        if isinstance(missing, str):
+            return Gap("restarted", None)
+        cause: GapReason = "link" if row.damaged_before else "device"
+        return None if missing == 0 else Gap(cause, missing)
+
+    def _say(self, gap: Gap, events: list[Event]) -> None:
+        self._stats.lost_samples += gap.lost or 0
+        self._stats.unknown_losses += gap.lost is None
+        self._index += gap.lost or 0
+        events.append(gap)
+
+    def _block(self, rows: list[Row], counts: NDArray[np.generic], events: list[Event]) -> None:
+        if not rows:
+            return
+        events.append(Block(self._index, counts, _ticks(rows)))
+        self._index += len(rows)
+        self._stats.samples += len(rows)
+        self._delivered = True
+
+
+def _ticks(rows: list[Row]) -> Ticks:
+    device, host, temperature = np.array(
+        [(row.device_s, row.host_s, row.temperature_c) for row in rows], np.float64
+    ).T.copy()
+    if np.isnan(device).all() and np.isnan(host).all() and np.isnan(temperature).all():
+        return Ticks.none()
+    return Ticks(np.arange(len(rows)), device, host, temperature)

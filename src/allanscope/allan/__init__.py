@@ -1,1 +1,48 @@
-"""allan"""
+"""Allan: how much the average of a signal over tau scatters, for every tau at once.
+
+Two ways lead to the same curve. An array goes through every term there is; a stream keeps running
+sums whose size does not depend on the length of the run::
+
+    array ──▶ phase ──▶ estimators ──────────────┐                      noise_type
+                        one file each            ├─▶ Sums ──▶ confidence ──▶ Deviation
+    samples ─▶ AllanBank ─┬─ cascade (kernels) ──┤                edf
+                          └─ archive ──▶ curves ─┘
+
+An estimator is a variance of means over tau = m samples that some wandering of the signal cannot
+spoil: `adev` is blind to an offset, `hdev` to a drift, `mdev` tells phase noise apart, the totals
+and the Theo family squeeze more degrees of freedom from the end of the run. `noise_type` finds the
+power law at each tau; `edf` turns it and the overlap of the terms into degrees of freedom, and
+`confidence` those into chi-square limits. Where a run is too short for a value there is none.
+
+Phase is the running sum of the rates with tau0 = 1 throughout; seconds enter at the end.
+
+Adding an estimator means adding one file to `estimators`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from allanscope.allan.deviation import Deviation
+
+if TYPE_CHECKING:
+    from allanscope.allan.bank import AllanBank
+    from allanscope.allan.oneshot import deviation
+
+__all__ = ["AllanBank", "Deviation", "deviation"]
+
+# The function `deviation` shares its name with the module of the class, which the import above has
+# just entered here; removed, the name is looked up below. Compiled code loads only when asked for.
+globals().pop("deviation", None)
+
+
+def __getattr__(name: str) -> object:
+    if name == "AllanBank":
+        from allanscope.allan.bank import AllanBank
+
+        return AllanBank
+    if name == "deviation":
+        from allanscope.allan.oneshot import deviation
+
+        return deviation
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

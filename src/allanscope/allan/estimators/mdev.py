@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import difference_edf
@@ -37,11 +38,8 @@ class Mdev(Estimator):
         """Return variance and number of terms."""
         if phase.size < 3 * m:
             return np.nan, 0
-        # Sums of the second difference stay small; those of the phase itself would lose digits.
-        second = (phase[: -2 * m] - phase[m:-m]) + (phase[2 * m :] - phase[m:-m])
-        sums = np.concatenate(([0.0], second)).cumsum()
-        sums = sums[m:] - sums[:-m]
-        return float(sums @ sums) / (2.0 * float(m) ** 4 * sums.size), sums.size
+        terms = phase.size - 3 * m + 1
+        return _mean_square_sum(phase, m, terms) / (2.0 * float(m) ** 4), terms
 
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
@@ -52,3 +50,20 @@ class Mdev(Estimator):
     def needed(self, m: int) -> int:
         """Return how many rate samples give `min_terms` terms."""
         return 3 * m + self.min_terms - 2
+
+
+@njit(cache=True, nogil=True)
+def _mean_square_sum(x: NDArray[np.float64], m: int, terms: int) -> float:
+    """Return the mean square of the sum over m second differences at lag m."""
+    total = window = 0.0
+    afresh = max(m, 1024)
+    for i in range(terms):
+        if i % afresh == 0:
+            # Sum afresh now and then, so that rounding does not add up over the record.
+            window = 0.0
+            for j in range(i, i + m):
+                window += (x[j] - x[j + m]) + (x[j + 2 * m] - x[j + m])
+        else:
+            window += (x[i + 3 * m - 1] - x[i - 1]) - 3.0 * (x[i + 2 * m - 1] - x[i + m - 1])
+        total += window * window
+    return total / terms

@@ -31,7 +31,7 @@ class TheoBR(Theo1):
     >>> rng = np.random.default_rng(4)
     >>> x = np.append(0.0, rng.standard_normal(2000).cumsum())
     >>> round(theobr_ratio(x), 2)
-    1.01
+    1.06
     """
 
     name: ClassVar[str] = "theobr"

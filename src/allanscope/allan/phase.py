@@ -1,0 +1,86 @@
+"""From samples to the phase that every estimator works on, without losing a digit on the way."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["DataKind", "to_phase"]
+
+DataKind = Literal["rate", "phase"]
+
+_EXACT = 2**53
+"""Integers up to here are exact in float64."""
+
+
+def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDArray[np.float64]:
+    """Return the phase of a record, in units of data times samples, beginning with 0.
+
+    Parameters
+    ----------
+    data : array_like of int or float, shape (n,) or, for phase, (n + 1,)
+        Rates; or their integral over time in (unit of the rate) x s.
+    rate : float
+        Sample rate in Hz.
+    data_kind : {'rate', 'phase'}
+        What the data are.
+
+    Returns
+    -------
+    ndarray of float64, shape (n + 1,)
+        Rates are summed less an offset that no estimator can see: for integers the rounded mean,
+        and in integers, so that no sum is rounded; for floats the first sample and then the mean.
+
+    Raises
+    ------
+    ValueError
+        For a rate that is not positive, another kind, another shape, a sample that is no finite
+        real number, or fewer than two rates (three phases).
+
+    Examples
+    --------
+    >>> to_phase([7, 9, 8], rate=1.0)
+    array([ 0., -1.,  0.,  0.])
+    >>> to_phase([0.0, 0.5, 2.5], rate=2.0, data_kind="phase")
+    array([0., 1., 5.])
+    """
+    if not (math.isfinite(rate) and rate > 0):
+        raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
+    if data_kind not in ("rate", "phase"):
+        raise ValueError(f"unknown data_kind {data_kind!r}; choose rate or phase")
+    values = np.asarray(data)
+    if values.ndim != 1:
+        raise ValueError(f"data must have one dimension, got shape {values.shape}")
+    if values.dtype.kind not in "iuf":
+        raise ValueError(f"data must be integers or floats, got {values.dtype}")
+    fewest = 2 if data_kind == "rate" else 3
+    if values.size < fewest:
+        raise ValueError(f"need at least {fewest} samples of {data_kind}, got {values.size}")
+    if values.dtype.kind == "f":
+        return _from_floats(values.astype(np.float64), rate, data_kind)
+    return _from_integers(values, rate, data_kind)
+
+
+def _from_floats(values: NDArray[np.float64], rate: float, data_kind: str) -> NDArray[np.float64]:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise ValueError(f"sample {bad[0]} is {values[bad[0]]} (one of {bad.size} not finite)")
+    values = values - values[0]
+    if data_kind == "phase":
+        phase: NDArray[np.float64] = values * rate
+        return phase
+    # Less the first sample a constant is exactly zero; less the mean the sum stays small.
+    return np.append(0.0, np.cumsum(values - values.mean()))
+
+
+def _from_integers(values: NDArray[np.generic], rate: float, data_kind: str) -> NDArray[np.float64]:
+    low, high = int(values.min()), int(values.max())
+    if (high - low) * values.size >= _EXACT:
+        return _from_floats(values.astype(np.float64), rate, data_kind)
+    if data_kind == "phase":
+        return (values - values[0]).astype(np.float64) * rate
+    offset = round(float(values.mean()))
+    return np.append(0, np.cumsum(values.astype(np.int64) - offset)).astype(np.float64)

@@ -67,6 +67,8 @@ def is_recording(path: Path) -> bool:
     """Return whether a path is a recording or the folder of one; its content may still be bad."""
     try:
         first = first_segment(path)
+        if not first.is_file():
+            return False  # a serial port must not be opened just to look
         with first.open("rb") as file:
             return first.suffix == ".mcap" or file.read(len(MAGIC)) == MAGIC
     except (OSError, InputError):

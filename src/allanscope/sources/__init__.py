@@ -1,1 +1,71 @@
-"""sources"""
+"""Sources: where bytes come from, and when they came.
+
+::
+
+    open_source("auto") ──▶ SerialSource ──┐
+    open_source("sim")  ──▶ simulated      ├──▶ read() ──▶ Chunk(host_ns, data, event)
+    open_source("a.mcap") ▶ RecordedSource │
+    open_source("a.csv") ─▶ FileSource   ──┘
+
+A source knows nothing of samples. It gives chunks: the bytes of one read, the host's monotonic time
+at which they came, and what happened to the link before them. One thread reads; any thread may
+write or close. A serial port that goes away comes back by itself (`serial_port`), because a night
+on the bench outlives a loose cable. `discovery` finds the board by its USB numbers.
+
+A new kind of source is a file with a class that has the five members of `Source`, a function that
+opens it, and a line in `registry`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from allanscope.sources.base import Chunk, LinkEvent, Source
+
+if TYPE_CHECKING:
+    from allanscope.sources.discovery import (
+        PortDescription,
+        auto_port,
+        describe_ports,
+        find_ports,
+    )
+    from allanscope.sources.file import FileSource
+    from allanscope.sources.recorded import RecordedSource
+    from allanscope.sources.registry import open_source
+    from allanscope.sources.serial_port import SerialSource
+    from allanscope.sources.settings import SourceSettings
+
+__all__ = [
+    "Chunk",
+    "FileSource",
+    "LinkEvent",
+    "PortDescription",
+    "RecordedSource",
+    "SerialSource",
+    "Source",
+    "SourceSettings",
+    "auto_port",
+    "describe_ports",
+    "find_ports",
+    "open_source",
+]
+
+_HOMES = {
+    "FileSource": "file",
+    "PortDescription": "discovery",
+    "RecordedSource": "recorded",
+    "SerialSource": "serial_port",
+    "SourceSettings": "settings",
+    "auto_port": "discovery",
+    "describe_ports": "discovery",
+    "find_ports": "discovery",
+    "open_source": "registry",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for: a replay needs no serial port."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -1,0 +1,253 @@
+"""A serial port that survives being unplugged.
+
+A night on the bench outlives a loose cable. When the link fails, whatever it says, the port is
+closed first (on some systems the old handle keeps the name busy), and then the same device is
+looked for until it is back: by USB and serial number, else by its path. It
+may come back under another name, and another board may have taken the old one. Refusals are
+tolerated while waiting: after plugging in, udev sets permissions and ModemManager probes.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+import time
+from collections.abc import Callable
+
+from allanscope.errors import DeviceError, UsageError
+from allanscope.recording.chunk import Chunk, LinkEvent
+from allanscope.sources.discovery import Comports, PortDescription, auto_port, find_ports
+from allanscope.sources.open_errors import why_not_open
+from allanscope.sources.settings import SourceSettings
+from allanscope.sources.transport import (
+    LINK_ERRORS,
+    Transport,
+    WriteTimeoutError,
+    open_transport,
+)
+
+__all__ = ["SerialSource", "open_auto", "open_serial"]
+
+WAIT_S = 0.05
+"""A read returns after this much silence."""
+
+GATHER_S = 0.01
+GATHER_BYTES = 1024
+"""After a read of fewer bytes the next one waits this long: a hundred reads a second cost a third
+of what a thousand cost, and the buffers of the system hold many times as much."""
+
+FIRST_RETRY_S = 0.1
+LAST_RETRY_S = 2.0
+
+
+class SerialSource:
+    """Bytes from a serial port or a pyserial URL.
+
+    Parameters
+    ----------
+    name : str
+        Device path, port name or URL.
+    settings : SourceSettings
+        Line rate, stall and patience.
+    comports : callable, optional
+        Lists ports as pyserial does.
+    opener : callable
+        Opens a link.
+    clock : callable
+        Host monotonic time in nanoseconds.
+
+    Raises
+    ------
+    DeviceError
+        If the port cannot be opened; the one line says what to do.
+    UsageError
+        If the URL is none.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: SourceSettings | None = None,
+        *,
+        comports: Comports | None = None,
+        opener: Callable[[str, int], Transport] = open_transport,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._name = name
+        self._settings = settings or SourceSettings()
+        self._comports = comports
+        self._opener = opener
+        self._clock = clock
+        self._port = self._described(name)
+        self.trouble = ""
+        """Why the device cannot be reopened just now; empty while all is well."""
+        self._reading = threading.Lock()
+        self._writing = threading.Lock()
+        self._closing = threading.Event()
+        self._streaming = False
+        self._stalled = False
+        self._gather = False
+        self._retry_s = FIRST_RETRY_S
+        self._next_try_ns = 0
+        self._lost_ns = 0
+        self._link: Transport | None = self._open_first(name)
+        self._heard_ns = clock()
+
+    @property
+    def name(self) -> str:
+        """The port as it is called at present."""
+        return self._port.device
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """What the USB descriptors say of the device."""
+        return self._port.facts()
+
+    def read(self) -> Chunk:
+        """Return what has arrived, or an empty chunk after 50 ms.
+
+        The chunk on which the link breaks has the event ``disconnected``; reads go on returning
+        empty chunks until the device is back, with ``reconnected``.
+
+        Raises
+        ------
+        DeviceError
+            When the device has been gone for longer than the settings allow.
+        """
+        with self._reading:
+            if self._closing.is_set():
+                return Chunk(self._clock(), event="end")
+            return self._listen(self._link) if self._link is not None else self._look()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; nothing happens while the device is gone.
+
+        Raises
+        ------
+        DeviceError
+            If the device does not take them within a second.
+        """
+        with self._writing:
+            if self._link is None:
+                return
+            try:
+                self._link.write(data)
+            except WriteTimeoutError as error:
+                raise DeviceError(
+                    f"{self.name} does not take what is written to it; is it the right port?"
+                ) from error
+            except LINK_ERRORS:
+                return  # the reader sees it too, and reports it
+
+    def close(self) -> None:
+        """Stop; a read in another thread returns at once, and the next one says ``end``."""
+        self._closing.set()
+        with self._writing:
+            if self._link is not None:
+                self._link.wake()
+        with self._reading:
+            self._let_go()
+
+    # --- while the link is there --------------------------------------------------------------
+
+    def _listen(self, link: Transport) -> Chunk:
+        if self._gather:
+            self._closing.wait(GATHER_S)
+        try:
+            data = link.read(WAIT_S)
+        except LINK_ERRORS:
+            return self._disconnect()
+        now = self._clock()
+        self._gather = 0 < len(data) < GATHER_BYTES
+        if not data:
+            return Chunk(now, event=self._stall(now))
+        event: LinkEvent = "resumed" if self._stalled else ""
+        self._streaming, self._stalled, self._heard_ns = True, False, now
+        self._retry_s = FIRST_RETRY_S
+        return Chunk(now, data, event)
+
+    def _stall(self, now: int) -> LinkEvent:
+        """Say once when a device that streamed falls silent: one that hangs raises no error."""
+        silent = now - self._heard_ns > self._settings.stall_s * 1e9
+        if not silent or not self._streaming or self._stalled:
+            return ""
+        self._stalled = True
+        return "stalled"
+
+    def _disconnect(self) -> Chunk:
+        self._let_go()
+        self._lost_ns = self._clock()
+        self._next_try_ns = self._lost_ns + int(self._retry_s * 1e9)
+        self._stalled = False
+        return Chunk(self._lost_ns, event="disconnected")
+
+    def _let_go(self) -> None:
+        with self._writing:
+            link, self._link = self._link, None
+            if link is not None:
+                link.close()
+
+    # --- while it is gone ---------------------------------------------------------------------
+
+    def _look(self) -> Chunk:
+        """Wait a little; when it is time, look for the device and open it."""
+        wait_s = (self._next_try_ns - self._clock()) * 1e-9
+        if wait_s > 0.0:
+            self._closing.wait(min(wait_s, WAIT_S))
+            return Chunk(self._clock())
+        try:
+            self._reopen()
+        except LINK_ERRORS as error:
+            self.trouble = str(why_not_open(self.name, error, find_ports(self._comports)))
+            self._retry_s = min(2.0 * self._retry_s, LAST_RETRY_S)
+            now = self._clock()
+            self._next_try_ns = now + int(self._retry_s * 1e9)
+            if now - self._lost_ns > self._settings.give_up_s * 1e9:
+                raise DeviceError(
+                    f"{self.name} has been gone for {self._settings.give_up_s:g} s: {self.trouble}"
+                ) from error
+            return Chunk(now)
+        self.trouble = ""
+        self._retry_s = min(2.0 * self._retry_s, LAST_RETRY_S)  # until it proves to be alive
+        self._heard_ns = self._clock()
+        return Chunk(self._heard_ns, event="reconnected")
+
+    def _reopen(self) -> None:
+        name, port = self._name, self._port
+        if self._port.vendor is not None:
+            back = [one for one in find_ports(self._comports) if self._port.is_same_device(one)]
+            if not back:
+                raise FileNotFoundError(errno.ENOENT, "the device is not there")
+            port = back[0]
+            name = port.device
+        self._link = self._opener(name, self._settings.baud)
+        self._port = port
+
+    # --- opening ------------------------------------------------------------------------------
+
+    def _open_first(self, name: str) -> Transport:
+        try:
+            return self._opener(name, self._settings.baud)
+        except LINK_ERRORS as error:
+            raise why_not_open(name, error, find_ports(self._comports)) from error
+        except ValueError as error:
+            raise UsageError(f"cannot open {name}: {error}") from error
+
+    def _described(self, name: str) -> PortDescription:
+        if "://" not in name:
+            path = os.path.realpath(name)
+            for port in find_ports(self._comports):
+                if os.path.realpath(port.device) == path:
+                    return port
+        return PortDescription(name)
+
+
+def open_serial(spec: str, settings: SourceSettings) -> SerialSource:
+    """Open a device path, a port name or a pyserial URL."""
+    return SerialSource(spec, settings)
+
+
+def open_auto(spec: str, settings: SourceSettings) -> SerialSource:
+    """Open the board, wherever it is plugged in."""
+    return SerialSource(auto_port().device, settings)

@@ -9,10 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from allanscope.errors import UsageError
 
-__all__ = ["ACCEL_SCALES", "GYRO_SCALES", "PARTS", "Part", "part_named"]
+__all__ = [
+    "ACCEL_CUTOFF_SHARES",
+    "ACCEL_SCALES",
+    "GYRO_CUTOFF_SHARE",
+    "GYRO_LPF1_HZ",
+    "GYRO_SCALES",
+    "PARTS",
+    "Mode",
+    "Part",
+    "part_named",
+]
 
 GYRO_SCALES: Mapping[float, float] = {
     125.0: 4.375e-3,
@@ -25,6 +36,24 @@ GYRO_SCALES: Mapping[float, float] = {
 
 ACCEL_SCALES: Mapping[float, float] = {2.0: 0.061e-3, 4.0: 0.122e-3, 8.0: 0.244e-3, 16.0: 0.488e-3}
 """g per count at each full scale in g."""
+
+GYRO_LPF1_HZ: Mapping[float, tuple[float, ...]] = {
+    833.0: (293.0, 245.0, 195.0, 155.0),
+    1660.0: (505.0, 315.0, 224.0, 168.0),
+    3330.0: (925.0, 343.0, 234.0, 172.0),
+    6660.0: (937.0, 351.0, 237.0, 173.0),
+}
+"""Cutoffs in Hz that LPF1 of the gyro can be set to (FTYPE) at each rate: datasheet table 68."""
+
+GYRO_CUTOFF_SHARE = 0.32
+"""Cutoff of the gyro's fixed LPF2 as a part of the rate, below 833 Hz. The datasheets print no
+table; a public driver gives 66.8 Hz at 208 Hz for a sibling. Offered to a fit, never assumed."""
+
+ACCEL_CUTOFF_SHARES = (1 / 2, 1 / 4, 1 / 9, 1 / 50, 1 / 100, 1 / 400)
+"""Cutoffs of the accelerometer's LPF1 and LPF2 settings as parts of the rate: table 73."""
+
+Mode = Literal["high-performance", "normal", "low-power"]
+"""Power mode, on which the published noise depends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +106,38 @@ class Part:
     def accel_scale(self, full_scale_g: float) -> float:
         """Return g per count; UsageError for a full scale that the part does not have."""
         return _scale(ACCEL_SCALES, full_scale_g, "accelerometer", "g")
+
+    def mode(self, rate_hz: float, *, high_performance: bool = True) -> Mode:
+        """Return the power mode at a rate: what the HM_MODE bits leave open, the rate decides.
+
+        With high performance switched off, 104 and 208 Hz are normal mode and lower rates low
+        power; higher rates are always high performance (datasheet sections 5.2 and 5.3).
+
+        Examples
+        --------
+        >>> part_named("LSM6DSL").mode(104.0, high_performance=False)
+        'normal'
+        """
+        if high_performance or rate_hz > 300.0:
+            return "high-performance"
+        return "normal" if rate_hz > 75.0 else "low-power"
+
+    def cutoffs_hz(self, axis: str, rate_hz: float) -> tuple[float, ...]:
+        """Return the -3 dB frequencies that the part's digital filters may have at a rate.
+
+        Only those below the Nyquist frequency; they are where a fit of the band limit starts.
+
+        Examples
+        --------
+        >>> part_named("LSM6DSM").cutoffs_hz("gx", 208.0)
+        (66.56,)
+        """
+        if axis.startswith("a"):
+            return tuple(share * rate_hz for share in ACCEL_CUTOFF_SHARES if share < 0.5)
+        settings = [GYRO_LPF1_HZ[rate] for rate in GYRO_LPF1_HZ if abs(rate_hz / rate - 1) < 0.1]
+        if settings:
+            return tuple(cutoff for cutoff in settings[0] if cutoff < rate_hz / 2)
+        return (GYRO_CUTOFF_SHARE * rate_hz,)
 
 
 def _scale(table: Mapping[float, float], full_scale: float, sensor: str, unit: str) -> float:

@@ -1,0 +1,302 @@
+"""AllanBank: every deviation of a stream at any moment, in a fixed small memory.
+
+Samples go to two places. The cascade keeps sums of squared differences for all that can be
+streamed: STDEV OSTDEV ADEV OADEV MDEV TDEV HDEV OHDEV TOTDEV PDEV. The archive keeps the run in at
+most 8192 rows for the rest: MTOT TTOT HTOT THEO1 TheoBR TheoH, which are evaluated when asked::
+
+    update ──┬─▶ cascade   sums per tau ───────┐
+             └─▶ archive   rows of block sums ─┴─▶ deviation(kind)
+
+Both work on samples less an anchor, the first sample of each axis, which no estimator can see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from allanscope.allan import bank_state
+from allanscope.allan.archive import Archive
+from allanscope.allan.cascade import Cascade
+from allanscope.allan.confidence import HadamardFactor, assemble
+from allanscope.allan.curves import Curves
+from allanscope.allan.deviation import Deviation
+from allanscope.allan.estimators import Sums
+from allanscope.samples import Block
+
+__all__ = ["AllanBank"]
+
+_SLICE = 1 << 14
+"""Samples converted to float64 at a time: what fits in the second-level cache."""
+
+
+class AllanBank:
+    """All Allan-family deviations of several axes, updated sample by sample.
+
+    Time per sample and memory do not depend on the length of the run. How the samples are cut into
+    blocks does not change a bit of the result.
+
+    Parameters
+    ----------
+    rate : float
+        Sample rate in Hz; the nominal one, as long as none was measured (see `deviation`).
+    axes : int
+        Number of columns of the samples.
+    per_octave : int
+        Averaging times in each octave.
+    scale : array_like, shape (axes,), optional
+        Physical unit per count; deviations are then in that unit instead of counts.
+
+    Attributes
+    ----------
+    rate : float
+        May be set anew at any time: it enters at `deviation` only.
+    samples : int
+        Samples taken in so far, on each axis.
+
+    Raises
+    ------
+    ValueError
+        For a rate that is not positive, no axis, or a scale of another shape.
+
+    Notes
+    -----
+    Terms are exact (full overlap, as in allantools) for m < 64 and start at every 2^L-th sample for
+    32 * 2^L <= m < 64 * 2^L above. The modified totals and the Theo family are exact up to 4096
+    samples; see `allanscope.allan.curves` for what comes after.
+
+    Samples of float64 are summed in doubles: their relative error is about 1e-16 times
+    (distance from the anchor / deviation). Integer samples have none below 2^53.
+
+    Examples
+    --------
+    >>> bank = AllanBank(rate=10.0, axes=1, per_octave=1)
+    >>> bank.update(np.array([1, 2, 4, 3], np.int16))
+    >>> oadev = bank.deviation("oadev")
+    >>> oadev.tau.tolist(), oadev.deviation.tolist(), oadev.terms.tolist()
+    ([0.1, 0.2], [[1.0, nan]], [[3, 1]])
+
+    One term is no estimate. Four samples later there are more:
+
+    >>> bank.update(np.array([3, 1, 1, 2], np.int16))
+    >>> bank.deviation("oadev").deviation.round(3).tolist()
+    [[0.886, 1.025, nan]]
+    """
+
+    def __init__(
+        self,
+        rate: float,
+        axes: int = 6,
+        per_octave: int = 4,
+        scale: ArrayLike | None = None,
+    ) -> None:
+        if axes < 1 or per_octave < 1:
+            raise ValueError(f"need axes >= 1 and per_octave >= 1, got {axes} and {per_octave}")
+        self.rate = _positive(rate)
+        self.axes = axes
+        self.per_octave = per_octave
+        self.scale = np.ones(axes) if scale is None else np.array(scale, np.float64)
+        if self.scale.shape != (axes,):
+            raise ValueError(f"{axes} axes need as many scales, got shape {self.scale.shape}")
+        self._anchor: NDArray[np.float64] | None = None
+        self._cascade = Cascade(axes, per_octave)
+        self._archive = Archive(axes)
+        self._curves: Curves | None = None
+
+    @property
+    def samples(self) -> int:
+        """Samples taken in so far, on each axis."""
+        return self._cascade.samples
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held, all axes together."""
+        return sum(array.nbytes for array in self._arrays().values())
+
+    def update(self, samples: Block | ArrayLike) -> None:
+        """Take in the next samples, neighbours of the last ones.
+
+        Parameters
+        ----------
+        samples : Block or array_like, shape (n, axes), or (n,) for one axis
+            Integers of at most 32 bits, or float64.
+
+        Raises
+        ------
+        ValueError
+            For another shape or type, or a sample that is not finite. Nothing is taken in then.
+        """
+        data = self._checked(samples.counts if isinstance(samples, Block) else samples)
+        if len(data) == 0:
+            return
+        if self._anchor is None:
+            self._anchor = data[0].astype(np.float64)
+        self._curves = None
+        for start in range(0, len(data), _SLICE):
+            piece = np.subtract(
+                data[start : start + _SLICE].T, self._anchor[:, np.newaxis], order="C"
+            )
+            self._cascade.extend(piece)
+            self._archive.extend(piece)
+
+    def gap(self) -> None:
+        """Begin a new segment: no term joins what came before to what comes after."""
+        self._curves = None
+        self._cascade.close()
+        self._archive.gap()
+
+    def deviation(
+        self,
+        kind: str,
+        level: float = 0.95,
+        rate: float | None = None,
+        *,
+        bias_corrected: bool = True,
+        hadamard_factor: HadamardFactor = "sp1065",
+    ) -> Deviation:
+        """Return a deviation curve of everything so far.
+
+        Parameters
+        ----------
+        kind : str
+            One of stdev ostdev adev oadev mdev tdev hdev ohdev totdev mtotdev ttotdev htotdev
+            theo1 theobr theoh pdev.
+        level : float
+            Two-sided confidence of the limits.
+        rate : float, optional
+            Measured sample rate in Hz instead of the bank's.
+        bias_corrected, hadamard_factor
+            As in `allanscope.allan.confidence.assemble`.
+
+        Returns
+        -------
+        Deviation
+            Arrays of shape (axes, k), at the taus that have at least one term.
+
+        Raises
+        ------
+        ValueError
+            For an unknown kind, a rate that is not positive, or a level outside (0, 1).
+        """
+        rate = _positive(self.rate if rate is None else rate)
+        if self._curves is None:
+            self._curves = Curves(self._cascade.settled(), self._archive)
+        sums = self._curves.sums(kind)
+        if sums.m.size == 0:
+            return _empty(kind, sums, level)
+        in_units = replace(sums, variance=sums.variance * self.scale[:, np.newaxis] ** 2)
+        return assemble(
+            kind,
+            in_units,
+            rate,
+            level,
+            self._curves.power_law(kind, sums),
+            bias_corrected=bias_corrected,
+            hadamard_factor=hadamard_factor,
+        )
+
+    def merge(self, other: AllanBank) -> None:
+        """Add another bank's run behind a gap: as if its samples had come here.
+
+        Raises
+        ------
+        ValueError
+            When axes, averaging times or scales differ.
+        """
+        same = (self.axes, self.per_octave, self.scale.tolist())
+        if same != (other.axes, other.per_octave, other.scale.tolist()):
+            raise ValueError(
+                "banks differ in axes, per_octave or scale and cannot be merged: "
+                f"{same} and {(other.axes, other.per_octave, other.scale.tolist())}"
+            )
+        if other._anchor is None:
+            return
+        if self._anchor is None:
+            self._anchor = other._anchor.copy()
+        self.gap()
+        self._cascade.merge(other._cascade.settled(), other._anchor - self._anchor)
+        self._archive.merge(other._archive)
+
+    def __add__(self, other: AllanBank) -> AllanBank:
+        merged = AllanBank.from_state(self.state())
+        merged.merge(other)
+        return merged
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return everything held, as plain arrays: for `numpy.savez`, or another process."""
+        return bank_state.pack(self._arrays())
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, ArrayLike]) -> AllanBank:
+        """Return the bank that `state` came from; it goes on to the same results, to the last bit.
+
+        Raises
+        ------
+        ValueError
+            For a state that is damaged, of another version, or no state of a bank.
+        """
+        arrays = bank_state.unpack(state, like=cls(1.0, axes=1).state())
+        scale = arrays["scale"]
+        bank = cls(float(arrays["rate"]), scale.size, int(arrays["per_octave"]), scale)
+        if arrays["anchor"].size:
+            bank._anchor = arrays["anchor"]
+        bank._cascade.restore(arrays)
+        bank._archive.restore(arrays)
+        return bank
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {
+            "rate": np.array(self.rate),
+            "per_octave": np.array(self.per_octave),
+            "scale": self.scale,
+            "anchor": np.empty(0) if self._anchor is None else self._anchor,
+            **self._cascade.arrays(),
+            **self._archive.arrays(),
+        }
+
+    def _checked(self, samples: ArrayLike) -> NDArray[Any]:
+        """Return samples of shape (n, axes), all finite and of a type that doubles hold exactly."""
+        data = np.asarray(samples)
+        if data.ndim == 1 and self.axes == 1:
+            data = data[:, np.newaxis]
+        if data.ndim != 2 or data.shape[1] != self.axes:
+            raise ValueError(f"samples must have shape (n, {self.axes}), got {data.shape}")
+        if not np.can_cast(data.dtype, np.float64, "safe") or data.dtype.kind not in "iuf":
+            raise ValueError(
+                f"samples must be integers of at most 32 bits or floats, got {data.dtype}"
+            )
+        if data.dtype.kind == "f" and not np.isfinite(data).all():
+            row, column = np.argwhere(~np.isfinite(data))[0]
+            raise ValueError(
+                f"sample {self.samples + row} of axis {column} is {data[row, column]}; "
+                "leave it out and call gap() instead"
+            )
+        return data
+
+
+def _positive(rate: float) -> float:
+    if not (np.isfinite(rate) and rate > 0):
+        raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
+    return float(rate)
+
+
+def _empty(kind: str, sums: Sums, level: float) -> Deviation:
+    """Return the curve of a run that is too short for any tau."""
+    nothing = sums.variance
+    return Deviation(
+        kind=kind,
+        tau=np.empty(0),
+        m=sums.m,
+        deviation=nothing,
+        lower=nothing,
+        upper=nothing,
+        edf=nothing,
+        terms=sums.terms,
+        noise=nothing.astype(np.str_),
+        level=level,
+        trusted=np.empty(0, np.bool_),
+    )

@@ -1,0 +1,238 @@
+"""The ladder of rungs over the segments of a run: which taus it holds and how many terms each has.
+
+`kernels` spends the samples; this file knows what the sums mean. One segment is open at a time.
+Closing it settles the half-filled rungs, counts its terms and clears the rungs; sums and counts go
+on. So a gap costs the terms that would have spanned it and nothing else, and two runs add up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan.estimators.base import Sums
+from allanscope.allan.kernels import BATCH, COLUMNS, HEAD, Ladder, advance, settle
+
+__all__ = ["Cascade", "lags_of_level"]
+
+_OSTDEV_MEAN, _STDEV_MEAN = len(COLUMNS), len(COLUMNS) + 1
+
+
+def lags_of_level(level: int, per_octave: int) -> NDArray[np.int64]:
+    """Return m / stride for the taus of one rung, ascending.
+
+    Rung 0 has every averaging factor below 64, the others one octave from 32 up.
+
+    Examples
+    --------
+    >>> lags_of_level(0, 2).tolist()
+    [1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45]
+    >>> lags_of_level(7, 2).tolist()
+    [32, 45]
+    """
+    octaves = np.arange(5 * per_octave if level else 0, 6 * per_octave)
+    lags = np.unique(np.round(2.0 ** (octaves / per_octave)).astype(np.int64))
+    return lags[lags < 64]
+
+
+class Cascade:
+    """Sums of all lagged differences of a run, exact below m = 64, thinned by 2^L above.
+
+    Parameters
+    ----------
+    axes : int
+        Number of axes.
+    per_octave : int
+        Averaging factors in each octave.
+
+    Attributes
+    ----------
+    m, stride : ndarray of int64, shape (taus,)
+        Averaging factor, and step between the terms of the overlapping estimators, in samples.
+    samples : int
+        Samples taken in so far.
+    taken : int
+        Those of the open segment.
+
+    Examples
+    --------
+    OAVAR of the rates 0 1 3 2 at m = 1 is half the mean square difference, of 1 4 1:
+
+    >>> cascade = Cascade(axes=1, per_octave=1)
+    >>> cascade.extend(np.array([[0.0, 1.0, 3.0, 2.0]]))
+    >>> oadev = cascade.settled().variances("oadev")
+    >>> oadev.m.tolist(), oadev.variance.tolist(), oadev.terms.tolist()
+    ([1, 2], [[1.0, 2.0]], [[3, 1]])
+    """
+
+    def __init__(self, axes: int, per_octave: int) -> None:
+        self.axes = axes
+        self.per_octave = per_octave
+        self.samples = 0
+        self.taken = 0
+        self.levels = 0
+        self.lags = np.empty(0, np.int64)
+        self.first = np.zeros(1, np.int64)
+        self.rungs = np.zeros((axes, 0, 3, 2 * BATCH))
+        self.heads = np.zeros((axes, 0, HEAD))
+        self.sums = np.zeros((axes, 0, len(COLUMNS) + 2))
+        self.terms = np.zeros((0, len(COLUMNS)), np.int64)
+        self.grow(1)
+
+    def grow(self, levels: int) -> None:
+        """Add rungs until there are `levels`."""
+        for level in range(self.levels, levels):
+            lags = lags_of_level(level, self.per_octave)
+            self.lags = np.append(self.lags, lags)
+            self.first = np.append(self.first, self.lags.size)
+        missing = max(levels - self.levels, 0)
+        taus = self.lags.size - self.terms.shape[0]
+        self.levels += missing
+        self.rungs = _extended(self.rungs, missing, axis=1)
+        self.heads = _extended(self.heads, missing, axis=1)
+        self.sums = _extended(self.sums, taus, axis=1)
+        self.terms = _extended(self.terms, taus, axis=0)
+
+    @property
+    def stride(self) -> NDArray[np.int64]:
+        """Step between terms in samples, shape (taus,)."""
+        return np.repeat(1 << np.arange(self.levels), np.diff(self.first))
+
+    @property
+    def m(self) -> NDArray[np.int64]:
+        """Averaging factors in samples, shape (taus,)."""
+        return self.lags * self.stride
+
+    def extend(self, samples: NDArray[np.float64]) -> None:
+        """Take in the next samples, shape (axes, n), less the anchor of each axis."""
+        taken = self.taken + samples.shape[1]
+        # A rung must be there before the rung below it hands up its first entries.
+        self.grow((taken // 32).bit_length())
+        advance(samples, self.taken, self._ladder())
+        self.samples += samples.shape[1]
+        self.taken = taken
+
+    def close(self) -> None:
+        """End the segment: what comes next is no neighbour of what came before."""
+        if self.taken:
+            settle(self.taken, self._ladder())
+            self.terms += self._terms_of_segment()
+            self.rungs[:] = 0.0
+            self.taken = 0
+
+    def settled(self) -> Cascade:
+        """Return a closed copy."""
+        copy = Cascade.__new__(Cascade)
+        copy.__dict__.update(self.__dict__)
+        copy.rungs, copy.heads = self.rungs.copy(), self.heads.copy()
+        copy.sums, copy.terms = self.sums.copy(), self.terms.copy()
+        copy.close()
+        return copy
+
+    def merge(self, other: Cascade, shift: NDArray[np.float64]) -> None:
+        """Add the sums of another closed run whose anchor lies `shift` (axes,) above this one's."""
+        self.close()
+        self.grow(other.levels)
+        taus = other.lags.size
+        theirs = other.sums.copy()
+        step = shift[:, np.newaxis] * other.m
+        for square, mean in (("ostdev", _OSTDEV_MEAN), ("stdev", _STDEV_MEAN)):
+            column = COLUMNS.index(square)
+            theirs[..., column] += step * (2.0 * theirs[..., mean] + step * other.terms[:, column])
+            theirs[..., mean] += step * other.terms[:, column]
+        self.sums[:, :taus] += theirs
+        self.terms[:taus] += other.terms
+        self.samples += other.samples
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return everything that changes, by name."""
+        return {
+            "cascade": np.array([self.samples, self.taken], np.int64),
+            "rungs": self.rungs,
+            "heads": self.heads,
+            "sums": self.sums,
+            "terms": self.terms,
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what `arrays` returned; ValueError when that does not fit together."""
+        levels = arrays["rungs"].shape[1]
+        samples, taken = arrays["cascade"].tolist()
+        self.grow(levels)
+        shapes = [(name, array.shape) for name, array in self.arrays().items()]
+        if shapes != [(name, arrays[name].shape) for name, _ in shapes] or not (
+            0 <= taken <= samples and (taken // 32).bit_length() <= self.levels
+        ):
+            raise ValueError("state of a bank is damaged: its sums do not fit together")
+        self.samples, self.taken = samples, taken
+        self.rungs, self.heads = arrays["rungs"], arrays["heads"]
+        self.sums, self.terms = arrays["sums"], arrays["terms"]
+
+    def variances(self, kind: str) -> Sums:
+        """Return the variances of one of `COLUMNS` for tau0 = 1, where they have a term at all.
+
+        The run must be closed: see `settled`.
+        """
+        column = COLUMNS.index(kind)
+        terms, m = self.terms[:, column], self.m
+        have = terms > 0
+        terms, m, sums = terms[have], m[have].astype(np.float64), self.sums[:, have]
+        squares = sums[..., column]
+        match kind:
+            case "stdev" | "ostdev":
+                mean = sums[..., _STDEV_MEAN if kind == "stdev" else _OSTDEV_MEAN] / terms
+                one_less = np.where(terms > 1, terms - 1, np.nan)
+                variance = (squares - terms * mean**2) / one_less / m**2
+            case "adev" | "oadev":
+                variance = squares / terms / (2.0 * m**2)
+            case "totdev":
+                variance = (squares + sums[..., COLUMNS.index("oadev")]) / terms / (2.0 * m**2)
+            case "hdev" | "ohdev":
+                variance = squares / terms / (6.0 * m**2)
+            case "mdev":
+                variance = squares / terms / (2.0 * m**4)
+            case _:
+                variance = 72.0 * squares / terms / m**6
+                # A line through one point has no slope: at m = 1 PDEV is OADEV by definition.
+                allan = sums[..., COLUMNS.index("oadev")] / terms / 2.0
+                variance = np.where(m == 1, allan, variance)
+        apart = kind in ("stdev", "adev", "hdev")
+        return Sums(
+            m=self.m[have],
+            variance=variance,
+            terms=np.broadcast_to(terms, variance.shape),
+            stride=(self.m if apart else self.stride)[have],
+            n=self.samples,
+        )
+
+    def _ladder(self) -> Ladder:
+        return Ladder(self.rungs, self.heads, self.lags, self.first, self.sums)
+
+    def _terms_of_segment(self) -> NDArray[np.int64]:
+        """Return how many terms of each of `COLUMNS` the open segment has, shape (taus, 9)."""
+        k = self.lags
+        entries = self.taken // self.stride
+        counts = {
+            "ostdev": entries - k + 1,
+            "oadev": entries - 2 * k + 1,
+            "ohdev": entries - 3 * k + 1,
+            "mdev": entries - 3 * k + 1 + (self.stride == 1),
+            "pdev": entries - 2 * k + 1,
+            "stdev": entries // k,
+            "adev": entries // k - 1,
+            "hdev": entries // k - 2,
+            "totdev": np.where(entries >= k, entries - 1, 0),
+        }
+        terms: NDArray[np.int64] = np.column_stack([counts[kind] for kind in COLUMNS])
+        return np.maximum(terms, 0)
+
+
+def _extended(array: NDArray[Any], count: int, axis: int) -> NDArray[Any]:
+    """Return the array with `count` more rows of nought."""
+    if count == 0:
+        return array
+    width = [(0, count) if i == axis else (0, 0) for i in range(array.ndim)]
+    return np.pad(array, width)

@@ -1,0 +1,182 @@
+"""From what a bank holds to the variances of any estimator.
+
+Three ways lead there: sums of the cascade; a multiple of another variance (TVAR of MVAR); and, for
+the modified totals and the Theo family, the archive.
+
+As long as the archive has a row for each sample, and no more than 4096, every window is taken and
+the values are those of the definition. Then the totals' windows start at every sixteenth of m only,
+which changes a deviation by less than 0.5 % rms. Once rows are joined m begins at 32 rows: the long
+taus for which these estimators exist, from 1/128 of the run up, all lie above that. At 32 rows and
+more the expectation is within 0.1 % of the full rate for MTOT and HTOT, within 0.5 % for THEO1 (3 %
+where phase noise rules), and 1.7 % times 32 / rows for TheoBR, whose share in TheoH begins at 500.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan.archive import Archive
+from allanscope.allan.cascade import Cascade
+from allanscope.allan.estimators import Estimator, Sums, estimator_named
+from allanscope.allan.estimators.htotdev import htot_variance
+from allanscope.allan.estimators.mtotdev import mtot_variance
+from allanscope.allan.kernels import COLUMNS
+from allanscope.allan.noise_type import at_factors, identify
+from allanscope.allan.thinned_theo1 import thinned_theo1_variance
+
+__all__ = ["Curves"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_ALL_WINDOWS = 4096
+"""Rows up to which every window is taken: half a second for six axes and all estimators."""
+
+_WINDOWS_PER_TAU = 16
+_FEWEST_ROWS = 32
+_FEWEST_PHASES = 10
+"""Shortest window of the Theo family that SP 1065 recommends."""
+
+
+class Curves:
+    """Variances of one moment, each evaluated once.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        Closed.
+    archive : Archive
+        Of the same samples.
+    """
+
+    def __init__(self, cascade: Cascade, archive: Archive) -> None:
+        self._cascade = cascade
+        self._archive = archive
+        self._known: dict[str, Sums] = {}
+        self._alpha: Ints | None = None
+
+    def sums(self, kind: str) -> Sums:
+        """Return the variances of an estimator, of shape (axes, k), in (unit of the samples)^2.
+
+        Raises
+        ------
+        ValueError
+            For an unknown kind.
+        """
+        if kind not in self._known:
+            self._known[kind] = self._evaluate(kind)
+        return self._known[kind]
+
+    def power_law(self, kind: str, sums: Sums) -> Ints | None:
+        """Return alpha at the taus of `sums`, shape (axes, k); None when there is no telling."""
+        allan = self.sums("oadev")
+        if allan.m.size == 0:
+            return None
+        if self._alpha is None:
+            self._alpha = self._identified(allan)
+        return at_factors(estimator_named(kind).tau(sums.m, sums.n), allan.m, self._alpha)
+
+    def _identified(self, allan: Sums) -> Ints:
+        standard, hadamard, modified = (
+            _on_taus(self.sums(kind), allan.m) for kind in ("ostdev", "ohdev", "mdev")
+        )
+        return identify(
+            allan.m,
+            allan.n,
+            stdvar=standard,
+            avar=allan.variance,
+            hvar=hadamard,
+            mvar=modified,
+            drift=self._archive.drift(),
+        )
+
+    def _evaluate(self, kind: str) -> Sums:
+        estimator = estimator_named(kind)
+        if kind in COLUMNS:
+            return self._cascade.variances(kind)
+        if estimator.derived_from:
+            parent = self.sums(estimator.derived_from)
+            return replace(parent, variance=parent.variance * estimator.factor(parent.m))
+        if kind == "theoh":
+            return self._hybrid(estimator)
+        return self._from_archive(estimator)
+
+    def _hybrid(self, theoh: Estimator) -> Sums:
+        """Join OAVAR at short tau and TheoBR at long."""
+        parts = []
+        for kind in ("oadev", "theobr"):
+            sums = self.sums(kind)
+            theirs = estimator_named(kind).tau(sums.m, sums.n)
+            parts.append((sums, theoh.tau(sums.m, sums.n) == theirs))
+        return Sums(
+            m=np.concatenate([sums.m[keep] for sums, keep in parts]),
+            variance=np.concatenate([sums.variance[:, keep] for sums, keep in parts], axis=1),
+            terms=np.concatenate([sums.terms[:, keep] for sums, keep in parts], axis=1),
+            stride=np.concatenate([sums.stride[keep] for sums, keep in parts]),
+            n=self._cascade.samples,
+        )
+
+    def _from_archive(self, estimator: Estimator) -> Sums:
+        archive, kind = self._archive, estimator.name
+        factors = self._factors(estimator)
+        all_windows = archive.stride == 1 and archive.used <= _ALL_WINDOWS
+        step = np.ones_like(factors) if all_windows else np.maximum(factors // _WINDOWS_PER_TAU, 1)
+        squares = np.zeros((archive.axes, factors.size))
+        terms = np.zeros((archive.axes, factors.size), np.int64)
+        for axis in range(archive.axes):
+            phases = archive.averaged(axis) if kind == "mtotdev" else archive.picked(axis)
+            for phase in phases:
+                pairs = _windows(estimator, phase, factors, step, archive.stride)
+                for t, (variance, windows) in enumerate(pairs):
+                    if windows:
+                        squares[axis, t] += variance * windows
+                        terms[axis, t] += windows
+        have = terms.any(axis=0)
+        with np.errstate(invalid="ignore"):
+            mean = squares[:, have] / terms[:, have]
+        return Sums(
+            m=factors[have] * archive.stride,
+            variance=mean,
+            terms=terms[:, have],
+            stride=step[have] * archive.stride,
+            n=self._cascade.samples,
+        )
+
+    def _factors(self, estimator: Estimator) -> Ints:
+        """Return averaging factors in rows."""
+        archive, per_octave = self._archive, self._cascade.per_octave
+        octaves = np.arange(per_octave * np.log2(max(archive.used, 1)) + 1)
+        factors = np.round(2.0 ** (octaves / per_octave)).astype(np.int64)
+        fewest = 1 if archive.stride == 1 else _FEWEST_ROWS
+        if estimator.even:
+            factors = 2 * np.round(factors / 2).astype(np.int64)
+            fewest = max(fewest, _FEWEST_PHASES)
+        return np.unique(factors[factors >= fewest])
+
+
+def _windows(
+    estimator: Estimator, phase: Floats, factors: Ints, step: Ints, stride: int
+) -> list[tuple[float, int]]:
+    """Return variance for tau0 of one sample, and windows, at each factor of one segment."""
+    pairs = list(zip(factors.tolist(), step.tolist(), strict=True))
+    match estimator.name:
+        case "theo1" if stride > 1:
+            return [thinned_theo1_variance(phase, k, by, stride) for k, by in pairs]
+        case "mtotdev":
+            found = [mtot_variance(phase, k, by) for k, by in pairs]
+        case "htotdev":
+            found = [htot_variance(phase, k, by) for k, by in pairs]
+        case _:
+            found = estimator.curve(phase, factors.tolist())
+    return [(variance / stride**2, windows) for variance, windows in found]
+
+
+def _on_taus(sums: Sums, m: Ints) -> Floats:
+    """Return variances at the first taus of a grid they share; NaN where there is none."""
+    variance = np.full((sums.variance.shape[0], m.size), np.nan)
+    shared = min(m.size, sums.m.size)
+    variance[:, :shared] = sums.variance[:, :shared]
+    return variance

@@ -147,7 +147,9 @@ class Maker:
         self.duration = n / rate
         self.temperature = temperature
 
-    def make(self, kind: str, axis: str, level: str, noise: Noise, others: dict[str, Array]) -> Truth:
+    def make(
+        self, kind: str, axis: str, level: str, noise: Noise, others: dict[str, Array]
+    ) -> Truth:
         """Draw the effect `kind` for `axis`."""
         times = draw_level(self.rng, level)
         parameters, signal = getattr(self, kind)(times, noise, others)
@@ -166,9 +168,16 @@ class Maker:
         f = float(np.exp(self.rng.uniform(np.log(0.1), np.log(0.4 * self.rate))))
         width = f * float(np.exp(self.rng.uniform(np.log(0.03), np.log(0.2))))
         w0, zeta = 2 * np.pi * f, width / (2 * f)
-        density = lambda x: 4 * zeta * w0**3 / (  # noqa: E731
-            (w0**2 - (2 * np.pi * x) ** 2) ** 2 + (2 * zeta * w0 * 2 * np.pi * x) ** 2
-        ) * self.rate / 2
+        density = lambda x: (
+            4
+            * zeta
+            * w0**3
+            / (  # noqa: E731
+                (w0**2 - (2 * np.pi * x) ** 2) ** 2 + (2 * zeta * w0 * 2 * np.pi * x) ** 2
+            )
+            * self.rate
+            / 2
+        )
         sigma = times * np.sqrt(spectral_scale(density, noise, self.n, self.rate, 14.0) * 1.0)
         pole = np.exp((-zeta * w0 + 1j * w0 * np.sqrt(1 - zeta**2)) / self.rate)
         e = self.rng.normal(size=self.n + 4000) + 1j * self.rng.normal(size=self.n + 4000)

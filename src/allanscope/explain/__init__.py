@@ -1,1 +1,38 @@
-"""explain"""
+"""The closed loop: what the textbook noise does not explain, found, named and put into the model.
+
+::
+
+    Record ──▶ series ──▶ View of one axis ──▶ search ──────────────▶ merge ──▶ Explanation
+               uniform     data, noise,        ┌─ propose   effects/*           errors before, after
+               grid        residual            ├─ judge     price, held out     models, coefficients
+                                               ├─ refit     regression, spectral
+                                               └─ repeat until nothing passes
+
+Every kind of effect is one file in `effects`: it looks at the residual in the domain where it
+shows (the Allan curve is the figure, not the detector), proposes candidates, and the noise is
+refitted with each of them, because what is missing hides itself in B and K. Nothing is accepted
+that does not pay for the search, nor what fails on data it was not fitted to, and what no name
+fits is called unexplained.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from allanscope.explain.live import LiveLoop
+    from allanscope.explain.loop import Explanation, explain
+    from allanscope.explain.search import Budget
+
+__all__ = ["Budget", "Explanation", "LiveLoop", "explain"]
+
+_HOMES = {"Budget": "search", "Explanation": "loop", "LiveLoop": "live", "explain": "loop"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use: scipy and numba are not needed to read a result."""
+    if name in _HOMES:
+        from importlib import import_module
+
+        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

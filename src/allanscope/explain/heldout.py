@@ -33,9 +33,7 @@ _PARTS = 4
 _FOLDS = 2
 
 
-def interleaved(
-    view: View, fit: Regression, columns: Array, *, recurs: bool = False
-) -> HeldOut:
+def interleaved(view: View, fit: Regression, columns: Array, *, recurs: bool = False) -> HeldOut:
     """Judge deterministic signals by interleaved blocks.
 
     Parameters
@@ -111,7 +109,9 @@ def halves(view: View, terms: tuple[Term, ...]) -> HeldOut:
         )
         nats += new.loglik_of(powers[test]) - old.loglik_of(raws[test])
         variance += _variance(grid, new, old)
-    return HeldOut(nats=nats, error=float(np.sqrt(variance)), design="two halves, each by the other")
+    return HeldOut(
+        nats=nats, error=float(np.sqrt(variance)), design="two halves, each by the other"
+    )
 
 
 def _variance(grid: Grid, new: Spectrum, old: Spectrum) -> float:

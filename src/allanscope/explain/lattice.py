@@ -41,7 +41,9 @@ def noise_on_lattice(samples: Array, step: float) -> float:
     each value occurs; a window that holds one value only counts as 0.1.
     """
     length = max(64, min(2000, len(samples) // _WINDOWS))
-    starts = np.linspace(0, len(samples) - length, min(_WINDOWS, len(samples) // length)).astype(int)
+    starts = np.linspace(0, len(samples) - length, min(_WINDOWS, len(samples) // length)).astype(
+        int
+    )
     found = []
     for start in starts:
         codes = np.round((samples[start : start + length] - samples[start]) / step)

@@ -111,5 +111,3 @@ def _low_bins(grid: Grid, bins: int, m: int) -> Callable[[Array, Array], Array]:
     if m < grid.n - 1 and grid.edges[bins] != m:
         raise ValueError("signals must end at the border of a bin")
     return binned
-
-

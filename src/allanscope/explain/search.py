@@ -89,7 +89,13 @@ def _settle(view: View, stage: int, budget: Budget) -> View:
         accepted = _best(view, candidates)
         if accepted is None:
             break
-        _LOG.debug("%s accepts %s %s gain %.1f", view.axis, accepted.kind, accepted.shape[:3], accepted.gain)
+        _LOG.debug(
+            "%s accepts %s %s gain %.1f",
+            view.axis,
+            accepted.kind,
+            accepted.shape[:3],
+            accepted.gain,
+        )
         former = candidates
         view = accept(view, accepted)
         if stage >= 2:

@@ -138,9 +138,7 @@ def series_of(record: Record) -> Series:
     )
 
 
-def _bridge(
-    values: Array, row: NDArray[np.int64], size: int
-) -> tuple[Array, NDArray[np.bool_]]:
+def _bridge(values: Array, row: NDArray[np.int64], size: int) -> tuple[Array, NDArray[np.bool_]]:
     bridged = np.ones(size, bool)
     bridged[row] = False
     if not bridged.any():

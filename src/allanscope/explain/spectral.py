@@ -212,7 +212,9 @@ class Spectrum:
     def loglik_of(self, power: Array) -> float:
         """Log-likelihood of other binned power (mean square ordinates) under this spectrum."""
         design = _design(self.grid, self.base, self.terms)
-        return _loglik(power, design.count, design.fixed(self.floor) + design.basis @ self.variances)
+        return _loglik(
+            power, design.count, design.fixed(self.floor) + design.basis @ self.variances
+        )
 
 
 @dataclass(frozen=True)

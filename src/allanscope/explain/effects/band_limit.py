@@ -87,9 +87,13 @@ def _best(view: View, starts: list[float]) -> Candidate | None:
     rate = view.grid.rate_hz
     best: tuple[float, Term, Array] | None = None
     for shape, order in _FAMILIES:
+
         def loss(x: Array, shape=shape, order=order) -> float:  # type: ignore[no-untyped-def]
             nonlinear = tuple(float(v) for v in np.exp(np.clip(x, -12, 12)))
-            if order is not None and not (0.3 < nonlinear[1] < 12 and nonlinear[0] < 0.499 * rate * (4 if shape is plain else 1)):
+            if order is not None and not (
+                0.3 < nonlinear[1] < 12
+                and nonlinear[0] < 0.499 * rate * (4 if shape is plain else 1)
+            ):
                 return 1e12
             return -_fit(view, Term("band_limit", "shapes", nonlinear, shape)).loglik
 
@@ -104,7 +108,11 @@ def _best(view: View, starts: list[float]) -> Candidate | None:
         # An order that is free must earn its place.
         value = float(found.fun) + (1.0 if order is not None else 0.0)
         if best is None or value < best[0]:
-            best = (value, Term("band_limit", "shapes", tuple(float(v) for v in np.exp(found.x)), shape), found.x)
+            best = (
+                value,
+                Term("band_limit", "shapes", tuple(float(v) for v in np.exp(found.x)), shape),
+                found.x,
+            )
     assert best is not None
     term = best[1]
     fit = _fit(view, term)
@@ -113,7 +121,9 @@ def _best(view: View, starts: list[float]) -> Candidate | None:
     h = 0.01
 
     def at(factor: float) -> float:
-        return _fit(view, Term("band_limit", "shapes", (cutoff * factor, *term.nonlinear[1:]), term.shape)).loglik
+        return _fit(
+            view, Term("band_limit", "shapes", (cutoff * factor, *term.nonlinear[1:]), term.shape)
+        ).loglik
 
     curvature = (2 * fit.loglik - at(np.exp(h)) - at(np.exp(-h))) / h**2
     error = 1 / np.sqrt(max(curvature, 1e-2))

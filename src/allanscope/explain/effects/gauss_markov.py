@@ -36,7 +36,9 @@ _LONGEST = 0.15
 def lorentzian(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
     """Variance of an ordinate of the process with unit variance; nonlinear = (Tc,)."""
     phi = np.exp(-1 / (rate * nonlinear[0]))
-    return np.asarray((1 - phi**2) / ((1 - phi) ** 2 + 4 * phi * np.sin(np.pi * frequency / rate) ** 2))
+    return np.asarray(
+        (1 - phi**2) / ((1 - phi) ** 2 + 4 * phi * np.sin(np.pi * frequency / rate) ** 2)
+    )
 
 
 class GaussMarkov(EffectKind):
@@ -80,9 +82,7 @@ def term_of(tc: float) -> Term:
 def fitted(view: View, tc: float) -> Spectrum:
     """Fit the noise with a process of this correlation time beside it."""
     terms = (*view.terms, term_of(tc))
-    return fit_spectrum(
-        view.grid, view.power, base=view.base, terms=terms, floor=view.fitted_floor
-    )
+    return fit_spectrum(view.grid, view.power, base=view.base, terms=terms, floor=view.fitted_floor)
 
 
 def _candidate(view: View, low: float, high: float) -> Candidate:

@@ -40,7 +40,9 @@ def resonance(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Ar
     """Variance of an ordinate of a resonance with unit variance; nonlinear = (f0, width)."""
     f0, width = nonlinear
     p = np.exp((-np.pi * width + 2j * np.pi * f0) / rate)
-    return np.asarray(((1 - p * p) / (1 - 2 * p * np.cos(2 * np.pi * frequency / rate) + p * p)).real)
+    return np.asarray(
+        ((1 - p * p) / (1 - 2 * p * np.cos(2 * np.pi * frequency / rate) + p * p)).real
+    )
 
 
 class Narrowband(EffectKind):
@@ -163,9 +165,7 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
             return None
         term = Term("narrowband", "adds", (f0, w), resonance, narrow=True)
         terms = (*view.terms, term)
-        whole = fit_spectrum(
-            grid, view.power, base=view.base, terms=terms, floor=view.fitted_floor
-        )
+        whole = fit_spectrum(grid, view.power, base=view.base, terms=terms, floor=view.fitted_floor)
         spectrum = replace(whole, terms=view.terms, variances=whole.variances[:-1])
     gain = whole.loglik - view.spectrum.loglik
     if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more

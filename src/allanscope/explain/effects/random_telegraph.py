@@ -13,7 +13,7 @@ itself, is what the marginal likelihood of the Gauss-Markov process has to be co
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +33,12 @@ Array = NDArray[np.float64]
 
 _BLOCKS = 16384
 _MOST_BLOCKS = 1 << 17
-_PER_DWELL = 50.0
-"""Blocks in a mean dwell: two switches within a block go unseen."""
-_ROUNDS = 12
+_TO_JUDGE, _TO_MEASURE = 12.0, 50.0
+"""Blocks in a mean dwell. Few make the path probable; many miss no double switches."""
+_SETTLED = 3e-3
+_MISSED = 1.2
+"""Factor on the error of the dwell for switches that noise hides."""
+_ROUNDS = 40
 _FEWEST_SWITCHES = 4
 
 
@@ -56,14 +59,10 @@ class RandomTelegraph(EffectKind):
         twin = next(iter(_TWIN.propose(view)), None)
         if twin is None or twin.gain < twin.price:
             return
-        best: Candidate | None = None
         tc, sigma = twin.shape[0], float(twin.parameters["sigma"].value)
-        for stretch in (1.0, 3.0):
-            candidate = _candidate(view, sigma, 2 * tc * stretch)
-            if candidate and (best is None or candidate.gain > best.gain):
-                best = candidate
-        if best is not None:
-            yield Candidate(**{**best.__dict__, "rivals": {"gauss_markov": twin.gain}})
+        candidate = _candidate(view, sigma, 2 * tc)
+        if candidate is not None:
+            yield replace(candidate, rivals={"gauss_markov": twin.gain})
 
     def refine(self, view: View, candidate: Candidate) -> Candidate:
         """Find the path again."""
@@ -85,7 +84,7 @@ class _Path:
 
 
 def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None:
-    path = _path(view, amplitude, dwell_s)
+    path = _path(view, amplitude, dwell_s, _TO_JUDGE)
     if path is None or path.switches < _FEWEST_SWITCHES:
         return None
     hop = view.grid.n // len(path.state)
@@ -95,8 +94,9 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
     if size <= 0:
         return None
-    dwell = path.dwell_s
-    spread = 1.96 / np.sqrt(path.switches)
+    finer = _path(view, size, path.dwell_s, _TO_MEASURE) or path
+    dwell = finer.dwell_s
+    spread = 1.96 * _MISSED / np.sqrt(finer.switches)
     term = Term("random_telegraph", "adds", (dwell / 2,), lorentzian)
     return Candidate(
         kind="random_telegraph",
@@ -115,10 +115,10 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     )
 
 
-def _path(view: View, amplitude: float, dwell_s: float) -> _Path | None:
+def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Path | None:
     """Alternate between the path and the slow noise beneath it."""
     grid = view.grid
-    fine = int(min(grid.n // _BLOCKS, dwell_s * grid.rate_hz / _PER_DWELL))
+    fine = int(min(grid.n // _BLOCKS, dwell_s * grid.rate_hz / per_dwell))
     hop = max(1, fine, grid.n // _MOST_BLOCKS)
     blocks = grid.n // hop
     block_s = hop / grid.rate_hz
@@ -140,7 +140,7 @@ def _path(view: View, amplitude: float, dwell_s: float) -> _Path | None:
         weight = float(np.sum(state**2))
         if weight <= 0:
             return None
-        rate = float(np.clip(switches / (blocks - 1), 1e-6, 0.4))
+        before, rate = rate, float(np.clip(switches / (blocks - 1), 1e-6, 0.4))
         hard = int(np.count_nonzero(np.diff(most)))
         log_prior = hard * np.log(rate) + (blocks - 1 - hard) * np.log1p(-rate)
         result = _Path(most, log_prior, log_z - log_joint, size, _dwell(rate, block_s), hard)
@@ -149,6 +149,8 @@ def _path(view: View, amplitude: float, dwell_s: float) -> _Path | None:
         if new <= 0:
             return None
         size = new
+        if abs(rate - before) < _SETTLED * before:
+            break
     return result
 
 
@@ -168,9 +170,7 @@ def _parts(view: View, tc: float, f: Array) -> list[tuple[float, Array]]:
     """White noise; flicker and random walk; the process: as fitted together."""
     fit = fitted(view, tc)
     process = fit.sigma_of(fit.terms[-1])[0] ** 2
-    slow = sum(
-        fit.variance_of(letter) * view.grid.textbook(letter, f) for letter in ("B", "K")
-    )
+    slow = sum(fit.variance_of(letter) * view.grid.textbook(letter, f) for letter in ("B", "K"))
     white = fit.variance_of("N") * view.grid.rate_hz + fit.floor
     return [
         (1.0, np.full_like(f, white)),

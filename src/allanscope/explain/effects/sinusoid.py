@@ -124,8 +124,10 @@ def running_level(power: Array, lowest: int, block: int = 512) -> Array:
             [np.arange(0, min(len(tail), 16 * 64), 64), np.arange(16 * 64, len(tail), 2 * block)]
         )
     )
-    edges = np.append(edges[:-1], len(tail)) if len(tail) - edges[-1] < 64 else np.append(
-        edges, len(tail)
+    edges = (
+        np.append(edges[:-1], len(tail))
+        if len(tail) - edges[-1] < 64
+        else np.append(edges, len(tail))
     )
     medians = np.array([np.median(tail[a:b]) for a, b in zip(edges, edges[1:], strict=False)])
     centres = 0.5 * (edges[:-1] + edges[1:])
@@ -210,4 +212,3 @@ def _peak(data: Array, rate: float, frequency: float, spread: float) -> float:
     best = minimize_scalar(loss, bounds=(-spread, spread), method="bounded",
                            options={"xatol": 1e-4 * spread})  # fmt: skip
     return frequency + float(best.x)
-

@@ -134,4 +134,3 @@ def _refined(view: View, candidate: Candidate) -> Candidate:
         "s",
     )
     return Candidate(**{**refined.__dict__, "parameters": {**refined.parameters, "time": time}})
-

@@ -141,8 +141,8 @@ def _score(
     inside = (total[last] - total[first]) / count
     outside = (total[-1] - total[last] + total[first]) / (n - count)
     mean = total[-1] / n
-    gain = 0.5 * freedom * (
-        n * np.log(mean) - count * np.log(inside) - (n - count) * np.log(outside)
+    gain = (
+        0.5 * freedom * (n * np.log(mean) - count * np.log(inside) - (n - count) * np.log(outside))
     )
     k = int(np.argmax(gain))
     return float(gain[k]), int(first[k]), int(last[k])

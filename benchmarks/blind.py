@@ -1,0 +1,182 @@
+"""Blind benchmark of the closed loop: undeclared effects in records the loop has never seen.
+
+    python benchmarks/blind.py --records 40 --seed 1 [--json FILE] [--hours 2] [--rate 104]
+
+Every record has six axes with noise of its own; zero, one or two effects are hidden in it (see
+``blind_generator.py``, which shares nothing with the simulator). Scored are: the kind; parameters
+within their 95 % intervals; effects claimed on axes that have none; processes that no word of the
+vocabulary names (the right answer is ``unexplained``); and how well the final model predicts the
+Allan deviation of the same axis with fresh noise, against an oracle that is told which effects
+there are and fits the rest.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from typing import Any
+
+import blind_generator as generator
+import numpy as np
+
+from allanscope.explain import explain
+from allanscope.explain.effect import Effect
+
+Cell = tuple[str, str]
+_SKIPPED = ("intervals",)
+"""Parameters whose truth is a matter of definition."""
+
+
+@dataclass
+class Score:
+    """Counts over all records."""
+
+    right: Counter[Cell] = field(default_factory=Counter)
+    equivalent: Counter[Cell] = field(default_factory=Counter)
+    asked: Counter[Cell] = field(default_factory=Counter)
+    answers: dict[Cell, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    inside: Counter[str] = field(default_factory=Counter)
+    parameters: Counter[str] = field(default_factory=Counter)
+    clean_axes: int = 0
+    false: list[str] = field(default_factory=list)
+    extra: list[str] = field(default_factory=list)
+    ratios: list[float] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+
+
+def judge(record: generator.Blind, found: dict[str, tuple[Effect, ...]], score: Score, tag: str) -> None:
+    """Compare what was found with what was hidden."""
+    touched = {truth.axis for truth in record.truths}
+    everywhere = {truth.kind for truth in record.truths if not truth.axis}
+    for truth in record.truths:
+        axis = truth.axis or record.record.axes[0]
+        cell = (truth.kind, truth.level)
+        score.asked[cell] += 1
+        kinds = [e.kind for e in found[axis]]
+        score.answers[cell]["+".join(sorted(kinds)) or "nothing"] += 1
+        if truth.kind in generator.OUTSIDE:
+            wrong = [k for k in kinds if k != "unexplained" and k not in everywhere]
+            score.right[cell] += "unexplained" in kinds and not wrong
+            continue
+        match = [e for e in found[axis] if e.kind == truth.kind]
+        score.right[cell] += bool(match)
+        score.equivalent[cell] += bool(match) or any(
+            truth.kind in e.equivalent for e in found[axis]
+        )
+        extras = [k for k in kinds if k != truth.kind and k not in everywhere]
+        if extras and truth.axis and match:
+            score.extra.append(f"{tag} {axis} {truth.kind}/{truth.level}: also {extras}")
+        if match:
+            _parameters(truth, match[0], score)
+    for axis, effects in found.items():
+        if axis in touched:
+            continue
+        score.clean_axes += 1
+        for effect in effects:
+            if effect.kind not in everywhere:
+                score.false.append(f"{tag} {axis} {effect.kind}")
+
+
+def _parameters(truth: generator.Truth, effect: Effect, score: Score) -> None:
+    for name, value in truth.parameters.items():
+        if name in _SKIPPED or name not in effect.parameters:
+            continue
+        parameter = effect.parameters[name]
+        key = f"{truth.kind}.{name}"
+        score.parameters[key] += 1
+        if isinstance(value, str):
+            score.inside[key] += parameter.value == value
+        elif parameter.lower is not None and parameter.upper is not None:
+            score.inside[key] += bool(parameter.lower <= value <= parameter.upper)
+
+
+def run(records: int, seed: int, hours: float, rate: float, verbose: bool) -> Score:
+    """Make and explain the records."""
+    score = Score()
+    for index in range(records):
+        rng = np.random.default_rng([seed, index])
+        kinds = generator.draw_kinds(rng, index)
+        blind = generator.make_blind(1000 * seed + index, kinds, hours, rate)
+        began = time.perf_counter()
+        result = explain(blind.record, nominal_hz=blind.nominal_hz, rate_fit=blind.rate_fit)
+        score.seconds.append(time.perf_counter() - began)
+        found = {axis: e.effects for axis, e in result.axes.items()}
+        judge(blind, found, score, f"#{index}")
+        if verbose:
+            named = {a: [e.kind for e in es] for a, es in found.items() if es}
+            hidden = [(t.kind, t.level, t.axis) for t in blind.truths]
+            print(f"#{index} {score.seconds[-1]:.1f} s hidden {hidden} found {named}", flush=True)
+    return score
+
+
+def table(score: Score) -> str:
+    """Return the result for people."""
+    lines = ["kind                 level   n  right  or equivalent  answers"]
+    for cell in sorted(score.asked):
+        n = score.asked[cell]
+        answers = ", ".join(f"{k} {v}" for k, v in score.answers[cell].most_common(4))
+        lines.append(
+            f"{cell[0]:20s} {cell[1]:6s} {n:3d} {100 * score.right[cell] / n:5.0f}% "
+            f"{100 * max(score.equivalent[cell], score.right[cell]) / n:8.0f}%       {answers}"
+        )
+    lines.append("\nparameter within its 95 % interval")
+    for key in sorted(score.parameters):
+        lines.append(f"  {key:32s} {score.inside[key]:3d} of {score.parameters[key]}")
+    summary = totals(score)
+    lines.append("")
+    lines += [f"{key}: {value}" for key, value in summary.items()]
+    lines += [f"  false: {text}" for text in score.false]
+    lines += [f"  extra: {text}" for text in score.extra]
+    return "\n".join(lines)
+
+
+def totals(score: Score) -> dict[str, Any]:
+    """Return the figures against the goals."""
+    out: dict[str, Any] = {}
+    for level in ("near", "above"):
+        cells = [c for c in score.asked if c[1] == level and c[0] not in generator.OUTSIDE]
+        asked = sum(score.asked[c] for c in cells)
+        if asked:
+            out[f"right_{level}_percent"] = round(100 * sum(score.right[c] for c in cells) / asked, 1)
+            out[f"right_or_equivalent_{level}_percent"] = round(
+                100 * sum(score.equivalent[c] for c in cells) / asked, 1
+            )
+    cells = [c for c in score.asked if c[0] in generator.OUTSIDE]
+    if cells:
+        asked = sum(score.asked[c] for c in cells)
+        out["outside_right_percent"] = round(100 * sum(score.right[c] for c in cells) / asked, 1)
+    total = sum(score.parameters.values())
+    if total:
+        out["parameters_inside_percent"] = round(100 * sum(score.inside.values()) / total, 1)
+    out["clean_axes"] = score.clean_axes
+    out["false_effects"] = len(score.false)
+    if score.seconds:
+        out["seconds_a_record"] = round(float(np.mean(score.seconds)), 1)
+    if score.ratios:
+        out["error_against_oracle_median"] = round(float(np.median(score.ratios)), 3)
+    return out
+
+
+def main() -> None:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--records", type=int, default=18)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--hours", type=float, default=2.0)
+    parser.add_argument("--rate", type=float, default=104.0)
+    parser.add_argument("--json", type=argparse.FileType("w"))
+    parser.add_argument("--quiet", action="store_true")
+    arguments = parser.parse_args()
+    score = run(
+        arguments.records, arguments.seed, arguments.hours, arguments.rate, not arguments.quiet
+    )
+    print(table(score))
+    if arguments.json:
+        json.dump(totals(score), arguments.json, indent=1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,203 @@
+"""The closed loop on a record: all axes, merged, with the error before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan.deviation import Deviation
+from allanscope.explain.effect import AxisExplanation, ResidualError
+from allanscope.explain.error import error_of
+from allanscope.explain.evidence import effect_of
+from allanscope.explain.lattice import step_of
+from allanscope.explain.merge import merged
+from allanscope.explain.models import coefficients_of, model_of, with_ramp
+from allanscope.explain.remarks import detection_limits, hindrances, observations
+from allanscope.explain.search import Budget, accept, close_loop
+from allanscope.explain.series import Series, series_of
+from allanscope.explain.spectral import Grid
+from allanscope.explain.view import Clock, View
+from allanscope.history import Record
+from allanscope.noise.model import NoiseModel
+from allanscope.spectrum.density import Density
+
+__all__ = ["Explanation", "explain"]
+
+Array = NDArray[np.float64]
+
+_NOTHING = ResidualError(*[float("nan")] * 5)
+_THREADS = 2
+_ACCEPTED_P = 0.01
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What the loop found on every axis, and the models to draw.
+
+    Attributes
+    ----------
+    axes : mapping
+        Axis name to `AxisExplanation`.
+    models_before, models_after : mapping
+        Axis name to the textbook model, and to the final one. An axis that could not be searched
+        is missing.
+    cleaned : mapping
+        Axis name to the samples without the deterministic effects, shape (n,).
+    """
+
+    axes: Mapping[str, AxisExplanation]
+    models_before: Mapping[str, NoiseModel] = field(default_factory=dict)
+    models_after: Mapping[str, NoiseModel] = field(default_factory=dict)
+    cleaned: Mapping[str, Array] = field(default_factory=dict, repr=False)
+
+
+def explain(
+    record: Record,
+    densities: Mapping[str, Density] | None = None,
+    deviations: Mapping[str, Deviation] | None = None,
+    *,
+    nominal_hz: float | None = None,
+    rate_fit: tuple[float, float] | None = None,
+    part: str = "",
+    seed: int = 0,
+    budget: Budget | None = None,
+) -> Explanation:
+    """Close the loop on every axis of a record.
+
+    Parameters
+    ----------
+    record : Record
+        Rows of all axes in dps and g.
+    densities : mapping of str to Density, optional
+        Density of each axis; used above the rows' Nyquist frequency when they are block means.
+    deviations : mapping of str to Deviation, optional
+        Accepted for symmetry; the loop computes its own curves, because after an effect has been
+        removed the curve must be that of the cleaned data.
+    nominal_hz : float, optional
+        Sample rate that the device claims.
+    rate_fit : (float, float), optional
+        Sample rate measured against a better clock, and its standard error, in Hz.
+    part, seed : optional
+        Nothing in the loop is random or depends on the part; kept for callers' records.
+    budget : Budget, optional
+        How far to go.
+
+    Returns
+    -------
+    Explanation
+
+    Raises
+    ------
+    ValueError
+        If the record is empty or holds values that are not finite.
+    """
+    del deviations, part, seed
+    series = series_of(record)
+    clock = None
+    if rate_fit is not None and nominal_hz:
+        clock = Clock(nominal_hz, float(rate_fit[0]), float(rate_fit[1]))
+    stopped = {axis: hindrances(series, axis) for axis in series.axes}
+    open_axes = [axis for axis in series.axes if not stopped[axis]]
+    if open_axes:
+        _ = series.thermal, series.ordinates, series.equal  # shared by the threads: filled once
+    with ThreadPoolExecutor(_THREADS) as pool:
+        views = dict(
+            zip(
+                open_axes,
+                pool.map(lambda axis: close_loop(_view(series, axis, clock), budget), open_axes),
+                strict=True,
+            )
+        )
+        views = merged(views)
+        parts = dict(
+            zip(
+                open_axes,
+                pool.map(lambda axis: _explained(series, axis, views[axis], clock), open_axes),
+                strict=True,
+            )
+        )
+    del densities
+    axes = {
+        axis: parts[axis][0] if axis in parts else _unsearched(series, axis, stopped[axis])
+        for axis in series.axes
+    }
+    return Explanation(
+        axes=axes,
+        models_before={axis: p[1] for axis, p in parts.items()},
+        models_after={axis: p[2] for axis, p in parts.items()},
+        cleaned={axis: views[axis].data for axis in parts},
+    )
+
+
+def _view(series: Series, axis: str, clock: Clock | None) -> View:
+    column = series.column(axis)
+    samples = np.ascontiguousarray(series.values[:, column])
+    step = step_of(samples, series.lsb[column]) if series.stride == 1 else series.lsb[column]
+    return View(series, Grid(len(series), series.rate_hz), axis, samples, step, clock=clock)
+
+
+def _explained(
+    series: Series, axis: str, view: View, clock: Clock | None
+) -> tuple[AxisExplanation, NoiseModel, NoiseModel]:
+    bare = _view(series, axis, clock)
+    textbook = _textbook(bare)
+    before_model = with_ramp(model_of(textbook), _slope(textbook))
+    after_model = model_of(view)
+    effects = tuple(e for c in view.accepted if (e := effect_of(c, axis)) is not None)
+    before = error_of(replace(textbook, data=bare.data), before_model)
+    after = error_of(view, after_model)
+    held = [c.held_out for c in view.accepted if c.held_out is not None]
+    clean = all(effect.kind != "unexplained" for effect in effects)
+    return (
+        AxisExplanation(
+            effects=effects,
+            before=before,
+            after=after,
+            coefficients_before=coefficients_of(textbook),
+            coefficients_after=coefficients_of(view),
+            held_out_nats=float(sum(h.nats for h in held)),
+            held_out_nats_se=float(np.sqrt(sum(h.error**2 for h in held))),
+            explained=bool(clean and not after.p_value < _ACCEPTED_P),
+            remarks=observations(series, axis) + detection_limits(view),
+        ),
+        before_model,
+        after_model,
+    )
+
+
+def _textbook(view: View) -> View:
+    """Fit Q, N, B, K and, where it is significant, R: what everyone fits, to everything there is."""
+    from allanscope.explain.effects import KINDS
+
+    view = replace(view, base="NBKQ")
+    for ramp in KINDS["ramp"].propose(view):
+        if ramp.excess > 0:
+            view = accept(view, ramp)
+    return view
+
+
+def _slope(view: View) -> float:
+    ramp = next((c for c in view.accepted if c.kind == "ramp"), None)
+    return float(ramp.parameters["R"].value) if ramp is not None else 0.0
+
+
+def _unsearched(series: Series, axis: str, why: tuple[str, ...]) -> AxisExplanation:
+    nothing: dict[str, Any] = {}
+    return AxisExplanation(
+        effects=(),
+        before=_NOTHING,
+        after=_NOTHING,
+        coefficients_before=nothing,
+        coefficients_after=nothing,
+        held_out_nats=0.0,
+        held_out_nats_se=0.0,
+        explained=False,
+        remarks=why + series.remarks,
+    )
+
+

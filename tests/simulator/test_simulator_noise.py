@@ -196,17 +196,17 @@ def test_gauss_markov_is_stationary_with_the_exact_autocovariance(avar):
 
 @pytest.mark.parametrize("kind", ["gauss_markov", "narrowband", "flicker"])
 def test_first_sample_is_drawn_from_the_stationary_state(kind):
-    """Variance of sample 0 over 2000 devices equals that of sample 500."""
+    """The spread of sample 0 over 500 devices is that of sample 500."""
     make = {
         "gauss_markov": lambda rng: GaussMarkov(2.0, 1.0, RATE, rng),
         "narrowband": lambda rng: Narrowband(5.0, 0.5, 2.0, RATE, rng),
         "flicker": lambda rng: Flicker(2.0, RATE, rng),
     }[kind]
-    records = np.array([make(stream(seed, "start")).take(501) for seed in range(2000)])
+    records = np.array([make(stream(seed, "start")).take(501) for seed in range(500)])
     first, later = records[:, 0].std(), records[:, 500].std()
-    assert first == pytest.approx(later, rel=0.08)
+    assert first == pytest.approx(later, rel=0.16)
     if kind != "flicker":
-        assert first == pytest.approx(2.0, rel=0.08)
+        assert first == pytest.approx(2.0, rel=0.16)
 
 
 def test_narrowband_has_the_autocovariance_of_a_resonance():

@@ -22,28 +22,51 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from allanscope.simulator.device import Device, run_device
     from allanscope.simulator.effect_spec import EffectSpec, effect_help, parse_effect
+    from allanscope.simulator.fault_spec import FaultSpec, fault_help, parse_fault
+    from allanscope.simulator.firmware import Firmware
+    from allanscope.simulator.ledger import Ledger, Loss
+    from allanscope.simulator.record import simulate_blocks
     from allanscope.simulator.simulator import Simulator
     from allanscope.simulator.truth import AxisTruth, TemperatureTruth, Truth
 
 _HOME = {
     "AxisTruth": "truth",
+    "Device": "device",
     "EffectSpec": "effect_spec",
+    "FaultSpec": "fault_spec",
+    "Firmware": "firmware",
+    "Ledger": "ledger",
+    "Loss": "ledger",
     "Simulator": "simulator",
     "TemperatureTruth": "truth",
     "Truth": "truth",
     "effect_help": "effect_spec",
+    "fault_help": "fault_spec",
     "parse_effect": "effect_spec",
+    "parse_fault": "fault_spec",
+    "run_device": "device",
+    "simulate_blocks": "record",
 }
 
 __all__ = [
     "AxisTruth",
+    "Device",
     "EffectSpec",
+    "FaultSpec",
+    "Firmware",
+    "Ledger",
+    "Loss",
     "Simulator",
     "TemperatureTruth",
     "Truth",
     "effect_help",
+    "fault_help",
     "parse_effect",
+    "parse_fault",
+    "run_device",
+    "simulate_blocks",
 ]
 
 

@@ -230,7 +230,7 @@ class Firmware:
 
     def _report(self) -> None:
         """Say once a second what follows and how it goes."""
-        if self._streaming and self._host and self._ring.has_reserve():
+        if self._streaming and self._ring.has_room():
             counts = self._counts
             self._push(self._encoder.describe(self._info))
             self._push(
@@ -252,7 +252,7 @@ class Firmware:
             self._push(self._encoder.reply(command, ok))
         if command.name == "stop":
             self._streaming = False
-        elif command.name == "describe":
+        elif command.name == "describe" and self._ring.has_reserve():
             self._push(self._encoder.describe(self._info))
         elif command.name == "start" and not self._streaming:
             self._start()

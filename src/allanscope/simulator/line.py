@@ -20,7 +20,7 @@ from allanscope.simulator.line_noise import LineNoise
 __all__ = ["Line", "Ring", "Unit"]
 
 RESERVE_BYTES = 4096
-"""Room in the ring that samples never take: replies and status must get through."""
+"""Room in the ring that only replies take, so that a full ring cannot swallow them."""
 WRITE_BYTES = 4096
 IN_FLIGHT_BYTES = 1 << 20
 """More than any port holds of bytes that the host has not read."""
@@ -53,11 +53,11 @@ class Ring:
         self.samples = 0
 
     def has_room(self) -> bool:
-        """Return whether another frame of samples may be made."""
+        """Return whether another frame of samples, or a report, may be made."""
         return self.bytes + self._largest <= self._capacity
 
     def has_reserve(self) -> bool:
-        """Return whether anything else may be made."""
+        """Return whether a reply may be made."""
         return self.bytes <= self._capacity + RESERVE_BYTES
 
     def push(self, unit: Unit) -> None:

@@ -1,0 +1,270 @@
+"""Every effect against its definition, on top of silence or of known noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from allanscope.errors import UsageError
+from allanscope.samples import AXES
+from allanscope.simulator import (
+    AxisTruth,
+    EffectSpec,
+    Simulator,
+    TemperatureTruth,
+    Truth,
+    effect_help,
+    parse_effect,
+)
+from allanscope.simulator.effects import effect_kinds
+
+RATE = 104.0
+FLOOR = AxisTruth(N=0.003)
+SILENT = Truth({})
+
+
+def record(truth, effect, n, *, axis="gx", duration_s=3600.0, gyro_fs=125.0):
+    """Return samples of one axis in its unit, at a true rate of exactly 104 Hz."""
+    sensor = Simulator(
+        rate=RATE, seed=5, truth=truth.with_effects([effect]), clock_error=0.0,
+        duration_s=duration_s, gyro_fs=gyro_fs,
+    )  # fmt: skip
+    column = AXES.index(axis)
+    return sensor.read(n).counts[:, column] * sensor.info.scale[column]
+
+
+def time_s(n):
+    return np.arange(n) / RATE
+
+
+def test_sinusoid_has_its_frequency_and_peak_amplitude():
+    n = 104 * 100
+    samples = record(SILENT, "sinusoid:frequency=5,amplitude=0.5", n)
+    phasor = np.exp(-2j * np.pi * 5.0 * time_s(n)) @ samples * 2.0 / n
+    assert abs(phasor) == pytest.approx(0.5, rel=1e-3)
+    rest = samples - (phasor * np.exp(2j * np.pi * 5.0 * time_s(n))).real
+    assert rest.std() < 4.375e-3 / 2  # rounding only
+
+
+def test_gauss_markov_has_its_sigma_and_correlation_time():
+    samples = record(SILENT, "gauss_markov:sigma=0.5,correlation_time=2", 1 << 19)
+    gamma = [np.mean(samples[: -lag or None] * samples[lag:]) for lag in (0, 208)]
+    assert gamma[0] == pytest.approx(0.25, rel=0.08)  # 5 / sqrt(n t0 / correlation time)
+    assert gamma[1] / gamma[0] == pytest.approx(math.exp(-1.0), abs=0.08)
+
+
+def test_narrowband_is_centred_on_its_frequency_and_as_wide_as_its_bandwidth():
+    n = 1 << 19
+    samples = record(SILENT, "narrowband:frequency=10,bandwidth=0.5,sigma=0.4", n)
+    assert samples.std() == pytest.approx(0.4, rel=0.05)
+    power = np.abs(np.fft.rfft(samples)) ** 2
+    frequency = np.fft.rfftfreq(n, 1 / RATE)
+    inside = power[np.abs(frequency - 10.0) < 0.25].sum() / power.sum()
+    assert inside == pytest.approx(0.5, abs=0.04)  # a Lorentzian holds half within its width
+
+
+def test_band_limit_takes_three_db_at_its_cutoff_and_spares_what_is_added():
+    truth = Truth({"gx": AxisTruth(N=0.05)}).with_effects(["sinusoid:frequency=40,amplitude=3"])
+    n = 1 << 18
+    samples = record(truth, "band_limit:cutoff=20", n)
+    frequency = np.fft.rfftfreq(n, 1 / RATE)
+    power = np.abs(np.fft.rfft(samples)) ** 2 / (n * RATE)  # two-sided density
+    for centre, share in ((2.0, 1.0), (20.0, 0.5)):
+        band = np.abs(frequency - centre) < 1.0
+        assert power[band].mean() == pytest.approx(share * 0.05**2, rel=0.06)
+    phasor = np.exp(-2j * np.pi * 40.0 * time_s(n)) @ samples * 2.0 / n
+    assert abs(phasor) == pytest.approx(3.0, rel=1e-2)
+
+
+def test_random_telegraph_has_two_levels_and_its_mean_dwell():
+    samples = record(SILENT, "random_telegraph:amplitude=0.5,dwell=2", 1 << 19)
+    levels, counts = np.unique(samples, return_counts=True)
+    assert levels == pytest.approx([-0.5, 0.5], abs=0.005)
+    assert counts.min() / counts.sum() == pytest.approx(0.5, abs=0.05)
+    switches = np.count_nonzero(np.diff(samples))
+    assert switches / (len(samples) / RATE) == pytest.approx(1 / 2.0, rel=5 / math.sqrt(2500))
+
+
+def test_step_is_as_high_as_told_and_at_the_sample_told():
+    samples = record(SILENT, "step:time=50,size=-0.7", 104 * 100)
+    assert np.all(samples[: 104 * 50] == 0.0)
+    assert samples[104 * 50 :] == pytest.approx(-0.7, abs=0.003)
+
+
+def test_warm_up_dies_away_from_its_amplitude():
+    samples = record(SILENT, "warm_up:time_constant=20,amplitude=2", 104 * 100)
+    assert samples == pytest.approx(2.0 * np.exp(-time_s(10400) / 20.0), abs=0.003)
+
+
+def test_warm_up_that_starts_later_starts_at_its_amplitude():
+    samples = record(SILENT, "warm_up:time_constant=20,amplitude=2,time=10", 104 * 100)
+    assert np.all(samples[:1040] == 0.0)
+    assert samples[1040] == pytest.approx(2.0, abs=0.003)
+
+
+def test_temperature_moves_the_axis_by_the_true_temperature():
+    warm = TemperatureTruth(start_c=30.0, wander_c=0.0, self_heating_c=10.0, self_heating_s=20.0)
+    truth = Truth({}, (parse_effect("temperature:slope=0.1"),), warm)
+    sensor = Simulator(rate=RATE, truth=truth, clock_error=0.0)
+    block = sensor.read(104 * 60)
+    found = block.counts[:, 0] * sensor.info.scale[0]
+    held = np.floor(time_s(len(block)) * 52.0) / 52.0  # the register is renewed at 52 Hz
+    expected = 5.0 - 10.0 * np.expm1(-held / 20.0)
+    assert found == pytest.approx(0.1 * expected, abs=0.003)
+    reading = block.ticks.temperature_c - 25.0 - expected
+    assert reading.std() == pytest.approx(0.02, rel=0.1)
+
+
+def test_cross_coupling_adds_a_share_of_the_source_before_any_coupling():
+    truth = Truth({"gx": FLOOR, "ax": AxisTruth(offset=1.0, N=1e-4)}).with_effects(
+        ["cross_coupling:source=gx,slope=100,axis=ax"]
+    )
+    alone = record(Truth({"gx": FLOOR}), "step:size=0.000001", 5000)
+    samples = record(truth, "cross_coupling:source=ax,slope=0.5,axis=gx", 5000)
+    assert (samples - alone).mean() == pytest.approx(0.5, abs=0.003)
+
+
+def test_cross_coupling_works_from_an_axis_that_is_not_put_out():
+    truth = Truth({"az": AxisTruth(offset=1.0)}).with_effects(
+        ["cross_coupling:source=az,slope=0.5"]
+    )
+    sensor = Simulator(truth=truth, axes=("gx",))
+    assert sensor.read(10).counts[:, 0] * sensor.info.scale[0] == pytest.approx(0.5, abs=0.003)
+
+
+def test_outliers_are_as_many_as_told_within_the_record():
+    samples = record(Truth({"gx": FLOOR}), "outliers:count=7", 104 * 600, duration_s=600.0)
+    far = np.flatnonzero(np.abs(samples - np.median(samples)) > 10 * 0.003 * math.sqrt(RATE))
+    assert len(far) == 7
+    assert np.diff(far).min() > 1
+
+
+def test_outliers_have_the_size_told():
+    samples = record(SILENT, "outliers:count=3,size=1", 104 * 60, duration_s=60.0)
+    assert sorted(np.abs(samples[samples != 0])) == pytest.approx([1.0] * 3, abs=0.003)
+
+
+def test_repeated_samples_repeat_whole_rows_as_often_as_told():
+    truth = Truth.typical().with_effects(["repeated_samples:fraction=0.1"])
+    counts = Simulator(truth=truth).read(50_000).counts
+    same = np.all(counts[1:] == counts[:-1], axis=1).mean()
+    assert same == pytest.approx(0.1, abs=5 * math.sqrt(0.09 / 50_000))
+    clean = Simulator().read(50_000).counts
+    assert not np.all(clean[1:] == clean[:-1], axis=1).any()
+
+
+def test_repeated_samples_of_one_axis_leave_the_others_alone():
+    truth = Truth.typical().with_effects(["repeated_samples:fraction=0.5,axis=gy"])
+    counts, clean = Simulator(truth=truth).read(5000).counts, Simulator().read(5000).counts
+    changed = [axis for i, axis in enumerate(AXES) if np.any(counts[:, i] != clean[:, i])]
+    assert changed == ["gy"]
+
+
+def test_variance_change_raises_the_white_noise_in_some_stretches():
+    n = 104 * 400
+    effect = "variance_change:intervals=4,ratio=3"
+    samples = record(Truth({"gx": FLOOR}), effect, n, duration_s=400.0)
+    spread = samples.reshape(-1, 104).std(axis=1) / (0.003 * math.sqrt(RATE))
+    loud = spread > 2.0
+    assert loud.mean() == pytest.approx(0.25, abs=0.02)
+    assert np.count_nonzero(np.diff(loud.astype(int)) == 1) + int(loud[0]) == 4
+    assert np.median(spread[loud]) == pytest.approx(3.0, rel=0.05)
+    assert np.median(spread[~loud]) == pytest.approx(1.0, rel=0.05)
+
+
+def test_quantization_leaves_only_multiples_of_its_step():
+    samples = record(Truth({"gx": AxisTruth(N=0.05)}), "quantization:step=0.35", 5000)
+    steps = samples / 0.35
+    assert steps == pytest.approx(np.rint(steps), abs=0.01)
+    assert len(np.unique(np.rint(steps))) > 5
+
+
+def test_clock_error_sets_the_true_rate():
+    sensor = Simulator(rate=RATE, truth=SILENT.with_effects(["clock_error:relative=0.03"]))
+    assert sensor.clock.true_hz == pytest.approx(RATE * 1.03)
+    assert sensor.info.nominal_hz == RATE
+
+
+def test_effect_acts_from_its_time_on_whatever_the_portions():
+    truth = SILENT.with_effects(["gauss_markov:sigma=1,correlation_time=1,time=60"])
+    sensor = Simulator(rate=RATE, truth=truth, clock_error=0.0)
+    samples = np.concatenate([sensor.read(n).counts[:, 0] for n in (6239, 1, 4000)])
+    assert np.all(samples[:6240] == 0)
+    assert np.count_nonzero(samples[6240:]) > 3900
+
+
+@pytest.mark.parametrize("kind", sorted(effect_kinds()))
+def test_effect_is_the_same_in_any_portions(kind):
+    """The whole chain, effects with carry included, cut at awkward places."""
+    given = {"cutoff": 20.0, "fraction": 0.3, "relative": 0.01, "frequency": 3.0, "count": 500.0}
+    parameters = {
+        name: given.get(name, 1.0 if limits.default is None else limits.default)
+        for name, limits in effect_kinds()[kind].parameters.items()
+    }
+    source = "ay" if effect_kinds()[kind].takes_source else ""
+    axes = ("gx", "ay")
+    effect = EffectSpec(kind, parameters, axes, time=7.7 if kind != "clock_error" else 0.0,
+                        source=source)  # fmt: skip
+    truth = Truth.typical().with_effects([effect])
+    whole = Simulator(seed=3, truth=truth).read(10_000)
+    sensor = Simulator(seed=3, truth=truth)
+    parts = [sensor.read(n) for n in (1, 0, 17, 4095, 4096, 1791)]
+    assert np.array_equal(np.concatenate([p.counts for p in parts]), whole.counts)
+    assert np.array_equal(np.concatenate([p.ticks.device_s for p in parts]), whole.ticks.device_s)
+
+
+# --- the words of the command line ------------------------------------------------------------
+
+
+def test_every_kind_of_the_vocabulary_can_be_simulated():
+    vocabulary = """sinusoid narrowband gauss_markov band_limit random_telegraph step warm_up
+        temperature cross_coupling outliers repeated_samples variance_change quantization
+        clock_error"""
+    assert set(vocabulary.split()) == set(effect_kinds())
+    assert len(effect_help().splitlines()) == len(effect_kinds())
+
+
+@pytest.mark.parametrize(
+    ("text", "axes"),
+    [
+        ("step:size=1", ("gx",)),
+        ("step:size=1,axis=az", ("az",)),
+        ("step:size=1,axis=gyro", ("gx", "gy", "gz")),
+        ("step:size=1,axis=all", AXES),
+        ("repeated_samples:fraction=0.1", AXES),
+        ("clock_error:relative=0.1", ()),
+    ],
+)
+def test_axes_of_an_effect(text, axes):
+    assert parse_effect(text).axes == axes
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("wobble:size=1", r"unknown effect 'wobble'; choose one of band_limit, .*warm_up"),
+        ("step:height=1", r"no parameter 'height'; it takes size, axis, time"),
+        ("step:time=1", r"size is missing; it takes size, axis, time"),
+        ("step:size", r"'size' is not of the form name=value"),
+        ("step:size=tall", r"size must be a number, got 'tall'"),
+        ("step:size=nan", r"size must be a number"),
+        ("step:size=1,axis=mx", r"unknown axis 'mx'; axes are gx gy gz ax ay az all gyro accel"),
+        ("step:size=1,time=-3", r"time must be"),
+        ("sinusoid:frequency=0,amplitude=1", r"frequency must be above 0, got 0"),
+        ("cross_coupling:slope=1", r"source is missing; it takes source, slope, axis, time"),
+        ("cross_coupling:slope=1,source=mx", r"unknown axis 'mx'"),
+        ("clock_error:relative=0.1,axis=gx", r"no parameter 'axis'; it takes relative"),
+        ("repeated_samples:fraction=1", r"at most 0.99"),
+    ],
+)
+def test_wrong_words_are_answered_in_one_line(text, says):
+    with pytest.raises(UsageError, match=says) as caught:
+        parse_effect(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_cutoff_above_half_the_rate_is_refused():
+    with pytest.raises(UsageError, match="below half the sample rate"):
+        Simulator(rate=26.0, truth=SILENT.with_effects(["band_limit:cutoff=20"]))

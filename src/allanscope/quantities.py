@@ -27,7 +27,9 @@ __all__ = [
     "DENSITY",
     "DEVIATION",
     "GRAVITY",
+    "LEVEL",
     "Reading",
+    "compact",
     "count",
     "duration",
     "interval",
@@ -65,13 +67,20 @@ class Reading:
         limits = (None if x is None else x * self.factor for x in (lower, upper))
         return interval(value * self.factor, *limits)
 
+    def compact(self, value: float, lower: float, upper: float) -> str:
+        """Return a value given in the internal unit, with its errors, without the unit."""
+        return compact(value * self.factor, lower * self.factor, upper * self.factor)
+
     def limit(self, upper: float) -> str:
         """Return an upper limit given in the internal unit, without the unit."""
         return limit(upper * self.factor)
 
 
 DEVIATION: Mapping[str, Reading] = {"dps": Reading(1e3, "mdps"), "g": Reading(1e6, "ug")}
-"""For sigma, levels and amplitudes, by the unit of the axis."""
+"""For sigma and amplitudes, by the unit of the axis."""
+
+LEVEL: Mapping[str, Reading] = {"dps": Reading(1e3, "mdps"), "g": Reading(1e3, "mg")}
+"""For samples and levels, by the unit of the axis."""
 
 DENSITY: Mapping[str, Reading] = {
     "dps": Reading(1e3, "mdps/sqrt(Hz)"),
@@ -187,6 +196,25 @@ def interval(value: float, lower: float | None, upper: float | None) -> str:
         digits = max(2, min(exponent + decimals + 1, 6))
         centre, low, high = (number(x, digits) for x in (value, lower, upper))
     return f"{centre} ({low} ... {high})"
+
+
+def compact(value: float, lower: float | None, upper: float | None) -> str:
+    """Return a value with its errors, for where there is no room for an interval.
+
+    Examples
+    --------
+    >>> compact(4.0217, 3.9812, 4.0622), compact(4.3, 3.7, 5.0)
+    ('4.02 +-0.04', '4.3 -0.6 +0.7')
+    """
+    if lower is None or upper is None or not math.isfinite(value + lower + upper):
+        return number(value)
+    exponent = _exponent(max(abs(value), abs(upper)))
+    if upper <= lower or not -4 < exponent < 6:
+        return number(value)
+    decimals = _decimals(0.5 * (upper - lower))
+    below, above = _fixed(value - lower, decimals), _fixed(upper - value, decimals)
+    errors = f"+-{above}" if below == above else f"-{below} +{above}"
+    return f"{_fixed(value, decimals)} {errors}"
 
 
 def measured(

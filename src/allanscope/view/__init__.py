@@ -1,1 +1,42 @@
-"""view"""
+"""Shows a session while it runs: charts in the Rerun viewer, numbers in the terminal.
+
+Both are audiences of the pipeline: they are told what happens and never answer, never block, and
+whatever becomes of them, the measurement goes on::
+
+                     ┌ TerminalView   one calm screen, or a line a minute when piped
+    info  samples ───┤
+    gap   notice     └ RerunView      worker ─▶ loopback server ─▶ viewer (a process of its own)
+    snapshot                                 └▶ session.rrd
+
+The viewer has no logarithmic axes, so charts are drawn by hand, in three steps that know nothing
+of each other: `chart` places values on a rectangle (`scales` make its ticks); `allan_chart`,
+`spectrum_chart` and `residual_chart` say what is drawn there (a `drawing`); `rerun_ink` puts it
+into the recording. `painter` decides which entity shows what, `rerun_blueprint` which tab shows
+which entity. Only files named ``rerun_*`` import Rerun, and none of them before it is needed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from allanscope.view.progress import progress
+    from allanscope.view.rerun_view import RerunView
+    from allanscope.view.terminal import TerminalView, summary_lines
+
+__all__ = ["RerunView", "TerminalView", "progress", "summary_lines"]
+
+_HOME = {
+    "RerunView": "rerun_view",
+    "TerminalView": "terminal",
+    "progress": "progress",
+    "summary_lines": "terminal",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -1,0 +1,139 @@
+"""Ten rows a second of mean, smallest and largest: a time series that a viewer can bear all night.
+
+At 6.66 kHz a plot has more samples than pixels within a second, and a viewer keeps 52 bytes for
+each. Mean, minimum and maximum of every tenth of a second show the same picture, spikes included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.samples import Block, Gap, StreamInfo
+
+__all__ = ["Decimator", "Rows"]
+
+ROWS_HZ = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Some rows of the decimated series.
+
+    Attributes
+    ----------
+    elapsed_s : ndarray, shape (n,)
+        Middle of each row since the first sample of the run, holes included.
+    mean, low, high : ndarray, shape (n, axes)
+        In dps or g.
+    temperature_c : float
+        Last temperature, NaN when none has come.
+    """
+
+    elapsed_s: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    temperature_c: float
+
+    @classmethod
+    def joined(cls, parts: Sequence[Rows]) -> Rows:
+        """Return rows that follow each other as one."""
+        return cls(
+            elapsed_s=np.concatenate([part.elapsed_s for part in parts]),
+            mean=np.concatenate([part.mean for part in parts]),
+            low=np.concatenate([part.low for part in parts]),
+            high=np.concatenate([part.high for part in parts]),
+            temperature_c=parts[-1].temperature_c,
+        )
+
+
+class Decimator:
+    """Collects blocks of any size, gives rows of a tenth of a second.
+
+    Blocks are only kept until they make `rows` rows, so a call costs next to nothing; the
+    arithmetic is done on the int16 counts, once for many samples.
+    """
+
+    def __init__(self) -> None:
+        self.elapsed_s = 0.0
+        """Stream time of the last sample taken."""
+        self.temperature_c = float("nan")
+        self._rate_hz = 0.0
+        self._pending: list[NDArray[np.generic]] = []
+        self._waiting = 0
+        self._host_s: float | None = None
+        self._lost_track = False
+
+    def rate(self, hz: float, elapsed_s: float = 0.0) -> None:
+        """Set the sample rate as it becomes known, or known better.
+
+        A stream that claims no rate has no time of its own either: nothing is drawn until the
+        first result brings both.
+        """
+        if hz > 0.0:
+            if not self._rate_hz:
+                self.elapsed_s = elapsed_s
+            self._rate_hz = hz
+
+    def restart(self) -> None:
+        """Drop the unfinished row: what follows has other columns or another scale."""
+        self._pending, self._waiting = [], 0
+
+    def gap(self, gap: Gap) -> None:
+        """Drop the unfinished row; no row spans a hole."""
+        self.restart()
+        if gap.lost is None:
+            self._lost_track = True
+        elif self._rate_hz:
+            self.elapsed_s += gap.lost / self._rate_hz
+
+    def take(self, info: StreamInfo, block: Block, rows: int = 2) -> Rows | None:
+        """Take a block; return rows when at least `rows` of them are complete, else None."""
+        if not self._rate_hz:
+            self.rate(info.nominal_hz)
+        self._follow(block)
+        if not self._rate_hz or not len(block):
+            return None
+        self._pending.append(block.counts)
+        self._waiting += len(block)
+        self.elapsed_s += len(block) / self._rate_hz
+        stride = max(1, round(self._rate_hz / ROWS_HZ))
+        if self._waiting < rows * stride:
+            return None
+        return self._reduce(stride, np.asarray(info.scale))
+
+    def _reduce(self, stride: int, scale: NDArray[np.float64]) -> Rows:
+        counts = np.concatenate(self._pending)
+        whole = len(counts) // stride
+        rest = counts[whole * stride :]
+        first_s = self.elapsed_s - self._waiting / self._rate_hz
+        self._pending, self._waiting = [rest], len(rest)
+        cut = counts[: whole * stride].reshape(whole, stride, -1)
+        return Rows(
+            elapsed_s=first_s + stride / self._rate_hz * (np.arange(whole, dtype=np.float64) + 0.5),
+            mean=cut.mean(axis=1) * scale,
+            low=cut.min(axis=1) * scale,
+            high=cut.max(axis=1) * scale,
+            temperature_c=self.temperature_c,
+        )
+
+    def _follow(self, block: Block) -> None:
+        """Note temperature and host time; after a hole of unknown length the host tells it."""
+        ticks = block.ticks
+        known = ticks.temperature_c[np.isfinite(ticks.temperature_c)]
+        if len(known):
+            self.temperature_c = float(known[-1])
+        arrived = np.flatnonzero(np.isfinite(ticks.host_s))
+        if not len(arrived):
+            return
+        first = arrived[0]
+        host_s = float(ticks.host_s[first])
+        if self._host_s is None:
+            self._host_s = host_s - self.elapsed_s
+        elif self._lost_track:
+            self.elapsed_s = max(self.elapsed_s, host_s - self._host_s)
+        self._lost_track = False

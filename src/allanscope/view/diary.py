@@ -1,0 +1,74 @@
+"""What is new since the last result: an effect found, an effect gone, a coefficient known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from allanscope.analysis.result import Analysis
+from allanscope.view.wording import coefficient_text, coefficient_unit, effect_text
+
+__all__ = ["Diary", "Entry", "Level"]
+
+Level = Literal["info", "warn", "error"]
+Entry = tuple[Level, str]
+
+_TOLD = ("N", "B", "K")
+
+
+@dataclass(slots=True)
+class Diary:
+    """Remembers what was told, and tells only what changed."""
+
+    _effects: dict[tuple[str, str], str] = field(default_factory=dict)
+    _coefficients: set[tuple[str, str]] = field(default_factory=set)
+    _remarks: set[str] = field(default_factory=set)
+
+    def news(self, analysis: Analysis) -> list[Entry]:
+        """Return what this result says that the last one did not.
+
+        An effect is the same one while its axis, its kind and its number among effects of that
+        kind are the same, so that a frequency that is known better is no news.
+        """
+        return [*self._new_effects(analysis), *self._new_values(analysis), *self._new(analysis)]
+
+    def _new_effects(self, analysis: Analysis) -> list[Entry]:
+        found: dict[tuple[str, str], str] = {}
+        for name, axis in analysis.axes.items():
+            for effect in axis.explanation.effects if axis.explanation else ():
+                same = sum(key[0] == name and key[1].startswith(effect.kind) for key in found)
+                found[name, f"{effect.kind} {same}"] = effect_text(effect)
+        lines: list[Entry] = [
+            ("warn", f"{key[0]}: found {text}")
+            for key, text in found.items()
+            if key not in self._effects
+        ]
+        lines += [
+            ("info", f"{key[0]}: no longer found {text}")
+            for key, text in self._effects.items()
+            if key not in found
+        ]
+        self._effects = found
+        return lines
+
+    def _new_values(self, analysis: Analysis) -> list[Entry]:
+        lines: list[Entry] = []
+        for name, axis in analysis.axes.items():
+            for letter in _TOLD:
+                known = axis.coefficients.get(letter)
+                if known is None or not known.detected or (name, letter) in self._coefficients:
+                    continue
+                self._coefficients.add((name, letter))
+                text = coefficient_text(axis.unit, letter, known)
+                lines.append(
+                    ("info", f"{name}: {letter} = {text} {coefficient_unit(axis.unit, letter)}")
+                )
+        return lines
+
+    def _new(self, analysis: Analysis) -> list[Entry]:
+        remarks = [*analysis.remarks]
+        for name, axis in analysis.axes.items():
+            remarks += [f"{name}: {remark}" for remark in axis.remarks]
+        fresh = [remark for remark in remarks if remark not in self._remarks]
+        self._remarks.update(fresh)
+        return [("warn", remark) for remark in fresh]

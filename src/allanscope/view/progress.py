@@ -1,0 +1,142 @@
+"""Progress of jobs that take longer than a second: rate and time left, on standard error."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.text import Text
+
+from allanscope.quantities import duration, number
+from allanscope.view.printable import printable
+from allanscope.view.steady_console import SteadyConsole
+
+__all__ = ["progress"]
+
+_SILENT_FOR_S = 1.0
+_LINE_EVERY_S = 30.0
+
+
+@contextmanager
+def progress(
+    total: float | None,
+    description: str,
+    unit: str = "",
+    quiet: bool = False,
+    stream: TextIO | None = None,
+) -> Iterator[Callable[[float], None]]:
+    """Show how far a job is; gives a function that is told how much more was done.
+
+    Parameters
+    ----------
+    total : float or None
+        All there is to do; None when that is not known.
+    description : str
+        What is being done, e.g. ``replaying``.
+    unit : str
+        What is counted, e.g. ``samples`` or ``B``.
+    quiet : bool
+        Show nothing.
+    stream : text file, optional
+        Where to; standard error by default. A bar on a terminal, else a line every half minute.
+
+    Examples
+    --------
+    >>> with progress(100.0, "reading", quiet=True) as advance:
+    ...     advance(50.0)
+    """
+    stream = stream or sys.stderr
+    if quiet:
+        yield lambda amount: None
+    elif stream.isatty():
+        with _Bar(total, description, unit, stream) as bar:
+            yield bar.advance
+    else:
+        yield _Lines(total, description, unit, stream).advance
+
+
+class _Bar:
+    """A bar that appears after a second and leaves no trace."""
+
+    def __init__(self, total: float | None, description: str, unit: str, stream: TextIO) -> None:
+        self._progress = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=None),
+            TextColumn("{task.percentage:>3.0f} %" if total else "", markup=False),
+            _Pace(unit),
+            console=SteadyConsole(stream),
+            transient=True,
+            expand=True,
+            refresh_per_second=4,
+        )
+        self._task = self._progress.add_task(printable(description), total=total)
+        self._shown_at = time.monotonic() + _SILENT_FOR_S
+        self._shown = False
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._shown:
+            self._progress.stop()
+
+    def advance(self, amount: float) -> None:
+        """Add what was done."""
+        self._progress.advance(self._task, amount)
+        if not self._shown and time.monotonic() >= self._shown_at:
+            self._shown = True
+            self._progress.start()
+
+
+class _Lines:
+    """A line now and then, for log files."""
+
+    def __init__(self, total: float | None, description: str, unit: str, stream: TextIO) -> None:
+        self._total, self._unit = total, unit
+        self._description = printable(description)
+        self._console = SteadyConsole(stream, soft_wrap=True)
+        self._done = 0.0
+        self._began = self._said = time.monotonic()
+
+    def advance(self, amount: float) -> None:
+        """Add what was done."""
+        self._done += amount
+        now = time.monotonic()
+        if now - self._said < _LINE_EVERY_S:
+            return
+        self._said = now
+        share = f"{100.0 * self._done / self._total:.0f} %, " if self._total else ""
+        speed = self._done / (now - self._began)
+        left = (self._total - self._done) / speed if self._total and speed else None
+        self._console.print(f"{self._description}: {share}{_pace(speed, left, self._unit)}")
+
+
+class _Pace(ProgressColumn):
+    """Rate and time left."""
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
+
+    def render(self, task: Task) -> Text:
+        """Return them as a text."""
+        return Text(_pace(task.speed, task.time_remaining, self._unit))
+
+
+def _pace(speed: float | None, left: float | None, unit: str) -> str:
+    parts = [] if speed is None else [f"{_prefixed(speed)}{unit}/s"]
+    if left is not None:
+        parts.append(f"{duration(left)} left")
+    return ", ".join(parts)
+
+
+def _prefixed(value: float) -> str:
+    """Return a number with a decimal prefix: 12.3 M, 456 k."""
+    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if value >= factor:
+            return f"{number(value / factor)} {prefix}"
+    return f"{number(value)} "

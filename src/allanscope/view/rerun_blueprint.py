@@ -1,0 +1,236 @@
+"""How the viewer is laid out: which tab shows which entities.
+
+The layout is made in code and travels with the data, so that a viewer that joins late, or a
+recording that is opened years later, looks the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from allanscope.quantities import LEVEL, symbols
+from allanscope.samples import unit_of
+from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
+from allanscope.view.frames import DEFAULT_ESTIMATOR, TIME_DEVIATIONS
+from allanscope.view.rerun_series import SENSORS, SHOWN_COEFFICIENTS
+from allanscope.view.wording import coefficient_unit
+
+__all__ = ["TABS", "layout"]
+
+TABS = (
+    "σ(τ)",
+    "axis by axis",
+    "estimators",
+    "spectra",
+    "closed loop",
+    "time series",
+    "temperature and rate",
+    "link",
+    "findings",
+    "tables",
+)
+"""Names of the tabs, in order."""
+
+_SENSOR_TITLES = {"dps": "gyroscope", "g": "accelerometer"}
+
+
+def layout(axes: Sequence[str], estimators: Sequence[str], active_tab: int = 0) -> rrb.Blueprint:
+    """Return the layout for these axes and estimators.
+
+    Parameters
+    ----------
+    axes : sequence of str
+        Names of the axes that are measured.
+    estimators : sequence of str
+        Names of the estimators that are computed, the default one among them.
+    active_tab : int
+        Tab that is open at first.
+    """
+    others = [kind for kind in estimators if kind != DEFAULT_ESTIMATOR]
+    tabs = [
+        _charts(axes, [_overview(axis) for axis in axes]),
+        rrb.Tabs(*[_axis(axis, others) for axis in axes]),
+        rrb.Tabs(*[_estimator(axes, kind) for kind in estimators]),
+        _charts(axes, [_chart(f"/{axis}/spectrum", axis) for axis in axes]),
+        rrb.Tabs(*[_loop(unit, axes) for unit in _units(axes)]),
+        _time_series(axes),
+        rrb.Vertical(
+            _plot("/samples/temperature", "temperature, °C"),
+            _plot("/rate", "measured over nominal rate, ppm (± 1 σ)"),
+        ),
+        _link(),
+        rrb.Horizontal(
+            _text("/tables/findings", "what was found"),
+            _log(),
+            column_shares=[3, 2],
+        ),
+        rrb.Horizontal(
+            _text("/tables/coefficients", "coefficients"),
+            _text("/tables/run", "this run"),
+            column_shares=[3, 2],
+        ),
+    ]
+    for tab, name in zip(tabs, TABS, strict=True):
+        tab.name = name
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs, active_tab=active_tab, name="allanscope"),
+        rrb.TimePanel(timeline="elapsed", state="collapsed", play_state="following"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _chart(
+    origin: str, name: str, contents: Sequence[str] = ("$origin/**",), hidden: Sequence[str] = ()
+) -> rrb.Spatial2DView:
+    """Return a view of one chart: its rectangle, with room for the labels."""
+    still = rrb.EntityBehavior(interactive=False)
+    return rrb.Spatial2DView(
+        origin=origin,
+        name=name,
+        contents=list(contents),
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[-MARGIN["left"], WIDTH + MARGIN["right"]],
+            y_range=[-MARGIN["top"], HEIGHT + MARGIN["bottom"]],
+        ),
+        overrides={
+            f"{origin}/grid": still,
+            **{f"{origin}/{path}": rrb.EntityBehavior(visible=False) for path in hidden},
+        },
+    )
+
+
+def _overview(axis: str) -> rrb.Spatial2DView:
+    parts = ("grid", "datasheet", "model", DEFAULT_ESTIMATOR)
+    return _chart(f"/{axis}/allan", axis, [f"$origin/{part}/**" for part in parts])
+
+
+def _estimator(axes: Sequence[str], kind: str) -> rrb.Grid:
+    chart = "time" if kind in TIME_DEVIATIONS else "allan"
+    paths = [f"$origin/{part}/**" for part in ("grid", kind)]
+    grid = _charts(axes, [_chart(f"/{axis}/{chart}", axis, paths) for axis in axes])
+    grid.name = kind.upper()
+    return grid
+
+
+def _axis(axis: str, others: Sequence[str]) -> rrb.Horizontal:
+    hidden = ["textbook", *(kind for kind in others if kind not in TIME_DEVIATIONS)]
+    sensor = SENSORS[unit_of(axis)]
+    trends = [
+        _plot(
+            f"/coefficients/{sensor}/{letter}",
+            f"{letter}, {coefficient_unit(unit_of(axis), letter)}, of {sensor} x y z (± 1 σ)",
+            legend=False,
+        )
+        for letter in SHOWN_COEFFICIENTS
+    ]
+    return rrb.Horizontal(
+        _chart(f"/{axis}/allan", f"{axis} σ(τ)", hidden=hidden),
+        rrb.Vertical(_text(f"/tables/{axis}", "numbers"), *trends, row_shares=[9, 3, 3, 3]),
+        column_shares=[6, 5],
+        name=axis,
+    )
+
+
+def _loop(unit: str, axes: Sequence[str]) -> rrb.Vertical:
+    chosen = [axis for axis in axes if unit_of(axis) == unit]
+    parts = ("grid", "textbook", "model", DEFAULT_ESTIMATOR)
+    paths = [f"$origin/{part}/**" for part in parts]
+    curves = [
+        _chart(f"/{axis}/allan", f"{axis}: grey before, line after", paths) for axis in chosen
+    ]
+    residuals = [
+        _chart(f"/{axis}/residual", f"{axis}: measured / model, grey before") for axis in chosen
+    ]
+    return rrb.Vertical(
+        rrb.Grid(*curves, *residuals, grid_columns=len(chosen)),
+        _text("/tables/loop", "the error before and after"),
+        row_shares=[11, 4],
+        name=_SENSOR_TITLES[unit],
+    )
+
+
+def _time_series(axes: Sequence[str]) -> rrb.Grid:
+    """Return drift, spikes and the last minute of each sensor, all from the same entity."""
+    views = []
+    for unit in _units(axes):
+        origin = f"/samples/{SENSORS[unit]}"
+        number = sum(unit_of(axis) == unit for axis in axes)
+        sensor = f"{_SENSOR_TITLES[unit]}, {symbols(LEVEL[unit].unit)} since the start"
+        mean, extremes = [True] * number, [True] * 2 * number
+        for name, shown, last_s in (
+            ("means of 0.1 s", mean + [False] * 2 * number, None),
+            ("least and largest", [False] * number + extremes, None),
+            ("the last minute", mean + extremes, 60.0),
+        ):
+            style = rr.SeriesLines.from_fields(visible_series=shown)
+            views.append(_plot(origin, f"{sensor}: {name}", last_s, {origin: style}, False))
+    return rrb.Grid(*views, grid_columns=3)
+
+
+def _link() -> rrb.Vertical:
+    return rrb.Vertical(
+        rrb.Horizontal(
+            _plot("/link/throughput", "received, kB/s"),
+            _plot("/link/lost", "lost since the start"),
+            _plot("/link/errors", "errors since the start"),
+            _plot("/link/health", "health"),
+        ),
+        rrb.StateTimelineView(origin="/link/state", name="state of the link", time_view=_whole()),
+        _log(),
+        row_shares=[3, 1, 2],
+    )
+
+
+def _plot(
+    origin: str,
+    name: str,
+    last_s: float | None = None,
+    styles: Mapping[rr.EntityPath | str, rr.SeriesLines] | None = None,
+    legend: bool = True,
+) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=name,
+        axis_x=_whole() if last_s is None else _last(last_s),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=legend),
+        overrides=styles,
+    )
+
+
+def _text(origin: str, name: str) -> rrb.TextDocumentView:
+    return rrb.TextDocumentView(origin=origin, name=name)
+
+
+def _log() -> rrb.TextLogView:
+    return rrb.TextLogView(
+        origin="/log",
+        name="log",
+        columns=rrb.TextLogColumns(
+            timeline_columns=["elapsed"], text_log_columns=["LogLevel", "Body"]
+        ),
+    )
+
+
+def _charts(axes: Sequence[str], views: Sequence[rrb.View]) -> rrb.Grid:
+    return rrb.Grid(*views, grid_columns=min(len(axes), 3))
+
+
+def _units(axes: Sequence[str]) -> list[str]:
+    return [unit for unit in SENSORS if any(unit_of(axis) == unit for axis in axes)]
+
+
+def _whole() -> rrb.TimeAxis:
+    """Return the whole run: the viewer's own default is half a minute about the cursor."""
+    forever = rrb.TimeRangeBoundary.infinite()
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=forever, end=forever))
+
+
+def _last(seconds: float) -> rrb.TimeAxis:
+    cursor = rrb.TimeRangeBoundary.cursor_relative
+    return rrb.TimeAxis(
+        view_range=rr.TimeRange(start=cursor(seconds=-seconds), end=cursor(seconds=0.0))
+    )

@@ -1,0 +1,141 @@
+"""Everything that is written into one Rerun recording, by one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import rerun as rr
+
+from allanscope.analysis.result import Analysis
+from allanscope.view.diary import Diary, Level
+from allanscope.view.frames import DEFAULT_ESTIMATOR
+from allanscope.view.painter import Painter
+from allanscope.view.printable import printable
+from allanscope.view.rerun_blueprint import layout
+from allanscope.view.rerun_ink import Ink
+from allanscope.view.rerun_series import Series
+from allanscope.view.rerun_stream import open_stream
+from allanscope.view.tables import (
+    axis_table,
+    coefficients_table,
+    findings_table,
+    loop_table,
+    run_table,
+)
+
+__all__ = ["Canvas"]
+
+_LEVELS: Mapping[Level, str] = {"info": "INFO", "warn": "WARN", "error": "ERROR"}
+_FLUSH_S = 3.0
+
+
+class Canvas:
+    """Draws results, series and remarks; lays out the viewer.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+        Where everything goes.
+    session : mapping
+        What is known of the session; see `RerunView`.
+
+    Attributes
+    ----------
+    series : Series
+        What is plotted against the time of the run.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, session: Mapping[str, object]) -> None:
+        started = session.get("started_unix_s")
+        self._recording = recording
+        self._session = {k: v for k, v in session.items() if k != "started_unix_s"}
+        self.series = Series(recording, started if isinstance(started, float) else None)
+        self._painter = Painter(Ink(recording).log)
+        self._diary = Diary()
+        self._tables: dict[str, str] = {}
+        self._layout: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+
+    @classmethod
+    def open(
+        cls, session: Mapping[str, object], file: Path | None, serve: bool
+    ) -> tuple[Canvas, str]:
+        """Return a canvas, and the address from which viewers can fetch it."""
+        name = printable(session.get("name", "allanscope"))
+        recording, address = open_stream(name, file, serve)
+        return cls(recording, session), address
+
+    def describe(self, axes: tuple[str, ...]) -> None:
+        """Lay out the viewer for these axes and say how their series look."""
+        self.series.style(axes)
+        self._lay_out(axes, self._layout[1] or (DEFAULT_ESTIMATOR,))
+
+    def result(self, analysis: Analysis, everything: bool) -> None:
+        """Draw a result; see `Painter.paint` for `everything`."""
+        self._lay_out(tuple(analysis.axes), _estimators(analysis))
+        self.series.now(analysis.duration_s)
+        if everything:
+            self.series.style(tuple(analysis.axes))
+            self._tables.clear()
+        self._painter.paint(analysis, everything)
+        self.series.result(analysis)
+        self._write_tables(analysis)
+        for level, line in self._diary.news(analysis):
+            self._log(line, level)
+
+    def remark(self, elapsed_s: float, text: str, level: Level) -> None:
+        """Add a line to the log, at a whole second: the log's column has no room for more."""
+        self.series.now(float(round(elapsed_s)))
+        self._log(text, level)
+
+    def state(self, elapsed_s: float, state: str) -> None:
+        """Note what the link does from now on."""
+        self.series.now(elapsed_s)
+        self.series.state(state)
+
+    def health(self, elapsed_s: float, numbers: Mapping[str, object]) -> None:
+        """Plot counters of the link."""
+        self.series.now(elapsed_s)
+        self.series.health(numbers)
+
+    def flush(self) -> None:
+        """Hand everything to the server and the file."""
+        self._recording.flush(timeout_sec=_FLUSH_S)
+
+    def close(self) -> None:
+        """Hand everything over and end."""
+        try:
+            self.flush()
+        finally:
+            self._recording.disconnect()
+
+    def _lay_out(self, axes: tuple[str, ...], estimators: tuple[str, ...]) -> None:
+        """Send the layout if it is new. It replaces what the user arranged, hence seldom."""
+        if (axes, estimators) != self._layout and axes:
+            self._layout = (axes, estimators)
+            self._recording.send_blueprint(layout(axes, estimators))
+
+    def _write_tables(self, analysis: Analysis) -> None:
+        self._table("coefficients", coefficients_table(analysis))
+        self._table("findings", findings_table(analysis))
+        self._table("loop", loop_table(analysis))
+        self._table("run", run_table(analysis, self._session))
+        for name, axis in analysis.axes.items():
+            self._table(name, axis_table(name, axis))
+
+    def _table(self, name: str, text: str) -> None:
+        if self._tables.get(name) != text:
+            self._tables[name] = text
+            document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+            self._recording.log(f"/tables/{name}", document)
+
+    def _log(self, text: str, level: Level) -> None:
+        self._recording.log("/log", rr.TextLog(printable(text), level=_LEVELS[level]))
+
+
+def _estimators(analysis: Analysis) -> tuple[str, ...]:
+    """Return the estimators of all axes, the default one first."""
+    kinds = dict.fromkeys([DEFAULT_ESTIMATOR])
+    for axis in analysis.axes.values():
+        kinds |= dict.fromkeys(axis.curves)
+    return tuple(kinds)

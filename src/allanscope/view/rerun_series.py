@@ -1,0 +1,193 @@
+"""Everything that is plotted against the time of the run: samples, coefficients, rate, link."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from allanscope.analysis.result import Analysis
+from allanscope.noise.coefficients import Coefficient
+from allanscope.quantities import COEFFICIENTS, LEVEL, symbols
+from allanscope.samples import unit_of
+from allanscope.view.decimator import Rows
+from allanscope.view.palette import AXIS, LINK, REFERENCE
+
+__all__ = ["SENSORS", "SHOWN_COEFFICIENTS", "Series"]
+
+SENSORS = {"dps": "gyro", "g": "accel"}
+SHOWN_COEFFICIENTS = ("N", "B", "K")
+
+_SIGMAS_OF_95_PERCENT = 2.0 * 1.96
+_LARGEST_ERROR = 0.3
+"""Coefficients are plotted once their relative error is below this."""
+
+
+class Series:
+    """Logs numbers against ``elapsed``, the time since the first sample.
+
+    Parameters
+    ----------
+    recording : rerun.RecordingStream
+        Where.
+    started_unix_s : float or None
+        Wall-clock time of the first sample; adds the timeline ``clock``.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, started_unix_s: float | None) -> None:
+        self._recording = recording
+        self._started = started_unix_s
+        self._level: dict[str, NDArray[np.float64]] = {}
+        self._last_bytes = (0.0, 0)
+        self._last_temperature_s = -math.inf
+
+    def now(self, elapsed_s: float) -> None:
+        """Set the time of what is logged next."""
+        self._recording.set_time("elapsed", duration=elapsed_s)
+        if self._started is not None:
+            self._recording.set_time("clock", timestamp=self._started + elapsed_s)
+
+    def style(self, axes: Sequence[str]) -> None:
+        """Say which colour and name every series has."""
+        for unit, sensor in SENSORS.items():
+            names = [axis for axis in axes if unit_of(axis) == unit]
+            if not names:
+                continue
+            colours = [AXIS[axis] for axis in names]
+            faint = [(*colour, 90) for colour in colours]
+            self._static(
+                f"/samples/{sensor}",
+                rr.SeriesLines(
+                    names=[
+                        f"{name}{part}" for part in ("", " least", " largest") for name in names
+                    ],
+                    colors=[*((*c, 255) for c in colours), *faint, *faint],
+                    widths=[1.6] * len(names) + [0.8] * 2 * len(names),
+                    aggregation_policy="MinMax",
+                ),
+            )
+        self._static("/samples/temperature", rr.SeriesLines(names="°C", colors=REFERENCE))
+        self._static(
+            "/link/errors",
+            _steps("bad checksums", "resyncs", "reconnects"),
+        )
+        self._static("/link/lost", _steps("lost samples", "gaps of unknown length"))
+        self._static("/link/throughput", _steps("kB/s"))
+        self._static(
+            "/link/state",
+            rr.StateConfiguration(values=list(LINK), colors=list(LINK.values())),
+        )
+
+    def samples(self, axes: Sequence[str], rows: Rows) -> None:
+        """Log rows of the decimated series: the mean, the smallest and the largest of each.
+
+        They are counted from the first mean, else gravity would hide everything else.
+        """
+        index = [rr.TimeColumn("elapsed", duration=rows.elapsed_s)]
+        if self._started is not None:
+            index.append(rr.TimeColumn("clock", timestamp=self._started + rows.elapsed_s))
+        for unit, sensor in SENSORS.items():
+            chosen = [i for i, axis in enumerate(axes) if unit_of(axis) == unit]
+            if chosen:
+                level = self._level.setdefault(sensor, rows.mean[0, chosen])
+                parts = (rows.mean, rows.low, rows.high)
+                values = np.hstack([part[:, chosen] - level for part in parts])
+                self._recording.send_columns(
+                    f"/samples/{sensor}",
+                    indexes=index,
+                    columns=rr.Scalars.columns(scalars=values * LEVEL[unit].factor),
+                )
+        last_s = float(rows.elapsed_s[-1])
+        if math.isfinite(rows.temperature_c) and last_s - self._last_temperature_s >= 1.0:
+            self._last_temperature_s = last_s
+            self.now(last_s)
+            self._scalars("/samples/temperature", [rows.temperature_c])
+
+    def result(self, analysis: Analysis) -> None:
+        """Log the coefficients so far, the measured rate, and the counters of the link."""
+        for unit, sensor in SENSORS.items():
+            axes = [name for name, axis in analysis.axes.items() if axis.unit == unit]
+            for letter in SHOWN_COEFFICIENTS:
+                if axes:
+                    self._coefficient(f"/coefficients/{sensor}/{letter}", unit, letter, analysis)
+        self._rate(analysis)
+        link = analysis.link
+        self._scalars("/link/errors", [link.crc_errors, link.resyncs, analysis.reconnects])
+        self._scalars("/link/lost", [analysis.lost_samples, analysis.unknown_losses])
+        last_s, last_bytes = self._last_bytes
+        if analysis.duration_s > last_s:
+            rate = (link.bytes - last_bytes) / (analysis.duration_s - last_s)
+            self._scalars("/link/throughput", [1e-3 * rate])
+            self._last_bytes = (analysis.duration_s, link.bytes)
+
+    def health(self, numbers: Mapping[str, object]) -> None:
+        """Log any counters by name; what is not a number is left out."""
+        for name, value in numbers.items():
+            if isinstance(value, (int, float)) and math.isfinite(value):
+                self._scalars(f"/link/health/{_path(name)}", [float(value)])
+
+    def state(self, state: str) -> None:
+        """Log what the link does from now on: ``streaming``, ``gap`` or ``restarted``."""
+        self._recording.log("/link/state", rr.StateChange(state=state))
+
+    def _coefficient(self, path: str, unit: str, letter: str, analysis: Analysis) -> None:
+        reading = COEFFICIENTS[unit, letter][0]
+        axes = [name for name, axis in analysis.axes.items() if axis.unit == unit]
+        values, variances = [], []
+        for name in axes:
+            known = analysis.axes[name].coefficients.get(letter)
+            value, sigma = (math.nan, math.nan) if known is None else _worth_drawing(known)
+            values.append(value * reading.factor)
+            variances.append((sigma * reading.factor) ** 2)
+        self._recording.log(
+            path,
+            rr.Measurements(
+                values,
+                variances=variances,
+                units=symbols(reading.unit),
+                colors=[AXIS[name] for name in axes],
+                names=[f"{name} {letter}" for name in axes],
+            ),
+        )
+
+    def _rate(self, analysis: Analysis) -> None:
+        rate = analysis.rate
+        if rate.measured_hz is None or not rate.nominal_hz:
+            return
+        self._recording.log(
+            "/rate",
+            rr.Measurements(
+                [1e6 * (rate.measured_hz / rate.nominal_hz - 1.0)],
+                variances=[(rate.uncertainty_ppm or 0.0) ** 2],
+                units="ppm",
+                names="rate over nominal",
+                colors=[REFERENCE],
+            ),
+        )
+
+    def _scalars(self, path: str, values: Sequence[float]) -> None:
+        self._recording.log(path, rr.Scalars(values))
+
+    def _static(self, path: str, style: rr.AsComponents) -> None:
+        self._recording.log(path, style, static=True)
+
+
+def _worth_drawing(coefficient: Coefficient) -> tuple[float, float]:
+    """Return value and standard error; NaN while the error is so large that it hides the rest."""
+    sigma = (coefficient.upper - coefficient.lower) / _SIGMAS_OF_95_PERCENT
+    if not coefficient.detected or sigma > _LARGEST_ERROR * coefficient.value:
+        return math.nan, math.nan
+    return coefficient.value, sigma
+
+
+def _steps(*names: str) -> rr.SeriesLines:
+    """Return the style of counters: they jump, they do not slope."""
+    return rr.SeriesLines(names=list(names), interpolation_mode="StepAfter")
+
+
+def _path(name: str) -> str:
+    """Return a name that needs no escaping in an entity path."""
+    return "".join(c if c.isascii() and c.isalnum() else "_" for c in name.lower()) or "_"

@@ -1,0 +1,271 @@
+"""The Rerun view: an audience that draws what happens, in a thread of its own.
+
+::
+
+    session thread   samples ──▶ Decimator ─┐
+                     gap, notice ───────────┤ tasks (bounded, dropped when full)
+    refresh thread   snapshot ──▶ Pace ─────┘
+                                            ▼
+    worker thread                        Canvas ──▶ server on the loopback ──▶ viewer process
+                                                └─▶ session.rrd
+
+No method blocks, whatever the viewer does. Rerun takes more than a second and 90 MB to import, so
+that is left to `start`.
+"""
+
+from __future__ import annotations
+
+import os
+import webbrowser
+from collections import deque
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from allanscope.analysis.result import Analysis
+from allanscope.samples import Block, Gap, Notice, StreamInfo
+from allanscope.view.decimator import Decimator, Rows
+from allanscope.view.diary import Level
+from allanscope.view.gap_teller import GapTeller
+from allanscope.view.pace import Pace
+from allanscope.view.viewer_process import ViewerProcess, has_display, optimise
+from allanscope.view.worker import Worker
+
+if TYPE_CHECKING:
+    from allanscope.view.rerun_canvas import Canvas
+
+__all__ = ["RerunView", "ViewMode"]
+
+ViewMode = Literal["window", "web", "none", "auto"]
+
+_QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 2, 10, 3600.0
+"""Rows of the time series that travel together: a fifth of a second, after an hour a second."""
+
+_RARELY = 5.0
+"""Grids, and estimators other than the default one, are drawn so many times less often."""
+
+_ROWS_WAITING = 4096
+
+_PREFIX: Mapping[str, tuple[str, Level]] = {
+    "mark": ("mark: ", "warn"),
+    "error": ("device error: ", "error"),
+}
+
+
+class RerunView:
+    """Show a session in the Rerun viewer, and keep what was shown.
+
+    Parameters
+    ----------
+    out_dir : Path or None
+        Folder that gets ``session.rrd``; None to keep nothing.
+    mode : {'auto', 'window', 'web', 'none'}
+        ``auto`` is a window where there is a display, else the web viewer.
+    session : mapping, optional
+        What is known of the session, shown as it is. ``name`` becomes the name of the recording;
+        ``started_unix_s``, the wall-clock time of the start, adds the timeline ``clock``.
+    say : callable, optional
+        Called with a line for the user, e.g. the address of the web viewer.
+
+    Attributes
+    ----------
+    address : str
+        Address from which any Rerun viewer on this machine can fetch the data:
+        ``rerun ADDRESS``. Empty when nothing is served.
+    viewer : ViewerProcess or None
+        The process that was started; its `address` is that of the web viewer's page.
+
+    Raises
+    ------
+    ValueError
+        For a mode that does not exist.
+    """
+
+    def __init__(
+        self,
+        out_dir: Path | None,
+        mode: ViewMode = "auto",
+        session: Mapping[str, object] | None = None,
+        say: Callable[[str], None] | None = None,
+    ) -> None:
+        if mode not in ("window", "web", "none", "auto"):
+            raise ValueError(f"no view {mode!r}; choose one of auto window web none")
+        self.address = ""
+        self.viewer: ViewerProcess | None = None
+        self._mode = mode
+        self._file = None if out_dir is None else Path(out_dir) / "session.rrd"
+        self._session = dict(session or {})
+        self._say = say or (lambda line: None)
+        self._worker: Worker | None = None
+        self._canvas: Canvas | None = None
+        self._decimator = Decimator()
+        self._rows: deque[tuple[tuple[str, ...], Rows]] = deque(maxlen=_ROWS_WAITING)
+        self._rows_lost = 0
+        self._latest: Analysis | None = None
+        self._everything = False
+        self._pace, self._rare_pace = Pace(), Pace(_RARELY)
+        self._streaming = False
+        self._gaps = GapTeller()
+        self._told_viewer = False
+
+    def start(self) -> None:
+        """Open the file, the server and the viewer, and say where to look."""
+        if self._mode == "none" and self._file is None:
+            return
+        os.environ.setdefault("RUST_LOG", "off")  # read on import: Rerun would log to the terminal
+        from allanscope.view.rerun_canvas import Canvas
+
+        serve = self._mode != "none"
+        web = self._mode == "web" or (self._mode == "auto" and not has_display())
+        self._canvas, self.address = Canvas.open(self._session, self._file, serve)
+        self._worker = Worker("rerun-view")
+        if serve:
+            self._open_viewer(web)
+
+    @property
+    def dropped(self) -> int:
+        """Updates that were not drawn because the machine could not keep up."""
+        return self._rows_lost + (0 if self._worker is None else self._worker.dropped)
+
+    def info(self, info: StreamInfo) -> None:
+        """Take what the samples that follow mean."""
+        self._decimator.restart()
+        axes = info.axes
+        self._task(lambda canvas: canvas.describe(axes))
+
+    def samples(self, info: StreamInfo, block: Block) -> None:
+        """Take a run of samples, of any size; costs a few microseconds."""
+        if self._worker is None:
+            return
+        if not self._streaming:
+            self._streaming = True
+            self._state("streaming")
+        calm = self._decimator.elapsed_s > _CALM_AFTER_S
+        rows = self._decimator.take(info, block, _CALM_ROWS if calm else _QUICK_ROWS)
+        if rows is not None:
+            self._rows_lost += len(self._rows) == _ROWS_WAITING
+            self._rows.append((info.axes, rows))
+            self._task(self._draw_rows, once="rows")
+
+    def gap(self, gap: Gap) -> None:
+        """Take a hole. Holes within a second of each other are told as one."""
+        if self._worker is None:
+            return
+        text = self._gaps.tell(gap, self._decimator.elapsed_s)
+        if text is not None:
+            self._remark(text, "warn")
+            self._state("restarted" if gap.reason == "restarted" else "gap")
+            self._streaming = False
+        self._decimator.gap(gap)
+
+    def notice(self, notice: Notice | str, level: Level = "info") -> None:
+        """Take a remark: of the device, of the user, or of whoever calls, with its level."""
+        if isinstance(notice, str):
+            self._remark(notice, level)
+            return
+        if notice.fields:
+            self.health(notice.fields)
+        if notice.kind != "status":
+            prefix, of_kind = _PREFIX.get(notice.kind, ("", level))
+            self._remark(prefix + notice.text, of_kind)
+
+    def health(self, numbers: Mapping[str, object]) -> None:
+        """Take counters of any name, to be plotted."""
+        elapsed_s, known = self._decimator.elapsed_s, dict(numbers)
+        self._task(lambda canvas: canvas.health(elapsed_s, known))
+
+    def snapshot(self, analysis: Analysis) -> None:
+        """Take the result so far; it is drawn when the run has grown enough since the last one."""
+        if self._worker is None:
+            return
+        self._watch_viewer()
+        self._decimator.rate(analysis.rate.best_hz, analysis.duration_s)
+        self._latest = analysis
+        if self._pace.due(analysis.duration_s):
+            self._everything |= self._rare_pace.due(analysis.duration_s)
+            self._task(self._draw_latest, once="result")
+
+    def settle(self, timeout_s: float = 10.0) -> bool:
+        """Wait until all that was told so far is drawn; return False when that takes longer."""
+        return self._worker is None or self._worker.settle(timeout_s)
+
+    def close(self, final: Analysis | None = None, timeout_s: float = 10.0) -> None:
+        """Draw the last result in full, end the recording, make its file small.
+
+        A window stays open; the page of the web viewer, once loaded, keeps what it shows.
+
+        Parameters
+        ----------
+        final : Analysis, optional
+            The result at the end, where it is more than the last snapshot.
+        timeout_s : float
+            Longest wait for what is still to be drawn.
+        """
+        worker, canvas, self._worker = self._worker, self._canvas, None
+        if worker is None or canvas is None:
+            return
+        self._latest = final or self._latest
+        ended = worker.close(partial(self._finish, canvas), timeout_s)
+        if self.viewer is not None and self.viewer.address:
+            self.viewer.stop()
+        if ended and self._file is not None:
+            optimise(self._file)
+
+    # --- in the worker's thread -----------------------------------------------------------------
+
+    def _draw_rows(self, canvas: Canvas) -> None:
+        """Draw all rows that have come; in a fast replay they are many at once."""
+        waiting = [self._rows.popleft() for _ in range(len(self._rows))]
+        while waiting:
+            axes = waiting[0][0]
+            same = [rows for of, rows in waiting if of == axes]
+            canvas.series.samples(axes, Rows.joined(same))
+            waiting = [entry for entry in waiting if entry[0] != axes]
+
+    def _draw_latest(self, canvas: Canvas) -> None:
+        everything, self._everything = self._everything, False
+        if self._latest is not None:
+            canvas.result(self._latest, everything)
+
+    def _finish(self, canvas: Canvas) -> None:
+        self._everything = True
+        self._draw_rows(canvas)
+        self._draw_latest(canvas)
+        canvas.close()
+
+    # --- the viewer -----------------------------------------------------------------------------
+
+    def _open_viewer(self, web: bool) -> None:
+        self.viewer = ViewerProcess(self.address, web)
+        if not web:
+            self._say(f"viewer opened; for another: rerun {self.address}")
+            return
+        self._say(f"charts: {self.viewer.address}")
+        if has_display():
+            webbrowser.open(self.viewer.address)
+
+    def _watch_viewer(self) -> None:
+        """Say once that the viewer is gone; where no window can live, fall back to the web."""
+        if self.viewer is None or self.viewer.running() or self._told_viewer:
+            return
+        if self._mode == "auto" and not self.viewer.address and self.viewer.failed():
+            self._say("no window can be opened here")
+            self._open_viewer(web=True)
+            return
+        self._told_viewer = True
+        self._say(f"viewer closed, still measuring; to open it again: rerun {self.address}")
+
+    # --- tasks ----------------------------------------------------------------------------------
+
+    def _state(self, state: str) -> None:
+        elapsed_s = self._decimator.elapsed_s
+        self._task(lambda canvas: canvas.state(elapsed_s, state))
+
+    def _remark(self, text: str, level: Level) -> None:
+        elapsed_s = self._decimator.elapsed_s
+        self._task(lambda canvas: canvas.remark(elapsed_s, text, level))
+
+    def _task(self, task: Callable[[Canvas], None], once: str = "") -> None:
+        if self._worker is not None and self._canvas is not None:
+            self._worker.submit(partial(task, self._canvas), once)

@@ -1,0 +1,216 @@
+"""The tables of the viewer, in Markdown: coefficients, findings, the closed loop, the run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from allanscope.analysis.result import Analysis, AxisAnalysis
+from allanscope.explain.effect import AxisExplanation
+from allanscope.quantities import (
+    COEFFICIENT_NAMES,
+    COEFFICIENTS,
+    DEVIATION,
+    LEVEL,
+    count,
+    duration,
+    number,
+    size,
+    symbols,
+)
+from allanscope.view.printable import markdown
+from allanscope.view.wording import (
+    coefficient_text,
+    coefficient_unit,
+    effect_text,
+    losses_text,
+    rate_text,
+    wait_text,
+)
+
+__all__ = ["axis_table", "coefficients_table", "findings_table", "loop_table", "run_table"]
+
+_SENSORS = {"dps": "Gyroscope", "g": "Accelerometer"}
+_KEY = (
+    "*Line: measured. Shade: 95 % interval. Dashed end: not trusted. Broad line: the model; dashed "
+    "letters: its parts. Grey: what the datasheet promises.*"
+)
+_SHOWN = ("N", "B", "K")
+
+
+def coefficients_table(analysis: Analysis) -> str:
+    """Return N, B and K of all axes, with what averaging and the datasheet say."""
+    parts = [f"*after {duration(analysis.duration_s)}; 95 % intervals; < is an upper limit*"]
+    for unit, sensor in _SENSORS.items():
+        axes = {name: axis for name, axis in analysis.axes.items() if axis.unit == unit}
+        if axes:
+            parts += [f"### {sensor}", _sensor_table(unit, axes)]
+    return "\n\n".join(parts)
+
+
+def axis_table(name: str, axis: AxisAnalysis) -> str:
+    """Return everything that is a number about one axis."""
+    rows = []
+    for letter in ("N", "B", "K", "Q", "R"):
+        coefficient = axis.coefficients.get(letter)
+        if coefficient is None:
+            continue
+        usual, other = COEFFICIENTS[axis.unit, letter]
+        shown = coefficient.value if coefficient.detected else coefficient.upper
+        second = f"{'' if coefficient.detected else '< '}{number(shown * other.factor)}"
+        rows.append(
+            (
+                f"**{letter}** {COEFFICIENT_NAMES[letter]}",
+                f"{coefficient_text(axis.unit, letter, coefficient)} {symbols(usual.unit)}",
+                f"{second} {symbols(other.unit)}",
+                wait_text(coefficient),
+            )
+        )
+    head = ("coefficient", "value (95 %)", "that is", "wait")
+    parts = [f"### {name}", _table(head, rows) if rows else "*no fit yet*"]
+    parts += [f"- {line}" for line in (*_facts(axis), *map(markdown, axis.remarks))]
+    if axis.explanation is not None:
+        parts += [f"- found {_mark(effect_text(effect))}" for effect in axis.explanation.effects]
+        parts += [f"- {markdown(remark)}" for remark in axis.explanation.remarks]
+    return "\n\n".join([*parts[:2], "\n".join(parts[2:]), _KEY])
+
+
+def findings_table(analysis: Analysis) -> str:
+    """Return the effects that the textbook model lacks, axis by axis."""
+    lines = []
+    for name, axis in analysis.axes.items():
+        for effect in axis.explanation.effects if axis.explanation else ():
+            lines.append(f"- **{name}** {_mark(effect_text(effect))}")
+            others = [other for other in effect.axes if other != name]
+            if others:
+                lines.append(f"    - the same on {', '.join(others)}")
+            if words := effect.evidence.get("words"):
+                lines.append(f"    - {markdown(words)}")
+    found = "\n".join(lines) or "*nothing found beyond the textbook noise*"
+    remarks = "\n".join(f"- {markdown(remark)}" for remark in _remarks(analysis))
+    return f"{found}\n\n### Remarks\n\n{remarks}" if remarks else found
+
+
+def loop_table(analysis: Analysis) -> str:
+    """Return the error of every axis before and after the effects were added to the model."""
+    rows = [
+        (name, *_loop_row(axis.explanation))
+        for name, axis in analysis.axes.items()
+        if axis.explanation is not None
+    ]
+    head = (
+        "axis",
+        "χ² per dof",
+        "p",
+        "rms, % (by sampling alone)",
+        "worst band, z",
+        "held-out gain, nats",
+        "",
+    )
+    return _table(head, rows) if rows else "*the loop has not run yet*"
+
+
+def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
+    """Return what was measured, how long, at which rate and over what link."""
+    link = analysis.link
+    rows = [
+        ("device", markdown(analysis.input.get("name", ""))),
+        ("part", markdown(analysis.part or "unknown")),
+        ("duration", duration(analysis.duration_s)),
+        ("samples", f"{count(analysis.samples)} in {analysis.segments} stretches"),
+        ("lost samples", losses_text(analysis)),
+        ("rate", f"{rate_text(analysis.rate)} (nominal {analysis.rate.nominal_hz:g} Hz)"),
+        ("received", f"{size(link.bytes)} in {count(link.frames)} frames"),
+        (
+            "link errors",
+            f"{link.crc_errors} checksums, {link.resyncs} resyncs, {analysis.reconnects} "
+            "reconnections",
+        ),
+    ]
+    if analysis.temperature:
+        low, high = analysis.temperature["lowest"], analysis.temperature["highest"]
+        rows.append(("temperature", f"{low:.1f} ... {high:.1f} °C"))
+    known = {"name", "part"}
+    rows += [
+        (markdown(key), markdown(value))
+        for key, value in {**session, **analysis.input}.items()
+        if key not in known and value
+    ]
+    return _table(("", "this run"), rows)
+
+
+def _remarks(analysis: Analysis) -> Iterable[str]:
+    yield from analysis.remarks
+    for name, axis in analysis.axes.items():
+        yield from (f"{name}: {remark}" for remark in axis.remarks)
+        if axis.explanation is not None:
+            yield from (f"{name}: {remark}" for remark in axis.explanation.remarks)
+
+
+def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis]) -> str:
+    head = [
+        "axis",
+        *(f"{letter}, {coefficient_unit(unit, letter)}" for letter in _SHOWN),
+        f"least deviation, {symbols(DEVIATION[unit].unit)}",
+        "datasheet",
+    ]
+    rows = []
+    for name, axis in axes.items():
+        cells = [coefficient_text(unit, k, axis.coefficients.get(k)) for k in _SHOWN]
+        rows.append((name, *cells, _best_text(axis), _verdict(axis)))
+    return _table(head, rows)
+
+
+def _best_text(axis: AxisAnalysis) -> str:
+    best = axis.best_averaging
+    if best is None:
+        return "-"
+    value = number(best.deviation * DEVIATION[axis.unit].factor)
+    return f"{value} at {'>= ' if best.at_end else ''}{duration(best.tau)}"
+
+
+def _verdict(axis: AxisAnalysis) -> str:
+    found = axis.datasheet.get("density")
+    return "-" if found is None else found.verdict
+
+
+def _facts(axis: AxisAnalysis) -> Iterable[str]:
+    if axis.level is not None:
+        level = LEVEL[axis.unit]
+        yield f"level {number(axis.level.mean * level.factor)} {symbols(level.unit)}"
+    if axis.best_averaging is not None:
+        yield (
+            f"least deviation {_best_text(axis)} "
+            f"({count(axis.best_averaging.samples)} samples averaged)"
+        )
+    for verdict in axis.datasheet.values():
+        yield f"datasheet: {verdict.verdict} ({markdown(verdict.explanation)})"
+
+
+def _loop_row(explanation: AxisExplanation) -> Sequence[str]:
+    before, after = explanation.before, explanation.after
+
+    def pair(name: str) -> str:
+        return f"{number(getattr(before, name))} → **{number(getattr(after, name))}**"
+
+    sampling = number(after.expected_rms_percent)
+    gain = f"{number(explanation.held_out_nats)} ± {number(explanation.held_out_nats_se, 2)}"
+    verdict = "explained" if explanation.explained else "**not all explained**"
+    return (
+        pair("chi2_per_dof"),
+        pair("p_value"),
+        f"{pair('rms_percent')} ({sampling})",
+        pair("worst_band_z"),
+        gain,
+        verdict,
+    )
+
+
+def _mark(text: str) -> str:
+    """Return a line with its first word in bold, and nothing else that means anything."""
+    head, colon, rest = text.partition(":")
+    return f"**{markdown(head)}**{colon}{markdown(rest)}"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, [":--"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)

@@ -1,0 +1,160 @@
+"""The terminal view: one calm screen when someone watches, a line a minute when nobody does."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Literal, TextIO
+
+from rich.live import Live
+from rich.text import Text
+
+from allanscope.analysis.result import Analysis
+from allanscope.quantities import duration
+from allanscope.samples import Block, Gap, Notice, StreamInfo
+from allanscope.view.diary import Diary, Level
+from allanscope.view.gap_teller import GapTeller
+from allanscope.view.printable import printable
+from allanscope.view.steady_console import SteadyConsole
+from allanscope.view.terminal_keys import Keys
+from allanscope.view.terminal_lines import status_line, summary_lines
+from allanscope.view.terminal_screen import Screen
+from allanscope.view.trend import Trends
+
+__all__ = ["TerminalMode", "TerminalView", "summary_lines"]
+
+TerminalMode = Literal["auto", "live", "plain", "quiet"]
+
+_STATUS_EVERY_S = 60.0
+_KEYS = "m mark   q end and report      ↑ ↓ moved, = settled since half of the run"
+_STYLES: dict[Level, str] = {"info": "", "warn": "bold", "error": "bold red"}
+
+
+class TerminalView:
+    """Show a session in the terminal.
+
+    Parameters
+    ----------
+    mode : {'auto', 'live', 'plain', 'quiet'}
+        ``live`` redraws one screen; ``plain`` writes a status line a minute and every event;
+        ``quiet`` writes nothing; ``auto`` is live on a terminal and plain elsewhere.
+    on_mark : callable, optional
+        Called with a text when m is pressed, from another thread.
+    on_quit : callable, optional
+        Called when q is pressed, from another thread.
+    stream : text file, optional
+        Where to write; standard output by default.
+    clock : callable
+        Time in seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        mode: TerminalMode = "auto",
+        on_mark: Callable[[str], None] | None = None,
+        on_quit: Callable[[], None] | None = None,
+        stream: TextIO | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        stream = stream or sys.stdout
+        if mode == "auto":
+            mode = "live" if stream.isatty() and os.environ.get("TERM") != "dumb" else "plain"
+        self._mode = mode
+        self._clock = clock
+        self._began = clock()
+        self._said_status = -_STATUS_EVERY_S
+        self._diary, self._trends, self._gaps = Diary(), Trends(), GapTeller()
+        self._latest: Analysis | None = None
+        self._marks = 0
+        self._on_mark, self._on_quit = on_mark, on_quit
+        self._console = SteadyConsole(stream, soft_wrap=mode != "live")
+        self._live: Live | None = None
+        self._keys: Keys | None = None
+        if mode == "live":
+            self._go_live()
+
+    # --- what a session tells its audience ------------------------------------------------------
+
+    def info(self, info: StreamInfo) -> None:
+        """Take what the samples that follow mean."""
+        rate = f"{info.nominal_hz:g} Hz" if info.nominal_hz else "rate unknown"
+        facts = (info.part, info.wire, rate, " ".join(info.axes))
+        self.line(f"receiving: {', '.join(fact for fact in facts if fact)}")
+
+    def samples(self, info: StreamInfo, block: Block) -> None:
+        """Take samples; the terminal shows only results."""
+
+    def gap(self, gap: Gap) -> None:
+        """Take a hole."""
+        text = self._gaps.tell(gap, self._clock())
+        if text is not None:
+            self.line(text, "warn")
+
+    def notice(self, notice: Notice) -> None:
+        """Take a remark of the device or a mark of the user."""
+        if notice.kind == "mark":
+            self.line(f"mark: {notice.text}")
+        elif notice.kind == "error":
+            self.line(f"device: {notice.text}", "error")
+        elif notice.kind == "text":
+            self.line(f"device: {notice.text}")
+
+    def snapshot(self, analysis: Analysis) -> None:
+        """Take the result so far."""
+        self._latest = analysis
+        self._trends.take(analysis)
+        for level, text in self._diary.news(analysis):
+            if self._mode == "plain" or level != "info":
+                self.line(text, level)
+        if self._live is not None:
+            keys = _KEYS if self._keys is not None and self._keys.active else ""
+            self._live.update(Screen(analysis, self._trends, keys), refresh=True)
+        elif self._mode == "plain" and self._clock() - self._said_status >= _STATUS_EVERY_S:
+            self._said_status = self._clock()
+            self._write(status_line(analysis))
+
+    def line(self, text: str, level: Level = "info") -> None:
+        """Write one line, with the time of the run, above the screen."""
+        elapsed = duration(self._latest.duration_s if self._latest else self._clock() - self._began)
+        self._write(f"{elapsed:>11}  {printable(text)}", _STYLES[level])
+
+    def close(self) -> None:
+        """Leave the last screen standing and the terminal as it was."""
+        if self._keys is not None:
+            self._keys.close()
+        live, self._live = self._live, None
+        if live is not None:
+            if self._latest is not None:
+                live.update(Screen(self._latest, self._trends))
+            live.stop()
+        elif self._mode == "plain" and self._latest is not None:
+            self._write(status_line(self._latest))
+        self._mode = "quiet"
+
+    def _go_live(self) -> None:
+        self._live = Live(
+            Text("waiting for samples ..."),
+            console=self._console,
+            auto_refresh=False,
+            redirect_stdout=False,
+            redirect_stderr=False,
+            vertical_overflow="crop",
+        )
+        self._live.start(refresh=True)
+        if self._on_mark is not None or self._on_quit is not None:
+            self._keys = Keys({"m": self._mark, "q": self._quit})
+
+    def _write(self, text: str, style: str = "") -> None:
+        if self._mode != "quiet":
+            self._console.print(Text(text, style=style))
+
+    def _mark(self) -> None:
+        self._marks += 1
+        if self._on_mark is not None:
+            self._on_mark(f"mark {self._marks}")
+
+    def _quit(self) -> None:
+        if self._on_quit is not None:
+            self._on_quit()

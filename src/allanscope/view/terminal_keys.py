@@ -1,0 +1,84 @@
+"""Single keys from a terminal, which is always left as it was found."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import select
+import threading
+from collections.abc import Callable, Mapping
+
+__all__ = ["Keys"]
+
+
+class Keys:
+    """Reads keys in a thread of its own, without echo and without waiting for Enter.
+
+    Ctrl-C and Ctrl-Z keep their meaning. Does nothing where input is no terminal, where this
+    process runs in the background (changing the terminal would stop it), and on Windows.
+
+    Parameters
+    ----------
+    actions : mapping
+        Key to what it does.
+    fd : int
+        File descriptor of the terminal.
+    """
+
+    def __init__(self, actions: Mapping[str, Callable[[], None]], fd: int = 0) -> None:
+        self.active = False
+        self._actions = actions
+        self._fd = fd
+        if not _ours(fd):
+            return
+        import termios
+        import tty
+
+        self._saved = termios.tcgetattr(fd)
+        self._wake_read, self._wake_write = os.pipe()
+        atexit.register(self.close)
+        tty.setcbreak(fd, termios.TCSANOW)
+        self.active = True
+        self._thread = threading.Thread(target=self._run, name="keys", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading and put the terminal back; may be called twice."""
+        if not self.active:
+            return
+        self.active = False
+        import termios
+
+        termios.tcsetattr(self._fd, termios.TCSADRAIN, self._saved)
+        atexit.unregister(self.close)
+        os.write(self._wake_write, b"x")
+        if threading.current_thread() is not self._thread:
+            self._thread.join(1.0)
+
+    def _run(self) -> None:
+        try:
+            while self.active:
+                ready, _, _ = select.select([self._fd, self._wake_read], [], [])
+                if self._wake_read in ready:
+                    return
+                typed = os.read(self._fd, 64)
+                if not typed:
+                    return
+                for key in typed.decode("ascii", "ignore").lower():
+                    if action := self._actions.get(key):
+                        action()
+        except OSError:
+            return  # the terminal is gone, as when a connection drops; the measurement goes on
+        finally:
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+
+
+def _ours(fd: int) -> bool:
+    """Tell whether this is a terminal that we may read from now."""
+    try:
+        import termios  # noqa: F401
+
+        return os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp()
+    except (ImportError, OSError):
+        return False

@@ -1,0 +1,171 @@
+"""What the terminal shows of a result: one screen that fits 80 columns and uses 200."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Console, ConsoleOptions, Group, RenderResult
+from rich.table import Table
+from rich.text import Text
+
+from allanscope.analysis.result import Analysis, AxisAnalysis
+from allanscope.quantities import COEFFICIENTS, DEVIATION, count, duration, number, symbols
+from allanscope.view.palette import AXIS, EFFECT, Colour
+from allanscope.view.printable import printable
+from allanscope.view.trend import Direction, Trends
+from allanscope.view.wording import (
+    coefficient_text,
+    coefficient_unit,
+    effect_text,
+    losses_text,
+    rate_text,
+    wait_text,
+)
+
+__all__ = ["Screen"]
+
+_SENSORS = {"dps": "gyroscope", "g": "accelerometer"}
+_LETTERS = ("N", "B", "K")
+_WIDE = 130
+_ARROWS: dict[Direction, str] = {"up": "↑", "down": "↓", "settled": "=", "": " "}
+_FIXED_LINES = 16
+"""Lines that are always there; the rest of the height is for findings."""
+
+
+class Screen:
+    """A result as Rich draws it; the layout depends on the width at the moment of drawing.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        The result so far.
+    trends : Trends
+        Where its coefficients are heading.
+    keys : str
+        A last line, e.g. which keys do what.
+    """
+
+    def __init__(self, analysis: Analysis, trends: Trends, keys: str = "") -> None:
+        self._analysis = analysis
+        self._trends = trends
+        self._keys = keys
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        wide = options.max_width >= _WIDE
+        room = max(3, (options.height or console.height) - _FIXED_LINES)
+        parts: list[Text | Table] = [self._header(), self._run(), Text(), self._axes(wide), Text()]
+        yield Group(*parts, *self._findings(room, wide))
+        if self._keys:
+            yield Text(self._keys, style="dim", no_wrap=True, overflow="ellipsis")
+
+    def _header(self) -> Table:
+        known = self._analysis
+        names = (known.part, known.input.get("name", ""), known.input.get("wire", ""))
+        line = Table.grid(expand=True)
+        line.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
+        line.add_column(no_wrap=True, justify="right")
+        device = Text("allanscope  ", style="bold")
+        device.append("  ".join(printable(name) for name in names if name), style="not bold")
+        line.add_row(device, Text(duration(known.duration_s), style="bold"))
+        return line
+
+    def _run(self) -> Text:
+        known = self._analysis
+        line = Text(no_wrap=True, overflow="ellipsis")
+        line.append(f"{rate_text(known.rate)}   {count(known.samples)} samples   ")
+        lost = known.lost_samples or known.unknown_losses
+        line.append(f"lost {losses_text(known)}", style="bold" if lost else "")
+        if known.reconnects:
+            line.append(f"   {known.reconnects} reconnections")
+        if known.temperature:
+            line.append(f"   {known.temperature['last']:.1f} °C")
+        return line
+
+    def _axes(self, wide: bool) -> Table:
+        table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
+        for _ in range(len(_LETTERS) + 1 + (3 if wide else 0)):
+            table.add_column(no_wrap=True, overflow="ellipsis")
+        for unit in _SENSORS:
+            axes = {k: axis for k, axis in self._analysis.axes.items() if axis.unit == unit}
+            if axes:
+                table.add_row(*self._head(unit, wide))
+            for name, axis in axes.items():
+                table.add_row(*self._row(name, axis, wide))
+        return table
+
+    def _head(self, unit: str, wide: bool) -> list[Text]:
+        cells = ["", *(f"{letter}  {coefficient_unit(unit, letter)}" for letter in _LETTERS)]
+        if wide:
+            deviation = symbols(DEVIATION[unit].unit)
+            cells += [f"least deviation, {deviation}", "datasheet", "residual, rms"]
+        return [Text(cell, style="dim") for cell in cells]
+
+    def _row(self, name: str, axis: AxisAnalysis, wide: bool) -> list[Text]:
+        cells = [Text(name, style=_style(AXIS[name]))]
+        cells += [self._coefficient(name, axis, letter, wide) for letter in _LETTERS]
+        if wide:
+            cells += [Text(_best(axis)), Text(_verdict(axis)), Text(_residual(axis))]
+        return cells
+
+    def _coefficient(self, name: str, axis: AxisAnalysis, letter: str, wide: bool) -> Text:
+        known = axis.coefficients.get(letter)
+        if known is None:
+            return Text("-", style="dim")
+        if not known.detected:
+            wait = wait_text(known)
+            text = coefficient_text(axis.unit, letter, known)
+            return Text(f"{text}, in {wait}" if wait else text, style="dim")
+        arrow = _ARROWS[self._trends.direction(self._analysis, name, letter)]
+        if wide:
+            return Text(f"{coefficient_text(axis.unit, letter, known)} {arrow}")
+        reading = COEFFICIENTS[axis.unit, letter][0]
+        return Text(f"{symbols(reading.compact(known.value, known.lower, known.upper))} {arrow}")
+
+    def _findings(self, room: int, wide: bool) -> Sequence[Text]:
+        lines = [
+            Text(f"found  {', '.join(names)}  {text}", style=_style(EFFECT))
+            for text, names in _effects(self._analysis, wide).items()
+        ]
+        remarks = [*self._analysis.remarks]
+        for name, axis in self._analysis.axes.items():
+            remarks += [f"{name}: {remark}" for remark in axis.remarks]
+        lines += [Text(printable(remark)) for remark in remarks]
+        if len(lines) > room:
+            lines = [*lines[: room - 1], Text(f"and {len(lines) - room + 1} more, see the report")]
+        for line in lines:
+            line.no_wrap, line.overflow = True, "ellipsis"
+        return lines
+
+
+def _effects(analysis: Analysis, wide: bool) -> dict[str, list[str]]:
+    """Return what was found, with the axes that share it to the last digit on one line."""
+    found: dict[str, list[str]] = {}
+    for name, axis in analysis.axes.items():
+        for effect in axis.explanation.effects if axis.explanation else ():
+            found.setdefault(printable(effect_text(effect, intervals=wide)), []).append(name)
+    return found
+
+
+def _best(axis: AxisAnalysis) -> str:
+    best = axis.best_averaging
+    if best is None:
+        return "-"
+    value = number(best.deviation * DEVIATION[axis.unit].factor)
+    return f"{value} at {'>= ' if best.at_end else ''}{duration(best.tau)}"
+
+
+def _verdict(axis: AxisAnalysis) -> str:
+    found = axis.datasheet.get("density")
+    return "-" if found is None else found.verdict
+
+
+def _residual(axis: AxisAnalysis) -> str:
+    if axis.explanation is None:
+        return "-"
+    after = axis.explanation.after
+    text = f"{number(after.rms_percent, 2)} % (sampling {number(after.expected_rms_percent, 2)} %)"
+    return text if axis.explanation.explained else f"{text}, not explained"
+
+
+def _style(colour: Colour) -> str:
+    return "bold rgb({},{},{})".format(*colour)

@@ -1,0 +1,96 @@
+"""Short texts for one coefficient, one effect, one rate: what fits in a cell or a log line."""
+
+from __future__ import annotations
+
+from allanscope.analysis.result import Analysis, Rate
+from allanscope.explain.effect import Effect, Parameter
+from allanscope.noise.coefficients import Coefficient
+from allanscope.quantities import COEFFICIENTS, count, duration, measured, rate, symbols
+
+__all__ = [
+    "coefficient_text",
+    "coefficient_unit",
+    "effect_text",
+    "losses_text",
+    "rate_text",
+    "wait_text",
+]
+
+
+def coefficient_unit(axis_unit: str, name: str) -> str:
+    """Return the unit in which a coefficient is shown, in print.
+
+    >>> coefficient_unit("dps", "B")
+    '°/h'
+    """
+    return symbols(COEFFICIENTS[axis_unit, name][0].unit)
+
+
+def coefficient_text(axis_unit: str, name: str, coefficient: Coefficient | None) -> str:
+    """Return a value with its interval, or an upper limit; ``-`` while nothing is known.
+
+    >>> coefficient_text("dps", "N", Coefficient(0.004022, 0.00398, 0.00406, "dps/sqrt(Hz)", True))
+    '4.02 (3.98 ... 4.06)'
+    >>> coefficient_text("g", "B", Coefficient(0.0, 0.0, 12.1e-6, "g", False))
+    '< 12'
+    """
+    if coefficient is None:
+        return "-"
+    reading = COEFFICIENTS[axis_unit, name][0]
+    if not coefficient.detected:
+        return reading.limit(coefficient.upper)
+    return reading.interval(coefficient.value, coefficient.lower, coefficient.upper)
+
+
+def wait_text(coefficient: Coefficient | None) -> str:
+    """Return how much longer to run until a coefficient is known; empty when it is, or unknown."""
+    if coefficient is None or coefficient.wait_s is None:
+        return ""
+    return duration(coefficient.wait_s)
+
+
+def effect_text(effect: Effect, intervals: bool = True) -> str:
+    """Return one effect in one line, with or without the intervals of its parameters.
+
+    >>> effect_text(Effect("sinusoid", {"frequency": Parameter(50.02, 50.0, 50.04, "Hz")}))
+    'sinusoid: frequency 50.020 (50.000 ... 50.040) Hz'
+    """
+    parameters = ", ".join(
+        f"{name.replace('_', ' ')} {_parameter_text(value, intervals)}"
+        for name, value in effect.parameters.items()
+    )
+    text = f"{effect.kind.replace('_', ' ')}: {parameters}" if parameters else effect.kind
+    if effect.equivalent:
+        text += f"; or {' or '.join(kind.replace('_', ' ') for kind in effect.equivalent)}"
+    return text
+
+
+def rate_text(known: Rate) -> str:
+    """Return the measured rate with its uncertainty, or the nominal one labelled as such.
+
+    >>> rate_text(Rate(6660.0, 6664.217, 12.0)), rate_text(Rate(104.0))
+    ('6664.22 Hz ±12 ppm', '104 Hz nominal')
+    """
+    if known.measured_hz is None:
+        return f"{rate(known.nominal_hz)} nominal" if known.nominal_hz else "rate not known yet"
+    return symbols(rate(known.measured_hz, known.uncertainty_ppm))
+
+
+def losses_text(analysis: Analysis) -> str:
+    """Return what is missing: ``none``, a number of samples, gaps of unknown length."""
+    parts = []
+    if analysis.lost_samples:
+        parts.append(count(analysis.lost_samples))
+    if analysis.unknown_losses:
+        plural = "s" if analysis.unknown_losses > 1 else ""
+        parts.append(f"{analysis.unknown_losses} gap{plural} of unknown length")
+    return " + ".join(parts) or "none"
+
+
+def _parameter_text(parameter: Parameter, intervals: bool) -> str:
+    if isinstance(parameter.value, str):
+        return parameter.value
+    text = measured(parameter.value, parameter.lower, parameter.upper, parameter.unit)
+    if not intervals and " (" in text:
+        text = f"{text.partition(' (')[0]}{text.partition(')')[2]}"
+    return symbols(text)

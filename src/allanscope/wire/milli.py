@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.parts import GYRO_SCALES
+from allanscope.parts import GYRO_SCALES, part_named
 from allanscope.samples import AXES, StreamInfo
 from allanscope.wire import lattice
 from allanscope.wire.base import WireSettings
 from allanscope.wire.rows import Meaning, Row, Values, nominal_rate
 
-__all__ = ["GYRO_MILLI", "MilliUnits"]
+__all__ = ["MilliUnits", "milli_of"]
 
-GYRO_MILLI: Mapping[float, float] = {fs: round(scale * 1e3, 6) for fs, scale in GYRO_SCALES.items()}
-"""mdps per count at each full scale."""
 
 _USUAL_FULL_SCALE = 2000.0
 _FEWEST_LEVELS = 6
+
+
+def milli_of(full_scale_dps: float) -> float:
+    """Return mdps per count; UsageError for a full scale that these parts do not have."""
+    return round(part_named("LSM6DSM").gyro_scale(full_scale_dps) * 1e3, 6)
 
 
 class MilliUnits:
@@ -55,8 +56,9 @@ class MilliUnits:
         self._settings = settings
         self._usual_rates = usual_rates
         self._time_resolution_s = time_resolution_s
-        first = GYRO_MILLI[settings.gyro_fs or _USUAL_FULL_SCALE]
-        self._gyro = [first, *(m for m in sorted(GYRO_MILLI.values(), reverse=True) if m < first)]
+        first = milli_of(settings.gyro_fs or _USUAL_FULL_SCALE)
+        finer = sorted((milli_of(fs) for fs in GYRO_SCALES), reverse=True)
+        self._gyro = [first, *(m for m in finer if m < first)]
         self._accel = list(accel_choices)
         self._epoch = 0
 

@@ -21,12 +21,12 @@ from typing import Literal
 
 import numpy as np
 
-__all__ = ["Pacer", "period_of"]
+__all__ = ["Pacer", "period_of", "resolution_of"]
 
 _MEMORY = 8192
 _PULL = 1 / 8
 _FEWEST_STEPS = 4
-_TRUSTED = 16
+_FIRST_TRUST = 16
 _NEARBY = 8.5
 
 
@@ -54,6 +54,18 @@ def period_of(times: Sequence[float]) -> float | None:
     return float(np.round(steps[~long].mean(), 12))
 
 
+def resolution_of(times: Sequence[float]) -> float:
+    """Return the largest step, in whole microseconds, that all time stamps are multiples of.
+
+    >>> resolution_of([1.00, 1.02, 1.04, 1.05])
+    0.01
+    """
+    steps = np.diff(np.asarray(times, np.float64))
+    if len(steps) == 0 or not np.isfinite(steps).all():
+        return 0.0
+    return float(np.gcd.reduce(np.round(steps * 1e6).astype(np.int64))) / 1e6
+
+
 class Pacer:
     """Follow the time stamps of a stream and count what is missing between them.
 
@@ -61,10 +73,16 @@ class Pacer:
     ----------
     period_s : float
         First idea of the period, from `period_of`.
+    resolution_s : float
+        Step of the stamps, from `resolution_of`. Where it is more than 0.6 periods a single
+        missing sample does not show, so that holes are found but not counted.
     """
 
-    def __init__(self, period_s: float) -> None:
+    def __init__(self, period_s: float, resolution_s: float = 0.0) -> None:
+        self._countable = resolution_s <= 0.6 * period_s
+        self._plausible = period_s / 2, period_s * 2
         self._period = period_s
+        self._trusted = _FIRST_TRUST
         self._expected: float | None = None
         self._last = -math.inf
         self._samples = 0
@@ -79,9 +97,12 @@ class Pacer:
             0 when nothing is missing; None when it cannot be told; ``back`` when time went back,
             as it does when a device restarts.
         """
-        if time_s < self._last:
+        if time_s < self._last - self._period / 2:
             return "back"
-        number = max(0, round(self._lateness(time_s)))
+        late = self._lateness(time_s)
+        if not self._countable:
+            return None if late > 1.5 else 0
+        number = max(0, round(late))
         return number if number <= self._known() / 4 else None
 
     def believable(self, time_s: float, next_s: float) -> bool:
@@ -94,9 +115,11 @@ class Pacer:
             return True
         return not 0.5 <= self._lateness(next_s) <= _NEARBY
 
-    def follow(self, time_s: float) -> None:
-        """Take the next time stamp; after a jump that cannot be counted, start over from it."""
-        missing = self.missing(time_s)
+    def follow(self, time_s: float, missing: int | Literal["back"] | None) -> None:
+        """Take the next time stamp and what `missing` said of it.
+
+        After a jump that cannot be counted everything but the period starts over.
+        """
         if not isinstance(missing, int):
             self._restart()
             missing = 0
@@ -106,12 +129,15 @@ class Pacer:
         if not self._anchors or self._samples - self._anchors[-1][0] >= _MEMORY // 2:
             self._anchors = [*self._anchors[-1:], (self._samples, time_s)]
         first, since = self._anchors[0]
-        if self._samples - first >= _TRUSTED:
-            self._period = (time_s - since) / (self._samples - first)
+        if self._samples - first >= self._trusted:
+            period = (time_s - since) / (self._samples - first)
+            low, high = self._plausible
+            self._period = min(max(period, low), high)
         self._expected = expected + _PULL * (time_s - expected) + self._period
         self._samples += 1
 
     def _restart(self) -> None:
+        self._trusted = min(self._known(), _MEMORY // 2)
         self._expected = None
         self._samples = 0
         self._anchors = []
@@ -122,4 +148,5 @@ class Pacer:
 
     def _known(self) -> int:
         """Return how many samples the period was taken from."""
-        return max(self._samples - self._anchors[0][0], _TRUSTED) if self._anchors else _TRUSTED
+        span = self._samples - self._anchors[0][0] if self._anchors else 0
+        return max(span, self._trusted)

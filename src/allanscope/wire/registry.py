@@ -11,6 +11,8 @@ __all__ = ["format_named", "formats"]
 
 _FORMATS: dict[str, tuple[str, str]] = {
     "native": ("allanscope.wire.native", "NativeFormat"),
+    "tmsg": ("allanscope.wire.tmsg", "TMsgFormat"),
+    "tmsg-sensortile": ("allanscope.wire.tmsg", "TMsgSensorTileFormat"),
     "datalog": ("allanscope.wire.datalog", "DataLogFormat"),
     "datalog11": ("allanscope.wire.datalog", "DataLog1Format"),
 }

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.samples import Block, Event, Gap, GapReason, Notice, StreamInfo, Ticks
 from allanscope.wire.base import LinkStats
-from allanscope.wire.pacing import Pacer, period_of
+from allanscope.wire.pacing import Pacer, period_of, resolution_of
 
 __all__ = ["HELD", "Convert", "Meaning", "Row", "Rows", "nominal_rate"]
 
@@ -28,8 +29,7 @@ Values = NDArray[np.float64]
 Convert = Callable[[Values], tuple[NDArray[np.generic], int]]
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+class Row(NamedTuple):
     """One sample of all axes, as it was sent.
 
     Attributes
@@ -64,12 +64,16 @@ class Meaning:
     convert : callable
         Takes values (n, k) and returns counts (m, axes) and how many rows from the start, m <= n,
         agree with this meaning; the row after them asks for a new one.
+    needed : tuple of int
+        Columns without which a row is no sample: where devices print several rates in one table,
+        most rows have empty cells.
     remarks : tuple of str
         What the user should know of how it was decided.
     """
 
     info: StreamInfo
     convert: Convert
+    needed: tuple[int, ...] = ()
     remarks: tuple[str, ...] = ()
 
 
@@ -104,10 +108,10 @@ class Rows:
         self._decide = decide
         self._pending: list[Row] = []
         self._meaning: Meaning | None = None
-        self._period: float | None = None
+        self._times: list[float] = []
         self._pacer: Pacer | None = None
         self._index = 0
-        self._delivered = False
+        self._accepted = False
         self._gap_due: GapReason | None = None
         self._damaged = False
 
@@ -133,8 +137,14 @@ class Rows:
         """
         self._pending.clear()
         self._damaged = False
-        if self._delivered:
+        if self._accepted:
             self._gap_due = reason
+
+    def change(self) -> list[Event]:
+        """Note that the rows that follow mean something else; return what was held back."""
+        events = self.take(final=True)
+        self._meaning = None
+        return events
 
     def take(self, final: bool = False) -> list[Event]:
         """Return the events of the rows since the last call; of all rows if `final`."""
@@ -158,20 +168,23 @@ class Rows:
             self._stats.unknown += len(first)
             del self._pending[: len(first)]
             return
-        self._period = period_of([row.device_s for row in first])
-        self._pacer = Pacer(self._period) if self._period else None
-        if self._delivered and self._gap_due is None:
+        self._times = [row.device_s for row in _whole(first, self._meaning)]
+        self._pacer = self._new_pacer()
+        if self._accepted and self._gap_due is None:
             self._gap_due = "restarted"
         events.append(self._meaning.info)
         events += [Notice("status", remark) for remark in self._meaning.remarks]
 
     def _deliver(self, meaning: Meaning, events: list[Event]) -> bool:
         """Deliver what is pending; return False when the last row must wait for the one after."""
-        rows = self._pending
+        rows = self._pending = _whole(self._pending, meaning)
+        if not rows:
+            return True
         counts, good = meaning.convert(np.array([row.values for row in rows], np.float64))
         start = 0
         for i, row in enumerate(rows[:good]):
-            if self._in_doubt(row):
+            missing = self._missing(row)
+            if missing != 0 and self._timed(row):
                 if i + 1 == len(rows):
                     self._block(rows[start:i], counts[start:i], events)
                     self._pending = rows[i:]
@@ -179,10 +192,10 @@ class Rows:
                 if not self._borne_out(row, rows[i + 1]):
                     self._block(rows[start:i], counts[start:i], events)
                     self._stats.resyncs += 1
-                    rows[i + 1] = replace(rows[i + 1], damaged_before=True)
+                    rows[i + 1] = rows[i + 1]._replace(damaged_before=True)
                     start = i + 1
                     continue
-            gap = self._gap_before(row)
+            gap = self._follow(row, missing)
             if gap is not None:
                 self._block(rows[start:i], counts[start:i], events)
                 self._say(gap, events)
@@ -193,29 +206,36 @@ class Rows:
             self._meaning = None
         return True
 
-    def _in_doubt(self, row: Row) -> bool:
-        """Return whether the time of a row says that something is missing before it."""
-        if self._pacer is None or self._gap_due is not None or math.isnan(row.device_s):
-            return False
-        return self._pacer.missing(row.device_s) != 0
+    def _timed(self, row: Row) -> bool:
+        return self._pacer is not None and not math.isnan(row.device_s)
+
+    def _missing(self, row: Row) -> int | Literal["back"] | None:
+        """Return what is missing before a row, as `Pacer.missing` does."""
+        if not self._accepted:
+            return 0
+        if self._gap_due is not None:
+            self._pacer = self._new_pacer()
+            return 0
+        if self._pacer is None or math.isnan(row.device_s):
+            return None if row.damaged_before else 0
+        return self._pacer.missing(row.device_s)
 
     def _borne_out(self, row: Row, after: Row) -> bool:
         return self._pacer is None or self._pacer.believable(row.device_s, after.device_s)
 
-    def _gap_before(self, row: Row) -> Gap | None:
-        """Follow the time of a row and return the hole before it, if there is one."""
+    def _new_pacer(self) -> Pacer | None:
+        period_s = period_of(self._times)
+        return None if period_s is None else Pacer(period_s, resolution_of(self._times))
+
+    def _follow(self, row: Row, missing: int | Literal["back"] | None) -> Gap | None:
+        """Accept a row and return the hole before it, if there is one."""
+        self._accepted = True
         due, self._gap_due = self._gap_due, None
-        if due is not None and self._period is not None:
-            self._pacer = Pacer(self._period)
-        missing: int | str | None = 0
         if self._pacer is not None and not math.isnan(row.device_s):
-            missing = self._pacer.missing(row.device_s)
-            self._pacer.follow(row.device_s)
-        elif row.damaged_before and self._delivered:
-            missing = None
+            self._pacer.follow(row.device_s, missing)
         if due is not None:
             return Gap(due, None)
-        if isinstance(missing, str):
+        if missing == "back":
             return Gap("restarted", None)
         cause: GapReason = "link" if row.damaged_before else "device"
         return None if missing == 0 else Gap(cause, missing)
@@ -232,7 +252,20 @@ class Rows:
         events.append(Block(self._index, counts, _ticks(rows)))
         self._index += len(rows)
         self._stats.samples += len(rows)
-        self._delivered = True
+
+
+def _whole(rows: list[Row], meaning: Meaning) -> list[Row]:
+    """Return the rows that have all that is needed."""
+    if not meaning.needed:
+        return rows
+    whole: list[Row] = []
+    damaged = False
+    for row in rows:
+        damaged |= row.damaged_before
+        if not any(math.isnan(row.values[i]) for i in meaning.needed):
+            whole.append(row._replace(damaged_before=damaged))
+            damaged = False
+    return whole
 
 
 def _ticks(rows: list[Row]) -> Ticks:

@@ -12,8 +12,8 @@ at which they came, and what happened to the link before them. One thread reads;
 write or close. A serial port that goes away comes back by itself (`serial_port`), because a night
 on the bench outlives a loose cable. `discovery` finds the board by its USB numbers.
 
-A new kind of source is a file with a class that has the five members of `Source`, a function that
-opens it, and a line in `registry`.
+A new kind of source is a file with a class that has the members of `Source`, and two lines in
+`registry`: which names mean it, and how it is opened.
 """
 
 from __future__ import annotations

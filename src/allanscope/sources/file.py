@@ -10,9 +10,8 @@ from typing import IO, cast
 
 from allanscope.errors import InputError
 from allanscope.recording.chunk import Chunk
-from allanscope.sources.settings import SourceSettings
 
-__all__ = ["FileSource", "open_file"]
+__all__ = ["FileSource"]
 
 READ_BYTES = 1 << 18
 MAX_UNPACKED_BYTES = 1 << 36
@@ -106,8 +105,3 @@ def _opened(path: Path) -> IO[bytes]:
         return file
     file.close()
     return cast("IO[bytes]", gzip.open(path, "rb"))
-
-
-def open_file(spec: str, settings: SourceSettings) -> FileSource:
-    """Open a file."""
-    return FileSource(Path(spec))

@@ -10,9 +10,8 @@ from pathlib import Path
 
 from allanscope.recording.chunk import Chunk
 from allanscope.recording.reader import Recording
-from allanscope.sources.settings import SourceSettings
 
-__all__ = ["RecordedSource", "open_recorded"]
+__all__ = ["RecordedSource"]
 
 WAIT_S = 0.05
 
@@ -90,8 +89,3 @@ class RecordedSource:
             self._anchor = self._clock(), chunk.host_ns
         began_s, began_ns = self._anchor
         return began_s + (chunk.host_ns - began_ns) * 1e-9 / self._speed - self._clock()
-
-
-def open_recorded(spec: str, settings: SourceSettings) -> RecordedSource:
-    """Open a recording."""
-    return RecordedSource(Path(spec), settings.speed)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 from allanscope.recording.reader import is_recording
@@ -12,15 +10,6 @@ from allanscope.sources.base import Source
 from allanscope.sources.settings import SourceSettings
 
 __all__ = ["open_source"]
-
-
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """One kind of source: what names mean it, and the function that opens it."""
-
-    means: Callable[[str], bool]
-    module: str
-    opener: str
 
 
 def _is_recording(spec: str) -> bool:
@@ -34,14 +23,44 @@ def _is_file(spec: str) -> bool:
     return path.is_file() or (meant and not path.exists())
 
 
-_KINDS = (
-    _Kind(lambda spec: spec == "sim", "allanscope.sources.simulated", "open_simulated"),
-    _Kind(lambda spec: spec == "auto", "allanscope.sources.serial_port", "open_auto"),
-    _Kind(_is_recording, "allanscope.sources.recorded", "open_recorded"),
-    _Kind(_is_file, "allanscope.sources.file", "open_file"),
-    _Kind(lambda _: True, "allanscope.sources.serial_port", "open_serial"),
+def _open_simulated(spec: str, settings: SourceSettings) -> Source:
+    from allanscope.sources.simulated import SimulatedSource
+
+    return SimulatedSource(settings=settings)
+
+
+def _open_board(spec: str, settings: SourceSettings) -> Source:
+    from allanscope.sources.discovery import auto_port
+
+    return _open_port(auto_port().device, settings)
+
+
+def _open_recording(spec: str, settings: SourceSettings) -> Source:
+    from allanscope.sources.recorded import RecordedSource
+
+    return RecordedSource(Path(spec), settings.speed)
+
+
+def _open_file(spec: str, settings: SourceSettings) -> Source:
+    from allanscope.sources.file import FileSource
+
+    return FileSource(Path(spec))
+
+
+def _open_port(spec: str, settings: SourceSettings) -> Source:
+    from allanscope.sources.serial_port import SerialSource
+
+    return SerialSource(spec, settings)
+
+
+_KINDS: tuple[tuple[Callable[[str], bool], Callable[[str, SourceSettings], Source]], ...] = (
+    (lambda spec: spec == "sim", _open_simulated),
+    (lambda spec: spec == "auto", _open_board),
+    (_is_recording, _open_recording),
+    (_is_file, _open_file),
+    (lambda _: True, _open_port),
 )
-"""In the order in which they are asked."""
+"""What a name may mean, in the order in which it is asked, and how that is opened."""
 
 
 def open_source(spec: str, settings: SourceSettings | None = None) -> Source:
@@ -62,7 +81,5 @@ def open_source(spec: str, settings: SourceSettings | None = None) -> Source:
     InputError
         If a file cannot be read.
     """
-    kind = next(kind for kind in _KINDS if kind.means(spec))
-    opener = getattr(import_module(kind.module), kind.opener)
-    source: Source = opener(spec, settings or SourceSettings())
-    return source
+    opener = next(opener for means, opener in _KINDS if means(spec))
+    return opener(spec, settings or SourceSettings())

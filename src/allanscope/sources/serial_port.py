@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 from allanscope.errors import DeviceError, UsageError
 from allanscope.recording.chunk import Chunk, LinkEvent
-from allanscope.sources.discovery import Comports, PortDescription, auto_port, find_ports
+from allanscope.sources.discovery import Comports, PortDescription, find_ports
 from allanscope.sources.open_errors import why_not_open
 from allanscope.sources.settings import SourceSettings
 from allanscope.sources.transport import (
@@ -27,7 +27,7 @@ from allanscope.sources.transport import (
     open_transport,
 )
 
-__all__ = ["SerialSource", "open_auto", "open_serial"]
+__all__ = ["SerialSource"]
 
 WAIT_S = 0.05
 """A read returns after this much silence."""
@@ -241,13 +241,3 @@ class SerialSource:
                 if os.path.realpath(port.device) == path:
                     return port
         return PortDescription(name)
-
-
-def open_serial(spec: str, settings: SourceSettings) -> SerialSource:
-    """Open a device path, a port name or a pyserial URL."""
-    return SerialSource(spec, settings)
-
-
-def open_auto(spec: str, settings: SourceSettings) -> SerialSource:
-    """Open the board, wherever it is plugged in."""
-    return SerialSource(auto_port().device, settings)

@@ -54,8 +54,8 @@ def assemble(
         Power law at each tau, from `allanscope.allan.noise_type.identify`. Without it the limits
         are those of white FM and the noise is ``""``.
     bias_corrected : bool
-        Divide MTOT, TTOT and HTOT by their published bias, and take that of TOTVAR into account in
-        its limits.
+        Divide MTOT, TTOT and HTOT by their published bias. The limits are for the truth in any
+        case: where the value is known to lie off it, they span both.
     hadamard_factor : {'sp1065', 'dt0064'}
         1/6 or 1/2 in front of the squared third difference: the latter makes hdev, ohdev and
         htotdev sqrt(3) larger.
@@ -76,17 +76,17 @@ def assemble(
     m, n = sums.m, sums.n
     law = np.broadcast_to(0 if alpha is None else np.asarray(alpha, np.int64), sums.variance.shape)
     known = np.maximum(law, estimator.lowest_alpha)
-    bias = estimator.bias(known, m, n) if bias_corrected else np.ones(law.shape)
-    variance = sums.variance * _unit_factor(estimator.hadamard, hadamard_factor)
+    refused = (sums.terms < estimator.min_terms) | ~np.isfinite(sums.variance)
+    raw = np.where(refused, np.nan, sums.variance)
+    raw = raw * _unit_factor(estimator.hadamard, hadamard_factor)
     if estimator.time:
-        variance = variance / rate**2
-    unbiased = variance / bias
-    value = unbiased if estimator.corrected else variance
-    refused = (sums.terms < estimator.min_terms) | ~np.isfinite(variance)
+        raw = raw / rate**2
+    deviation = np.sqrt(raw / estimator.correction(known, m, n) if bias_corrected else raw)
+    unbiased = np.sqrt(raw / estimator.expectation(known, m, n))
     edf = np.maximum(estimator.edf(known, m, n, sums.stride), 1.0)
     edf = np.where(refused, np.nan, edf)
-    deviation = np.sqrt(np.where(refused, np.nan, value))
-    lower, upper = chi_square_limits(np.sqrt(np.where(refused, np.nan, unbiased)), edf, level)
+    lower, _ = chi_square_limits(np.minimum(deviation, unbiased), edf, level)
+    _, upper = chi_square_limits(np.maximum(deviation, unbiased), edf, level)
     tau = estimator.tau(m, n)
     return Deviation(
         kind=kind,

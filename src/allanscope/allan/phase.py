@@ -12,8 +12,8 @@ __all__ = ["DataKind", "to_phase"]
 
 DataKind = Literal["rate", "phase"]
 
-_EXACT = 2**53
-"""Integers up to here are exact in float64."""
+_ROOM = 2**62
+"""Sums of integers below this fit in int64, with one bit to spare."""
 
 
 def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDArray[np.float64]:
@@ -31,8 +31,9 @@ def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDAr
     Returns
     -------
     ndarray of float64, shape (n + 1,)
-        Rates are summed less an offset that no estimator can see: for integers the rounded mean,
-        and in integers, so that no sum is rounded; for floats the first sample and then the mean.
+        Less an offset of the rate that no estimator can see: for integers the rounded mean, taken
+        off and summed in integers, so that nothing is rounded below 2^53; for floats the first
+        sample and then the mean. Float phases keep theirs: taking it off would round them anew.
 
     Raises
     ------
@@ -46,6 +47,8 @@ def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDAr
     array([ 0., -1.,  0.,  0.])
     >>> to_phase([0.0, 0.5, 2.5], rate=2.0, data_kind="phase")
     array([0., 1., 5.])
+    >>> to_phase([0, 10**15, 3 * 10**15], rate=1.0, data_kind="phase")
+    array([ 0.e+00, -5.e+14,  0.e+00])
     """
     if not (math.isfinite(rate) and rate > 0):
         raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
@@ -77,10 +80,15 @@ def _from_floats(values: NDArray[np.float64], rate: float, data_kind: str) -> ND
 
 
 def _from_integers(values: NDArray[np.generic], rate: float, data_kind: str) -> NDArray[np.float64]:
-    low, high = int(values.min()), int(values.max())
-    if (high - low) * values.size >= _EXACT:
+    span = int(values.max()) - int(values.min())
+    if span * (values.size if data_kind == "rate" else 2) >= _ROOM:
         return _from_floats(values.astype(np.float64), rate, data_kind)
+    counts = values.astype(np.int64)
     if data_kind == "phase":
-        return (values - values[0]).astype(np.float64) * rate
-    offset = round(float(values.mean()))
-    return np.append(0, np.cumsum(values.astype(np.int64) - offset)).astype(np.float64)
+        mean_rate = (int(counts[-1]) - int(counts[0])) // (counts.size - 1)
+        phase: NDArray[np.float64] = rate * (
+            counts - counts[0] - mean_rate * np.arange(counts.size)
+        )
+        return phase
+    offset = round(float(counts.mean()))
+    return np.append(0, np.cumsum(counts - offset)).astype(np.float64)

@@ -50,7 +50,8 @@ class AverageEstimator(Estimator):
         edf = np.array(stationary * (1.0 - 1.0 / np.maximum(spans, 1.0)))
         for i in np.argwhere((alpha < 0) & (spans >= 2)):
             index = tuple(i)
-            edf[index] = _wandering_edf(int(alpha[index]), round(float(np.log2(spans[index])), 1))
+            quarters = round(4.0 * float(np.log2(spans[index])))
+            edf[index] = _wandering_edf(int(alpha[index]), quarters)
         return edf
 
     def needed(self, m: int) -> int:
@@ -63,13 +64,14 @@ class AverageEstimator(Estimator):
 
 
 @lru_cache(maxsize=1024)
-def _wandering_edf(alpha: int, log2_spans: float) -> float:
+def _wandering_edf(alpha: int, quarter_octaves: int) -> float:
     """Return ``tr(C)^2 / tr(C^2)``, C being the covariance of the means less their own mean.
 
     For such noise the slowest part of the run makes most of the variance, so a few hundred
-    positions stand for all of them, and the number of degrees is small however long the run.
+    positions stand for all of them, and the number of degrees is small however long the run. It
+    changes slowly with n / m, hence the steps of a quarter octave.
     """
-    position = np.linspace(0.0, 2.0**log2_spans - 1.0, _MOST_POSITIONS)
+    position = np.linspace(0.0, 2.0 ** (quarter_octaves / 4.0) - 1.0, _MOST_POSITIONS)
     lag = position[:, np.newaxis] - position
     covariance = difference_autocovariance(lag, np.inf, alpha, 1)
     rows = covariance.mean(axis=0)

@@ -68,8 +68,6 @@ class Estimator(ABC):
         Steepest power law for which the variance converges; steeper ones are treated as this one.
     even : bool
         True when m must be even.
-    corrected : bool
-        True when the value itself is divided by `bias`; otherwise only its limits are.
     time : bool
         True when the deviation is in (unit of the data) x s.
     hadamard : bool
@@ -85,7 +83,6 @@ class Estimator(ABC):
     min_terms: ClassVar[int] = 2
     lowest_alpha: ClassVar[int] = -2
     even: ClassVar[bool] = False
-    corrected: ClassVar[bool] = False
     time: ClassVar[bool] = False
     hadamard: ClassVar[bool] = False
     derived_from: ClassVar[str] = ""
@@ -151,8 +148,12 @@ class Estimator(ABC):
         """Return this variance / the variance of `derived_from`, for tau0 = 1."""
         return np.ones(np.shape(m))
 
-    def bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
-        """Return the published expectation of the raw variance / true variance."""
+    def correction(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return what a corrected variance is divided by: the customary, published bias."""
+        return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))
+
+    def expectation(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return raw / true variance as well as it is known; the limits allow for it."""
         return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))
 
 

@@ -10,11 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 from allanscope.allan.edf import difference_edf, small_factor_loss
 from allanscope.allan.estimators.base import Estimator, register
 from allanscope.allan.estimators.differences import mean_square_third
-from allanscope.allan.estimators.reflected import reflected_edf, reflected_mean_square
+from allanscope.allan.estimators.reflected import (
+    reflected_edf,
+    reflected_expectation,
+    reflected_mean_square,
+)
 
 __all__ = ["Htotdev", "htot_variance"]
 
-_BIAS = {0: 0.995, -1: 0.851, -2: 0.771, -3: 0.717, -4: 0.679}
+_CORRECTION = {0: 0.995, -1: 0.851, -2: 0.771, -3: 0.717, -4: 0.679}
 
 
 @register
@@ -27,8 +31,9 @@ class Htotdev(Estimator):
     Notes
     -----
     The raw value is divided by the published 0.995, 0.851, 0.771, 0.717, 0.679 for white FM to
-    random run FM (SP 1065 table 9). For phase noise nothing is published and nothing corrected:
-    there it reads high, by up to 1.17 in deviation for white PM.
+    random run FM (SP 1065 table 9), which are exact at large m. For phase noise nothing is
+    published and nothing corrected: there it reads high, by up to 17 % for white PM, and only the
+    limits allow for it.
 
     Examples
     --------
@@ -42,7 +47,6 @@ class Htotdev(Estimator):
     trust_fraction: ClassVar[float] = 0.3
     min_terms: ClassVar[int] = 1
     lowest_alpha: ClassVar[int] = -4
-    corrected: ClassVar[bool] = True
     hadamard: ClassVar[bool] = True
 
     def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
@@ -61,11 +65,16 @@ class Htotdev(Estimator):
         """Return how many rate samples make one window."""
         return 3 * m + self.min_terms - 1
 
-    def bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+    def correction(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return the published raw HTOT / HVAR; 1 at m = 1 and for phase noise."""
         alpha, m, n = np.broadcast_arrays(alpha, m, n)
-        bias = np.array([_BIAS.get(a, 1.0) for a in alpha.flat]).reshape(alpha.shape)
-        return np.where(m == 1, 1.0, bias)
+        published = np.array([_CORRECTION.get(a, 1.0) for a in alpha.flat]).reshape(alpha.shape)
+        return np.where(m == 1, 1.0, published)
+
+    def expectation(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return the exact raw HTOT / HVAR."""
+        alpha, m, n = np.broadcast_arrays(alpha, m, n)
+        return np.where(m == 1, 1.0, reflected_expectation(alpha + 2, m))
 
 
 def htot_variance(phase: NDArray[np.float64], m: int, stride: int = 1) -> tuple[float, int]:

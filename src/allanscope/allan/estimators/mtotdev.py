@@ -9,11 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import difference_edf, small_factor_loss
 from allanscope.allan.estimators.base import Estimator, register
-from allanscope.allan.estimators.reflected import reflected_edf, reflected_mean_square
+from allanscope.allan.estimators.reflected import (
+    reflected_edf,
+    reflected_expectation,
+    reflected_mean_square,
+)
 
 __all__ = ["Mtotdev", "mtot_variance"]
 
-_BIAS = {2: 0.94, 1: 0.83, 0: 0.73, -1: 0.70, -2: 0.69}
+_CORRECTION = {2: 0.94, 1: 0.83, 0: 0.73, -1: 0.70, -2: 0.69}
 
 
 @register
@@ -27,9 +31,9 @@ class Mtotdev(Estimator):
     -----
     Detrending takes variance away. The raw value is divided by the published 0.94, 0.83, 0.73,
     0.70, 0.69 for white PM to random walk FM (SP 1065 table 8), as Stable32 does when asked to.
-    The exact expectation at m >= 16 is 0.995, 0.851, 0.771, 0.717, 0.679; the published values are
-    kept so that figures agree between programs, at the price of 2.7 % in MTOTDEV of white FM. At
-    m = 1 all variants are one half of AVAR, whatever the noise.
+    The exact expectation at large m is 0.995, 0.851, 0.771, 0.717, 0.679; the published values are
+    kept so that figures agree between programs, which leaves MTOTDEV of white FM 2.7 % high, and
+    the limits span both. At m = 1 raw MTOT is one half of AVAR whatever the noise.
 
     Examples
     --------
@@ -42,7 +46,6 @@ class Mtotdev(Estimator):
     variance_name: ClassVar[str] = "MTOTVAR"
     trust_fraction: ClassVar[float] = 0.3
     min_terms: ClassVar[int] = 1
-    corrected: ClassVar[bool] = True
 
     def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
         """Return raw variance and number of windows."""
@@ -59,10 +62,14 @@ class Mtotdev(Estimator):
         """Return how many rate samples make one window."""
         return 3 * m + self.min_terms - 2
 
-    def bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
-        """Return the published raw MTOT / MVAR."""
+    def correction(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return the published raw MTOT / MVAR (SP 1065 table 8)."""
         alpha = np.broadcast_arrays(alpha, m, n)[0]
-        return np.array([_BIAS[a] for a in alpha.flat]).reshape(alpha.shape)
+        return np.array([_CORRECTION[a] for a in alpha.flat]).reshape(alpha.shape)
+
+    def expectation(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return the exact raw MTOT / MVAR."""
+        return reflected_expectation(*np.broadcast_arrays(alpha, m, n)[:2])
 
 
 def mtot_variance(phase: NDArray[np.float64], m: int, stride: int = 1) -> tuple[float, int]:

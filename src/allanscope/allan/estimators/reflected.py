@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["reflected_edf", "reflected_mean_square"]
+__all__ = ["reflected_edf", "reflected_expectation", "reflected_mean_square"]
 
 
 @njit(cache=True, nogil=True)
@@ -118,9 +118,23 @@ def reflected_edf(alpha_of_phase: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDAr
     return edf
 
 
+def reflected_expectation(alpha_of_phase: ArrayLike, m: ArrayLike) -> NDArray[np.float64]:
+    """Return `reflected_mean_square` / the same mean square without detrending and mirrors.
+
+    From the transfer function of the window, integrated over the spectrum of discrete power-law
+    noise; `alpha_of_phase` as for `reflected_edf`, from 4 to -2. For 2 to -2 they are the published
+    HTOT biases of white FM to random run FM, to three digits. Good to 1 % from m = 6 on, to 6 % at
+    2 and 3 (odd m, whose middle value is in neither half, converge more slowly).
+    """
+    index = 4 - np.clip(np.asarray(alpha_of_phase), -2, 4)
+    return np.where(np.equal(m, 1), 0.5, _EXPECTATION[index])
+
+
 _COEFFICIENTS = np.array(
     [
         [0.581, 0.849, 0.916, 0.925, 1.157],
         [0.841, 1.581, 2.327, 3.400, 4.960],
     ]
 )
+
+_EXPECTATION = np.array([1.37, 1.24, 0.995, 0.852, 0.771, 0.717, 0.679])

@@ -14,7 +14,7 @@ from allanscope.allan.estimators.differences import mean_square_second
 __all__ = ["Totdev"]
 
 _EDF = {0: (1.50, 0.0), -1: (1.17, 0.22), -2: (0.93, 0.36)}
-_BIAS = {0: 0.0, -1: 1.0 / (3.0 * np.log(2.0)), -2: 0.75}
+_BIAS = {2: -0.74, 1: -0.58, 0: 0.0, -1: 1.0 / (3.0 * np.log(2.0)), -2: 0.75}
 
 
 @register
@@ -30,8 +30,9 @@ class Totdev(Estimator):
     -----
     The value is raw, as in all programs. Its expectation is ``1 - a tau/T`` of AVAR, with a = 0,
     0.48, 0.75 for white, flicker and random-walk FM; the limits allow for that. Degrees of freedom
-    are ``b T/tau - c`` (SP 1065 table 7). For phase noise none are published; those of OAVAR,
-    lowered as the reflected part grows, agree with simulation to a third.
+    are ``b T/tau - c`` (SP 1065 table 7). Nothing is published for phase noise: a = -0.74 and -0.58
+    for white and flicker PM are simulated, and the degrees of freedom of OAVAR, lowered as the
+    reflected part grows, agree with simulation to a third.
 
     Examples
     --------
@@ -72,9 +73,9 @@ class Totdev(Estimator):
         """Return how many rate samples give `min_terms` terms."""
         return max(m, self.min_terms + 1)
 
-    def bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
-        """Return ``1 - a tau/T`` (SP 1065 table 4)."""
+    def expectation(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return ``1 - a tau/T``."""
         alpha, m, n = np.broadcast_arrays(alpha, m, n)
-        slope = np.array([_BIAS.get(a, 0.0) for a in alpha.flat]).reshape(alpha.shape)
-        bias: NDArray[np.float64] = 1.0 - slope * np.minimum(m / n, 1.0)
-        return bias
+        slope = np.array([_BIAS[a] for a in alpha.flat]).reshape(alpha.shape)
+        ratio: NDArray[np.float64] = 1.0 - slope * np.minimum(m / n, 1.0)
+        return ratio

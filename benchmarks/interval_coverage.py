@@ -1,0 +1,94 @@
+"""How often the limits of a deviation hold the truth: coverage of the chi-square intervals.
+
+Power-law noise of known kind is generated again and again, each run goes through the public
+`deviation` (which has to find the kind of noise by itself), and it is counted how often the 95 %
+limits contain the expectation. For unbiased estimators that is the mean over all runs of the
+variance itself; for the totals and bias-removed THEO1 the mean of the variance they estimate.
+THEO1 and the standard deviations are held against their own mean.
+
+    python benchmarks/interval_coverage.py --runs 2000 --samples 1024
+
+prints, for each estimator and noise, the coverage pooled over all trusted octave taus, the lowest
+single one, and how often the noise was named right.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan import deviation
+from allanscope.allan.estimators import REGISTRY
+from allanscope.allan.noise_type import NAMES
+
+TARGET = {
+    "totdev": "oadev",
+    "theobr": "oadev",
+    "theoh": "oadev",
+    "mtotdev": "mdev",
+    "ttotdev": "tdev",
+    "htotdev": "ohdev",
+}
+"""Estimator whose expectation another one estimates with less scatter."""
+
+
+def power_law(alpha: int, samples: int, runs: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return Gaussian noise with S(f) ~ |2 sin(pi f)|^alpha, shape (runs, samples)."""
+    k = np.arange(1, samples)
+    response = np.append(1.0, np.cumprod((k - 1 - alpha / 2) / k))
+    length = 2 * samples
+    white = np.fft.rfft(rng.standard_normal((runs, samples)), length, axis=1)
+    return np.fft.irfft(white * np.fft.rfft(response, length), length, axis=1)[:, :samples]
+
+
+def truth(kind: str, tau: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean variance at each tau; NaN where tau is no whole number of samples."""
+    target = REGISTRY[TARGET.get(kind, kind)]
+    phases = [np.append(0.0, np.cumsum(run)) for run in noise]
+    result = np.full(tau.size, np.nan)
+    for i, samples in enumerate(tau.tolist()):
+        m = round(samples / target.tau_factor)
+        if abs(m * target.tau_factor - samples) < 1e-9:
+            result[i] = np.mean([target.exact(phase, m)[0] for phase in phases])
+    return result
+
+
+def coverage(
+    kind: str, noise: NDArray[np.float64], alpha: int
+) -> tuple[NDArray[np.float64], float]:
+    """Return the coverage at each trusted tau of an estimator, and how often alpha was found."""
+    curves = [deviation(run, 1.0, kind) for run in noise]
+    keep = curves[0].trusted
+    expected = np.sqrt(truth(kind, curves[0].tau[keep], noise))
+    known = np.isfinite(expected)
+    lower = np.array([curve.lower[keep] for curve in curves])[:, known]
+    upper = np.array([curve.upper[keep] for curve in curves])[:, known]
+    names = np.array([curve.noise[keep] for curve in curves])[:, known]
+    held = (lower <= expected[known]) & (expected[known] <= upper)
+    return held.mean(axis=0), float(np.mean(names == NAMES[alpha]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--samples", type=int, default=1024)
+    parser.add_argument("--seed", type=int, default=20)
+    parser.add_argument("--kinds", nargs="*", default=list(REGISTRY))
+    parser.add_argument("--alphas", nargs="*", type=int, default=[2, 1, 0, -1, -2])
+    options = parser.parse_args()
+    print(f"{'':8} {'noise':5} {'coverage':>8} {'lowest':>7} {'named right':>11}")
+    for kind in options.kinds:
+        for alpha in options.alphas:
+            rng = np.random.default_rng(options.seed)
+            noise = power_law(alpha, options.samples, options.runs, rng)
+            held, right = coverage(kind, noise, alpha)
+            print(
+                f"{kind:8} {NAMES[alpha]:5} {held.mean():8.3f} {held.min():7.3f} {right:11.3f}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

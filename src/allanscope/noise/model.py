@@ -43,7 +43,7 @@ class NoiseModel:
     >>> from allanscope.noise.components import Flicker, RandomWalk, White
     >>> model = NoiseModel((White(4e-3), Flicker(1.2e-3), RandomWalk(1e-4)), dt=1 / 104)
     >>> model.deviation("oadev", [104, 10400]).round(6)
-    array([0.00408 , 0.001066])
+    array([0.004079, 0.001062])
     >>> [component.symbol for component in model]
     ['N', 'B', 'K']
     """

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,8 +30,8 @@ Array = NDArray[np.float64]
 
 SHORTEST = 16
 """Rows that a stretch must have to be used."""
-_SINGLE = 256
-_PER_DECADE = 60
+_SINGLE = 128
+_PER_DECADE = 40
 
 
 class Evidence(Protocol):
@@ -51,6 +51,9 @@ class Evidence(Protocol):
 
     def expected(self, component: Component) -> Array:
         """Return what a component contributes to each power, shape (b,)."""
+
+    def up_to(self, highest: float) -> Self:
+        """Return the bins whose centres lie at or below a frequency in Hz."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ class Ordinates:
         edges = bin_edges(top, [(low * per_hz, high * per_hz) for low, high in fine])
         starts = np.broadcast_to(np.asarray(start, np.float64), raw.shape[:1])
         bare = cls(raw, dt, stride, edges[:-1], edges[1:] - 1, np.empty(0), starts)
-        return replace(bare, power=bare._means(raw))
+        return replace(bare, power=bare._means(raw, len(bare.first)))
 
     @property
     def n(self) -> int:
@@ -154,19 +157,35 @@ class Ordinates:
         """Return what a component contributes to the mean square of each bin."""
         return component.ordinates(self._middle(), self.n, self.dt, self.stride)
 
+    def up_to(self, highest: float) -> Self:
+        """Return the ordinates with the bins up to a frequency in Hz; at least four of them."""
+        keep = max(4, int(np.searchsorted(self.frequency, highest, side="right")))
+        return replace(
+            self, first=self.first[:keep], last=self.last[:keep], power=self.power[:keep]
+        )
+
     def less(self, pattern: Array) -> Ordinates:
-        """Return the ordinates with a pattern of the same shape as `raw` subtracted."""
-        raw = self.raw - pattern
-        return replace(self, raw=raw, power=self._means(raw))
+        """Return the ordinates with a pattern, shape (p,) from k = 1 on, subtracted."""
+        raw = self.raw.copy()
+        raw[:, : len(pattern)] -= pattern
+        bins = int(np.searchsorted(self.first, len(pattern), side="right"))
+        power = self.power.copy()
+        power[:bins] = self._means(raw, bins)
+        return replace(self, raw=raw, power=power)
+
+    def single(self, per_bin: Array) -> Array:
+        """Return the part of a quantity per bin that belongs to bins of one ordinate from k = 1."""
+        return per_bin[: int(np.argmin(np.append(self.first == self.last, False)))]
 
     def _middle(self) -> NDArray[np.int64]:
         return (self.first + self.last) // 2
 
-    def _means(self, raw: Array) -> Array:
-        top = int(self.last[-1])
+    def _means(self, raw: Array, bins: int) -> Array:
+        """Return the mean squares of the first bins."""
+        first, last = self.first[:bins], self.last[:bins]
+        top = int(last[-1])
         square = np.einsum("sk,sk->k", raw[:, :top], raw[:, :top]) / len(raw)
-        sums = np.add.reduceat(square, self.first - 1)
-        return np.asarray(sums / (self.last - self.first + 1))
+        return np.asarray(np.add.reduceat(square, first - 1) / (last - first + 1))
 
 
 @dataclass(frozen=True)
@@ -208,12 +227,23 @@ class DensityBands:
         """Return the mean density of a component in each band."""
         return component.band_density(self.frequency, self.width, self.dt)
 
+    def up_to(self, highest: float) -> Self:
+        """Return the bands up to a frequency in Hz."""
+        keep = self.frequency <= highest
+        return replace(
+            self,
+            frequency=self.frequency[keep],
+            width=self.width[keep],
+            power=self.power[keep],
+            dof=self.dof[keep],
+        )
+
 
 def bin_edges(top: int, fine: Sequence[tuple[float, float]] = ()) -> NDArray[np.int64]:
     """Return the edges of bins over the ordinates 1 ... top, the last edge being top + 1.
 
-    The lowest 255 are bins of their own, as are those of the ranges `fine` (in k); above, there
-    are 60 bins a decade.
+    The lowest 127 are bins of their own, as are those of the ranges `fine` (in k); above, there
+    are 40 bins a decade.
     """
     single = np.arange(1, min(_SINGLE, top + 1))
     count = 1 + int(np.ceil(_PER_DECADE * max(0.0, np.log10((top + 1) / _SINGLE))))

@@ -11,33 +11,37 @@ from numpy.typing import ArrayLike
 from allanscope.noise.components.base import Array, Component, Quantity
 from allanscope.noise.exponential import ExponentialCovariance
 
-__all__ = ["BandLimitedWhite"]
+__all__ = ["BandLimitedWhite", "Filter"]
 
-_BUTTERWORTH = float(np.sqrt(0.5))
+Filter = Literal["pole", "butterworth", "digital"]
+
+_DAMPING = float(np.sqrt(0.5))
+"""Damping ratio of a Butterworth filter of second order."""
 
 
 @dataclass(frozen=True)
 class BandLimitedWhite(Component):
-    """White noise through a Butterworth low-pass of first or second order, then sampled.
+    """White noise through a low-pass, as it is in the samples.
 
-    Aliases included, and scaled so that N is what long averages show: AVAR tends to N^2 / tau. The
-    first order is also what a digital filter y += (1 - p)(x - y) makes, with
-    p = exp(-2 pi fc dt). At short averaging times the curve lies below the white line, as if Q^2
-    were negative.
+    Scaled so that N is what long averages show: AVAR tends to N^2 / tau. At short averaging times
+    the curve lies below the white line, as if Q^2 were negative.
 
     Parameters
     ----------
     N : float
         In unit/sqrt(Hz), two-sided.
     cutoff : float
-        -3 dB frequency in Hz of the analogue low-pass; it may lie above the Nyquist frequency.
-    order : {1, 2}
-        Of the filter.
+        -3 dB frequency in Hz. That of an analogue filter may lie above the Nyquist frequency; that
+        of a digital one acts as 0.998 of it there.
+    filter : {'pole', 'butterworth', 'digital'}
+        One pole, y += (1 - p) (x - y) with p = exp(-2 pi fc dt), analogue or digital; an analogue
+        Butterworth filter of second order with its aliases; or a digital one by the bilinear
+        transform, |H|^2 = 1 / (1 + (tan(pi f dt) / tan(pi fc dt))^4).
     """
 
     N: float
     cutoff: float
-    order: Literal[1, 2] = 1
+    filter: Filter = "pole"
     symbol: ClassVar[str] = "band_limit"
     quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("N", "{unit}/sqrt(Hz)"),
@@ -50,12 +54,16 @@ class BandLimitedWhite(Component):
     def covariance(self, dt: float) -> ExponentialCovariance:
         """Return the autocovariance of the samples."""
         corner = 2 * np.pi * self.cutoff * dt
-        if self.order == 1:
-            unit = ExponentialCovariance((1.0,), (corner,))
+        if self.filter == "digital":
+            unit = _bilinear(min(corner, 0.998 * np.pi))
+        elif self.filter == "butterworth":
+            unit = ExponentialCovariance.second_order(corner, _DAMPING)
         else:
-            unit = ExponentialCovariance.second_order(corner, _BUTTERWORTH)
+            unit = ExponentialCovariance((1.0,), (corner,))
         power = self.N**2 / dt / float(unit.spectrum(np.asarray(0.0)))
-        return ExponentialCovariance((unit.amplitudes[0] * power,), unit.rates)
+        return ExponentialCovariance(
+            (unit.amplitudes[0] * power,), unit.rates, delta=unit.delta * power
+        )
 
     def density(self, f: ArrayLike, dt: float) -> Array:
         """Return 2 N^2 at low frequency, less above the cutoff."""
@@ -77,3 +85,19 @@ class BandLimitedWhite(Component):
     def corners(self, dt: float) -> tuple[float, ...]:
         """Return the cutoff."""
         return (self.cutoff,) if self.cutoff < 0.5 / dt else ()
+
+
+def _bilinear(corner: float) -> ExponentialCovariance:
+    """Return the covariance for the spectrum 1 / (1 + (tan(w/2) / T)^4), T = tan(corner / 2).
+
+    In c = cos w this is a rational function with two conjugate poles, and each pole c0 = cosh e is
+    an exponential of rate e.
+    """
+    square = np.tan(corner / 2) ** 2
+    pole = (1j - square) / (1j + square)
+    rate = np.arccosh(pole)
+    rate = rate if rate.real > 0 else -rate
+    fourth = square**2
+    residue = (1 + pole) ** 2 * fourth / ((fourth + 1) * (pole - np.conj(pole)))
+    amplitude = complex(-2 * residue / np.sinh(rate))
+    return ExponentialCovariance((amplitude,), (complex(rate),), delta=fourth / (fourth + 1))

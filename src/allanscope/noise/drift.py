@@ -1,0 +1,160 @@
+"""The ramp R: a regressor on the ordinates, estimated together with the noise.
+
+A steady drift of slope R is deterministic, and rows t contribute R X_k to ordinate k with
+
+    X_k = -s dt sqrt(2 / n) cos x / (2 sin^2 x)   for odd k,  x = pi k / 2n,   0 for even k.
+
+Generalised least squares in this diagonal domain is a weighted sum. What makes ramps hard is that a
+random walk looks like one: a fit of the noise alone puts a ramp into K, which hides it. So the
+noise is fitted again with the ramp taken out, and the two likelihoods are compared; K is never
+given what a ramp explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.noise.ordinates import Evidence, Ordinates
+from allanscope.noise.scoring import WhittleFit
+from allanscope.noise.whittle import Likelihood
+
+__all__ = ["Drift", "fit_drift", "ramp_pattern"]
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 4
+_FIRST = 4096
+"""Ordinates from which a ramp is taken out."""
+_QUANTILE = 3.841458820694124
+"""95 % quantile of chi-square with one degree of freedom."""
+_PROBE = 2.5
+"""Standard errors from the estimate at which the profile of the likelihood is looked at."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A ramp and the noise that is left without it.
+
+    Attributes
+    ----------
+    slope : float
+        In unit/s, signed.
+    half_width : float
+        Of its 95 % interval, from the profile of the likelihood.
+    gain : float
+        Nats gained over the noise alone; twice that is chi-square with one degree of freedom where
+        there is no ramp.
+    evidence : tuple of Evidence
+        With the ramp subtracted.
+    fit : WhittleFit
+        Of the noise to that evidence.
+    """
+
+    slope: float
+    half_width: float
+    gain: float
+    evidence: tuple[Evidence, ...]
+    fit: WhittleFit
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Limits of the slope without its sign; the lower one is 0 where the sign is not known."""
+        size = abs(self.slope)
+        return max(0.0, size - self.half_width), size + self.half_width
+
+
+def ramp_pattern(ordinates: Ordinates) -> Array:
+    """Return the first ordinates of a ramp of slope 1, shape (n - 1,) or (4096,).
+
+    They fall as 1 / k^2, so that the rest is nothing beside any noise.
+
+    Examples
+    --------
+    >>> rows = 0.25 * np.arange(32.0)
+    >>> ordinates = Ordinates.of(rows, dt=1.0)
+    >>> bool(np.allclose(ordinates.raw[0], 0.25 * ramp_pattern(ordinates)))
+    True
+    """
+    k = np.arange(1, min(ordinates.n, _FIRST + 1))
+    half = np.pi * k / (2 * ordinates.n)
+    shape = np.cos(half) / (2 * np.sin(half) ** 2) * np.sqrt(2 / ordinates.n)
+    return np.where(k % 2 == 1, -ordinates.stride * ordinates.dt * shape, 0.0)
+
+
+def fit_drift(likelihood: Likelihood, fit: WhittleFit) -> Drift | None:
+    """Estimate the ramp and the noise together, starting from a fit of the noise alone.
+
+    Returns None where the evidence has no ordinates.
+    """
+    ramp = _Ramp(likelihood)
+    if not ramp.patterns:
+        return None
+    slope, joint, evidence = 0.0, fit, likelihood.evidence
+    for _ in range(_ROUNDS):
+        before = slope
+        slope, sd = ramp.regress(joint.expected)
+        evidence = ramp.removed(slope)
+        joint = Likelihood(evidence).maximise(joint.components)
+        if abs(slope - before) < 0.02 * sd:
+            break
+    sd = ramp.regress(joint.expected)[1]
+    beside = Likelihood(ramp.removed(slope + _PROBE * sd)).maximise(joint.components)
+    fallen = 2 * (joint.log_likelihood - beside.log_likelihood)
+    gain = joint.log_likelihood - fit.log_likelihood
+    return Drift(slope, sd * _half_width(fallen), gain, evidence, joint)
+
+
+class _Ramp:
+    """Regression on a ramp of everything that has ordinates."""
+
+    def __init__(self, likelihood: Likelihood) -> None:
+        self.evidence = likelihood.evidence
+        sizes = np.cumsum([0, *(len(part.power) for part in self.evidence)])
+        self.bins = [slice(a, b) for a, b in pairwise(sizes.tolist())]
+        self.patterns = {
+            i: ramp_pattern(part)
+            for i, part in enumerate(self.evidence)
+            if isinstance(part, Ordinates)
+        }
+
+    def regress(self, expected: Array) -> tuple[float, float]:
+        """Return the slope and its standard error for given expected powers."""
+        weight, projection = 0.0, 0.0
+        for i, pattern in self.patterns.items():
+            part = self.evidence[i]
+            assert isinstance(part, Ordinates)
+            variance = part.single(expected[self.bins[i]])
+            low = pattern[: len(variance)]
+            weight += len(part.raw) * float(np.sum(low**2 / variance))
+            projection += float(np.sum(part.raw[:, : len(low)] * low / variance))
+        return projection / weight, weight**-0.5
+
+    def removed(self, slope: float) -> tuple[Evidence, ...]:
+        """Return the evidence without a ramp."""
+        return tuple(
+            part.less(slope * self.patterns[i]) if isinstance(part, Ordinates) else part
+            for i, part in enumerate(self.evidence)
+        )
+
+
+def _half_width(fallen: float) -> float:
+    """Where the profile has fallen to the 95 % limit, in standard errors.
+
+    The profile of a location with an uncertain scale is nu ln(1 + t^2 / nu) (Student); `fallen` is
+    what it has lost at t = 2.5, which gives nu.
+    """
+    square = _PROBE**2
+    if fallen >= square * (1 - 1e-3):
+        return float(np.sqrt(_QUANTILE))
+    low, high = np.log(0.3), np.log(1e4)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        nu = np.exp(middle)
+        low, high = (middle, high) if nu * np.log1p(square / nu) < fallen else (low, middle)
+    nu = np.exp(0.5 * (low + high))
+    # The slope took one of the nu + 1 degrees of freedom from the scale.
+    return float(np.sqrt(nu * np.expm1(_QUANTILE * (1 + 1 / nu) / nu)))

@@ -1,0 +1,334 @@
+"""The fit: from what a run keeps to the coefficients of IEEE 952, with intervals that hold.
+
+::
+
+    rows, density ──▶ evidence ──▶ N B K by maximum likelihood ──▶ ramp? low-pass? Q? ──▶ NoiseFit
+
+A coefficient is *detected* when the likelihood without it is too poor for chance: at zero twice the
+loss is 0 or chi-square(1) with equal odds, and 9.5 has a probability of 1 in 1000. Otherwise its
+interval begins at 0 and its upper end is the limit that the run sets. The values are bias-reduced
+(`bias`), the intervals profiles of the likelihood (`profile`), and the model for curves and
+residuals is the maximum of the likelihood itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from allanscope.history import Record
+from allanscope.noise.bias import bias_reduced
+from allanscope.noise.coefficients import Coefficient
+from allanscope.noise.components import BandLimitedWhite, Ramp, Rounding
+from allanscope.noise.crlb import wait_until
+from allanscope.noise.drift import Drift, fit_drift
+from allanscope.noise.evidence import evidence_of, plain, stretches_of
+from allanscope.noise.model import NoiseModel
+from allanscope.noise.ordinates import Evidence
+from allanscope.noise.profile import profile_interval
+from allanscope.noise.quantised import on_lattice
+from allanscope.noise.scoring import WhittleFit
+from allanscope.noise.selection import quantization_score, select, start
+from allanscope.noise.whiteness import Bands, whitened
+from allanscope.noise.whittle import Likelihood
+from allanscope.parts import Part
+from allanscope.samples import unit_of
+from allanscope.spectrum.density import Density
+
+__all__ = ["NoiseFit", "fit_array", "fit_noise"]
+
+Array = NDArray[np.float64]
+
+_DETECTED = 9.55
+"""Twice the nats against zero: 1 in 1000 of half a chi-square with one degree of freedom."""
+_RAMP_DETECTED = 12.0
+"""The same for a ramp, of either sign, with K fitted beside it: below 1 in 1000 by simulation."""
+_NORMAL = 0.03
+"""Relative standard deviation below which the profile is as good as normal."""
+_KNOWN = 0.2
+"""Relative standard deviation at which a coefficient counts as known."""
+_STOP_BAND = 0.05
+"""Response of a low-pass below which a frequency is left out of the fit."""
+_Z = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class NoiseFit:
+    """What the noise of one axis is made of.
+
+    Attributes
+    ----------
+    coefficients : mapping
+        ``Q N B K R`` to value, 95 % interval, and whether it was detected.
+    model : NoiseModel
+        At the maximum of the likelihood, with the ramp where there is one.
+    slope : float
+        Signed ramp in unit/s, 0 where none was detected.
+    band_limit : Coefficient or None
+        Cutoff of the low-pass that the data ask for, in Hz.
+    rounding : float
+        White noise per sqrt(Hz) that is rounding to the LSB and no longer part of N; 0 where the
+        samples are on no known lattice.
+    evidence : tuple of Evidence
+        What was fitted, ramp removed: for regressions, and to compare other models on.
+    fit : WhittleFit
+        Maximum of the likelihood, with the information matrix.
+    bands : Bands
+        Whitened spectrum: measured over expected power.
+    remarks : tuple of str
+        What the reader must know.
+    """
+
+    coefficients: Mapping[str, Coefficient]
+    model: NoiseModel
+    slope: float
+    band_limit: Coefficient | None
+    rounding: float
+    evidence: tuple[Evidence, ...]
+    fit: WhittleFit
+    bands: Bands
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def chi2(self) -> float:
+        """Sum of z^2 over the bands of the whitened spectrum."""
+        return self.bands.chi2
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of `chi2`."""
+        return max(1, len(self.bands.z) - len(self.fit.free))
+
+    @property
+    def p_value(self) -> float:
+        """Probability of as large a `chi2` where the model is right."""
+        return self.bands.p_value(len(self.fit.free))
+
+
+def fit_noise(
+    record: Record, axis: str, density: Density | None = None, *, part: Part | None = None
+) -> NoiseFit:
+    """Fit one axis of what a run keeps.
+
+    Parameters
+    ----------
+    record : Record
+        Rows of all axes.
+    axis : str
+        Which one.
+    density : Density, optional
+        Streaming spectrum of the samples of that axis, in physical units; fills in above the rows
+        when these are averages.
+    part : Part, optional
+        Whose filters are offered to the fit.
+
+    Raises
+    ------
+    ValueError
+        If the axis is not in the record, is constant, or has no 16 rows without a gap.
+    """
+    if axis not in record.axes:
+        raise ValueError(f"no axis {axis!r} in the record; it has {' '.join(record.axes)}")
+    column = record.axes.index(axis)
+    values = record.values[:, column]
+    row_s = 1 / record.rate_hz
+    stretches = stretches_of(values, [(int(a), int(b)) for a, b in record.segments], record.start_s)
+    lsb = record.lsb[column]
+    return _fit(
+        evidence_of(stretches, row_s / record.stride, record.stride, density),
+        dt=row_s / record.stride,
+        duration=len(values) * row_s,
+        unit=unit_of(axis),
+        lsb=lsb if on_lattice(values * record.stride, lsb) else None,
+        cutoffs=part.cutoffs_hz(axis, record.stride * record.rate_hz) if part else (),
+    )
+
+
+def fit_array(
+    values: ArrayLike,
+    rate: float,
+    *,
+    unit: str = "dps",
+    lsb: float | None = None,
+    part: Part | None = None,
+) -> NoiseFit:
+    """Fit one contiguous record of samples.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Samples in dps or g.
+    rate : float
+        Samples per second.
+    unit : {'dps', 'g'}
+        Of the values.
+    lsb : float, optional
+        Step of the values, of which the rounding noise is set apart.
+    part : Part, optional
+        Whose filters are offered to the fit.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 16 values, or they are not finite or all the same.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> fit = fit_array(0.04 * rng.standard_normal(100_000), rate=100.0)
+    >>> n = fit.coefficients["N"]
+    >>> f"{n.value:.5f} {n.unit}", n.lower < 0.004 < n.upper, fit.coefficients["K"].detected
+    ('0.00399 dps/sqrt(Hz)', True, False)
+    """
+    samples = np.asarray(values, np.float64)
+    stretches = plain(samples)
+    return _fit(
+        evidence_of(stretches, 1 / rate),
+        dt=1 / rate,
+        duration=len(samples) / rate,
+        unit=unit,
+        lsb=lsb if lsb and on_lattice(samples, lsb) else None,
+        cutoffs=part.cutoffs_hz("ax" if unit == "g" else "gx", rate) if part else (),
+    )
+
+
+def _fit(
+    evidence: tuple[Evidence, ...],
+    *,
+    dt: float,
+    duration: float,
+    unit: str,
+    lsb: float | None,
+    cutoffs: tuple[float, ...],
+) -> NoiseFit:
+    likelihood = Likelihood(evidence)
+    if not np.any(likelihood.power > 0):
+        raise ValueError("the axis is constant: there is no noise to fit")
+    if lsb and not _carries_rounding(likelihood, lsb):
+        lsb = None
+    fit = likelihood.maximise(start(likelihood, lsb))
+    drift = fit_drift(likelihood, fit)
+    ramp = drift is not None and 2 * drift.gain > _RAMP_DETECTED
+    if drift is not None and ramp:
+        likelihood, fit = Likelihood(drift.evidence), drift.fit
+    fit = select(likelihood, fit, cutoffs, 0.5 / dt)
+    likelihood, fit = _without_stop_band(likelihood, fit, dt)
+    estimates = _Estimates(likelihood, fit, dt, duration, unit)
+    coefficients = {
+        "Q": estimates.quantization(),
+        **{name: estimates.coefficient(name) for name in "NBK"},
+        "R": _ramp_coefficient(drift, ramp, duration, unit),
+    }
+    slope = drift.slope if drift is not None and ramp else 0.0
+    components = (*fit.components, *((Ramp(abs(slope)),) if slope else ()))
+    return NoiseFit(
+        coefficients=coefficients,
+        model=NoiseModel(components, dt),
+        slope=slope,
+        band_limit=estimates.coefficient("cutoff") if fit.index("cutoff") is not None else None,
+        rounding=lsb * float(np.sqrt(dt / 12)) if lsb else 0.0,
+        evidence=likelihood.evidence,
+        fit=fit,
+        bands=whitened(likelihood.evidence, fit.expected),
+        remarks=_remarks(coefficients, fit),
+    )
+
+
+def _without_stop_band(
+    likelihood: Likelihood, fit: WhittleFit, dt: float
+) -> tuple[Likelihood, WhittleFit]:
+    """Leave out what lies beyond a low-pass: little but the unknown details of the filter."""
+    low_pass = next((c for c in fit.components if isinstance(c, BandLimitedWhite)), None)
+    if low_pass is None:
+        return likelihood, fit
+    frequency = np.linspace(0.0, 0.5 / dt, 2048)
+    passed = low_pass.density(frequency, dt) > _STOP_BAND * 2 * low_pass.N**2
+    highest = float(frequency[passed][-1])
+    narrower = Likelihood([part.up_to(highest) for part in likelihood.evidence])
+    return narrower, narrower.maximise(fit.components)
+
+
+def _carries_rounding(likelihood: Likelihood, lsb: float) -> bool:
+    """Whether there is as much noise everywhere as rounding makes: less, and it was not rounded."""
+    floor = likelihood.column(Rounding(lsb))
+    lowest = np.argsort(likelihood.power / floor)[: max(1, len(floor) // 20)]
+    total = float(np.sum(likelihood.dof[lowest]))
+    return float(np.sum((likelihood.dof * likelihood.power / floor)[lowest])) > 0.7 * total
+
+
+class _Estimates:
+    """Coefficients of one fit."""
+
+    def __init__(
+        self, likelihood: Likelihood, fit: WhittleFit, dt: float, duration: float, unit: str
+    ) -> None:
+        self.likelihood, self.fit = likelihood, fit
+        self.dt, self.duration, self.unit = dt, duration, unit
+        self.spread = fit.relative_sd()
+        self.reduced = bias_reduced(likelihood, fit)
+
+    def coefficient(self, name: str) -> Coefficient:
+        """Return a coefficient that was fitted."""
+        index = self.fit.index(name)
+        assert index is not None
+        free = self.fit.free[index]
+        quantity = self.fit.components[free.component].quantities[free.quantity]
+        value = self.reduced[free.component].values[free.quantity]
+        spread = float(self.spread[index])
+        if spread < _NORMAL:
+            lower, upper = value * np.exp(-_Z * spread), value * np.exp(_Z * spread)
+            detected = True
+        else:
+            interval = profile_interval(self.likelihood, self.fit, index)
+            lower, upper = min(interval.lower, value), max(interval.upper, value)
+            detected = interval.against_zero > _DETECTED
+            if not detected:
+                lower = 0.0
+        known = detected and upper - lower < 2 * _Z * _KNOWN * value
+        return Coefficient(
+            value=float(value),
+            lower=float(lower),
+            upper=float(upper),
+            unit=quantity.unit.format(unit=self.unit),
+            detected=detected,
+            wait_s=None if known else self._wait(name),
+        )
+
+    def quantization(self) -> Coefficient:
+        """Return Q: fitted where it was selected, else the limit that its score sets."""
+        if self.fit.index("Q") is not None:
+            return self.coefficient("Q")
+        score = quantization_score(self.likelihood, self.fit)
+        return Coefficient(score.value, 0.0, score.upper, f"{self.unit}*s", detected=False)
+
+    def _wait(self, name: str) -> float | None:
+        wait = wait_until(self.reduced, self.dt, self.duration, name, _KNOWN)
+        return wait if wait else None
+
+
+def _ramp_coefficient(
+    drift: Drift | None, detected: bool, duration: float, unit: str
+) -> Coefficient:
+    if drift is None:
+        return Coefficient(0.0, 0.0, np.inf, f"{unit}/s", detected=False)
+    value = abs(drift.slope)
+    lower, upper = drift.interval
+    relative = drift.half_width / _Z / value if value else np.inf
+    # The slope is limited by the random walk: its error falls as 1 / sqrt(time).
+    wait = duration * ((relative / _KNOWN) ** 2 - 1) if detected and relative > _KNOWN else None
+    return Coefficient(value, lower if detected else 0.0, upper, f"{unit}/s", detected, wait)
+
+
+def _remarks(coefficients: Mapping[str, Coefficient], fit: WhittleFit) -> tuple[str, ...]:
+    remarks = []
+    if coefficients["Q"].detected:
+        remarks.append(
+            "a Q was found: on a rate sensor that is nearly always vibration, aliasing or a filter,"
+            " and hardly ever quantization of an angle"
+        )
+    if not fit.converged:
+        remarks.append("the fit did not converge: its numbers are the best that were found")
+    return tuple(remarks)

@@ -15,7 +15,7 @@ NEAREST = 0.05
 
 
 def reconfigure(sensor: Simulator, command: Command) -> Simulator | None:
-    """Return the sensor as a `set` command wants it.
+    """Return the sensor as a command wants it: `set`, and in some formats `start`.
 
     Returns
     -------
@@ -33,6 +33,8 @@ def reconfigure(sensor: Simulator, command: Command) -> Simulator | None:
     True
     """
     wanted = {SETTINGS[name]: value for name, value in command.fields.items() if name in SETTINGS}
+    if not wanted:
+        return sensor
     if "rate" in wanted:
         rates = (sensor.info.nominal_hz, *part_named(sensor.info.part).rates_hz)
         nearest = min(rates, key=lambda rate: abs(rate - wanted["rate"]))

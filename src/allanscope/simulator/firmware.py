@@ -246,17 +246,17 @@ class Firmware:
     # -- commands -------------------------------------------------------------------------------
 
     def _obey(self, command: Command) -> None:
-        sensor = reconfigure(self.sensor, command) if command.name == "set" else self.sensor
+        sensor = reconfigure(self.sensor, command)
         ok = command.name != "unknown" and sensor is not None
         if self._ring.has_reserve():
             self._push(self._encoder.reply(command, ok))
+        if not ok or sensor is None:
+            return
         if command.name == "stop":
             self._streaming = False
         elif command.name == "describe" and self._ring.has_reserve():
             self._push(self._encoder.describe(self._info))
-        elif command.name == "start" and not self._streaming:
+        changed = sensor is not self.sensor
+        self.sensor = sensor
+        if changed if self._streaming else command.name == "start":
             self._start()
-        elif sensor is not None and sensor is not self.sensor:
-            self.sensor = sensor
-            if self._streaming:
-                self._start()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["excerpt", "text_of"]
+__all__ = ["excerpt", "plain_line", "text_of"]
 
 _ESCAPE_SEQUENCE = re.compile(
     rb"\x1b(?:\[[0-?]*[ -/]*[@-~]"  # CSI: colours, cursor movement
@@ -32,15 +32,24 @@ def text_of(data: bytes, limit: int = 200) -> str:
     >>> text_of(b"\x1b[31mOverrun\x1b[0m at 12 s\x07\r\n")
     'Overrun at 12 s'
     """
-    # Four bytes are the longest character there is: decode no more than can be shown.
-    plain = _ESCAPE_SEQUENCE.sub(b"", data[: 16 * limit])
+    text = " ".join(plain_line(data[: 16 * limit]).split())
+    return text if len(text) <= limit else text[: limit - 1] + "…"
+
+
+def plain_line(data: bytes) -> str:
+    r"""Return a line without escape sequences; control characters but tabs become spaces.
+
+    >>> plain_line(b"1\t\x1b[0m2\x00")
+    '1\t2 '
+    """
+    plain = _ESCAPE_SEQUENCE.sub(b"", data)
     try:
         text = plain.decode("utf-8")
     except UnicodeDecodeError:
         text = plain.decode("latin-1")
-    text = "".join(char if char.isprintable() else " " for char in text)
-    text = " ".join(text.split())
-    return text if len(text) <= limit else text[: limit - 1] + "…"
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() or char == "\t" else " " for char in text)
 
 
 def excerpt(data: bytes, limit: int = 160) -> str:

@@ -15,6 +15,7 @@ _FORMATS: dict[str, tuple[str, str]] = {
     "tmsg-sensortile": ("allanscope.wire.tmsg", "TMsgSensorTileFormat"),
     "datalog": ("allanscope.wire.datalog", "DataLogFormat"),
     "datalog11": ("allanscope.wire.datalog", "DataLog1Format"),
+    "text": ("allanscope.wire.text", "TextFormat"),
 }
 
 

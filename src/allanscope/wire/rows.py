@@ -256,13 +256,18 @@ class Rows:
 
 def _whole(rows: list[Row], meaning: Meaning) -> list[Row]:
     """Return the rows that have all that is needed."""
-    if not meaning.needed:
+    needed = list(meaning.needed)
+    if not needed:
+        return rows
+    values = np.array([row.values for row in rows], np.float64)
+    there = np.isfinite(values[:, needed]).all(axis=1)
+    if there.all():
         return rows
     whole: list[Row] = []
     damaged = False
-    for row in rows:
+    for row, is_whole in zip(rows, there.tolist(), strict=True):
         damaged |= row.damaged_before
-        if not any(math.isnan(row.values[i]) for i in meaning.needed):
+        if is_whole:
             whole.append(row._replace(damaged_before=damaged))
             damaged = False
     return whole

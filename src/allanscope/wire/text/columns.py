@@ -1,0 +1,135 @@
+"""What the columns of a table are called, and which of them are ours."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from allanscope.samples import AXES
+from allanscope.wire.text.units import DIVISORS, Quantity, unit_of_text
+
+__all__ = ["Column", "Columns", "cells_of", "column_of", "columns_of", "unnamed"]
+
+_NAME = re.compile(r"\s*([^\[\](){}]*?)\s*(?:[\[({]([^\])}]*)[\])}])?\s*")
+_AXIS = re.compile(
+    r"(?:(a|acc|accel|accelerometer|acceleration)|(?:g|gyr|gyro|gyroscope|angularrate|w|omega))"
+    r"_?(?:l_)?([xyz])"
+)
+_TIME = re.compile(r"t|ts|time|timestamp|time_stamp")
+_TEMPERATURE = re.compile(r"temp|temperature|t")
+_SEPARATORS = "\t;,|"
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column.
+
+    Attributes
+    ----------
+    quantity : str
+        What it measures.
+    unit : str
+        In the spelling of `DIVISORS`, empty when not given.
+    axis : int
+        Place in `AXES`; -1 for a time or a temperature.
+    """
+
+    quantity: Quantity
+    unit: str
+    axis: int = -1
+
+
+Columns = tuple[Column | None, ...]
+"""The columns of a table from left to right, None for those that are not ours."""
+
+
+def cells_of(line: str) -> list[str]:
+    """Cut a line at its tabs, semicolons, commas, bars or spaces, whichever it has first.
+
+    A unit in brackets stays with its name also where spaces separate; empty cells at the end,
+    which a trailing separator leaves, are dropped.
+
+    >>> cells_of("A_X [mg] A_Y [mg] ")
+    ['A_X [mg]', 'A_Y [mg]']
+    >>> cells_of("1 ,2,, ")
+    ['1', '2']
+    """
+    separator = next((s for s in _SEPARATORS if s in line), None)
+    if separator is None:
+        cells = re.sub(r"\s+(?=[\[({])", "\0", line).split()
+        cells = [cell.replace("\0", " ") for cell in cells]
+    else:
+        cells = [cell.strip() for cell in line.split(separator)]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def column_of(header: str) -> Column | None:
+    """Return the column that a header names, None for one that is not ours.
+
+    >>> column_of("GyroX [mdps]")
+    Column(quantity='gyro', unit='mdps', axis=0)
+    >>> column_of("time[us]").unit
+    'us'
+    """
+    match = _NAME.fullmatch(header[:80])
+    if match is None:
+        return None
+    name = re.sub(r"[\s.\-]+", "", match[1].lower()).strip("_")
+    unit = unit_of_text(match[2] or "")
+    found = _named(name, unit)
+    if found is None and not unit and "_" in name:
+        # "gx_dps": the unit as a part of the name.
+        name, _, last = name.rpartition("_")
+        if any(last in units for units in DIVISORS.values()):
+            found = _named(name, last)
+    return found
+
+
+def _named(name: str, unit: str) -> Column | None:
+    if axis := _AXIS.fullmatch(name):
+        sensor = "a" if axis[1] else "g"
+        return _column("accel" if axis[1] else "gyro", unit, AXES.index(sensor + axis[2]))
+    if _TEMPERATURE.fullmatch(name) and unit in DIVISORS["temperature"]:
+        return _column("temperature", unit)
+    if _TIME.fullmatch(name):
+        return _column("time", unit)
+    return _column("temperature", unit) if _TEMPERATURE.fullmatch(name) else None
+
+
+def _column(quantity: Quantity, unit: str, axis: int = -1) -> Column | None:
+    """Return a column, unless its unit is none of its quantity's."""
+    return Column(quantity, unit, axis) if not unit or unit in DIVISORS[quantity] else None
+
+
+def columns_of(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
+    """Return the columns that the cells of a header name, None when no axis is among them.
+
+    Of several columns of one axis the first counts. Columns called just x, y and z are those of
+    the sensor `bare`.
+    """
+    if [cell.lower() for cell in cells] == ["x", "y", "z"]:
+        return tuple(Column(bare, "", AXES.index(bare[0] + axis)) for axis in "xyz")
+    seen: set[tuple[Quantity, int]] = set()
+    columns: list[Column | None] = []
+    for cell in cells:
+        column = column_of(cell)
+        if column is not None and (column.quantity, column.axis) in seen:
+            column = None
+        if column is not None:
+            seen.add((column.quantity, column.axis))
+        columns.append(column)
+    return tuple(columns) if any(column and column.axis >= 0 for column in columns) else None
+
+
+def unnamed(count: int) -> Columns | None:
+    """Return what columns without a header are taken for, by their number.
+
+    Three are a gyroscope, six a gyroscope and an accelerometer; one more is a time before them.
+    """
+    time = (Column("time", ""),) if count in (4, 7) else ()
+    gyro = tuple(Column("gyro", "", i) for i in range(3))
+    accel = tuple(Column("accel", "", i) for i in range(3, 6)) if count in (6, 7) else ()
+    return (*time, *gyro, *accel) if count in (3, 4, 6, 7) else None

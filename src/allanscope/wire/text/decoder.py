@@ -1,0 +1,180 @@
+"""Delimited and labelled text to events."""
+
+from __future__ import annotations
+
+import math
+from typing import cast
+
+from allanscope.samples import AXES, Event, GapReason
+from allanscope.wire.base import LinkStats, WireSettings
+from allanscope.wire.lines import Lines
+from allanscope.wire.printable import plain_line
+from allanscope.wire.rows import Rows
+from allanscope.wire.text.columns import Columns, cells_of, columns_of, unnamed
+from allanscope.wire.text.labelled import read_labelled
+from allanscope.wire.text.meaning import TextMeaning
+from allanscope.wire.text.spoken import Spoken, SpokenRow
+from allanscope.wire.text.table import Table
+from allanscope.wire.text.units import Quantity
+
+__all__ = ["TextDecoder"]
+
+_ENOUGH_UNNAMED = 3
+
+
+class TextDecoder:
+    """Bytes of text to events.
+
+    A header with names that are known starts a table. Without one, three lines of the same three,
+    four, six or seven numbers do. Before either, lines with labels are listened to; once a kind of
+    line has been chosen it stays. Everything else is left alone.
+
+    Parameters
+    ----------
+    settings : WireSettings
+        What the user said about the device.
+
+    Attributes
+    ----------
+    named : bool
+        Whether the text itself says what its numbers are.
+    """
+
+    def __init__(self, settings: WireSettings) -> None:
+        self.stats = LinkStats()
+        self.named = False
+        self._lines = Lines()
+        self._meaning = TextMeaning(settings)
+        self._rows = Rows(self.stats, self._meaning.decide)
+        self._table: Table | None = None
+        self._spoken = Spoken(self._meaning.temperature_lsb_per_c)
+        self._unnamed: list[bytes] = []
+        self._heading = 0
+        self._host_s = math.nan
+
+    def feed(self, data: bytes, host_s: float) -> list[Event]:
+        """Take bytes that arrived at host time `host_s` and return what they complete."""
+        self.stats.bytes += len(data)
+        self._host_s = host_s
+        dropped = self._lines.dropped
+        events: list[Event] = []
+        for line in self._lines.feed(data):
+            events += self._line(line)
+        if self._lines.dropped > dropped:
+            self._damage()
+        return events + self._rows.take()
+
+    def interrupt(self, reason: str) -> list[Event]:
+        """Forget a partial line, e.g. after an unplug; the next Block follows a Gap."""
+        self._lines.reset()
+        self._rows.interrupt(cast("GapReason", reason))
+        return []
+
+    def finish(self) -> list[Event]:
+        """Return what the end of the stream completes: a last line, rows that were held back."""
+        events = self._line(self._lines.rest())
+        if self._table is None and not self._spoken.chosen:
+            self._say(self._spoken.settle())
+        return events + self._rows.take(final=True)
+
+    def _line(self, line: bytes) -> list[Event]:
+        if self._table is not None and self._row(self._table, line):
+            return []
+        text = plain_line(line)
+        cleaned = text.encode("utf-8")
+        if self._table is not None and cleaned != line and self._row(self._table, cleaned):
+            return []
+        cells = cells_of(text)
+        numbers = [_is_number(cell) for cell in cells if cell]
+        if not numbers:
+            return []
+        if all(numbers):
+            return self._numbers(cleaned, len(cells))
+        self._unnamed.clear()
+        if not any(numbers) and not self._spoken.chosen:
+            columns = columns_of(cells, self._bare)
+            if columns is not None:
+                self.named = True
+                return self._start_table(columns)
+        if numbers[:2] == [True, True]:
+            self._damage()
+        else:
+            self._words(text, len(cells))
+        return []
+
+    @property
+    def _bare(self) -> Quantity:
+        """The sensor of columns that are called just x, y and z."""
+        return "accel" if "accel" in self._meaning.given else "gyro"
+
+    def _row(self, table: Table, line: bytes) -> bool:
+        row = table.row(line)
+        if row is None:
+            return False
+        values, time_s, degrees = row
+        self.stats.frames += 1
+        if any(not math.isnan(value) for value in values):
+            self._rows.add(values, time_s, self._host_s, degrees)
+        return True
+
+    def _numbers(self, line: bytes, count: int) -> list[Event]:
+        """Take a line of nothing but numbers that is no row of the table."""
+        if self._table is not None:
+            self._damage()
+            return []
+        if self._spoken.chosen or count == self._heading or unnamed(count) is None:
+            self.stats.unknown += 1
+            return []
+        if self._unnamed and len(cells_of(plain_line(self._unnamed[0]))) != count:
+            self._unnamed.clear()
+        self._unnamed.append(line)
+        return self._adopt(count) if len(self._unnamed) >= _ENOUGH_UNNAMED else []
+
+    def _adopt(self, count: int) -> list[Event]:
+        """Take a table without a header for what its number of columns suggests."""
+        columns = unnamed(count)
+        assert columns is not None
+        names = " ".join(AXES[c.axis] if c and c.axis >= 0 else "t" for c in columns)
+        self._start_table(columns, (f"no header: {count} columns are taken as {names}",))
+        lines, self._unnamed = self._unnamed, []
+        return [event for line in lines for event in self._line(line)]
+
+    def _start_table(self, columns: Columns, assumed: tuple[str, ...] = ()) -> list[Event]:
+        if self._table is not None and self._table.columns == columns:
+            return []
+        events = self._rows.change() if self._table is not None else []
+        self._table = Table(columns, self._meaning.given.get("time", ""))
+        self._meaning.expect(self._table.units, assumed)
+        return events
+
+    def _words(self, text: str, count: int) -> None:
+        said = read_labelled(text) if self._table is None else None
+        if said is not None:
+            self._say(self._spoken.take(said))
+            return
+        self._heading = count if count > 1 else 0
+        if self._spoken.chosen and self._spoken.begins_like_a_row(text):
+            self._damage()
+        else:
+            self.stats.unknown += 1
+
+    def _say(self, rows: list[SpokenRow]) -> None:
+        if not rows:
+            return
+        self.named = True
+        self._meaning.expect(self._spoken.units)
+        for values, degrees in rows:
+            self.stats.frames += 1
+            self._rows.add(values, math.nan, self._host_s, degrees)
+
+    def _damage(self) -> None:
+        self.stats.resyncs += 1
+        self._rows.damaged()
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", ".", 1))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,152 @@
+r"""Lines that say in words what their numbers are.
+
+Consoles and tutorials print one line a sample, or one a sensor::
+
+    Acc[mg]: 12 -3 1001 | Gyr[mdps]: -280 490 -70
+    Angular rate [mdps]:  4.38   8.75  -4.38
+    Raw: ax=77 ay=-301 az=16679 | gx=14 gy=-182 gz=-122 | t=1162
+    Sample: ax=+0.005 ay=-0.019 az=+1.016 g | gx=+0.17 gy=-1.51 gz=-0.75 dps | t=28.67 C
+
+A line counts when it gives all three axes of a sensor. A remark in parentheses is left out. Without
+a unit, whole numbers are counts.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from allanscope.samples import AXES
+from allanscope.wire.pairing import Triple
+from allanscope.wire.text.columns import column_of
+from allanscope.wire.text.units import DIVISORS, Quantity, unit_of_text
+
+__all__ = ["Labelled", "read_labelled"]
+
+_LONGEST = 400
+_FLOAT = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_PAIR = re.compile(rf"([A-Za-z]\w{{0,20}})\s*(\[[^\]]{{0,12}}\])?\s*[=:]\s*({_FLOAT})(?![\w.])")
+_LIST = re.compile(
+    rf"([A-Za-z][A-Za-z ]{{0,30}}?)\s*(\[[^\]]{{0,12}}\])?\s*:\s*"
+    rf"({_FLOAT})(?:[\s,;]+({_FLOAT})[\s,;]+({_FLOAT}))?\s*([A-Za-z°/^²\d]{{0,6}})\s*"
+)
+_UNIT_AT_END = re.compile(r"[\d.]\s*([A-Za-z°][A-Za-z/^²°\d]{0,5})\s*$")
+_LABEL = re.compile(r"([A-Za-z][A-Za-z ]{0,30}?)\s*(?:\[[^\]]*\])?\s*:")
+_REMARK = re.compile(r"\([^()]*\)")
+_SENSOR = re.compile(r"\b(?:(acc\w*)|(gyr\w*|angular rate))\b", re.IGNORECASE)
+_WHOLE = re.compile(r"[-+]?\d+")
+
+
+@dataclass(frozen=True, slots=True)
+class Labelled:
+    """What a labelled line says.
+
+    Attributes
+    ----------
+    gyro, accel : tuple of float or None
+        All three axes, in their unit.
+    gyro_unit, accel_unit : str
+        In the spelling of `DIVISORS`.
+    temperature_c : float
+        NaN without one.
+    counts_c : float
+        The temperature in counts of the sensor, which a line of raw values may have; else NaN.
+    label : str
+        First word of the line: lines of one label are of one kind.
+    """
+
+    gyro: Triple | None
+    accel: Triple | None
+    gyro_unit: str
+    accel_unit: str
+    temperature_c: float
+    counts_c: float
+    label: str
+
+    @property
+    def kind(self) -> tuple[str, str, str]:
+        """What lines must have in common to be samples of one stream."""
+        return self.label, self.gyro_unit, self.accel_unit
+
+
+class _Found:
+    """Values of one line while it is being read."""
+
+    def __init__(self) -> None:
+        self.values: dict[int, tuple[str, str]] = {}
+        self.temperature: tuple[str, str] | None = None
+
+    def add(self, name: str, number: str, unit: str, sensor: Quantity | None) -> None:
+        column = column_of(name)
+        if name.lower() in ("x", "y", "z") and sensor is not None:
+            self.values[AXES.index(sensor[0] + name.lower())] = number, unit
+        elif column is not None and column.axis >= 0:
+            self.values[column.axis] = number, unit
+        elif name.lower() in ("t", "temp", "temperature"):
+            self.temperature = number, unit
+
+    def triple(self, first: int) -> tuple[Triple | None, str]:
+        """Return the values of a sensor and their unit, if all three are there and agree."""
+        got = [self.values[i] for i in range(first, first + 3) if i in self.values]
+        quantity: Quantity = "gyro" if first == 0 else "accel"
+        units = {unit for _, unit in got if unit}
+        if len(got) < 3 or len(units) > 1 or not units <= set(DIVISORS[quantity]):
+            return None, ""
+        whole = all(_WHOLE.fullmatch(number) for number, _ in got)
+        unit = units.pop() if units else "lsb" if whole else ("dps", "g")[first // 3]
+        x, y, z = (float(number) for number, _ in got)
+        return (x, y, z), unit
+
+
+def read_labelled(line: str) -> Labelled | None:
+    """Return what a line says, None when it does not give all axes of a sensor.
+
+    Parameters
+    ----------
+    line : str
+        Printable text without escape sequences.
+    """
+    if len(line) > _LONGEST or (":" not in line and "=" not in line):
+        return None
+    found = _Found()
+    label = _LABEL.search(line)
+    for part in _REMARK.sub(" ", line).split("|"):
+        _read_part(part, found)
+    gyro, gyro_unit = found.triple(0)
+    accel, accel_unit = found.triple(3)
+    name = label[1].split()[-1].lower() if label else ""
+    temperature_c = counts_c = math.nan
+    if found.temperature is not None:
+        number, unit = found.temperature
+        if unit in DIVISORS["temperature"]:
+            temperature_c = float(number)
+        elif name == "raw":
+            counts_c = float(number)
+    if gyro is None and accel is None and math.isnan(temperature_c):
+        return None
+    return Labelled(gyro, accel, gyro_unit, accel_unit, temperature_c, counts_c, name)
+
+
+def _read_part(part: str, found: _Found) -> None:
+    sensor = _sensor(part)
+    if match := _LIST.fullmatch(part.strip()):
+        unit = unit_of_text(match[2] or match[6] or "")
+        if sensor is not None and match[5] is not None:
+            for axis, number in zip("xyz", match.group(3, 4, 5), strict=True):
+                found.add(axis, number, unit, sensor)
+            return
+        if match[5] is None and match[1].strip().lower() in ("temp", "temperature"):
+            found.temperature = match[3], unit
+            return
+    at_end = _UNIT_AT_END.search(part)
+    common = unit_of_text(at_end[1]) if at_end else ""
+    for name, unit, number in _PAIR.findall(part):
+        found.add(name, number, unit_of_text(unit) or common, sensor)
+
+
+def _sensor(part: str) -> Quantity | None:
+    match = _SENSOR.search(part)
+    if match is None:
+        return None
+    return "accel" if match[1] else "gyro"

@@ -7,7 +7,7 @@ there it may be thinned: a row is a stretch of `stride` samples, summed (u) and 
     u = y[0] + ... + y[s-1],     v = sum of the running sums before each sample,
 
 from which the phase at its start (`picked`) and averaged over it (`averaged`) follow exactly. When
-the rows are used up neighbours are joined, ``u = u1 + u2, v = v1 + v2 + s u1``, and the stride
+the rows are used up neighbours are joined, ``u = u1 + u2, v = v1 + v2 + s2 u1``, and the stride
 doubles. Up to 8192 samples the stride is 1 and nothing is lost. No row spans a gap; what is left of
 a segment after its last full row is given up.
 """
@@ -105,7 +105,7 @@ class Archive:
         if length[-1] % 2:
             # The last row is the first half of the one that is being filled.
             last = self.rows[:, :, self.used - 1]
-            self.part = _joined(last, self.part, self.stride)
+            self.part = _joined(last, self.part, self.filled)
             self.filled += self.stride
         self.rows[:, :, : left.size] = _joined(
             self.rows[:, :, left], self.rows[:, :, left + 1], self.stride
@@ -188,10 +188,10 @@ class Archive:
         return np.split(self.sums[axis], self.starts[1:], axis=1)
 
 
-def _joined(first: Floats, second: Floats, stride: int) -> Floats:
-    """Return (u, v) of rows, shape (axes, 2, ...), that follow rows of `stride` samples."""
+def _joined(first: Floats, second: Floats, count: int) -> Floats:
+    """Return (u, v) of two neighbours, shape (axes, 2, ...), the second of `count` samples."""
     joined = first + second
-    joined[:, 1] += stride * first[:, 0]
+    joined[:, 1] += count * first[:, 0]
     return joined
 
 

@@ -100,8 +100,8 @@ class AllanBank:
         self.axes = axes
         self.per_octave = per_octave
         self.scale = np.ones(axes) if scale is None else np.array(scale, np.float64)
-        if self.scale.shape != (axes,):
-            raise ValueError(f"{axes} axes need as many scales, got shape {self.scale.shape}")
+        if self.scale.shape != (axes,) or not np.isfinite(self.scale).all():
+            raise ValueError(f"{axes} axes need as many finite scales, got {self.scale}")
         self._anchor: NDArray[np.float64] | None = None
         self._cascade = Cascade(axes, per_octave)
         self._archive = Archive(axes)
@@ -123,7 +123,7 @@ class AllanBank:
         Parameters
         ----------
         samples : Block or array_like, shape (n, axes), or (n,) for one axis
-            Integers of at most 32 bits, or float64.
+            Integers (below 2^53) or floats of at most 64 bits.
 
         Raises
         ------
@@ -183,9 +183,10 @@ class AllanBank:
             For an unknown kind, a rate that is not positive, or a level outside (0, 1).
         """
         rate = _positive(self.rate if rate is None else rate)
-        if self._curves is None:
-            self._curves = Curves(self._cascade.settled(), self._archive)
-        sums = self._curves.sums(kind)
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"level must lie between 0 and 1, got {level!r}")
+        curves = self._settled_curves()
+        sums = curves.sums(kind)
         if sums.m.size == 0:
             return _empty(kind, sums, level)
         in_units = replace(sums, variance=sums.variance * self.scale[:, np.newaxis] ** 2)
@@ -194,7 +195,7 @@ class AllanBank:
             in_units,
             rate,
             level,
-            self._curves.power_law(kind, sums),
+            curves.power_law(kind, sums),
             bias_corrected=bias_corrected,
             hadamard_factor=hadamard_factor,
         )
@@ -239,14 +240,21 @@ class AllanBank:
         ValueError
             For a state that is damaged, of another version, or no state of a bank.
         """
-        arrays = bank_state.unpack(state, like=cls(1.0, axes=1).state())
-        scale = arrays["scale"]
+        blank = cls(1.0, axes=1)
+        arrays = bank_state.unpack(state, like=blank._arrays())
+        scale, anchor = arrays["scale"], arrays["anchor"]
+        if anchor.size not in (0, scale.size):
+            raise ValueError("state of a bank is damaged: scale and anchor do not fit together")
         bank = cls(float(arrays["rate"]), scale.size, int(arrays["per_octave"]), scale)
-        if arrays["anchor"].size:
-            bank._anchor = arrays["anchor"]
+        bank._anchor = anchor if anchor.size else None
         bank._cascade.restore(arrays)
         bank._archive.restore(arrays)
         return bank
+
+    def _settled_curves(self) -> Curves:
+        if self._curves is None:
+            self._curves = Curves(self._cascade.settled(), self._archive)
+        return self._curves
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         return {
@@ -266,9 +274,7 @@ class AllanBank:
         if data.ndim != 2 or data.shape[1] != self.axes:
             raise ValueError(f"samples must have shape (n, {self.axes}), got {data.shape}")
         if not np.can_cast(data.dtype, np.float64, "safe") or data.dtype.kind not in "iuf":
-            raise ValueError(
-                f"samples must be integers of at most 32 bits or floats, got {data.dtype}"
-            )
+            raise ValueError(f"samples must be integers or float64, got {data.dtype}")
         if data.dtype.kind == "f" and not np.isfinite(data).all():
             row, column = np.argwhere(~np.isfinite(data))[0]
             raise ValueError(

@@ -106,17 +106,19 @@ class Curves:
 
     def _hybrid(self, theoh: Estimator) -> Sums:
         """Join OAVAR at short tau and TheoBR at long."""
+        n = self._cascade.samples
         parts = []
         for kind in ("oadev", "theobr"):
             sums = self.sums(kind)
-            theirs = estimator_named(kind).tau(sums.m, sums.n)
-            parts.append((sums, theoh.tau(sums.m, sums.n) == theirs))
+            at_own_tau = theoh.tau(sums.m, n) == estimator_named(kind).tau(sums.m, n)
+            admitted = [theoh.admits(m, n) for m in sums.m.tolist()]
+            parts.append((sums, at_own_tau & np.array(admitted, np.bool_)))
         return Sums(
             m=np.concatenate([sums.m[keep] for sums, keep in parts]),
             variance=np.concatenate([sums.variance[:, keep] for sums, keep in parts], axis=1),
             terms=np.concatenate([sums.terms[:, keep] for sums, keep in parts], axis=1),
             stride=np.concatenate([sums.stride[keep] for sums, keep in parts]),
-            n=self._cascade.samples,
+            n=n,
         )
 
     def _from_archive(self, estimator: Estimator) -> Sums:

@@ -1,0 +1,226 @@
+"""Blocks, gaps, merging: whatever happens to the stream, the sums are those of its segments."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from allanscope.allan.bank import AllanBank
+from allanscope.allan.estimators import REGISTRY
+from allanscope.samples import Block, Ticks
+
+KINDS = sorted(REGISTRY)
+CUTS = st.lists(st.integers(0, 3000), max_size=6)
+
+
+def samples(n, axes=2, seed=0, integer=True):
+    rng = np.random.default_rng(seed)
+    data = 1000 + rng.normal(scale=30, size=(n, axes)) + rng.normal(size=(n, axes)).cumsum(axis=0)
+    return data.astype(np.int16) if integer else data
+
+
+def pieces(data, cuts):
+    return np.split(data, sorted(min(cut, len(data)) for cut in cuts))
+
+
+def bank_of(segments, axes=2):
+    """Return a bank that saw arrays with a gap between each two."""
+    bank = AllanBank(100.0, axes=axes, per_octave=2)
+    for i, segment in enumerate(segments):
+        if i:
+            bank.gap()
+        bank.update(segment)
+    return bank
+
+
+def assert_identical(one, other):
+    ours, theirs = one.state(), other.state()
+    assert ours.keys() == theirs.keys()
+    for name, array in ours.items():
+        np.testing.assert_array_equal(array, theirs[name], err_msg=name)
+
+
+def assert_same_curves(one, other, rtol, kinds=KINDS):
+    for kind in kinds:
+        a, b = one.deviation(kind), other.deviation(kind)
+        np.testing.assert_array_equal(a.m, b.m)
+        np.testing.assert_array_equal(a.terms, b.terms)
+        np.testing.assert_allclose(a.deviation, b.deviation, rtol=rtol, atol=0, err_msg=kind)
+
+
+@settings(max_examples=40, deadline=None)
+@given(n=st.integers(0, 3000), cuts=CUTS, integer=st.booleans())
+def test_any_split_into_blocks_gives_the_same_bits(n, cuts, integer):
+    data = samples(n, integer=integer)
+    whole = bank_of([data])
+    split = AllanBank(100.0, axes=2, per_octave=2)
+    for i, piece in enumerate(pieces(data, cuts)):
+        split.update(piece)
+        if i % 2:
+            split.deviation("oadev")  # a look in between must not change anything
+    assert_identical(whole, split)
+
+
+def test_samples_one_by_one_give_the_same_bits():
+    data = samples(1100)
+    split = AllanBank(100.0, axes=2, per_octave=2)
+    for row in data:
+        split.update(row[np.newaxis])
+    assert_identical(bank_of([data]), split)
+
+
+def test_blocks_longer_than_the_conversion_buffer_give_the_same_bits():
+    data = samples(50_000)
+    split = AllanBank(100.0, axes=2, per_octave=2)
+    for piece in np.array_split(data, 7):
+        split.update(Block(index=0, counts=piece, ticks=Ticks.none()))
+    assert_identical(bank_of([data]), split)
+
+
+@settings(max_examples=30, deadline=None)
+@given(n=st.integers(0, 3000), cuts=CUTS)
+def test_no_term_spans_a_gap(n, cuts):
+    """Sums over segments are the sums of each, so the pooled variance is their weighted mean."""
+    data = samples(n)
+    segments = pieces(data, cuts)
+    together = bank_of(segments)
+    alone = [bank_of([segment]) for segment in segments]
+    for kind in ("adev", "oadev", "hdev", "ohdev", "mdev", "pdev", "totdev"):
+        whole = together._settled_curves().sums(kind)
+        parts = [bank._settled_curves().sums(kind) for bank in alone]
+        for t, m in enumerate(whole.m):
+            found = [(part, np.flatnonzero(part.m == m)[0]) for part in parts if m in part.m]
+            terms = sum(part.terms[:, at] for part, at in found)
+            squares = sum(part.terms[:, at] * part.variance[:, at] for part, at in found)
+            np.testing.assert_array_equal(whole.terms[:, t], terms)
+            np.testing.assert_allclose(whole.variance[:, t], squares / terms, rtol=1e-11)
+
+
+@settings(max_examples=30, deadline=None)
+@given(n=st.integers(2, 3000), cuts=CUTS)
+def test_the_standard_deviation_pools_all_segments_about_one_mean(n, cuts):
+    segments = pieces(samples(n), cuts)
+    for kind, step in (("ostdev", 1), ("stdev", None)):
+        curve = bank_of(segments).deviation(kind)
+        for t, m in enumerate(curve.m.tolist()):
+            every = 2 ** max(m.bit_length() - 6, 0) if step else m
+            w = []
+            for segment in segments:
+                x = np.concatenate([np.zeros((1, 2)), segment.cumsum(axis=0, dtype=float)])
+                w.append((x[m:] - x[:-m])[::every] / m if len(x) > m else x[:0])
+            w = np.concatenate(w)
+            assert curve.terms[0, t] == len(w)
+            if len(w) > 1:
+                np.testing.assert_allclose(
+                    curve.deviation[:, t], w.std(axis=0, ddof=1), rtol=1e-9, atol=1e-9
+                )
+
+
+def test_gaps_that_separate_nothing_change_nothing():
+    data = samples(500)
+    bank = AllanBank(100.0, axes=2, per_octave=2)
+    bank.gap()
+    bank.update(data[:300])
+    bank.gap()
+    bank.gap()
+    bank.update(data[300:300])
+    bank.gap()
+    bank.update(data[300:])
+    assert_identical(bank_of([data[:300], data[300:]]), bank)
+
+
+@settings(max_examples=25, deadline=None)
+@given(sizes=st.lists(st.integers(0, 1500), min_size=3, max_size=3), seed=st.integers(0, 99))
+def test_merging_is_one_pass_with_a_gap_between(sizes, seed):
+    parts = [samples(n, seed=seed + i) for i, n in enumerate(sizes)]
+    one_pass = bank_of([part for part in parts if len(part)])
+    a, b, c = (bank_of([part]) for part in parts)
+    left, right = (a + b) + c, a + (b + c)
+    assert left.samples == right.samples == sum(sizes)
+    assert_same_curves(left, one_pass, rtol=1e-10)
+    assert_same_curves(right, left, rtol=1e-10)
+
+
+def test_sums_of_integers_merge_without_any_rounding():
+    parts = [samples(700, seed=1), samples(3000, seed=2), samples(40, seed=3)]
+    a, b, c = (bank_of([part]) for part in parts)
+    assert_same_curves(
+        a + b + c, bank_of(parts), rtol=0, kinds=["oadev", "ohdev", "adev", "totdev"]
+    )
+
+
+def test_merging_long_runs_thins_their_archives_alike():
+    parts = [samples(9000, seed=1), samples(20_000, seed=2)]
+    a, b = (bank_of([part]) for part in parts)
+    merged, one_pass = a + b, bank_of(parts)
+    assert_same_curves(merged, one_pass, rtol=1e-9)
+    assert_same_curves(b + a, one_pass, rtol=1e-9, kinds=["oadev", "mdev", "stdev"])
+
+
+def test_adding_leaves_both_banks_as_they_were():
+    a, b = bank_of([samples(300)]), bank_of([samples(200)])
+    before = a.state(), b.state()
+    total = a + b
+    total.update(samples(100))
+    for bank, state in zip((a, b), before, strict=True):
+        for name, array in bank.state().items():
+            np.testing.assert_array_equal(array, state[name])
+
+
+def test_a_merged_bank_goes_on_in_a_segment_of_its_own():
+    a, b, c = samples(300, seed=1), samples(200, seed=2), samples(400, seed=3)
+    bank = bank_of([a])
+    bank.merge(bank_of([b]))
+    bank.update(c)
+    assert_same_curves(bank, bank_of([a, b, c]), rtol=1e-10)
+
+
+def test_banks_that_do_not_fit_are_not_merged():
+    bank = bank_of([samples(10)])
+    for other in (
+        AllanBank(100.0, axes=3, per_octave=2),
+        AllanBank(100.0, axes=2, per_octave=4),
+        AllanBank(100.0, axes=2, per_octave=2, scale=[1.0, 2.0]),
+    ):
+        with pytest.raises(ValueError, match="cannot be merged"):
+            bank.merge(other)
+
+
+@settings(max_examples=20, deadline=None)
+@given(n=st.integers(1, 2500), cuts=CUTS)
+def test_axes_do_not_know_of_each_other(n, cuts):
+    data = samples(n, axes=3)
+    together = bank_of(pieces(data, cuts), axes=3)
+    for axis in range(3):
+        alone = bank_of(pieces(data[:, axis : axis + 1], cuts), axes=1)
+        for kind in ("oadev", "mdev", "stdev", "totdev", "mtotdev", "theoh"):
+            curve, single = together.deviation(kind), alone.deviation(kind)
+            np.testing.assert_array_equal(curve.deviation[axis], single.deviation[0])
+            np.testing.assert_array_equal(curve.noise[axis], single.noise[0])
+
+
+def test_the_rate_and_the_scale_enter_at_the_query():
+    data = samples(2000)
+    bank = AllanBank(100.0, axes=2, per_octave=2, scale=[1.0, 0.5])
+    bank.update(data)
+    counts = bank_of([data])
+    for kind in KINDS:
+        nominal, measured = bank.deviation(kind), bank.deviation(kind, rate=103.0)
+        np.testing.assert_allclose(measured.tau * 103.0, nominal.tau * 100.0)
+        per_s = 103.0 if kind in ("tdev", "ttotdev") else 1.0
+        np.testing.assert_allclose(
+            measured.deviation * per_s, nominal.deviation * (100.0 if per_s > 1 else 1.0)
+        )
+        plain = counts.deviation(kind)
+        np.testing.assert_array_equal(nominal.deviation[0], plain.deviation[0])
+        np.testing.assert_allclose(nominal.deviation[1], 0.5 * plain.deviation[1])
+        np.testing.assert_array_equal(nominal.noise, plain.noise)
+
+
+def test_the_state_of_an_axis_stays_below_a_mebibyte_for_any_length():
+    bank = AllanBank(6660.0, axes=6)
+    bank.update(np.zeros((20_000, 6), np.int16))
+    bank._cascade.grow(24)  # m = 2^28 and more, eleven hours at 6.66 kHz
+    assert bank.deviation("oadev").m.size < bank._cascade.m.size
+    assert bank._cascade.m.max() > 2**28
+    assert bank.nbytes / 6 < 2**20

@@ -260,12 +260,12 @@ def _whole(rows: list[Row], meaning: Meaning) -> list[Row]:
     if not needed:
         return rows
     values = np.array([row.values for row in rows], np.float64)
-    there = np.isfinite(values[:, needed]).all(axis=1)
-    if there.all():
+    there: list[bool] = np.isfinite(values[:, needed]).all(axis=1).tolist()
+    if all(there):
         return rows
     whole: list[Row] = []
     damaged = False
-    for row, is_whole in zip(rows, there.tolist(), strict=True):
+    for row, is_whole in zip(rows, there, strict=True):
         damaged |= row.damaged_before
         if is_whole:
             whole.append(row._replace(damaged_before=damaged))

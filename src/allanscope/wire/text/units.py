@@ -41,7 +41,9 @@ def unit_of_text(text: str) -> str:
     >>> [unit_of_text(unit) for unit in ("µs", "m/s^2", "°C", "DPS", "m/s²")]
     ['us', 'm/s2', 'degc', 'dps', 'm/s2']
     """
-    text = text.strip().lower().translate(str.maketrans({"µ": "u", "μ": "u", "²": "2", "°": "deg"}))
+    text = text.strip().lower()
+    for written, plain in (("µ", "u"), ("μ", "u"), ("²", "2"), ("°", "deg")):
+        text = text.replace(written, plain)
     return re.sub(r"[^a-z0-9/]", "", text)
 
 

@@ -141,9 +141,9 @@ def _from_correlation(
     """Return alpha from the lag-1 autocorrelation of the rates and of their first differences."""
     # White FM has r = 0, flicker FM one that grows with the run: part them half way.
     stationary = rates < max(0.36 - 5.0 / n, 0.2)
-    without = 2.0 - (rates > -3.0 / 7.0) - (rates > -0.2)
-    with_one = -1.0 - (differences > -0.2) - (differences > 0.35) - (differences > 0.93)
-    alpha = np.where(stationary, without, with_one)
+    steps = [rates > edge for edge in (-3 / 7, -1 / 5)]
+    steps_once_more = [differences > edge for edge in (-7 / 11, -5 / 9, -3 / 7, -1 / 5, 0.35, 0.93)]
+    alpha = 2.0 - np.where(stationary, sum(steps), sum(steps_once_more))
     return np.where(np.isfinite(rates) & np.isfinite(differences), alpha, np.nan)
 
 

@@ -25,8 +25,8 @@ _CORRECTION = {0: 0.995, -1: 0.851, -2: 0.771, -3: 0.717, -4: 0.679}
 class Htotdev(Estimator):
     """Hadamard total variance HTOT: HVAR within windows of 3m rates, detrended and mirrored.
 
-    NIST SP 1065 eq. 29 (D. Howe and others 2000; DT0064 HTOT). The windows are treated as those of
-    `Mtotdev`, with rates for phases and 1/6 for 1/2. At m = 1 it is OHVAR, by convention.
+    NIST SP 1065 eq. 29 (D. Howe and others 2000; DT0064 HTOTVAR). The windows are treated as those
+    of `Mtotdev`, with rates for phases and 1/6 for 1/2. At m = 1 it is OHVAR, by convention.
 
     Notes
     -----

@@ -24,7 +24,7 @@ _CORRECTION = {2: 0.94, 1: 0.83, 0: 0.73, -1: 0.70, -2: 0.69}
 class Mtotdev(Estimator):
     """Modified total variance MTOT: MVAR within windows of 3m phases, detrended and mirrored.
 
-    NIST SP 1065 eq. 27 (D. Howe and F. Vernotte 1999; DT0064 MTOT). Each window yields 6m second
+    NIST SP 1065 eq. 27 (D. Howe and F. Vernotte 1999; DT0064 MTOTVAR). Each window yields 6m second
     differences where MVAR takes one, a fifth to a half more degrees of freedom.
 
     Notes

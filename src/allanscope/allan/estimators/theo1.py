@@ -18,10 +18,10 @@ class Theo1(Estimator):
     """Theoretical variance no. 1 in its raw form, at tau = 0.75 m.
 
     ``THEO1(0.75 m) = 1/(0.75 m^2) < sum_{v=1}^{m/2} (x[i] - x[i+v] + x[i+m] - x[i+m-v])^2 / v >``
-    for even m, over all windows of m + 1 phases (D. Howe and T. Peppler 2003; NIST SP 1065 eq. 30).
-    It compares rates at all distances within a window and so has a value, with several degrees of
-    freedom, where the Allan variance has long run out. For white FM its expectation is AVAR at
-    0.75 m; for other noise it is biased: see `TheoBR`.
+    for even m, over all windows of m + 1 phases (D. Howe and T. Peppler 2003; NIST SP 1065 eq. 30;
+    DT0064 THEO1). It compares rates at all distances within a window and so has a value, with
+    several degrees of freedom, where the Allan variance has long run out. For white FM its
+    expectation is AVAR at 0.75 m; for other noise it is biased: see `TheoBR`.
 
     SP 1065 recommends m >= 10. Some programs, allantools among them, label it tau = m.
 

@@ -23,7 +23,7 @@ class TheoH(TheoBR):
     """Hybrid of OAVAR and TheoBR: one curve from tau0 to three quarters of the run.
 
     OAVAR at tau = m up to a tenth of the run, TheoBR at tau = 0.75 m (m even) above (J. Taylor and
-    D. Howe 2010; NIST SP 1065 eq. 32; DT0064 calls it Theo1H). Degrees of freedom are those of the
+    D. Howe 2010: THEOH; NIST SP 1065 eq. 32; DT0064: Theo1H). Degrees of freedom are those of the
     part.
 
     Examples
@@ -77,5 +77,6 @@ class TheoH(TheoBR):
         return np.where(short, allan, super().edf(alpha, m, n, stride))
 
     def needed(self, m: int) -> int:
-        """Return how many rate samples give a value, at tau = m or, sooner, at tau = 0.75 m."""
-        return super().needed(m) if m % 2 == 0 else 10 * m
+        """Return how many rate samples give a value: at tau = 0.75 m or, if not there, at m."""
+        window = super().needed(m)
+        return window if m % 2 == 0 and 0.75 * m > _SHORT * window else 10 * m

@@ -17,7 +17,7 @@ __all__ = ["Ttotdev"]
 class Ttotdev(Mtotdev):
     """Time total variance TTOT: ``tau^2 / 3`` times the modified total variance.
 
-    NIST SP 1065 eq. 28 (DT0064 TTOT); bias and degrees of freedom are those of `Mtotdev`.
+    NIST SP 1065 eq. 28 (DT0064 TTOTVAR); bias and degrees of freedom are those of `Mtotdev`.
 
     Examples
     --------

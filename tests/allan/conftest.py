@@ -1,0 +1,34 @@
+"""Data that the tests of this room share."""
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="session")
+def power_law():
+    """Return a generator of Gaussian noise with S(f) ~ |2 sin(pi f)|^alpha, shape (runs, n)."""
+
+    def generate(alpha, n, runs, seed):
+        k = np.arange(1, n)
+        response = np.append(1.0, np.cumprod((k - 1 - alpha / 2) / k))
+        white = np.random.default_rng(seed).standard_normal((runs, n))
+        spectrum = np.fft.rfft(white, 2 * n, axis=1) * np.fft.rfft(response, 2 * n)
+        return np.fft.irfft(spectrum, 2 * n, axis=1)[:, :n]
+
+    return generate
+
+
+@pytest.fixture(scope="session")
+def nbs14_1000():
+    """Return the 1000 points of NIST SP 1065 section 12.4: Lehmer's generator from 1234567890."""
+    values, state = [], 1234567890
+    for _ in range(1000):
+        values.append(state / 2147483647)
+        state = 16807 * state % 2147483647
+    return np.array(values)
+
+
+@pytest.fixture(scope="session")
+def nbs14_10():
+    """Return the nine frequencies of the 10-point set of NBS Monograph 140."""
+    return np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])

@@ -1,0 +1,197 @@
+"""Degrees of freedom: against Greenhall and Riley's tables, exact traces, and simulation."""
+
+import allantools.ci
+import numpy as np
+import pytest
+
+from allanscope.allan.autocovariance import difference_autocovariance, phase_autocovariance
+from allanscope.allan.edf import difference_edf, small_factor_loss
+from allanscope.allan.estimators import REGISTRY
+
+
+def greenhall(alpha, order, m, n, **how):
+    try:
+        return allantools.ci.edf_greenhall(alpha, order, m, n + 1, **how)
+    except NotImplementedError:  # white PM at the very end of the run
+        return None
+
+
+@pytest.mark.parametrize(
+    ("order", "overlap", "modified"),
+    [(2, False, False), (2, True, False), (2, True, True), (3, False, False), (3, True, False)],
+)
+@pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2, -3])
+def test_agrees_with_greenhall_and_riley(alpha, order, overlap, modified):
+    if alpha + 2 * order <= 1:
+        pytest.skip("does not converge")
+    for n in (60, 1000, 100_000):
+        for m in (1, 2, 5, 12, 33, 100, 1000, 10_000):
+            length = m * order + (m if modified else 1)
+            if length > n:
+                continue
+            expected = greenhall(alpha, order, m, n, overlapping=overlap, modified=modified)
+            if expected is None:
+                continue
+            stride = 1 if overlap else m
+            found = float(difference_edf(alpha, m, n, stride, order, modified=modified))
+            # Up to 100 lags they sum as we do, but for half of the last one, which matters where
+            # rho has a tail; above that their tables have three digits, and white PM is a formula.
+            summed = (order + 1) * (m if overlap else 1) <= 100 and m <= 25 and alpha <= 1
+            tolerance = (1e-9 if alpha % 2 == 0 else 0.01) if summed else 0.04
+            assert found == pytest.approx(expected, rel=tolerance)
+
+
+def simulated(terms):
+    """Degrees of freedom of the mean of squares in each row, and their standard error."""
+    variance = np.mean(terms**2, axis=1)
+    edf = 2.0 * variance.mean() ** 2 / variance.var()
+    return edf, edf * np.sqrt(2.0 / len(variance))
+
+
+@pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
+@pytest.mark.parametrize("stride", [4, 8])
+def test_thinned_terms_of_the_cascade(alpha, stride, power_law):
+    n, m = 1024, 32
+    x = np.cumsum(power_law(alpha, n, runs=1200, seed=5), axis=1)
+    x = np.concatenate([np.zeros((len(x), 1)), x], axis=1)
+    z = np.cumsum(x, axis=1)
+    second = x[:, 2 * m :] - 2 * x[:, m:-m] + x[:, : -2 * m]
+    third = x[:, 3 * m :] - 3 * x[:, 2 * m : -m] + 3 * x[:, m : -2 * m] - x[:, : -3 * m]
+    modified = z[:, 3 * m :] - 3 * z[:, 2 * m : -m] + 3 * z[:, m : -2 * m] - z[:, : -3 * m]
+    for terms, order, averaged in ((second, 2, False), (third, 3, False), (modified, 2, True)):
+        edf, error = simulated(terms[:, ::stride])
+        found = float(difference_edf(alpha, m, n, stride, order, modified=averaged))
+        assert found == pytest.approx(edf, abs=4 * error)
+
+
+def test_thinning_costs_white_pm_its_terms_and_random_walk_nothing():
+    kept = {
+        alpha: difference_edf(alpha, 1024, 2**16, 32, 2) / difference_edf(alpha, 1024, 2**16, 1, 2)
+        for alpha in (2, 0, -1, -2)
+    }
+    assert kept[2] == pytest.approx(1 / 32, rel=0.05)
+    assert kept[0] > 0.99
+    assert kept[-1] > 0.999
+    assert kept[-2] > 0.999
+
+
+@pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
+@pytest.mark.parametrize(("order", "modified"), [(2, False), (2, True), (3, False)])
+def test_growing_blocks_of_lags_equal_the_sum_of_all(alpha, order, modified, monkeypatch):
+    from allanscope.allan import edf
+
+    m, n = 700, 20_000
+    found = float(difference_edf(alpha, m, n, 1, order, modified=modified))
+    edf._difference_lags.cache_clear()
+    monkeypatch.setattr(edf, "_ONE_BY_ONE", 10**6)
+    exact = float(difference_edf(alpha, m, n, 1, order, modified=modified))
+    edf._difference_lags.cache_clear()
+    assert found == pytest.approx(exact, rel=2e-3)
+
+
+def test_huge_factors_keep_their_digits():
+    for alpha in (2, 1, 0, -1, -2):
+        small = float(difference_edf(alpha, 2**10, 2**14, 1, 2))
+        large = float(difference_edf(alpha, 2**24, 2**28, 1, 2))
+        if alpha <= 0:
+            assert large == pytest.approx(small, rel=0.01)
+        else:
+            assert large > 2 * small  # more terms, sharply correlated
+
+
+def test_a_single_term_has_one_degree_and_none_has_none():
+    assert difference_edf(0, 10, 20, 1, 2) == pytest.approx(1.0)
+    assert difference_edf(0, 10, 19, 1, 2) == 0.0
+
+
+def test_too_steep_noise_is_refused():
+    with pytest.raises(ValueError, match="order 2 does not converge for alpha -3"):
+        difference_edf(-3, 10, 100, 1, 2)
+    with pytest.raises(ValueError, match="needs a bandwidth"):
+        difference_autocovariance(np.zeros(1), np.inf, 1, 2)
+
+
+def quadratic_edf(kind, alpha, m, n, width):
+    """Exact ``tr(QC)^2 / tr(QCQC)`` of an estimator, Q being read off its values."""
+    estimator = REGISTRY[kind]
+    basis = np.eye(n + 1)
+    single = np.array([estimator.exact(row, m)[0] for row in basis])
+    q = np.diag(single)
+    for i in range(n + 1):
+        for j in range(i):
+            pair = estimator.exact(basis[i] + basis[j], m)[0]
+            q[i, j] = q[j, i] = 0.5 * (pair - single[i] - single[j])
+    lag = np.abs(np.subtract.outer(np.arange(n + 1), np.arange(n + 1))) / m
+    product = q @ phase_autocovariance(lag, width, alpha)
+    return np.trace(product) ** 2 / np.sum(product * product.T)
+
+
+@pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
+@pytest.mark.parametrize("kind", ["oadev", "ohdev", "mdev", "pdev"])
+def test_exact_trace_of_difference_estimators(kind, alpha):
+    for n in (50, 90):
+        found = float(REGISTRY[kind].edf(alpha, 8, n, 1))
+        assert found == pytest.approx(quadratic_edf(kind, alpha, 8, n, 8.0), rel=1e-2)
+
+
+@pytest.mark.parametrize("kind", ["mtotdev", "htotdev", "totdev"])
+def test_exact_trace_of_the_totals(kind):
+    """Fits and published tables; 15 % in edf is 7 % in the width of the limits."""
+    estimator = REGISTRY[kind]
+    lowest = -2 if kind != "htotdev" else -4
+    for alpha in range(0, lowest - 1, -1):
+        for n in (40, 80, 100):
+            found = float(estimator.edf(alpha, 10, n, 1))
+            assert found == pytest.approx(quadratic_edf(kind, alpha, 10, n, 10.0), rel=0.15)
+
+
+@pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
+def test_exact_trace_of_theo1(alpha):
+    """The published fits. Short lags count here, so the phase is sampled and not averaged."""
+    for n in (60, 120):
+        found = float(REGISTRY["theo1"].edf(alpha, 20, n, 1))
+        exact = quadratic_edf("theo1", alpha, 20, n, np.inf if alpha <= 0 else 20.0)
+        assert found == pytest.approx(exact, rel=0.2)
+
+
+def test_totals_use_the_published_tables_at_large_m():
+    published = {0: 1.50 * 20, -1: 1.17 * 20 - 0.22, -2: 0.93 * 20 - 0.36}
+    for alpha, expected in published.items():
+        assert REGISTRY["totdev"].edf(alpha, 500, 10_000, 1) == pytest.approx(expected)
+    table = {0: (0.559, 1.004), -1: (0.868, 1.140), -2: (0.938, 1.696)}
+    for alpha, (b0, b1) in table.items():
+        expected = 20 / (b0 + b1 / 20)
+        assert REGISTRY["htotdev"].edf(alpha, 500, 10_000, 1) == pytest.approx(expected, rel=0.05)
+    table = {2: (1.90, 2.10), 1: (1.20, 1.40), 0: (1.10, 1.20), -2: (0.75, 0.31)}
+    for alpha, (b, c) in table.items():
+        expected = b * 16 - c
+        assert REGISTRY["mtotdev"].edf(alpha, 500, 8000, 1) == pytest.approx(expected, rel=0.13)
+
+
+def test_small_factors_cost_white_fm_more_than_half():
+    loss = small_factor_loss(0, np.array([1, 2, 8, 64, 1000]), 10_000, 2)
+    assert loss == pytest.approx([0.52, 0.72, 0.86, 1.0, 1.0], abs=0.15)
+    assert np.all(np.diff(loss) >= 0)
+
+
+@pytest.mark.parametrize("kind", ["stdev", "ostdev"])
+@pytest.mark.parametrize("alpha", [2, 0, -1, -2])
+def test_averages_by_simulation(kind, alpha, power_law):
+    n, estimator = 256, REGISTRY[kind]
+    phases = [
+        np.append(0.0, np.cumsum(run)) for run in power_law(alpha, n, runs=800, seed=30 + alpha)
+    ]
+    for m in (4, 32):
+        values = np.array([estimator.exact(phase, m)[0] for phase in phases])
+        edf = 2 * values.mean() ** 2 / values.var()
+        found = float(estimator.edf(alpha, m, n, estimator.exact_stride(m)))
+        assert found == pytest.approx(edf, rel=0.3)
+
+
+def test_independent_averages_of_white_noise_have_one_degree_less_than_their_number():
+    assert REGISTRY["stdev"].edf(0, 100, 1000, 100) == pytest.approx(9.0, rel=1e-4)
+
+
+def test_the_sample_variance_of_a_random_walk_has_two_and_a_half_degrees():
+    """The sum of 1/k^2, squared, over that of 1/k^4: however long the run."""
+    assert REGISTRY["ostdev"].edf(-2, 10, 10**6, 1) == pytest.approx(2.5, rel=0.02)

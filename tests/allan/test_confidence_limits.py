@@ -1,0 +1,180 @@
+"""Limits, refusals, units: what `assemble` makes of sums."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from allanscope.allan.confidence import (
+    assemble,
+    chi_square_limits,
+    simple_interval,
+    wait_seconds,
+)
+from allanscope.allan.estimators import REGISTRY, Sums
+
+
+def sums(variance, terms=None, m=(1, 10, 100), n=1000, stride=1):
+    variance = np.asarray(variance, float)
+    terms = np.full(variance.shape, 50) if terms is None else np.asarray(terms)
+    m = np.asarray(m, np.int64)
+    return Sums(m, variance, terms, np.full(m.shape, stride, np.int64), n)
+
+
+@pytest.mark.parametrize("level", [0.683, 0.95, 0.99])
+@pytest.mark.parametrize("edf", [1.0, 1.7, 5.0, 80.0, 1e4, 1e7])
+def test_limits_are_chi_square_quantiles(level, edf):
+    lower, upper = chi_square_limits(3.0, edf, level)
+    tails = scipy.stats.chi2(edf).ppf([(1 + level) / 2, (1 - level) / 2])
+    assert [lower, upper] == pytest.approx(3.0 * np.sqrt(edf / tails), rel=1e-9)
+    assert lower < 3.0 < upper
+
+
+def test_one_degree_of_freedom_leaves_a_factor_of_thirty():
+    lower, upper = chi_square_limits(1.0, 1.0)
+    assert float(lower) == pytest.approx(0.446, abs=1e-3)
+    assert float(upper) == pytest.approx(31.9, abs=0.1)
+
+
+def test_nothing_known_gives_no_limits():
+    assert np.isnan(chi_square_limits(np.nan, np.nan)).all()
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, 95, -0.1])
+def test_a_level_is_a_probability(level):
+    with pytest.raises(ValueError, match="level must lie between 0 and 1"):
+        chi_square_limits(1.0, 5.0, level)
+
+
+def test_the_simple_interval_is_the_deviation_over_the_root_of_its_terms():
+    lower, upper = simple_interval([3.0, 8.0], [9, 16])
+    assert lower.tolist() == [2.0, 6.0]
+    assert upper.tolist() == [4.0, 10.0]
+
+
+def test_the_curve_is_the_root_of_the_variance_in_seconds():
+    curve = assemble("oadev", sums([4.0, 1.0, 0.25]), rate=20.0, alpha=0)
+    assert curve.tau.tolist() == [0.05, 0.5, 5.0]
+    assert curve.deviation.tolist() == [2.0, 1.0, 0.5]
+    assert curve.noise.tolist() == ["WFM"] * 3
+    assert curve.trusted.tolist() == [True, True, True]
+    expected = REGISTRY["oadev"].edf(0, curve.m, 1000, 1)
+    assert curve.edf.tolist() == expected.tolist()
+    assert curve.lower == pytest.approx(chi_square_limits(curve.deviation, expected)[0])
+
+
+def test_several_axes_have_a_row_each():
+    variance = np.array([[4.0, 1.0, 0.25], [1.0, np.nan, 1.0]])
+    alpha = np.array([[2, 0, 0], [0, -1, -2]])
+    curve = assemble("oadev", sums(variance), 1.0, alpha=alpha)
+    assert curve.tau.shape == (3,)
+    assert curve.deviation.shape == curve.edf.shape == curve.noise.shape == (2, 3)
+    assert curve.noise.tolist() == [["WPM", "WFM", "WFM"], ["WFM", "", "RWFM"]]
+    assert np.isnan(curve.lower[1, 1])
+
+
+def test_too_few_terms_are_refused():
+    for kind, fewest in (("oadev", 2), ("theo1", 1), ("mtotdev", 1)):
+        curve = assemble(kind, sums([1.0, 1.0, 1.0], [fewest, fewest - 1, 0]), 1.0, alpha=0)
+        assert np.isfinite(curve.deviation).tolist() == [True, False, False]
+        for column in (curve.lower, curve.upper, curve.edf):
+            assert np.isnan(column).tolist() == [False, True, True]
+        assert curve.noise.tolist() == ["WFM", "", ""]
+
+
+def test_without_a_noise_type_the_limits_are_those_of_white_fm():
+    unknown = assemble("oadev", sums([1.0, 1.0, 1.0]), 1.0)
+    white = assemble("oadev", sums([1.0, 1.0, 1.0]), 1.0, alpha=0)
+    assert unknown.noise.tolist() == ["", "", ""]
+    assert unknown.upper.tolist() == white.upper.tolist()
+
+
+def test_noise_too_steep_for_the_estimator_keeps_its_name():
+    curve = assemble("oadev", sums([1.0, 1.0, 1.0]), 1.0, alpha=[-2, -3, -4])
+    assert curve.noise.tolist() == ["RWFM", "FWFM", "RRFM"]
+    assert curve.edf[1] == REGISTRY["oadev"].edf(-2, 10, 1000, 1)
+    steep = assemble("ohdev", sums([1.0, 1.0, 1.0]), 1.0, alpha=[-2, -3, -4])
+    assert steep.edf[1] == REGISTRY["ohdev"].edf(-3, 10, 1000, 1)
+
+
+def test_time_deviations_are_in_seconds():
+    assert assemble("tdev", sums([4.0, 4.0, 4.0]), 10.0, alpha=0).deviation[0] == 0.2
+
+
+def test_thinned_terms_widen_the_limits():
+    full = assemble("oadev", sums([1.0] * 3, m=[64, 128, 256], n=4096), 1.0, alpha=2)
+    thin = assemble("oadev", sums([1.0] * 3, m=[64, 128, 256], n=4096, stride=16), 1.0, alpha=2)
+    assert np.all(thin.edf < full.edf / 10)
+    assert np.all(thin.upper > full.upper)
+
+
+@pytest.mark.parametrize(
+    ("kind", "alpha", "factor"),
+    [
+        ("mtotdev", 2, 0.94),
+        ("mtotdev", 1, 0.83),
+        ("mtotdev", 0, 0.73),
+        ("mtotdev", -1, 0.70),
+        ("mtotdev", -2, 0.69),
+        ("mtotdev", -4, 0.69),
+        ("ttotdev", 0, 0.73),
+        ("htotdev", 0, 0.995),
+        ("htotdev", -1, 0.851),
+        ("htotdev", -2, 0.771),
+        ("htotdev", -3, 0.717),
+        ("htotdev", -4, 0.679),
+        ("htotdev", 2, 1.0),
+        ("totdev", -2, 1.0),
+        ("theo1", -2, 1.0),
+    ],
+)
+def test_the_published_bias_is_taken_off_the_variance(kind, alpha, factor):
+    corrected = assemble(kind, sums([1.0] * 3), 1.0, alpha=alpha)
+    raw = assemble(kind, sums([1.0] * 3), 1.0, alpha=alpha, bias_corrected=False)
+    assert (raw.deviation / corrected.deviation)[1:] ** 2 == pytest.approx(factor)
+
+
+@pytest.mark.parametrize("bias_corrected", [True, False])
+@pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
+@pytest.mark.parametrize("kind", sorted(REGISTRY))
+def test_limits_enclose_the_value_whatever_its_bias(kind, alpha, bias_corrected):
+    curve = assemble(kind, sums([1.0] * 3), 1.0, alpha=alpha, bias_corrected=bias_corrected)
+    assert np.all((curve.lower < curve.deviation) & (curve.deviation < curve.upper))
+
+
+def test_the_limits_of_totdev_allow_for_what_it_misses_at_long_tau():
+    curve = assemble("totdev", sums([1.0], m=[400]), 1.0, alpha=-2)
+    expected = chi_square_limits(np.sqrt(1 / (1 - 0.75 * 0.4)), curve.edf)[1]
+    assert curve.upper == pytest.approx(expected)
+    assert curve.deviation.tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "part"),
+    [("oadev", 0.1), ("adev", 0.1), ("ohdev", 0.1), ("totdev", 0.5), ("mtotdev", 0.3)],
+)
+def test_trust_ends_at_a_part_of_the_run(kind, part):
+    m = np.array([100, 101, 300, 301, 500, 501])
+    curve = assemble(kind, sums(np.ones(6), m=m), 1.0)
+    assert curve.trusted.tolist() == [k <= 1000 * part for k in m]
+
+
+def test_the_theo_family_is_trusted_to_three_quarters():
+    curve = assemble("theo1", sums([1.0, 1.0], m=[500, 1000]), 4.0)
+    assert curve.tau.tolist() == [93.75, 187.5]
+    assert curve.trusted.all()
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+def test_a_rate_is_positive(rate):
+    with pytest.raises(ValueError, match="rate must be positive and finite"):
+        assemble("oadev", sums([1.0] * 3), rate)
+
+
+@pytest.mark.parametrize("kind", sorted(REGISTRY))
+def test_waiting_ends_when_there_is_a_value(kind):
+    estimator = REGISTRY[kind]
+    seconds = wait_seconds(kind, 40, 30, 10.0)
+    assert seconds == pytest.approx((estimator.needed(40) - 30) / 10.0)
+    assert wait_seconds(kind, 40, 30 + round(10 * seconds), 10.0) == 0.0
+    x = np.append(0.0, np.cumsum(np.random.default_rng(1).standard_normal(estimator.needed(40))))
+    assert np.isfinite(estimator.exact(x, 40)[0])

@@ -22,6 +22,7 @@ __all__ = [
     "PARTS",
     "Mode",
     "Part",
+    "full_scale_of",
     "part_named",
 ]
 
@@ -200,6 +201,18 @@ PARTS: Mapping[str, Part] = {
     ),
 }
 """Every part that allanscope knows, by name."""
+
+
+def full_scale_of(axis: str, scale: float) -> float | None:
+    """Return the full scale in dps or g that has a scale per count; None where none has.
+
+    Examples
+    --------
+    >>> full_scale_of("gx", 8.75e-3), full_scale_of("ax", 1.0)
+    (250.0, None)
+    """
+    table = GYRO_SCALES if axis.startswith("g") else ACCEL_SCALES
+    return next((full for full, step in table.items() if abs(scale / step - 1) < 1e-3), None)
 
 
 def part_named(name: str) -> Part:

@@ -3,8 +3,73 @@
 ::
 
     History rows ──▶ DCT ordinates ─┐
-                                    ├─▶ Whittle likelihood ──▶ NoiseFit (Q N B K R, band limit)
-    SpectrumBank ──▶ density bands ─┘            ▲                  │
-                                          components/, model        ├─▶ datasheet, exports
-    AllanBank ──▶ Deviation ──▶ GLS with full covariance ◀──────────┘
+                                    ├─▶ likelihood ──▶ NoiseFit: Q N B K R, band limit, model
+    SpectrumBank ──▶ density bands ─┘        ▲             │
+                                      components/          ├─▶ datasheet, exports
+    AllanBank ──▶ Deviation ──▶ GLS with the full covariance of the curve: a second opinion
+
+`components/` holds what noise can be, one part a file, exact in discrete time. `ordinates` and
+`evidence` make the data independent, `whittle` and `scoring` find the most likely numbers, `drift`
+and `selection` decide what else the data demand, `bias` and `profile` turn the maximum into
+estimates and intervals, and `fit` puts it all together. `crlb` says how well any of it can be
+known, `gls` and `covariance` judge a model by the Allan curve, `whiteness` by the spectrum.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from allanscope.noise.best_averaging import find_best_averaging
+    from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
+    from allanscope.noise.crlb import relative_bounds, wait_until
+    from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
+    from allanscope.noise.gls import CurveResidual, fit_curve, gls_chi2
+    from allanscope.noise.model import NoiseModel
+    from allanscope.noise.quantised import Lattice, lattice_of
+    from allanscope.noise.whittle import loglik
+
+__all__ = [
+    "BestAveraging",
+    "Coefficient",
+    "CurveResidual",
+    "DatasheetVerdict",
+    "Lattice",
+    "NoiseFit",
+    "NoiseModel",
+    "find_best_averaging",
+    "fit_array",
+    "fit_curve",
+    "fit_noise",
+    "gls_chi2",
+    "lattice_of",
+    "loglik",
+    "relative_bounds",
+    "wait_until",
+]
+
+_HOME = {
+    "BestAveraging": "coefficients",
+    "Coefficient": "coefficients",
+    "DatasheetVerdict": "coefficients",
+    "Lattice": "quantised",
+    "NoiseFit": "fit",
+    "NoiseModel": "model",
+    "find_best_averaging": "best_averaging",
+    "fit_array": "fit",
+    "fit_curve": "gls",
+    "fit_noise": "fit",
+    "CurveResidual": "gls",
+    "gls_chi2": "gls",
+    "loglik": "whittle",
+    "lattice_of": "quantised",
+    "relative_bounds": "crlb",
+    "wait_until": "crlb",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name in _HOME:
+        value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Lattice", "find_step", "on_lattice", "quantised"]
+__all__ = ["Lattice", "find_step", "lattice_of", "on_lattice"]
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Lattice:
         return self.sigma / self.step if self.step else 0.0
 
 
-def quantised(
+def lattice_of(
     values: ArrayLike, step: float | None = None, *, truncated: bool = False, unit: str = "dps"
 ) -> Lattice:
     """Judge how coarse a record is.
@@ -78,7 +78,7 @@ def quantised(
     Examples
     --------
     >>> toggling = 0.07 * np.tile([3, 3, 4, 3], 50)
-    >>> lattice = quantised(toggling)
+    >>> lattice = lattice_of(toggling)
     >>> round(lattice.step, 6), lattice.codes, lattice.limited
     (0.07, 2, True)
     """

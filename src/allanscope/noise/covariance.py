@@ -1,0 +1,158 @@
+"""How the points of an Allan curve depend on each other.
+
+Overlapping estimates at different averaging factors come from the same samples, and neighbours at
+half an octave have correlations of 0.5 to 0.95. For Gaussian noise the covariance is exact. With
+the transfer function D of the differences (real, about their centre), S the two-sided spectrum and
+V = r mean(difference^2)::
+
+    c12(h) = (1/pi) int_0^pi S D1 D2 cos(w h) dw
+    Cov(V1, V2) = 2 r^2 / (M1 M2) sum_h w(h) c12(h)^2,    w(h) pairs of terms that are h apart
+
+Where one of the windows is short compared with the run this tends to
+(2 r^2 / n) (1/pi) int S^2 D1^2 D2^2 dw, which is what is computed there; where both are long, c12
+is summed over lags. A model enters through its density alone, so any model will do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft
+
+from allanscope.noise.model import NoiseModel
+
+__all__ = ["Family", "deviation_covariance", "family_of"]
+
+Array = NDArray[np.float64]
+
+_LONG = 64
+"""A window is long when this many of them make less than the run."""
+_STEPS = 16
+"""Lags per shortest of the long windows."""
+_PER_DECADE = 80
+_RESOLVED = 35.0
+"""m w beyond which the frequency grid does not resolve the oscillation and takes its mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """What distinguishes the overlapping estimators here.
+
+    Attributes
+    ----------
+    order : int
+        Power of sin(m w / 2) in D.
+    averages : int
+        Power of 1 / (2 m sin(w / 2)) in D: how often m samples are averaged.
+    norm : float
+        r.
+    span : int
+        Samples in a term, in m.
+    """
+
+    order: int
+    averages: int
+    norm: float
+    span: int
+
+    def transfer(self, w: Array, m: Array) -> Array:
+        """Return D without the oscillating sine power."""
+        return np.asarray(2.0**self.order / (2 * m * np.sin(w / 2)) ** self.averages)
+
+    def terms(self, m: Array, n: int) -> Array:
+        """Return the number of terms in a run of n samples without gaps."""
+        return np.asarray(n - self.span * m + 1, np.float64)
+
+
+_FAMILIES = {
+    "oadev": Family(2, 1, 1 / 2, 2),
+    "ohdev": Family(3, 1, 1 / 6, 3),
+    "mdev": Family(3, 2, 1 / 2, 3),
+}
+
+
+def family_of(kind: str) -> Family:
+    """Return the family of an estimator; ValueError for one whose covariance is not known here."""
+    if kind not in _FAMILIES:
+        raise ValueError(f"no covariance of {kind!r}; choose one of {', '.join(_FAMILIES)}")
+    return _FAMILIES[kind]
+
+
+def deviation_covariance(model: NoiseModel, kind: str, m: NDArray[np.int64], n: int) -> Array:
+    """Return the covariance of the variances (squares of deviations) at several taus.
+
+    Parameters
+    ----------
+    model : NoiseModel
+        What the samples are made of.
+    kind : {'oadev', 'ohdev', 'mdev'}
+        Estimator.
+    m : ndarray of int, shape (k,)
+        Averaging factors, ascending.
+    n : int
+        Samples in the run.
+
+    Returns
+    -------
+    ndarray, shape (k, k)
+    """
+    family, factors = family_of(kind), np.asarray(m, np.float64)
+    covariance = _spectral(model, family, factors, n)
+    long = np.flatnonzero(factors * _LONG > n)
+    if len(long):
+        covariance[np.ix_(long, long)] = _by_lags(model, family, factors[long], n)
+    return covariance
+
+
+def _spectrum(model: NoiseModel, w: Array) -> Array:
+    return model.density(w / (2 * np.pi * model.dt)) / (2 * model.dt)
+
+
+def _spectral(model: NoiseModel, family: Family, m: Array, n: int) -> Array:
+    low = 0.02 / m[-1]
+    w = np.geomspace(low, np.pi, int(_PER_DECADE * np.log10(np.pi / low)))
+    weight = np.log(w[1] / w[0]) * w / np.pi
+    weight[[0, -1]] /= 2
+    power = 2 * family.order
+    resolved = m[:, np.newaxis] * w < _RESOLVED
+    sine = np.where(resolved, np.sin(m[:, np.newaxis] * w / 2) ** power, _mean_sine(power))
+    passed = family.transfer(w, m[:, np.newaxis]) ** 2 * sine
+    spectrum = _spectrum(model, w)
+    covariance = (passed * (weight * spectrum**2)) @ passed.T
+    # A squared mean is not the mean of the square: the diagonal needs its own.
+    excess = _mean_sine(2 * power) / _mean_sine(power) ** 2 - 1
+    tail = np.sum(np.where(resolved, 0.0, passed**2 * weight * spectrum**2), axis=1)
+    covariance[np.diag_indices_from(covariance)] += excess * tail
+    for frequency, power_of_line in (line for part in model for line in part.lines):
+        at = np.asarray(2 * np.pi * frequency * model.dt)
+        seen = family.transfer(at, m) ** 2 * np.sin(m * at / 2) ** power
+        covariance += 2 * power_of_line * float(_spectrum(model, at)) * np.outer(seen, seen)
+    return np.asarray(2 * family.norm**2 / n * covariance)
+
+
+def _by_lags(model: NoiseModel, family: Family, m: Array, n: int) -> Array:
+    step = max(1.0, m[0] / _STEPS)
+    size = 1 << int(np.ceil(np.log2(4 * n / step)))
+    w = np.linspace(0.0, np.pi / step, size // 2 + 1)
+    w[0] = 1e-3 * w[1]
+    sines = family.transfer(w, m[:, np.newaxis]) * np.sin(m[:, np.newaxis] * w / 2) ** family.order
+    spectrum = _spectrum(model, w)
+    lag = step * np.arange(-(size // 2), size // 2)
+    terms = family.terms(m, n)
+    centre = family.span * m / 2
+    covariance = np.empty((len(m), len(m)))
+    for i in range(len(m)):
+        for j in range(i, len(m)):
+            c = np.fft.fftshift(irfft(spectrum * sines[i] * sines[j])) / step
+            offset = lag + centre[i] - centre[j]
+            pairs = np.minimum(terms[i], terms[j] - offset) - np.maximum(0.0, -offset)
+            total = step * float(np.sum(np.maximum(0.0, pairs) * c**2))
+            covariance[i, j] = covariance[j, i] = total / (terms[i] * terms[j])
+    return 2 * family.norm**2 * covariance
+
+
+def _mean_sine(power: int) -> float:
+    """Mean of an even power of the sine over a period."""
+    return float(np.prod([(k - 1) / k for k in range(2, power + 1, 2)]))

@@ -224,3 +224,35 @@ def test_the_state_of_an_axis_stays_below_a_mebibyte_for_any_length():
     assert bank.deviation("oadev").m.size < bank._cascade.m.size
     assert bank._cascade.m.max() > 2**28
     assert bank.nbytes / 6 < 2**20
+
+
+@pytest.mark.parametrize("kind", ["oadev", "ohdev", "mdev", "totdev", "adev", "pdev"])
+def test_degrees_of_freedom_of_separate_segments_add_up(kind):
+    """Ten stretches of 200 samples, m = 32: against the scatter of 1200 such estimates."""
+    rng = np.random.default_rng(8)
+    variances = []
+    for _ in range(200):
+        bank = AllanBank(1.0, axes=6, per_octave=1)
+        for _ in range(10):
+            bank.update(rng.normal(size=(200, 6)))
+            bank.gap()
+        curve = bank.deviation(kind)
+        variances.append(curve.deviation[:, curve.m == 32] ** 2)
+    true_edf = 2 * np.mean(variances) ** 2 / np.var(variances)
+    white = curve.edf[:, curve.m == 32]
+    assert np.median(white) == pytest.approx(true_edf, rel=0.15)
+
+
+def test_a_stretch_too_short_for_a_tau_adds_no_degrees_of_freedom():
+    data = samples(4000)
+    alone = bank_of([data])
+    with_scraps = bank_of([data, *np.split(samples(600, seed=9), 30)])
+    for kind in KINDS:
+        curve, expected = with_scraps.deviation(kind), alone.deviation(kind)
+        at = np.isin(expected.m, curve.m) & (expected.m > 100) & np.isfinite(expected.edf[0])
+        same_noise = curve.noise[0, np.isin(curve.m, expected.m[at])] == expected.noise[0, at]
+        np.testing.assert_allclose(
+            curve.edf[0, np.isin(curve.m, expected.m[at])][same_noise],
+            expected.edf[0, at][same_noise],
+            rtol=1e-6,
+        )

@@ -79,7 +79,7 @@ class Cascade:
         self.rungs = np.zeros((axes, 0, 3, 2 * BATCH))
         self.heads = np.zeros((axes, 0, HEAD))
         self.sums = np.zeros((axes, 0, len(COLUMNS) + 2))
-        self.terms = np.zeros((0, len(COLUMNS)), np.int64)
+        self.counts = np.zeros((0, 3, len(COLUMNS)), np.int64)
         self.grow(1)
 
     def grow(self, levels: int) -> None:
@@ -89,12 +89,12 @@ class Cascade:
             self.lags = np.append(self.lags, lags)
             self.first = np.append(self.first, self.lags.size)
         missing = max(levels - self.levels, 0)
-        taus = self.lags.size - self.terms.shape[0]
+        taus = self.lags.size - self.counts.shape[0]
         self.levels += missing
         self.rungs = _extended(self.rungs, missing, axis=1)
         self.heads = _extended(self.heads, missing, axis=1)
         self.sums = _extended(self.sums, taus, axis=1)
-        self.terms = _extended(self.terms, taus, axis=0)
+        self.counts = _extended(self.counts, taus, axis=0)
 
     @property
     def stride(self) -> NDArray[np.int64]:
@@ -119,7 +119,9 @@ class Cascade:
         """End the segment: what comes next is no neighbour of what came before."""
         if self.taken:
             settle(self.taken, self._ladder())
-            self.terms += self._terms_of_segment()
+            terms = self._terms_of_segment()
+            has_any = terms > 0
+            self.counts += np.stack([terms, has_any, has_any * self.taken], axis=1)
             self.rungs[:] = 0.0
             self.taken = 0
 
@@ -128,7 +130,7 @@ class Cascade:
         copy = Cascade.__new__(Cascade)
         copy.__dict__.update(self.__dict__)
         copy.rungs, copy.heads = self.rungs.copy(), self.heads.copy()
-        copy.sums, copy.terms = self.sums.copy(), self.terms.copy()
+        copy.sums, copy.counts = self.sums.copy(), self.counts.copy()
         copy.close()
         return copy
 
@@ -137,14 +139,14 @@ class Cascade:
         self.close()
         self.grow(other.levels)
         taus = other.lags.size
-        theirs = other.sums.copy()
+        theirs, terms = other.sums.copy(), other.counts[:, 0]
         step = shift[:, np.newaxis] * other.m
         for square, mean in (("ostdev", _OSTDEV_MEAN), ("stdev", _STDEV_MEAN)):
             column = COLUMNS.index(square)
-            theirs[..., column] += step * (2.0 * theirs[..., mean] + step * other.terms[:, column])
-            theirs[..., mean] += step * other.terms[:, column]
+            theirs[..., column] += step * (2.0 * theirs[..., mean] + step * terms[:, column])
+            theirs[..., mean] += step * terms[:, column]
         self.sums[:, :taus] += theirs
-        self.terms[:taus] += other.terms
+        self.counts[:taus] += other.counts
         self.samples += other.samples
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -154,7 +156,7 @@ class Cascade:
             "rungs": self.rungs,
             "heads": self.heads,
             "sums": self.sums,
-            "terms": self.terms,
+            "counts": self.counts,
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -169,7 +171,7 @@ class Cascade:
             raise ValueError("state of a bank is damaged: its sums do not fit together")
         self.samples, self.taken = samples, taken
         self.rungs, self.heads = arrays["rungs"], arrays["heads"]
-        self.sums, self.terms = arrays["sums"], arrays["terms"]
+        self.sums, self.counts = arrays["sums"], arrays["counts"]
 
     def variances(self, kind: str) -> Sums:
         """Return the variances of one of `COLUMNS` for tau0 = 1, where they have a term at all.
@@ -177,9 +179,9 @@ class Cascade:
         The run must be closed: see `settled`.
         """
         column = COLUMNS.index(kind)
-        terms, m = self.terms[:, column], self.m
-        have = terms > 0
-        terms, m, sums = terms[have], m[have].astype(np.float64), self.sums[:, have]
+        have = self.counts[:, 0, column] > 0
+        terms, segments, covered = self.counts[have, :, column].T
+        m, sums = self.m[have].astype(np.float64), self.sums[:, have]
         squares = sums[..., column]
         match kind:
             case "stdev" | "ostdev":
@@ -206,6 +208,8 @@ class Cascade:
             terms=np.broadcast_to(terms, variance.shape),
             stride=(self.m if apart else self.stride)[have],
             n=self.samples,
+            segments=segments,
+            covered=covered,
         )
 
     def _ladder(self) -> Ladder:

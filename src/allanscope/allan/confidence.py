@@ -81,9 +81,10 @@ def assemble(
     raw = raw * _unit_factor(estimator.hadamard, hadamard_factor)
     if estimator.time:
         raw = raw / rate**2
-    deviation = np.sqrt(raw / estimator.correction(known, m, n) if bias_corrected else raw)
-    unbiased = np.sqrt(raw / estimator.expectation(known, m, n))
-    edf = np.maximum(estimator.edf(known, m, n, sums.stride), 1.0)
+    pieces, length = _stretches(sums)
+    deviation = np.sqrt(raw / estimator.correction(known, m, length) if bias_corrected else raw)
+    unbiased = np.sqrt(raw / estimator.expectation(known, m, length))
+    edf = np.maximum(pieces * estimator.edf(known, m, length, sums.stride), 1.0)
     edf = np.where(refused, np.nan, edf)
     lower, _ = chi_square_limits(np.minimum(deviation, unbiased), edf, level)
     _, upper = chi_square_limits(np.maximum(deviation, unbiased), edf, level)
@@ -101,6 +102,17 @@ def assemble(
         level=level,
         trusted=tau <= estimator.trust_fraction * n,
     )
+
+
+def _stretches(sums: Sums) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the number of unbroken stretches that have a term at each m, and their mean length.
+
+    Separate stretches are independent, so their degrees of freedom add up; those of one run of the
+    total length would be up to three times as many.
+    """
+    if sums.segments is None or sums.covered is None:
+        return np.ones_like(sums.m), np.full_like(sums.m, sums.n)
+    return sums.segments, sums.covered // sums.segments
 
 
 def chi_square_limits(

@@ -14,6 +14,7 @@ where phase noise rules), and 1.7 % times 32 / rows for TheoBR, whose share in T
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,39 +114,47 @@ class Curves:
             at_own_tau = theoh.tau(sums.m, n) == estimator_named(kind).tau(sums.m, n)
             admitted = [theoh.admits(m, n) for m in sums.m.tolist()]
             parts.append((sums, at_own_tau & np.array(admitted, np.bool_)))
-        return Sums(
-            m=np.concatenate([sums.m[keep] for sums, keep in parts]),
-            variance=np.concatenate([sums.variance[:, keep] for sums, keep in parts], axis=1),
-            terms=np.concatenate([sums.terms[:, keep] for sums, keep in parts], axis=1),
-            stride=np.concatenate([sums.stride[keep] for sums, keep in parts]),
-            n=n,
-        )
+
+        def joined(name: str) -> NDArray[Any]:
+            return np.concatenate([getattr(sums, name)[..., keep] for sums, keep in parts], axis=-1)
+
+        names = ("m", "variance", "terms", "stride", "segments", "covered")
+        return Sums(n=n, **{name: joined(name) for name in names})
 
     def _from_archive(self, estimator: Estimator) -> Sums:
-        archive, kind = self._archive, estimator.name
+        archive = self._archive
         factors = self._factors(estimator)
         all_windows = archive.stride == 1 and archive.used <= _ALL_WINDOWS
         step = np.ones_like(factors) if all_windows else np.maximum(factors // _WINDOWS_PER_TAU, 1)
-        squares = np.zeros((archive.axes, factors.size))
-        terms = np.zeros((archive.axes, factors.size), np.int64)
-        for axis in range(archive.axes):
-            phases = archive.averaged(axis) if kind == "mtotdev" else archive.picked(axis)
-            for phase in phases:
-                pairs = _windows(estimator, phase, factors, step, archive.stride)
-                for t, (variance, windows) in enumerate(pairs):
-                    if windows:
-                        squares[axis, t] += variance * windows
-                        terms[axis, t] += windows
+        pooled = [self._pooled(estimator, axis, factors, step) for axis in range(archive.axes)]
+        squares, terms, segments, covered = np.stack(pooled, axis=1)
         have = terms.any(axis=0)
         with np.errstate(invalid="ignore"):
             mean = squares[:, have] / terms[:, have]
         return Sums(
             m=factors[have] * archive.stride,
             variance=mean,
-            terms=terms[:, have],
+            terms=terms[:, have].astype(np.int64),
             stride=step[have] * archive.stride,
             n=self._cascade.samples,
+            segments=segments.max(axis=0)[have].astype(np.int64),
+            covered=covered.max(axis=0)[have].astype(np.int64),
         )
+
+    def _pooled(self, estimator: Estimator, axis: int, factors: Ints, step: Ints) -> Floats:
+        """Return squares, windows, segments that have any, and their samples; shape (4, k)."""
+        archive = self._archive
+        pooled = np.zeros((4, factors.size))
+        averaged = estimator.name == "mtotdev"
+        phases = archive.averaged(axis) if averaged else archive.picked(axis)
+        for phase in phases:
+            fit = np.flatnonzero(factors < phase.size)
+            found = _windows(estimator, phase, factors[fit], step[fit], archive.stride)
+            for t, (variance, windows) in zip(fit, found, strict=True):
+                if windows:
+                    covered = (phase.size - 1) * archive.stride
+                    pooled[:, t] += variance * windows, windows, 1, covered
+        return pooled
 
     def _factors(self, estimator: Estimator) -> Ints:
         """Return averaging factors in rows."""

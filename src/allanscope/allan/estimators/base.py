@@ -40,6 +40,9 @@ class Sums:
         the cascade.
     n : int
         Number of rate samples in the run.
+    segments, covered : ndarray of int64, shape (k,), optional
+        Where the run has gaps: how many of its unbroken stretches have a term at each m, and how
+        many samples they have together.
     """
 
     m: NDArray[np.int64]
@@ -47,6 +50,8 @@ class Sums:
     terms: NDArray[np.int64]
     stride: NDArray[np.int64]
     n: int
+    segments: NDArray[np.int64] | None = None
+    covered: NDArray[np.int64] | None = None
 
 
 class Estimator(ABC):

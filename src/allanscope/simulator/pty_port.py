@@ -25,10 +25,12 @@ from allanscope.errors import UsageError
 
 __all__ = ["PtyPort"]
 
-DRAIN_S = 0.2
-"""So long may a host that is reading take to read what is there, before a cable is pulled."""
-SETTLE_S = 0.002
-"""After this time what was written has moved on to where the host reads it."""
+PATIENCE_S = 0.5
+"""A queue in which nothing moved for so long is at rest, however busy the machine is."""
+CALM_S = 0.02
+MARKER = b"\x55\xaa" * 8
+"""Written last of all, so that the end of what was written before can be seen. It holds no byte
+that would end a frame."""
 
 
 class PtyPort:
@@ -88,7 +90,7 @@ class PtyPort:
         if self._device is None:
             return 0
         with self._host_end() as host:
-            return _drain(host)
+            return _drain(self._device, host)
 
     def unplug(self) -> int:
         """Pull the cable: the host's end fails. Returns how many bytes the host never read.
@@ -99,10 +101,12 @@ class PtyPort:
         if self._device is None:
             return 0
         with self._host_end() as host:
-            deadline = time.monotonic() + DRAIN_S
-            while _waiting(host) and time.monotonic() < deadline:
-                time.sleep(SETTLE_S)
-            unread = _drain(host)
+            calm_since = start = time.monotonic()
+            while (now := time.monotonic()) < min(calm_since + CALM_S, start + PATIENCE_S):
+                if _waiting(host):
+                    calm_since = now
+                time.sleep(CALM_S / 10)
+            unread = _drain(self._device, host)
         self._hang_up()
         return unread
 
@@ -163,15 +167,25 @@ def _waiting(host: int) -> int:
     return int.from_bytes(answer, sys.byteorder)
 
 
-def _drain(host: int) -> int:
-    """Read everything there is and return how much it was."""
-    total = 0
-    while True:
-        time.sleep(SETTLE_S)
-        try:
-            got = len(os.read(host, 65536))
-        except BlockingIOError:
-            return total
-        total += got
-        if not got:
-            return total
+def _drain(device: int, host: int) -> int:
+    """Read everything that the host has not, and return how many bytes it was.
+
+    What was written passes through a queue of the system, whose worker may be late: that nothing
+    can be read does not mean that nothing is left. So a marker is sent after it and waited for.
+    Should the host read the marker, it has read everything before it.
+    """
+    read, unsent, end = 0, MARKER, b""
+    deadline = time.monotonic() + PATIENCE_S
+    while end != MARKER and time.monotonic() < deadline:
+        with contextlib.suppress(BlockingIOError):
+            unsent = unsent[os.write(device, unsent) :] if unsent else b""
+        data = b""
+        with contextlib.suppress(BlockingIOError):
+            data = os.read(host, 65536)  # empty, too, when the host has set VMIN to 0
+        if not data:
+            time.sleep(0.001)
+            continue
+        read += len(data)
+        end = (end + data)[-len(MARKER) :]
+        deadline = time.monotonic() + PATIENCE_S
+    return max(read - len(MARKER), 0)

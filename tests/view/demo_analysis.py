@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from allanscope.allan.deviation import Deviation
 from allanscope.analysis.result import Analysis, AxisAnalysis, Level, ModelCurve, Rate
@@ -96,6 +96,10 @@ def _axis(axis: str, duration_s: float, rng: np.random.Generator, kinds) -> Axis
     )
 
 
+def _chi2_ppf(p: Curve | float, dof: Curve) -> Curve:
+    return 2.0 * special.gammaincinv(dof / 2.0, p)
+
+
 def _taus(duration_s: float) -> Curve:
     octaves = np.arange(0, np.log2(duration_s * RATE_HZ / 2), 0.25)
     return np.unique(np.round(2**octaves)) / RATE_HZ
@@ -123,14 +127,14 @@ def _curve(
     # Neighbouring taus share most of their data: four an octave are correlated about as strongly
     # as a running mean over six.
     white = np.convolve(rng.standard_normal(len(tau) + 5), np.full(6, 6**-0.5), "valid")
-    value = total * shape * np.sqrt(stats.chi2.ppf(stats.norm.cdf(white), edf) / edf)
+    value = total * shape * np.sqrt(_chi2_ppf(special.ndtr(white), edf) / edf)
     return Deviation(
         kind=kind,
         tau=tau,
         m=np.round(tau * RATE_HZ).astype(np.int64),
         deviation=value,
-        lower=value * np.sqrt(edf / stats.chi2.ppf(0.975, edf)),
-        upper=value * np.sqrt(edf / stats.chi2.ppf(0.025, edf)),
+        lower=value * np.sqrt(edf / _chi2_ppf(0.975, edf)),
+        upper=value * np.sqrt(edf / _chi2_ppf(0.025, edf)),
         edf=edf,
         terms=np.maximum(duration_s * RATE_HZ - 2 * tau * RATE_HZ, 1).astype(np.int64),
         noise=np.where(tau < 3, "WFM", "FFM"),
@@ -153,7 +157,7 @@ def _density(axis: str, duration_s: float, rng: np.random.Generator) -> tuple[De
         parts["sinusoid"] = np.where(line, 0.5 * LINE_DPS**2 / width, 0.0)
     total = sum(parts.values())
     averages = np.maximum(width * duration_s, 1.0)
-    value = total * stats.chi2.rvs(2 * averages, random_state=rng) / (2 * averages)
+    value = total * rng.chisquare(2 * averages) / (2 * averages)
     return Density(frequency, width, value, averages), ModelCurve(frequency, total, parts)
 
 

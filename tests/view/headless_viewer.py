@@ -45,6 +45,11 @@ class HeadlessViewer:
         )
         self.client = self._connected(f"rerun+http://{LOOPBACK}:{port}/proxy")
 
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
     def __enter__(self) -> HeadlessViewer:
         return self
 

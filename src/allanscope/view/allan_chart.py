@@ -11,7 +11,7 @@ from allanscope.allan.deviation import Deviation
 from allanscope.analysis.result import ModelCurve
 from allanscope.noise.coefficients import DatasheetVerdict
 from allanscope.quantities import Reading, number, of_unit, symbols
-from allanscope.view.chart import HEIGHT, WIDTH, Chart
+from allanscope.view.chart import HEIGHT, WIDTH, Chart, Points
 from allanscope.view.drawing import Drawing
 from allanscope.view.palette import EFFECT, MODEL, REFERENCE, Colour
 
@@ -57,9 +57,8 @@ def draw_curve(
     for trusted, alpha in ((True, 255), (False, 110)):
         chosen = np.flatnonzero(shown & (curve.trusted == trusted))
         drawing.dot(points[chosen], [texts[i] for i in chosen], colour, size=3.6, alpha=alpha)
-    if named and shown.any():
-        x, y = points[np.flatnonzero(shown)[-1]]
-        drawing.word((min(float(x), WIDTH - 40.0), float(y) - 26.0), curve.kind.upper(), colour)
+    if named:
+        _name(drawing, points[shown & curve.trusted], curve.kind, colour)
     return drawing
 
 
@@ -100,7 +99,7 @@ def draw_datasheet(chart: Chart, verdict: DatasheetVerdict, reading: Reading) ->
     drawing.dashes(strips, REFERENCE, width=1.2)
     if strips:
         x, y = strips[0][0] + 0.16 * (strips[-1][-1] - strips[0][0])
-        drawing.word((float(x) + 70.0, float(y) - 22.0), "datasheet", REFERENCE)
+        drawing.word((float(x) + 85.0, float(y) - 68.0), "datasheet", REFERENCE)
     return drawing
 
 
@@ -112,6 +111,13 @@ def _runs(trusted: NDArray[np.bool_]) -> list[tuple[bool, slice]]:
         for start, stop in pairwise(edges)
         if stop > start
     ]
+
+
+def _name(drawing: Drawing, points: Points, kind: str, colour: Colour) -> None:
+    """Write the estimator's name above the last point that is trusted, clear of the interval."""
+    if len(points):
+        x, y = (float(value) for value in points[-1])
+        drawing.word((min(x, WIDTH - 40.0), max(y - 95.0, 0.0)), kind.upper(), colour)
 
 
 def _texts(

@@ -25,6 +25,9 @@ DEFAULT_ESTIMATOR = "oadev"
 TIME_DEVIATIONS = ("tdev", "ttotdev")
 """Estimators whose unit is that of the data times s; they get a chart of their own."""
 
+_STEADY_AVERAGES = 4.0
+"""A band of fewer ordinates may come out anywhere near zero, which is no reason to show decades."""
+
 _STEPS = ((5.0, 2.5), (10.0, 5.0), (20.0, 10.0), (50.0, 25.0), (100.0, 50.0))
 
 
@@ -89,10 +92,14 @@ class Frames:
     def _fit_spectrum(self, unit: str, axes: Iterable[AxisAnalysis]) -> None:
         reading: Reading = DENSITY[unit]
         known = [axis.density for axis in axes if axis.density is not None]
-        if any(len(density.frequency) for density in known):
-            frequency = np.concatenate([density.frequency for density in known])
-            root = np.concatenate([reading.factor * np.sqrt(d.density) for d in known])
-            self._grow("spectrum", unit, Log.around(frequency, least=2), Log.around(root, least=2))
+        if not any(len(density.frequency) for density in known):
+            return
+        frequency = np.concatenate([density.frequency for density in known])
+        root = np.concatenate([reading.factor * np.sqrt(d.density) for d in known])
+        steady = np.concatenate([density.averages for density in known]) >= _STEADY_AVERAGES
+        if steady.any():
+            root = root[steady]
+        self._grow("spectrum", unit, Log.around(frequency, least=2), Log.around(root, least=2))
 
     def _fit_percent(self, unit: str, axes: Iterable[AxisAnalysis]) -> None:
         largest = 0.0

@@ -129,7 +129,7 @@ def _axis(axis: str, others: Sequence[str]) -> rrb.Horizontal:
     ]
     return rrb.Horizontal(
         _chart(f"/{axis}/allan", f"{axis} σ(τ)", hidden=hidden),
-        rrb.Vertical(_text(f"/tables/{axis}", "numbers"), *trends, row_shares=[9, 3, 3, 3]),
+        rrb.Vertical(_text(f"/tables/{axis}", "numbers"), *trends, row_shares=[11, 3, 3, 3]),
         column_shares=[6, 5],
         name=axis,
     )
@@ -147,8 +147,8 @@ def _loop(unit: str, axes: Sequence[str]) -> rrb.Vertical:
     ]
     return rrb.Vertical(
         rrb.Grid(*curves, *residuals, grid_columns=len(chosen)),
-        _text("/tables/loop", "the error before and after"),
-        row_shares=[11, 4],
+        _text(f"/tables/loop_{SENSORS[unit]}", "the error before and after"),
+        row_shares=[7, 2],
         name=_SENSOR_TITLES[unit],
     )
 

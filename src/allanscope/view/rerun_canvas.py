@@ -14,7 +14,7 @@ from allanscope.view.painter import Painter
 from allanscope.view.printable import printable
 from allanscope.view.rerun_blueprint import layout
 from allanscope.view.rerun_ink import Ink
-from allanscope.view.rerun_series import Series
+from allanscope.view.rerun_series import SENSORS, Series
 from allanscope.view.rerun_stream import open_stream
 from allanscope.view.tables import (
     axis_table,
@@ -79,7 +79,7 @@ class Canvas:
             self._tables.clear()
         self._painter.paint(analysis, everything)
         self.series.result(analysis)
-        self._write_tables(analysis)
+        self._write_tables(analysis, everything)
         for level, line in self._diary.news(analysis):
             self._log(line, level)
 
@@ -115,11 +115,13 @@ class Canvas:
             self._layout = (axes, estimators)
             self._recording.send_blueprint(layout(axes, estimators))
 
-    def _write_tables(self, analysis: Analysis) -> None:
+    def _write_tables(self, analysis: Analysis, everything: bool) -> None:
         self._table("coefficients", coefficients_table(analysis))
         self._table("findings", findings_table(analysis))
-        self._table("loop", loop_table(analysis))
-        self._table("run", run_table(analysis, self._session))
+        for unit, sensor in SENSORS.items():
+            self._table(f"loop_{sensor}", loop_table(analysis, unit))
+        if everything:
+            self._table("run", run_table(analysis, self._session))
         for name, axis in analysis.axes.items():
             self._table(name, axis_table(name, axis))
 

@@ -22,6 +22,7 @@ SENSORS = {"dps": "gyro", "g": "accel"}
 SHOWN_COEFFICIENTS = ("N", "B", "K")
 
 _SIGMAS_OF_95_PERCENT = 2.0 * 1.96
+_TEMPERATURE_EVERY_S = 5.0
 _LARGEST_ERROR = 0.3
 """Coefficients are plotted once their relative error is below this."""
 
@@ -101,7 +102,10 @@ class Series:
                     columns=rr.Scalars.columns(scalars=values * LEVEL[unit].factor),
                 )
         last_s = float(rows.elapsed_s[-1])
-        if math.isfinite(rows.temperature_c) and last_s - self._last_temperature_s >= 1.0:
+        if (
+            math.isfinite(rows.temperature_c)
+            and last_s - self._last_temperature_s >= _TEMPERATURE_EVERY_S
+        ):
             self._last_temperature_s = last_s
             self.now(last_s)
             self._scalars("/samples/temperature", [rows.temperature_c])

@@ -46,6 +46,10 @@ _RARELY = 5.0
 """Grids, and estimators other than the default one, are drawn so many times less often."""
 
 _ROWS_WAITING = 4096
+_STATUS_EVERY_S = 5.0
+
+_COUNTS_UP = ("produced", "sent", "uptime_s")
+"""Fields of a status that say nothing but that time passes."""
 
 _PREFIX: Mapping[str, tuple[str, Level]] = {
     "mark": ("mark: ", "warn"),
@@ -106,6 +110,7 @@ class RerunView:
         self._everything = False
         self._pace, self._rare_pace = Pace(), Pace(_RARELY)
         self._streaming = False
+        self._status_at_s = -_STATUS_EVERY_S
         self._gaps = GapTeller()
         self._told_viewer = False
 
@@ -164,9 +169,9 @@ class RerunView:
         if isinstance(notice, str):
             self._remark(notice, level)
             return
-        if notice.fields:
-            self.health(notice.fields)
-        if notice.kind != "status":
+        if notice.kind == "status":
+            self._status(notice.fields)
+        else:
             prefix, of_kind = _PREFIX.get(notice.kind, ("", level))
             self._remark(prefix + notice.text, of_kind)
 
@@ -257,6 +262,13 @@ class RerunView:
         self._say(f"viewer closed, still measuring; to open it again: rerun {self.address}")
 
     # --- tasks ----------------------------------------------------------------------------------
+
+    def _status(self, fields: Mapping[str, int | float | str]) -> None:
+        """Plot what a status says, now and then: devices send one a second, all night."""
+        elapsed_s = self._decimator.elapsed_s
+        if elapsed_s - self._status_at_s >= _STATUS_EVERY_S:
+            self._status_at_s = elapsed_s
+            self.health({k: v for k, v in fields.items() if k not in _COUNTS_UP})
 
     def _state(self, state: str) -> None:
         elapsed_s = self._decimator.elapsed_s

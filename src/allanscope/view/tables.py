@@ -90,12 +90,12 @@ def findings_table(analysis: Analysis) -> str:
     return f"{found}\n\n### Remarks\n\n{remarks}" if remarks else found
 
 
-def loop_table(analysis: Analysis) -> str:
-    """Return the error of every axis before and after the effects were added to the model."""
+def loop_table(analysis: Analysis, unit: str) -> str:
+    """Return the error of each axis of a sensor before and after the loop was closed."""
     rows = [
         (name, *_loop_row(axis.explanation))
         for name, axis in analysis.axes.items()
-        if axis.explanation is not None
+        if axis.explanation is not None and axis.unit == unit
     ]
     head = (
         "axis",

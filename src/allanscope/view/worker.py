@@ -65,7 +65,12 @@ class Worker:
     def settle(self, timeout_s: float) -> bool:
         """Wait until everything submitted so far is done; return False when that takes longer."""
         done = threading.Event()
-        return self.submit(done.set) and done.wait(timeout_s)
+        deadline = time.monotonic() + timeout_s
+        try:
+            self._tasks.put(("", done.set), timeout=timeout_s)
+        except queue.Full:
+            return False
+        return done.wait(max(0.0, deadline - time.monotonic()))
 
     def close(self, last: Task, timeout_s: float) -> bool:
         """Do what waits, then `last`, then end; give up after `timeout_s` and return False."""

@@ -1,0 +1,251 @@
+"""From a result to drawings: the values that are drawn are those of the result."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from demo_analysis import DATASHEET, LINE_HZ, demo_analysis, noise_of
+
+from allanscope.analysis.result import Analysis, ModelCurve
+from allanscope.quantities import DENSITY, DEVIATION
+from allanscope.view.chart import HEIGHT, WIDTH
+from allanscope.view.painter import Painter
+from allanscope.view.palette import AXIS, EFFECT, MODEL
+from allanscope.view.residual_chart import percent_of_model
+
+
+class Wall:
+    """Takes drawings by entity."""
+
+    def __init__(self):
+        self.drawings = {}
+        self.count = {}
+
+    def log(self, path, drawing):
+        self.drawings[path] = drawing
+        self.count[path] = self.count.get(path, 0) + 1
+
+
+@pytest.fixture(scope="module")
+def painted(analysis):
+    wall = Wall()
+    painter = Painter(wall.log)
+    painter.paint(analysis)
+    return wall.drawings, painter.frames
+
+
+@pytest.mark.parametrize("axis", ["gx", "gz", "ax", "az"])
+@pytest.mark.parametrize("kind", ["oadev", "mdev", "ohdev"])
+def test_every_dot_is_a_point_of_the_estimate(painted, analysis, axis, kind):
+    drawings, frames = painted
+    curve, unit = analysis.axes[axis].curves[kind], analysis.axes[axis].unit
+    chart = frames.allan(unit)
+    drawn = chart.values(np.array(drawings[f"/{axis}/allan/{kind}"].dots))
+    order = np.argsort(drawn[:, 0])
+    sigma = DEVIATION[unit].factor * curve.deviation
+    on = (sigma >= chart.y.read(0.0)) & (sigma <= chart.y.read(1.0))
+    np.testing.assert_allclose(drawn[order, 0], curve.tau[on], rtol=2e-5)
+    np.testing.assert_allclose(drawn[order, 1], sigma[on], rtol=2e-5)
+    assert on[curve.trusted].all(), "every trusted point has its place on the chart"
+
+
+def test_a_dot_says_what_it_is_when_pointed_at(painted, analysis):
+    drawings, _ = painted
+    curve = analysis.axes["gx"].curves["oadev"]
+    texts = drawings["/gx/allan/oadev"].dot_texts
+    assert texts[0].startswith("OADEV  τ = 1.501e-4 s  σ = ")
+    assert "mdps" in texts[0]
+    assert sum("not trusted" in text for text in texts) == (~curve.trusted).sum()
+
+
+def test_what_is_not_trusted_is_faint_and_dashed(painted, analysis):
+    drawings, frames = painted
+    curve = analysis.axes["gx"].curves["oadev"]
+    drawing = drawings["/gx/allan/oadev"]
+    last_trusted = curve.tau[curve.trusted][-1]
+    chart = frames.allan("dps")
+    edge = chart.points([last_trusted], [1.0])[0, 0]
+    solid = [
+        strip
+        for strip, colour in zip(drawing.strips, drawing.strip_colours, strict=True)
+        if colour == (*AXIS["gx"], 255)
+    ]
+    assert max(strip[:, 0].max() for strip in solid) == pytest.approx(edge, abs=0.01)
+    faint = [alpha for *_, alpha in drawing.dot_colours if alpha < 255]
+    assert len(faint) == (~curve.trusted).sum()
+
+
+def test_the_interval_is_drawn_to_its_limits(painted, analysis):
+    drawings, frames = painted
+    curve = analysis.axes["az"].curves["oadev"]
+    chart = frames.allan("g")
+    drawing = drawings["/az/allan/oadev"]
+    i = np.flatnonzero(curve.trusted)[-1]
+    low, high = 1e6 * curve.lower[i], 1e6 * curve.upper[i]
+    whiskers = [chart.values(s) for s in drawing.strips if len(s) == 2 and s[0, 0] == s[1, 0]]
+    (mine,) = [w for w in whiskers if np.allclose(w[:, 0], curve.tau[i], rtol=1e-5)]
+    np.testing.assert_allclose(mine[:, 1], [low, high], rtol=1e-4)
+
+
+def test_the_model_is_drawn_with_its_parts_by_name(painted, analysis):
+    drawings, frames = painted
+    drawing = drawings["/gx/allan/model"]
+    assert {word: colour for _, word, colour in drawing.words} == {
+        "N": MODEL,
+        "B": MODEL,
+        "K": MODEL,
+        "sinusoid": EFFECT,
+    }
+    total = max(drawing.strips, key=len)
+    model = analysis.axes["gx"].model
+    drawn = frames.allan("dps").values(total)
+    np.testing.assert_allclose(
+        drawn[:, 1], 1e3 * np.interp(drawn[:, 0], model.x, model.total), rtol=1e-3
+    )
+
+
+def test_words_stay_on_the_chart(painted):
+    drawings, _ = painted
+    for path, drawing in drawings.items():
+        if not path.endswith("grid"):
+            for (x, y), _, _ in drawing.words:
+                assert 0.0 <= x <= WIDTH
+                assert -40.0 <= y <= HEIGHT
+
+
+def test_the_datasheet_crosses_one_second_at_its_density_over_root_two(painted):
+    drawings, frames = painted
+    for axis, unit in (("gx", "dps"), ("ax", "g")):
+        chart = frames.allan(unit)
+        points = np.concatenate(drawings[f"/{axis}/allan/datasheet"].strips)
+        tau, sigma = chart.values(points).T
+        at_one = np.exp(np.interp(0.0, np.log(tau), np.log(sigma)))
+        expected = DEVIATION[unit].factor * DATASHEET[unit] / np.sqrt(2)
+        assert at_one == pytest.approx(expected, rel=1e-3)
+
+
+def test_axes_of_one_sensor_share_their_scales(painted):
+    drawings, frames = painted
+    assert drawings["/gx/allan/grid"].words == drawings["/gz/allan/grid"].words
+    assert frames.allan("dps") != frames.allan("g")
+
+
+def test_time_deviations_have_a_chart_of_their_own(painted, analysis):
+    drawings, frames = painted
+    curve = analysis.axes["gx"].curves["tdev"]
+    assert "/gx/allan/tdev" not in drawings
+    drawn = frames.time("dps").values(np.array(drawings["/gx/time/tdev"].dots))
+    np.testing.assert_allclose(np.sort(drawn[:, 0])[:20], curve.tau[:20], rtol=2e-5)
+
+
+def test_the_spectrum_is_the_root_of_the_density(painted, analysis):
+    drawings, frames = painted
+    density = analysis.axes["gy"].density
+    line = max(drawings["/gy/spectrum/measured"].strips, key=len)
+    f, root = frames.spectrum("dps").values(line).T
+    expected = np.interp(f, density.frequency, DENSITY["dps"].factor * np.sqrt(density.density))
+    np.testing.assert_allclose(root[5:-5], expected[5:-5], rtol=1e-3)
+
+
+def test_the_interval_of_a_density_is_that_of_chi_square(painted, analysis):
+    drawings, frames = painted
+    drawing = drawings["/gz/spectrum/measured"]
+    density = analysis.axes["gz"].density
+    n = np.flatnonzero(density.averages < 20)[-1]
+    bands = [frames.spectrum("dps").values(s) for s in drawing.strips if len(s) == 2]
+    near = min(bands, key=lambda band: abs(np.log(band[0, 0] / density.frequency[n])))
+    ratio = near[1, 1] / near[0, 1]
+    # 95 % of chi-square with 2 n degrees of freedom about its mean: +-1.96 sqrt(1/n), halved by
+    # the root of the density
+    assert np.log(ratio) == pytest.approx(1.96 / np.sqrt(density.averages[n]), rel=0.15)
+
+
+def test_a_line_that_was_found_is_marked_where_it_sits(painted):
+    drawings, frames = painted
+    drawing = drawings["/gx/spectrum/found"]
+    x = np.concatenate(drawing.strips)[:, 0]
+    np.testing.assert_allclose(
+        frames.spectrum("dps").values([[x[0], 0.0]])[0, 0], LINE_HZ, rtol=1e-5
+    )
+    assert [word for _, word, _ in drawing.words] == ["sinusoid 49.98 Hz"]
+    assert drawings["/ax/spectrum/found"].strips == []
+
+
+def test_the_residual_shows_what_the_loop_removed(analysis):
+    axis = analysis.axes["gx"]
+    curve = axis.curves["oadev"]
+    near_line = (curve.tau > 0.005) & (curve.tau < 0.012)
+    before = percent_of_model(curve, axis.model_before)[near_line]
+    after = percent_of_model(curve, axis.model)[near_line]
+    assert before.max() > 5.0
+    assert np.abs(after).max() < 1.0
+
+
+def test_the_residual_is_unknown_where_there_is_no_model(analysis):
+    curve = analysis.axes["gx"].curves["oadev"]
+    short = ModelCurve(curve.tau[:10], curve.deviation[:10])
+    percent = percent_of_model(curve, short)
+    np.testing.assert_allclose(percent[:10], 0.0, atol=1e-9)
+    assert np.isnan(percent[10:]).all()
+    assert np.isnan(percent_of_model(curve, ModelCurve(np.empty(0), np.empty(0)))).all()
+
+
+def test_only_what_changes_is_drawn_at_every_result(analysis):
+    wall = Wall()
+    painter = Painter(wall.log)
+    painter.paint(analysis)
+    painter.paint(analysis, everything=False)
+    assert wall.count["/gx/allan/oadev"] == 2
+    assert wall.count["/gx/allan/model"] == 2
+    assert wall.count["/gx/allan/mdev"] == 1
+    assert wall.count["/gx/allan/grid"] == 1
+    painter.paint(analysis)
+    assert wall.count["/gx/allan/grid"] == 2, "drawn again now and then for viewers that join late"
+
+
+def test_a_run_that_outgrows_its_chart_gets_a_new_grid_and_new_curves():
+    wall = Wall()
+    painter = Painter(wall.log)
+    painter.paint(demo_analysis(9.0))
+    small = painter.frames.allan("dps")
+    painter.paint(demo_analysis(3000.0), everything=False)
+    large = painter.frames.allan("dps")
+    assert large.x.high > small.x.high
+    assert wall.count["/gx/allan/grid"] == 2
+    assert wall.count["/gx/allan/mdev"] == 2, "else it would lie on the old grid"
+    painter.paint(demo_analysis(9.0), everything=False)
+    assert painter.frames.allan("dps") == large, "a chart never shrinks"
+
+
+def test_a_result_without_anything_yet_draws_nothing(analysis):
+    wall = Wall()
+    axes = {
+        name: replace(
+            axis,
+            curves={},
+            coefficients={},
+            datasheet={},
+            density=None,
+            model=None,
+            model_before=None,
+            density_model=None,
+            explanation=None,
+        )
+        for name, axis in analysis.axes.items()
+    }
+    Painter(wall.log).paint(replace(analysis, axes=axes))
+    assert wall.drawings == {}
+
+
+def test_any_subset_of_axes_can_be_drawn(analysis):
+    wall = Wall()
+    Painter(wall.log).paint(replace(analysis, axes={"az": analysis.axes["az"]}))
+    assert {path.split("/")[1] for path in wall.drawings} == {"az"}
+
+
+def test_the_demo_itself_has_the_noise_that_it_claims(analysis: Analysis):
+    N, _, _ = noise_of("gx")
+    curve = analysis.axes["ax"].curves["oadev"]
+    N_ax, _, _ = noise_of("ax")
+    np.testing.assert_allclose(curve.deviation[:20] * np.sqrt(curve.tau[:20]), N_ax, rtol=0.02)
+    assert pytest.approx(2.9e-3) == N

@@ -1,0 +1,82 @@
+"""Progress: silent when short, a bar on a terminal, lines in a log."""
+
+import io
+
+import pytest
+from terminal_double import Terminal
+
+import allanscope.view.progress as module
+from allanscope.view.progress import progress
+
+LONG = """
+import time
+import allanscope.view.progress as module
+module._SILENT_FOR_S = 0.0
+with module.progress(100.0, "replaying\\x07", unit="samples", stream=sys.stdout) as advance:
+    for _ in range(10):
+        advance(5.0)
+        time.sleep(0.03)
+    advance(25.0)
+    time.sleep(0.6)
+print("done")
+"""
+
+
+def test_a_bar_shows_share_rate_and_time_left_and_leaves_no_trace():
+    with Terminal(LONG, 80, 24) as terminal:
+        assert terminal.finish() == 0, terminal.process.stderr.read()
+        assert "75 %" in terminal.raw
+        assert "samples/s" in terminal.raw
+        assert "left" in terminal.raw
+        assert "\x07" not in terminal.raw
+        assert terminal.screen().text.strip() == "done"
+
+
+def test_a_short_job_shows_nothing():
+    script = LONG.replace("_SILENT_FOR_S = 0.0", "_SILENT_FOR_S = 60.0")
+    with Terminal(script, 80, 24) as terminal:
+        assert terminal.finish() == 0
+        assert terminal.raw.strip() == "done"
+
+
+def test_a_log_gets_a_line_now_and_then(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    out = io.StringIO()
+    with progress(200e6, "reading", unit="B", stream=out) as advance:
+        for _ in range(10):
+            now[0] += 10.0
+            advance(10e6)
+    assert out.getvalue().splitlines() == [
+        "reading: 15 %, 1.00 MB/s, 2 min 50 s left",
+        "reading: 30 %, 1.00 MB/s, 2 min 20 s left",
+        "reading: 45 %, 1.00 MB/s, 1 min 50 s left",
+    ]
+
+
+def test_quiet_shows_nothing(capsys):
+    with progress(None, "reading", quiet=True) as advance:
+        advance(1.0)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_an_unknown_total_has_a_rate_but_no_share(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    out = io.StringIO()
+    with progress(None, "reading", stream=out) as advance:
+        now[0] = 100.0
+        advance(12300.0)
+    assert out.getvalue() == "reading: 123 /s\n"
+
+
+def test_an_error_inside_comes_out_and_the_bar_is_gone():
+    script = LONG.replace("advance(25.0)", "raise SystemExit(3)")
+    with Terminal(script, 80, 24) as terminal:
+        assert terminal.finish() == 3
+        assert "\x1b[?25h" in terminal.raw
+
+
+def test_progress_is_only_shown_for_what_is_done():
+    with pytest.raises(ZeroDivisionError), progress(1.0, "x", quiet=True):
+        raise ZeroDivisionError

@@ -1,0 +1,227 @@
+"""The terminal view, on real terminals of 80 and 200 columns, through a pipe, and in silence."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import termios
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from demo_analysis import demo_analysis
+from demo_session import INFO
+from terminal_double import Terminal
+
+from allanscope.samples import Gap, Notice
+from allanscope.view.terminal import TerminalView, summary_lines
+
+RUN = """
+from demo_analysis import demo_analysis
+from demo_session import INFO
+from allanscope.samples import Gap, Notice
+from allanscope.view.terminal import TerminalView
+view = TerminalView("auto")
+view.info(INFO)
+view.snapshot(demo_analysis(60.0))
+view.gap(Gap("link", 27))
+view.notice(Notice("text", "firmware \\x1b[2J\\x07 2.1"))
+for seconds in (600.0, 3000.0, 7300.0):
+    view.snapshot(demo_analysis(seconds))
+view.close()
+"""
+WAIT = """
+import time
+from demo_analysis import demo_analysis
+from allanscope.view.terminal import TerminalView
+done = []
+mark = lambda text: view.line(f"set {text}")
+view = TerminalView("auto", on_mark=mark, on_quit=lambda: done.append(1))
+view.snapshot(demo_analysis(60.0))
+print("ready", flush=True)
+while not done:
+    time.sleep(0.01)
+view.close()
+"""
+
+
+class Clock:
+    """A clock that is set by hand."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_the_screen_is_readable_and_calm(columns):
+    with Terminal(RUN, columns, 24) as terminal:
+        assert terminal.finish() == 0, terminal.process.stderr.read()
+        screen = terminal.screen()
+    text = screen.text
+    assert text.count("allanscope  LSM6DSM  /dev/ttyACM0  native") == 1, "one screen, redrawn"
+    assert "2 h 1 min" in text
+    assert "6664.2000 Hz ±0.11 ppm" in text
+    assert "48 648 660 samples" in text
+    assert "lost 1 998" in text
+    assert "31.6 °C" in text
+    rows = {row[:2]: row for row in screen.rows if row[:2] in demo_analysis(1.0).axes}
+    assert len(rows) == 6
+    value = "2.900 ±0.026 =" if columns == 80 else "2.900 (2.874 ... 2.926) ="
+    assert value in rows["gx"]
+    assert "< 28, in 10 h 8 min" in rows["gx"]
+    assert ("typical" in rows["gx"]) == (columns == 200)
+    assert "sinusoid: frequency 49.98" in text
+    assert "gap (link): 27 samples lost" in text
+    assert "…" not in "".join(rows.values()), "nothing in the table is cut off"
+
+
+def test_control_characters_of_a_device_never_reach_the_terminal():
+    with Terminal(RUN, 80, 24) as terminal:
+        terminal.finish()
+        assert "\x1b[2J" not in terminal.raw
+        assert "\x07" not in terminal.raw
+        assert "firmware \ufffd[2J\ufffd 2.1" in terminal.screen().text
+
+
+def test_a_small_terminal_is_not_overrun():
+    with Terminal(RUN, 80, 12) as terminal:
+        assert terminal.finish() == 0
+        assert terminal.screen().text.count("allanscope  LSM6DSM") >= 1
+
+
+def test_no_color_is_respected():
+    with Terminal(RUN, 80, 24, NO_COLOR="1") as terminal:
+        assert terminal.finish() == 0
+        assert "\x1b[38;" not in terminal.raw
+        assert "38;2;213;94;0" not in terminal.raw
+    with Terminal(RUN, 80, 24) as terminal:
+        terminal.finish()
+        assert "38;2;213;94;0" in terminal.raw, "the colour of x, otherwise"
+
+
+def test_m_sets_a_mark_q_ends_and_the_terminal_is_as_before():
+    with Terminal(WAIT, 80, 24) as terminal:
+        terminal.read_until("ready")
+        assert terminal.modes != terminal.modes_before
+        assert not terminal.modes[3] & termios.ECHO
+        terminal.type("mxM")
+        terminal.read_until("set mark 2")
+        terminal.type("q")
+        assert terminal.finish() == 0
+        assert terminal.modes == terminal.modes_before
+        assert "\x1b[?25h" in terminal.raw, "the cursor is back"
+        assert "m mark" in terminal.raw
+        assert "m mark" not in terminal.screen().rows[-2], "keys are gone from the last screen"
+
+
+def test_the_terminal_is_restored_when_the_program_fails():
+    script = WAIT.replace("while not done:", "raise SystemExit(7)\nwhile not done:")
+    with Terminal(script, 80, 24) as terminal:
+        assert terminal.finish() == 7
+        assert terminal.modes == terminal.modes_before
+
+
+def test_ctrl_c_still_interrupts():
+    with Terminal(WAIT, 80, 24) as terminal:
+        terminal.read_until("ready")
+        terminal.type("\x03")
+        assert terminal.finish() in (-signal.SIGINT, 130, 1)
+        assert terminal.modes == terminal.modes_before
+
+
+def test_in_the_background_the_terminal_is_left_alone():
+    script = "import os\nif os.fork():\n    os.wait()\n    raise SystemExit\nos.setpgid(0, 0)\n"
+    script += WAIT.replace("while not done:", "done = [1]\nwhile not done:")
+    with Terminal(script, 80, 24) as terminal:
+        assert terminal.finish() == 0
+        assert terminal.modes == terminal.modes_before
+        assert "ready" in terminal.raw
+
+
+def test_through_a_pipe_there_is_a_line_a_minute_and_every_event():
+    out, clock = io.StringIO(), Clock()
+    view = TerminalView("auto", stream=out, clock=clock)
+    view.info(INFO)
+    result = demo_analysis(100.0)
+    for second in range(1, 151):
+        clock.now = float(second)
+        view.snapshot(replace(result, duration_s=float(second)))
+    view.gap(Gap("device", None))
+    view.notice(Notice("mark", "fan off"))
+    view.notice(Notice("status", "not worth a line", {"dropped": 0}))
+    view.notice(Notice("error", "sensor overran"))
+    view.close()
+    lines = out.getvalue().splitlines()
+    status = [line.split("  6664")[0].strip() for line in lines if "samples, lost" in line]
+    assert status == ["1.0 s", "1 min 1 s", "2 min 1 s", "2 min 30 s"]
+    assert sum("found sinusoid" in line for line in lines) == 2
+    assert any(line.endswith("gap (device): length unknown") for line in lines)
+    assert any(line.endswith("mark: fan off") for line in lines)
+    assert any(line.endswith("device: sensor overran") for line in lines)
+    assert not any("not worth" in line for line in lines)
+    assert "\x1b" not in out.getvalue()
+
+
+def test_quiet_says_nothing(capsys):
+    view = TerminalView("quiet")
+    view.info(INFO)
+    view.snapshot(demo_analysis(60.0))
+    view.line("hello", "error")
+    view.close()
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_dumb_terminal_gets_plain_lines():
+    with Terminal(RUN, 80, 24, TERM="dumb") as terminal:
+        assert terminal.finish() == 0
+        assert "\x1b" not in terminal.raw
+        assert "samples, lost none" in terminal.raw
+
+
+def test_a_reader_that_goes_away_does_not_end_the_measurement():
+    script = RUN.replace("view.close()", "") + (
+        "for _ in range(3000):\n    view.line('x' * 100)\nview.close()\n"
+        "import pathlib; pathlib.Path(sys.argv[1]).write_text('went on')\n"
+    )
+    here = str(Path(__file__).parent)
+    script = f"import sys; sys.path.insert(0, {here!r})\n{script}"
+    out = Path(os.environ.get("TMPDIR", "/tmp")) / f"allanscope-pipe-{os.getpid()}"
+    try:
+        run = subprocess.Popen(
+            [sys.executable, "-c", script, str(out)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        run.stdout.readline()
+        run.stdout.close()
+        errors = run.stderr.read()
+        run.stderr.close()
+        assert run.wait(60) == 0
+        assert errors == b""
+        assert out.read_text() == "went on"
+    finally:
+        out.unlink(missing_ok=True)
+
+
+def test_units_are_spelled_out_where_the_terminal_has_no_letters_for_them():
+    out = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    view = TerminalView("plain", stream=out)
+    view.snapshot(demo_analysis(7300.0))
+    view.close()
+    out.flush()
+    text = out.buffer.getvalue().decode("ascii")
+    assert "6664.2000 Hz +-0.11 ppm" in text
+    assert "mdps/sqrt Hz" in text
+    assert "?" not in text
+
+
+def test_the_summary_is_plain_and_complete():
+    lines = summary_lines(demo_analysis(7300.0))
+    assert max(map(len, lines)) <= 160
+    assert "\x1b" not in "".join(lines)
+    assert any(line.startswith("gx  2.900 (2.874 ... 2.926)") for line in lines)
+    assert any("warm up" in line for line in lines)
+    assert any("not explained" in line for line in lines)

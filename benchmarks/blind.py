@@ -43,6 +43,7 @@ class Score:
     clean_axes: int = 0
     false: list[str] = field(default_factory=list)
     extra: list[str] = field(default_factory=list)
+    both_ways: int = 0
     ratios: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
@@ -71,8 +72,12 @@ def judge(record: generator.Blind, found: dict[str, tuple[Effect, ...]], score: 
             score.extra.append(f"{tag} {axis} {truth.kind}/{truth.level}: also {extras}")
         if match:
             _parameters(truth, match[0], score)
+    coupled = {str(truth.parameters.get("source", "")): truth.axis for truth in record.truths}
     for axis, effects in found.items():
         if axis in touched:
+            continue
+        if axis in coupled and [e.kind for e in effects] == ["cross_coupling"]:
+            score.both_ways += effects[0].parameters["source"].value == coupled[axis]
             continue
         score.clean_axes += 1
         for effect in effects:
@@ -153,6 +158,7 @@ def totals(score: Score) -> dict[str, Any]:
         out["parameters_inside_percent"] = round(100 * sum(score.inside.values()) / total, 1)
     out["clean_axes"] = score.clean_axes
     out["false_effects"] = len(score.false)
+    out["couplings_named_both_ways"] = score.both_ways
     if score.seconds:
         out["seconds_a_record"] = round(float(np.mean(score.seconds)), 1)
     if score.ratios:

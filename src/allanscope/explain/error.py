@@ -17,6 +17,7 @@ from allanscope.allan.deviation import Deviation
 from allanscope.explain.effect import ResidualError
 from allanscope.explain.residual import band_scores
 from allanscope.explain.view import View
+from allanscope.noise.gls import gls_chi2
 from allanscope.noise.model import NoiseModel
 
 __all__ = ["deviation_of", "error_of"]
@@ -24,8 +25,6 @@ __all__ = ["deviation_of", "error_of"]
 Array = NDArray[np.float64]
 
 _PER_OCTAVE = 2
-_LEAST_EDF = 4.0
-"""Where an estimate has fewer degrees of freedom it says nothing about the model."""
 
 
 def deviation_of(data: Array, rate_hz: float) -> Deviation:
@@ -36,33 +35,17 @@ def deviation_of(data: Array, rate_hz: float) -> Deviation:
 
 
 def error_of(view: View, model: NoiseModel) -> ResidualError:
-    """Compare the data of a view with a model.
-
-    `rms_percent` and `expected_rms_percent` are over the taus whose estimate has at least four
-    degrees of freedom: the last ones have one or two and would drown all others.
-    """
+    """Compare the data of a view with a model, up to a third of the record."""
     curve = deviation_of(view.data, view.grid.rate_hz)
-    expected = model.deviation("oadev", curve.m)
-    good = (curve.edf >= _LEAST_EDF) & np.isfinite(curve.deviation) & (expected > 0)
-    ratio = curve.deviation[good] / expected[good] - 1
+    fitted = int(np.count_nonzero(view.spectrum.variances)) + sum(
+        len(term.nonlinear) for term in view.terms if term.role != "excludes"
+    )
+    residual = gls_chi2(curve, model, n=view.grid.n, fitted=fitted)
     bands = band_scores(view)
-    chi2, p_value = _chi2(curve, model, view.grid.n)
     return ResidualError(
-        chi2_per_dof=chi2,
-        p_value=p_value,
-        rms_percent=float(100 * np.sqrt(np.mean(ratio**2))) if good.any() else float("nan"),
-        expected_rms_percent=float(100 * np.sqrt(np.mean(1 / (2 * curve.edf[good]))))
-        if good.any()
-        else float("nan"),
+        chi2_per_dof=residual.chi2 / residual.dof,
+        p_value=residual.p_value,
+        rms_percent=residual.rms_percent,
+        expected_rms_percent=residual.expected_rms_percent,
         worst_band_z=float(bands.z[np.argmax(np.abs(bands.z))]),
     )
-
-
-def _chi2(curve: Deviation, model: NoiseModel, samples: int) -> tuple[float, float]:
-    try:
-        from allanscope.noise.gls import gls_chi2
-    except ImportError:
-        return float("nan"), float("nan")
-
-    result = gls_chi2(curve, model, samples)
-    return float(result.chi2_per_dof), float(result.p_value)

@@ -78,13 +78,12 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
     grid, null = view.grid, view.spectrum
     d = view.ordinates[:m]
     kept = null.kept[:m].astype(np.float64)
-    f = grid.frequency[:m]
     spectrum = null
     bins = int(np.searchsorted(grid.edges, m))
     power = view.power.copy()
     low = _low_bins(grid, bins, m)
     for _ in range(rounds):
-        weight = kept / spectrum.at(f)
+        weight = kept / spectrum.first(m)
         normal = (columns * weight) @ columns.T
         amplitude = np.linalg.solve(normal, (columns * weight) @ d)
         rest = (d - amplitude @ columns) ** 2

@@ -75,7 +75,7 @@ def detection_limits(view: View) -> tuple[str, ...]:
     line = np.sqrt(4 * top / n * (np.log(0.75 * n / 1e-3) + 2))
     k = np.arange(1, view.grid.low + 1)
     shape = np.sin(np.pi * k / 2) ** 2 / (2 * np.sin(np.pi * k / (2 * n))) ** 2 * 2 / n
-    step = 6.3 / np.sqrt(np.sum(shape / spectrum.at(view.grid.frequency[: view.grid.low])))
+    step = 6.3 / np.sqrt(np.sum(shape / spectrum.first(view.grid.low)))
     return (
         f"in {duration:.0f} s a line above {line:.2g} {view.unit} (at "
         f"{view.grid.rate_hz / 8:.3g} Hz) or a step above {step:.2g} {view.unit} would have been found",

@@ -25,6 +25,7 @@ from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.effects.unexplained import COSINES, drift_left_over, tone_left_over
 from allanscope.explain.residual import band_scores
+from allanscope.explain.tones import sweeps
 from allanscope.explain.view import View
 
 __all__ = ["Budget", "close_loop"]
@@ -32,12 +33,23 @@ __all__ = ["Budget", "close_loop"]
 Array = NDArray[np.float64]
 _LOG = logging.getLogger(__name__)
 
-_SPECTRAL = ("gauss_markov", "narrowband", "band_limit")
+_SPECTRAL = ("gauss_markov", "narrowband", "band_limit", "Q")
 _CONSTANT_P = 1e-5
-_FEWEST_COHERENCES = 20.0
+_FEWEST_COHERENCES = 12.0
+"""Fewer coherence times in a record cannot show that a band holds noise."""
 _SIMILAR = 3.0
+_HELD_SHARE, _SMALL = 0.25, 30.0
+"""Of a large gain at least a quarter must be found on held-out data: else it did not recur."""
 _SLOW = ("warm_up", "ramp")
 _CLEARLY = 5.0
+_UNFINISHED = 0.3
+"""Share of the gain of the named effects that free cosines may still find behind them."""
+_SLOWLY = ("warm_up", "ramp", "step", "excursion", "temperature")
+_BUNDLE = 6
+_HOPELESS, _NEARLY = 30.0, 8.0
+"""Nats that may be missing for a bundle to be continued, and to be fitted in earnest."""
+_PROMISING = 5.0
+"""Gain in nats below which nothing is worth looking behind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +64,14 @@ class Budget:
         Most rounds through the stages.
     kinds : frozenset of str or None
         Only these kinds are asked; None for all.
+    spent_nats : float
+        What earlier looks at the same data cost, added to every price.
     """
 
     effects: int = 14
     passes: int = 2
     kinds: frozenset[str] | None = None
+    spent_nats: float = 0.0
 
 
 def close_loop(view: View, budget: Budget | None = None) -> View:
@@ -86,9 +101,13 @@ def _settle(view: View, stage: int, budget: Budget) -> View:
         candidates = list(_proposals(view, kinds))
         if former:
             view = _with_rivals(view, former, candidates)
-        accepted = _best(view, candidates)
+        accepted = _best(view, candidates, budget.spent_nats)
         if accepted is None:
-            break
+            together = _bundle(view, kinds, budget.spent_nats) if stage == 2 else None
+            if together is None:
+                break
+            view, former = together, []
+            continue
         _LOG.debug(
             "%s accepts %s %s gain %.1f",
             view.axis,
@@ -108,9 +127,9 @@ def _proposals(view: View, kinds: Iterable[EffectKind]) -> Iterable[Candidate]:
         yield from kind.propose(view)
 
 
-def _best(view: View, candidates: list[Candidate]) -> Candidate | None:
+def _best(view: View, candidates: list[Candidate], before: float) -> Candidate | None:
     """Return the first candidate, by what it gains beyond its price, that stands every test."""
-    spent = len([c for c in view.accepted if c.kind != "ramp"]) * np.log(2)
+    spent = before + len([c for c in view.accepted if c.kind != "ramp"]) * np.log(2)
     for candidate in sorted(candidates, key=lambda c: -c.excess):
         if candidate.excess <= spent:
             return None
@@ -118,10 +137,56 @@ def _best(view: View, candidates: list[Candidate]) -> Candidate | None:
         if verdict is None:
             continue
         held = KINDS[verdict.kind].hold_out(view, verdict)
-        if held is not None and held.nats <= 0:
+        if held is not None and held.nats <= max(0.0, _HELD_SHARE * (verdict.gain - _SMALL)):
             continue
         return replace(verdict, held_out=held)
     return None
+
+
+def _bundle(view: View, kinds: list[EffectKind], before: float) -> View | None:
+    """Return the view with several slow effects that pass together, though none passes alone.
+
+    While one of them is left out it keeps K high, and a high K hides the others: a warm-up and
+    three bumps of the level look like a random walk until all four are taken out. What is looked
+    at is paid for by every member, and each must be worth its price given the others.
+    """
+    slow = [kind for kind in kinds if kind.kind in _SLOWLY]
+    first = len(view.accepted)
+    trial = view
+    for _ in range(_BUNDLE):
+        candidates = [c for c in _proposals(trial, slow) if c.gain > _PROMISING]
+        if not candidates:
+            return None
+        trial = accept(trial, max(candidates, key=lambda c: c.excess))
+        missing = before + _owed(trial, first) - (trial.spectrum.loglik - view.spectrum.loglik)
+        if missing > _HOPELESS:
+            return None
+        if len(trial.accepted) - first > 1 and missing < _NEARLY:
+            trial = _refit(trial)
+            gain = trial.spectrum.loglik - view.spectrum.loglik
+            members = trial.accepted[first:]
+            if gain > before + _owed(trial, first) and all(c.excess > 0 for c in members):
+                return _held(trial, members)
+    return None
+
+
+def _owed(view: View, first: int) -> float:
+    """Price of everything accepted after the first so many effects."""
+    return float(sum(c.price for c in view.accepted[first:]) + first * np.log(2))
+
+
+def _held(view: View, members: tuple[Candidate, ...]) -> View | None:
+    """Judge every member of a bundle on held-out data, given the others; None if one fails."""
+    judged = []
+    for candidate in view.accepted:
+        if all(candidate is not c for c in members):
+            judged.append(candidate)
+            continue
+        held = KINDS[candidate.kind].hold_out(without(view, candidate), candidate)
+        if held is not None and held.nats <= 0:
+            return None
+        judged.append(replace(candidate, held_out=held))
+    return replace(view, accepted=tuple(judged))
 
 
 def _adequate(view: View, candidate: Candidate) -> Candidate | None:
@@ -130,13 +195,10 @@ def _adequate(view: View, candidate: Candidate) -> Candidate | None:
         return tone_left_over(view, candidate)
     if candidate.kind == "narrowband":
         f0, width = candidate.shape[:2]
-        kurtosis = candidate.evidence["envelope_kurtosis"]
-        error = candidate.evidence["envelope_kurtosis_error"]
         if width * view.series.duration_s < _FEWEST_COHERENCES:
             return tone_left_over(view, candidate)
-        if kurtosis < 1.6 and kurtosis + 3 * error < 2.0:
+        if sweeps(view.data, view.grid.rate_hz, f0, width):
             return tone_left_over(view, candidate)
-        del f0
     if candidate.kind in _SPECTRAL and not _removes(view, candidate):
         if candidate.kind == "narrowband":
             return tone_left_over(view, candidate)
@@ -219,10 +281,12 @@ def _audit_drift(view: View) -> View:
     for candidate in slow:
         bare = without(bare, candidate)
     named = view.spectrum.loglik - bare.spectrum.loglik
-    free = drift_left_over(bare)
-    if free is None or free.gain - 2 * COSINES < named + _CLEARLY:
+    free, rest = drift_left_over(bare), drift_left_over(view)
+    if free is None:
         return view
-    return accept(bare, free)
+    better = free.gain - 2 * COSINES > named + _CLEARLY
+    unfinished = rest is not None and rest.gain > _UNFINISHED * named
+    return accept(bare, free) if better or unfinished else view
 
 
 def _with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> View:

@@ -94,7 +94,12 @@ class Grid:
             return edge / s
         if which == "K":
             return 1 / (self.rate_hz * s**2)
-        return self.rate_hz * s**2 + 4 * self.rate_hz / self.n
+        return self.rate_hz**2 * (s**2 + 4 / self.n)
+
+    @cached_property
+    def textbook_low(self) -> dict[str, Array]:
+        """The unit variances of N, B, K, Q at the ordinates that are kept one by one."""
+        return {w: self.textbook(w, self.frequency[: self.low]) for w in "NBKQ"}
 
     @cached_property
     def textbook_bins(self) -> dict[str, Array]:
@@ -111,8 +116,8 @@ class Term:
     kind : str
         Effect it belongs to.
     role : {'adds', 'shapes', 'excludes'}
-        Adds ``sigma^2 density(f)`` to the spectrum; multiplies the white part with ``density(f)``;
-        or takes the frequencies where ``density(f)`` is 0 out of the fit.
+        Adds ``sigma^2 shape(f)`` to the spectrum; multiplies the white part (a filter: all textbook
+        terms) with ``shape(f)``; or takes the frequencies where ``shape(f)`` is 0 out of the fit.
     nonlinear : tuple of float
         Parameters of the shape.
     shape : callable
@@ -164,23 +169,28 @@ class Spectrum:
     loglik: float
     information: Array = field(repr=False)
 
+    def first(self, m: int) -> Array:
+        """Variances of the first m ordinates."""
+        frequency = self.grid.frequency[:m]
+        if m > self.grid.low:
+            return self.at(frequency)
+        return self._sum({w: unit[:m] for w, unit in self.grid.textbook_low.items()}, frequency)
+
     def at(self, frequency: Array) -> Array:
         """Variance of a DCT ordinate at given frequencies (two-sided density times the rate)."""
+        return self._sum({w: self.grid.textbook(w, frequency) for w in self.base}, frequency)
+
+    def _sum(self, units: dict[str, Array], frequency: Array) -> Array:
         total = np.full_like(frequency, self.floor)
         for letter, variance in zip(self.base, self.variances, strict=False):
-            part = variance * self.grid.textbook(letter, frequency)
-            total += part * self._factor(frequency) if letter == "N" else part
+            part = variance * units[letter]
+            for term in _shaping(letter, self.terms):
+                part = part * term.at(self.grid, frequency)
+            total += part
         adding = [t for t in self.terms if t.role == "adds"]
         for term, variance in zip(adding, self.variances[len(self.base) :], strict=True):
             total += variance * term.at(self.grid, frequency)
         return total
-
-    def _factor(self, frequency: Array) -> Array:
-        factor = np.ones_like(frequency)
-        for term in self.terms:
-            if term.role == "shapes":
-                factor = factor * term.at(self.grid, frequency)
-        return factor
 
     @cached_property
     def ordinates(self) -> Array:
@@ -226,6 +236,11 @@ class _Design:
         return np.full(len(self.count), floor)
 
 
+def _shaping(letter: str, terms: tuple[Term, ...]) -> list[Term]:
+    """Return the factors on a textbook term: a filter acts on all, repeated rows on N alone."""
+    return [t for t in terms if t.role == "shapes" and (letter == "N" or t.kind == "band_limit")]
+
+
 def _excluding(terms: tuple[Term, ...]) -> tuple[Term, ...]:
     return tuple(t for t in terms if t.role == "excludes")
 
@@ -243,10 +258,8 @@ def _design(grid: Grid, base: str, terms: tuple[Term, ...]) -> _Design:
     columns = []
     for letter in base:
         column = grid.textbook_bins[letter]
-        if letter == "N":
-            for term in terms:
-                if term.role == "shapes":
-                    column = column * term.at_bins(grid)
+        for term in _shaping(letter, terms):
+            column = column * term.at_bins(grid)
         columns.append(column)
     columns += [t.at_bins(grid) for t in terms if t.role == "adds"]
     count = grid.count

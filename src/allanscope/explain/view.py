@@ -18,6 +18,9 @@ __all__ = ["Clock", "View"]
 
 Array = NDArray[np.float64]
 
+_MANY = 400
+"""Ordinates in a bin whose mean is known to a few per cent."""
+
 
 @dataclass(frozen=True, slots=True)
 class Clock:
@@ -87,8 +90,13 @@ class View:
 
     @cached_property
     def fitted_floor(self) -> float:
-        """The rounding's variance, never more than half of what there is at the top."""
-        return float(min(self.floor, 0.5 * self.power[-8:].min()))
+        """The rounding's variance, never more than the lowest level there is.
+
+        Behind a low-pass the rounding is all that is left at the top; where the noise hardly
+        leaves one code, it is less than q^2/12.
+        """
+        full = self.grid.count > _MANY
+        return float(min(self.floor, 0.98 * self.power[full].min(initial=np.inf)))
 
     @cached_property
     def innovations(self) -> Array:

@@ -11,8 +11,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.heldout import halves
 from allanscope.explain.spectral import Term, fit_spectrum
 from allanscope.explain.view import View
 
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 
 def differenced(frequency: Array, rate: float, _nonlinear: tuple[float, ...]) -> Array:
     """Variance of an ordinate for a unit Q^2."""
-    return np.asarray(rate * 4 * np.sin(np.pi * frequency / rate) ** 2)
+    return np.asarray((2 * rate * np.sin(np.pi * frequency / rate)) ** 2)
 
 
 class AngleQuantization(EffectKind):
@@ -50,3 +51,7 @@ class AngleQuantization(EffectKind):
             price=float(np.log(2 / ALPHA)),
             terms=(term,),
         )
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Judge by the two halves."""
+        return halves(view, view.terms + candidate.terms)

@@ -63,7 +63,7 @@ class BandLimit(EffectKind):
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Fit the family from several cutoffs, if the top of the band lacks power at all."""
-        if view.has(self.kind):
+        if view.has(self.kind) or view.has("Q"):
             return []
         candidate = _best(view, [c * view.grid.rate_hz for c in _CUTOFFS])
         return [candidate] if candidate is not None else []

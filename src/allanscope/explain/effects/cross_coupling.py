@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 _SLOWEST_HZ = 0.1
 """Below, a common temperature correlates all axes."""
 _BANDS = 8
+_AMBIGUOUS = 3.0
+"""Nats below which the direction cannot be told: both axes then name each other."""
 _LOUD = 25.0
 """Whitened power above which an ordinate holds a line."""
 
@@ -81,9 +83,10 @@ def _candidate(view: View, source: str) -> Candidate | None:
     price = float(np.log(len(view.series.axes) / ALPHA))
     if z2 / 2 < price or not _same_everywhere(d, e, weight, slope):
         return None
-    gain, reverse = _directions(view, source, slope, z2 / 2)
-    if reverse > gain and not _physical(view.axis, source):
+    telling = _direction(view, source, slope)
+    if telling < -_AMBIGUOUS:
         return None
+    open_ = telling < _AMBIGUOUS
     return Candidate(
         kind="cross_coupling",
         parameters={
@@ -93,14 +96,11 @@ def _candidate(view: View, source: str) -> Candidate | None:
         gain=z2 / 2,
         price=price,
         signal=slope * (x - x.mean()),
-        words=f"{source} leaks in with {slope:.3g} {view.unit}/{view.unit_of(source)}",
-        evidence={"direction_nats": gain - reverse},
+        words=f"{source} leaks in with {slope:.3g} {view.unit}/{view.unit_of(source)}"
+        + (", or the other way round: the record cannot tell" if open_ else ""),
+        evidence={"direction_nats": telling},
+        axes=(view.axis, source) if open_ else (view.axis,),
     )
-
-
-def _physical(target: str, source: str) -> bool:
-    """Acceleration moves a gyro (g-sensitivity); rotation does not move an accelerometer at rest."""
-    return target.startswith("g") and source.startswith("a")
 
 
 def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
@@ -116,21 +116,15 @@ def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
     return freedom < 1 or bool(chi2.sf(distance, freedom) > 1e-3)
 
 
-def _directions(view: View, source: str, slope: float, gain: float) -> tuple[float, float]:
-    """Gain of this axis taking from the source, and of the source taking from this axis."""
-    other = view.source_ordinates(source)
-    squares = other**2
-    grid = view.grid
+def _direction(view: View, source: str, slope: float) -> float:
+    """Gain of this axis taking from the source less that of the source taking from this axis."""
+    grid, other = view.grid, view.source_ordinates(source)
 
-    def fit(values: Array) -> float:
-        return fit_spectrum(grid, binned_power(grid, values, ()), floor=0.0).loglik
+    def loglik(ordinates: Array) -> float:
+        return fit_spectrum(grid, binned_power(grid, ordinates**2, ())).loglik
 
-    forward = fit((view.ordinates - slope * other) ** 2) - fit(view.squares)
-    back = fit_spectrum(grid, binned_power(grid, squares, ()), floor=0.0)
+    back = fit_spectrum(grid, binned_power(grid, other**2, ()))
     weight = 1 / back.ordinates
-    reverse_slope = float(np.sum(view.ordinates * other * weight)) / float(
-        np.sum(view.squares * weight)
-    )
-    reverse = fit((other - reverse_slope * view.ordinates) ** 2) - back.loglik
-    del gain
-    return forward, reverse
+    reverse = float(np.sum(view.ordinates * other * weight) / np.sum(view.squares * weight))
+    forward_gain = loglik(view.ordinates - slope * other) - loglik(view.ordinates)
+    return forward_gain - (loglik(other - reverse * view.ordinates) - back.loglik)

@@ -24,7 +24,6 @@ from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
-from allanscope.explain.tones import envelope_kurtosis
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -34,6 +33,8 @@ _WIDEST = 0.5
 _SUB_BINS = 400
 _ROUNDS = 3
 _RESOLVED = 0.05
+_BROADEST = 0.7
+"""Beyond, as a share of the frequency, no one would call the band narrow."""
 
 
 def resonance(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
@@ -53,7 +54,7 @@ class Narrowband(EffectKind):
     confused_with = {
         "sinusoid": "a line stays one bin wide",
         "gauss_markov": "its excess goes down to zero frequency",
-        "unexplained": "the envelope of a chirp is constant, that of a resonance is not",
+        "unexplained": "a chirp goes through its band once, in one direction",
     }
 
     def propose(self, view: View) -> Iterable[Candidate]:
@@ -161,7 +162,7 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
         )  # fmt: skip
         point = np.asarray(found.x)
         f0, w = float(point[2]), float(np.exp(point[3]))
-        if w < 1.5 * unit or w > 2 * f0:
+        if w < 1.5 * unit or w > _BROADEST * f0:
             return None
         term = Term("narrowband", "adds", (f0, w), resonance, narrow=True)
         terms = (*view.terms, term)
@@ -172,7 +173,6 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
         gain = max(gain, window.flat() - float(found.fun))
     error = _errors(window.loss, point)
     sigma = float(np.exp(point[1] / 2))
-    kurtosis, kurtosis_error = envelope_kurtosis(view.data, grid.rate_hz, f0, w)
     return Candidate(
         kind="narrowband",
         parameters={
@@ -185,7 +185,6 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
         terms=(term,),
         shape=(f0, w),
         words=f"noise in a band of {w:.3g} Hz around {f0:.4g} Hz",
-        evidence={"envelope_kurtosis": kurtosis, "envelope_kurtosis_error": kurtosis_error},
     )
 
 

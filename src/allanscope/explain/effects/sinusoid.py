@@ -74,7 +74,9 @@ class Sinusoid(EffectKind):
         else:
             normal = pair @ pair.T
             amplitudes = np.linalg.solve(normal, pair @ (view.data - view.data.mean()))
-            level = local_level(view, frequency)
+            level = max(
+                local_level(view, frequency), float(view.spectrum.at(np.array([frequency]))[0])
+            )
             gain = float(amplitudes @ normal @ amplitudes / (2 * level))
             error = float(np.sqrt(2 * level / n))
         amplitude = float(np.hypot(*amplitudes))
@@ -103,7 +105,8 @@ def _fast_lines(view: View) -> list[float]:
     lowest = int(_SLOW_CYCLES * size / n) + 1
     open_ = minimum_filter1d(view.spectrum.kept, 2 * _MARGIN + 1)
     inside = open_[np.clip((frequency * 2 * n / rate).astype(int) - 1, 0, n - 2)]
-    level = running_level(power, lowest)
+    # A resonance in the model is narrower than the blocks of the running level.
+    level = np.maximum(running_level(power, lowest), view.spectrum.at(frequency[lowest:]))
     ratio = np.where(inside[lowest:], power[lowest:] / level, 0.0)
     found = []
     for _ in range(_PROPOSALS):
@@ -141,7 +144,7 @@ def _slow_lines(view: View) -> list[float]:
     duration = n / rate
     cycles = np.arange(_FEWEST_CYCLES, _SLOW_CYCLES, 0.25)
     m = view.grid.low
-    weight = view.spectrum.kept[:m] / view.spectrum.at(view.grid.frequency[:m])
+    weight = view.spectrum.kept[:m] / view.spectrum.first(m)
     d = view.ordinates[:m]
     scores = []
     for c in cycles:

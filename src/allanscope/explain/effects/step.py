@@ -2,24 +2,23 @@ r"""A step: the level jumps once and stays.
 
 A step leaves D^2/(pi^2 k^2) in the spectrum, exactly like a random walk with K = D / sqrt(T): the
 curve and the spectrum cannot tell the two apart, the phases can. The matched filter for every
-instant is scanned at once by an inverse cosine transform of the whitened ordinates; the best few
-are fitted jointly with the noise, and the instant is then refined to the sample.
+instant is scanned at once (`StepScan`); the best few are fitted jointly with the noise, and the instant is then refined to the sample.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dst, fft, idct
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, step_ordinates
-from allanscope.explain.spectral import Spectrum
+from allanscope.explain.stepscan import StepScan
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -44,24 +43,24 @@ class Step(EffectKind):
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Scan the whole record."""
-        score, norm = _scan(view, view.spectrum, view.grid.low + 1)
-        cells = len(score)
-        edge = max(2, int(_EDGE_S * view.grid.rate_hz * cells / view.grid.n))
-        statistic = np.zeros(cells)
-        statistic[edge:-edge] = score[edge:-edge] ** 2 / norm[edge:-edge] / 2
+        n, rate = view.grid.n, view.grid.rate_hz
+        edge = int(_EDGE_S * rate)
+        at = np.arange(edge, n - edge, max(1, n // view.grid.low))
+        if len(at) == 0:
+            return []
+        statistic = StepScan(view, view.spectrum).step(at)
         best: Candidate | None = None
         for _ in range(_PROPOSALS):
-            cell = int(np.argmax(statistic))
-            if statistic[cell] <= 1.0:
+            k = int(np.argmax(statistic))
+            if statistic[k] <= 1.0:
                 break
-            candidate = _candidate(view, int((cell + 0.5) * view.grid.n / cells))
+            candidate = _candidate(view, int(at[k]))
             if best is None or candidate.gain > best.gain:
                 best = candidate
-            reach = max(edge, cells // 100)
-            statistic[max(0, cell - reach) : cell + reach] = 0.0
-        if best is None or best.excess < 0:
+            statistic[np.abs(at - at[k]) < max(edge, n // 100)] = 0.0
+        if best is None:
             return []
-        return [_refined(view, best)]
+        return [_refined(view, best) if best.excess > 0 else best]
 
     def refine(self, view: View, candidate: Candidate) -> Candidate:
         """Estimate instant and size again."""
@@ -71,22 +70,6 @@ class Step(EffectKind):
         """Judge the size by interleaved blocks."""
         column = step_ordinates(view.grid, int(candidate.shape[0]), view.grid.low)[np.newaxis]
         return interleaved(view, joint_fit(view, column), column)
-
-
-def _scan(view: View, spectrum: Spectrum, size: int) -> tuple[Array, Array]:
-    """Score and information of a unit step at the border of every cell (size cells)."""
-    n = view.grid.n
-    m = size - 1
-    k = np.arange(1, m + 1)
-    weight = spectrum.kept[:m] / spectrum.at(view.grid.frequency[:m])
-    shape = 1 / (2 * np.sin(np.pi * k / (2 * n)))
-    sines = np.zeros(size)
-    sines[:m] = -np.sqrt(2 / n) * weight * view.ordinates[:m] * shape
-    score = np.asarray(dst(sines, type=3)) / 2
-    # The sum of q_k sin^2 is half of the sum of q_k less that of q_k cos of the double angle.
-    squares = np.concatenate([[0.0], weight * shape**2])
-    cosines = fft(squares * np.exp(-1j * np.pi * np.arange(size) / size)).real
-    return score, np.maximum((squares.sum() - cosines) / n, 1e-300)
 
 
 def _candidate(view: View, at: int) -> Candidate:
@@ -113,24 +96,19 @@ def _candidate(view: View, at: int) -> Candidate:
 def _refined(view: View, candidate: Candidate) -> Candidate:
     """Move the instant to the most likely sample, under the noise of the joint fit."""
     grid = view.grid
-    column = step_ordinates(grid, int(candidate.shape[0]), grid.low)[np.newaxis]
-    spectrum = joint_fit(view, column).spectrum
-    weight = spectrum.kept / spectrum.ordinates
-    white = np.concatenate([[0.0], view.ordinates * weight])
-    weighted = idct(white, norm="ortho")
-    score = -np.concatenate([[0.0], np.cumsum(weighted)[:-1]])
     at = int(candidate.shape[0])
+    column = step_ordinates(grid, at, grid.low)[np.newaxis]
+    scan = StepScan(view, joint_fit(view, column).spectrum)
     reach = int(max(20 * grid.rate_hz, 4 * grid.n / grid.low))
-    low, high = max(2, at - reach), min(grid.n - 2, at + reach)
-    norm = float(((column**2) * weight[: grid.low]).sum())
-    profile = score[low:high] ** 2 / (2 * norm)
-    best = int(np.argmax(profile))
-    inside = np.flatnonzero(profile > profile[best] - _INTERVAL_NATS)
-    refined = _candidate(view, low + best)
+    tried = np.arange(max(2, at - reach), min(grid.n - 2, at + reach))
+    gains = scan.step(tried)
+    best = int(np.argmax(gains))
+    near = tried[gains > gains[best] - _INTERVAL_NATS]
+    refined = _candidate(view, int(tried[best]))
     time = Parameter(
-        (low + best) / grid.rate_hz,
-        (low + inside[0] - 0.5) / grid.rate_hz,
-        (low + inside[-1] + 0.5) / grid.rate_hz,
+        float(tried[best] / grid.rate_hz),
+        float((near[0] - 0.5) / grid.rate_hz),
+        float((near[-1] + 0.5) / grid.rate_hz),
         "s",
     )
-    return Candidate(**{**refined.__dict__, "parameters": {**refined.parameters, "time": time}})
+    return replace(refined, parameters={**refined.parameters, "time": time})

@@ -139,7 +139,7 @@ def drift_left_over(view: View) -> Candidate | None:
 
 def _tails(view: View) -> Iterable[Candidate]:
     kurtosis, error = excess_kurtosis(view)
-    if kurtosis < _TAIL_Z * error or view.has("variance_change"):
+    if kurtosis < _TAIL_Z * error or view.has("variance_change") or view.has("quantization"):
         return
     top = view.grid.rate_hz / 2
     yield Candidate(

@@ -85,7 +85,7 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     ) / (2 * h)
     amplitude = float(fit.amplitude[0])
     jacobian = np.vstack([_column(view, tc)[0], amplitude * derivative])
-    weight = spectrum.kept[:m] / spectrum.at(view.grid.frequency[:m])
+    weight = spectrum.kept[:m] / spectrum.first(m)
     covariance = np.linalg.pinv((jacobian * weight) @ jacobian.T, hermitian=True)
     error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0))
     t = np.arange(view.grid.n) / view.grid.rate_hz

@@ -70,7 +70,7 @@ def banked(data: np.ndarray) -> AllanBank:
     return bank
 
 
-def measured(what: str, n: int, taus: int, kinds: int, call: Call, repetitions: int) -> Row:
+def measured(what: str, n: int, call: Call, repetitions: int, *, taus: int, kinds: int) -> Row:
     """Return one line of the table, for `kinds` estimators at once."""
     best = seconds(call, repetitions)
     return {
@@ -80,7 +80,7 @@ def measured(what: str, n: int, taus: int, kinds: int, call: Call, repetitions: 
         "seconds": best,
         "ns_per_sample": 1e9 * best / n,
         "ns_per_sample_tau_estimator": 1e9 * best / n / taus / kinds,
-        "peak_bytes_per_sample": peak_bytes(call) / n,
+        "peak_mib": peak_bytes(call) / 2**20,
     }
 
 
@@ -100,12 +100,13 @@ def long_records(sizes: list[int], repetitions: int) -> list[Row]:
         data = counts(n)
         taus = banked(data).deviation("oadev").m.size
         kinds = len(STREAMED)
-        bank = measured("bank: ten estimators", n, taus, kinds, partial(banked, data), repetitions)
+        call = partial(banked, data)
+        bank = measured("bank: ten estimators", n, call, repetitions, taus=taus, kinds=kinds)
         rows.append(bank)
         for kind in ("oadev", "ohdev", "mdev", "totdev"):
             octaves, call = peer(kind, data)
             often = 1 if n > 1_000_000 else repetitions
-            row = measured(f"allantools {kind}", n, octaves, 1, call, often)
+            row = measured(f"allantools {kind}", n, call, often, taus=octaves, kinds=1)
             rows.append(row | {"ratio": row["seconds"] / bank["seconds"]})
     return rows
 
@@ -127,11 +128,12 @@ def realtime(n: int) -> list[Row]:
         for value in phase:
             live.add_phase(value)
 
-    bank = measured("bank in frames of 26", n, factors.size, len(STREAMED), stream, 3)
+    taus = factors.size
+    bank = measured("bank in frames of 26", n, stream, 3, taus=taus, kinds=len(STREAMED))
     rows = [bank]
     for kind in LIVE:
         call = partial(one_by_one, kind)
-        row = measured(f"allantools realtime {kind}", n, factors.size, 1, call, 1)
+        row = measured(f"allantools realtime {kind}", n, call, 1, taus=taus, kinds=1)
         rows.append(row | {"ratio": row["seconds"] / bank["seconds"]})
     return rows
 
@@ -181,7 +183,7 @@ COLUMNS = {
     "seconds": ("CPU s", "{:.5f}"),
     "ns_per_sample": ("ns/sample", "{:.1f}"),
     "ns_per_sample_tau_estimator": ("ns/tau/kind", "{:.3f}"),
-    "peak_bytes_per_sample": ("B/sample", "{:.1f}"),
+    "peak_mib": ("peak MiB", "{:.1f}"),
     "ratio": ("ratio", "{:.1f}"),
     "years_for_1e7_as_square": ("1e7: years", "{:.2g}"),
     "kib": ("KiB", "{:.0f}"),

@@ -1,0 +1,136 @@
+"""What thinning costs in accuracy: the bank beside the same estimators with every term.
+
+    python benchmarks/thinning.py [--quick] [--json FILE]
+
+Two tables, in per cent of the deviation. The first is the rms difference between the cascade's
+terms (every 2^L-th above m = 64) and full overlap, at the longest m it is given for, a sixteenth of
+the run. The second is mean and rms difference between curves from the archive and from every
+sample, for rows of `stride` samples and windows at every sixteenth of m.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allanscope.allan.bank import AllanBank
+from allanscope.allan.estimators import REGISTRY
+from allanscope.allan.estimators.htotdev import htot_variance
+from allanscope.allan.estimators.mtotdev import mtot_variance
+from allanscope.allan.estimators.theo1 import theo1_variance
+from allanscope.allan.phase import to_phase
+from allanscope.allan.thinned_theo1 import thinned_theo1_variance
+
+STRIDE = 16
+Row = dict[str, Any]
+
+
+def noises(rng: np.random.Generator, n: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield rates of five power laws."""
+    white = rng.standard_normal(n)
+    spectrum = np.fft.rfft(rng.standard_normal(2 * n))
+    spectrum[0] = 0.0
+    root = np.sqrt(np.arange(spectrum.size).clip(1))
+    yield "white PM", np.diff(white, prepend=0.0)
+    yield "flicker PM", np.fft.irfft(spectrum * root)[:n]
+    yield "white FM", white
+    yield "flicker FM", np.fft.irfft(spectrum / root)[:n]
+    yield "random walk", white.cumsum()
+
+
+def cascade(records: int, n: int) -> list[Row]:
+    """Compare the bank with the definitions at m = n / 16."""
+    m = n // 16
+    differences: dict[tuple[str, str], list[float]] = {}
+    for seed in range(records):
+        for noise, rates in noises(np.random.default_rng(seed), n):
+            bank = AllanBank(1.0, axes=1, per_octave=1)
+            bank.update(rates)
+            phase = to_phase(rates, 1.0)
+            for kind in ("oadev", "ohdev", "mdev", "totdev"):
+                curve = bank.deviation(kind)
+                full = np.sqrt(REGISTRY[kind].exact(phase, m)[0])
+                error = float(curve.deviation[0, curve.m == m][0] / full - 1)
+                differences.setdefault((kind, noise), []).append(error)
+    return [
+        {"kind": kind, "noise": noise, "rms_percent": 100 * float(np.sqrt(np.mean(np.square(e))))}
+        for (kind, noise), e in differences.items()
+    ]
+
+
+def archive(records: int, n: int) -> list[Row]:
+    """Compare curves from rows of `STRIDE` samples with those from all of them."""
+    differences: dict[tuple[str, str, int], list[float]] = {}
+    for seed in range(records):
+        for noise, rates in noises(np.random.default_rng(100 + seed), n):
+            phase = to_phase(rates, 1.0)
+            picked = phase[::STRIDE]
+            averaged = phase[:n].reshape(-1, STRIDE).mean(axis=1)
+            for k in (32, 64, 128):
+                m, step = k * STRIDE, k // 16
+                wide = step * STRIDE // 4
+                pairs = {
+                    "mtotdev": (
+                        mtot_variance(averaged, k, step)[0] / STRIDE**2,
+                        mtot_variance(phase, m, wide)[0],
+                    ),
+                    "htotdev": (
+                        htot_variance(picked, k, step)[0] / STRIDE**2,
+                        htot_variance(phase, m, wide)[0],
+                    ),
+                    "theo1": (
+                        thinned_theo1_variance(picked, k, step, STRIDE)[0],
+                        theo1_variance(phase, m, wide)[0],
+                    ),
+                    "theo1 as picked (TheoBR)": (
+                        theo1_variance(picked, k)[0] / STRIDE**2,
+                        theo1_variance(phase, m, wide)[0],
+                    ),
+                }
+                for kind, (thinned, full) in pairs.items():
+                    key = (kind, noise, k)
+                    differences.setdefault(key, []).append(np.sqrt(thinned / full) - 1)
+    return [
+        {
+            "kind": kind,
+            "noise": noise,
+            "rows_per_m": k,
+            "mean_percent": 100 * float(np.mean(e)),
+            "rms_percent": 100 * float(np.sqrt(np.mean(np.square(e)))),
+        }
+        for (kind, noise, k), e in sorted(differences.items())
+    ]
+
+
+def table(rows: list[Row]) -> str:
+    """Return the rows as text."""
+    lines = ["".join(f"{head:>26}" for head in rows[0])]
+    for row in rows:
+        cells = [f"{cell:.3f}" if isinstance(cell, float) else f"{cell}" for cell in row.values()]
+        lines.append("".join(f"{cell:>26}" for cell in cells))
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="few records, a few seconds")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows to a file too")
+    arguments = parser.parse_args()
+    records = 4 if arguments.quick else 60
+    sections = {
+        "cascade beside full overlap": cascade(records, 1 << 15),
+        "archive beside all samples": archive(records, 1 << 14),
+    }
+    for title, rows in sections.items():
+        print(f"\n{title}\n{table(rows)}")
+    if arguments.json:
+        arguments.json.write_text(json.dumps(sections, indent=1))
+
+
+if __name__ == "__main__":
+    main()

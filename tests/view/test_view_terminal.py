@@ -206,6 +206,32 @@ def test_a_reader_that_goes_away_does_not_end_the_measurement():
         out.unlink(missing_ok=True)
 
 
+class FragileTerminal(io.StringIO):
+    """A terminal whose connection can drop."""
+
+    gone = False
+
+    def isatty(self):
+        return True
+
+    def write(self, text):
+        if self.gone:
+            raise OSError(5, "Input/output error")
+        return super().write(text)
+
+
+@pytest.mark.parametrize("mode", ["live", "plain"])
+def test_a_terminal_that_is_gone_does_not_end_the_measurement(mode):
+    stream = FragileTerminal()
+    view = TerminalView(mode, stream=stream)
+    view.snapshot(demo_analysis(10.0))
+    stream.gone = True
+    view.line("one")
+    view.snapshot(demo_analysis(60.0))
+    view.gap(Gap("link", 1))
+    view.close()
+
+
 def test_units_are_spelled_out_where_the_terminal_has_no_letters_for_them():
     out = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     view = TerminalView("plain", stream=out)

@@ -51,9 +51,11 @@ class Canvas:
         self._recording = recording
         self._session = {k: v for k, v in session.items() if k != "started_unix_s"}
         self.series = Series(recording, started if isinstance(started, float) else None)
-        self._painter = Painter(Ink(recording).log)
+        self._ink = Ink(recording)
+        self._painter = Painter(self._ink.log)
         self._diary = Diary()
         self._tables: dict[str, str] = {}
+        self._kinds = {DEFAULT_ESTIMATOR: None}
         self._layout: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
 
     @classmethod
@@ -68,15 +70,16 @@ class Canvas:
     def describe(self, axes: tuple[str, ...]) -> None:
         """Lay out the viewer for these axes and say how their series look."""
         self.series.style(axes)
-        self._lay_out(axes, self._layout[1] or (DEFAULT_ESTIMATOR,))
+        self._lay_out(axes, tuple(self._kinds))
 
     def result(self, analysis: Analysis, everything: bool) -> None:
         """Draw a result; see `Painter.paint` for `everything`."""
-        self._lay_out(tuple(analysis.axes), _estimators(analysis))
+        self._lay_out(tuple(analysis.axes), self._estimators(analysis))
         self.series.now(analysis.duration_s)
         if everything:
             self.series.style(tuple(analysis.axes))
             self._tables.clear()
+            self._ink.forget()
         self._painter.paint(analysis, everything)
         self.series.result(analysis)
         self._write_tables(analysis, everything)
@@ -109,6 +112,12 @@ class Canvas:
         finally:
             self._recording.disconnect()
 
+    def _estimators(self, analysis: Analysis) -> tuple[str, ...]:
+        """Return all estimators that ever came, the default one first."""
+        for axis in analysis.axes.values():
+            self._kinds |= dict.fromkeys(axis.curves)
+        return tuple(self._kinds)
+
     def _lay_out(self, axes: tuple[str, ...], estimators: tuple[str, ...]) -> None:
         """Send the layout if it is new. It replaces what the user arranged, hence seldom."""
         if (axes, estimators) != self._layout and axes:
@@ -133,11 +142,3 @@ class Canvas:
 
     def _log(self, text: str, level: Level) -> None:
         self._recording.log("/log", rr.TextLog(printable(text), level=_LEVELS[level]))
-
-
-def _estimators(analysis: Analysis) -> tuple[str, ...]:
-    """Return the estimators of all axes, the default one first."""
-    kinds = dict.fromkeys([DEFAULT_ESTIMATOR])
-    for axis in analysis.axes.values():
-        kinds |= dict.fromkeys(axis.curves)
-    return tuple(kinds)

@@ -15,15 +15,21 @@ import rerun as rr
 
 from allanscope.view.chart import Strips
 from allanscope.view.drawing import Drawing
+from allanscope.view.palette import Colour
 
 __all__ = ["Ink"]
 
 _ORDER = {"grid": -20.0, "datasheet": 0.0, "textbook": 10.0, "model": 15.0, "found": 25.0}
 _ORDER_OF_CURVES = 20.0
 
+_Words = list[tuple[float, float, str, Colour]]
+_NEVER: _Words = [(0.0, 0.0, "", (0, 0, 0))]
+_STEP_OF_WORDS = 8.0
+"""Words stand on a coarse raster, so that they need not be logged again for every small move."""
+
 
 class Ink:
-    """Logs drawings, and wipes what a later drawing of the same entity no longer has.
+    """Logs drawings that changed, and wipes what a later drawing of an entity no longer has.
 
     Parameters
     ----------
@@ -33,25 +39,41 @@ class Ink:
 
     def __init__(self, recording: rr.RecordingStream) -> None:
         self._recording = recording
-        self._with_words: set[str] = set()
+        self._shapes: dict[str, int] = {}
+        self._words: dict[str, _Words] = {}
+        self._dotted: set[str] = set()
+
+    def forget(self) -> None:
+        """Log everything again from now on, changed or not, for viewers that join late."""
+        self._shapes.clear()
+        self._words = dict.fromkeys(self._words, _NEVER)
 
     def log(self, path: str, drawing: Drawing) -> None:
-        """Log a drawing as the entity `path`, its words as ``path/words``."""
+        """Log a drawing as the entity `path`, and its words as ``path/words``."""
+        shapes = hash(tuple(part.tobytes() for part in (*drawing.strips, *drawing.dots)))
+        if self._shapes.get(path) != shapes:
+            self._shapes[path] = shapes
+            self._log_shapes(path, drawing)
+        words = [(_step(x), _step(y), text, colour) for (x, y), text, colour in drawing.words]
+        if self._words.get(path, []) != words:
+            self._words[path] = words
+            self._log_words(f"{path}/words", words)
+
+    def _log_shapes(self, path: str, drawing: Drawing) -> None:
         order = _ORDER.get(path.rpartition("/")[2], _ORDER_OF_CURVES)
-        shapes: list[Any] = []
-        if drawing.strips or not drawing.words:
-            shapes.append(
-                rr.LineStrips2D(
-                    _arrow(drawing.strips),
-                    colors=drawing.strip_colours,
-                    radii=drawing.strip_radii,
-                    draw_order=order,
-                )
+        shapes: list[Any] = [
+            rr.LineStrips2D(
+                _arrow(drawing.strips),
+                colors=drawing.strip_colours,
+                radii=drawing.strip_radii,
+                draw_order=order,
             )
-        if drawing.dots:
+        ]
+        if drawing.dots or path in self._dotted:
+            self._dotted.add(path)
             shapes.append(
                 rr.Points2D(
-                    np.array(drawing.dots),
+                    np.array(drawing.dots).reshape(-1, 2),
                     colors=drawing.dot_colours,
                     radii=drawing.dot_radii,
                     labels=drawing.dot_texts,
@@ -59,24 +81,24 @@ class Ink:
                     draw_order=order + 1.0,
                 )
             )
-        if shapes:
-            self._recording.log(path, *shapes)
-        if drawing.words or path in self._with_words:
-            self._words(f"{path}/words", drawing)
-            self._with_words.add(path)
+        self._recording.log(path, *shapes)
 
-    def _words(self, path: str, drawing: Drawing) -> None:
+    def _log_words(self, path: str, words: _Words) -> None:
         self._recording.log(
             path,
             rr.Points2D(
-                [at for at, _, _ in drawing.words],
-                labels=[text for _, text, _ in drawing.words],
-                colors=[colour for _, _, colour in drawing.words],
+                [(x, y) for x, y, _, _ in words],
+                labels=[text for _, _, text, _ in words],
+                colors=[colour for _, _, _, colour in words],
                 radii=rr.Radius.ui_points(0.0),
                 show_labels=True,
                 draw_order=50.0,
             ),
         )
+
+
+def _step(place: float) -> float:
+    return _STEP_OF_WORDS * round(place / _STEP_OF_WORDS)
 
 
 _STRIPS = rr.components.LineStrip2DBatch([]).as_arrow_array().type

@@ -17,7 +17,7 @@ from allanscope.view.viewer_process import LOOPBACK, free_port
 __all__ = ["APPLICATION", "SERVER_MEMORY", "open_stream"]
 
 APPLICATION = "allanscope"
-SERVER_MEMORY = "128MiB"
+SERVER_MEMORY = "96MiB"
 """What the server keeps for viewers that join late; beyond it the oldest data are dropped."""
 
 _ATTEMPTS = 5

@@ -39,14 +39,15 @@ __all__ = ["RerunView", "ViewMode"]
 
 ViewMode = Literal["window", "web", "none", "auto"]
 
-_QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 2, 10, 3600.0
-"""Rows of the time series that travel together: a fifth of a second, after an hour a second."""
+_QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 2, 10, 1800.0
+"""Rows of the series that travel together: a fifth of a second, after half an hour a second."""
 
 _RARELY = 5.0
 """Grids, and estimators other than the default one, are drawn so many times less often."""
 
 _ROWS_WAITING = 4096
 _STATUS_EVERY_S = 5.0
+_LARGE_FILE = 50e6
 
 _COUNTS_UP = ("produced", "sent", "uptime_s")
 """Fields of a status that say nothing but that time passes."""
@@ -215,6 +216,8 @@ class RerunView:
         if self.viewer is not None and self.viewer.address:
             self.viewer.stop()
         if ended and self._file is not None:
+            if self._file.stat().st_size > _LARGE_FILE:
+                self._say(f"making {self._file.name} smaller, this takes a moment")
             optimise(self._file)
 
     # --- in the worker's thread -----------------------------------------------------------------

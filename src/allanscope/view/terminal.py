@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
@@ -110,7 +111,7 @@ class TerminalView:
                 self.line(text, level)
         if self._live is not None:
             keys = _KEYS if self._keys is not None and self._keys.active else ""
-            self._live.update(Screen(analysis, self._trends, keys), refresh=True)
+            self._show(Screen(analysis, self._trends, keys))
         elif self._mode == "plain" and self._clock() - self._said_status >= _STATUS_EVERY_S:
             self._said_status = self._clock()
             self._write(status_line(analysis))
@@ -126,9 +127,10 @@ class TerminalView:
             self._keys.close()
         live, self._live = self._live, None
         if live is not None:
-            if self._latest is not None:
-                live.update(Screen(self._latest, self._trends))
-            live.stop()
+            with contextlib.suppress(OSError):
+                if self._latest is not None:
+                    live.update(Screen(self._latest, self._trends))
+                live.stop()
         elif self._mode == "plain" and self._latest is not None:
             self._write(status_line(self._latest))
         self._mode = "quiet"
@@ -146,9 +148,24 @@ class TerminalView:
         if self._on_mark is not None or self._on_quit is not None:
             self._keys = Keys({"m": self._mark, "q": self._quit})
 
+    def _show(self, screen: Screen) -> None:
+        try:
+            if self._live is not None:
+                self._live.update(screen, refresh=True)
+        except OSError:
+            self._fall_silent()
+
     def _write(self, text: str, style: str = "") -> None:
-        if self._mode != "quiet":
-            self._console.print(Text(text, style=style))
+        try:
+            if self._mode != "quiet":
+                self._console.print(Text(text, style=style))
+        except OSError:
+            self._fall_silent()
+
+    def _fall_silent(self) -> None:
+        """Say no more: the terminal is gone, as when a connection drops."""
+        self._mode = "quiet"
+        self._console.quiet = True
 
     def _mark(self) -> None:
         self._marks += 1

@@ -48,7 +48,9 @@ class Score:
     seconds: list[float] = field(default_factory=list)
 
 
-def judge(record: generator.Blind, found: dict[str, tuple[Effect, ...]], score: Score, tag: str) -> None:
+def judge(
+    record: generator.Blind, found: dict[str, tuple[Effect, ...]], score: Score, tag: str
+) -> None:
     """Compare what was found with what was hidden."""
     touched = {truth.axis for truth in record.truths}
     everywhere = {truth.kind for truth in record.truths if not truth.axis}
@@ -145,7 +147,9 @@ def totals(score: Score) -> dict[str, Any]:
         cells = [c for c in score.asked if c[1] == level and c[0] not in generator.OUTSIDE]
         asked = sum(score.asked[c] for c in cells)
         if asked:
-            out[f"right_{level}_percent"] = round(100 * sum(score.right[c] for c in cells) / asked, 1)
+            out[f"right_{level}_percent"] = round(
+                100 * sum(score.right[c] for c in cells) / asked, 1
+            )
             out[f"right_or_equivalent_{level}_percent"] = round(
                 100 * sum(score.equivalent[c] for c in cells) / asked, 1
             )

@@ -158,13 +158,13 @@ class Maker:
     def _scaled(self, shape: Array, noise: Noise, sigmas: float) -> float:
         return sigmas / np.sqrt(information(shape, noise, self.rate))
 
-    def sinusoid(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def sinusoid(self, times, noise, _others):
         f = float(np.exp(self.rng.uniform(np.log(5 / self.duration), np.log(0.47 * self.rate))))
         shape = np.sin(2 * np.pi * (f * self.t + self.rng.random()))
         a = times * self._scaled(shape, noise, np.sqrt(2 * (np.log(self.n / 2e-3) + 3)))
         return {"frequency": f, "amplitude": a}, a * shape
 
-    def narrowband(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def narrowband(self, times, noise, _others):
         f = float(np.exp(self.rng.uniform(np.log(0.1), np.log(0.4 * self.rate))))
         width = f * float(np.exp(self.rng.uniform(np.log(0.03), np.log(0.2))))
         w0, zeta = 2 * np.pi * f, width / (2 * f)
@@ -172,9 +172,7 @@ class Maker:
             4
             * zeta
             * w0**3
-            / (  # noqa: E731
-                (w0**2 - (2 * np.pi * x) ** 2) ** 2 + (2 * zeta * w0 * 2 * np.pi * x) ** 2
-            )
+            / ((w0**2 - (2 * np.pi * x) ** 2) ** 2 + (2 * zeta * w0 * 2 * np.pi * x) ** 2)
             * self.rate
             / 2
         )
@@ -184,7 +182,7 @@ class Maker:
         z = lfilter([np.sqrt(1 - abs(pole) ** 2)], [1, -pole], e)[4000:]
         return {"frequency": f, "bandwidth": width, "sigma": sigma}, sigma * z.real
 
-    def gauss_markov(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def gauss_markov(self, times, noise, _others):
         tc = float(np.exp(self.rng.uniform(np.log(0.3), np.log(100))))
         density = lambda x: 2 * tc / (1 + (2 * np.pi * x * tc) ** 2) * self.rate  # noqa: E731
         sigma = times * np.sqrt(spectral_scale(density, noise, self.n, self.rate, 12.0))
@@ -193,7 +191,7 @@ class Maker:
         e[0] = self.rng.normal(0, sigma)
         return {"sigma": sigma, "correlation_time": tc}, lfilter([1], [1, -phi], e)
 
-    def random_telegraph(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def random_telegraph(self, times, noise, _others):
         dwell = float(np.exp(self.rng.uniform(np.log(2), np.log(120))))
         tc = dwell / 2
         density = lambda x: 2 * tc / (1 + (2 * np.pi * x * tc) ** 2) * self.rate  # noqa: E731
@@ -202,29 +200,29 @@ class Maker:
         state = np.where((np.cumsum(switches) + self.rng.integers(2)) % 2, 1.0, -1.0)
         return {"amplitude": a, "dwell": dwell}, a * state
 
-    def step(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def step(self, times, noise, _others):
         at = float(self.rng.uniform(0.08, 0.92)) * self.duration
         shape = (self.t >= at).astype(float)
         size = times * self._scaled(shape, noise, 6.33) * self.rng.choice([-1, 1])
         return {"time": at, "size": float(size)}, size * shape
 
-    def warm_up(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def warm_up(self, times, noise, _others):
         tc = float(np.exp(self.rng.uniform(np.log(60), np.log(self.duration / 6))))
         shape = np.exp(-self.t / tc)
         a = times * self._scaled(shape, noise, 6.33) * self.rng.choice([-1, 1])
         return {"time_constant": tc, "amplitude": float(a)}, a * shape
 
-    def temperature_effect(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def temperature_effect(self, times, noise, _others):
         slope = times * self._scaled(self.temperature, noise, 5.5) * self.rng.choice([-1, 1])
         return {"slope": float(slope)}, slope * (self.temperature - self.temperature[0])
 
-    def cross_coupling(self, times, noise, others):  # noqa: ANN001, ANN202
+    def cross_coupling(self, times, noise, others):
         source = str(self.rng.choice(sorted(others)))
         x = others[source] - others[source].mean()
         slope = times * self._scaled(x, noise, 5.5) * self.rng.choice([-1, 1])
         return {"source": source, "slope": float(slope)}, slope * x
 
-    def outliers(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def outliers(self, times, noise, _others):
         count = int(self.rng.integers(3, 60))
         at = self.rng.choice(self.n - 20, count, replace=False) + 10
         sigma = np.hypot(noise.n * np.sqrt(self.rate), noise.lsb / np.sqrt(12))
@@ -233,7 +231,7 @@ class Maker:
         signal[at] = size * self.rng.choice([-1, 1], count)
         return {"count": float(count)}, signal
 
-    def chirp(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def chirp(self, times, noise, _others):
         f0 = float(np.exp(self.rng.uniform(np.log(0.3), np.log(0.35 * self.rate))))
         f1 = f0 * self.rng.uniform(1.05, 1.25)
         phase = f0 * self.t + (f1 - f0) * self.t**2 / (2 * self.duration)
@@ -241,18 +239,18 @@ class Maker:
         a = sigma * times * 0.15
         return {"frequency_low": f0, "frequency_high": f1}, a * np.sin(2 * np.pi * phase)
 
-    def am_tone(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def am_tone(self, times, noise, _others):
         f0 = float(np.exp(self.rng.uniform(np.log(0.3), np.log(0.45 * self.rate))))
         envelope = 1 + 0.9 * np.sin(2 * np.pi * self.rng.uniform(1.5, 6) * self.t / self.duration)
         shape = envelope * np.sin(2 * np.pi * f0 * self.t)
         a = times * self._scaled(shape, noise, 9.0)
         return {"frequency_low": f0, "frequency_high": f0}, a * shape
 
-    def heavy_tails(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def heavy_tails(self, times, noise, _others):
         sigma = noise.n * np.sqrt(self.rate)
         return {}, sigma * self.rng.uniform(0.7, 1.5) * self.rng.standard_t(4.5, self.n)
 
-    def day_cycle(self, times, noise, _others):  # noqa: ANN001, ANN202
+    def day_cycle(self, times, noise, _others):
         period = self.duration * self.rng.uniform(0.9, 2.5)
         shape = np.sin(2 * np.pi * (self.t / period + self.rng.random()))
         a = times * self._scaled(shape, noise, 12.0)
@@ -348,7 +346,7 @@ def make_blind(
     return Blind(record, nominal, measured, tuple(truths), noise)
 
 
-def band_limited(rng, noise, values, rate, times, n):  # noqa: ANN001, ANN201
+def band_limited(rng, noise, values, rate, times, n):
     """Low-pass the whole axis: a one-pole, or a Butterworth of second order."""
     if rng.random() < 0.5:
         cutoff = rate * float(np.exp(rng.uniform(np.log(0.08), np.log(0.6 / times**0.5))))
@@ -359,7 +357,7 @@ def band_limited(rng, noise, values, rate, times, n):  # noqa: ANN001, ANN201
     return lfilter(b, a, values), {"cutoff": cutoff}
 
 
-def burst(rng, noise, values, rate, times):  # noqa: ANN001, ANN201
+def burst(rng, noise, values, rate, times):
     """Raise the white level in one interval."""
     n = len(values)
     length = float(np.exp(rng.uniform(np.log(20), np.log(0.3 * n / rate))))

@@ -76,14 +76,15 @@ def interleaved(view: View, fit: Regression, columns: Array, *, recurs: bool = F
 
 def _replicated(design: Array, white: Array) -> bool:
     """Tell whether the quarters of the record agree on the amplitudes (chi-square, 1 %)."""
-    weight, weighted, parts = 0.0, 0.0, []
+    size = design.shape[1]
+    weight, weighted, parts = np.zeros((size, size)), np.zeros(size), []
     for part in np.array_split(np.arange(len(white)), _PARTS):
         normal = design[part].T @ design[part]
         amplitude = np.linalg.lstsq(design[part], white[part], rcond=None)[0]
         parts.append((normal, amplitude))
         weight = weight + normal
         weighted = weighted + normal @ amplitude
-    common = np.linalg.lstsq(np.asarray(weight), np.asarray(weighted), rcond=None)[0]
+    common = np.linalg.lstsq(weight, weighted, rcond=None)[0]
     distance = sum(float((a - common) @ normal @ (a - common)) for normal, a in parts)
     freedom = design.shape[1] * (_PARTS - 1)
     return bool(chi2.sf(distance, freedom) > 0.01)

@@ -47,7 +47,8 @@ def noise_on_lattice(samples: Array, step: float) -> float:
     found = []
     for start in starts:
         codes = np.round((samples[start : start + length] - samples[start]) / step)
-        values, counts = np.unique(codes, return_counts=True)
+        values, seen = np.unique(codes, return_counts=True)
+        counts = seen.astype(np.float64)
         if len(values) == 1:
             found.append(0.1)
             continue

@@ -171,7 +171,7 @@ def _explained(
 
 
 def _textbook(view: View) -> View:
-    """Fit Q, N, B, K and, where it is significant, R: what everyone fits, to everything there is."""
+    """Fit Q, N, B, K and, where it is significant, R: what everyone fits, to all there is."""
     from allanscope.explain.effects import KINDS
 
     view = replace(view, base="NBKQ")
@@ -199,5 +199,3 @@ def _unsearched(series: Series, axis: str, why: tuple[str, ...]) -> AxisExplanat
         explained=False,
         remarks=why + series.remarks,
     )
-
-

@@ -167,4 +167,3 @@ def _ramp(view: View) -> Coefficient:
     fit = joint_fit(view, ordinates_of(t)[np.newaxis, : view.grid.low])
     value, error = abs(float(fit.amplitude[0])), float(np.sqrt(fit.covariance[0, 0]))
     return Coefficient(value, 0.0, value + norm.isf(0.025) * error, unit, detected=False)
-

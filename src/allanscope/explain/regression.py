@@ -96,7 +96,8 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
         spectrum = fitted
         if done:
             break
-    return Regression(amplitude, np.linalg.inv(normal), spectrum, spectrum.loglik - null.loglik)
+    covariance = np.asarray(np.linalg.inv(normal), np.float64)
+    return Regression(np.asarray(amplitude, np.float64), covariance, spectrum, spectrum.loglik - null.loglik)
 
 
 def _low_bins(grid: Grid, bins: int, m: int) -> Callable[[Array, Array], Array]:

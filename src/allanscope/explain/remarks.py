@@ -78,5 +78,6 @@ def detection_limits(view: View) -> tuple[str, ...]:
     step = 6.3 / np.sqrt(np.sum(shape / spectrum.first(view.grid.low)))
     return (
         f"in {duration:.0f} s a line above {line:.2g} {view.unit} (at "
-        f"{view.grid.rate_hz / 8:.3g} Hz) or a step above {step:.2g} {view.unit} would have been found",
+        f"{view.grid.rate_hz / 8:.3g} Hz) or a step above {step:.2g} {view.unit} would have been "
+        "found",
     )

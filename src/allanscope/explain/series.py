@@ -170,4 +170,4 @@ def _temperature(
     if np.ptp(measured[known]) == 0.0:
         remarks.append("the temperature never changes: nothing can be regressed on it")
         return None
-    return np.interp(np.arange(size), row[known], measured[known])
+    return np.asarray(np.interp(np.arange(size), row[known], measured[known]))

@@ -79,7 +79,7 @@ class Grid:
 
     def bin_means(self, per_ordinate: Array) -> Array:
         """Average something over every bin."""
-        return np.add.reduceat(per_ordinate, self.edges) / self.count
+        return np.asarray(np.add.reduceat(per_ordinate, self.edges) / self.count, np.float64)
 
     def textbook(self, which: str, frequency: Array) -> Array:
         """Variance of an ordinate for a unit N^2, B^2, K^2 or Q^2 at given frequencies."""

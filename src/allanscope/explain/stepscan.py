@@ -36,14 +36,16 @@ class StepScan:
         running = np.cumsum(np.asarray(idct(white, norm="ortho")))
         self.score = np.concatenate([[0.0], -running])
         k = np.arange(1, self.cells + 1)
-        q = np.concatenate([[0.0], weight[: self.cells] / (2 * np.sin(np.pi * k / (2 * grid.n))) ** 2])
+        q = np.concatenate(
+            [[0.0], weight[: self.cells] / (2 * np.sin(np.pi * k / (2 * grid.n))) ** 2]
+        )
         self._sum = np.asarray(dct(np.append(q[:-1], 2 * q[-1]), type=1)) / 2
 
     def _cosine_sum(self, u: Ints) -> Array:
         """F at u samples, even with period 2 n; linear between the cells."""
         u = np.abs(u) % (2 * self.n)
         u = np.minimum(u, 2 * self.n - u)
-        return np.interp(u * (self.cells / self.n), np.arange(self.cells + 1), self._sum)
+        return np.asarray(np.interp(u * (self.cells / self.n), np.arange(self.cells + 1), self._sum))
 
     def step(self, at: Ints) -> Array:
         """Gain of a step at samples `at`."""

@@ -40,8 +40,8 @@ def posterior(
     return mean, path, float(log_z), float(log_joint), float(switches)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _posterior(data, size, rate, variance):  # type: ignore[no-untyped-def] # pragma: no cover
+@njit(cache=True, nogil=True)
+def _posterior(data, size, rate, variance):  # type: ignore[no-untyped-def] # noqa: PLR0915
     n = data.size
     stay, leave = 1.0 - rate, rate
     forward = np.empty((n, 2))

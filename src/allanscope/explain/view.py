@@ -1,4 +1,4 @@
-"""What the loop shows to every effect: the data of one axis, what is explained so far, the noise."""
+"""What the loop shows to every effect: data of one axis, what is explained so far, the noise."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 _MANY = 400
 """Ordinates in a bin whose mean is known to a few per cent."""
+_TRUSTED = 0.9
+"""Below this part of q^2/12 the rounding is not white noise of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +97,8 @@ class View:
         Behind a low-pass the rounding is all that is left at the top; where the noise hardly
         leaves one code, it is less than q^2/12.
         """
-        full = self.grid.count > _MANY
-        return float(min(self.floor, 0.98 * self.power[full].min(initial=np.inf)))
+        lowest = float(self.power[self.grid.count > _MANY].min(initial=np.inf))
+        return self.floor if lowest > _TRUSTED * self.floor else 0.98 * lowest
 
     @cached_property
     def innovations(self) -> Array:
@@ -115,7 +117,7 @@ class View:
         return unit_of(self.axis)
 
     def unit_of(self, axis: str) -> str:
-        """Unit of another axis."""
+        """Return the unit of another axis."""
         return unit_of(axis)
 
     def cleaned_source(self, axis: str) -> Array:

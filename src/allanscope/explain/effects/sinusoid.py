@@ -135,7 +135,7 @@ def running_level(power: Array, lowest: int, block: int = 512) -> Array:
     medians = np.array([np.median(tail[a:b]) for a, b in zip(edges, edges[1:], strict=False)])
     centres = 0.5 * (edges[:-1] + edges[1:])
     medians = np.maximum(medians, 1e-300) / np.log(2)
-    return np.exp(np.interp(np.arange(len(tail)), centres, np.log(medians)))
+    return np.asarray(np.exp(np.interp(np.arange(len(tail)), centres, np.log(medians))))
 
 
 def _slow_lines(view: View) -> list[float]:

@@ -100,24 +100,27 @@ def _extent(u: Array, f0: float, reach: float, unit: float) -> tuple[float, floa
 
 
 def _bands(view: View) -> Iterable[Candidate]:
+    """Report runs of bands that the model misses, and keep them from bending B and K."""
     if view.has("quantization"):
         return
     bands = band_scores(view)
+    known = [c.shape for c in view.accepted if c.kind == "unexplained" and len(c.shape) == 2]
     worst = int(np.argmax(np.abs(bands.z)))
     z = float(bands.z[worst])
-    if abs(z) < _BAND_Z:
-        return
     low = high = worst
     while low > 0 and bands.z[low - 1] * np.sign(z) > _NEIGHBOUR_Z:
         low -= 1
     while high < len(bands.z) - 1 and bands.z[high + 1] * np.sign(z) > _NEIGHBOUR_Z:
         high += 1
+    first, last = float(bands.low[low]), float(bands.high[high])
+    if abs(z) < _BAND_Z or any(a < last and first < b for a, b in known):
+        return
     share = float(np.average(bands.ratio[low : high + 1] - 1, weights=bands.count[low : high + 1]))
     side = "more" if share > 0 else "less"
     yield left_over(
-        view, float(bands.low[low]), float(bands.high[high]), z**2 / 2, share,
-        f"{100 * abs(share):.2g} % {side} power than the model between {bands.low[low]:.3g} and "
-        f"{bands.high[high]:.3g} Hz (z = {z:.1f})",
+        view, first, last, z**2 / 2, share,
+        f"{100 * abs(share):.2g} % {side} power than the model between {first:.3g} and "
+        f"{last:.3g} Hz (z = {z:.1f})",
     )  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def test_samples_must_be_numbers_that_a_double_holds(dtype):
         AllanBank(1.0, axes=2).update(np.zeros((4, 2)).astype(dtype))
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e200])
 def test_a_sample_that_is_not_finite_is_named_and_nothing_is_taken_in(bad):
     bank = AllanBank(1.0, axes=2)
     bank.update(np.ones((100, 2)))

@@ -135,6 +135,7 @@ def forged(**changes):
         {"cascade": [10, 700]},
         {"cascade": [1 << 40, 1 << 40]},
         {"rungs": np.zeros((2, 1, 3, 512))},
+        {"rungs": np.zeros((2, 70, 3, 512))},
         {"sums": np.zeros((2, 5, 11))},
         {"archive": [3, 700, 0]},
         {"archive": [1, 9000, 0]},

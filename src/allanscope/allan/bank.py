@@ -33,6 +33,9 @@ __all__ = ["AllanBank"]
 _SLICE = 1 << 14
 """Samples converted to float64 at a time: what fits in the second-level cache."""
 
+_LARGEST = 1e100
+"""No float beyond is taken for a measurement: the squares of its sums would overflow."""
+
 
 class AllanBank:
     """All Allan-family deviations of several axes, updated sample by sample.
@@ -128,7 +131,8 @@ class AllanBank:
         Raises
         ------
         ValueError
-            For another shape or type, or a sample that is not finite. Nothing is taken in then.
+            For another shape or type, or a sample that is not finite or beyond 1e100. Nothing is
+            taken in then.
         """
         data = self._checked(samples.counts if isinstance(samples, Block) else samples)
         if len(data) == 0:
@@ -275,8 +279,9 @@ class AllanBank:
             raise ValueError(f"samples must have shape (n, {self.axes}), got {data.shape}")
         if not np.can_cast(data.dtype, np.float64, "safe") or data.dtype.kind not in "iuf":
             raise ValueError(f"samples must be integers or float64, got {data.dtype}")
-        if data.dtype.kind == "f" and not np.isfinite(data).all():
-            row, column = np.argwhere(~np.isfinite(data))[0]
+        measured = np.abs(data, dtype=np.float64) < _LARGEST if data.dtype.kind == "f" else np.True_
+        if not measured.all():
+            row, column = np.argwhere(~measured)[0]
             raise ValueError(
                 f"sample {self.samples + row} of axis {column} is {data[row, column]}; "
                 "leave it out and call gap() instead"

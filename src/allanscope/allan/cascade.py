@@ -20,6 +20,9 @@ __all__ = ["Cascade", "lags_of_level"]
 
 _OSTDEV_MEAN, _STDEV_MEAN = len(COLUMNS), len(COLUMNS) + 1
 
+_MOST_LEVELS = 56
+"""More would bring averaging factors that no int64 holds."""
+
 
 def lags_of_level(level: int, per_octave: int) -> NDArray[np.int64]:
     """Return m / stride for the taus of one rung, ascending.
@@ -161,9 +164,8 @@ class Cascade:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Go on from what `arrays` returned; ValueError when that does not fit together."""
-        levels = arrays["rungs"].shape[1]
         samples, taken = arrays["cascade"].tolist()
-        self.grow(levels)
+        self.grow(min(arrays["rungs"].shape[1], _MOST_LEVELS))
         shapes = [(name, array.shape) for name, array in self.arrays().items()]
         if shapes != [(name, arrays[name].shape) for name, _ in shapes] or not (
             0 <= taken <= samples and (taken // 32).bit_length() <= self.levels
@@ -187,7 +189,7 @@ class Cascade:
             case "stdev" | "ostdev":
                 mean = sums[..., _STDEV_MEAN if kind == "stdev" else _OSTDEV_MEAN] / terms
                 one_less = np.where(terms > 1, terms - 1, np.nan)
-                variance = (squares - terms * mean**2) / one_less / m**2
+                variance = np.maximum(squares - terms * mean**2, 0.0) / one_less / m**2
             case "adev" | "oadev":
                 variance = squares / terms / (2.0 * m**2)
             case "totdev":

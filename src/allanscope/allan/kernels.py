@@ -57,10 +57,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 BATCH = 256
-"""New entries of a rung that are spent at once, and entries of history: over 4 x 63 lags."""
+"""New entries of a rung that are spent at once, and entries of history: more than 3 x 63 lags."""
 
 HEAD = 128
-"""First entries of a segment that each rung keeps: over 2 x 63 lags, for TOTDEV's reflection."""
+"""First entries of a segment that each rung keeps: more than 2 x 63, for TOTDEV's reflection."""
 
 COLUMNS = ("ostdev", "oadev", "ohdev", "mdev", "pdev", "stdev", "adev", "hdev", "totdev")
 """Whose squares are summed in the first columns of `sums`; two columns of plain sums follow."""
@@ -108,7 +108,7 @@ def _full_overlap(
     q0, q1, q2 = q[start:stop], q[start - k : stop - k], q[start - 2 * k : stop - 2 * k]
     x3, z3 = x[start - 3 * k : stop - 3 * k], z[start - 3 * k : stop - 3 * k]
     half = 0.5 * k * stride
-    # MDEV's inner sums include their last phase on rung 0: one more term, as SP 1065 counts.
+    # On rung 0 MDEV sums z + x, which include the last phase: one more term, as SP 1065 counts.
     inclusive = 1.0 if stride == 1.0 else 0.0
     ww = dd = hh = ee = rr = w_sum = 0.0
     for j in range(stop - start):

@@ -50,6 +50,8 @@ _NORMAL = 0.03
 """Relative standard deviation below which the profile is as good as normal."""
 _KNOWN = 0.2
 """Relative standard deviation at which a coefficient counts as known."""
+_SURE = 50.0
+"""Degrees of freedom from which the power of a band is compared with that of rounding."""
 _STOP_BAND = 0.05
 """Response of a low-pass below which a frequency is left out of the fit."""
 _Z = 1.959963984540054
@@ -253,10 +255,9 @@ def _without_stop_band(
 
 def _carries_rounding(likelihood: Likelihood, lsb: float) -> bool:
     """Whether there is as much noise everywhere as rounding makes: less, and it was not rounded."""
-    floor = likelihood.column(Rounding(lsb))
-    lowest = np.argsort(likelihood.power / floor)[: max(1, len(floor) // 20)]
-    total = float(np.sum(likelihood.dof[lowest]))
-    return float(np.sum((likelihood.dof * likelihood.power / floor)[lowest])) > 0.7 * total
+    bands = whitened(likelihood.evidence, likelihood.column(Rounding(lsb)))
+    sure = bands.dof > _SURE
+    return bool(np.all(bands.ratio[sure] > 1 - 4 * np.sqrt(2 / bands.dof[sure])))
 
 
 class _Estimates:

@@ -62,7 +62,7 @@ def aliases(phase: Array, stride: int) -> tuple[Array, Array]:
     phases, weights : ndarray, shape (a, k)
         The weights of each column sum to 1. Beyond the first few, neighbours share one phase.
     """
-    if stride <= 2 * _SINGLE:
+    if stride <= 4 * _SINGLE:
         turn = np.arange(stride)[:, np.newaxis]
         wrapped = (phase + 2 * np.pi * turn) / stride
         phases = np.minimum(wrapped, 2 * np.pi - wrapped)

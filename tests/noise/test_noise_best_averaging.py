@@ -1,0 +1,52 @@
+"""The averaging time of the smallest deviation, and whether it is one."""
+
+import numpy as np
+import pytest
+
+from allanscope.allan.deviation import Deviation
+from allanscope.noise import find_best_averaging
+from allanscope.noise.components import Flicker, RandomWalk, White
+from allanscope.noise.model import NoiseModel
+
+M = 2 ** np.arange(18)
+
+
+def curve(deviation, spread=0.05, trusted=None):
+    none, words = np.full(len(M), 50.0), np.full(len(M), "")
+    trusted = np.ones(len(M), bool) if trusted is None else trusted
+    lower, upper = deviation * (1 - spread), deviation * (1 + spread)
+    return Deviation("oadev", M / 104, M, deviation, lower, upper, none, M, words, 0.95, trusted)
+
+
+def test_the_minimum_of_the_reference_sensor():
+    model = NoiseModel((White(4e-3), Flicker(1.255e-3), RandomWalk(1e-4)), 1 / 104)
+    best = find_best_averaging(curve(model.deviation("oadev", M)))
+    # sqrt(3) N / K = 69 s.
+    assert best.tau == pytest.approx(69, rel=0.5)
+    assert best.samples == round(best.tau * 104)
+    assert best.lower < best.deviation < best.upper
+    assert not best.at_end
+
+
+def test_a_curve_that_falls_to_its_end_says_so():
+    best = find_best_averaging(curve(1 / np.sqrt(M)))
+    assert best.at_end
+    assert best.samples == M[-1]
+
+
+def test_a_floor_that_has_not_risen_out_of_its_interval_is_no_minimum():
+    flat = np.maximum(1 / np.sqrt(M), 0.05) * np.where(M == 1024, 0.99, 1.0)
+    assert find_best_averaging(curve(flat)).at_end
+    assert not find_best_averaging(curve(flat * (1 + 2e-5 * M))).at_end
+
+
+def test_only_what_can_be_trusted_counts():
+    deviation = 1 / np.sqrt(M)
+    best = find_best_averaging(curve(deviation, trusted=M <= 512))
+    assert best.samples == 512
+    assert find_best_averaging(curve(deviation, trusted=M < 0)) is None
+
+
+def test_several_axes_are_refused():
+    with pytest.raises(ValueError, match="one axis"):
+        find_best_averaging(curve(np.ones((2, len(M)))))

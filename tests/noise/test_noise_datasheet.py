@@ -1,0 +1,101 @@
+"""The datasheet's numbers against the measured ones, and whose convention is whose."""
+
+import numpy as np
+import pytest
+
+from allanscope.errors import UsageError
+from allanscope.noise.coefficients import Coefficient
+from allanscope.noise.datasheet import compare, published_density, published_rms
+from allanscope.parts import PARTS, full_scale_of, part_named
+
+
+def white(value, spread=0.01, unit="dps/sqrt(Hz)", detected=True):
+    return Coefficient(value, value * (1 - spread), value * (1 + spread), unit, detected)
+
+
+DSM = part_named("LSM6DSM")
+
+
+@pytest.mark.parametrize(
+    ("one_sided", "verdict"),
+    [(3.8e-3, "typical"), (2.5e-3, "better"), (6e-3, "worse"), (4.4e-3, "typical")],
+)
+def test_the_one_sided_density_is_compared(one_sided, verdict):
+    found = compare(DSM, "gx", white(one_sided / np.sqrt(2)), rate_hz=104.0, full_scale=250.0)
+    density = found["density"]
+    assert density.verdict == verdict
+    assert density.limit == 3.8e-3
+    assert density.measured == pytest.approx(one_sided)
+    assert "one-sided" in density.explanation
+    assert "sqrt(2) N" in density.explanation
+
+
+def test_both_readings_and_the_angle_after_an_hour_are_given():
+    details = compare(DSM, "gz", white(4e-3), rate_hz=104.0, full_scale=125.0)["density"].details
+    assert details["dt0064_density"] == 4e-3
+    assert details["dt0064_ratio"] == pytest.approx(4 / 3.8)
+    assert details["ratio"] == pytest.approx(np.sqrt(2) * 4 / 3.8)
+    # ARW sqrt(t): 0.24 deg/sqrt(h) over one hour.
+    assert details["arw_deg_per_sqrt_hour"] == pytest.approx(0.24)
+    assert details["angle_after_one_hour_deg"] == pytest.approx(4e-3 * np.sqrt(3600))
+
+
+def test_a_wide_interval_is_not_a_verdict_against_the_part():
+    vague = white(5e-3, spread=0.8)
+    found = compare(DSM, "gx", vague, rate_hz=104.0, full_scale=250.0)["density"]
+    assert found.verdict == "typical"
+
+
+@pytest.mark.parametrize(("full_scale", "limit"), [(2.0, 90e-6), (16.0, 130e-6)])
+def test_accelerometers_have_a_density_for_each_full_scale(full_scale, limit):
+    found = compare(DSM, "az", white(60e-6), rate_hz=104.0, full_scale=full_scale)["density"]
+    assert found.limit == limit
+    assert found.unit == "g/sqrt(Hz)"
+    assert "ug/sqrt(Hz)" in found.explanation
+    assert "arw_deg_per_sqrt_hour" not in found.details
+
+
+def test_what_is_not_published_is_said_to_be_so():
+    found = compare(PARTS["LSM6DS3H"], "gx", white(4e-3), rate_hz=104.0, full_scale=250.0)
+    assert found["density"].verdict == "not published"
+    assert found["density"].limit is None
+    assert found["density"].measured == pytest.approx(4e-3 * np.sqrt(2))
+    assert published_rms(PARTS["LSM6DS3H"], "ax", 2.0) is None
+
+
+@pytest.mark.parametrize("unknown", [None, white(1e-3, detected=False)])
+def test_before_the_white_noise_is_known_there_is_no_verdict(unknown):
+    found = compare(DSM, "gx", unknown, rate_hz=104.0, full_scale=250.0)["density"]
+    assert found.verdict == "not known yet"
+    assert found.measured is None
+
+
+def test_slow_modes_are_judged_by_their_rms():
+    options = {"rate_hz": 52.0, "full_scale": 4.0, "high_performance": False}
+    found = compare(DSM, "ax", white(1e-4), rms=2.1e-3, **options)["rms"]
+    assert found.verdict == "typical"
+    assert found.limit == 2.0e-3
+    assert found.details["equivalent_density"] == pytest.approx(2e-3 / np.sqrt(26))
+    assert "low-power" in found.explanation
+    assert compare(DSM, "ax", None, **options)["rms"].verdict == "not known yet"
+    none = compare(PARTS["LSM6DS3H"], "ax", None, rms=1.0, **options)["rms"]
+    assert none.verdict == "not published"
+
+
+def test_modes_and_filters_follow_the_rate():
+    assert DSM.mode(104.0) == "high-performance"
+    assert DSM.mode(52.0, high_performance=False) == "low-power"
+    assert DSM.mode(208.0, high_performance=False) == "normal"
+    assert DSM.mode(833.0, high_performance=False) == "high-performance"
+    assert DSM.cutoffs_hz("gx", 6500.0) == (937.0, 351.0, 237.0, 173.0)
+    assert DSM.cutoffs_hz("gy", 104.0) == pytest.approx((33.28,))
+    assert max(DSM.cutoffs_hz("az", 104.0)) == 26.0
+
+
+def test_full_scales_follow_from_the_scale():
+    assert full_scale_of("gz", 70e-3) == 2000.0
+    assert full_scale_of("ay", 0.122e-3) == 4.0
+    assert full_scale_of("ay", 0.122) is None
+    assert published_density(DSM, "ax", 3.0) is None
+    with pytest.raises(UsageError):
+        part_named("MPU6050")

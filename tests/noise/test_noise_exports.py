@@ -1,0 +1,107 @@
+"""Files for others: keys, units and which convention each follows."""
+
+import re
+
+import numpy as np
+import pytest
+
+from allanscope.noise.coefficients import Coefficient
+from allanscope.noise.exports import (
+    kalibr_yaml,
+    matlab_imu_sensor,
+    ros_covariance_yaml,
+    vins_yaml,
+)
+
+RATE = 104.0
+DEGREE, G = np.pi / 180, 9.80665
+
+
+def known(value):
+    return Coefficient(value, 0.9 * value, 1.1 * value, "", True)
+
+
+def limited(upper):
+    return Coefficient(0.3 * upper, 0.0, upper, "", False)
+
+
+AXES = {
+    "gx": {"N": known(4e-3), "B": known(1e-3), "K": known(1e-4)},
+    "gy": {"N": known(5e-3), "B": known(1e-3), "K": limited(3e-4)},
+    "gz": {"N": known(3e-3), "B": limited(1e-3), "K": known(2e-4)},
+    "ax": {"N": known(80e-6), "B": known(20e-6), "K": known(5e-6)},
+    "ay": {"N": known(90e-6), "B": known(20e-6), "K": known(6e-6)},
+    "az": {"N": known(85e-6), "B": known(20e-6), "K": known(7e-6)},
+}
+
+
+def numbers(text):
+    """Return the keys and numbers of plain ``key: value`` lines."""
+    found = re.findall(r"^(\w+): ([-+.\de]+)(?:\s+#.*)?$", text, re.MULTILINE)
+    return {key: float(value) for key, value in found}
+
+
+def test_kalibr_gets_its_six_keys_in_si_and_continuous_time():
+    text = kalibr_yaml(AXES, RATE, rostopic="/imu", source="LSM6DSM")
+    keys = re.findall(r"^(\w+):", text, re.MULTILINE)
+    assert keys == [
+        "accelerometer_noise_density",
+        "accelerometer_random_walk",
+        "gyroscope_noise_density",
+        "gyroscope_random_walk",
+        "rostopic",
+        "update_rate",
+    ]
+    values = numbers(text)
+    assert values["gyroscope_noise_density"] == pytest.approx(5e-3 * DEGREE)
+    assert values["accelerometer_noise_density"] == pytest.approx(90e-6 * G)
+    assert values["accelerometer_random_walk"] == pytest.approx(7e-6 * G)
+    assert values["update_rate"] == RATE
+    assert "rostopic: /imu\n" in text
+    assert "Continuous" in text
+    assert "LSM6DSM" in text
+
+
+def test_a_limit_stands_in_for_a_walk_that_was_not_detected():
+    text = kalibr_yaml(AXES, RATE)
+    assert numbers(text)["gyroscope_random_walk"] == pytest.approx(3e-4 * DEGREE)
+    assert "not detected on gy" in text
+
+
+def test_vins_gets_discrete_values():
+    text = vins_yaml(AXES, RATE)
+    values = numbers(text)
+    assert values["gyr_n"] == pytest.approx(5e-3 * DEGREE * np.sqrt(RATE))
+    assert values["acc_w"] == pytest.approx(7e-6 * G * np.sqrt(RATE))
+    assert values["g_norm"] == G
+    assert "Discrete" in text
+
+
+def test_ros_gets_the_variance_of_one_sample_on_the_diagonal():
+    text = ros_covariance_yaml(AXES, RATE)
+    rows = dict(re.findall(r"^(\w+): \[(.*)\]", text, re.MULTILINE))
+    matrix = np.array([float(v) for v in rows["angular_velocity_covariance"].split(",")])
+    expected = np.diag([(n * DEGREE) ** 2 * RATE for n in (4e-3, 5e-3, 3e-3)])
+    np.testing.assert_allclose(matrix.reshape(3, 3), expected)
+    assert set(rows) == {"angular_velocity_covariance", "linear_acceleration_covariance"}
+
+
+def test_matlab_gets_double_sided_densities_axis_by_axis():
+    text = matlab_imu_sensor(AXES, RATE)
+    row = re.search(r"imu\.Gyroscope\.NoiseDensity = \[(.*)\];", text).group(1)
+    np.testing.assert_allclose(
+        [float(v) for v in row.split()], np.array([4e-3, 5e-3, 3e-3]) * DEGREE
+    )
+    walk = re.search(r"imu\.Gyroscope\.RandomWalk = \[(.*)\];", text).group(1)
+    # What was not detected is not simulated.
+    assert float(walk.split()[1]) == 0.0
+    assert "double-sided" in text
+
+
+def test_a_sensor_that_was_not_measured_is_an_error():
+    gyro = {name: found for name, found in AXES.items() if name.startswith("g")}
+    with pytest.raises(ValueError, match="no accelerometer axis"):
+        kalibr_yaml(gyro, RATE)
+    with pytest.raises(ValueError, match="no accelerometer axis"):
+        vins_yaml(gyro, RATE)
+    assert "linear_acceleration_covariance: [0.0" in ros_covariance_yaml(gyro, RATE)

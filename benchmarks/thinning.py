@@ -5,7 +5,7 @@
 Two tables, in per cent of the deviation. The first is the rms difference between the cascade's
 terms (every 2^L-th above m = 64) and full overlap, at the longest m it is given for, a sixteenth of
 the run. The second is mean and rms difference between curves from the archive and from every
-sample, for rows of `stride` samples and windows at every sixteenth of m.
+sample, for rows of 16 samples and windows of the totals at every sixteenth of m.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def archive(records: int, n: int) -> list[Row]:
                         htot_variance(phase, m, wide)[0],
                     ),
                     "theo1": (
-                        thinned_theo1_variance(picked, k, step, STRIDE)[0],
+                        thinned_theo1_variance(picked, k, STRIDE)[0],
                         theo1_variance(phase, m, wide)[0],
                     ),
                     "theo1 as picked (TheoBR)": (

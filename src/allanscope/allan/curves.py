@@ -5,10 +5,12 @@ the modified totals and the Theo family, the archive.
 
 As long as the archive has a row for each sample, and no more than 4096, every window is taken and
 the values are those of the definition. Then the totals' windows start at every sixteenth of m only,
-which changes a deviation by less than 0.5 % rms. Once rows are joined m begins at 32 rows: the long
-taus for which these estimators exist, from 1/128 of the run up, all lie above that. At 32 rows and
-more the expectation is within 0.1 % of the full rate for MTOT and HTOT, within 0.5 % for THEO1 (3 %
-where phase noise rules), and 1.7 % times 32 / rows for TheoBR, whose share in TheoH begins at 500.
+which scatters a deviation by less than 0.5 % rms (2 % for HTOT of phase noise). Once rows are joined
+m begins at 32 rows: the long taus for which these estimators exist, from 1/128 of the run up, all
+lie above that. The expectation is then within 0.1 % of the full rate for MTOT, HTOT and THEO1 (2 %
+for THEO1 of phase noise). TheoBR treats the picked phases as a record in its own right, which adds
+1.7 % times 32 / rows for flicker and random walk; its share of TheoH begins at 500 rows. All this
+is measured by `benchmarks/thinning.py`.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _ALL_WINDOWS = 4096
-"""Rows up to which every window is taken: half a second for six axes and all estimators."""
+"""Rows up to which every window of a total is taken: half a second for six axes."""
 
 _WINDOWS_PER_TAU = 16
 _FEWEST_ROWS = 32
@@ -124,8 +126,9 @@ class Curves:
     def _from_archive(self, estimator: Estimator) -> Sums:
         archive = self._archive
         factors = self._factors(estimator)
-        all_windows = archive.stride == 1 and archive.used <= _ALL_WINDOWS
-        step = np.ones_like(factors) if all_windows else np.maximum(factors // _WINDOWS_PER_TAU, 1)
+        few = archive.stride == 1 and archive.used <= _ALL_WINDOWS
+        every = few or estimator.name not in ("mtotdev", "htotdev")
+        step = np.ones_like(factors) if every else np.maximum(factors // _WINDOWS_PER_TAU, 1)
         pooled = [self._pooled(estimator, axis, factors, step) for axis in range(archive.axes)]
         squares, terms, segments, covered = np.stack(pooled, axis=1)
         have = terms.any(axis=0)
@@ -175,7 +178,7 @@ def _windows(
     pairs = list(zip(factors.tolist(), step.tolist(), strict=True))
     match estimator.name:
         case "theo1" if stride > 1:
-            return [thinned_theo1_variance(phase, k, by, stride) for k, by in pairs]
+            return [thinned_theo1_variance(phase, k, stride) for k, _ in pairs]
         case "mtotdev":
             found = [mtot_variance(phase, k, by) for k, by in pairs]
         case "htotdev":

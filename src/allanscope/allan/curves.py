@@ -5,12 +5,12 @@ the modified totals and the Theo family, the archive.
 
 As long as the archive has a row for each sample, and no more than 4096, every window is taken and
 the values are those of the definition. Then the totals' windows start at every sixteenth of m only,
-which scatters a deviation by less than 0.5 % rms (2 % for HTOT of phase noise). Once rows are joined
-m begins at 32 rows: the long taus for which these estimators exist, from 1/128 of the run up, all
-lie above that. The expectation is then within 0.1 % of the full rate for MTOT, HTOT and THEO1 (2 %
-for THEO1 of phase noise). TheoBR treats the picked phases as a record in its own right, which adds
-1.7 % times 32 / rows for flicker and random walk; its share of TheoH begins at 500 rows. All this
-is measured by `benchmarks/thinning.py`.
+which scatters a deviation by less than 0.5 % rms (2 % for HTOT of phase noise). Once rows are
+joined m begins at 32 rows: the long taus for which these estimators exist, from 1/128 of the run
+up, all lie above that. The expectation is then within 0.1 % of the full rate for MTOT, HTOT and
+THEO1 (2 % for THEO1 of phase noise). TheoBR treats the picked phases as a record in its own right,
+which adds 1.7 % times 32 / rows for flicker and random walk; its share of TheoH begins at 500 rows.
+All this is measured by `benchmarks/thinning.py`.
 """
 
 from __future__ import annotations

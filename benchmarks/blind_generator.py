@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +76,10 @@ def base_noise(rng: np.random.Generator, noise: Noise, n: int, rate: float) -> A
 
 def draw_noise(rng: np.random.Generator, axis: str, coarse: bool = False) -> Noise:
     """Typical coefficients of the parts, spread over a factor of about two."""
-    spread = lambda value, factor: value * factor ** rng.uniform(-1, 1)  # noqa: E731
+
+    def spread(value: float, factor: float) -> float:
+        return float(value * factor ** rng.uniform(-1, 1))
+
     if axis.startswith("g"):
         lsb = float(rng.choice([4.375e-3, 8.75e-3, 17.5e-3]))
         return Noise(
@@ -104,7 +108,7 @@ def information(signal: Array, noise: Noise, rate: float) -> float:
 def spectral_scale(
     extra: Callable[[Array], Array], noise: Noise, n: int, rate: float, nats: float
 ) -> float:
-    """Factor on a unit variance density at which the best N, B, K still leave `nats` unexplained."""
+    """Factor on a unit variance density at which the best N, B, K leave `nats`."""
     f = np.geomspace(rate / (2 * n), rate / 2, 400)
     count = np.gradient(f) * 2 * n / rate
     shape = extra(f)
@@ -129,6 +133,11 @@ def spectral_scale(
         middle = np.sqrt(low * high)
         low, high = (middle, high) if left(unit * middle) < nats else (low, middle)
     return unit * float(np.sqrt(low * high))
+
+
+def lorentzian(f: Array, tc: float, rate: float) -> Array:
+    """Variance of an ordinate of exponentially correlated noise with unit variance."""
+    return 2 * tc / (1 + (2 * np.pi * f * tc) ** 2) * rate
 
 
 def draw_level(rng: np.random.Generator, level: str) -> float:
@@ -168,14 +177,12 @@ class Maker:
         f = float(np.exp(self.rng.uniform(np.log(0.1), np.log(0.4 * self.rate))))
         width = f * float(np.exp(self.rng.uniform(np.log(0.03), np.log(0.2))))
         w0, zeta = 2 * np.pi * f, width / (2 * f)
-        density = lambda x: (
-            4
-            * zeta
-            * w0**3
-            / ((w0**2 - (2 * np.pi * x) ** 2) ** 2 + (2 * zeta * w0 * 2 * np.pi * x) ** 2)
-            * self.rate
-            / 2
-        )
+
+        def density(x: Array) -> Array:
+            w = 2 * np.pi * x
+            below = (w0**2 - w**2) ** 2 + (2 * zeta * w0 * w) ** 2
+            return 2 * zeta * w0**3 / below * self.rate
+
         sigma = times * np.sqrt(spectral_scale(density, noise, self.n, self.rate, 14.0) * 1.0)
         pole = np.exp((-zeta * w0 + 1j * w0 * np.sqrt(1 - zeta**2)) / self.rate)
         e = self.rng.normal(size=self.n + 4000) + 1j * self.rng.normal(size=self.n + 4000)
@@ -184,7 +191,7 @@ class Maker:
 
     def gauss_markov(self, times, noise, _others):
         tc = float(np.exp(self.rng.uniform(np.log(0.3), np.log(100))))
-        density = lambda x: 2 * tc / (1 + (2 * np.pi * x * tc) ** 2) * self.rate  # noqa: E731
+        density = partial(lorentzian, tc=tc, rate=self.rate)
         sigma = times * np.sqrt(spectral_scale(density, noise, self.n, self.rate, 12.0))
         phi = np.exp(-1 / (tc * self.rate))
         e = self.rng.normal(0, sigma * np.sqrt(1 - phi**2), self.n)
@@ -194,7 +201,7 @@ class Maker:
     def random_telegraph(self, times, noise, _others):
         dwell = float(np.exp(self.rng.uniform(np.log(2), np.log(120))))
         tc = dwell / 2
-        density = lambda x: 2 * tc / (1 + (2 * np.pi * x * tc) ** 2) * self.rate  # noqa: E731
+        density = partial(lorentzian, tc=tc, rate=self.rate)
         a = times * np.sqrt(spectral_scale(density, noise, self.n, self.rate, 12.0))
         switches = self.rng.random(self.n) < 1 / (dwell * self.rate)
         state = np.where((np.cumsum(switches) + self.rng.integers(2)) % 2, 1.0, -1.0)
@@ -266,7 +273,7 @@ OUTSIDE = ("chirp", "am_tone", "heavy_tails", "day_cycle")
 
 
 def draw_temperature(rng: np.random.Generator, n: int, rate: float) -> tuple[Array, Array]:
-    """True and measured temperature: a room with a heater that cycles, and a drift."""
+    """Return true and measured temperature: a room whose heater cycles, and a drift."""
     t = np.arange(n) / rate
     period = rng.uniform(900, 3000)
     true = 26 + rng.uniform(0.2, 0.6) * np.sin(2 * np.pi * (t / period + rng.random()))
@@ -298,7 +305,7 @@ def make_blind(
         axis = str(order.pop())
         times = draw_level(rng, level)
         if kind == "band_limit":
-            values[axis], parameters = band_limited(rng, noise[axis], values[axis], rate, times, n)
+            values[axis], parameters = band_limited(rng, values[axis], rate, times)
             truths.append(Truth(kind, axis, level, parameters))
         elif kind == "variance_change":
             values[axis], parameters = burst(rng, noise[axis], values[axis], rate, times)
@@ -346,7 +353,7 @@ def make_blind(
     return Blind(record, nominal, measured, tuple(truths), noise)
 
 
-def band_limited(rng, noise, values, rate, times, n):
+def band_limited(rng, values, rate, times):
     """Low-pass the whole axis: a one-pole, or a Butterworth of second order."""
     if rng.random() < 0.5:
         cutoff = rate * float(np.exp(rng.uniform(np.log(0.08), np.log(0.6 / times**0.5))))

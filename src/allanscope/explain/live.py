@@ -7,7 +7,6 @@ k-th such look may spend alpha / 2^k: over a whole run no more than alpha.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +17,9 @@ from allanscope.explain.search import Budget
 from allanscope.history import Record
 
 __all__ = ["Finding", "LiveLoop"]
+
+_PLACES = ("frequency", "time", "source", "frequency_low")
+"""Parameters that tell two effects of one kind apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,15 +111,13 @@ class LiveLoop:
 
 
 def _same(first: Effect, second: Effect) -> bool:
-    """Tell whether two looks speak of one effect: same kind, first numbers in reach of each other."""
+    """Tell whether two looks speak of one effect: same kind, in the same place."""
     if first.kind != second.kind:
         return False
-    return _near(first.parameters, second.parameters)
-
-
-def _near(first: Mapping, second: Mapping) -> bool:  # type: ignore[type-arg]
-    name = next((n for n in ("frequency", "time", "source", "frequency_low") if n in first), None)
-    if name is None or name not in second:
+    name = next((n for n in _PLACES if n in first.parameters), None)
+    if name is None or name not in second.parameters:
         return True
-    a, b = first[name].value, second[name].value
-    return bool(a == b if isinstance(a, str) else abs(a - b) <= 0.05 * max(abs(a), abs(b)))
+    a, b = first.parameters[name].value, second.parameters[name].value
+    if isinstance(a, str) or isinstance(b, str):
+        return a == b
+    return abs(a - b) <= 0.05 * max(abs(a), abs(b))

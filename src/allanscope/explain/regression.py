@@ -97,7 +97,8 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
         if done:
             break
     covariance = np.asarray(np.linalg.inv(normal), np.float64)
-    return Regression(np.asarray(amplitude, np.float64), covariance, spectrum, spectrum.loglik - null.loglik)
+    gain = spectrum.loglik - null.loglik
+    return Regression(np.asarray(amplitude, np.float64), covariance, spectrum, gain)
 
 
 def _low_bins(grid: Grid, bins: int, m: int) -> Callable[[Array, Array], Array]:

@@ -137,7 +137,8 @@ def _best(view: View, candidates: list[Candidate], before: float) -> Candidate |
         if verdict is None:
             continue
         held = KINDS[verdict.kind].hold_out(view, verdict)
-        if held is not None and held.nats <= max(0.0, _HELD_SHARE * (verdict.gain - _SMALL)):
+        recurring = _HELD_SHARE * (verdict.gain - _SMALL) if verdict.kind in _SPECTRAL else 0.0
+        if held is not None and held.nats <= max(0.0, recurring):
             continue
         return replace(verdict, held_out=held)
     return None

@@ -80,7 +80,7 @@ class Series:
             return None
         width = max(1, round(_THERMAL_S * self.rate_hz))
         smooth = uniform_filter1d(self.temperature_c, min(width, len(self)), mode="nearest")
-        return smooth - smooth.mean()
+        return np.asarray(smooth - smooth.mean())
 
     @cached_property
     def equal(self) -> NDArray[np.bool_]:

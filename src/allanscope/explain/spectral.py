@@ -51,7 +51,7 @@ class Grid:
     @cached_property
     def frequency(self) -> Array:
         """Frequency of every ordinate in Hz, shape (n - 1,)."""
-        return np.arange(1, self.n) * (self.rate_hz / (2 * self.n))
+        return np.arange(1, self.n, dtype=np.float64) * (self.rate_hz / (2 * self.n))
 
     @property
     def low(self) -> int:
@@ -91,7 +91,7 @@ class Grid:
             edge = 1 - 0.202 / k
             first = k <= len(_FLICKER_EDGE)
             edge[first] = _FLICKER_EDGE[k[first] - 1]
-            return edge / s
+            return np.asarray(edge / s)
         if which == "K":
             return 1 / (self.rate_hz * s**2)
         return self.rate_hz**2 * (s**2 + 4 / self.n)

@@ -45,7 +45,9 @@ class StepScan:
         """F at u samples, even with period 2 n; linear between the cells."""
         u = np.abs(u) % (2 * self.n)
         u = np.minimum(u, 2 * self.n - u)
-        return np.asarray(np.interp(u * (self.cells / self.n), np.arange(self.cells + 1), self._sum))
+        return np.asarray(
+            np.interp(u * (self.cells / self.n), np.arange(self.cells + 1), self._sum)
+        )
 
     def step(self, at: Ints) -> Array:
         """Gain of a step at samples `at`."""

@@ -6,7 +6,8 @@ fitted Q usually is vibration or a filter in disguise, which is why it must win 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,9 @@ class AngleQuantization(EffectKind):
 
     kind = "Q"
     meaning = "noise that was differenced (Q)"
-    confused_with = {"band_limit": "a filter takes away at the top, Q adds"}
+    confused_with: ClassVar[Mapping[str, str]] = {
+        "band_limit": "a filter takes away at the top, Q adds"
+    }
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Fit its size."""

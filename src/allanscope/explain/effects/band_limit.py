@@ -9,7 +9,10 @@ the response is down by 3 dB. It enters the model as a factor on the white noise
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +27,7 @@ from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
 
-_CUTOFFS = (0.02, 0.05, 0.1, 0.18, 0.28, 0.38, 0.46)
+_CUTOFFS = (0.02, 0.05, 0.1, 0.18, 0.28, 0.38, 0.46, 0.7)
 """Cutoffs tried first, as shares of the rate."""
 
 
@@ -48,7 +51,35 @@ def plain(frequency: Array, _rate: float, nonlinear: tuple[float, ...]) -> Array
     return np.asarray(1 / (1 + (frequency / nonlinear[0]) ** (2 * nonlinear[1])))
 
 
-_FAMILIES = ((one_pole, None), (bilinear, 2.0), (plain, 1.0))
+@dataclass(frozen=True)
+class _Family:
+    """A response, the order at which its search starts, and how high its cutoff may lie."""
+
+    shape: Callable[[Array, float, tuple[float, ...]], Array]
+    order: float | None
+    highest: float
+
+    def term(self, point: Array) -> Term:
+        nonlinear = tuple(float(v) for v in np.exp(np.clip(point, -12, 12)))
+        return Term("band_limit", "shapes", nonlinear, self.shape)
+
+    def loss(self, view: View, point: Array) -> float:
+        term = self.term(point)
+        if self.order is not None:
+            cutoff, order = term.nonlinear
+            if not (0.3 < order < 12 and cutoff < self.highest * view.grid.rate_hz):
+                return 1e12
+        return -_fit(view, term).loglik
+
+    def starts(self, cutoffs: list[float]) -> list[Array]:
+        return [np.log([c] if self.order is None else [c, self.order]) for c in cutoffs]
+
+
+_FAMILIES = (
+    _Family(one_pole, None, np.inf),
+    _Family(bilinear, 2.0, 0.499),
+    _Family(plain, 1.0, 2.0),
+)
 
 
 class BandLimit(EffectKind):
@@ -56,7 +87,7 @@ class BandLimit(EffectKind):
 
     kind = "band_limit"
     meaning = "a low-pass cuts the white noise"
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "repeated_samples": "rows that repeat are counted, and the deficit has another shape",
         "gauss_markov": "leaves the top of the band flat",
     }
@@ -65,12 +96,11 @@ class BandLimit(EffectKind):
         """Fit the family from several cutoffs, if the top of the band lacks power at all."""
         if view.has(self.kind) or view.has("Q"):
             return []
-        candidate = _best(view, [c * view.grid.rate_hz for c in _CUTOFFS])
-        return [candidate] if candidate is not None else []
+        return [_best(view, [c * view.grid.rate_hz for c in _CUTOFFS])]
 
     def refine(self, view: View, candidate: Candidate) -> Candidate:
         """Estimate the cutoff again."""
-        return _best(view, [candidate.shape[0]]) or candidate
+        return _best(view, [candidate.shape[0]])
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""
@@ -83,57 +113,42 @@ def _fit(view: View, term: Term) -> Spectrum:
     )
 
 
-def _best(view: View, starts: list[float]) -> Candidate | None:
-    rate = view.grid.rate_hz
-    best: tuple[float, Term, Array] | None = None
-    for shape, order in _FAMILIES:
-
-        def loss(x: Array, shape=shape, order=order) -> float:  # type: ignore[no-untyped-def]
-            nonlinear = tuple(float(v) for v in np.exp(np.clip(x, -12, 12)))
-            if order is not None and not (
-                0.3 < nonlinear[1] < 12
-                and nonlinear[0] < 0.499 * rate * (4 if shape is plain else 1)
-            ):
-                return 1e12
-            return -_fit(view, Term("band_limit", "shapes", nonlinear, shape)).loglik
-
-        tried = [np.log([s] if order is None else [s, order]) for s in starts]
-        if order is None:
-            tried += [np.log([rate * c]) for c in (0.6, 0.8)] if len(starts) > 1 else []
-        values = [loss(x) for x in tried]
-        first = tried[int(np.argmin(values))]
-        step = np.vstack([first] + [first + 0.15 * e for e in np.eye(len(first))])
-        found = minimize(loss, first, method="Nelder-Mead",
-                         options={"initial_simplex": step, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 120})  # fmt: skip
+def _best(view: View, cutoffs: list[float]) -> Candidate:
+    """Fit every family from the most promising of the cutoffs and take the most likely."""
+    best: tuple[float, Term] | None = None
+    for family in _FAMILIES:
+        losses = [family.loss(view, point) for point in family.starts(cutoffs)]
+        first = family.starts(cutoffs)[int(np.argmin(losses))]
+        simplex = np.vstack([first, first + 0.15 * np.eye(len(first))])
+        found = minimize(
+            partial(family.loss, view), first, method="Nelder-Mead",
+            options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 120},
+        )  # fmt: skip
         # An order that is free must earn its place.
-        value = float(found.fun) + (1.0 if order is not None else 0.0)
+        value = float(found.fun) + (1.0 if family.order is not None else 0.0)
         if best is None or value < best[0]:
-            best = (
-                value,
-                Term("band_limit", "shapes", tuple(float(v) for v in np.exp(found.x)), shape),
-                found.x,
-            )
+            best = (value, family.term(found.x))
     assert best is not None
-    term = best[1]
+    return _candidate(view, best[1])
+
+
+def _candidate(view: View, term: Term) -> Candidate:
     fit = _fit(view, term)
-    gain = fit.loglik - view.spectrum.loglik
-    cutoff = term.nonlinear[0]
+    cutoff, *order = term.nonlinear
     h = 0.01
 
     def at(factor: float) -> float:
-        return _fit(
-            view, Term("band_limit", "shapes", (cutoff * factor, *term.nonlinear[1:]), term.shape)
-        ).loglik
+        return _fit(view, replace(term, nonlinear=(cutoff * factor, *order))).loglik
 
     curvature = (2 * fit.loglik - at(np.exp(h)) - at(np.exp(-h))) / h**2
-    error = 1 / np.sqrt(max(curvature, 1e-2))
+    factor = float(np.exp(1.96 / np.sqrt(max(curvature, 1e-2))))
     return Candidate(
         kind="band_limit",
-        parameters={"cutoff": Parameter(cutoff, cutoff * np.exp(-1.96 * error), cutoff * np.exp(1.96 * error), "Hz")},
-        gain=gain,
+        parameters={"cutoff": Parameter(cutoff, cutoff / factor, cutoff * factor, "Hz")},
+        gain=fit.loglik - view.spectrum.loglik,
         price=float(np.log(12 / ALPHA)),
         terms=(term,),
         shape=term.nonlinear,
         words=f"the top of the band is cut above {cutoff:.3g} Hz",
-        evidence={"order": term.nonlinear[1] if len(term.nonlinear) > 1 else 1.0, "response": term.shape.__name__},
-    )  # fmt: skip
+        evidence={"order": order[0] if order else 1.0, "response": term.shape.__name__},
+    )

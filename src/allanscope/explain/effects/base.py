@@ -9,11 +9,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
+import numpy as np
+
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.view import View
 
-__all__ = ["ALPHA", "KINDS", "EffectKind", "estimate"]
+__all__ = ["ALPHA", "KINDS", "EffectKind", "estimate", "log_interval"]
 
 ALPHA = 1e-3
 """Probability of a false alarm that each kind may spend on one axis."""
@@ -82,3 +84,9 @@ class EffectKind(ABC):
 def estimate(value: float, error: float, unit: str = "") -> Parameter:
     """Return a parameter with the 95 % interval of a Gaussian estimate."""
     return Parameter(float(value), float(value - 1.96 * error), float(value + 1.96 * error), unit)
+
+
+def log_interval(value: float, error: float, unit: str = "") -> Parameter:
+    """Return a positive parameter with the 95 % interval of an estimate of its logarithm."""
+    factor = float(np.exp(1.96 * min(error, 5.0)))
+    return Parameter(float(value), float(value / factor), float(value * factor), unit)

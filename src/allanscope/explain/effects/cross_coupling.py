@@ -10,7 +10,9 @@ taken in which source and rest together are more probable,
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +42,7 @@ class CrossCoupling(EffectKind):
     kind = "cross_coupling"
     meaning = "another axis leaks in, at all frequencies alike"
     needs = frozenset({"axes"})
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "sinusoid": "a common vibration correlates two axes at its own frequency only",
         "temperature": "a common temperature correlates only what is slow",
     }
@@ -107,7 +109,7 @@ def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
     """Tell whether the slopes in separate bands agree with the common one (1 in 1000)."""
     bounds = np.unique(np.geomspace(64, len(d), _BANDS + 1).astype(int))
     distance, freedom = 0.0, -1
-    for low, high in zip(bounds, bounds[1:], strict=False):
+    for low, high in pairwise(bounds):
         normal = float(np.sum(e[low:high] ** 2 * weight[low:high]))
         if normal > 0:
             own = float(np.sum(e[low:high] * d[low:high] * weight[low:high])) / normal

@@ -8,8 +8,9 @@ are scanned at once (`StepScan`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ class Excursion(EffectKind):
 
     kind = "excursion"
     meaning = "the level leaves once and comes back"
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "step": "does not come back",
         "random_telegraph": "leaves again and again by the same amount",
         "outliers": "last one sample",

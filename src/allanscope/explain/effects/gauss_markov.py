@@ -11,15 +11,15 @@ A random telegraph signal has the same spectrum; only its two levels tell them a
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.effects.base import ALPHA, EffectKind, log_interval
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
 from allanscope.explain.view import View
@@ -46,7 +46,7 @@ class GaussMarkov(EffectKind):
 
     kind = "gauss_markov"
     meaning = "a stationary bias that forgets itself after the correlation time"
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "random_telegraph": "same spectrum; two levels instead of a bell",
         "step": "happens once",
         "band_limit": "an excess at low frequencies against a deficit at high ones",
@@ -114,13 +114,13 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     return Candidate(
         kind="gauss_markov",
         parameters={
-            "sigma": Parameter(sigma, sigma * np.exp(-spread), sigma * np.exp(spread), view.unit),
-            "correlation_time": Parameter(tc, tc * np.exp(-1.96 * error), tc * np.exp(1.96 * error), "s"),
+            "sigma": log_interval(sigma, spread / 1.96, view.unit),
+            "correlation_time": log_interval(tc, error, "s"),
         },
         gain=gain,
         price=float(np.log(12 / ALPHA)),
         terms=(term,),
         shape=(tc,),
         rivals={"random_telegraph": gain} if signal < _TELLING else {},
-        words=f"noise that forgets itself after {tc:.3g} s explains what N, B and K together cannot",
-    )  # fmt: skip
+        words=f"noise that forgets itself after {tc:.3g} s explains what N, B and K cannot",
+    )

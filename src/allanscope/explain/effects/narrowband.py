@@ -11,8 +11,9 @@ the model as a term of the spectrum.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaincc
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, log_interval
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
 from allanscope.explain.view import View
@@ -51,7 +51,7 @@ class Narrowband(EffectKind):
 
     kind = "narrowband"
     meaning = "noise in a band: a resonance, or a line that wanders"
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "sinusoid": "a line stays one bin wide",
         "gauss_markov": "its excess goes down to zero frequency",
         "unexplained": "a chirp goes through its band once, in one direction",
@@ -177,8 +177,8 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
         kind="narrowband",
         parameters={
             "frequency": estimate(f0, error[2], "Hz"),
-            "bandwidth": _log_interval(w, error[3], "Hz"),
-            "sigma": _log_interval(sigma, error[1] / 2, view.unit),
+            "bandwidth": log_interval(w, error[3], "Hz"),
+            "sigma": log_interval(sigma, error[1] / 2, view.unit),
         },
         gain=gain,
         price=float(np.log(4 * grid.n / ALPHA) * 0.5 + 7.0),
@@ -188,13 +188,8 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
     )
 
 
-def _log_interval(value: float, error: float, unit: str) -> Parameter:
-    factor = float(np.exp(1.96 * min(error, 5.0)))
-    return Parameter(value, value / factor, value * factor, unit)
-
-
 def _errors(loss: Callable[[Array], float], at: Array) -> Array:
-    """Standard errors from the curvature of the log-likelihood."""
+    """Return standard errors from the curvature of the log-likelihood."""
     p = len(at)
     step = np.array([0.02, 0.05, 0.05 * np.exp(at[3]), 0.05])
     hessian = np.empty((p, p))

@@ -8,7 +8,8 @@ limit than a Gaussian has, the whole distribution has heavy tails and no single 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ class Outliers(EffectKind):
     meaning = "isolated samples that the rest does not allow"
     needs = frozenset({"samples"})
     stage = 1
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "variance_change": "crowds in one stretch",
         "unexplained": "heavy tails fill the range between, outliers leave it empty",
         "step": "stays",

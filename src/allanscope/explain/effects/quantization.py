@@ -11,7 +11,8 @@ step is read off the values, the noise beneath it from how often neighbouring co
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
@@ -31,7 +32,9 @@ class Quantization(EffectKind):
     meaning = "the LSB is coarser than twice the noise"
     needs = frozenset({"samples"})
     stage = 0
-    confused_with = {"repeated_samples": "neighbours are equal because there are few values"}
+    confused_with: ClassVar[Mapping[str, str]] = {
+        "repeated_samples": "neighbours are equal because there are few values"
+    }
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Compare the noise beneath the rounding with the step."""

@@ -5,7 +5,8 @@ Left out of the competition, a ramp would be sold as the tail of a warm-up or as
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,7 +21,10 @@ class Ramp(EffectKind):
 
     kind = "ramp"
     meaning = "the level drifts in a straight line (R)"
-    confused_with = {"warm_up": "bends", "temperature": "follows the measured temperature"}
+    confused_with: ClassVar[Mapping[str, str]] = {
+        "warm_up": "bends",
+        "temperature": "follows the measured temperature",
+    }
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Fit one slope."""

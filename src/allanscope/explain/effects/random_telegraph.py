@@ -12,8 +12,9 @@ itself, is what the marginal likelihood of the Gauss-Markov process has to be co
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ class RandomTelegraph(EffectKind):
 
     kind = "random_telegraph"
     meaning = "the level hops between two values"
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "gauss_markov": "same spectrum; two levels instead of a bell",
         "step": "fewer than four switches are steps",
     }

@@ -12,7 +12,8 @@ which enters the model as a factor on the white part.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ class RepeatedSamples(EffectKind):
     meaning = "rows repeat the row before although they should not"
     needs = frozenset({"samples"})
     stage = 0
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "band_limit": "a filter makes neighbours alike, not equal",
         "quantization": "few values repeat by chance, each axis on its own",
     }
@@ -89,7 +90,7 @@ class RepeatedSamples(EffectKind):
 
 
 def _together(equal: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """Fraction, gain and error factor from all axes repeating at once."""
+    """Return fraction, gain and error factor from all axes repeating at once."""
     n = len(equal)
     both = float(equal.all(axis=1).sum())
     share = both / n
@@ -104,7 +105,7 @@ def _together(equal: NDArray[np.bool_]) -> tuple[float, float, float]:
 
 
 def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] | None:
-    """The same from one axis: an excess of zero differences over a Gaussian through the others."""
+    """Return the same from one axis: zero differences beyond a Gaussian through the others."""
     codes = np.round(np.diff(view.samples) / view.step)
     n = len(codes)
     reach = int(np.clip(np.std(codes), 3, 12))

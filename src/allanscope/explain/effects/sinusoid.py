@@ -12,7 +12,9 @@ with the one-sided density S_1 beside the line. It enters the model as a signal 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +44,7 @@ class Sinusoid(EffectKind):
 
     kind = "sinusoid"
     meaning = "a tone of constant amplitude and frequency"
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "narrowband": "a line is one bin wide however long the record is",
         "unexplained": "a chirp or a modulated tone changes between parts of the record",
     }
@@ -132,7 +134,7 @@ def running_level(power: Array, lowest: int, block: int = 512) -> Array:
         if len(tail) - edges[-1] < 64
         else np.append(edges, len(tail))
     )
-    medians = np.array([np.median(tail[a:b]) for a, b in zip(edges, edges[1:], strict=False)])
+    medians = np.array([np.median(tail[a:b]) for a, b in pairwise(edges)])
     centres = 0.5 * (edges[:-1] + edges[1:])
     medians = np.maximum(medians, 1e-300) / np.log(2)
     return np.asarray(np.exp(np.interp(np.arange(len(tail)), centres, np.log(medians))))

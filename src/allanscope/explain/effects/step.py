@@ -2,13 +2,15 @@ r"""A step: the level jumps once and stays.
 
 A step leaves D^2/(pi^2 k^2) in the spectrum, exactly like a random walk with K = D / sqrt(T): the
 curve and the spectrum cannot tell the two apart, the phases can. The matched filter for every
-instant is scanned at once (`StepScan`); the best few are fitted jointly with the noise, and the instant is then refined to the sample.
+instant is scanned at once (`StepScan`); the best few are fitted jointly with the noise, and the
+instant is then refined to the sample.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +37,7 @@ class Step(EffectKind):
 
     kind = "step"
     meaning = "the level jumps once and stays"
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "random_telegraph": "comes back",
         "warm_up": "bends; a step does not",
         "temperature": "the temperature jumps with it",

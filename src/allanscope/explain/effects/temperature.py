@@ -2,12 +2,14 @@ r"""Dependence of the level on the measured temperature.
 
 :math:`AVAR_y = k_T^2 AVAR_T + 2 k_T ACOV_{yT}`: in the curve it is a hump where the room varies,
 swallowed by K. Spotted by GLS on the smoothed temperature (the converter's noise would attenuate
-the slope), the noise refitted. It repeats with every excursion, so quarters of the record must agree.
+the slope), the noise refitted. It repeats with every excursion of the room, so quarters of the
+record must agree.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +29,7 @@ class Temperature(EffectKind):
     kind = "temperature"
     meaning = "the level follows the measured temperature"
     needs = frozenset({"temperature"})
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "warm_up": "self-heating looks alike: the temperature must explain more than the clock",
         "ramp": "the temperature may drift in a straight line too",
     }

@@ -52,11 +52,11 @@ class Unexplained(EffectKind):
 
 
 def left_over(
-    view: View, low: float, high: float, gain: float, share: float, words: str
+    view: View, band: tuple[float, float], gain: float, share: float, words: str
 ) -> Candidate:
     """Return an unexplained range of frequencies, which is cut out of the fit."""
     top = view.grid.rate_hz / 2
-    low, high = max(low, 0.0), min(high, top)
+    low, high = max(band[0], 0.0), min(band[1], top)
     return Candidate(
         kind="unexplained",
         parameters={
@@ -81,7 +81,7 @@ def tone_left_over(view: View, candidate: Candidate) -> Candidate:
     inside = view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1]
     share = float(inside.sum() / view.squares.sum())
     return left_over(
-        view, low, high, candidate.gain, share,
+        view, (low, high), candidate.gain, share,
         f"a tone between {low:.5g} and {high:.5g} Hz changes in frequency or amplitude",
     )  # fmt: skip
 
@@ -118,14 +118,14 @@ def _bands(view: View) -> Iterable[Candidate]:
     share = float(np.average(bands.ratio[low : high + 1] - 1, weights=bands.count[low : high + 1]))
     side = "more" if share > 0 else "less"
     yield left_over(
-        view, first, last, z**2 / 2, share,
+        view, (first, last), z**2 / 2, share,
         f"{100 * abs(share):.2g} % {side} power than the model between {first:.3g} and "
         f"{last:.3g} Hz (z = {z:.1f})",
     )  # fmt: skip
 
 
 def drift_left_over(view: View) -> Candidate | None:
-    """A few free cosines that still gain: a slow drift of a form that has no name."""
+    """Return what a few free cosines explain: a drift that has no name."""
     m = view.grid.low
     if m <= COSINES or not view.spectrum.kept[:COSINES].all():
         return None
@@ -135,7 +135,7 @@ def drift_left_over(view: View) -> Candidate | None:
     high = (COSINES + 0.5) * view.grid.rate_hz / (2 * view.grid.n)
     share = float(np.sum(view.squares[:COSINES]) / np.sum(view.squares))
     return left_over(
-        view, 0.0, high, fit.gain, share,
+        view, (0.0, high), fit.gain, share,
         f"a drift slower than {1 / high:.0f} s is neither exponential nor straight nor thermal",
     )  # fmt: skip
 

@@ -11,7 +11,8 @@ Tails heavier than a Gaussian's raise the scatter of the squares, and the gain i
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ class VarianceChange(EffectKind):
     kind = "variance_change"
     meaning = "the white level is not one level"
     stage = 3
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "outliers": "single samples, not a stretch",
         "unexplained": "heavy tails are everywhere",
     }
@@ -82,14 +83,14 @@ class VarianceChange(EffectKind):
 
 
 def _instant(block: int, seconds: float, ratio: float, freedom: float) -> Parameter:
-    """Border of an interval with the blocks by which it may be off (11 over the squared contrast)."""
+    """Return a border with the blocks by which it may be off: 11 over the squared contrast."""
     contrast = freedom * np.log(ratio) ** 2 / 2
     off = (1 + 11.0 / max(contrast, 1e-3)) * seconds
     return Parameter(block * seconds, block * seconds - off, block * seconds + off, "s")
 
 
 def _intervals(power: Array, freedom: float) -> list[tuple[float, int, int, float]]:
-    """Find (gain, first, last, ratio) of intervals, strongest first, the level evened out after each."""
+    """Find (gain, first, last, ratio) of intervals, strongest first."""
     power = power.copy()
     n = len(power)
     price = np.log(n * 4 * np.log2(n) / ALPHA)

@@ -8,7 +8,8 @@ cosines better, which is why those compete (see `unexplained`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ class WarmUp(EffectKind):
 
     kind = "warm_up"
     meaning = "the level relaxes exponentially from the start of the record"
-    confused_with = {
+    confused_with: ClassVar[Mapping[str, str]] = {
         "temperature": "the measured temperature explains it",
         "step": "does not bend",
         "ramp": "does not end",
@@ -101,5 +102,5 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
         price=float(np.log(8 / ALPHA)),
         signal=amplitude * np.exp(-t / tc),
         shape=(tc,),
-        words=f"the level relaxes by {amplitude:.3g} {view.unit} with a time constant of {tc:.4g} s",
+        words=f"the level relaxes by {amplitude:.3g} {view.unit}, time constant {tc:.4g} s",
     )

@@ -1,0 +1,225 @@
+"""Every kind is found where it is, with its truth inside the interval, and nothing else is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from allanscope.explain import explain
+from allanscope.explain.effect import AxisExplanation, Effect
+
+RATE, SIGMA, LSB = 52.0, 4e-3 * 52.0**0.5, 4.375e-3
+
+
+def only(result: AxisExplanation) -> Effect:
+    assert len(result.effects) == 1, [e.kind for e in result.effects]
+    return result.effects[0]
+
+
+def holds(effect: Effect, name: str, truth: float, stretch: float = 1.6) -> None:
+    """Truth within the 95 % interval stretched to what five sigma in one test would be."""
+    p = effect.parameters[name]
+    low = p.value - stretch * (p.value - p.lower) * 1.6
+    high = p.value + stretch * (p.upper - p.value) * 1.6
+    assert low <= truth <= high, (name, truth, p)
+    assert p.lower <= p.value <= p.upper
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_clean_noise_is_given_no_effect(bench, seed):
+    b = bench(seed)
+    result = explain(b.record(b.noise(), b.noise())).axes
+    for axis in result.values():
+        assert axis.effects == ()
+        assert axis.explained
+        assert axis.after.chi2_per_dof < 3
+        assert axis.coefficients_after["N"].lower < 4e-3 * 1.01
+        assert axis.coefficients_after["N"].upper > 4e-3 * 0.99
+
+
+@pytest.mark.parametrize(("frequency", "amplitude"), [(7.3, 4e-3), (25.2, 3e-3), (0.011, 8e-3)])
+def test_a_line_is_found_from_a_few_cycles_to_nyquist(bench, frequency, amplitude):
+    b = bench(4)
+    line = amplitude * np.sin(2 * np.pi * frequency * b.t + 1)
+    effect = only(explain(b.record(b.noise() + line)).axes["gx"])
+    assert effect.kind == "sinusoid"
+    holds(effect, "frequency", frequency)
+    holds(effect, "amplitude", amplitude)
+    assert effect.evidence["held_out_nats"] > 10
+    assert effect.evidence["replicated"] is True
+
+
+def test_noise_in_a_band_is_no_line(bench):
+    b = bench(5)
+    pole = np.exp((-np.pi * 0.6 + 2j * np.pi * 6.0) / RATE)
+    e = b.rng.normal(size=len(b.t)) + 1j * b.rng.normal(size=len(b.t))
+    band = 6e-3 * lfilter([np.sqrt(1 - abs(pole) ** 2)], [1, -pole], e).real
+    effect = only(explain(b.record(b.noise() + band)).axes["gx"])
+    assert effect.kind == "narrowband"
+    holds(effect, "frequency", 6.0)
+    holds(effect, "bandwidth", 0.6)
+    holds(effect, "sigma", 6e-3)
+
+
+def test_gauss_markov_is_told_from_a_telegraph_with_the_same_spectrum(bench):
+    b = bench(6)
+    smooth = b.noise() + b.gauss_markov(12e-3, 10.0)
+    hopping = b.noise() + b.telegraph(12e-3, 20.0)
+    result = explain(b.record(smooth, hopping)).axes
+    effect = only(result["gx"])
+    assert effect.kind == "gauss_markov"
+    assert effect.equivalent == ()
+    holds(effect, "sigma", 12e-3)
+    holds(effect, "correlation_time", 10.0)
+    effect = only(result["gy"])
+    assert effect.kind == "random_telegraph"
+    holds(effect, "amplitude", 12e-3)
+    holds(effect, "dwell", 20.0)
+
+
+def test_weak_gauss_markov_admits_that_it_may_be_a_telegraph(bench):
+    b = bench(7)
+    effect = only(explain(b.record(b.noise() + b.gauss_markov(4e-3, 3.0))).axes["gx"])
+    assert effect.kind == "gauss_markov"
+    assert effect.equivalent == ("random_telegraph",)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_low_pass_is_found_with_its_cutoff(bench, order):
+    b = bench(8)
+    taps = butter(order, 2 * 12.0 / RATE)
+    effect = only(explain(b.record(lfilter(*taps, b.noise()))).axes["gx"])
+    assert effect.kind == "band_limit"
+    holds(effect, "cutoff", 12.0)
+
+
+def test_a_step_is_found_to_the_second_and_not_called_random_walk(bench):
+    b = bench(9)
+    step = np.where(b.t >= 913.0, 15e-3, 0.0)
+    result = explain(b.record(b.noise() + step)).axes["gx"]
+    effect = only(result)
+    assert effect.kind == "step"
+    holds(effect, "time", 913.0)
+    holds(effect, "size", 15e-3)
+    assert effect.evidence["replicated"] == "not replicated"
+    before, after = (c["K"].upper for c in (result.coefficients_before, result.coefficients_after))
+    assert after < before / 2
+
+
+def test_a_step_on_two_axes_is_named_once_with_both(bench):
+    b = bench(10)
+    step = np.where(b.t >= 600.0, 15e-3, 0.0)
+    result = explain(b.record(b.noise() + step, b.noise() - step, b.noise())).axes
+    assert only(result["gx"]).axes == ("gx", "gy")
+    assert only(result["gx"]).evidence["replicated"] is True
+    assert result["gz"].effects == ()
+
+
+def test_an_excursion_comes_back(bench):
+    b = bench(11)
+    box = np.where((b.t >= 700) & (b.t < 740), 12e-3, 0.0)
+    effect = only(explain(b.record(b.noise() + box)).axes["gx"])
+    assert effect.kind == "excursion"
+    holds(effect, "time", 700.0)
+    holds(effect, "duration", 40.0)
+    holds(effect, "size", 12e-3)
+
+
+def test_a_warm_up_is_no_ramp_and_no_random_walk(bench):
+    b = bench(12)
+    warm = 0.03 * np.exp(-b.t / 150)
+    effect = only(explain(b.record(b.noise() + warm)).axes["gx"])
+    assert effect.kind == "warm_up"
+    holds(effect, "time_constant", 150.0)
+    holds(effect, "amplitude", 0.03)
+
+
+def test_a_ramp_is_the_coefficient_r_and_no_effect(bench):
+    b = bench(13)
+    result = explain(b.record(b.noise() + 4e-5 * b.t)).axes["gx"]
+    assert result.effects == ()
+    assert result.coefficients_after["R"].detected
+    assert result.coefficients_after["R"].lower < 4e-5 < result.coefficients_after["R"].upper
+
+
+def test_temperature_is_told_from_a_drift_by_its_own_shape(bench):
+    b = bench(14)
+    room = 25 + 0.5 * np.sin(2 * np.pi * b.t / 500)
+    read = np.round((room + b.rng.normal(0, 0.02, len(b.t))) * 256) / 256
+    result = explain(b.record(b.noise() + 0.012 * (room - 25), b.noise(), temperature=read)).axes
+    effect = only(result["gx"])
+    assert effect.kind == "temperature"
+    holds(effect, "slope", 0.012)
+    assert result["gy"].effects == ()
+
+
+def test_coupling_names_its_source(bench):
+    b = bench(15)
+    source = b.noise() + 0.03 * np.sin(2 * np.pi * 3.1 * b.t) + 0.05 * np.exp(-b.t / 100)
+    result = explain(b.record(b.noise() + 0.1 * source, source)).axes
+    effect = next(e for e in result["gx"].effects if e.kind == "cross_coupling")
+    assert effect.parameters["source"].value == "gy"
+    holds(effect, "slope", 0.1)
+
+
+def test_a_common_vibration_is_no_coupling(bench):
+    b = bench(16)
+    hum = 0.02 * np.sin(2 * np.pi * 11.0 * b.t)
+    result = explain(b.record(b.noise() + hum, b.noise() + hum)).axes
+    for axis in result.values():
+        assert only(axis).kind == "sinusoid"
+        assert only(axis).axes == ("gx", "gy")
+
+
+def test_outliers_are_counted_and_removed(bench):
+    b = bench(17)
+    data = b.noise()
+    data[b.rng.choice(len(data) - 100, 12, replace=False) + 50] += 12 * SIGMA
+    effect = only(explain(b.record(data)).axes["gx"])
+    assert effect.kind == "outliers"
+    assert effect.parameters["count"].value == 12
+
+
+def test_repeated_rows_are_told_from_a_low_pass(bench):
+    b = bench(18)
+    columns = np.column_stack([b.noise(), b.noise(), b.noise()])
+    source = np.arange(len(columns))
+    source[b.rng.random(len(columns)) < 0.02] = 0
+    held = columns[np.maximum.accumulate(source)]
+    result = explain(b.record(*held.T)).axes
+    effect = only(result["gy"])
+    assert effect.kind == "repeated_samples"
+    assert effect.axes == ("gx", "gy", "gz")
+    holds(effect, "fraction", 0.02)
+
+
+def test_a_noisy_stretch_is_found_although_the_curve_is_perfect(bench):
+    b = bench(19)
+    data = b.noise()
+    inside = (b.t >= 500) & (b.t < 600)
+    data[inside] += b.rng.normal(0, 0.8 * SIGMA, inside.sum())
+    result = explain(b.record(data)).axes["gx"]
+    effect = only(result)
+    assert effect.kind == "variance_change"
+    assert effect.parameters["intervals"].value == 1
+    holds(effect, "start", 500.0)
+    holds(effect, "stop", 600.0)
+    holds(effect, "ratio", 1.64)
+
+
+def test_a_coarse_step_is_named_and_a_fine_one_is_not(bench):
+    b = bench(20)
+    assert explain(b.record(b.noise(), lsb=SIGMA)).axes["gx"].effects == ()
+    effect = only(explain(b.record(b.noise(), lsb=3 * SIGMA)).axes["gx"])
+    assert effect.kind == "quantization"
+    assert effect.parameters["step"].value == pytest.approx(3 * SIGMA)
+
+
+def test_the_clock_is_compared_with_a_better_one(bench):
+    b = bench(21)
+    record = b.record(b.noise())
+    effect = only(explain(record, nominal_hz=50.0, rate_fit=(52.0, 0.001)).axes["gx"])
+    assert effect.kind == "clock_error"
+    holds(effect, "relative", 0.04)
+    assert explain(record, nominal_hz=52.0, rate_fit=(52.0005, 0.001)).axes["gx"].effects == ()

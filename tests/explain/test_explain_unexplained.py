@@ -1,0 +1,124 @@
+"""What has no name is reported as such, and what cannot be searched says why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allanscope.explain import LiveLoop, explain
+from allanscope.explain.effects import KINDS
+
+RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
+
+
+def kinds(record):
+    return [e.kind for e in explain(record).axes["gx"].effects]
+
+
+def test_a_chirp_has_no_name(bench):
+    b = bench(31)
+    sweep = 0.5 * SIGMA * np.sin(2 * np.pi * (4 * b.t + 0.5 * b.t**2 / b.t[-1]))
+    assert set(kinds(b.record(b.noise() + sweep))) == {"unexplained"}
+
+
+def test_a_modulated_tone_has_no_name(bench):
+    b = bench(32)
+    envelope = 1 + 0.9 * np.sin(2 * np.pi * 3 * b.t / b.t[-1])
+    tone = 0.02 * envelope * np.sin(2 * np.pi * 9.0 * b.t)
+    assert set(kinds(b.record(b.noise() + tone))) == {"unexplained"}
+
+
+def test_heavy_tails_are_neither_outliers_nor_a_burst(bench):
+    b = bench(33)
+    record = b.record(b.noise() + SIGMA * b.rng.standard_t(4.5, len(b.t)))
+    result = explain(record).axes["gx"]
+    assert [e.kind for e in result.effects] == ["unexplained"]
+    assert result.effects[0].evidence["excess_kurtosis"] > 0.1
+    assert not result.explained
+
+
+def test_a_slow_wave_is_neither_warm_up_nor_ramp(bench):
+    b = bench(34)
+    wave = 0.05 * np.sin(2 * np.pi * b.t / (1.1 * b.t[-1]) + 2)
+    assert set(kinds(b.record(b.noise() + wave))) == {"unexplained"}
+
+
+def test_a_constant_channel_is_named_as_what_it_is(bench):
+    b = bench(35)
+    result = explain(b.record(np.full(len(b.t), 1.0), b.noise())).axes
+    assert "constant" in result["gx"].remarks[0]
+    assert result["gx"].effects == ()
+    assert result["gy"].explained
+
+
+def test_a_short_record_says_how_much_longer(bench):
+    b = bench(36, 20.0)
+    result = explain(b.record(b.noise())).axes["gx"]
+    assert "at least 40 s longer" in result.remarks[0]
+
+
+def test_a_saturated_axis_is_named_as_what_it_is(bench):
+    b = bench(37)
+    data = np.clip(b.noise() + 32767 * 4.375e-3 - 0.05, None, 32767 * 4.375e-3)
+    assert any("saturated" in r for r in explain(b.record(data)).axes["gx"].remarks)
+
+
+def test_a_temperature_of_zero_is_no_temperature(bench):
+    b = bench(38)
+    record = b.record(b.noise(), temperature=np.zeros(len(b.t)))
+    assert any("no sensor" in r for r in explain(record).axes["gx"].remarks)
+
+
+def test_a_gap_is_bridged_without_an_effect(bench):
+    b = bench(39)
+    record = b.record(b.noise())
+    keep = np.ones(len(b.t), bool)
+    keep[20000:20300] = False
+    holed = replace(
+        record,
+        values=record.values[keep],
+        temperature_c=record.temperature_c[keep],
+        start_s=record.start_s[keep],
+        segments=np.array([[0, 20000], [20000, keep.sum()]]),
+    )
+    result = explain(holed).axes["gx"]
+    assert result.effects == ()
+    assert any("missing" in r for r in result.remarks)
+
+
+def test_values_that_are_not_finite_are_refused(bench):
+    b = bench(40)
+    record = b.record(b.noise())
+    record.values[5] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        explain(record)
+
+
+def test_the_live_loop_looks_at_doubling_times_and_announces_once(bench):
+    b = bench(41)
+    whole = b.record(b.noise() + 0.01 * np.sin(2 * np.pi * 5 * b.t))
+    loop = LiveLoop(first_s=300.0)
+    announced, looks = [], 0
+    for seconds in range(100, 1500, 100):
+        n = int(seconds * RATE)
+        part = replace(
+            whole,
+            values=whole.values[:n],
+            temperature_c=whole.temperature_c[:n],
+            start_s=whole.start_s[:n],
+            segments=np.array([[0, n]]),
+        )
+        looks += loop.due(part)
+        announced += loop.update(part)
+    assert loop.looks == looks == 3
+    assert [(f.axis, f.effect.kind, f.at_s) for f in announced] == [("gx", "sinusoid", 300.0)]
+
+
+def test_every_kind_declares_what_it_is():
+    for name, kind in KINDS.items():
+        assert kind.kind == name
+        assert kind.meaning
+        assert kind.needs <= {"samples", "temperature", "axes", "clock"}
+        assert set(kind.confused_with) <= set(KINDS) | {"ramp"}

@@ -138,13 +138,38 @@ def test_state_goes_on_where_it_stopped():
     np.testing.assert_array_equal(bank.density(2).density, copy.density(2).density)
 
 
+def test_state_survives_a_file_and_says_when_it_is_damaged(tmp_path):
+    bank = bank_of(white(20_000, axes=2, seed=11))
+    np.savez(tmp_path / "state.npz", **bank.state())
+    with np.load(tmp_path / "state.npz") as file:
+        copy = SpectrumBank.from_state(file)
+    np.testing.assert_array_equal(bank.density(1).density, copy.density(1).density)
+    good = bank.state()
+    broken = [
+        {},
+        {**good, "format": np.array("something else")},
+        {**good, "power": good["power"][:, :1]},
+        {**good, "power": good["power"] * np.nan},
+        {**good, "pending_sizes": good["pending_sizes"] + 1},
+        {**good, "anchor": np.zeros(7)},
+        {key: value for key, value in good.items() if key != "rest"},
+    ]
+    for state in broken:
+        with pytest.raises(ValueError, match="state of a spectrum"):
+            SpectrumBank.from_state(state)
+    assert len(SpectrumBank.from_state(SpectrumBank(RATE, 3).state()).density(0).density) == 0
+
+
+def test_adding_leaves_both_as_they_were():
+    one, other = bank_of(white(9000, seed=16)), bank_of(white(9000, seed=17))
+    total = one + other
+    assert (one.samples, other.samples, total.samples) == (9000, 9000, 18_000)
+    assert total.density(0).averages.sum() > 1.8 * one.density(0).averages.sum()
+
+
 def test_state_stays_small():
     bank = bank_of(white(3_000_000, axes=1, seed=12, sigma=5.0), block=200_000, rate=6664.0)
-    state = bank.state()
-    size = sum(
-        a.nbytes for level in state["levels"] for a in level.values() if hasattr(a, "nbytes")
-    )
-    assert size < 300_000
+    assert sum(array.nbytes for array in bank.state().values()) < 300_000
 
 
 def test_a_short_run_has_a_spectrum_too():

@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.samples import Block
 from allanscope.spectrum.assembly import Stretch, assemble
-from allanscope.spectrum.decimator import FACTOR, Decimator, decimation_response
+from allanscope.spectrum.decimator import FACTOR, decimation_response
 from allanscope.spectrum.density import Density
-from allanscope.spectrum.level import SEGMENT, Level
+from allanscope.spectrum.ladder import Ladder
+from allanscope.spectrum.level import SEGMENT
 
 __all__ = ["SpectrumBank"]
 
+_FORMAT = "allanscope spectrum 1"
 _SLICE = 1 << 15
 """Samples taken at a time, so that what is in work stays in the cache."""
 _READ_TO = 0.3
@@ -59,8 +61,7 @@ class SpectrumBank:
         self.axes = axes
         self.samples = 0
         self._anchor: NDArray[np.float64] | None = None
-        self._levels: list[Level] = []
-        self._decimators: list[Decimator] = []
+        self._ladder = Ladder(axes)
 
     def update(self, samples: Block | ArrayLike) -> None:
         """Take the next samples.
@@ -82,26 +83,24 @@ class SpectrumBank:
             if self._anchor is None:
                 # Differences from the first sample keep their digits in float32.
                 self._anchor = part[0].astype(np.float64)
-            self._push((part - self._anchor).T.astype(np.float32, order="C"))
+            self._ladder.push((part - self._anchor).T.astype(np.float32, order="C"))
         self.samples += len(values)
 
     def gap(self) -> None:
         """Mark a hole: no segment spans it."""
-        for level in self._levels:
-            level.clear()
-        for decimator in self._decimators:
-            decimator.clear()
+        self._ladder.clear()
 
     def merge(self, other: SpectrumBank) -> None:
         """Add what another bank has averaged, as if it had followed after a gap."""
         if other.axes != self.axes:
             raise ValueError(f"cannot merge {other.axes} axes into {self.axes}")
-        self.gap()
-        self._grow(len(other._levels))
-        for mine, theirs in zip(self._levels, other._levels, strict=False):
-            mine.power += theirs.power
-            mine.count += theirs.count
+        self._ladder.merge(other._ladder)
         self.samples += other.samples
+
+    def __add__(self, other: SpectrumBank) -> SpectrumBank:
+        merged = SpectrumBank.from_state(self.state())
+        merged.merge(other)
+        return merged
 
     def density(
         self,
@@ -145,64 +144,56 @@ class SpectrumBank:
             for axis, factor in enumerate(scales)
         )
 
-    def state(self) -> dict[str, Any]:
-        """Return everything as numbers and arrays, for `from_state`."""
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return everything held, as plain arrays: for `numpy.savez`, or another process."""
         return {
-            "rate": self.rate,
-            "axes": self.axes,
-            "samples": self.samples,
-            "anchor": None if self._anchor is None else self._anchor.copy(),
-            "levels": [
-                {"power": x.power.copy(), "count": x.count, "pending": x.pending.copy()}
-                for x in self._levels
-            ],
-            "rests": [decimator.rest.copy() for decimator in self._decimators],
+            "format": np.array(_FORMAT),
+            "rate": np.array(self.rate),
+            "samples": np.array(self.samples),
+            "axes": np.array(self.axes),
+            "anchor": np.empty(0) if self._anchor is None else self._anchor.copy(),
+            **self._ladder.arrays(),
         }
 
     @classmethod
-    def from_state(cls, state: Mapping[str, Any]) -> SpectrumBank:
-        """Return the bank that `state` was taken from; it goes on exactly where that one was."""
-        bank = cls(state["rate"], state["axes"])
-        bank.samples = state["samples"]
-        anchor = state["anchor"]
-        bank._anchor = None if anchor is None else np.array(anchor, np.float64)
-        bank._grow(len(state["levels"]))
-        for level, stored in zip(bank._levels, state["levels"], strict=True):
-            level.power = np.array(stored["power"], np.float64)
-            level.count = int(stored["count"])
-            level.pending = np.array(stored["pending"], np.float32)
-        for decimator, rest in zip(bank._decimators, state["rests"], strict=True):
-            decimator.rest = np.array(rest, np.float32)
+    def from_state(cls, state: Mapping[str, ArrayLike]) -> SpectrumBank:
+        """Return the bank that `state` came from; it goes on to the same results.
+
+        Raises
+        ------
+        ValueError
+            For a state that is damaged, of another version, or no state of a spectrum.
+        """
+        if str(state.get("format", "")) != _FORMAT:
+            raise ValueError(f"this is no state of a spectrum: need {_FORMAT!r}")
+        try:
+            bank = cls(float(np.asarray(state["rate"])), int(np.asarray(state["axes"])))
+            bank.samples = int(np.asarray(state["samples"]))
+            anchor = np.array(state["anchor"], np.float64)
+            bank._ladder.restore(state)
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"state of a spectrum is damaged: {error}") from None
+        if anchor.shape not in ((0,), (bank.axes,)):
+            raise ValueError("state of a spectrum is damaged: the anchor has another size")
+        bank._anchor = anchor if anchor.size else None
         return bank
-
-    def _push(self, samples: NDArray[np.float32]) -> None:
-        depth = 0
-        while samples.shape[1]:
-            self._grow(depth + 1)
-            self._levels[depth].push(samples)
-            samples = self._decimators[depth].push(samples)
-            depth += 1
-
-    def _grow(self, levels: int) -> None:
-        while len(self._levels) < levels:
-            self._levels.append(Level(self.axes))
-            self._decimators.append(Decimator(self.axes))
 
     def _stretches(self) -> list[Stretch]:
         """Return what to read where, from the highest frequencies down; power is (axes, bins)."""
-        used = [depth for depth, level in enumerate(self._levels) if level.count]
+        levels = self._ladder.levels
+        used = [depth for depth, level in enumerate(levels) if level.count]
         found: list[Stretch] = []
         for depth in used:
-            level = self._levels[depth]
+            level = levels[depth]
             mean = level.power / level.count
             floor = _READ_TO / FACTOR if depth + 1 in used else 0.0
             found.append(self._stretch(depth, SEGMENT, mean, float(level.count), floor))
         deepest = used[-1] if used else -1
-        for depth in range(deepest + 1, len(self._levels)):
-            single = self._levels[depth].unfinished()
+        for depth in range(deepest + 1, len(levels)):
+            single = levels[depth].unfinished()
             if single is None:
                 break
-            length = self._levels[depth].pending.shape[1]
+            length = levels[depth].pending.shape[1]
             below = found[-1].turns[0] - found[-1].width / 2 if found else np.inf
             part = self._stretch(depth, length, single, 1.0, 0.0)
             keep = part.turns + part.width / 2 <= below

@@ -1,0 +1,106 @@
+"""The levels and the low-passes between them: all that a spectrum bank holds of its samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from allanscope.spectrum.decimator import Decimator
+from allanscope.spectrum.level import SEGMENT, Level
+
+__all__ = ["Ladder"]
+
+_BINS = SEGMENT // 2 + 1
+
+
+class Ladder:
+    """Levels 0, 1, 2, ... at 1, 1/4, 1/16, ... of the rate; one more when a sample reaches it.
+
+    Parameters
+    ----------
+    axes : int
+        Rows of the samples.
+    """
+
+    def __init__(self, axes: int) -> None:
+        self.axes = axes
+        self.levels: list[Level] = []
+        self.decimators: list[Decimator] = []
+
+    def push(self, samples: NDArray[np.float32]) -> None:
+        """Take contiguous samples, shape (axes, n)."""
+        depth = 0
+        while samples.shape[1]:
+            self.grow(depth + 1)
+            self.levels[depth].push(samples)
+            samples = self.decimators[depth].push(samples)
+            depth += 1
+
+    def clear(self) -> None:
+        """Give up every unfinished segment: a gap follows."""
+        for level in self.levels:
+            level.clear()
+        for decimator in self.decimators:
+            decimator.clear()
+
+    def merge(self, other: Ladder) -> None:
+        """Add what another ladder has averaged; what was unfinished here is given up."""
+        self.clear()
+        self.grow(len(other.levels))
+        for mine, theirs in zip(self.levels, other.levels, strict=False):
+            mine.power += theirs.power
+            mine.count += theirs.count
+
+    def grow(self, levels: int) -> None:
+        """Make sure that there are so many levels."""
+        while len(self.levels) < levels:
+            self.levels.append(Level(self.axes))
+            self.decimators.append(Decimator(self.axes))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return everything as plain arrays, those of all levels side by side."""
+        pending = [level.pending for level in self.levels]
+        rests = [decimator.rest for decimator in self.decimators]
+        none = np.empty((self.axes, 0), np.float32)
+        return {
+            "count": np.array([level.count for level in self.levels], np.int64),
+            "power": np.array([level.power for level in self.levels]).reshape(-1, self.axes, _BINS),
+            "pending": np.concatenate([none, *pending], axis=1),
+            "pending_sizes": np.array([part.shape[1] for part in pending], np.int64),
+            "rest": np.concatenate([none, *rests], axis=1),
+            "rest_sizes": np.array([part.shape[1] for part in rests], np.int64),
+        }
+
+    def restore(self, arrays: Mapping[str, ArrayLike]) -> None:
+        """Take over what `arrays` returned.
+
+        Raises
+        ------
+        ValueError
+            Where the arrays do not fit together.
+        """
+        count = np.array(arrays["count"], np.int64)
+        power = np.array(arrays["power"], np.float64)
+        if power.shape != (len(count), self.axes, _BINS) or np.any(count < 0):
+            raise ValueError("state of a spectrum is damaged: power and count do not fit together")
+        if not np.all(np.isfinite(power)):
+            raise ValueError("state of a spectrum is damaged: its powers are not finite")
+        pending = self._split(arrays, "pending", len(count))
+        rests = self._split(arrays, "rest", len(count))
+        self.grow(len(count))
+        for i, level in enumerate(self.levels):
+            level.power, level.count, level.pending = power[i], int(count[i]), pending[i]
+            self.decimators[i].rest = rests[i]
+
+    def _split(
+        self, arrays: Mapping[str, ArrayLike], name: str, parts: int
+    ) -> list[NDArray[np.float32]]:
+        joined = np.array(arrays[name], np.float32)
+        sizes = np.array(arrays[f"{name}_sizes"], np.int64)
+        sound = sizes.shape == (parts,) and np.all((sizes >= 0) & (sizes < SEGMENT))
+        if not sound or joined.shape != (self.axes, sizes.sum()):
+            raise ValueError(f"state of a spectrum is damaged: {name!r} has another size")
+        return [part.copy() for part in np.split(joined, np.cumsum(sizes)[:-1], axis=1)][:parts]

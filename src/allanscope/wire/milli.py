@@ -69,8 +69,10 @@ class MilliUnits:
         gyro, accel = columns[columns < 3], columns[columns >= 3]
         whole = np.isfinite(values[:, columns]).all(axis=1)
         sent = np.nan_to_num(values[whole]).astype(np.int64)
-        self._narrow(self._gyro, sent[:, gyro])
-        self._narrow(self._accel, sent[:, accel])
+        # One damaged row of text must not decide; but once a decision has failed, all count.
+        exceptions = 0 if self._epoch else 1
+        _narrow(self._gyro, sent[:, gyro], exceptions)
+        _narrow(self._accel, sent[:, accel], exceptions)
         gyro_milli = self._gyro[0] if self._gyro else 1.0
         enough = len(np.unique(np.abs(sent[:, accel]))) >= _FEWEST_LEVELS
         accel_milli = self._accel[0] if self._accel and enough else 1.0
@@ -87,20 +89,32 @@ class MilliUnits:
             epoch=self._epoch,
             truncated=tuple(bool(m == 1.0) for m in milli),
         )
-        return Meaning(info, lambda new: _convert(new, columns, milli))
+        return Meaning(
+            info,
+            lambda new: _convert(new, columns, milli),
+            lambda odd: self._mistaken(odd, columns),
+        )
 
-    def _narrow(self, choices: list[float], sent: NDArray[np.int64]) -> None:
-        """Strike out the sensitivities that cannot have made these numbers."""
-        choices[:] = [m for m in choices if lattice.fits(sent, m).all()]
+    def _mistaken(self, odd: Values, columns: NDArray[np.int64]) -> bool:
+        """Return whether rows have other axes, or steps of a finer range, all of them."""
+        if not np.isfinite(odd[:, columns]).all():
+            return bool((np.isfinite(odd) == np.isfinite(odd[0])).all())
+        sent = odd[:, columns[columns < 3]].astype(np.int64)
+        return sent.size > 0 and any(lattice.fits(sent, m).all() for m in self._gyro[1:])
+
+
+def _narrow(choices: list[float], sent: NDArray[np.int64], exceptions: int) -> None:
+    """Strike out the sensitivities that cannot have made these rows, but for a few."""
+    misfits = {m: int((~lattice.fits(sent, m).all(axis=1)).sum()) for m in choices}
+    choices[:] = [m for m in choices if misfits[m] <= exceptions]
 
 
 def _convert(
     values: Values, columns: NDArray[np.int64], milli: NDArray[np.float64]
-) -> tuple[NDArray[np.int32], int]:
-    """Return counts, and how many rows from the start have these axes and fit these steps."""
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Return counts, and which rows have these axes and fit these steps."""
     sent = np.nan_to_num(values[:, columns]).astype(np.int64)
     counts = lattice.recover(sent, milli)
-    agree = (np.isfinite(values) == np.isin(np.arange(6), columns)).all(axis=1)
-    agree &= (lattice.truncate(counts, milli) == sent).all(axis=1)
-    good = len(agree) if agree.all() else int(np.argmin(agree))
-    return counts[:good].astype(np.int32), good
+    same_axes = (np.isfinite(values) == np.isin(np.arange(6), columns)).all(axis=1)
+    same_steps = (lattice.truncate(counts, milli) == sent).all(axis=1)
+    return counts.astype(np.int32), np.asarray(same_axes & same_steps)

@@ -8,9 +8,9 @@ by a whole period.
 
 A jump is believed only when the next stamp bears it out.
 
-The period is the mean over up to 8192 samples. Its relative error is about one over the number of
-samples n that it was taken from, so a hole of more than n / 4 samples cannot be counted reliably
-and is left without a number.
+The period is the mean over up to 8192 samples. When stamps scatter by s periods and it was taken
+from n samples, its relative error is 2 s / n at most; a hole of m samples can be counted while m
+times that is below a quarter. What is longer is left without a number.
 """
 
 from __future__ import annotations
@@ -27,13 +27,15 @@ _MEMORY = 8192
 _PULL = 1 / 8
 _FEWEST_STEPS = 4
 _FIRST_TRUST = 16
+_LEAST_SCATTER = 0.02
 _NEARBY = 8.5
+_FINEST = 1e-6
 
 
 def period_of(times: Sequence[float]) -> float | None:
     """Return the period of samples at given times, some of which may be missing.
 
-    The mean of the steps below 1.5 medians; None when there are too few, or when more than a
+    The mean of the steps near the median or zero; None when there are too few, or when more than a
     fifth of the steps are far from the median, so that there is no period to speak of.
 
     >>> period_of([0.0, 0.01, 0.02, 0.03, 0.08, 0.09, 0.1])
@@ -47,23 +49,31 @@ def period_of(times: Sequence[float]) -> float | None:
     median = float(np.median(steps))
     if median <= 0.0:
         return None
-    long = steps > 1.5 * median
-    if (long | (steps < 0.4 * median)).mean() > 0.2:
+    whole = (steps > 0.4 * median) & (steps < 1.5 * median)
+    if whole.mean() < 0.8:
         return None
     # Short steps stay in: coarse stamps have some, and the mean is right only with them.
-    return float(np.round(steps[~long].mean(), 12))
+    near = whole | (np.abs(steps) < 0.5 * median)
+    return float(np.round(steps[near].mean(), 12))
 
 
 def resolution_of(times: Sequence[float]) -> float:
-    """Return the largest step, in whole microseconds, that all time stamps are multiples of.
+    """Return the step of a clock, in whole microseconds, as far as its stamps give it away.
+
+    It is what all steps are multiples of, provided that they differ by less than a period: the
+    stamps of an even stream are multiples of the period whatever the clock.
 
     >>> resolution_of([1.00, 1.02, 1.04, 1.05])
     0.01
+    >>> resolution_of([1.00, 1.02, 1.04, 1.08])
+    1e-06
     """
     steps = np.diff(np.asarray(times, np.float64))
     if len(steps) == 0 or not np.isfinite(steps).all():
-        return 0.0
-    return float(np.gcd.reduce(np.round(steps * 1e6).astype(np.int64))) / 1e6
+        return _FINEST
+    microseconds = np.abs(np.round(steps * 1e6)).astype(np.int64)
+    common = int(np.gcd.reduce(microseconds))
+    return _FINEST if common == 0 or microseconds.min() == common else common / 1e6
 
 
 class Pacer:
@@ -74,12 +84,15 @@ class Pacer:
     period_s : float
         First idea of the period, from `period_of`.
     resolution_s : float
-        Step of the stamps, from `resolution_of`. Where it is more than 0.6 periods a single
+        Step of the stamps. Where it is more than 0.6 periods a single
         missing sample does not show, so that holes are found but not counted.
+    scatter : float
+        How far stamps are from even, in periods.
     """
 
-    def __init__(self, period_s: float, resolution_s: float = 0.0) -> None:
+    def __init__(self, period_s: float, resolution_s: float = 0.0, scatter: float = 0.5) -> None:
         self._countable = resolution_s <= 0.6 * period_s
+        self._reach = min(1.0 / (8.0 * max(scatter, _LEAST_SCATTER)), 1.0)
         self._plausible = period_s / 2, period_s * 2
         self._period = period_s
         self._trusted = _FIRST_TRUST
@@ -87,6 +100,16 @@ class Pacer:
         self._last = -math.inf
         self._samples = 0
         self._anchors: list[tuple[int, float]] = []
+
+    @classmethod
+    def of(cls, times: Sequence[float], resolution_s: float) -> Pacer | None:
+        """Return a pacer for a stream that begins with these times; None when it has no period."""
+        period_s = period_of(times)
+        if period_s is None:
+            return None
+        steps = np.diff(times) / period_s
+        whole = np.abs(steps - 1.0) < 0.5
+        return cls(period_s, resolution_s, float(np.abs(steps[whole] - 1.0).max()))
 
     def missing(self, time_s: float) -> int | Literal["back"] | None:
         """Return how many samples are missing before a sample of this time.
@@ -103,17 +126,28 @@ class Pacer:
         if not self._countable:
             return None if late > 1.5 else 0
         number = max(0, round(late))
-        return number if number <= self._known() / 4 else None
+        return number if number <= self._known() * self._reach else None
+
+    @property
+    def fresh(self) -> bool:
+        """Whether no stamp has been followed yet, so that there is nothing to compare with."""
+        return self._expected is None
 
     def believable(self, time_s: float, next_s: float) -> bool:
-        """Return whether a stamp that jumps is borne out by the one after it.
+        """Return whether a stamp that jumps, or the first one, is borne out by the one after it.
 
         Text has no checksum: a lost digit makes a wrong stamp. Then the next one goes on where the
         one before had left off, and the one between must not be taken for a loss.
         """
-        if 0.5 <= (next_s - time_s) / self._period <= 1.5:
+        if not self._countable:
             return True
-        return not 0.5 <= self._lateness(next_s) <= _NEARBY
+        off = abs((next_s - time_s) / self._period - 1.0)
+        if self.fresh:
+            return off <= 0.5
+        late = self._lateness(next_s)
+        if not 0.5 <= late <= _NEARBY:
+            return True
+        return off <= abs(late - round(late)) + 0.25
 
     def follow(self, time_s: float, missing: int | Literal["back"] | None) -> None:
         """Take the next time stamp and what `missing` said of it.

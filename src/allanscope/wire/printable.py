@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["excerpt", "plain_line", "text_of"]
+__all__ = ["excerpt", "plain_line", "text_of", "without_escapes"]
 
 _ESCAPE_SEQUENCE = re.compile(
     rb"\x1b(?:\[[0-?]*[ -/]*[@-~]"  # CSI: colours, cursor movement
@@ -36,13 +36,18 @@ def text_of(data: bytes, limit: int = 200) -> str:
     return text if len(text) <= limit else text[: limit - 1] + "…"
 
 
+def without_escapes(data: bytes) -> bytes:
+    """Return bytes without escape sequences: what is left is what would have been read."""
+    return _ESCAPE_SEQUENCE.sub(b"", data) if b"\x1b" in data else data
+
+
 def plain_line(data: bytes) -> str:
     r"""Return a line without escape sequences; control characters but tabs become spaces.
 
     >>> plain_line(b"1\t\x1b[0m2\x00")
     '1\t2 '
     """
-    plain = _ESCAPE_SEQUENCE.sub(b"", data)
+    plain = without_escapes(data)
     try:
         text = plain.decode("utf-8")
     except UnicodeDecodeError:

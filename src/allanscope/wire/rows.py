@@ -18,15 +18,18 @@ from numpy.typing import NDArray
 
 from allanscope.samples import Block, Event, Gap, GapReason, Notice, StreamInfo, Ticks
 from allanscope.wire.base import LinkStats
-from allanscope.wire.pacing import Pacer, period_of, resolution_of
+from allanscope.wire.pacing import Pacer, period_of
 
 __all__ = ["HELD", "Convert", "Meaning", "Row", "Rows", "nominal_rate"]
 
 HELD = 25
 """Rows that are looked at before it is decided what they mean."""
 
+_FORGIVEN = 2
+_FORGOTTEN = 1000
+
 Values = NDArray[np.float64]
-Convert = Callable[[Values], tuple[NDArray[np.generic], int]]
+Convert = Callable[[Values], tuple[NDArray[np.generic], NDArray[np.bool_]]]
 
 
 class Row(NamedTuple):
@@ -62,18 +65,24 @@ class Meaning:
     info : StreamInfo
         What to tell the rest of the program.
     convert : callable
-        Takes values (n, k) and returns counts (m, axes) and how many rows from the start, m <= n,
-        agree with this meaning; the row after them asks for a new one.
+        Takes values (n, k) and returns counts (n, axes) and which rows agree with this meaning. A
+        row that does not is damaged, unless there are too many of them.
+    mistaken : callable
+        Takes values of rows that do not agree and returns whether another meaning fits them all.
     needed : tuple of int
         Columns without which a row is no sample: where devices print several rates in one table,
         most rows have empty cells.
+    time_per_second : float
+        By what to divide the times of the rows, where only now their unit is known.
     remarks : tuple of str
         What the user should know of how it was decided.
     """
 
     info: StreamInfo
     convert: Convert
+    mistaken: Callable[[Values], bool] = lambda _: False
     needed: tuple[int, ...] = ()
+    time_per_second: float = 1.0
     remarks: tuple[str, ...] = ()
 
 
@@ -108,10 +117,14 @@ class Rows:
         self._decide = decide
         self._pending: list[Row] = []
         self._meaning: Meaning | None = None
+        self._time_per_second = 1.0
         self._times: list[float] = []
+        self._resolution_s = 0.0
         self._pacer: Pacer | None = None
         self._index = 0
-        self._accepted = False
+        self._accepted = 0
+        self._discarded = False
+        self._misfits: list[tuple[int, tuple[float, ...]]] = []
         self._gap_due: GapReason | None = None
         self._damaged = False
 
@@ -123,6 +136,7 @@ class Rows:
         temperature_c: float = math.nan,
     ) -> None:
         """Take a row."""
+        device_s /= self._time_per_second
         self._pending.append(Row(values, device_s, host_s, temperature_c, self._damaged))
         self._damaged = False
 
@@ -144,6 +158,7 @@ class Rows:
         """Note that the rows that follow mean something else; return what was held back."""
         events = self.take(final=True)
         self._meaning = None
+        self._time_per_second = 1.0
         return events
 
     def take(self, final: bool = False) -> list[Event]:
@@ -168,76 +183,102 @@ class Rows:
             self._stats.unknown += len(first)
             del self._pending[: len(first)]
             return
-        self._times = [row.device_s for row in _whole(first, self._meaning)]
+        self._rescale(self._meaning.time_per_second)
+        self._times = [row.device_s for row in _whole(self._pending[:HELD], self._meaning)]
+        self._resolution_s = self._meaning.info.time_resolution_s
         self._pacer = self._new_pacer()
         if self._accepted and self._gap_due is None:
             self._gap_due = "restarted"
         events.append(self._meaning.info)
         events += [Notice("status", remark) for remark in self._meaning.remarks]
 
+    def _rescale(self, time_per_second: float) -> None:
+        if time_per_second != self._time_per_second:
+            self._time_per_second = time_per_second
+            self._pending = [
+                row._replace(device_s=row.device_s / time_per_second) for row in self._pending
+            ]
+
     def _deliver(self, meaning: Meaning, events: list[Event]) -> bool:
         """Deliver what is pending; return False when the last row must wait for the one after."""
-        rows = self._pending = _whole(self._pending, meaning)
+        rows, self._pending = _whole(self._pending, meaning), []
         if not rows:
             return True
-        counts, good = meaning.convert(np.array([row.values for row in rows], np.float64))
+        counts, agree = meaning.convert(np.array([row.values for row in rows], np.float64))
         start = 0
-        for i, row in enumerate(rows[:good]):
+        for i, (row, agrees) in enumerate(zip(rows, agree.tolist(), strict=True)):
             missing = self._missing(row)
-            if missing != 0 and self._timed(row):
-                if i + 1 == len(rows):
-                    self._block(rows[start:i], counts[start:i], events)
-                    self._pending = rows[i:]
-                    return False
-                if not self._borne_out(row, rows[i + 1]):
-                    self._block(rows[start:i], counts[start:i], events)
-                    self._stats.resyncs += 1
-                    rows[i + 1] = rows[i + 1]._replace(damaged_before=True)
-                    start = i + 1
-                    continue
+            doubtful = agrees and self._in_doubt(row, missing)
+            failed = not agrees and self._failed(meaning, row)
+            if failed or (doubtful and i + 1 == len(rows)):
+                self._block(rows[start:i], counts[start:i], events)
+                self._pending = rows[i:]
+                self._meaning = None if failed else meaning
+                return failed
+            if not agrees or (doubtful and not self._borne_out(row, rows[i + 1])):
+                self._block(rows[start:i], counts[start:i], events)
+                self._stats.resyncs += 1
+                self._discarded = True
+                start = i + 1
+                continue
             gap = self._follow(row, missing)
             if gap is not None:
                 self._block(rows[start:i], counts[start:i], events)
                 self._say(gap, events)
                 start = i
-        self._block(rows[start:good], counts[start:], events)
-        self._pending = rows[good:]
-        if self._pending:
-            self._meaning = None
+        self._block(rows[start:], counts[start:], events)
         return True
 
-    def _timed(self, row: Row) -> bool:
-        return self._pacer is not None and not math.isnan(row.device_s)
+    def _failed(self, meaning: Meaning, row: Row) -> bool:
+        """Note a row that does not fit; return whether it is the meaning that does not.
+
+        It is where a fifth of the last rows do not fit, or where a few of the last thousand do
+        not and have another meaning in common. Damaged rows have nothing in common.
+        """
+        self._misfits = [m for m in self._misfits if m[0] > self._accepted - _FORGOTTEN]
+        self._misfits.append((self._accepted, row.values))
+        many = sum(number > self._accepted - HELD for number, _ in self._misfits) > HELD // 5
+        few = len(self._misfits) > _FORGIVEN
+        if many or (few and meaning.mistaken(np.array([values for _, values in self._misfits]))):
+            self._misfits.clear()
+            return True
+        return False
+
+    def _in_doubt(self, row: Row, missing: int | Literal["back"] | None) -> bool:
+        """Return whether the time of a row is to be believed only if the next one bears it out."""
+        if self._pacer is None or math.isnan(row.device_s):
+            return False
+        return missing != 0 or self._pacer.fresh
 
     def _missing(self, row: Row) -> int | Literal["back"] | None:
         """Return what is missing before a row, as `Pacer.missing` does."""
-        if not self._accepted:
+        if self._accepted == 0:
             return 0
         if self._gap_due is not None:
             self._pacer = self._new_pacer()
             return 0
         if self._pacer is None or math.isnan(row.device_s):
-            return None if row.damaged_before else 0
+            return None if row.damaged_before or self._discarded else 0
         return self._pacer.missing(row.device_s)
 
     def _borne_out(self, row: Row, after: Row) -> bool:
         return self._pacer is None or self._pacer.believable(row.device_s, after.device_s)
 
     def _new_pacer(self) -> Pacer | None:
-        period_s = period_of(self._times)
-        return None if period_s is None else Pacer(period_s, resolution_of(self._times))
+        return Pacer.of(self._times, self._resolution_s)
 
     def _follow(self, row: Row, missing: int | Literal["back"] | None) -> Gap | None:
         """Accept a row and return the hole before it, if there is one."""
-        self._accepted = True
+        self._accepted += 1
         due, self._gap_due = self._gap_due, None
+        damaged, self._discarded = row.damaged_before or self._discarded, False
         if self._pacer is not None and not math.isnan(row.device_s):
             self._pacer.follow(row.device_s, missing)
         if due is not None:
             return Gap(due, None)
         if missing == "back":
             return Gap("restarted", None)
-        cause: GapReason = "link" if row.damaged_before else "device"
+        cause: GapReason = "link" if damaged else "device"
         return None if missing == 0 else Gap(cause, missing)
 
     def _say(self, gap: Gap, events: list[Event]) -> None:
@@ -260,7 +301,7 @@ def _whole(rows: list[Row], meaning: Meaning) -> list[Row]:
     if not needed:
         return rows
     values = np.array([row.values for row in rows], np.float64)
-    there: list[bool] = np.isfinite(values[:, needed]).all(axis=1).tolist()
+    there = np.asarray(np.isfinite(values[:, needed]).all(axis=1)).tolist()
     if all(there):
         return rows
     whole: list[Row] = []

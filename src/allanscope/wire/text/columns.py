@@ -127,9 +127,16 @@ def columns_of(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
 def unnamed(count: int) -> Columns | None:
     """Return what columns without a header are taken for, by their number.
 
-    Three are a gyroscope, six a gyroscope and an accelerometer; one more is a time before them.
+    Three are a gyroscope, six a gyroscope and an accelerometer; one more is a time before them,
+    and an eighth a temperature behind.
     """
-    time = (Column("time", ""),) if count in (4, 7) else ()
+    time, temperature = Column("time", ""), Column("temperature", "")
     gyro = tuple(Column("gyro", "", i) for i in range(3))
-    accel = tuple(Column("accel", "", i) for i in range(3, 6)) if count in (6, 7) else ()
-    return (*time, *gyro, *accel) if count in (3, 4, 6, 7) else None
+    both = (*gyro, *(Column("accel", "", i) for i in range(3, 6)))
+    return {
+        3: gyro,
+        4: (time, *gyro),
+        6: both,
+        7: (time, *both),
+        8: (time, *both, temperature),
+    }.get(count)

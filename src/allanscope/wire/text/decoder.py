@@ -8,7 +8,7 @@ from typing import cast
 from allanscope.samples import AXES, Event, GapReason
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.lines import Lines
-from allanscope.wire.printable import plain_line
+from allanscope.wire.printable import plain_line, without_escapes
 from allanscope.wire.rows import Rows
 from allanscope.wire.text.columns import Columns, cells_of, columns_of, unnamed
 from allanscope.wire.text.labelled import read_labelled
@@ -49,6 +49,7 @@ class TextDecoder:
         self._table: Table | None = None
         self._spoken = Spoken(self._meaning.temperature_lsb_per_c)
         self._unnamed: list[bytes] = []
+        self._others = 0
         self._heading = 0
         self._host_s = math.nan
 
@@ -78,25 +79,25 @@ class TextDecoder:
         return events + self._rows.take(final=True)
 
     def _line(self, line: bytes) -> list[Event]:
+        line = without_escapes(line)
         if self._table is not None and self._row(self._table, line):
             return []
         text = plain_line(line)
-        cleaned = text.encode("utf-8")
-        if self._table is not None and cleaned != line and self._row(self._table, cleaned):
-            return []
         cells = cells_of(text)
         numbers = [_is_number(cell) for cell in cells if cell]
         if not numbers:
             return []
         if all(numbers):
-            return self._numbers(cleaned, len(cells))
-        self._unnamed.clear()
+            return self._numbers(line, len(cells))
+        self._others += 1
+        if self._others > 2 * len(self._unnamed) + 2:
+            self._unnamed.clear()
         if not any(numbers) and not self._spoken.chosen:
             columns = columns_of(cells, self._bare)
             if columns is not None:
                 self.named = True
                 return self._start_table(columns)
-        if numbers[:2] == [True, True]:
+        if self._table is not None and 2 * sum(numbers) >= len(numbers):
             self._damage()
         else:
             self._words(text, len(cells))
@@ -127,6 +128,7 @@ class TextDecoder:
             return []
         if self._unnamed and len(cells_of(plain_line(self._unnamed[0]))) != count:
             self._unnamed.clear()
+        self._others = self._others if self._unnamed else 0
         self._unnamed.append(line)
         return self._adopt(count) if len(self._unnamed) >= _ENOUGH_UNNAMED else []
 
@@ -144,7 +146,7 @@ class TextDecoder:
             return []
         events = self._rows.change() if self._table is not None else []
         self._table = Table(columns, self._meaning.given.get("time", ""))
-        self._meaning.expect(self._table.units, assumed)
+        self._meaning.expect(self._table.units, assumed, self._table.time_unit_missing)
         return events
 
     def _words(self, text: str, count: int) -> None:

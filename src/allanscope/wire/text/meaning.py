@@ -17,6 +17,8 @@ from allanscope.wire.text.units import DIVISORS, Quantity, quantity_named
 __all__ = ["TextMeaning"]
 
 _USUAL = {"gyro": "dps", "accel": "g"}
+_LONGEST_MS = 150
+"""Whole numbers that go up by less are ms (above 7 Hz), by more are us (up to 6.7 kHz)."""
 _AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
 """Full scales that these parts have until somebody writes to their registers."""
 
@@ -45,6 +47,7 @@ class TextMeaning:
         self._scale_of_counts("accel")
         self._said: dict[Quantity, str] = {}
         self._assumed: tuple[str, ...] = ()
+        self._time_unit_missing = False
         self._epoch = 0
 
     @property
@@ -52,10 +55,16 @@ class TextMeaning:
         """Counts per degree of the part."""
         return self._part.temperature_lsb_per_c
 
-    def expect(self, units: Mapping[Quantity, str], assumed: tuple[str, ...] = ()) -> None:
+    def expect(
+        self,
+        units: Mapping[Quantity, str],
+        assumed: tuple[str, ...] = (),
+        time_unit_missing: bool = False,
+    ) -> None:
         """Take note of the units that the text states, and of what had to be assumed so far."""
         self._said = dict(units)
         self._assumed = assumed
+        self._time_unit_missing = time_unit_missing
 
     def decide(self, rows: list[Row]) -> Meaning | None:
         """Return what rows mean; None when no axis ever has a value."""
@@ -67,6 +76,8 @@ class TextMeaning:
         units = [self._unit(AXES[i], values, remarks) for i in columns]
         self._epoch += 1
         counted = all(unit == "lsb" for unit in units)
+        per_second = self._time_per_second(rows, remarks)
+        rows = [row._replace(device_s=row.device_s / per_second) for row in rows]
         times = [row.device_s for row in rows]
         timed = bool(np.isfinite(times).any())
         info = StreamInfo(
@@ -91,10 +102,23 @@ class TextMeaning:
         )
         return Meaning(
             info,
-            lambda new: (_convert(new[:, columns], divisors, counted), len(new)),
+            lambda new: (_convert(new[:, columns], divisors, counted), np.full(len(new), True)),
             needed=tuple(columns.tolist()),
+            time_per_second=per_second,
             remarks=tuple(dict.fromkeys(remarks)),
         )
+
+    def _time_per_second(self, rows: list[Row], remarks: list[str]) -> float:
+        """Return by what to divide the times of the rows."""
+        if not self._time_unit_missing:
+            return 1.0
+        times = np.array([row.device_s for row in rows])
+        steps = np.abs(np.diff(times[np.isfinite(times)]))
+        unit = "s"
+        if _whole(times) and len(steps):
+            unit = "ms" if np.median(steps) < _LONGEST_MS else "us"
+        remarks.append(f"the text does not say the unit of its time: taken as {unit}")
+        return DIVISORS["time"][unit]
 
     def _unit(self, axis: str, values: Values, remarks: list[str]) -> str:
         sensor = _sensor(axis)

@@ -20,6 +20,7 @@ SpokenRow = tuple[tuple[float, ...], float]
 """Six values in the units of the text, and the temperature in degC."""
 
 _ENOUGH = 12
+_ABSENT = (math.nan,) * 3
 Kind = tuple[str, str, str]
 
 
@@ -68,6 +69,11 @@ class Spoken:
             self.units |= {"accel": accel_unit} if accel_unit else {}
         return self._rows(heard) if kinds else []
 
+    def _values(self, line: Labelled) -> tuple[float, ...] | None:
+        if len(self.chosen) > 1:
+            return self._pairing.take(line.gyro, line.accel)
+        return (*(line.gyro or _ABSENT), *(line.accel or _ABSENT))
+
     def begins_like_a_row(self, text: str) -> bool:
         """Return whether a line that says nothing has the label of one that was chosen."""
         label, colon, _ = text.partition(":")
@@ -81,7 +87,7 @@ class Spoken:
             if line.kind in self.chosen:
                 if not math.isnan(line.counts_c):
                     degrees = 25.0 + line.counts_c / self._per_c
-                values = self._pairing.take(line.gyro, line.accel)
+                values = self._values(line)
                 if values is not None:
                     known = self._temperature_c if math.isnan(degrees) else degrees
                     rows.append((values, known))

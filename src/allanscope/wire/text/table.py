@@ -10,7 +10,7 @@ from allanscope.wire.text.units import DIVISORS, Quantity
 __all__ = ["Table", "TableRow"]
 
 TableRow = tuple[tuple[float, ...], float, float]
-"""Six values in the units of the text, the time in s, the temperature in degC."""
+"""Six values in the units of the text, the time in s if its unit is known, and degC."""
 
 _SEPARATORS = (b"\t", b";", b",", b"|")
 _LATEST_S = 1e12
@@ -24,7 +24,7 @@ class Table:
     columns : Columns
         What the header says, or what is taken for granted without one.
     time_unit : str
-        Unit of the time where the header gives none; empty to go by the first row.
+        Unit of the time where the user gave one; empty to go by the header.
     """
 
     def __init__(self, columns: Columns, time_unit: str = "") -> None:
@@ -48,6 +48,11 @@ class Table:
         self._wrapped = 0.0
 
     @property
+    def time_unit_missing(self) -> bool:
+        """Whether there is a time whose unit nobody gave."""
+        return self._time is not None and not self._time_unit
+
+    @property
     def units(self) -> dict[Quantity, str]:
         """Units that the columns state."""
         return {c.quantity: c.unit for c in self.columns if c is not None and c.unit}
@@ -69,7 +74,7 @@ class Table:
                 numbers = [_number(cells[place]) for place in self._places]
             except ValueError:
                 return None
-        time_s = self._seconds(numbers[-2], cells) if self._time is not None else math.nan
+        time_s = self._time_of(numbers[-2]) if self._time is not None else math.nan
         if abs(time_s) > _LATEST_S:
             return None
         self._separated = True
@@ -85,15 +90,13 @@ class Table:
         places = [i for i, c in enumerate(self.columns) if c is not None and c.quantity == quantity]
         return places[0] if places else None
 
-    def _seconds(self, value: float, cells: list[bytes]) -> float:
-        if not self._time_unit:
-            self._time_unit = "s" if b"." in cells[self._time or 0] else "ms"
+    def _time_of(self, value: float) -> float:
         back = self._last_time - value
         if back > 2**31 and self._last_time < 2**32 and self._time_unit != "s":
             self._wrapped += 2.0**32  # a 32-bit counter of the device has wrapped
         if not math.isnan(value):
             self._last_time = value
-        return (value + self._wrapped) / DIVISORS["time"][self._time_unit]
+        return (value + self._wrapped) / DIVISORS["time"].get(self._time_unit, 1.0)
 
 
 def _number(cell: bytes) -> float:

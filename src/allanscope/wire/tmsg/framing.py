@@ -80,7 +80,7 @@ class Unwrapper:
             if not chunk and not overlong:
                 continue
             body = None if overlong else _unwrap(chunk)
-            if body is None and joining:
+            if body is None and joining and not overlong:
                 continue
             self.damaged += body is None
             yield body

@@ -1,0 +1,419 @@
+"""Text: whatever prints the numbers, they come out in dps and g."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from allanscope.errors import UsageError
+from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
+from allanscope.wire import WireSettings, format_named
+from allanscope.wire.text.columns import cells_of, column_of, columns_of
+from allanscope.wire.text.labelled import read_labelled
+from allanscope.wire.text.units import unit_of_text
+
+GYRO, ACCEL = ("gx", "gy", "gz"), ("ax", "ay", "az")
+BOTH = GYRO + ACCEL
+RAD = math.pi / 180.0
+HALF = [0.5, -0.25, 0.125]
+ONE_G = [0.0, -0.5, 1.0]
+
+
+class Case(NamedTuple):
+    """What a text shows, its settings, and what each of its samples is in dps and g."""
+
+    shows: str
+    text: str
+    said: dict[str, Any]
+    axes: tuple[str, ...]
+    sample: list[float]
+
+
+CASES = [
+    Case(
+        "the contract's own header",
+        "t[s],gx[dps],gy[dps],gz[dps],ax[g],ay[g],az[g],temp[degC]\n"
+        + "0.01,0.5,-0.25,0.125,0,-0.5,1,25.5\n" * 3,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case(
+        "any order, milli-units, semicolons",
+        "az[mg];gy[mdps];gx[mdps];gz[mdps];ax[mg];ay[mg]\r\n" + "1000;-250;500;125;0;-500\r\n" * 3,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case(
+        "decimal commas between semicolons",
+        "gx[dps];gy[dps];gz[dps]\n" + "0,5;-0,25;0,125\n" * 3,
+        {},
+        GYRO,
+        HALF,
+    ),
+    Case(
+        "SI units, tabs",
+        "gx[rad/s]\tgy[rad/s]\tgz[rad/s]\tax[m/s^2]\tay[m/s²]\taz[m/s2]\n"
+        + f"{0.5 * RAD}\t{-0.25 * RAD}\t{0.125 * RAD}\t0\t-4.903325\t9.80665\n" * 3,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case(
+        "a header with spaces, rows with tabs, as a vehicle log has it",
+        "A_X [mg] A_Y [mg] A_Z [mg] G_X [dps] G_Y [dps] G_Z [dps] \n"
+        + "0\t-500.0\t1000\t0.5\t-0.25\t0.125\n" * 3,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case(
+        "a banner, an empty line, spaces around tabs, a separator at the end",
+        "STEVAL-MKI251A (LSM6DSV320X)\n\nG_X [dps] \t G_Y [dps] \t G_Z [dps] \t\n"
+        + "0.5 \t -0.25 \t 0.125 \t\n" * 3,
+        {},
+        GYRO,
+        HALF,
+    ),
+    Case(
+        "a version line and empty cells of sensors that are off",
+        "#Format version: 1.0\ntime[us],accX[mg],accY[mg],accZ[mg],gyroX[mdps],gyroY[mdps],"
+        "gyroZ[mdps],press[hPa],temp[\ufffdC],newData\n"
+        + "10339391213,0,-500,1000,,,,,,0x07f,,,\n"
+        * 3,
+        {},
+        ACCEL,
+        ONE_G,
+    ),
+    Case(
+        "low-g and high-g columns: the low-g ones count",
+        "acc_l_x[mg],acc_l_y[mg],acc_l_z[mg],acc_h_x[mg],acc_h_y[mg],acc_h_z[mg]\n"
+        + "0.0,-500.0,1000.0,62.464,-343.552,882.304\n" * 3,
+        {},
+        ACCEL,
+        ONE_G,
+    ),
+    Case(
+        "the SensorTile's SD card, with its degree sign in Latin-1",
+        "T [ms],AccX [mg],AccY [mg],AccZ [mg],GyroX [mdps],GyroY [mdps],GyroZ [mdps],"
+        "MagX [mgauss],MagY [mgauss],MagZ [mgauss],P [mB],T [\xb0C],H [%]\r\n"
+        + "20, 0, -500, 1000, 500, -250, 125, 1, 2, 3,  987.54,  24.50, 40.1\r\n"
+        * 3,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case(
+        "counts, with the full scales from the user",
+        "gx[lsb],gy[lsb],gz[lsb],ax[lsb],ay[lsb],az[lsb]\n" + "4,-2,1,0,-4096,8192\n" * 3,
+        {"gyro_fs": 125.0, "accel_fs": 4.0},
+        BOTH,
+        [4 * 4.375e-3, -2 * 4.375e-3, 4.375e-3, 0.0, -4096 * 0.122e-3, 8192 * 0.122e-3],
+    ),
+    Case(
+        "units in the names",
+        "time_us,gx_dps,gy_dps,gz_dps\n" + "10,0.5,-0.25,0.125\n" * 3,
+        {},
+        GYRO,
+        HALF,
+    ),
+    Case(
+        "units from the user where the header has none",
+        "gyro_x gyro_y gyro_z\n" + "500 -250 125\n" * 3,
+        {"units": {"gyro": "mdps"}},
+        GYRO,
+        HALF,
+    ),
+    Case(
+        "the user's units before the header's",
+        "gx[dps],gy[dps],gz[dps]\n" + "500,-250,125\n" * 3,
+        {"units": {"gyro": "mdps"}},
+        GYRO,
+        HALF,
+    ),
+    Case("no header, six numbers", "0.5,-0.25,0.125,0.0,-0.5,1.0\n" * 4, {}, BOTH, HALF + ONE_G),
+    Case(
+        "six numbers and another library's remarks",
+        "Configuring FIFO with no error checking...\n"
+        + "0.5,-0.25,0.125,0.0,-0.5,1.0\n\nFifo Status 1 and 2 (16 bits): 0x1000\n" * 5,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case("no header, tabs, three numbers", "X\tY\tZ\n" + "0.5\t-0.25\t0.125\n" * 4, {}, GYRO, HALF),
+    Case(
+        "three numbers of an accelerometer",
+        "x,y,z\n" + "0.0,-4.903325,9.80665\n" * 4,
+        {"units": {"accel": "m/s^2"}},
+        ACCEL,
+        ONE_G,
+    ),
+    Case(
+        "labels and bars",
+        "Acc[mg]: 0 -500 1000 | Gyr[mdps]: 500 -250 125\n" * 3,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case(
+        "a line a sensor, as ST's polling example prints them",
+        "Acceleration [mg]:0.00\t-500.00\t1000.00\r\n"
+        "Angular rate [mdps]:500.00\t-250.00\t125.00\r\n"
+        "Temperature [degC]: 24.50\r\n" * 3,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case(
+        "a discovery board's",
+        "Accel [G] : 0.000 -0.500 1.000 | Gyro [dps] : 0.500 -0.250 0.125\n\r" * 3,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case(
+        "names and equals signs, a unit behind",
+        "Sample: ax=+0.0 ay=-0.500 az=+1.0 g | gx=+0.50 gy=-0.25 gz=+0.125 dps | t=28.67 C\n" * 3,
+        {},
+        BOTH,
+        HALF + ONE_G,
+    ),
+    Case(
+        "a serial plotter's",
+        "gx:0.5,gy:-0.25,gz:0.125\n" * 3,
+        {},
+        GYRO,
+        HALF,
+    ),
+    Case(
+        "counts on a console, among prompts, echoes and colours",
+        "\x1b[36m[I]\x1b[0m === CLI ===\r\n> \r\n>>> raw\r\n\r\r\n"
+        "Raw: ax=77 ay=-301 az=16679 | gx=14 gy=-182 gz=-122 | t=1162\r\n> \r\n"
+        "Accel: x=0.005 y=-0.019 z=1.015 g (raw: 82 -305 16647)\r\n" * 3,
+        {"gyro_fs": 250.0, "accel_fs": 2.0, "part": "LSM6DSL"},
+        BOTH,
+        [14 * 8.75e-3, -182 * 8.75e-3, -122 * 8.75e-3, 77 * 61e-6, -301 * 61e-6, 16679 * 61e-6],
+    ),
+]
+
+
+@pytest.mark.parametrize("way", ["whole", "byte by byte", "with trailing garbage"])
+@pytest.mark.parametrize("case", CASES, ids=[case.shows for case in CASES])
+def test_a_text_is_understood(
+    case: Case,
+    way: str,
+    fed: Callable[..., list[Event]],
+    joined: Callable[[list[Event]], list[Event]],
+) -> None:
+    data = case.text.encode("latin-1") if "\xb0" in case.text else case.text.encode()
+    cuts = range(len(data)) if way == "byte by byte" else []
+    data += b"\x07\x80 garb" if way == "with trailing garbage" else b""
+    decoder = format_named("text").decoder(WireSettings(**case.said))
+    events = joined(fed(decoder, data, cuts))
+    info = next(event for event in events if isinstance(event, StreamInfo))
+    blocks = [event for event in events if isinstance(event, Block)]
+    assert info.axes == case.axes
+    counts = np.concatenate([block.counts for block in blocks])
+    assert len(counts) in (3, 4, 5)
+    for row in counts * np.asarray(info.scale):
+        np.testing.assert_allclose(row, case.sample, atol=1e-12)
+    assert (counts.dtype == np.int16) == ("[lsb]" in case.text or "Raw" in case.text)
+
+
+def _decode(text: str, **said: Any) -> list[Event]:
+    decoder = format_named("text").decoder(WireSettings(**said))
+    return decoder.feed(text.encode(), 0.0) + decoder.finish()
+
+
+def _remarks(events: list[Event]) -> list[str]:
+    return [event.text for event in events if isinstance(event, Notice)]
+
+
+def test_what_was_assumed_is_said() -> None:
+    remarks = _remarks(_decode("1,2,3\n" * 5))
+    assert remarks == [
+        "no header: 3 columns are taken as gx gy gz",
+        "the text does not say the unit of gyro: taken as lsb",
+        "counts of gyro without a full scale: taken as 250 dps",
+    ]
+    assert not _remarks(_decode("gx[dps],gy[dps],gz[dps]\n" + "1,2,3\n" * 5))
+
+
+@pytest.mark.parametrize(
+    ("step", "unit", "seconds"), [(10, "ms", 0.01), (9600, "us", 0.0096), (0.0096, "s", 0.0096)]
+)
+def test_a_time_without_a_unit_goes_by_its_steps(step: float, unit: str, seconds: float) -> None:
+    rows = "".join(f"{step * i},0.5,0.5,0.5\n" for i in range(40))
+    events = _decode("t,gx[dps],gy[dps],gz[dps]\n" + rows)
+    assert _remarks(events) == [f"the text does not say the unit of its time: taken as {unit}"]
+    block = next(event for event in events if isinstance(event, Block))
+    assert np.diff(block.ticks.device_s) == pytest.approx(np.full(39, seconds))
+
+
+def test_times_temperatures_and_rate_come_along() -> None:
+    rows = "".join(f"{0.02 * i:.2f},0.5,0.5,0.5,{25 + i}\n" for i in range(40))
+    info, block = _decode("t[s],gx[dps],gy[dps],gz[dps],temp[degC]\n" + rows)
+    assert isinstance(info, StreamInfo)
+    assert isinstance(block, Block)
+    assert info.nominal_hz == 50.0
+    assert info.device_clock
+    assert block.ticks.device_s == pytest.approx(0.02 * np.arange(40))
+    assert block.ticks.temperature_c.tolist() == [25.0 + i for i in range(40)]
+
+
+def test_rows_without_some_cells_wait_for_the_axes_that_come_more_rarely() -> None:
+    rows = "".join(f"{i},{i},{i},{i},{'1,1,1' if i % 3 == 0 else ',,'}\n" for i in range(90))
+    header = "t[ms],gx[dps],gy[dps],gz[dps],ax[g],ay[g],az[g]\n"
+    info, block = _decode(header + rows)
+    assert isinstance(info, StreamInfo)
+    assert isinstance(block, Block)
+    assert info.axes == BOTH
+    assert block.counts[:, 0].tolist() == list(range(0, 90, 3))
+
+
+def test_a_second_header_starts_a_new_configuration() -> None:
+    first = "gx[dps],gy[dps],gz[dps]\n" + "1,2,3\n" * 30
+    events = _decode(first + first.replace("dps", "mdps"))
+    kinds = [type(event) for event in events]
+    assert kinds == [StreamInfo, Block, StreamInfo, Gap, Block]
+    assert [type(e) for e in _decode(first + first)] == [StreamInfo, Block]
+
+
+def test_a_table_of_other_things_is_not_taken_for_rates() -> None:
+    assert _decode("pressure,humidity,co2\n" + "1013,40,400\n" * 40) == []
+
+
+def test_a_damaged_row_without_times_is_a_hole_of_unknown_length() -> None:
+    rows = "0.5,0.25,1\n" * 30
+    text = "gx[dps],gy[dps],gz[dps]\n" + rows + "0.5,0.2\n" + rows
+    events = _decode(text)
+    assert [type(event) for event in events] == [StreamInfo, Block, Gap, Block]
+    assert events[2] == Gap("link", None)
+
+
+@pytest.mark.parametrize(
+    "bad", ["0.5,0.25", "0.5,0.25,1,7", "0.5,,x1", "0.5,0.2\x071,1", "0x1,2,3"]
+)
+def test_a_row_that_is_no_row_is_dropped(bad: str) -> None:
+    rows = "0.5,0.25,1\n" * 3
+    decoder = format_named("text").decoder(WireSettings())
+    decoder.feed(("gx[dps],gy[dps],gz[dps]\n" + rows + bad + "\n" + rows).encode(), 0.0)
+    decoder.finish()
+    assert decoder.stats.samples == 6
+    assert decoder.stats.resyncs == 1
+
+
+@pytest.mark.parametrize("number", ["inf", "1e400", "nan", "-inf"])
+def test_numbers_that_are_none_make_no_sample(number: str) -> None:
+    row = "0.5,0.25,1\n"
+    events = _decode(f"gx[dps],gy[dps],gz[dps]\n{row}{row}{number},0,0\n{row}")
+    blocks = [event for event in events if isinstance(event, Block)]
+    assert np.isfinite(np.concatenate([block.counts for block in blocks])).all()
+
+
+def test_counts_beyond_int16_stay_within_it() -> None:
+    events = _decode("gx[lsb],gy[lsb],gz[lsb]\n" + "99999,-99999,1\n" * 3)
+    block = next(event for event in events if isinstance(event, Block))
+    assert block.counts[0].tolist() == [32767, -32768, 1]
+
+
+def test_a_32_bit_counter_of_microseconds_may_wrap() -> None:
+    rows = "".join(f"{(2**32 - 50_000 + 10_000 * i) % 2**32},1,2,3\n" for i in range(40))
+    events = _decode("t[us],gx[dps],gy[dps],gz[dps]\n" + rows)
+    assert [type(event) for event in events] == [StreamInfo, Block]
+
+
+def test_a_kind_of_line_once_chosen_stays() -> None:
+    both = "Acc[mg]: 0 -500 1000 | Gyr[mdps]: 500 -250 125\n"
+    other = "Sample: ax=9 ay=9 az=9 g | gx=9 gy=9 gz=9 dps\n"
+    events = _decode(both * 12 + other * 40 + both * 3)
+    counts = np.concatenate([event.counts for event in events if isinstance(event, Block)])
+    assert len(counts) == 15
+    assert np.unique(counts[:, 5]).tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "  STATUS_REG = 0x07 (XLDA=1 GDA=1 TDA=1)",
+        "  User offset: x=0 y=0 z=0",
+        "  Accel FS: +/-2g",
+        "Temp C:   min=29.50 avg=29.54 max=29.57",
+        "Sample: ax=+0.005 ay=-0",
+        "Accel: x=0.005 y=-0.019",
+        "Acc[mdps]: 1 2 3",
+        "TimeStamp: 12:34:56.78",
+        "http://example.org/?ax=1",
+        "",
+        ":" * 400,
+    ],
+)
+def test_a_line_without_three_axes_of_a_sensor_says_nothing(line: str) -> None:
+    assert read_labelled(line) is None
+
+
+@pytest.mark.parametrize(
+    ("header", "quantity", "unit", "axis"),
+    [
+        ("gx", "gyro", "", 0),
+        ("GyroZ [mdps]", "gyro", "mdps", 2),
+        ("gyr_y(dps)", "gyro", "dps", 1),
+        ("A_X [mg]", "accel", "mg", 3),
+        ("accelerometer_z", "accel", "", 5),
+        ("t", "time", "", -1),
+        ("T [degC]", "temperature", "degc", -1),
+        ("Timestamp[ms]", "time", "ms", -1),
+        ("temperature", "temperature", "", -1),
+    ],
+)
+def test_a_column_is_known_by_many_names(header: str, quantity: str, unit: str, axis: int) -> None:
+    column = column_of(header)
+    assert column is not None
+    assert (column.quantity, column.unit, column.axis) == (quantity, unit, axis)
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["P [mB]", "MagX [mgauss]", "acc_h_x[mg]", "gx[mg]", "hum[%RH]", "", "[dps]", "x" * 999],
+)
+def test_other_columns_are_left_alone(header: str) -> None:
+    assert column_of(header) is None
+
+
+def test_of_two_columns_of_one_axis_the_first_counts() -> None:
+    columns = columns_of(cells_of("gx[dps],gx[mdps],gy[dps]"))
+    assert columns is not None
+    assert [column is not None for column in columns] == [True, False, True]
+
+
+@pytest.mark.parametrize("units", [{"gyro": "furlong"}, {"barometer": "hPa"}, {"accel": "dps"}])
+def test_a_unit_that_does_not_exist_is_refused(units: dict[str, str]) -> None:
+    with pytest.raises(UsageError, match="choose one of"):
+        format_named("text").decoder(WireSettings(units=units))
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.text(max_size=300))
+def test_no_line_is_too_strange(line: str) -> None:
+    read_labelled(line)
+    columns_of(cells_of(line))
+    unit_of_text(line)
+    _decode("gx[dps],gy[dps],gz[dps]\n" + line)
+    _decode(line + "\nAcc[mg]: 1 2 3\n" + line)
+
+
+@pytest.mark.parametrize(
+    "line", ["a" * 4000, "[" * 4000, "a=" * 2000, "1," * 2000, "a " * 2000, "(" * 4000]
+)
+def test_a_long_line_costs_no_more_than_its_length(line: str) -> None:
+    decoder = format_named("text").decoder(WireSettings())
+    for _ in range(30):
+        decoder.feed(line.encode() + b"\n", 0.0)
+    assert decoder.stats.samples == 0

@@ -36,11 +36,13 @@ TARGET = {
 
 def power_law(alpha: int, samples: int, runs: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return Gaussian noise with S(f) ~ |2 sin(pi f)|^alpha, shape (runs, samples)."""
-    k = np.arange(1, samples)
+    # The first half is thrown away: it still remembers that there was nothing before it.
+    k = np.arange(1, 2 * samples)
     response = np.append(1.0, np.cumprod((k - 1 - alpha / 2) / k))
-    length = 2 * samples
-    white = np.fft.rfft(rng.standard_normal((runs, samples)), length, axis=1)
-    return np.fft.irfft(white * np.fft.rfft(response, length), length, axis=1)[:, :samples]
+    length = 4 * samples
+    white = np.fft.rfft(rng.standard_normal((runs, 2 * samples)), length, axis=1)
+    noise = np.fft.irfft(white * np.fft.rfft(response, length), length, axis=1)
+    return noise[:, samples : 2 * samples]
 
 
 def truth(kind: str, tau: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,11 +9,12 @@ def power_law():
     """Return a generator of Gaussian noise with S(f) ~ |2 sin(pi f)|^alpha, shape (runs, n)."""
 
     def generate(alpha, n, runs, seed):
-        k = np.arange(1, n)
+        # The first half is thrown away: it still remembers that there was nothing before it.
+        k = np.arange(1, 2 * n)
         response = np.append(1.0, np.cumprod((k - 1 - alpha / 2) / k))
-        white = np.random.default_rng(seed).standard_normal((runs, n))
-        spectrum = np.fft.rfft(white, 2 * n, axis=1) * np.fft.rfft(response, 2 * n)
-        return np.fft.irfft(spectrum, 2 * n, axis=1)[:, :n]
+        white = np.random.default_rng(seed).standard_normal((runs, 2 * n))
+        spectrum = np.fft.rfft(white, 4 * n, axis=1) * np.fft.rfft(response, 4 * n)
+        return np.fft.irfft(spectrum, 4 * n, axis=1)[:, n : 2 * n]
 
     return generate
 

@@ -111,8 +111,8 @@ def test_too_steep_noise_is_refused():
         difference_autocovariance(np.zeros(1), np.inf, 1, 2)
 
 
-def quadratic_edf(kind, alpha, m, n, width):
-    """Exact ``tr(QC)^2 / tr(QCQC)`` of an estimator, Q being read off its values."""
+def quadratic(kind, alpha, m, n, width):
+    """Exact ``tr(QC)`` and ``tr(QC)^2 / tr(QCQC)`` of an estimator, Q being read off its values."""
     estimator = REGISTRY[kind]
     basis = np.eye(n + 1)
     single = np.array([estimator.exact(row, m)[0] for row in basis])
@@ -123,7 +123,8 @@ def quadratic_edf(kind, alpha, m, n, width):
             q[i, j] = q[j, i] = 0.5 * (pair - single[i] - single[j])
     lag = np.abs(np.subtract.outer(np.arange(n + 1), np.arange(n + 1))) / m
     product = q @ phase_autocovariance(lag, width, alpha)
-    return np.trace(product) ** 2 / np.sum(product * product.T)
+    mean = np.trace(product)
+    return mean, mean**2 / np.sum(product * product.T)
 
 
 @pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
@@ -131,7 +132,15 @@ def quadratic_edf(kind, alpha, m, n, width):
 def test_exact_trace_of_difference_estimators(kind, alpha):
     for n in (50, 90):
         found = float(REGISTRY[kind].edf(alpha, 8, n, 1))
-        assert found == pytest.approx(quadratic_edf(kind, alpha, 8, n, 8.0), rel=1e-2)
+        assert found == pytest.approx(quadratic(kind, alpha, 8, n, 8.0)[1], rel=1e-2)
+
+
+@pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
+@pytest.mark.parametrize("stride", [1, 10])
+def test_the_parabolic_window_looks_the_same_at_every_large_m(alpha, stride):
+    small = REGISTRY["pdev"].edf(alpha, 32, 640, 1)
+    large = REGISTRY["pdev"].edf(alpha, 3200, 64_000, stride)
+    assert large == pytest.approx(small, rel=0.02)
 
 
 @pytest.mark.parametrize("kind", ["mtotdev", "htotdev", "totdev"])
@@ -142,7 +151,7 @@ def test_exact_trace_of_the_totals(kind):
     for alpha in range(0, lowest - 1, -1):
         for n in (40, 80, 100):
             found = float(estimator.edf(alpha, 10, n, 1))
-            assert found == pytest.approx(quadratic_edf(kind, alpha, 10, n, 10.0), rel=0.15)
+            assert found == pytest.approx(quadratic(kind, alpha, 10, n, 10.0)[1], rel=0.15)
 
 
 @pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
@@ -150,8 +159,54 @@ def test_exact_trace_of_theo1(alpha):
     """The published fits. Short lags count here, so the phase is sampled and not averaged."""
     for n in (60, 120):
         found = float(REGISTRY["theo1"].edf(alpha, 20, n, 1))
-        exact = quadratic_edf("theo1", alpha, 20, n, np.inf if alpha <= 0 else 20.0)
-        assert found == pytest.approx(exact, rel=0.2)
+        exact = quadratic("theo1", alpha, 20, n, np.inf if alpha <= 0 else 20.0)[1]
+        assert found == pytest.approx(exact, rel=0.25)
+
+
+@pytest.mark.parametrize("alpha", [2, 1])
+def test_exact_trace_of_totdev_for_phase_noise(alpha):
+    for n in (40, 80):
+        found = float(REGISTRY["totdev"].edf(alpha, 10, n, 1))
+        assert found == pytest.approx(quadratic("totdev", alpha, 10, n, 10.0)[1], rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "plain"), [("totdev", "oadev"), ("mtotdev", "mdev"), ("htotdev", "ohdev")]
+)
+def test_exact_expectation_of_the_totals(kind, plain):
+    estimator = REGISTRY[kind]
+    for alpha in range(2, estimator.lowest_alpha - 1, -1):
+        for n in (40, 80):
+            ratio = quadratic(kind, alpha, 10, n, 10.0)[0] / quadratic(plain, alpha, 10, n, 10.0)[0]
+            assert float(estimator.expectation(alpha, 10, n)) == pytest.approx(ratio, rel=0.06)
+
+
+@pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
+def test_exact_expectation_of_theobr_falls_and_rises_with_that_of_theo1(alpha):
+    width = np.inf if alpha <= 0 else 1.0
+    bias = [
+        quadratic("theo1", alpha, m, 60, width * m)[0]
+        / quadratic("oadev", alpha, 3 * m // 4, 60, width * 3 * m / 4)[0]
+        for m in (12, 36)
+    ]
+    left = REGISTRY["theobr"].expectation(alpha, np.array([12, 36]), 3000)
+    assert left[0] / left[1] == pytest.approx(bias[0] / bias[1], rel=0.06)
+
+
+def test_at_one_sample_the_totals_are_the_plain_estimators():
+    for alpha in (2, 1, 0, -1, -2):
+        for kind, plain in (("mtotdev", "oadev"), ("htotdev", "ohdev")):
+            expected = REGISTRY[plain].edf(alpha, 1, 1000, 1)
+            assert REGISTRY[kind].edf(alpha, 1, 1000, 1) == pytest.approx(expected)
+        expected = REGISTRY["oadev"].edf(alpha, 1, 1000, 1)
+        assert REGISTRY["totdev"].edf(alpha, 1, 1000, 1) == pytest.approx(expected, rel=0.03)
+
+
+def test_theo1_by_the_published_fits():
+    """Howe and Peppler's formulas for 1001 phases at tau = 75, worked out apart."""
+    expected = {2: 825.9, 1: 440.9, 0: 51.22, -1: 25.39, -2: 17.36}
+    for alpha, edf in expected.items():
+        assert float(REGISTRY["theo1"].edf(alpha, 100, 1000, 1)) == pytest.approx(edf, rel=2e-3)
 
 
 def test_totals_use_the_published_tables_at_large_m():

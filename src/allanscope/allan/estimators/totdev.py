@@ -14,7 +14,7 @@ from allanscope.allan.estimators.differences import mean_square_second
 __all__ = ["Totdev"]
 
 _EDF = {0: (1.50, 0.0), -1: (1.17, 0.22), -2: (0.93, 0.36)}
-_BIAS = {2: -0.74, 1: -0.58, 0: 0.0, -1: 1.0 / (3.0 * np.log(2.0)), -2: 0.75}
+_BIAS = {2: -4.0 / 3.0, 1: -0.75, 0: 0.0, -1: 1.0 / (3.0 * np.log(2.0)), -2: 0.75}
 
 
 @register
@@ -30,9 +30,9 @@ class Totdev(Estimator):
     -----
     The value is raw, as in all programs. Its expectation is ``1 - a tau/T`` of AVAR, with a = 0,
     0.48, 0.75 for white, flicker and random-walk FM; the limits allow for that. Degrees of freedom
-    are ``b T/tau - c`` (SP 1065 table 7). Nothing is published for phase noise: a = -0.74 and -0.58
-    for white and flicker PM are simulated, and the degrees of freedom of OAVAR, lowered as the
-    reflected part grows, agree with simulation to a third.
+    are ``b T/tau - c`` (SP 1065 table 7). Nothing is published for phase noise: for white PM
+    a = -4/3, for flicker PM about -3/4, and the degrees of freedom are taken from OAVAR, for white
+    PM lowered as the reflected part grows; they are up to a half too few.
 
     Examples
     --------
@@ -65,7 +65,8 @@ class Totdev(Estimator):
         slope, offset = np.moveaxis(np.array([_EDF.get(a, (0.0, 0.0)) for a in alpha.flat]), -1, 0)
         published = slope.reshape(alpha.shape) * n / m - offset.reshape(alpha.shape)
         loss = small_factor_loss(alpha, m, n, order=2)
-        phase_noise = difference_edf(alpha, m, n, 1, order=2) * (1.0 - 2.0 * m / n)
+        phase_noise = difference_edf(alpha, m, n, 1, order=2)
+        phase_noise = phase_noise * np.where(alpha == 2, 1.0 - 2.0 * m / n, 1.0)
         edf: NDArray[np.float64] = np.where(alpha <= 0, published * loss, phase_noise)
         return edf
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from allanscope.errors import UsageError
 from allanscope.samples import AXES, Block, Event, Gap, Notice, StreamInfo, Ticks
-from allanscope.wire import WireSettings, format_named, formats, sniff
+from allanscope.wire import WireSettings, feed_chunks, format_named, formats, sniff
 
 Joined = Callable[[list[Event]], list[Event]]
 Check = Callable[[list[Event], list[Event]], None]
@@ -241,6 +241,26 @@ class TestEveryFormat:
         replies = [e for e in events if isinstance(e, Notice) and e.kind == "reply"]
         assert len(replies) >= len(entry.start(SETTINGS)) - 3
         assert not [e for e in events if isinstance(e, Notice) and e.kind == "error"]
+
+    def test_many_chunks_at_once_are_the_same_as_one_by_one(
+        self, name: str, joined: Joined, assert_same: Check
+    ) -> None:
+        data = STREAMS[name]
+        ends = np.arange(0, len(data), 71)
+        ends[-1] = len(data)
+        times = np.linspace(0.0, 1.0, len(ends))
+        one, other = (format_named(name).decoder(SETTINGS) for _ in range(2))
+        starts = np.concatenate([[0], ends[:-1]])
+        slowly = [
+            event
+            for start, end, time in zip(starts, ends, times, strict=True)
+            for event in one.feed(data[start:end], time)
+        ]
+        at_once = feed_chunks(other, data, ends, times)
+        assert_same(
+            joined(at_once + other.finish()),
+            joined(slowly + one.finish()),
+        )
 
     def test_an_empty_block_is_no_bytes(self, name: str) -> None:
         encoder = format_named(name).encoder()

@@ -54,6 +54,16 @@ def test_every_row_of_a_log_is_read(name: str, rows: int, axes: int, rate: float
     assert sniff(data[:4000]).name == "text"
 
 
+def test_a_log_gives_away_the_step_of_its_clock() -> None:
+    coarse, fine = (
+        _events(LOGS / name)[0][0]
+        for name in ("lsm6dsox_still1.csv.gz", "example3_stationary.csv.gz")
+    )
+    assert isinstance(coarse, StreamInfo)
+    assert isinstance(fine, StreamInfo)
+    assert (coarse.time_resolution_s, fine.time_resolution_s) == (0.01, 1e-6)
+
+
 def test_the_torn_row_of_a_log_is_a_hole() -> None:
     events, _ = _events(LOGS / "asm330lhhx_stationary1.csv.gz")
     assert [event for event in events if isinstance(event, Gap)] == [Gap("link", None)]

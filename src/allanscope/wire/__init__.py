@@ -14,6 +14,7 @@ throws away it counts in its `LinkStats`.
 from __future__ import annotations
 
 from allanscope.wire.base import Command, Decoder, Encoder, LinkStats, WireFormat, WireSettings
+from allanscope.wire.chunks import feed_chunks
 from allanscope.wire.printable import excerpt, text_of
 from allanscope.wire.registry import format_named, formats
 from allanscope.wire.sniffing import SniffResult, sniff
@@ -27,6 +28,7 @@ __all__ = [
     "WireFormat",
     "WireSettings",
     "excerpt",
+    "feed_chunks",
     "format_named",
     "formats",
     "sniff",

@@ -72,7 +72,11 @@ class WireSettings:
 
 
 class Decoder(Protocol):
-    """Bytes to events. Never raises on any input; never keeps more than one frame of it."""
+    """Bytes to events. Never raises on any input, and keeps no more of it than it must.
+
+    That is a partial frame or line; frames of an epoch without a descriptor, two seconds of them;
+    and for formats without one the first 25 rows, which show what they mean.
+    """
 
     stats: LinkStats
 

@@ -72,8 +72,9 @@ def resolution_of(times: Sequence[float]) -> float:
     if len(steps) == 0 or not np.isfinite(steps).all():
         return _FINEST
     microseconds = np.abs(np.round(steps * 1e6)).astype(np.int64)
-    common = int(np.gcd.reduce(microseconds))
-    return _FINEST if common == 0 or microseconds.min() == common else common / 1e6
+    period = max(int(np.median(microseconds)), 1)
+    even = microseconds.min() > 0 and not (microseconds % period).any()
+    return _FINEST if even else max(float(np.gcd.reduce(microseconds)) / 1e6, _FINEST)
 
 
 class Pacer:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import termios
 import threading
 from pathlib import Path
 
@@ -200,6 +201,65 @@ def test_the_port_does_not_echo():
     assert reader.decoder.stats.crc_errors == 0
     assert reader.decoder.stats.resyncs == 0
     assert device.ledger.commands == 0
+
+
+def test_the_port_is_raw_before_any_host_makes_it_so():
+    device = Device(Simulator())
+    host = os.open(device.url, os.O_RDWR | os.O_NOCTTY)
+    mode = termios.tcgetattr(host)
+    os.close(host)
+    device.stop()
+    assert not mode[0] & (termios.ICRNL | termios.IXON)
+    assert not mode[1] & termios.OPOST
+    assert not mode[3] & (termios.ECHO | termios.ICANON | termios.ISIG)
+
+
+class FakePort:
+    """A port that is always attached, counts how often it was waited for, and takes all."""
+
+    url = "fake"
+
+    def __init__(self, *words):
+        self.words = list(words)
+        self.waits = 0
+        self.waits_before_first_write = None
+
+    def attached(self):
+        return True
+
+    def read(self):
+        return self.words.pop() if self.words else b""
+
+    def write(self, data):
+        if self.waits_before_first_write is None:
+            self.waits_before_first_write = self.waits
+        return len(data)
+
+    def wait(self, timeout_s):
+        self.waits += 1
+        threading.Event().wait(timeout_s)
+
+    def close(self):
+        pass
+
+
+def first_write(port):
+    with Device(Simulator(), port=port, speed=FAST) as device:
+        for _ in range(2000):
+            if port.waits_before_first_write is not None:
+                break
+            threading.Event().wait(0.01)
+        assert device.url == "fake"
+    return port.waits_before_first_write
+
+
+def test_nothing_is_sent_while_pyserial_may_still_be_clearing_the_port():
+    """It clears what has come after it has opened a port; so the device waits a moment."""
+    assert first_write(FakePort()) >= 2
+
+
+def test_a_host_that_speaks_is_answered_at_once():
+    assert first_write(FakePort(b"hello")) == 0
 
 
 def test_nothing_is_left_behind():

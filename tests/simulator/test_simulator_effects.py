@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from allanscope.simulator import (
     effect_help,
     parse_effect,
 )
-from allanscope.simulator.effects import effect_kinds
+from allanscope.simulator.effects import Scene, Setting, effect_kinds
+from allanscope.simulator.random_streams import stream
 
 RATE = 104.0
 FLOOR = AxisTruth(N=0.003)
@@ -126,6 +128,15 @@ def test_cross_coupling_adds_a_share_of_the_source_before_any_coupling():
     assert (samples - alone).mean() == pytest.approx(0.5, abs=0.003)
 
 
+def test_couplings_both_ways_see_the_axes_before_any_coupling():
+    truth = Truth({"gx": AxisTruth(offset=1.0), "gy": AxisTruth(offset=2.0)}).with_effects(
+        ["cross_coupling:source=gy,slope=0.5,axis=gx", "cross_coupling:source=gx,slope=0.5,axis=gy"]
+    )
+    sensor = Simulator(truth=truth)
+    found = sensor.read(1).counts[0, :2] * sensor.info.scale[0]
+    assert found == pytest.approx([2.0, 2.5], abs=0.003)
+
+
 def test_cross_coupling_works_from_an_axis_that_is_not_put_out():
     truth = Truth({"az": AxisTruth(offset=1.0)}).with_effects(
         ["cross_coupling:source=az,slope=0.5"]
@@ -195,14 +206,40 @@ def test_effect_acts_from_its_time_on_whatever_the_portions():
     assert np.count_nonzero(samples[6240:]) > 3900
 
 
+GIVEN = {"cutoff": 20.0, "fraction": 0.3, "relative": 0.01, "frequency": 3.0, "count": 500.0}
+
+
+def numbers_of(kind):
+    return {
+        name: GIVEN.get(name, 1.0 if limits.default is None else limits.default)
+        for name, limits in effect_kinds()[kind].parameters.items()
+    }
+
+
+@pytest.mark.parametrize("kind", sorted(effect_kinds()))
+def test_effect_carries_its_state_from_one_stretch_to_the_next(kind):
+    n, rows = 5000, effect_kinds()[kind].stage == "rows"
+    signal = stream(1, "signal").standard_normal((n, 2) if rows else n)
+    t = time_s(n)
+    scene = Scene(0, t, np.sin(t), {"ay": np.cos(t)})
+    results = []
+    for cuts in ([], [1, 18, 2500, 2501]):
+        setting = Setting(RATE, 48.0, 0.0, 1.0, 0.01, "ay", stream(2, kind))
+        effect = effect_kinds()[kind].set_up(numbers_of(kind), setting)
+        values = signal.copy()
+        for begin, end in pairwise([0, *cuts, n]):
+            part = Scene(begin, *(x[begin:end] for x in (scene.time_s, scene.temperature_c)),
+                         {axis: x[begin:end] for axis, x in scene.axes.items()})  # fmt: skip
+            effect(values[begin:end], part)
+        results.append(values)
+    assert np.array_equal(*results)
+    assert np.array_equal(results[0], signal) == (kind == "clock_error")
+
+
 @pytest.mark.parametrize("kind", sorted(effect_kinds()))
 def test_effect_is_the_same_in_any_portions(kind):
     """The whole chain, effects with carry included, cut at awkward places."""
-    given = {"cutoff": 20.0, "fraction": 0.3, "relative": 0.01, "frequency": 3.0, "count": 500.0}
-    parameters = {
-        name: given.get(name, 1.0 if limits.default is None else limits.default)
-        for name, limits in effect_kinds()[kind].parameters.items()
-    }
+    parameters = numbers_of(kind)
     source = "ay" if effect_kinds()[kind].takes_source else ""
     axes = ("gx", "ay")
     effect = EffectSpec(kind, parameters, axes, time=7.7 if kind != "clock_error" else 0.0,

@@ -108,6 +108,12 @@ def test_what_was_destroyed_is_exactly_what_is_reported_lost(faults):
     assert sum(gap.lost for gap in bench.gaps) == len(missing)
 
 
+def test_a_fault_at_a_given_time_hits_samples_though_a_status_is_due_then():
+    bench = Bench("bit_flip:at=3")
+    bench.run(5.0)
+    assert bench.ledger.lost["bit_flip"] == 16
+
+
 def test_what_arrives_through_faults_is_what_was_made():
     bench = Bench("bit_flip:rate=2e-4", "byte_loss:rate=1e-4,length=300", "garbage:rate=1e-4")
     bench.run(10.0)
@@ -259,6 +265,7 @@ def test_ledger_joins_neighbours_of_one_cause():
     assert (ledger.dropped, ledger.damaged) == (10, 10)
     assert ledger.missing(1, 12, 22) == 10
     assert ledger.missing(2, 0, 27) == 2
+    assert ledger.missing(1, 0, 9) == ledger.missing(1, 30, 40) == 0
 
 
 def test_faults_in_words():

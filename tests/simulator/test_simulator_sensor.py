@@ -10,6 +10,8 @@ import pytest
 from allanscope.errors import UsageError
 from allanscope.samples import AXES
 from allanscope.simulator import AxisTruth, Simulator, TemperatureTruth, Truth
+from allanscope.simulator.effects.base import Run
+from allanscope.simulator.thermometer import Thermometer
 
 
 def physical(sensor, n, axis):
@@ -122,6 +124,14 @@ def test_temperature_warms_up_and_wanders():
     room = 0.5 * math.sqrt(2 / (26.0 * 100.0))  # how far the room wanders in one sample
     assert np.diff(readings).std() == pytest.approx(math.hypot(0.02 * 2**0.5, room), rel=0.05)
     assert readings[100_000:].std() == pytest.approx(0.5, rel=0.35)
+
+
+def test_thermometer_does_not_depend_on_the_portions():
+    run = Run(seed=1, rate_hz=416.0, duration_s=1.0)
+    whole = Thermometer(TemperatureTruth(), run).take(1000)
+    thermometer = Thermometer(TemperatureTruth(), run)
+    parts = [thermometer.take(n) for n in (1, 6, 1, 2, 490, 500)]
+    assert np.array_equal(np.hstack(parts), whole)
 
 
 def test_thermometer_holds_its_reading_between_renewals():

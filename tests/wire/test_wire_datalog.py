@@ -12,7 +12,7 @@ from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.datalog.grammar import CLOCK, COUNTER, RecordReader
 from allanscope.wire.milli import MilliUnits
-from allanscope.wire.rows import Row
+from allanscope.wire.row import Row
 
 V2 = (
     "TimeStamp: {t}\r\n Acc_X: {a[0]}, Acc_Y: {a[1]}, Acc_Z :{a[2]}\r\n"

@@ -15,7 +15,8 @@ from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.base import LinkStats
 from allanscope.wire.pacing import Pacer, period_of, resolution_of
-from allanscope.wire.rows import Meaning, Row, Rows
+from allanscope.wire.row import Meaning, Row
+from allanscope.wire.rows import Rows
 from allanscope.wire.stamps import Stamps
 
 RATE = 50.0

@@ -9,7 +9,7 @@ from allanscope.parts import GYRO_SCALES, part_named
 from allanscope.samples import AXES, StreamInfo
 from allanscope.wire import lattice
 from allanscope.wire.base import WireSettings
-from allanscope.wire.rows import Meaning, Row, Values, nominal_rate
+from allanscope.wire.row import Meaning, Row, Values, nominal_rate
 
 __all__ = ["MilliUnits", "milli_of"]
 

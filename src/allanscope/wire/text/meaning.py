@@ -11,7 +11,7 @@ from allanscope.parts import PARTS, part_named
 from allanscope.samples import AXES, StreamInfo
 from allanscope.wire.base import WireSettings
 from allanscope.wire.pacing import resolution_of
-from allanscope.wire.rows import Meaning, Row, Values, nominal_rate
+from allanscope.wire.row import Meaning, Row, Values, nominal_rate
 from allanscope.wire.text.units import DIVISORS, Quantity, quantity_named
 
 __all__ = ["TextMeaning"]

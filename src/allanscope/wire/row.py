@@ -1,0 +1,120 @@
+"""One row of values, and what rows mean."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.samples import StreamInfo, Ticks
+from allanscope.wire.pacing import period_of
+
+__all__ = ["HELD", "Convert", "Meaning", "Row", "Values", "nominal_rate", "ticks_of", "whole"]
+
+HELD = 25
+"""Rows that are looked at before it is decided what they mean."""
+
+Values = NDArray[np.float64]
+Convert = Callable[[Values], tuple[NDArray[np.generic], NDArray[np.bool_]]]
+
+
+class Row(NamedTuple):
+    """One sample of all axes, as it was sent.
+
+    Attributes
+    ----------
+    values : tuple of float
+        One for each axis of the row, NaN where an axis has none.
+    device_s : float
+        Unwrapped time stamp; NaN without one.
+    host_s : float
+        When it arrived.
+    temperature_c : float
+        NaN without one.
+    damaged_before : bool
+        Whether something unreadable came between this row and the one before.
+    """
+
+    values: tuple[float, ...]
+    device_s: float
+    host_s: float
+    temperature_c: float = math.nan
+    damaged_before: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """What a format makes of its rows.
+
+    Attributes
+    ----------
+    info : StreamInfo
+        What to tell the rest of the program.
+    convert : callable
+        Takes values (n, k) and returns counts (n, axes) and which rows agree with this meaning. A
+        row that does not is damaged, unless there are too many of them.
+    mistaken : callable
+        Takes values of rows that do not agree and returns whether another meaning fits them all.
+    needed : tuple of int
+        Columns without which a row is no sample: where devices print several rates in one table,
+        most rows have empty cells.
+    time_per_second : float
+        By what to divide the times of the rows, where only now their unit is known.
+    remarks : tuple of str
+        What the user should know of how it was decided.
+    """
+
+    info: StreamInfo
+    convert: Convert
+    mistaken: Callable[[Values], bool] = lambda _: False
+    needed: tuple[int, ...] = ()
+    time_per_second: float = 1.0
+    remarks: tuple[str, ...] = ()
+
+
+def nominal_rate(rows: list[Row], usual: tuple[float, ...] = ()) -> float:
+    """Return the rate that rows come at, as the usual one nearest to it if within 6 %; 0 unknown.
+
+    >>> nominal_rate([Row((0.0,), 0.0097 * i, 0.0) for i in range(25)], (52.0, 104.0))
+    104.0
+    """
+    period = period_of([row.device_s for row in rows])
+    if period is None:
+        return 0.0
+    near = [rate for rate in usual if abs(rate * period - 1.0) < 0.06]
+    if near:
+        return min(near, key=lambda rate: abs(rate * period - 1.0))
+    return float(f"{1.0 / period:.4g}")
+
+
+def whole(rows: list[Row], meaning: Meaning) -> list[Row]:
+    """Return the rows that have all that is needed."""
+    needed = list(meaning.needed)
+    if not needed:
+        return rows
+    values = np.array([row.values for row in rows], np.float64)
+    there = np.asarray(np.isfinite(values[:, needed]).all(axis=1)).tolist()
+    if all(there):
+        return rows
+    kept: list[Row] = []
+    damaged = False
+    for row, is_whole in zip(rows, there, strict=True):
+        damaged |= row.damaged_before
+        if is_whole:
+            kept.append(row._replace(damaged_before=damaged))
+            damaged = False
+    return kept
+
+
+def ticks_of(rows: list[Row]) -> Ticks:
+    """Return the times and temperatures of rows; none at all when they have none."""
+    device, host, temperature = np.array(
+        [(row.device_s, row.host_s, row.temperature_c) for row in rows], np.float64
+    ).T.copy()
+    if np.isnan(device).all() and np.isnan(host).all() and np.isnan(temperature).all():
+        return Ticks.none()
+    return Ticks(np.arange(len(rows)), device, host, temperature)

@@ -61,7 +61,19 @@ def print_numbers(result: Explanation) -> None:
     print(f"\nexplained: {axis.explained}")
 
 
-def minutes(
+def print_series(record: Record, result: Explanation) -> None:
+    """Print how much the level still moves when seconds are averaged."""
+    raw, cleaned = record.values[:, 0], result.cleaned["gx"]
+    white = result.axes["gx"].coefficients_after["N"].value
+    print("\n| rms about the mean, in dps | before | after | white noise alone |")
+    print("|---|---|---|---|")
+    for seconds in (1.0, 10.0, 100.0):
+        before, after = (averaged(values, seconds)[1].std() for values in (raw, cleaned))
+        alone = white / seconds**0.5
+        print(f"| {seconds:.0f} s means | {before:.4f} | {after:.4f} | {alone:.4f} |")
+
+
+def averaged(
     values: NDArray[np.float64], seconds: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Average over so many seconds."""
@@ -99,12 +111,12 @@ def draw(record: Record, result: Explanation, folder: Path) -> None:
 
     figure, axes = plt.subplots(2, 1, figsize=(10, 5), sharex=True)
     for panel, values in zip(axes, (raw, cleaned), strict=True):
-        panel.plot(*minutes(values, 5.0), lw=0.7)
+        panel.plot(*averaged(values, 5.0), lw=0.7)
         panel.grid(alpha=0.3, lw=0.4)
         panel.set_ylabel("rate in dps, 5 s means")
     deterministic = raw - cleaned
     shift = raw.mean() - deterministic.mean()
-    axes[0].plot(*minutes(deterministic + shift, 1.0), "k", lw=1)
+    axes[0].plot(*averaged(deterministic + shift, 1.0), "k", lw=1)
     axes[0].set_title("as measured, with the warm-up and the excursions that the loop found")
     axes[1].set(title="without them", xlabel="time in s")
     figure.tight_layout()
@@ -121,6 +133,7 @@ def main() -> None:
     record = read(arguments.recording)
     result = explain(record)
     print_numbers(result)
+    print_series(record, result)
     if arguments.figures:
         draw(record, result, arguments.figures)
 

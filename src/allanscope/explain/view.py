@@ -102,8 +102,13 @@ class View:
 
     @cached_property
     def innovations(self) -> Array:
-        """The data whitened by the noise model, back in time, shape (n,): unit variance."""
-        white = np.concatenate([[0.0], self.ordinates / np.sqrt(self.spectrum.ordinates)])
+        """The data whitened by the noise model, back in time, shape (n,): unit variance.
+
+        What was cut out of the fit is left out here too: a modulated tone is no burst.
+        """
+        kept = self.spectrum.kept
+        white = self.ordinates / np.sqrt(self.spectrum.ordinates * max(kept.mean(), 1e-9))
+        white = np.concatenate([[0.0], white * kept])
         return np.asarray(idct(white, norm="ortho"))
 
     @property

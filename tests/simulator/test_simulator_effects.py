@@ -288,12 +288,12 @@ def test_axes_of_an_effect(text, axes):
         ("step:size=tall", r"size must be a number, got 'tall'"),
         ("step:size=nan", r"size must be a number"),
         ("step:size=1,axis=mx", r"unknown axis 'mx'; axes are gx gy gz ax ay az all gyro accel"),
-        ("step:size=1,time=-3", r"time must be"),
+        ("step:size=1,time=-3", r"time must be at least 0, got -3"),
         ("sinusoid:frequency=0,amplitude=1", r"frequency must be above 0, got 0"),
         ("cross_coupling:slope=1", r"source is missing; it takes source, slope, axis, time"),
         ("cross_coupling:slope=1,source=mx", r"unknown axis 'mx'"),
         ("clock_error:relative=0.1,axis=gx", r"no parameter 'axis'; it takes relative"),
-        ("repeated_samples:fraction=1", r"at most 0.99"),
+        ("repeated_samples:fraction=1", r"fraction must be above 0 and at most 0.99, got 1"),
     ],
 )
 def test_wrong_words_are_answered_in_one_line(text, says):

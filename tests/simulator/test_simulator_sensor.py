@@ -147,6 +147,7 @@ def test_thermometer_holds_its_reading_between_renewals():
         {"part": "LSM9DS1"},
         {"rate": 0.0},
         {"rate": math.nan},
+        {"seed": -1},
         {"gyro_fs": 300.0},
         {"accel_fs": 3.0},
         {"axes": ()},

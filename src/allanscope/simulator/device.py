@@ -32,7 +32,9 @@ class Device:
     """The simulated SensorTile, plugged in.
 
     Its clock starts when a host opens the port for the first time, or writes to it. From then on
-    it is a board with a battery: pulled out, closed or not read, it measures on.
+    it is a board with a battery: pulled out, closed or not read, it measures on. The ledger is
+    exact as long as a host that closes the port stays away for some 20 ms: one that closes and
+    opens within that time throws away what it has not read, and is not seen to do so.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "accel": AXES[3:],
 }
 DEFAULT_AXIS = "gx"
-TIME = Parameter("s", "from the start of the record, from which the effect acts", 0.0, above=-1e-9)
+TIME = Parameter("s", "from the start of the record, from which the effect acts", 0.0, least=0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from allanscope.simulator.grammar import Parameter, check_names, number, split_s
 
 __all__ = ["FAULT_KINDS", "FaultKind", "FaultSpec", "fault_help", "parse_fault"]
 
-RATE_BYTES = Parameter("1/byte", "mean number per byte sent", 0.0, above=-1e-300, most=0.1)
-RATE_SECONDS = Parameter("1/s", "mean number per second", 0.0, above=-1e-300, most=10.0)
+RATE_BYTES = Parameter("1/byte", "mean number per byte sent", 0.0, least=0.0, most=0.1)
+RATE_SECONDS = Parameter("1/s", "mean number per second", 0.0, least=0.0, most=10.0)
 AT = Parameter("s", "once, at this device time", -1.0)
 
 

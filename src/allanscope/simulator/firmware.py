@@ -87,6 +87,8 @@ class Firmware:
         self.epoch = int(stream(seed, "epoch").integers(1 << 16))
         self.plugged = True
         self._encoder = format_named(wire).encoder()
+        # All other formats send each sample by itself; a unit must be one frame, so that a fault
+        # on the line destroys exactly the samples that the ledger names.
         self._one_sample_a_frame = wire != "native"
         self._ring = Ring(ring_bytes)
         self._line = Line(self._ring, LineNoise(faults, rng), self.ledger)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from allanscope.errors import UsageError
 
-__all__ = ["Parameter", "number", "split_spec"]
+__all__ = ["Parameter", "check_names", "number", "split_spec"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +23,8 @@ class Parameter:
         One line.
     default : float or None
         None when it must be given.
-    above : float
-        Lower limit, exclusive.
+    above, least : float
+        Lower limit, exclusive and inclusive.
     most : float
         Upper limit, inclusive.
     """
@@ -33,6 +33,7 @@ class Parameter:
     meaning: str
     default: float | None = None
     above: float = -math.inf
+    least: float = -math.inf
     most: float = math.inf
 
 
@@ -80,11 +81,10 @@ def number(where: str, name: str, value: object, limits: Parameter) -> float:
         result = math.nan
     if not math.isfinite(result):
         raise UsageError(f"{where}: {name} must be a number, got {value!r}")
-    if not limits.above < result <= limits.most:
-        bounds = f"above {limits.above:g}" if math.isfinite(limits.above) else ""
-        if math.isfinite(limits.most):
-            bounds += f"{' and ' if bounds else ''}at most {limits.most:g}"
-        raise UsageError(f"{where}: {name} must be {bounds}, got {result:g}")
+    if not (limits.above < result and limits.least <= result <= limits.most):
+        bounds = {"above": limits.above, "at least": limits.least, "at most": limits.most}
+        words = (f"{word} {bound:g}" for word, bound in bounds.items() if math.isfinite(bound))
+        raise UsageError(f"{where}: {name} must be {' and '.join(words)}, got {result:g}")
     return result
 
 

@@ -104,6 +104,8 @@ class Simulator:
         known = part_named(part)
         if not 0.0 < rate <= 1e6:
             raise UsageError(f"a sample rate of {rate:g} Hz makes no sense")
+        if seed < 0:
+            raise UsageError(f"a seed is 0 or more, not {seed}")
         if not axes or not set(axes) <= set(AXES):
             raise UsageError(f"axes {axes!r} do not exist; choose from {' '.join(AXES)}")
         self.truth = Truth.typical(known.name, seed) if truth is None else truth

@@ -52,7 +52,7 @@ class AxisTruth:
 
     def __post_init__(self) -> None:
         for name in ("N", "B", "K", "Q"):
-            number("truth", name, getattr(self, name), Parameter("", "", above=-1e-300))
+            number("truth", name, getattr(self, name), Parameter("", "", least=0.0))
 
 
 @dataclass(frozen=True, slots=True)

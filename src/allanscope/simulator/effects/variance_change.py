@@ -42,7 +42,7 @@ KIND = EffectKind(
     parameters={
         "intervals": Parameter("1", "number of noisy stretches", above=0.0),
         "ratio": Parameter("1", "of the standard deviations", default=2.0, above=0.0),
-        "length": Parameter("s", "of each; 0 for a quarter of its share", default=0.0),
+        "length": Parameter("s", "of each; 0 for a quarter of its share", 0.0, least=0.0),
     },
     set_up=_set_up,
 )

@@ -13,7 +13,9 @@ from allanscope.noise.components import (
 )
 from allanscope.noise.covariance import deviation_covariance
 from allanscope.noise.crlb import relative_bounds
-from allanscope.noise.gls import fit_curve, gls_chi2, half_octaves
+from allanscope.noise.curve_fit import fit_curve
+from allanscope.noise.gls import gls_chi2
+from allanscope.noise.log_curve import half_octaves
 from allanscope.noise.model import NoiseModel
 
 DT = 0.25

@@ -255,6 +255,31 @@ def test_real_gyro_with_an_undeclared_warm_up():
     assert fit.p_value < 1e-6
 
 
+ODD = {
+    "a ramp": lambda n, _: np.arange(n) * 1.0,
+    "a step": lambda n, _: np.where(np.arange(n) < n // 2, 0.0, 1.0),
+    "a spike": lambda n, _: np.where(np.arange(n) == n // 3, 1e6, 0.0),
+    "plus and minus": lambda n, _: (-1.0) ** np.arange(n),
+    "a line": lambda n, _: np.sin(0.3 * np.arange(n)),
+    "a walk of walks": lambda n, rng: np.cumsum(np.cumsum(rng.standard_normal(n))),
+    "two codes": lambda n, rng: np.round(0.2 * rng.standard_normal(n) + 0.4),
+    "wild outliers": lambda n, rng: rng.standard_cauchy(n),
+    "noise on a large offset": lambda n, rng: 1e8 + rng.standard_normal(n),
+    "smoothed noise": lambda n, rng: np.convolve(rng.standard_normal(n), np.hanning(30), "same"),
+}
+
+
+@pytest.mark.parametrize("n", [16, 100, 3000])
+@pytest.mark.parametrize("name", ODD)
+def test_odd_records_give_finite_numbers_without_a_warning(name, n, rng):
+    samples = ODD[name](n, rng)[:n]
+    for lsb in (None, 1.0):
+        fit = fit_array(samples, RATE, lsb=lsb, part=part_named("LSM6DSL"))
+        for found in fit.coefficients.values():
+            assert np.isfinite([found.value, found.upper]).all()
+            assert 0 <= found.lower <= found.value <= found.upper
+
+
 @pytest.mark.parametrize(
     ("values", "words"),
     [

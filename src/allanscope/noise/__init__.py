@@ -10,9 +10,10 @@
 
 `components/` holds what noise can be, one part a file, exact in discrete time. `ordinates` and
 `evidence` make the data independent, `whittle` and `scoring` find the most likely numbers, `drift`
-and `selection` decide what else the data demand, `bias` and `profile` turn the maximum into
-estimates and intervals, and `fit` puts it all together. `crlb` says how well any of it can be
-known, `gls` and `covariance` judge a model by the Allan curve, `whiteness` by the spectrum.
+and `selection` decide what else the data demand, `bias`, `profile` and `estimates` turn the maximum
+into coefficients with intervals, and `fit` puts it all together. `crlb` says how well any of it can
+be known; `gls`, `log_curve` and `covariance` judge a model by the Allan curve, `curve_fit` fits one
+to it, and `whiteness` looks at the spectrum.
 """
 
 from importlib import import_module
@@ -22,8 +23,9 @@ if TYPE_CHECKING:
     from allanscope.noise.best_averaging import find_best_averaging
     from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
     from allanscope.noise.crlb import relative_bounds, wait_until
+    from allanscope.noise.curve_fit import fit_curve
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
-    from allanscope.noise.gls import CurveResidual, fit_curve, gls_chi2
+    from allanscope.noise.gls import CurveResidual, gls_chi2
     from allanscope.noise.model import NoiseModel
     from allanscope.noise.quantised import Lattice, lattice_of
     from allanscope.noise.whittle import loglik
@@ -56,7 +58,7 @@ _HOME = {
     "NoiseModel": "model",
     "find_best_averaging": "best_averaging",
     "fit_array": "fit",
-    "fit_curve": "gls",
+    "fit_curve": "curve_fit",
     "fit_noise": "fit",
     "CurveResidual": "gls",
     "gls_chi2": "gls",

@@ -20,6 +20,8 @@ __all__ = ["ExponentialCovariance"]
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]
 
+_AT_ONCE = 50.0
+"""exp(-this) is nothing in double precision."""
 _FORGOTTEN = 15.0
 """exp(-this) is a correlation that a mean over so many samples may forget beyond its neighbour."""
 
@@ -44,6 +46,11 @@ class ExponentialCovariance:
     rates: tuple[complex, ...]
     delta: float = 0.0
     neighbour: float = 0.0
+
+    def __post_init__(self) -> None:
+        # What is forgotten within one sample is white, however soon; its sinh would overflow.
+        rates = tuple(complex(min(rate.real, _AT_ONCE), rate.imag) for rate in self.rates)
+        object.__setattr__(self, "rates", rates)
 
     @classmethod
     def second_order(cls, natural: float, damping: float) -> ExponentialCovariance:

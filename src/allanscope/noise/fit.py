@@ -20,18 +20,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.history import Record
-from allanscope.noise.bias import bias_reduced
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import BandLimitedWhite, Ramp, Rounding
-from allanscope.noise.crlb import wait_until
-from allanscope.noise.drift import Drift, fit_drift
+from allanscope.noise.drift import fit_drift
+from allanscope.noise.estimates import Estimates, ramp_coefficient
 from allanscope.noise.evidence import evidence_of, plain, stretches_of
 from allanscope.noise.model import NoiseModel
 from allanscope.noise.ordinates import Evidence
-from allanscope.noise.profile import profile_interval
 from allanscope.noise.quantised import on_lattice
 from allanscope.noise.scoring import WhittleFit
-from allanscope.noise.selection import quantization_score, select, start
+from allanscope.noise.selection import select, start
 from allanscope.noise.whiteness import Bands, whitened
 from allanscope.noise.whittle import Likelihood
 from allanscope.parts import Part
@@ -42,19 +40,12 @@ __all__ = ["NoiseFit", "fit_array", "fit_noise"]
 
 Array = NDArray[np.float64]
 
-_DETECTED = 9.55
-"""Twice the nats against zero: 1 in 1000 of half a chi-square with one degree of freedom."""
 _RAMP_DETECTED = 12.0
-"""The same for a ramp, of either sign, with K fitted beside it: below 1 in 1000 by simulation."""
-_NORMAL = 0.03
-"""Relative standard deviation below which the profile is as good as normal."""
-_KNOWN = 0.2
-"""Relative standard deviation at which a coefficient counts as known."""
+"""Twice the nats for a ramp, with K fitted beside it: below 1 in 1000 by simulation."""
 _SURE = 50.0
 """Degrees of freedom from which the power of a band is compared with that of rounding."""
 _STOP_BAND = 0.05
 """Response of a low-pass below which a frequency is left out of the fit."""
-_Z = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -218,11 +209,11 @@ def _fit(
         likelihood, fit = Likelihood(drift.evidence), drift.fit
     fit = select(likelihood, fit, cutoffs, 0.5 / dt)
     likelihood, fit = _without_stop_band(likelihood, fit, dt)
-    estimates = _Estimates(likelihood, fit, dt, duration, unit)
+    estimates = Estimates(likelihood, fit, dt, duration, unit)
     coefficients = {
         "Q": estimates.quantization(),
         **{name: estimates.coefficient(name) for name in "NBK"},
-        "R": _ramp_coefficient(drift, ramp, duration, unit),
+        "R": ramp_coefficient(drift, ramp, duration, unit),
     }
     slope = drift.slope if drift is not None and ramp else 0.0
     components = (*fit.components, *((Ramp(abs(slope)),) if slope else ()))
@@ -258,69 +249,6 @@ def _carries_rounding(likelihood: Likelihood, lsb: float) -> bool:
     bands = whitened(likelihood.evidence, likelihood.column(Rounding(lsb)))
     sure = bands.dof > _SURE
     return bool(np.all(bands.ratio[sure] > 1 - 4 * np.sqrt(2 / bands.dof[sure])))
-
-
-class _Estimates:
-    """Coefficients of one fit."""
-
-    def __init__(
-        self, likelihood: Likelihood, fit: WhittleFit, dt: float, duration: float, unit: str
-    ) -> None:
-        self.likelihood, self.fit = likelihood, fit
-        self.dt, self.duration, self.unit = dt, duration, unit
-        self.spread = fit.relative_sd()
-        self.reduced = bias_reduced(likelihood, fit)
-
-    def coefficient(self, name: str) -> Coefficient:
-        """Return a coefficient that was fitted."""
-        index = self.fit.index(name)
-        assert index is not None
-        free = self.fit.free[index]
-        quantity = self.fit.components[free.component].quantities[free.quantity]
-        value = self.reduced[free.component].values[free.quantity]
-        spread = float(self.spread[index])
-        if spread < _NORMAL:
-            lower, upper = value * np.exp(-_Z * spread), value * np.exp(_Z * spread)
-            detected = True
-        else:
-            interval = profile_interval(self.likelihood, self.fit, index)
-            lower, upper = min(interval.lower, value), max(interval.upper, value)
-            detected = interval.against_zero > _DETECTED
-            if not detected:
-                lower = 0.0
-        known = detected and upper - lower < 2 * _Z * _KNOWN * value
-        return Coefficient(
-            value=float(value),
-            lower=float(lower),
-            upper=float(upper),
-            unit=quantity.unit.format(unit=self.unit),
-            detected=detected,
-            wait_s=None if known else self._wait(name),
-        )
-
-    def quantization(self) -> Coefficient:
-        """Return Q: fitted where it was selected, else the limit that its score sets."""
-        if self.fit.index("Q") is not None:
-            return self.coefficient("Q")
-        score = quantization_score(self.likelihood, self.fit)
-        return Coefficient(score.value, 0.0, score.upper, f"{self.unit}*s", detected=False)
-
-    def _wait(self, name: str) -> float | None:
-        wait = wait_until(self.reduced, self.dt, self.duration, name, _KNOWN)
-        return wait if wait else None
-
-
-def _ramp_coefficient(
-    drift: Drift | None, detected: bool, duration: float, unit: str
-) -> Coefficient:
-    if drift is None:
-        return Coefficient(0.0, 0.0, np.inf, f"{unit}/s", detected=False)
-    value = abs(drift.slope)
-    lower, upper = drift.interval
-    relative = drift.half_width / _Z / value if value else np.inf
-    # The slope is limited by the random walk: its error falls as 1 / sqrt(time).
-    wait = duration * ((relative / _KNOWN) ** 2 - 1) if detected and relative > _KNOWN else None
-    return Coefficient(value, lower if detected else 0.0, upper, f"{unit}/s", detected, wait)
 
 
 def _remarks(coefficients: Mapping[str, Coefficient], fit: WhittleFit) -> tuple[str, ...]:

@@ -1,34 +1,32 @@
 """The metrologist's chi-square: an Allan curve against a model, with the full covariance.
 
-Log-deviations are compared because their errors hardly depend on the level. With few degrees of
-freedom nu the logarithm of an estimate is biased by psi(nu/2) - ln(nu/2) and has the variance
-psi'(nu/2); both are taken into account. The points of a curve are so correlated that a hundred of
+Log-deviations are compared (`log_curve`). The points of a curve are so correlated that a hundred of
 them hold the information of nine: a chi-square that ignores it calls one right model in four wrong
 at the 5 % level. Half an octave between taus is enough.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, digamma, gammaln, polygamma
+from scipy.special import chdtrc, gammaln
 
 from allanscope.allan.deviation import Deviation
-from allanscope.noise.components import Component
-from allanscope.noise.covariance import deviation_covariance, family_of
+from allanscope.noise.log_curve import (
+    LONGEST,
+    half_octaves,
+    log_bias,
+    log_covariance,
+    samples,
+    whitener,
+)
 from allanscope.noise.model import NoiseModel
 
-__all__ = ["CurveFit", "CurveResidual", "fit_curve", "gls_chi2", "half_octaves"]
+__all__ = ["CurveResidual", "gls_chi2"]
 
 Array = NDArray[np.float64]
-
-_LONGEST = 3
-"""Shortest run, in units of the longest window, of which a point is used."""
-_SMALLEST = 1e-9
-"""Eigenvalues of the correlation below this part of the largest carry no information."""
 
 
 @dataclass(frozen=True)
@@ -97,18 +95,18 @@ def gls_chi2(
     """
     if deviation.deviation.ndim != 1:
         raise ValueError("compare one axis at a time: take deviation.axis(column)")
-    n = n or _samples(deviation)
-    pick = half_octaves(deviation.m, n // _LONGEST)
+    n = n or samples(deviation)
+    pick = half_octaves(deviation.m, n // LONGEST)
     pick = pick[np.isfinite(deviation.deviation[pick]) & (deviation.deviation[pick] > 0)]
     if len(pick) == 0:
         raise ValueError("the curve has no tau below a third of the run")
     m = deviation.m[pick]
     expected = model.variance(deviation.kind, m)
-    correlated, edf = _log_covariance(model, deviation.kind, m, n, expected)
+    correlated, edf = log_covariance(model, deviation.kind, m, n, expected)
     ratio = deviation.deviation[pick] ** 2 / expected
-    residual = np.log(ratio) - _log_bias(edf)
-    whitened, rank = _whitener(correlated)
-    chi2 = float(np.sum((whitened @ residual) ** 2))
+    residual = np.log(ratio) - log_bias(edf)
+    whiten, rank = whitener(correlated)
+    chi2 = float(np.sum((whiten @ residual) ** 2))
     if fitted is None:
         fitted = sum(value > 0 for part in model for value in part.values)
     dof = max(1, rank - fitted)
@@ -127,143 +125,12 @@ def gls_chi2(
     )
 
 
-@dataclass(frozen=True)
-class CurveFit:
-    """Amplitudes fitted to a curve.
-
-    Attributes
-    ----------
-    components : tuple of Component
-        With their fitted amplitudes.
-    relative_sd : ndarray, shape (p,)
-        Relative standard deviation of each amplitude, all fitted together.
-    residual : CurveResidual
-        Of the curve against them.
-    """
-
-    components: tuple[Component, ...]
-    relative_sd: Array
-    residual: CurveResidual
-
-
-def fit_curve(
-    deviation: Deviation, components: Iterable[Component], dt: float, *, n: int | None = None
-) -> CurveFit:
-    """Fit the amplitudes of components to a curve by generalised least squares on its logarithm.
-
-    As efficient as the likelihood of the spectrum for N, B and K, and independent of its
-    machinery: the second opinion.
-
-    Parameters
-    ----------
-    deviation : Deviation
-        One axis; ``oadev``, ``ohdev`` or ``mdev``.
-    components : iterable of Component
-        Each with one amplitude, first among its values; where the search starts.
-    dt : float
-        Time between samples in s.
-    n : int, optional
-        Samples in the run.
-    """
-    family_of(deviation.kind)
-    parts = tuple(components)
-    n = n or _samples(deviation)
-    pick = half_octaves(deviation.m, n // _LONGEST)
-    m, measured = deviation.m[pick], deviation.deviation[pick] ** 2
-    units = [replace_amplitude(part, 1.0) for part in parts]
-    basis = np.column_stack([NoiseModel((unit,), dt).variance(deviation.kind, m) for unit in units])
-    log_power = np.log([max(part.values[0], 1e-12) ** 2 for part in parts])
-    jacobian = whitener = np.empty((0, 0))
-    for _ in range(3):
-        current = [
-            replace_amplitude(u, float(np.exp(x / 2)))
-            for u, x in zip(units, log_power, strict=True)
-        ]
-        expected = basis @ np.exp(log_power)
-        model = NoiseModel(tuple(current), dt)
-        correlated, edf = _log_covariance(model, deviation.kind, m, n, expected)
-        whitener, _ = _whitener(correlated)
-        target = np.log(measured) - _log_bias(edf)
-        log_power, jacobian = _gauss_newton(basis, whitener, target, log_power)
-    amplitudes = np.exp(log_power / 2)
-    fitted = tuple(replace_amplitude(u, float(a)) for u, a in zip(units, amplitudes, strict=True))
-    # The Jacobian is by the logarithm of the power, twice that of the amplitude.
-    spread = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian, hermitian=True))) / 2
-    return CurveFit(fitted, spread, gls_chi2(deviation, NoiseModel(fitted, dt), n=n))
-
-
-def half_octaves(m: NDArray[np.int64], longest: int) -> NDArray[np.int64]:
-    """Return the indices of the averaging factors nearest to half octaves, up to `longest`.
-
-    >>> half_octaves(np.array([1, 2, 3, 4, 5, 6, 7, 8, 16, 100]), 50)
-    array([0, 1, 2, 3, 5, 7, 8])
-    """
-    if len(m) == 0 or longest < m[0]:
-        return np.empty(0, np.int64)
-    wanted = 2.0 ** (np.arange(0, 2 * np.log2(longest) + 1e-9) / 2)
-    nearest = np.abs(np.log(m)[:, np.newaxis] - np.log(wanted)).argmin(axis=0)
-    close = np.abs(np.log2(m[nearest] / wanted)) < 0.25
-    picked = np.unique(nearest[close])
-    return np.asarray(picked[m[picked] <= longest], np.int64)
-
-
-def replace_amplitude(component: Component, amplitude: float) -> Component:
-    """Return a component with its first value replaced."""
-    return component.with_values((amplitude, *component.values[1:]))
-
-
-def _gauss_newton(
-    basis: Array, whitener: Array, target: Array, log_power: Array
-) -> tuple[Array, Array]:
-    jacobian = whitener @ basis
-    for _ in range(50):
-        share = basis * np.exp(log_power)
-        total = share.sum(axis=1)
-        jacobian = whitener @ (share / total[:, np.newaxis])
-        residual = whitener @ (target - np.log(total))
-        normal = jacobian.T @ jacobian + 1e-9 * np.eye(len(log_power))
-        step = np.clip(np.linalg.solve(normal, jacobian.T @ residual), -1.0, 1.0)
-        log_power = np.maximum(log_power + step, -80.0)
-        if float(np.max(np.abs(step))) < 1e-6:
-            break
-    return log_power, jacobian
-
-
-def _log_covariance(
-    model: NoiseModel, kind: str, m: NDArray[np.int64], n: int, expected: Array
-) -> tuple[Array, Array]:
-    """Return the covariance of log-variances, and the degrees of freedom of each."""
-    relative = deviation_covariance(model, kind, m, n) / np.outer(expected, expected)
-    edf = 2 / np.diag(relative)
-    scale = np.sqrt(polygamma(1, edf / 2) * edf / 2)
-    return relative * np.outer(scale, scale), edf
-
-
 def _left_over(
     model: NoiseModel, kind: str, m: NDArray[np.int64], expected: Array, covariance: Array
 ) -> Array:
     """Return the part of each variance that a fit of the amplitudes leaves in the residual."""
     shares = [part / expected for part in model.components_at(kind, m)]
     basis = np.column_stack([share for share in shares if np.any(share > 0)])
-    whitener, _ = _whitener(covariance)
-    absorbed = basis @ np.linalg.pinv(whitener @ basis) @ whitener @ covariance
+    whiten, _ = whitener(covariance)
+    absorbed = basis @ np.linalg.pinv(whiten @ basis) @ whiten @ covariance
     return np.asarray(np.clip(1 - np.diag(absorbed) / np.diag(covariance), 0.0, 1.0))
-
-
-def _log_bias(edf: Array) -> Array:
-    return np.asarray(digamma(edf / 2) - np.log(edf / 2))
-
-
-def _whitener(covariance: Array) -> tuple[Array, int]:
-    """Return a matrix that makes residuals independent and of unit variance, and its rank."""
-    sd = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(sd, sd))
-    keep = values > _SMALLEST * values[-1]
-    rows = (vectors[:, keep] / np.sqrt(values[keep])).T / sd
-    return rows, int(np.count_nonzero(keep))
-
-
-def _samples(deviation: Deviation) -> int:
-    """Return the samples in the run, from the terms at the shortest tau."""
-    span = family_of(deviation.kind).span
-    return int(deviation.terms[0] + span * deviation.m[0] - 1)

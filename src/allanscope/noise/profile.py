@@ -57,13 +57,14 @@ def profile_interval(likelihood: Likelihood, fit: WhittleFit, index: int) -> Int
         Which of `fit.free`.
     """
     free = fit.free[index]
-    is_shape = fit.components[free.component].quantities[free.quantity].role == "shape"
+    quantity = fit.components[free.component].quantities[free.quantity]
+    is_shape = quantity.role == "shape"
 
     def lost(value: float) -> float:
         """Twice the nats lost with the number held at a value."""
         components = list(fit.components)
         values = list(components[free.component].values)
-        values[free.quantity] = value
+        values[free.quantity] = float(np.clip(value, quantity.lower, quantity.upper))
         components[free.component] = components[free.component].with_values(values)
         held = likelihood.maximise(components, held={free})
         return 2 * (fit.log_likelihood - held.log_likelihood)

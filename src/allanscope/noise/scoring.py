@@ -167,7 +167,8 @@ class Search:
 
     def _at(self, point: Array) -> tuple[Component, ...]:
         values = [list(component.values) for component in self.start]
-        numbers = np.where(self.shape, np.exp(np.where(self.shape, point, 0.0)), np.sqrt(point))
+        shapes, squares = np.where(self.shape, point, 0.0), np.where(self.shape, 0.0, point)
+        numbers = np.where(self.shape, np.exp(shapes), np.sqrt(squares))
         for free, number in zip(self.free, numbers, strict=True):
             values[free.component][free.quantity] = float(number)
         return tuple(c.with_values(v) if v else c for c, v in zip(self.start, values, strict=True))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from itertools import pairwise
 
 import numpy as np
@@ -300,6 +302,18 @@ def test_wrong_words_are_answered_in_one_line(text, says):
     with pytest.raises(UsageError, match=says) as caught:
         parse_effect(text)
     assert "\n" not in str(caught.value)
+
+
+def test_reading_the_words_imports_nothing_heavy():
+    program = (
+        "import sys; from allanscope.simulator import parse_effect, parse_fault;"
+        "parse_effect('step:size=1'); parse_fault('reset:at=1');"
+        "print(sorted({'numba', 'scipy', 'serial'} & set(sys.modules)))"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert said.stdout.strip() == "[]"
 
 
 def test_a_cutoff_above_half_the_rate_is_refused():

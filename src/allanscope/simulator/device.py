@@ -201,8 +201,8 @@ class Device:
             if firmware.would_drop or math.isinf(firmware.next_s):
                 break
             self._pass_time(firmware.next_s)
-        blocked = self._write()
-        return SHORTEST_WAIT_S if blocked or firmware.would_drop else 0.0
+        blocked = self._write() or firmware.would_drop
+        return SHORTEST_WAIT_S if blocked or math.isinf(firmware.next_s) else 0.0
 
     def _pass_time(self, until_s: float) -> None:
         plugged = self._firmware.plugged

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt
 
 from allanscope.errors import UsageError
 from allanscope.simulator.effects.base import Apply, EffectKind, Parameter, Scene, Setting
@@ -21,6 +20,8 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
     It acts on the sensor's own noise (N, B, K) and on nothing that is added as an effect, so that
     an amplitude is always that of the record. N is the level below the cutoff.
     """
+    from scipy.signal import butter, sosfilt
+
     cutoff = parameters["cutoff"]
     if cutoff >= setting.rate_hz / 2.0:
         raise UsageError(

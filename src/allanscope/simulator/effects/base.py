@@ -124,6 +124,9 @@ Apply = Callable[[NDArray[Any], Scene], None]
 class EffectKind:
     """One kind of effect; every module of this package holds one, named ``KIND``.
 
+    The modules are read whenever the words of the command line are, so heavy imports belong into
+    `set_up`.
+
     Attributes
     ----------
     name : str

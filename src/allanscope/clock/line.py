@@ -1,0 +1,193 @@
+"""A straight line through the earliest arrivals, robust against stalls and steps, with its error.
+
+Numbers n and times t obey t = t0 + n T + e, with a t0 of its own for every segment and one period T
+for all. The remaining delays e are small, never far below the line, sometimes far above it, and
+neighbours may be alike, because polling and sampling beat against each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+__all__ = ["LineFit", "fit_line"]
+
+Floats = NDArray[np.float64]
+
+FEWEST_ROWS = 6
+SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 1e-7, 1e5
+STEP_ROWS = 4
+STEP_SIGMAS = 8.0
+STEP_S = 0.05
+OUTLIER_SIGMAS = 4.0
+LAG_SHARE = 0.25
+FIXED_LAG_WIDENING = 2.72 / 1.96
+"""Critical value at 97.5 % for lags up to a quarter of the points, over that of a normal."""
+
+MAD_TO_SIGMA = 1.4826
+TIGHTEST_S = 1e-7
+"""No clock is read more finely than this; residuals below are rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineFit:
+    """A rate, and how well it is known.
+
+    Attributes
+    ----------
+    hz : float
+        Samples per second of the clock that gave the times.
+    relative_sigma : float
+        Standard deviation of `hz`, relative.
+    residual_s : float
+        Standard deviation of the arrivals about the line, in seconds.
+    span_s : float
+        Time covered.
+    drift_per_h, drift_sigma_per_h : float
+        Relative change of the rate in an hour, and its standard deviation; NaN when the run is too
+        short to tell.
+    steps : int
+        Places at which the line was broken because the delay changed for good.
+    """
+
+    hz: float
+    relative_sigma: float
+    residual_s: float
+    span_s: float
+    drift_per_h: float
+    drift_sigma_per_h: float
+    steps: int
+
+
+def fit_line(
+    index: NDArray[np.int64], time_s: Floats, segment: NDArray[np.int64], resolution_s: float
+) -> LineFit | None:
+    """Fit one rate to several stretches of numbers and times.
+
+    Parameters
+    ----------
+    index, time_s, segment : ndarray, shape (k,)
+        Sample numbers, their times in seconds, and the stretch that each belongs to, ascending.
+    resolution_s : float
+        Step of the time stamps. A phase that creeps through one step cannot be told from a rate,
+        so the rate is never known better than a step over the span, uniformly distributed.
+
+    Returns
+    -------
+    LineFit or None
+        None while there are too few points, or while they show no progress.
+    """
+    if len(index) < FEWEST_ROWS:
+        return None
+    x = (index - index[0]).astype(np.float64)
+    y = time_s - time_s[0]
+    period_s = _typical_period(x, y, segment)
+    if not SHORTEST_PERIOD_S < period_s < LONGEST_PERIOD_S:
+        return None
+    stretch = _split_at_steps(y - period_s * x, segment)
+    steps = int(stretch[-1] + 1 - len(np.unique(segment)))
+    kept = np.ones(len(x), bool)
+    for _ in range(4):
+        xc, yc = _centred(x, stretch, kept), _centred(y, stretch, kept)
+        sxx = float(xc[kept] @ xc[kept])
+        if sxx <= 0.0:
+            return None
+        period_s = float(xc[kept] @ yc[kept]) / sxx
+        residual = yc - period_s * xc
+        kept = _inliers(residual)
+    freedom = int(kept.sum()) - len(np.unique(stretch[kept])) - 1
+    if freedom < 3 or not SHORTEST_PERIOD_S < period_s < LONGEST_PERIOD_S:
+        return None
+    residual, xc = residual[kept], xc[kept]
+    span_s = float(np.ptp(x[kept])) * period_s
+    slope_sigma = _slope_sigma(xc, residual, freedom)
+    floor = resolution_s / np.sqrt(12.0) / span_s
+    drift, drift_sigma = _drift(xc, residual, stretch[kept], freedom)
+    return LineFit(
+        hz=1.0 / period_s,
+        relative_sigma=float(np.hypot(slope_sigma / period_s, floor)),
+        residual_s=float(np.sqrt(residual @ residual / freedom)),
+        span_s=span_s,
+        drift_per_h=drift / period_s**2 * -3600.0,
+        drift_sigma_per_h=drift_sigma / period_s**2 * 3600.0,
+        steps=steps,
+    )
+
+
+def _typical_period(x: Floats, y: Floats, segment: NDArray[np.int64]) -> float:
+    """Median of slopes over so short a part of the run that most of them span no stall or step."""
+    _, inverse, count = np.unique(segment, return_inverse=True, return_counts=True)
+    lag = max(1, min(len(x) // 8, int(np.median(count[inverse])) // 2))
+    same = segment[lag:] == segment[:-lag]
+    dx, dy = (x[lag:] - x[:-lag])[same], (y[lag:] - y[:-lag])[same]
+    moved = dx > 0.0
+    return float(np.median(dy[moved] / dx[moved])) if moved.any() else 0.0
+
+
+def _split_at_steps(residual: Floats, segment: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the stretches between steps, numbered: at a step the medians of both sides differ.
+
+    Only what changes within a few windows counts, so a rate that drifts is no step.
+    """
+    breaks = np.diff(segment, prepend=segment[0]) != 0
+    if len(residual) >= 4 * STEP_ROWS:
+        medians = np.median(sliding_window_view(residual, STEP_ROWS), axis=1)
+        jump = medians[STEP_ROWS:] - medians[:-STEP_ROWS]
+        whole = segment[2 * STEP_ROWS - 1 :] == segment[: 1 - 2 * STEP_ROWS]
+        if whole.sum() >= 2 * STEP_ROWS:
+            size = np.where(whole, np.abs(jump - np.median(jump[whole])), 0.0)
+            limit = max(STEP_SIGMAS * MAD_TO_SIGMA * float(np.median(size[whole])), STEP_S)
+            while size.max() > limit:
+                at = int(size.argmax())
+                breaks[at + STEP_ROWS] = True
+                size[max(0, at - STEP_ROWS) : at + STEP_ROWS + 1] = 0.0
+    return np.cumsum(breaks)
+
+
+def _centred(values: Floats, stretch: NDArray[np.int64], kept: NDArray[np.bool_]) -> Floats:
+    """Subtract from every stretch the mean of what is kept of it."""
+    weight = kept.astype(np.float64)
+    count = np.maximum(np.bincount(stretch, weight), 1.0)
+    mean: Floats = np.bincount(stretch, weight * values) / count
+    return values - mean[stretch]
+
+
+def _inliers(residual: Floats) -> NDArray[np.bool_]:
+    middle = np.median(residual)
+    sigma = MAD_TO_SIGMA * float(np.median(np.abs(residual - middle)))
+    return np.abs(residual - middle) <= OUTLIER_SIGMAS * max(sigma, TIGHTEST_S)
+
+
+def _slope_sigma(xc: Floats, residual: Floats, freedom: int) -> float:
+    """Return the sigma of a slope whose residuals may be correlated over much of the run.
+
+    Lags up to a quarter of the points are taken in, with linearly falling weights. So wide a window
+    scatters, which the critical values of Kiefer and Vogelsang (Econometric Theory 21, 2005) allow
+    for. Never less than what uncorrelated residuals would give.
+    """
+    score = xc * residual
+    longest = max(1, round(LAG_SHARE * len(score)))
+    lags = np.arange(1, longest)
+    products = np.correlate(score, score, "full")[len(score) - 1 :]
+    total = products[0] + 2.0 * float((1.0 - lags / longest) @ products[1:longest])
+    sxx = float(xc @ xc)
+    few = len(score) / (freedom - 2.0)
+    white = float(residual @ residual) / freedom / sxx
+    return float(np.sqrt(max(FIXED_LAG_WIDENING**2 * total * few / sxx**2, white)))
+
+
+def _drift(
+    xc: Floats, residual: Floats, stretch: NDArray[np.int64], freedom: int
+) -> tuple[float, float]:
+    """Change of the period with the sample number, twice the quadratic term, and its sigma."""
+    everything = np.ones(len(xc), bool)
+    bend = _centred(xc**2, stretch, everything)
+    bend -= xc * float(xc @ bend) / float(xc @ xc)
+    if freedom < 8 or not float(bend @ bend) > 0.0:
+        return np.nan, np.nan
+    quadratic = float(bend @ residual) / float(bend @ bend)
+    sigma = _slope_sigma(bend, residual - quadratic * bend, freedom - 1)
+    return 2.0 * quadratic, 2.0 * sigma

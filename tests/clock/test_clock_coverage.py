@@ -1,0 +1,90 @@
+"""The stated uncertainty holds: over many streams the truth lies where it should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from allanscope.clock import Clock
+
+from .conftest import stream
+
+STREAMS = 40
+
+
+@pytest.mark.parametrize(
+    ("nominal_hz", "frame", "duration_s", "poll_s", "useful_ppm"),
+    [
+        (104.0, 1, 10.0, 16e-3, 120.0),
+        (104.0, 1, 60.0, 0.0, 6.0),
+        (104.0, 2, 60.0, 1e-3, 6.0),
+        (104.0, 1, 60.0, 16e-3, 12.0),
+        (6660.0, 16, 10.0, 16e-3, 60.0),
+        (6660.0, 16, 60.0, 1e-3, 6.0),
+        (26.0, 1, 60.0, 16e-3, 15.0),
+    ],
+)
+def test_two_sigma_cover_the_truth_and_are_useful(
+    nominal_hz: float, frame: int, duration_s: float, poll_s: float, useful_ppm: float
+) -> None:
+    errors, sigmas = [], []
+    for seed in range(STREAMS):
+        one = stream(seed, nominal_hz, duration_s, frame=frame, poll_s=poll_s)
+        clock = Clock(nominal_hz)
+        one.feed(clock)
+        rate = clock.rate()
+        assert rate.source == "host"
+        errors.append((rate.hz / one.true_hz - 1.0) * 1e6)
+        sigmas.append(rate.uncertainty_ppm)
+    z = np.array(errors) / np.array(sigmas)
+    assert np.mean(np.abs(z) < 2.0) >= 0.95
+    assert np.median(sigmas) < useful_ppm
+
+
+def test_what_limits_a_short_run_is_not_overstated() -> None:
+    """Where the scatter of the arrivals dominates, errors are as large as they are said to be."""
+    z = []
+    for seed in range(100, 160):
+        one = stream(seed, 104.0, 10.0, frame=2, poll_s=16e-3)
+        clock = Clock(104.0)
+        one.feed(clock)
+        z.append((clock.rate().hz / one.true_hz - 1.0) * 1e6 / clock.rate().uncertainty_ppm)
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.3
+
+
+@pytest.mark.parametrize("nominal_hz", [0.0, 104.0, 208.0])
+def test_neither_a_missing_nor_a_wrong_claim_matters(nominal_hz: float) -> None:
+    for seed in range(10):
+        one = stream(seed, 104.0, 120.0, poll_s=1e-3)
+        clock = Clock(nominal_hz)
+        one.feed(clock)
+        rate = clock.rate()
+        assert abs(rate.hz / one.true_hz - 1.0) * 1e6 < 2.0 * rate.uncertainty_ppm < 10.0
+
+
+def test_a_quantised_device_time_covers_too() -> None:
+    """Stock firmware prints milliseconds: 50 records a second, each cut off to a whole one."""
+    for nominal_hz in (50.0, 104.0):
+        z = []
+        for seed in range(STREAMS):
+            one = stream(seed, nominal_hz, 60.0)
+            clock = Clock(nominal_hz, device_resolution_s=1e-3)
+            one.feed(clock, device_s=np.floor(one.taken_s * 1e3 + 0.3) * 1e-3, host=False)
+            rate = clock.rate()
+            assert rate.source == "device"
+            z.append((rate.hz / one.true_hz - 1.0) * 1e6 / rate.uncertainty_ppm)
+        assert np.mean(np.abs(z) < 2.0) >= 0.95
+        assert rate.uncertainty_ppm < 10.0
+
+
+def test_a_warm_up_is_seen_as_a_drift_with_its_error() -> None:
+    z = []
+    for seed in range(20):
+        one = stream(seed, 104.0, 1800.0, poll_s=1e-3, drift_per_s=20e-6 / 3600.0)
+        clock = Clock(104.0)
+        one.feed(clock, block_s=10.0)
+        rate = clock.rate()
+        z.append((rate.drift_ppm_per_h - 20.0) / rate.drift_uncertainty_ppm_per_h)
+        assert rate.drift_uncertainty_ppm_per_h < 10.0
+        assert abs(rate.hz / one.true_hz - 1.0) * 1e6 < 3.0 * rate.uncertainty_ppm
+    assert np.mean(np.abs(z) < 2.0) >= 0.9

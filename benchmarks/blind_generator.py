@@ -374,7 +374,12 @@ def burst(rng, noise, values, rate, times):
     values = values.copy()
     count = inside.stop - inside.start
     values[inside] += rng.normal(0, noise.n * np.sqrt(rate * change), count)
-    return values, {"intervals": 1.0, "start": start, "length": length, "ratio": 1 + change}
+    return values, {
+        "intervals": 1.0,
+        "start": start,
+        "length": length,
+        "ratio": float(np.sqrt(1 + change)),
+    }
 
 
 def draw_kinds(rng: np.random.Generator, index: int) -> tuple[tuple[str, str], ...]:

@@ -9,6 +9,7 @@ import pytest
 
 from allanscope.explain import LiveLoop, explain
 from allanscope.explain.effects import KINDS
+from allanscope.spectrum.density import Density
 
 RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
 
@@ -122,3 +123,37 @@ def test_every_kind_declares_what_it_is():
         assert kind.meaning
         assert kind.needs <= {"samples", "temperature", "axes", "clock"}
         assert set(kind.confused_with) <= set(KINDS) | {"ramp"}
+
+
+def test_a_long_run_of_block_means_still_sees_a_line_in_the_streaming_spectrum(bench):
+    b = bench(42)
+    stride = 4
+    data = b.noise() + 0.01 * np.sin(2 * np.pi * 17.0 * b.t)
+    whole = b.record(data)
+    rows = whole.values.reshape(-1, stride, 1).mean(axis=1)
+    means = replace(
+        whole,
+        rate_hz=RATE / stride,
+        stride=stride,
+        values=rows,
+        temperature_c=np.full(len(rows), np.nan),
+        start_s=whole.start_s[::stride],
+        segments=np.array([[0, len(rows)]]),
+    )
+    size = 1024
+    parts = whole.values[: len(data) // size * size, 0].reshape(-1, size)
+    parts = (parts - parts.mean()) * np.hanning(size)
+    density = (
+        2
+        * np.mean(np.abs(np.fft.rfft(parts)) ** 2, axis=0)
+        / (np.sum(np.hanning(size) ** 2) * RATE)
+    )
+    f = np.arange(len(density)) * RATE / size
+    widths = np.full(len(f), RATE / size)
+    averages = np.full(len(f), float(len(parts)))
+    found = explain(means, {"gx": Density(f[1:], widths[1:], density[1:], averages[1:])}).axes["gx"]
+    (effect,) = found.effects
+    assert effect.kind == "sinusoid"
+    assert effect.parameters["frequency"].value == pytest.approx(17.0, abs=1e-3)
+    assert effect.parameters["amplitude"].value == pytest.approx(0.01, rel=0.1)
+    assert any("means of 4 samples" in remark for remark in found.remarks)

@@ -30,8 +30,27 @@ def step_of(samples: Array, lsb: float) -> float:
     whole = np.round(counts)
     if np.max(np.abs(counts - whole)) > 0.02:
         return 0.0
-    common = int(np.gcd.reduce(np.unique(np.abs(whole)).astype(np.int64)))
-    return float(common * lsb) if common else float(lsb)
+    codes = np.unique(whole).astype(np.int64)
+    common = int(np.gcd.reduce(codes))
+    if common > 1 or len(codes) < 2:
+        return float(max(common, 1) * lsb)
+    return _uneven_step(codes) * lsb
+
+
+def _uneven_step(codes: NDArray[np.int64]) -> float:
+    """Return the step in counts where a coarser rounding came before the converter's own.
+
+    The codes that occur are then the multiples of some step that is no whole number of counts, each
+    rounded: neighbours are alternately, say, 11 and 12 counts apart.
+    """
+    apart = np.diff(codes)
+    smallest = int(apart.min())
+    if smallest < 2:
+        return 1.0
+    index = np.concatenate([[0], np.cumsum(np.round(apart / (smallest + 0.5)))])
+    slope, start = np.polyfit(index, codes.astype(np.float64), 1)
+    even = np.max(np.abs(start + slope * index - codes)) <= 1.0
+    return float(slope) if even else 1.0
 
 
 def noise_on_lattice(samples: Array, step: float) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from allanscope.clock.rate import RateFit
 from allanscope.explain.effect import Effect
 from allanscope.explain.loop import Explanation, explain
 from allanscope.explain.search import Budget
@@ -75,7 +76,7 @@ class LiveLoop:
         return len(record.values) / record.rate_hz >= max(self._next_s, self.first_s)
 
     def update(
-        self, record: Record, rate_fit: tuple[float, float] | None = None
+        self, record: Record, rate_fit: RateFit | tuple[float, float] | None = None
     ) -> tuple[Finding, ...]:
         """Look at the record if it is time to, and return what is new.
 
@@ -83,7 +84,7 @@ class LiveLoop:
         ----------
         record : Record
             All that is held so far.
-        rate_fit : (float, float), optional
+        rate_fit : RateFit or (float, float), optional
             Measured rate and its standard error in Hz.
         """
         if not self.due(record):

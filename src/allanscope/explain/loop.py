@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan.deviation import Deviation
+from allanscope.clock.rate import RateFit
 from allanscope.explain.effect import AxisExplanation, ResidualError
 from allanscope.explain.error import error_of
 from allanscope.explain.evidence import effect_of
+from allanscope.explain.highband import above_the_rows
 from allanscope.explain.lattice import step_of
 from allanscope.explain.merge import merged
 from allanscope.explain.models import coefficients_of, model_of, with_ramp
@@ -62,7 +64,7 @@ def explain(
     deviations: Mapping[str, Deviation] | None = None,
     *,
     nominal_hz: float | None = None,
-    rate_fit: tuple[float, float] | None = None,
+    rate_fit: RateFit | tuple[float, float] | None = None,
     part: str = "",
     seed: int = 0,
     budget: Budget | None = None,
@@ -80,7 +82,7 @@ def explain(
         removed the curve must be that of the cleaned data.
     nominal_hz : float, optional
         Sample rate that the device claims.
-    rate_fit : (float, float), optional
+    rate_fit : RateFit or (float, float), optional
         Sample rate measured against a better clock, and its standard error, in Hz.
     part, seed : optional
         Nothing in the loop is random or depends on the part; kept for callers' records.
@@ -98,9 +100,7 @@ def explain(
     """
     del deviations, part, seed
     series = series_of(record)
-    clock = None
-    if rate_fit is not None and nominal_hz:
-        clock = Clock(nominal_hz, float(rate_fit[0]), float(rate_fit[1]))
+    clock = _clock(nominal_hz, rate_fit)
     stopped = {axis: hindrances(series, axis) for axis in series.axes}
     open_axes = [axis for axis in series.axes if not stopped[axis]]
     if open_axes:
@@ -113,6 +113,8 @@ def explain(
                 strict=True,
             )
         )
+        if densities and series.stride > 1:
+            views = {axis: _with_high_band(view, densities) for axis, view in views.items()}
         views = merged(views)
         parts = dict(
             zip(
@@ -121,7 +123,6 @@ def explain(
                 strict=True,
             )
         )
-    del densities
     axes = {
         axis: parts[axis][0] if axis in parts else _unsearched(series, axis, stopped[axis])
         for axis in series.axes
@@ -139,6 +140,24 @@ def _view(series: Series, axis: str, clock: Clock | None) -> View:
     samples = np.ascontiguousarray(series.values[:, column])
     step = step_of(samples, series.lsb[column]) if series.stride == 1 else series.lsb[column]
     return View(series, Grid(len(series), series.rate_hz), axis, samples, step, clock=clock)
+
+
+def _clock(
+    nominal_hz: float | None, rate_fit: RateFit | tuple[float, float] | None
+) -> Clock | None:
+    if isinstance(rate_fit, RateFit):
+        if not rate_fit.is_measured:
+            return None
+        nominal_hz = nominal_hz or rate_fit.nominal_hz
+        rate_fit = (rate_fit.hz, rate_fit.hz * rate_fit.uncertainty_ppm * 1e-6)
+    if rate_fit is None or not nominal_hz:
+        return None
+    return Clock(nominal_hz, float(rate_fit[0]), float(rate_fit[1]))
+
+
+def _with_high_band(view: View, densities: Mapping[str, Density]) -> View:
+    density = densities.get(view.axis)
+    return view if density is None else above_the_rows(view, density)
 
 
 def _explained(

@@ -60,8 +60,8 @@ def observations(series: Series, axis: str) -> tuple[str, ...]:
     if series.stride > 1:
         found.append(
             f"rows are means of {series.stride} samples: single samples (outliers, repeats, "
-            "the lattice) and frequencies above "
-            f"{series.rate_hz / 2:.3g} Hz could not be searched"
+            "the lattice) could not be judged, and above "
+            f"{series.rate_hz / 2:.3g} Hz there is only the streaming spectrum"
         )
     return tuple(found)
 

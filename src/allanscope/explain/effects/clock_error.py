@@ -1,8 +1,8 @@
 """The device's clock is off: the true rate against the nominal one.
 
 The sensor's oscillator is trimmed to a few per cent and the host's crystal is good to some tens of
-ppm, so a measured rate outside both its own error and the host's shows the device's. It stretches
-every averaging time: N^2 changes by the relative error, K^2 the other way, lines move.
+ppm, so a measured rate outside both its own error and twice the host's shows the device's. It
+stretches every averaging time: N^2 changes by the relative error, K^2 the other way, lines move.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ import numpy as np
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.view import View
+
+_CRYSTAL = 1e-4
+"""A difference that a host's own crystal (20 to 50 ppm) could make says nothing of the sensor."""
 
 
 class ClockError(EffectKind):
@@ -32,6 +35,8 @@ class ClockError(EffectKind):
             return []
         relative = clock.measured_hz / clock.nominal_hz - 1
         error = clock.error_hz / clock.nominal_hz
+        if abs(relative) < _CRYSTAL:
+            return []
         z = relative / max(error, 1e-12)
         return [
             Candidate(

@@ -2,11 +2,13 @@ r"""Noise in a band: a resonance that is shaken by noise, or a line that wanders
 
 The correlation is that of a damped oscillation,
 
-.. math:: \gamma(t) = \sigma^2 e^{-\pi w |t|} \cos 2 \pi f_0 t
+.. math:: \gamma(t) = \sigma^2 e^{-\pi w |t|} \left(\cos \omega_d t +
+          \frac{\pi w}{\omega_d} \sin \omega_d |t|\right)
 
-with the full width at half maximum w. Spotted as a run of ordinates above the model that is wider
-than a line; f_0, w and sigma are found by Whittle likelihood on the ordinates around it. It enters
-the model as a term of the spectrum.
+(or without the sine: a line whose amplitude and phase wander; the likelier of the two) with the
+full width at half maximum w. Spotted as a run of ordinates above the model that is wider than a
+line; f_0, w and sigma are found by Whittle likelihood on the ordinates around it. It enters the
+model as a term of the spectrum.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
+Shape = Callable[[Array, float, tuple[float, ...]], Array]
 
 _WIDEST = 0.5
 """Widest run of ordinates looked at, as a share of its frequency."""
@@ -38,12 +41,29 @@ _BROADEST = 0.7
 
 
 def resonance(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Variance of an ordinate of a resonance with unit variance; nonlinear = (f0, width)."""
+    """Variance of an ordinate of a damped oscillator with unit variance; nonlinear = (f0, width).
+
+    Correlation exp(-pi w t) (cos wd t + pi w / wd sin wd t), wd^2 = (2 pi f0)^2 - (pi w)^2.
+    """
     f0, width = nonlinear
-    p = np.exp((-np.pi * width + 2j * np.pi * f0) / rate)
-    return np.asarray(
-        ((1 - p * p) / (1 - 2 * p * np.cos(2 * np.pi * frequency / rate) + p * p)).real
-    )
+    decay = np.pi * width
+    turn = np.sqrt(max((2 * np.pi * f0) ** 2 - decay**2, (0.2 * np.pi * f0) ** 2))
+    return _spectrum(frequency, rate, np.exp((-decay + 1j * turn) / rate), 1 - 1j * decay / turn)
+
+
+def wandering(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Variance of an ordinate of a line of random amplitude and phase with unit variance.
+
+    Correlation exp(-pi w t) cos(2 pi f0 t); nonlinear = (f0, width).
+    """
+    f0, width = nonlinear
+    return _spectrum(frequency, rate, np.exp((-np.pi * width + 2j * np.pi * f0) / rate), 1.0)
+
+
+def _spectrum(frequency: Array, rate: float, p: complex, a: complex) -> Array:
+    """Spectrum of the correlation Re(a p^|k|)."""
+    cosine = np.cos(2 * np.pi * frequency / rate)
+    return np.asarray((a * (1 - p * p) / (1 - 2 * p * cosine + p * p)).real)
 
 
 class Narrowband(EffectKind):
@@ -113,13 +133,14 @@ class _Window:
     background: Array
     size: int
     rate: float
+    shape: Shape
 
     def loss(self, p: Array) -> float:
         """Negative log-likelihood of (log background factor, log variance, f0, log width)."""
         f0, width = float(p[2]), float(np.exp(p[3]))
         if not (self.frequency[0] < f0 < self.frequency[-1]) or width > 2 * f0:
             return 1e15
-        variance = self.background * np.exp(p[0]) + np.exp(p[1]) * resonance(
+        variance = self.background * np.exp(p[0]) + np.exp(p[1]) * self.shape(
             self.frequency, self.rate, (f0, width)
         )
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
@@ -131,7 +152,7 @@ class _Window:
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
 
 
-def _window(view: View, spectrum: Spectrum, f0: float, width: float) -> _Window:
+def _window(view: View, spectrum: Spectrum, f0: float, width: float, shape: Shape) -> _Window:
     grid = view.grid
     unit = grid.rate_hz / (2 * grid.n)
     reach = max(12 * width, 400 * unit)
@@ -141,10 +162,16 @@ def _window(view: View, spectrum: Spectrum, f0: float, width: float) -> _Window:
     stop = low + (high - low) // size * size
     f = grid.frequency[low:stop].reshape(-1, size).mean(axis=1)
     power = view.squares[low:stop].reshape(-1, size).mean(axis=1)
-    return _Window(f, power, spectrum.at(f), size, grid.rate_hz)
+    return _Window(f, power, spectrum.at(f), size, grid.rate_hz, shape)
 
 
 def _fit(view: View, start: int, width: int) -> Candidate | None:
+    """Return the likelier of the two shapes."""
+    fits = [_fit_shape(view, start, width, shape) for shape in (resonance, wandering)]
+    return max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
+
+
+def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Candidate | None:
     grid = view.grid
     unit = grid.rate_hz / (2 * grid.n)
     f0, w = (start + width / 2) * unit, max(width * unit * 0.5, 3 * unit)
@@ -153,7 +180,7 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
     spectrum = view.spectrum
     for _ in range(_ROUNDS):
         # What is beside the band is known only once the band is in the model.
-        window = _window(view, spectrum, float(point[2]), float(np.exp(point[3])))
+        window = _window(view, spectrum, float(point[2]), float(np.exp(point[3])), shape)
         spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
         found = minimize(
             window.loss, point, method="Nelder-Mead",
@@ -164,7 +191,7 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
         f0, w = float(point[2]), float(np.exp(point[3]))
         if w < 1.5 * unit or w > _BROADEST * f0:
             return None
-        term = Term("narrowband", "adds", (f0, w), resonance, narrow=True)
+        term = Term("narrowband", "adds", (f0, w), shape, narrow=True)
         terms = (*view.terms, term)
         whole = fit_spectrum(grid, view.power, base=view.base, terms=terms, floor=view.fitted_floor)
         spectrum = replace(whole, terms=view.terms, variances=whole.variances[:-1])

@@ -14,6 +14,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
+import numpy as np
+
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import EffectKind
@@ -43,14 +45,17 @@ class Quantization(EffectKind):
         if float(view.data.std()) > 20 * view.step:
             return []
         sigma = noise_on_lattice(view.samples, view.step)
+        lsb = view.series.lsb[view.series.column(view.axis)]
+        span = float(np.ptp(view.samples))
+        known_to = max(_KNOWN_TO, lsb / span if view.step > 1.5 * lsb and span > 0 else 0.0)
         return [
             Candidate(
                 kind=self.kind,
                 parameters={
                     "step": Parameter(
                         view.step,
-                        view.step * (1 - _KNOWN_TO),
-                        view.step * (1 + _KNOWN_TO),
+                        view.step * (1 - known_to),
+                        view.step * (1 + known_to),
                         view.unit,
                     )
                 },

@@ -25,7 +25,7 @@ from allanscope.explain.view import View
 Array = NDArray[np.float64]
 
 _BLOCK_S = 0.5
-_MOST = 8
+_MOST = 40
 _CAP = 20.0
 """Squares are cut here, so that one sample cannot make a stretch."""
 _LONGEST = 0.5
@@ -58,24 +58,27 @@ class VarianceChange(EffectKind):
         if not found:
             return []
         gain = sum(g for g, *_ in found)
+        price = float(np.log(blocks * 4 * np.log2(blocks) / ALPHA))
         seconds = size / view.grid.rate_hz
         best = max(found)
-        ratio, inside = best[3], best[2] - best[1]
-        error = ratio * np.sqrt(2 / (freedom * inside))
+        ratio, inside = float(np.sqrt(best[3])), best[2] - best[1]
+        error = ratio / np.sqrt(2 * freedom * inside)
+        count = float(len(found))
+        weak = float(sum(g < 2 * price for g, *_ in found))
         return [
             Candidate(
                 kind=self.kind,
                 parameters={
-                    "intervals": Parameter(float(len(found)), float(len(found)), float(len(found))),
-                    "start": _instant(best[1], seconds, ratio, freedom),
-                    "stop": _instant(best[2], seconds, ratio, freedom),
+                    "intervals": Parameter(count, count - weak, count + weak),
+                    "start": _instant(best[1], seconds, best[3], freedom),
+                    "stop": _instant(best[2], seconds, best[3], freedom),
                     "ratio": estimate(ratio, error),
                 },
                 gain=float(gain),
-                price=float(np.log(blocks * 4 * np.log2(blocks) / ALPHA)),
+                price=price,
                 words=(
                     f"between {best[1] * seconds:.0f} s and {best[2] * seconds:.0f} s the white "
-                    f"variance is {ratio:.3g} times that of the rest"
+                    f"noise is {ratio:.3g} times that of the rest"
                 ),
                 evidence={"blocks": blocks},
             )

@@ -73,6 +73,13 @@ class Candidate:
     held_out: HeldOut | None = None
     axes: tuple[str, ...] = ()
 
+    def number(self, name: str) -> float:
+        """Return the value of a parameter that is a number."""
+        value = self.parameters[name].value
+        if isinstance(value, str):
+            raise TypeError(f"{name} of {self.kind} is a name")
+        return value
+
     @property
     def excess(self) -> float:
         """Gain above the price: what candidates are ranked by."""

@@ -26,6 +26,8 @@ from allanscope.explain.view import View
 Array = NDArray[np.float64]
 
 _PROPOSALS = 3
+_HOPS = 3.0
+"""A hop is twice the amplitude; noise may make it look half as large again."""
 _EDGE_S = 5.0
 """Nearer to an end of the record a step is a start-up transient, or nothing one could tell."""
 _INTERVAL_NATS = 3.68
@@ -60,7 +62,7 @@ class Step(EffectKind):
             if best is None or candidate.gain > best.gain:
                 best = candidate
             statistic[np.abs(at - at[k]) < max(edge, n // 100)] = 0.0
-        if best is None:
+        if best is None or _is_hop(view, best):
             return []
         return [_refined(view, best) if best.excess > 0 else best]
 
@@ -72,6 +74,13 @@ class Step(EffectKind):
         """Judge the size by interleaved blocks."""
         column = step_ordinates(view.grid, int(candidate.shape[0]), view.grid.low)[np.newaxis]
         return interleaved(view, joint_fit(view, column), column)
+
+
+def _is_hop(view: View, candidate: Candidate) -> bool:
+    """Tell whether a step is one of the hops of a telegraph signal that is already known."""
+    size = abs(candidate.number("size"))
+    hops = [c.number("amplitude") for c in view.accepted if c.kind == "random_telegraph"]
+    return any(size < _HOPS * amplitude for amplitude in hops)
 
 
 def _candidate(view: View, at: int) -> Candidate:

@@ -236,6 +236,28 @@ def test_ordinates_are_those_of_simulated_rows(component, stride, rng, make_nois
     assert ratio.mean() == pytest.approx(1.0, abs=0.012)
 
 
+def test_flicker_ordinates_are_quadratic_forms_of_its_variogram():
+    n = 4096
+    h = np.arange(1, n)
+    # Half the mean square difference of samples h apart: 2 / pi (1 + 1/3 + ... + 1/(2h - 1)).
+    variogram = 2 / np.pi * np.cumsum(1 / (2 * h - 1.0))
+    for k in (1, 2, 5, 16, 17, 18, 40, 200):
+        angle = np.pi * k / n
+        common = ((n - h) * np.cos(angle * h) - np.sin(angle * h) / np.sin(angle)) / n
+        exact = -2 * np.sum(common * variogram)
+        assert float(Flicker(1.0).ordinates(k, n, DT)) == pytest.approx(exact, rel=2e-4)
+
+
+def test_differences_leave_a_floor_at_the_lowest_ordinates():
+    # Cov of q_i - q_(i-1): 2 on the diagonal, -1 beside it.
+    n = 40
+    matrix = (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)) / DT**2
+    for k in (1, 2, 20, 39):
+        cosine = np.sqrt(2 / n) * np.cos(np.pi * k * (np.arange(n) + 0.5) / n)
+        expected = AngleQuantization(1.0).ordinates(k, n, DT)
+        assert float(expected) == pytest.approx(cosine @ matrix @ cosine, rel=1e-10)
+
+
 def test_ordinates_of_a_line_average_over_the_phase():
     n, stride = 64, 3
     t = DT * np.arange(n * stride)

@@ -15,7 +15,7 @@ from allanscope.noise.covariance import deviation_covariance
 from allanscope.noise.crlb import relative_bounds
 from allanscope.noise.curve_fit import fit_curve
 from allanscope.noise.gls import gls_chi2
-from allanscope.noise.log_curve import half_octaves
+from allanscope.noise.log_curve import half_octaves, log_bias, log_covariance
 from allanscope.noise.model import NoiseModel
 
 DT = 0.25
@@ -115,6 +115,28 @@ def test_fit_to_the_curve_is_unbiased_and_efficient(curves):
     assert rmse[0] / bound[0] < 1.3
     assert rmse[1] / bound[1] < 1.5
     np.testing.assert_allclose(found.relative_sd[:2], bound[:2], rtol=0.35)
+
+
+@pytest.mark.parametrize("edf", [1.5, 4.0, 60.0])
+def test_logarithms_of_variances_have_the_bias_of_chi_square(edf):
+    x = np.log(np.random.default_rng(3).chisquare(edf, 400_000) / edf)
+    assert float(log_bias(np.array(edf))) == pytest.approx(x.mean(), abs=0.01)
+
+
+@pytest.mark.parametrize("m", [1, 500, 3000])
+def test_logarithms_of_variances_have_the_spread_of_chi_square(m):
+    white = NoiseModel((White(1.0),), 1.0)
+    at = np.array([m])
+    covariance, edf = log_covariance(white, "oadev", at, 10_000, white.variance("oadev", at))
+    x = np.log(np.random.default_rng(4).chisquare(edf[0], 200_000) / edf[0])
+    assert covariance[0, 0] == pytest.approx(x.var(), rel=0.02)
+
+
+def test_chi_square_removes_the_bias_of_the_logarithm():
+    # A curve that is its own expectation lies above the mean logarithm wherever few terms are.
+    residual = gls_chi2(curve_of("oadev", TRUTH.variance("oadev", M)), TRUTH, fitted=0)
+    assert np.all(residual.log_ratio > 0)
+    assert residual.log_ratio[-1] > 0.2
 
 
 def test_half_octaves_are_picked_from_any_grid():

@@ -45,6 +45,15 @@ def test_ordinates_keep_all_the_power(rng):
     assert ordinates.dof.sum() == ordinates.n - 1
 
 
+def test_the_level_of_a_record_does_not_matter(rng):
+    rows = rng.standard_normal(1000)
+    still = rows.copy()
+    np.testing.assert_allclose(
+        Ordinates.of(rows + 1e6, DT).power, Ordinates.of(rows, DT).power, rtol=1e-6
+    )
+    np.testing.assert_array_equal(rows, still)
+
+
 def test_bins_cover_every_ordinate_once_and_refine_where_asked():
     edges = bin_edges(100_000, fine=[(5000.0, 5010.0)])
     assert edges[0] == 1
@@ -152,6 +161,7 @@ def test_density_bands_take_part(rng):
     density = Density(frequency, 0.03 * frequency, power, averages)
     bands = DensityBands.of(density, DT, lowest=0.1)
     assert bands.frequency[0] > 0.1
+    assert np.all(bands.dof == 100.0)
     low = drawn(rng, 5000, TRUTH, stride=8).up_to(0.03)
     both = fit([bands, low], START)
     # 4000 degrees of freedom in the bands: 1.6 %.

@@ -10,8 +10,8 @@
                    ▼ ...                                          ┘  low frequencies
 
 Every level sees a quarter of the rate of the one above and resolves four times finer, so that the
-resolution is about the same fraction of the frequency everywhere. A level is read only where its
-low-pass is flat and closed to aliases, and that low-pass is divided out.
+resolution is about the same fraction of the frequency everywhere. A level is read only where the
+low-pass in front of it is flat and closed to aliases.
 """
 
 from allanscope.spectrum.density import Density

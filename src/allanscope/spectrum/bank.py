@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.samples import Block
 from allanscope.spectrum.assembly import Stretch, assemble
-from allanscope.spectrum.decimator import FACTOR, decimation_response
+from allanscope.spectrum.decimator import FACTOR
 from allanscope.spectrum.density import Density
 from allanscope.spectrum.ladder import Ladder
 from allanscope.spectrum.level import SEGMENT
@@ -204,15 +204,12 @@ class SpectrumBank:
     def _stretch(
         self, depth: int, length: int, power: NDArray[np.float64], segments: float, floor: float
     ) -> Stretch:
-        """Cut the readable part out of one level and undo the low-passes in front of it."""
+        """Cut the readable part out of one level."""
         bins = np.arange(power.shape[1])
         local, half = bins / length, 0.5 / length
         top = _READ_TO if depth else 0.5
         keep = (bins >= _FIRST_BIN) & (local - half >= floor) & (local + half <= top)
         turns = local[keep] / FACTOR**depth
-        response = np.ones(len(turns))
-        for above in range(depth):
-            response *= decimation_response(turns * FACTOR**above)
         width = 1 / length / FACTOR**depth
-        one_sided = 2 * power[:, keep] / response * FACTOR**depth
+        one_sided = 2 * power[:, keep] * FACTOR**depth
         return Stretch(turns, width, one_sided, segments)

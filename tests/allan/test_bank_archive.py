@@ -11,6 +11,7 @@ from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
 from allanscope.allan.estimators.theo1 import theo1_variance
 from allanscope.allan.estimators.theobr import theobr_ratio
+from allanscope.allan.thinned_theo1 import _sum_of_powers, thinned_theo1_variance
 
 ROWS = 16
 SIZES = st.lists(st.integers(0, 200), min_size=1, max_size=8)
@@ -87,8 +88,8 @@ def test_the_drift_is_found_in_every_segment_whatever_its_level():
     assert not Archive(2).drift().any()
 
 
-def noises(n):
-    rng = np.random.default_rng(11)
+def noises(n, seed=11):
+    rng = np.random.default_rng(seed)
     white = rng.normal(size=n)
     spectrum = np.fft.rfft(rng.normal(size=2 * n))
     spectrum[1:] /= np.sqrt(np.arange(1, spectrum.size))
@@ -127,6 +128,25 @@ def test_thinned_totals_and_theo1_stay_near_those_of_the_full_rate(name):
         for m in (128, 512, 2048):
             full = np.sqrt(definition(phase, m, max(m // 64, 1))[0])
             assert curve.deviation[0, curve.m == m] == pytest.approx(full, rel=tolerance)
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [("white FM", 0.005), ("white PM", 0.03)])
+def test_thinned_theo1_has_no_bias_at_its_shortest_window(name, tolerance):
+    """Eight records; the distances below the first row carry a third of THEO1 for white PM."""
+    errors = []
+    for seed in range(8):
+        phase = np.append(0.0, noises(1 << 13, seed)[name].cumsum())
+        thinned, windows = thinned_theo1_variance(phase[::16], 32, 16)
+        assert windows == (1 << 13) // 16 + 1 - 32
+        errors.append(np.sqrt(thinned / theo1_variance(phase, 512)[0]) - 1)
+    assert abs(np.mean(errors)) < tolerance
+
+
+@pytest.mark.parametrize("exponent", [-1.0, -0.5, 0.0, 0.3, 1.0])
+@pytest.mark.parametrize("last", [6.0, 24.0, 64.0, 96.0, 24_576.0])
+def test_long_sums_of_powers_are_integrals(exponent, last):
+    exact = np.sum(np.arange(1.0, last + 1) ** exponent)
+    assert _sum_of_powers(last, exponent) == pytest.approx(exact, rel=1e-5)
 
 
 def test_thinned_theobr_stays_near_that_of_the_full_rate():

@@ -199,6 +199,18 @@ def test_axes_do_not_know_of_each_other(n, cuts):
             np.testing.assert_array_equal(curve.noise[axis], single.noise[0])
 
 
+def test_the_noise_type_is_told_from_the_streamed_sums():
+    rng = np.random.default_rng(4)
+    white = rng.normal(size=(20_000, 1))
+    data = np.hstack([np.diff(white, axis=0, prepend=0), white, white.cumsum(axis=0)])
+    bank = bank_of([data], axes=3)
+    for kind in ("oadev", "mdev", "htotdev", "theoh"):
+        curve = bank.deviation(kind)
+        middle = (curve.m >= 2) & (curve.m <= 200)
+        assert (curve.noise[:, middle] == [["WPM"], ["WFM"], ["RWFM"]]).all()
+    assert bank.deviation("oadev").noise[:, 0].tolist() == ["WPM", "WFM", "RWFM"]
+
+
 def test_the_rate_and_the_scale_enter_at_the_query():
     data = samples(2000)
     bank = AllanBank(100.0, axes=2, per_octave=2, scale=[1.0, 0.5])

@@ -125,7 +125,6 @@ class Cascade:
             terms = self._terms_of_segment()
             has_any = terms > 0
             self.counts += np.stack([terms, has_any, has_any * self.taken], axis=1)
-            self.rungs[:] = 0.0
             self.taken = 0
 
     def settled(self) -> Cascade:

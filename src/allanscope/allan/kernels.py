@@ -72,7 +72,8 @@ class Ladder(NamedTuple):
     Attributes
     ----------
     rungs : ndarray, shape (axes, levels, 3, 2 BATCH)
-        Entries (x, z, q) of each rung. All nought at the start of a segment.
+        Entries (x, z, q) of each rung. Number BATCH - 1 is the origin of the frame, nought; a
+        segment begins there, and reads nothing before it.
     heads : ndarray, shape (axes, levels, HEAD)
         First phases of the segment on each rung.
     lags : ndarray of int64, shape (taus,)
@@ -283,7 +284,8 @@ def advance(samples: Floats, taken: int, ladder: Ladder) -> None:
 def settle(taken: int, ladder: Ladder) -> None:
     """Add the terms of half-filled rungs and TOTDEV's reflected ends: the segment ends here.
 
-    Parameters are those of `advance`; afterwards the rungs are good for nothing but a reset.
+    Parameters are those of `advance`. The rungs are ready for another segment afterwards, but not
+    for going on with this one.
     """
     axes, levels = ladder.rungs.shape[0], ladder.rungs.shape[1]
     for axis in range(axes):

@@ -255,6 +255,14 @@ def test_real_gyro_with_an_undeclared_warm_up():
     assert fit.p_value < 1e-6
 
 
+@pytest.mark.parametrize(("sigma", "limited"), [(0.3, True), (0.7, False)])
+def test_a_step_that_hides_the_sensor_is_remarked_on(rng, sigma, limited):
+    samples = 0.07 * np.round(sigma * rng.standard_normal(100_000) + 0.3)
+    fit = fit_array(samples, RATE, lsb=0.07)
+    assert fit.step_limited == limited
+    assert any("smaller full scale" in remark for remark in fit.remarks) == limited
+
+
 ODD = {
     "a ramp": lambda n, _: np.arange(n) * 1.0,
     "a step": lambda n, _: np.where(np.arange(n) < n // 2, 0.0, 1.0),

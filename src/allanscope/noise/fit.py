@@ -27,7 +27,7 @@ from allanscope.noise.estimates import Estimates, ramp_coefficient
 from allanscope.noise.evidence import evidence_of, plain, stretches_of
 from allanscope.noise.model import NoiseModel
 from allanscope.noise.ordinates import Evidence
-from allanscope.noise.quantised import on_lattice
+from allanscope.noise.quantised import LIMIT, advice, on_lattice
 from allanscope.noise.scoring import WhittleFit
 from allanscope.noise.selection import select, start
 from allanscope.noise.whiteness import Bands, whitened
@@ -65,6 +65,9 @@ class NoiseFit:
     rounding : float
         White noise per sqrt(Hz) that is rounding to the LSB and no longer part of N; 0 where the
         samples are on no known lattice.
+    step_limited : bool
+        True when the noise is below half an LSB: then the numbers describe the rounding and not
+        the sensor.
     evidence : tuple of Evidence
         What was fitted, ramp removed: for regressions, and to compare other models on.
     fit : WhittleFit
@@ -83,6 +86,7 @@ class NoiseFit:
     evidence: tuple[Evidence, ...]
     fit: WhittleFit
     bands: Bands
+    step_limited: bool = False
     remarks: tuple[str, ...] = ()
 
     @property
@@ -200,9 +204,8 @@ def _fit(
     likelihood = Likelihood(evidence)
     if not np.any(likelihood.power > 0):
         raise ValueError("the axis is constant: there is no noise to fit")
-    if lsb and not _carries_rounding(likelihood, lsb):
-        lsb = None
-    fit = likelihood.maximise(start(likelihood, lsb))
+    rounded = lsb if lsb and _carries_rounding(likelihood, lsb) else None
+    fit = likelihood.maximise(start(likelihood, rounded))
     drift = fit_drift(likelihood, fit)
     ramp = drift is not None and 2 * drift.gain > _RAMP_DETECTED
     if drift is not None and ramp:
@@ -215,6 +218,7 @@ def _fit(
         **{name: estimates.coefficient(name) for name in "NBK"},
         "R": ramp_coefficient(drift, ramp, duration, unit),
     }
+    limited = lsb is not None and _short_term(fit, dt) < LIMIT * lsb
     slope = drift.slope if drift is not None and ramp else 0.0
     components = (*fit.components, *((Ramp(abs(slope)),) if slope else ()))
     return NoiseFit(
@@ -222,11 +226,12 @@ def _fit(
         model=NoiseModel(components, dt),
         slope=slope,
         band_limit=estimates.coefficient("cutoff") if fit.index("cutoff") is not None else None,
-        rounding=lsb * float(np.sqrt(dt / 12)) if lsb else 0.0,
+        rounding=rounded * float(np.sqrt(dt / 12)) if rounded else 0.0,
         evidence=likelihood.evidence,
         fit=fit,
         bands=whitened(likelihood.evidence, fit.expected),
-        remarks=_remarks(coefficients, fit),
+        step_limited=limited,
+        remarks=_remarks(coefficients, fit, advice(unit) if limited else ""),
     )
 
 
@@ -235,7 +240,7 @@ def _without_stop_band(
 ) -> tuple[Likelihood, WhittleFit]:
     """Leave out what lies beyond a low-pass: little but the unknown details of the filter."""
     low_pass = next((c for c in fit.components if isinstance(c, BandLimitedWhite)), None)
-    if low_pass is None:
+    if low_pass is None or low_pass.N == 0.0:
         return likelihood, fit
     frequency = np.linspace(0.0, 0.5 / dt, 2048)
     passed = low_pass.density(frequency, dt) > _STOP_BAND * 2 * low_pass.N**2
@@ -251,8 +256,16 @@ def _carries_rounding(likelihood: Likelihood, lsb: float) -> bool:
     return bool(np.all(bands.ratio[sure] > 1 - 4 * np.sqrt(2 / bands.dof[sure])))
 
 
-def _remarks(coefficients: Mapping[str, Coefficient], fit: WhittleFit) -> tuple[str, ...]:
-    remarks = []
+def _short_term(fit: WhittleFit, dt: float) -> float:
+    """Return the standard deviation of samples about their neighbours, before rounding."""
+    parts = [c.avar(1, dt) for c in fit.components if not isinstance(c, Rounding)]
+    return float(np.sqrt(np.sum(parts)))
+
+
+def _remarks(
+    coefficients: Mapping[str, Coefficient], fit: WhittleFit, coarse: str
+) -> tuple[str, ...]:
+    remarks = [coarse] if coarse else []
     if coefficients["Q"].detected:
         remarks.append(
             "a Q was found: on a rate sensor that is nearly always vibration, aliasing or a filter,"

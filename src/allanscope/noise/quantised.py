@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Lattice", "find_step", "lattice_of", "on_lattice"]
+__all__ = ["LIMIT", "Lattice", "advice", "find_step", "lattice_of", "on_lattice"]
 
 Array = NDArray[np.float64]
 
-_LIMIT = 0.5
+LIMIT = 0.5
+"""Noise before rounding, in steps, from which rounding only adds step^2 / 12."""
 _OFF = 0.01
 """Distance from a lattice, in steps, that numbers printed with few digits may have."""
 _LOOKED_AT = 1 << 16
@@ -87,12 +88,13 @@ def lattice_of(
         raise ValueError("need at least 3 finite values")
     step = find_step(samples) if step is None else step
     if step == 0.0 or np.ptp(samples) == 0.0:
-        return Lattice(step or 0.0, 0.0, 1, True, _advice(unit, truncated, constant=True))
+        return Lattice(step or 0.0, 0.0, 1, True, advice(unit, truncated=truncated, constant=True))
     codes = len(np.unique(np.round(samples / step)))
     variance = float(np.mean(np.diff(samples) ** 2)) / 2
     sigma = float(np.sqrt(max(variance - step**2 / 12, 0.0)))
-    limited = sigma < _LIMIT * step
-    return Lattice(step, sigma, codes, limited, _advice(unit, truncated) if limited else "")
+    limited = sigma < LIMIT * step
+    words = advice(unit, truncated=truncated) if limited else ""
+    return Lattice(step, sigma, codes, limited, words)
 
 
 def on_lattice(values: ArrayLike, step: float) -> bool:
@@ -142,7 +144,8 @@ def _some(values: Array) -> Array:
     return np.concatenate([block[: _LOOKED_AT // 16] for block in blocks])
 
 
-def _advice(unit: str, truncated: bool, *, constant: bool = False) -> str:
+def advice(unit: str, *, truncated: bool = False, constant: bool = False) -> str:
+    """Return what to do about a step that is too coarse, in one sentence."""
     what = "the axis is constant" if constant else "the noise is below half a step of the numbers"
     if truncated:
         return f"{what}: use a firmware that sends raw counts instead of rounded values"

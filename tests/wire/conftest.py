@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterable
 from itertools import pairwise
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -108,6 +110,34 @@ def imu() -> StreamInfo:
     """Describe a LSM6DSM at 416 Hz, 250 dps and 2 g."""
     scale = (8.75e-3,) * 3 + (0.061e-3,) * 3
     return StreamInfo(AXES, scale, 416.0, "LSM6DSM", "native", 1e-6, True, 0x1234)
+
+
+@pytest.fixture(scope="session")
+def sealed() -> Callable[..., bytes]:
+    """Write a native frame by hand: head fields, body, CRC, COBS."""
+
+    def write(
+        body: bytes, kind: int = 1, *, seq: int, flags: int = 0, n: int, **head: int
+    ) -> bytes:
+        version, epoch = head.get("version", 0x10), head.get("epoch", 0x1234)
+        frame = struct.pack("<BBHHBB", kind, version, seq, epoch, flags, n) + body
+        frame += crc32(frame).to_bytes(4, "little")
+        runs = frame.split(b"\0")
+        return b"".join(bytes((len(run) + 1,)) + run for run in runs) + b"\0"
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def data_frame(sealed: Callable[..., bytes]) -> Callable[..., bytes]:
+    """Write a native data frame by hand; its samples are all zero."""
+
+    def write(seq: int, index: int, n: int = 4, flags: int = 3, **more: int) -> bytes:
+        times = more.pop("mcu_us", 0), more.pop("ticks", 0)
+        body = struct.pack("<IQIh", index, *times, 0) + bytes(12 * n)
+        return sealed(body, 1, seq=seq, flags=flags, n=n, **more)
+
+    return write
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from allanscope.errors import UsageError
 from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.datalog.grammar import CLOCK, COUNTER, RecordReader
+from allanscope.wire.lattice import recover, truncate
 from allanscope.wire.milli import MilliUnits
 from allanscope.wire.row import Row
 
@@ -129,7 +130,7 @@ def test_the_accelerometer_of_version_2_0_is_told_by_its_steps() -> None:
 
 def test_few_levels_do_not_prove_an_accelerometer() -> None:
     text = "".join(
-        V2.format(t=20 * i, a=(0, 3 * (i % 2), 1001), g=(0, 0, 0), c=25.0) for i in range(40)
+        V2.format(t=20 * i, a=(0, 3 * (i % 2), 1002), g=(0, 0, 0), c=25.0) for i in range(40)
     )
     info = format_named("datalog").decoder(WireSettings()).feed(text.encode(), 0.0)[0]
     assert isinstance(info, StreamInfo)
@@ -149,6 +150,29 @@ def test_a_finer_range_that_shows_late_is_a_new_configuration() -> None:
     assert Gap("restarted", None) in events
 
 
+@pytest.mark.parametrize("place", [0, 12, 40])
+def test_one_damaged_number_is_no_new_configuration(place: int) -> None:
+    text = "".join(
+        V2.format(t=20 * i, a=(0, 0, 1000), g=(35 if i == place else 70, 0, -70), c=25.0)
+        for i in range(60)
+    )
+    decoder = format_named("datalog").decoder(WireSettings())
+    events = decoder.feed(text.encode(), 0.0) + decoder.finish()
+    infos = [event for event in events if isinstance(event, StreamInfo)]
+    assert [info.scale[0] for info in infos] == [0.07]
+    assert decoder.stats.samples == 59
+    assert decoder.stats.lost_samples == (place > 0)
+
+
+@pytest.mark.parametrize("micro", [4375, 8750, 17500, 35000, 70000, 61, 122, 244, 488, 3900])
+def test_scaling_and_cutting_is_exact(micro: int) -> None:
+    counts = np.arange(-32768, 32768)
+    exact = np.sign(counts) * (np.abs(counts) * micro // 1000)
+    np.testing.assert_array_equal(truncate(counts, micro / 1000), exact)
+    if micro > 1000:
+        np.testing.assert_array_equal(recover(exact, micro / 1000), counts)
+
+
 @pytest.mark.parametrize(
     "damage",
     [
@@ -157,6 +181,7 @@ def test_a_finer_range_that_shows_late_is_a_new_configuration() -> None:
         " Acc_X: 1, Acc_Y: 2, Acc_Z :3\r\n Gyro_X:0, Gyro_Y:0, Gyro_Z:0\r\n",  # no time
         "TimeStamp: 12\r\n Acc_X: 1, Acc_Y: 2, Acc_\r\n Gyro_X:0, Gyro_Y:0, Gyro_Z:0\r\n",  # torn
         "TimeStamp: 12\r\n Acc_X: 1, Acc_X: 2, Acc_Z :3\r\n Gyro_X:0, Gyro_Y:0, Gyro_Z:0\r\n",
+        "TimeStamp: 12\r\n Gyro_X:0, Gyro_Y:0, Gyro_Z:0\r\n Acc_X: 1, Acc_Y: 2, Acc_Z :3\r\n",
         "TimeStamp: \r\n Acc_X: 1, Acc_Y: 2, Acc_Z :3\r\n Gyro_X:0, Gyro_Y:0, Gyro_Z:0\r\n",
         "TimeStamp: 12 Acc_X: 1, Acc_Y: 2, Acc_Z :3\r\n Gyro_X:0, Gyro_Y:0, Gyro_Z:0\r\n",
         "Sending: Press=1013 Hum=40 Temp=25 Temp2=25 \r\n",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -35,6 +36,12 @@ def _stream() -> bytes:
 
 
 STREAM = _stream()
+
+
+def _like_data(n: int, samples: int) -> bytes:
+    """Return a sound frame that may or may not be as long as it says."""
+    frame = struct.pack("<BBHHBBIQIh", 1, 0x10, 0, 9, 3, n, 0, 0, 0, 0) + bytes(12 * samples)
+    return stuff((frame + crc32(frame).to_bytes(4, "little"))[:246]) + b"\0"
 
 
 def _both(data: bytes, cuts: list[int], check: Check) -> None:
@@ -80,6 +87,7 @@ def test_both_readers_agree_on_a_damaged_stream(
             st.binary(min_size=8, max_size=242).map(
                 lambda b: stuff(b + crc32(b).to_bytes(4, "little")) + b"\0"
             ),
+            st.builds(_like_data, st.integers(0, 20), st.integers(0, 20)),
             st.just(b"\0"),
         ),
         max_size=12,
@@ -112,10 +120,11 @@ def test_a_frame_sent_without_stuffing_is_no_frame_in_either_reader(assert_same:
 
 @pytest.mark.parametrize("joining", [True, False])
 def test_the_tail_of_a_frame_at_the_start_is_no_crc_error(joining: bool) -> None:
-    for batch in (True, False):
+    for batch, step in ((True, 20), (True, 7), (False, 20), (False, 7)):
         decoder = NativeDecoder(batch=batch)
         tail = STREAM[-20:] if joining else seal(4, 0, 0, bytes(20)) + STREAM[-20:]
-        decoder.feed(tail, 0.0)
+        for start in range(0, len(tail), step):
+            decoder.feed(tail[start : start + step], 0.0)
         assert decoder.stats.crc_errors == (not joining)
         assert decoder.stats.resyncs == joining
 
@@ -162,6 +171,21 @@ def test_unstuffing_undoes_stuffing_for_every_length_of_run() -> None:
         for frame in (bytes(size), b"\1" * size, b"\1" * (size - 1) + b"\0"):
             assert unstuff(stuff(frame)) == frame
             assert len(stuff(frame)) == size + 1
+
+
+def test_a_distance_of_zero_ends_nothing() -> None:
+    assert unstuff(b"\x01\x00") is None
+    assert unstuff(b"") is None
+
+
+@pytest.mark.parametrize("batch", [True, False])
+def test_a_sound_frame_that_is_too_long_is_no_frame(batch: bool) -> None:
+    for size, sound in ((242, True), (243, False)):
+        frame = bytes([4, 0x10, 0, 0, 0, 0, 0, size - 8]) + b"\1" * (size - 8)
+        wire = stuff(frame + crc32(frame).to_bytes(4, "little")) + b"\0"
+        decoder = NativeDecoder(batch=batch)
+        assert bool(decoder.feed(wire, 0.0)) == sound
+        assert decoder.stats.resyncs == (not sound)
 
 
 def test_a_frame_too_long_to_send_is_refused() -> None:

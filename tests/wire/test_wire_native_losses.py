@@ -11,9 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks
-from allanscope.wire.native import Flag, NativeDecoder, NativeEncoder
+from allanscope.wire.base import Command
+from allanscope.wire.native import Flag, NativeDecoder, NativeEncoder, tlv
+from allanscope.wire.native.framing import unstuff
 
 Noise = Callable[..., Block]
+Wire = Callable[..., bytes]
 
 
 def _frames(imu: StreamInfo, noise: Noise, samples: int = 900) -> list[bytes]:
@@ -233,15 +236,143 @@ def test_only_the_axes_of_the_descriptor_are_delivered(imu: StreamInfo, noise: N
     np.testing.assert_array_equal(block.counts, sent.counts)
 
 
-def test_another_major_version_is_refused_once(imu: StreamInfo) -> None:
-    from zlib import crc32
+def test_another_major_version_is_refused_once(data_frame: Wire) -> None:
+    wire = b"".join(data_frame(seq, 4 * seq, version=0x20) for seq in range(3))
+    for batch in (True, False):
+        decoder = NativeDecoder(batch=batch)
+        events = decoder.feed(wire, 0.0)
+        assert len(events) == 1
+        assert "version 2.0" in events[0].text  # type: ignore[union-attr]
+        assert decoder.stats.unknown == 3
 
-    from allanscope.wire.native.framing import stuff
 
-    frame = bytes([0x01, 0x20, 0, 0, 0, 0, 0, 0])
-    wire = stuff(frame + crc32(frame).to_bytes(4, "little")) + b"\0"
+def test_an_epoch_that_changes_without_a_descriptor_is_not_joined_to_the_old_one(
+    imu: StreamInfo, data_frame: Wire
+) -> None:
     decoder = NativeDecoder()
-    events = decoder.feed(3 * wire, 0.0)
-    assert len(events) == 1
-    assert "version 2.0" in events[0].text  # type: ignore[union-attr]
-    assert decoder.stats.unknown == 3
+    decoder.feed(NativeEncoder().describe(imu), 0.0)
+    events = decoder.feed(data_frame(1, 0) + data_frame(2, 4, epoch=7) + data_frame(3, 8), 0.0)
+    assert [type(event) for event in events] == [Block, Notice, Gap, Block]
+    assert events[2] == Gap("device", 4)
+
+
+def test_a_frame_of_half_the_sensors_breaks_the_run(imu: StreamInfo, data_frame: Wire) -> None:
+    decoder = NativeDecoder()
+    decoder.feed(NativeEncoder().describe(imu), 0.0)
+    events = decoder.feed(data_frame(1, 0) + data_frame(2, 4, flags=1) + data_frame(3, 8), 0.0)
+    assert [type(event) for event in events] == [Block, Gap, Block]
+
+
+def test_other_frames_count_in_the_sequence_so_that_a_drop_is_still_the_devices(
+    imu: StreamInfo, noise: Noise
+) -> None:
+    encoder, decoder = NativeEncoder(), NativeDecoder()
+    wire = encoder.describe(imu) + encoder.encode(noise(9))
+    wire += encoder.reply(Command("ping", 1, {"type": 0x85})) + encoder.event("hot", 1.0)
+    wire += encoder.status(1, 1, 0, 1.0) + encoder.encode(noise(9, index=20))
+    gaps = [event for event in decoder.feed(wire, 0.0) if isinstance(event, Gap)]
+    assert gaps == [Gap("device", 11)]
+
+
+@pytest.mark.parametrize("kind", [3, 4, 6, 5, 0x7F, 0x81])
+def test_a_frame_of_a_wrong_length_or_type_is_counted_and_skipped(kind: int, sealed: Wire) -> None:
+    decoder = NativeDecoder()
+    assert decoder.feed(sealed(bytes(32), kind, seq=0, n=31), 0.0) == []
+    assert decoder.stats.unknown == 1
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"\x01",  # no sensitivity
+        b"\x02" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))]),  # another version
+        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.0))]),
+        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(float("inf")))]),
+        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1)), (12, b"\0")]),
+        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))])[:-1],
+        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))]) + b"\x09",
+    ],
+)
+def test_a_descriptor_that_says_too_little_is_refused(body: bytes, sealed: Wire) -> None:
+    decoder = NativeDecoder()
+    events = decoder.feed(sealed(body, 2, seq=0, n=len(body)), 0.0)
+    assert [event.kind for event in events] == ["error"]  # type: ignore[union-attr]
+    assert decoder.stats.unknown == 1
+
+
+def test_an_index_that_starts_ahead_in_a_new_epoch_is_no_known_loss(
+    imu: StreamInfo, noise: Noise
+) -> None:
+    encoder, decoder = NativeEncoder(), NativeDecoder()
+    wire = encoder.describe(imu) + encoder.encode(noise(90))
+    wire += encoder.describe(replace(imu, epoch=9)) + encoder.encode(noise(90, index=500))
+    gaps = [event for event in decoder.feed(wire, 0.0) if isinstance(event, Gap)]
+    assert gaps == [Gap("restarted", None)]
+
+
+def test_frames_that_waited_before_an_unplug_are_forgotten(imu: StreamInfo, noise: Noise) -> None:
+    encoder, decoder = NativeEncoder(), NativeDecoder()
+    descriptor = encoder.describe(imu)
+    decoder.feed(encoder.encode(noise(90)), 0.0)
+    decoder.interrupt("disconnected")
+    assert [type(event) for event in decoder.feed(descriptor, 0.0)] == [StreamInfo]
+
+
+def test_only_frames_of_the_described_epoch_are_released(imu: StreamInfo, data_frame: Wire) -> None:
+    decoder = NativeDecoder()
+    decoder.feed(data_frame(1, 0, epoch=7) + data_frame(2, 0), 0.0)
+    events = decoder.feed(NativeEncoder().describe(imu), 0.0)
+    assert [type(event) for event in events] == [StreamInfo, Block]
+    assert decoder.stats.samples == 4
+
+
+def test_saturation_is_said_once_until_it_ends(imu: StreamInfo, noise: Noise) -> None:
+    encoder = NativeEncoder()
+    wire = [encoder.describe(imu)]
+    for turn, end in enumerate((0, 32767, -32768, 0, 32767)):
+        block = noise(9, index=9 * turn)
+        block.counts[3, 1] = end
+        wire.append(encoder.encode(block))
+    for pieces in (wire, [b"".join(wire)]):
+        decoder = NativeDecoder()
+        events = [event for piece in pieces for event in decoder.feed(piece, 0.0)]
+        said = [event.text for event in events if isinstance(event, Notice)]
+        assert said[0] == "the gyroscope is at the end of its range"
+        assert len(said) == (2 if len(pieces) > 1 else 1)
+
+
+@pytest.mark.parametrize("missing", [0, 5])
+def test_the_device_says_that_it_dropped_samples(
+    missing: int, imu: StreamInfo, noise: Noise
+) -> None:
+    encoder = NativeEncoder()
+    encoder.describe(imu)
+    encoder.encode(noise(9))
+    frame = unstuff(encoder.encode(noise(9, index=9 + missing))[:-1])
+    assert frame is not None
+    assert bool(frame[6] & Flag.DROPPED_BEFORE) == bool(missing)
+
+
+def test_a_command_of_another_major_version_is_unknown(sealed: Wire) -> None:
+    command = NativeEncoder().receive(sealed(b"", 0x81, seq=3, n=0, version=0x20))[0]
+    assert (command.name, command.sequence) == ("unknown", 3)
+
+
+def test_without_a_clock_the_time_of_the_sensor_is_taken_and_unwrapped(
+    sealed: Wire, data_frame: Wire
+) -> None:
+    entries = [(6, tlv.float32(0.1)), (8, tlv.float32(0.1)), (13, b"\0")]
+    body = b"\x01" + tlv.pack([*entries, (11, (100_000).to_bytes(4, "little"))])
+    wire = sealed(body, 2, seq=0, n=len(body))
+    ticks = (2**32 - 20, 2**32 - 10, 2**32 - 1, 5, 15)
+    wire += b"".join(data_frame(1 + i, 4 * i, ticks=t, mcu_us=9) for i, t in enumerate(ticks))
+    info, block = NativeDecoder().feed(wire, 0.0)
+    assert isinstance(info, StreamInfo)
+    assert isinstance(block, Block)
+    assert not info.device_clock
+    assert info.time_resolution_s == pytest.approx(1e-4)
+    none = block.ticks.device_s[2]  # 0xFFFFFFFF means that there is none
+    assert np.isnan(none)
+    seconds = block.ticks.device_s[[0, 1, 3, 4]]
+    assert seconds == pytest.approx(1e-4 * (2**32 + np.array([-20, -10, 5, 15])))

@@ -318,6 +318,43 @@ def test_numbers_that_are_none_make_no_sample(number: str) -> None:
     assert np.isfinite(np.concatenate([block.counts for block in blocks])).all()
 
 
+@pytest.mark.parametrize("time", ["1e300", "inf", "-inf"])
+def test_a_time_that_no_clock_has_makes_no_sample(time: str) -> None:
+    rows = "".join(f"{0.01 * i},1,2,3\n" for i in range(40))
+    decoder = format_named("text").decoder(WireSettings())
+    header = "t[s],gx[dps],gy[dps],gz[dps]\n"
+    decoder.feed((header + rows + f"{time},1,2,3\n" + "0.41,1,2,3\n0.42,1,2,3\n").encode(), 0.0)
+    decoder.finish()
+    assert decoder.stats.samples == 42
+    assert decoder.stats.lost_samples == 1
+
+
+def test_damage_is_remembered_over_rows_that_are_left_out() -> None:
+    rows = "1,2,3,1,1,1\n" * 30
+    text = "gx[dps],gy[dps],gz[dps],ax[g],ay[g],az[g]\n" + rows + "1,2\n1,2,3,,,\n" + rows
+    assert [e for e in _decode(text) if isinstance(e, Gap)] == [Gap("link", None)]
+    whole = text.replace("1,2\n1,2,3", "1,2,3")
+    assert not [e for e in _decode(whole) if isinstance(e, Gap)]
+
+
+def test_counts_are_taken_before_units_even_if_they_are_rarer() -> None:
+    raw = "Raw: ax=1 ay=2 az=16000 | gx=3 gy=4 gz=5\n"
+    read = "Sample: ax=1.0 ay=2.0 az=3.0 g | gx=1.0 gy=2.0 gz=3.0 dps\n"
+    events = _decode((raw + 3 * read) * 10)
+    counts = np.concatenate([event.counts for event in events if isinstance(event, Block)])
+    assert counts.tolist() == [[3, 4, 5, 1, 2, 16000]] * 10
+
+
+def test_a_remark_in_parentheses_is_left_out() -> None:
+    said = read_labelled("Accel: x=0.005 y=-0.019 z=1.015 g (raw: 82 -305 16647)")
+    assert said is not None
+    assert (said.accel, said.accel_unit) == ((0.005, -0.019, 1.015), "g")
+
+
+def test_axes_of_one_sensor_in_different_units_say_nothing() -> None:
+    assert read_labelled("ax[g]=1.0 ay[mg]=2.0 az[g]=3.0") is None
+
+
 def test_counts_beyond_int16_stay_within_it() -> None:
     events = _decode("gx[lsb],gy[lsb],gz[lsb]\n" + "99999,-99999,1\n" * 3)
     block = next(event for event in events if isinstance(event, Block))

@@ -58,6 +58,7 @@ def test_any_body_survives_the_framing(body: bytes) -> None:
         "32 01 F1 01 CC F0",  # an escape of nothing
         "32 01 01 CC F1 F0",  # an escape at the end
         "F1 F0",
+        "32 01 F1 F3 DD F0",  # an escape of something else, with the sum of 32 01 F0
         "00 F0",
     ],
 )
@@ -127,6 +128,9 @@ def test_the_sensortile_layout_gives_only_what_is_new() -> None:
     assert only_gyro is not None
     assert only_gyro.accel is None
     assert np.isnan(only_gyro.temperature_c)
+    only_accel = read_sensortile(_sensortile(0b000001))
+    assert only_accel is not None
+    assert only_accel.gyro is None
 
 
 @pytest.mark.parametrize("change", [{"b3": 24}, {"b4": 60}, {"b5": 60}, {"b6": 100}, {"b1": 1}])

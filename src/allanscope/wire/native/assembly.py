@@ -112,9 +112,8 @@ class Assembler:
     def _deliver(self, run: Run, frames_missing: bool, known: Descriptor) -> Iterator[Event]:
         first = run.headers[0]
         if (int(first["seq"]), int(first["index"])) == self._last_frame:
-            # A second copy of the last frame, which makes the sequence look broken.
-            self.repeats += 1
-            run, frames_missing = run.frames(1, len(run)), False
+            self.repeats += 1  # a second copy of the last frame
+            run = run.frames(1, len(run))
         flags = run.headers["flags"]
         if len(flags) == 0 or (int(flags[0]) & (Flag.GYRO | Flag.ACCEL)) != known.valid:
             return  # not usable: the index will tell how many samples that cost

@@ -58,7 +58,6 @@ def relative_bounds(model: Iterable[Component], dt: float, duration: float) -> d
         first=edges[:-1],
         last=edges[1:] - 1,
         power=np.ones(len(edges) - 1),
-        start=np.zeros(1),
     )
     likelihood = Likelihood([bare])
     free = [Free(i, j) for i, c in enumerate(components) for j in range(len(c.quantities))]

@@ -7,15 +7,14 @@ the rows hold the low band, up to a quarter of their rate, and the streaming spe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from allanscope.noise.ordinates import SHORTEST, DensityBands, Evidence, Ordinates
 from allanscope.spectrum.density import Density
 
-__all__ = ["Stretches", "evidence_of", "stretches_of"]
+__all__ = ["evidence_of", "stretches_of"]
 
 Array = NDArray[np.float64]
 
@@ -26,23 +25,7 @@ _WHOLE = 16
 """Longest stretches that are transformed in one piece; shorter ones are cut to a common length."""
 
 
-@dataclass(frozen=True)
-class Stretches:
-    """Contiguous rows of one column.
-
-    Attributes
-    ----------
-    rows : tuple of ndarray
-        Each of shape (stretches, n): all of equal length in a table.
-    start : tuple of ndarray
-        Time of the first row of each, in s.
-    """
-
-    rows: tuple[Array, ...]
-    start: tuple[Array, ...]
-
-
-def stretches_of(values: Array, segments: Sequence[tuple[int, int]], start_s: Array) -> Stretches:
+def stretches_of(values: Array, segments: Sequence[tuple[int, int]]) -> tuple[Array, ...]:
     """Sort the segments of a record into tables of equal length.
 
     The longest ones, which alone know about the lowest frequencies, stay whole. The others, down to
@@ -55,8 +38,11 @@ def stretches_of(values: Array, segments: Sequence[tuple[int, int]], start_s: Ar
         Rows of one column.
     segments : sequence of (first, last)
         Half-open ranges that are contiguous.
-    start_s : ndarray, shape (n,)
-        Time of each row in s.
+
+    Returns
+    -------
+    tuple of ndarray
+        Each of shape (stretches, length).
 
     Raises
     ------
@@ -67,27 +53,23 @@ def stretches_of(values: Array, segments: Sequence[tuple[int, int]], start_s: Ar
     if not usable:
         raise ValueError(f"no stretch of {SHORTEST} rows without a gap")
     whole, rest = usable[:_WHOLE], usable[_WHOLE:]
-    rows = [values[np.newaxis, first:last] for first, last in whole]
-    start = [start_s[first : first + 1] for first, _ in whole]
+    tables = [values[np.newaxis, first:last] for first, last in whole]
     if rest:
         length = max(SHORTEST, int(np.median([last - first for first, last in rest])) // 2)
-        firsts = np.concatenate(
-            [np.arange(first, last - length + 1, length) for first, last in rest]
-        )
-        rows.append(values[firsts[:, np.newaxis] + np.arange(length)])
-        start.append(start_s[firsts])
-    return Stretches(tuple(rows), tuple(start))
+        starts = [np.arange(first, last - length + 1, length) for first, last in rest]
+        tables.append(values[np.concatenate(starts)[:, np.newaxis] + np.arange(length)])
+    return tuple(tables)
 
 
 def evidence_of(
-    stretches: Stretches, dt: float, stride: int = 1, density: Density | None = None
+    stretches: Sequence[Array], dt: float, stride: int = 1, density: Density | None = None
 ) -> tuple[Evidence, ...]:
     """Return the ordinates of all stretches, and the density where it knows more.
 
     Parameters
     ----------
-    stretches : Stretches
-        Rows.
+    stretches : sequence of ndarray
+        Tables of contiguous rows, each of shape (stretches, length).
     dt : float
         Time between samples in s.
     stride : int
@@ -95,25 +77,11 @@ def evidence_of(
     density : Density, optional
         Of the samples; used when the rows are averages.
     """
-    bands: list[Evidence] = []
     highest = np.inf
-    if stride > 1 and density is not None and len(density.frequency):
-        highest = _LOW_BAND / (stride * dt)
-        upper = DensityBands.of(density, dt, lowest=highest)
+    bands: tuple[Evidence, ...] = ()
+    if stride > 1 and density is not None:
+        upper = DensityBands.of(density, dt, lowest=_LOW_BAND / (stride * dt))
         if len(upper.power):
-            bands.append(upper)
-        else:
-            highest = np.inf
-    lower = [
-        Ordinates.of(rows, dt, stride=stride, highest=highest, start=start)
-        for rows, start in zip(stretches.rows, stretches.start, strict=True)
-    ]
-    return (*lower, *bands)
-
-
-def plain(values: ArrayLike) -> Stretches:
-    """Return one contiguous record as stretches."""
-    rows = np.asarray(values, np.float64)
-    if rows.ndim != 1:
-        raise ValueError(f"need values of shape (n,), got {rows.shape}")
-    return Stretches((rows[np.newaxis],), (np.zeros(1),))
+            highest, bands = _LOW_BAND / (stride * dt), (upper,)
+    rows = (Ordinates.of(table, dt, stride=stride, highest=highest) for table in stretches)
+    return (*rows, *bands)

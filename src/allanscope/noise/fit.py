@@ -24,7 +24,7 @@ from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import BandLimitedWhite, Ramp, Rounding
 from allanscope.noise.drift import fit_drift
 from allanscope.noise.estimates import Estimates, ramp_coefficient
-from allanscope.noise.evidence import evidence_of, plain, stretches_of
+from allanscope.noise.evidence import evidence_of, stretches_of
 from allanscope.noise.model import NoiseModel
 from allanscope.noise.ordinates import Evidence
 from allanscope.noise.quantised import LIMIT, advice, on_lattice
@@ -132,7 +132,7 @@ def fit_noise(
     column = record.axes.index(axis)
     values = record.values[:, column]
     row_s = 1 / record.rate_hz
-    stretches = stretches_of(values, [(int(a), int(b)) for a, b in record.segments], record.start_s)
+    stretches = stretches_of(values, [(int(a), int(b)) for a, b in record.segments])
     lsb = record.lsb[column]
     return _fit(
         evidence_of(stretches, row_s / record.stride, record.stride, density),
@@ -181,9 +181,10 @@ def fit_array(
     ('0.00399 dps/sqrt(Hz)', True, False)
     """
     samples = np.asarray(values, np.float64)
-    stretches = plain(samples)
+    if samples.ndim != 1:
+        raise ValueError(f"need values of shape (n,), got {samples.shape}")
     return _fit(
-        evidence_of(stretches, 1 / rate),
+        evidence_of([samples[np.newaxis]], 1 / rate),
         dt=1 / rate,
         duration=len(samples) / rate,
         unit=unit,

@@ -72,8 +72,6 @@ class Ordinates:
         Lowest and highest k of each bin.
     power : ndarray, shape (b,)
         Mean square of the ordinates of each bin.
-    start : ndarray, shape (stretches,)
-        Time of the first row of each stretch in s.
     """
 
     raw: Array
@@ -82,7 +80,6 @@ class Ordinates:
     first: NDArray[np.int64]
     last: NDArray[np.int64]
     power: Array
-    start: Array
 
     @classmethod
     def of(
@@ -93,7 +90,6 @@ class Ordinates:
         stride: int = 1,
         highest: float = np.inf,
         fine: Sequence[tuple[float, float]] = (),
-        start: ArrayLike = 0.0,
     ) -> Ordinates:
         """Transform contiguous rows.
 
@@ -110,8 +106,6 @@ class Ordinates:
             Frequency in Hz up to which ordinates are used; above it a `DensityBands` takes over.
         fine : sequence of (low, high)
             Ranges in Hz in which every ordinate is its own bin, e.g. around a narrow resonance.
-        start : array_like
-            Time of the first row of each stretch in s.
 
         Raises
         ------
@@ -129,8 +123,7 @@ class Ordinates:
         per_hz = 2 * n * stride * dt
         top = n - 1 if np.isinf(highest) else int(np.clip(highest * per_hz, 4, n - 1))
         edges = bin_edges(top, [(low * per_hz, high * per_hz) for low, high in fine])
-        starts = np.broadcast_to(np.asarray(start, np.float64), raw.shape[:1])
-        bare = cls(raw, dt, stride, edges[:-1], edges[1:] - 1, np.empty(0), starts)
+        bare = cls(raw, dt, stride, edges[:-1], edges[1:] - 1, np.empty(0))
         return replace(bare, power=bare._means(raw, len(bare.first)))
 
     @property
@@ -147,11 +140,6 @@ class Ordinates:
     def frequency(self) -> Array:
         """Centre of each bin in Hz."""
         return self._middle() / (2 * self.n * self.stride * self.dt)
-
-    @property
-    def duration(self) -> float:
-        """Length of one stretch in s."""
-        return self.n * self.stride * self.dt
 
     def expected(self, component: Component) -> Array:
         """Return what a component contributes to the mean square of each bin."""

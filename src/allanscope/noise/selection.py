@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 _SUSPICIOUS = 3.5
 """Size of z from which something is offered."""
 _LOW_PASS_GAIN = 7.6
-"""Nats for a low-pass: a false one in 10^4 records, for the one boundary it adds."""
+"""Nats for a low-pass: fewer than one false one in 10^4 records."""
 _Q_GAIN = 12.0
 """Nats for a Q: a false one in 10^6."""
 _GRID = (0.03, 0.1, 0.3, 0.6, 1.5)
@@ -72,7 +72,7 @@ class QuantizationScore:
 
     @property
     def upper(self) -> float:
-        """Limit of Q that 97.5 % of records of such a Q would exceed."""
+        """A Q of which 97.5 % of records would show more than this one does."""
         return float(np.sqrt(max(0.0, self.estimate) + 1.96 * self.sd))
 
 

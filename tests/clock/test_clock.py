@@ -105,7 +105,7 @@ def test_a_hole_of_known_length_joins_both_sides_to_a_longer_line() -> None:
         for rows in pieces:
             Stream(one.true_hz, one.index[rows], one.taken_s[rows], one.host_s[rows]).feed(each)
             each.gap(Gap("disconnected", lost))
-    assert clock.rate().span_s == pytest.approx(1000.0, abs=20.0)
+    assert 900.0 < clock.rate().span_s <= 1000.0
     assert abs(error_ppm(clock, one.true_hz)) < 1.0
     assert abs(error_ppm(apart, one.true_hz)) < 2.0
 
@@ -185,7 +185,7 @@ def test_thousands_of_tiny_segments_do_no_harm() -> None:
     for part in range(3000):
         at = np.array([0, 5], np.int64)
         nothing = np.full(2, np.nan)
-        clock.update(part * 10, Ticks(at, nothing, 1e6 + part + at / 104.0, nothing))
+        clock.update(part * 10, Ticks(at, nothing, 1e6 + part + at / one.true_hz, nothing))
         clock.gap(Gap("link", None))
     assert abs(error_ppm(clock, one.true_hz)) < 20.0
 

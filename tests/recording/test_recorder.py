@@ -120,6 +120,7 @@ def test_a_disk_that_stays_full_keeps_every_whole_second_and_counts_the_rest(
     disk.room = 0
     for index in range(1, 200):
         recorder.rx(noise(index))
+        wait_until(lambda: recorder._queued_bytes == 0)
     wait_until(lambda: recorder.dropped_bytes > 0 and "are lost" in recorder.alarm)
     recorder.close()
     assert numbers(path) == [0]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 
 from allanscope.errors import InputError, UsageError
 from allanscope.recording import Chunk, Recording, SessionWriter, recover
@@ -67,26 +68,51 @@ def test_one_flipped_byte_costs_at_most_a_second(session: Session, seed: int) ->
         assert recording.damage
 
 
-@pytest.mark.parametrize("part", ["header", "metadata", "chunk", "index record", "chunk length"])
+@pytest.mark.parametrize(
+    ("part", "cost"),
+    [
+        ("header", 0),
+        ("metadata", 0),
+        ("index record", 0),
+        ("index length", 0),
+        ("chunk", READS_PER_SECOND),
+        ("chunk length", READS_PER_SECOND),
+    ],
+)
 @pytest.mark.parametrize("value", [0, 2, 4, 7, 0x0C, 0x0E, 0x0F, 0x40, 0xFF])
 def test_rot_in_a_header_never_swallows_what_follows(
-    session: Session, part: str, value: int
+    session: Session, part: str, cost: int, value: int
 ) -> None:
     path, chunks = session(SECONDS)
     whole = bytearray(path.read_bytes())
-    outline = outline_of(path)
-    third = outline.chunks[2]
+    third = outline_of(path).chunks[2]
     head = 9 + 32 + 4 + 8
     position = {
         "header": 9,
         "metadata": 8 + 9 + len("allanscope") * 2 + 8 + 2,
-        "chunk": third.offset - head,
         "index record": third.offset + third.length,
+        "index length": third.offset + third.length + 2,
+        "chunk": third.offset - head,
         "chunk length": third.offset - head + 2,
     }[part]
     whole[position] = value if whole[position] != value else value ^ 1
     path.write_bytes(whole)
-    assert len(chunks) - len(read_back(path)) in (0, READS_PER_SECOND)
+    assert len(chunks) - len(read_back(path)) == cost
+    if cost:
+        assert Recording(path).damage
+
+
+def test_rot_between_data_and_index_is_no_tear(session: Session) -> None:
+    path, chunks = session(SECONDS)
+    whole = bytearray(path.read_bytes())
+    last = outline_of(path).chunks[-1]
+    end_of_data = last.offset + last.length + INDEX_BYTES
+    assert whole[end_of_data] == Opcode.DATA_END
+    whole[end_of_data] = 0
+    path.write_bytes(whole)
+    recording = Recording(path)
+    assert list(recording.chunks()) == chunks
+    assert [(one.offset, one.length) for one in recording.damage] == [(end_of_data, 9 + 4)]
 
 
 def test_zeros_at_the_end_cost_only_what_they_cover(session: Session) -> None:
@@ -105,6 +131,20 @@ def test_rotten_metadata_is_told_and_the_next_record_used(session: Session) -> N
     path.write_bytes(whole.replace(b"LSM6DSM", b"LSM6DSL"))
     recording = Recording(path)
     assert recording.metadata["part"] == "LSM6DSL"
+    assert [one.what for one in recording.damage] == ["the metadata is damaged"]
+
+
+def test_a_sound_metadata_record_is_preferred_to_a_newer_one_that_has_rotted(
+    tmp_path: Path,
+) -> None:
+    writer = SessionWriter(tmp_path / "a.mcap", {"part": "LSM6DSM"})
+    writer.describe({"wire": "native"})
+    writer.close()
+    whole = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "a.mcap").write_bytes(whole.replace(b"native", b"naXive"))
+    recording = Recording(tmp_path / "a.mcap")
+    assert recording.metadata["part"] == "LSM6DSM"
+    assert "wire" not in recording.metadata
     assert [one.what for one in recording.damage] == ["the metadata is damaged"]
 
 

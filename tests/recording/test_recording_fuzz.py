@@ -101,6 +101,17 @@ def test_a_decompression_bomb_is_refused_before_it_is_unpacked(folder: Path, hon
     assert Recording(path).damage
 
 
+def test_a_size_that_nobody_can_check_is_not_believed(folder: Path) -> None:
+    """A frame that does not say how much it holds, in a chunk that promises terabytes."""
+    packer = zstandard.ZstdCompressor().compressobj()
+    packed = packer.compress(b"x" * 100) + packer.flush()
+    assert zstandard.frame_content_size(packed) == -1
+    path = folder / "promise.mcap"
+    path.write_bytes(HEADER + chunk_record(packed, unpacked_size=1 << 42))
+    assert read_everything(path) == 0
+    assert Recording(path).damage
+
+
 @pytest.mark.parametrize("length", [0, 8, 2**31, 2**63, 2**64 - 1])
 @pytest.mark.parametrize("opcode", range(0, 17))
 def test_lengths_that_cannot_be_are_not_believed(folder: Path, opcode: int, length: int) -> None:

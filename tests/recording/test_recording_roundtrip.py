@@ -63,6 +63,7 @@ def test_silence_and_the_end_are_not_recorded(tmp_path: Path) -> None:
         tmp_path / "a.mcap", [Chunk(1), Chunk(2, b"x"), Chunk(3, b"", "end")], {}
     )
     assert list(Recording(path).chunks()) == [Chunk(2, b"x")]
+    assert list(Recording(path).events()) == []
 
 
 def test_commands_and_remarks_are_kept_beside_the_reads(tmp_path: Path) -> None:
@@ -111,6 +112,7 @@ def test_a_long_session_grows_over_several_files(session: Session, limit: dict[s
     assert list(whole.chunks()) == chunks
     assert list(Recording(path.parent).chunks()) == chunks
     assert whole.damage == []
+    assert whole.metadata["segment"] == "0"
 
 
 def test_every_file_of_a_session_stands_for_itself(session: Session) -> None:

@@ -185,8 +185,6 @@ class Link:
 
     def write(self, data: bytes) -> None: ...
 
-    def wake(self) -> None: ...
-
     def close(self) -> None:
         self.closed = True
 
@@ -251,6 +249,7 @@ def test_another_board_under_the_old_name_is_left_alone() -> None:
     bench = Bench()
     source = bench.source()
     bench.ports = [usb("/dev/ttyACM0", "BB")]
+    bench.links = [Link([b"not ours"])]
     assert [one for one in events(source, 30) if one] == ["disconnected"]
     assert bench.opened == ["/dev/ttyACM0"]
 
@@ -315,8 +314,11 @@ def test_a_device_that_comes_back_mute_stalls() -> None:
     bench = Bench()
     source = bench.source(SourceSettings(stall_s=3.5))
     bench.links = [Link([])]
-    found = [one for one in events(source, 40) if one]
-    assert found == ["disconnected", "reconnected", "stalled"]
+    found = [source.read() for _ in range(40)]
+    assert [one.event for one in found if one.event] == ["disconnected", "reconnected", "stalled"]
+    gone, back, mute = (one.host_ns for one in found if one.event)
+    assert gone < back
+    assert mute - back > 3.5e9
 
 
 # --- sockets and other URLs -----------------------------------------------------------------------

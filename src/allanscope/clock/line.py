@@ -18,6 +18,8 @@ __all__ = ["LineFit", "fit_line"]
 Floats = NDArray[np.float64]
 
 FEWEST_ROWS = 6
+FIT_ROWS = 32
+SHORTEST_STRETCH = 3
 SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 1e-7, 1e5
 STEP_ROWS = 4
 STEP_SIGMAS = 8.0
@@ -89,32 +91,48 @@ def fit_line(
         return None
     stretch = _split_at_steps(y - period_s * x, segment)
     steps = int(stretch[-1] + 1 - len(np.unique(segment)))
+    lowest = _lowest(y - period_s * x, stretch)
+    if len(lowest) < FEWEST_ROWS:
+        return None
+    x, y, stretch = x[lowest], y[lowest], stretch[lowest]
+    line = _line(x, y, stretch)
+    if line is None:
+        return None
+    period_s, residual, kept = line
+    freedom = int(kept.sum()) - len(np.unique(stretch[kept])) - 1
+    if freedom < 3 or not SHORTEST_PERIOD_S < period_s < LONGEST_PERIOD_S:
+        return None
+    xc, residual = _centred(x, stretch, kept)[kept], residual[kept]
+    span_s = float(np.ptp(x[kept])) * period_s
+    slope_sigma = _slope_sigma(xc, residual, freedom)
+    floor = resolution_s / np.sqrt(12.0) / span_s
+    drift, drift_sigma = _drift(xc, residual, stretch[kept], freedom)
+    drift_floor = 8.0 * floor / span_s  # a bend of one step, as the floor is a slope of one
+    return LineFit(
+        hz=1.0 / period_s,
+        relative_sigma=float(np.hypot(slope_sigma / period_s, floor)),
+        residual_s=float(np.sqrt(residual @ residual / freedom)),
+        span_s=span_s,
+        drift_per_h=-3600.0 * drift / period_s**2,
+        drift_sigma_per_h=3600.0 * float(np.hypot(drift_sigma / period_s**2, drift_floor)),
+        steps=steps,
+    )
+
+
+def _line(
+    x: Floats, y: Floats, stretch: NDArray[np.int64]
+) -> tuple[float, Floats, NDArray[np.bool_]] | None:
+    """Return slope, residuals and inliers of the common line; None where nothing moves."""
     kept = np.ones(len(x), bool)
     for _ in range(4):
         xc, yc = _centred(x, stretch, kept), _centred(y, stretch, kept)
         sxx = float(xc[kept] @ xc[kept])
         if sxx <= 0.0:
             return None
-        period_s = float(xc[kept] @ yc[kept]) / sxx
-        residual = yc - period_s * xc
+        slope = float(xc[kept] @ yc[kept]) / sxx
+        residual = yc - slope * xc
         kept = _inliers(residual)
-    freedom = int(kept.sum()) - len(np.unique(stretch[kept])) - 1
-    if freedom < 3 or not SHORTEST_PERIOD_S < period_s < LONGEST_PERIOD_S:
-        return None
-    residual, xc = residual[kept], xc[kept]
-    span_s = float(np.ptp(x[kept])) * period_s
-    slope_sigma = _slope_sigma(xc, residual, freedom)
-    floor = resolution_s / np.sqrt(12.0) / span_s
-    drift, drift_sigma = _drift(xc, residual, stretch[kept], freedom)
-    return LineFit(
-        hz=1.0 / period_s,
-        relative_sigma=float(np.hypot(slope_sigma / period_s, floor)),
-        residual_s=float(np.sqrt(residual @ residual / freedom)),
-        span_s=span_s,
-        drift_per_h=drift / period_s**2 * -3600.0,
-        drift_sigma_per_h=drift_sigma / period_s**2 * 3600.0,
-        steps=steps,
-    )
+    return slope, residual, kept
 
 
 def _typical_period(x: Floats, y: Floats, segment: NDArray[np.int64]) -> float:
@@ -147,6 +165,24 @@ def _split_at_steps(residual: Floats, segment: NDArray[np.int64]) -> NDArray[np.
     return np.cumsum(breaks)
 
 
+def _lowest(residual: Floats, stretch: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows that are lowest among their neighbours, `FIT_ROWS` of them or so.
+
+    Stretches too short to show a slope are left out.
+
+    Fewer and lower points fix a line under the data better than many: their delays are shorter,
+    and a bad second has no more weight than a bad moment.
+    """
+    length = np.bincount(stretch)
+    place = np.arange(len(stretch)) - (np.cumsum(length) - length)[stretch]
+    group = np.clip(length // FEWEST_ROWS, 1, max(1, len(stretch) // FIT_ROWS))
+    starts = np.flatnonzero(place % group[stretch] == 0)
+    least = np.minimum.reduceat(residual, starts)
+    at_least = np.flatnonzero(residual == np.repeat(least, np.diff(starts, append=len(stretch))))
+    lowest = at_least[np.searchsorted(at_least, starts)]
+    return lowest[length[stretch[lowest]] >= SHORTEST_STRETCH]
+
+
 def _centred(values: Floats, stretch: NDArray[np.int64], kept: NDArray[np.bool_]) -> Floats:
     """Subtract from every stretch the mean of what is kept of it."""
     weight = kept.astype(np.float64)
@@ -156,9 +192,10 @@ def _centred(values: Floats, stretch: NDArray[np.int64], kept: NDArray[np.bool_]
 
 
 def _inliers(residual: Floats) -> NDArray[np.bool_]:
-    middle = np.median(residual)
-    sigma = MAD_TO_SIGMA * float(np.median(np.abs(residual - middle)))
-    return np.abs(residual - middle) <= OUTLIER_SIGMAS * max(sigma, TIGHTEST_S)
+    """Pass over what came too late; what came early is no outlier but says where the line is."""
+    excess = residual - np.median(residual)
+    sigma = MAD_TO_SIGMA * float(np.median(np.abs(excess)))
+    return (excess <= OUTLIER_SIGMAS * max(sigma, TIGHTEST_S)) & (excess >= -STEP_S)
 
 
 def _slope_sigma(xc: Floats, residual: Floats, freedom: int) -> float:

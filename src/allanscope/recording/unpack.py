@@ -62,8 +62,6 @@ def messages_of(data: bytes, topics: dict[int, str]) -> list[Message]:
     while position + _HEADER_BYTES <= end:
         opcode, length, channel, sequence, epoch_ns, host_ns = _MESSAGE(padded, position)
         body, position = position + _HEADER_BYTES, position + _HEADER_BYTES + length
-        if position > end:
-            break
         if opcode == Opcode.MESSAGE and length >= _MESSAGE_BYTES:
             topic, start = topics.get(channel, ""), body + _MESSAGE_BYTES
             found.append((topic, sequence, epoch_ns, host_ns, start, position))

@@ -141,11 +141,8 @@ class SerialSource:
                 return  # the reader sees it too, and reports it
 
     def close(self) -> None:
-        """Stop; a read in another thread returns at once, and the next one says ``end``."""
+        """Stop; waits for a read in another thread, 50 ms at most. The next one says ``end``."""
         self._closing.set()
-        with self._writing:
-            if self._link is not None:
-                self._link.wake()
         with self._reading:
             self._let_go()
 

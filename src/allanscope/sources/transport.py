@@ -39,7 +39,7 @@ class WriteTimeoutError(Exception):
 
 
 class Transport(Protocol):
-    """An open link. One thread reads; one may write; any may wake; the reader closes."""
+    """An open link. One thread reads, another may write."""
 
     def read(self, timeout_s: float) -> bytes:
         """Return what is there, waiting for the first byte at most this long; b"" if none came.
@@ -49,9 +49,6 @@ class Transport(Protocol):
 
     def write(self, data: bytes) -> None:
         """Send all of it; WriteTimeoutError if that takes too long."""
-
-    def wake(self) -> None:
-        """Make a read that waits return at once."""
 
     def close(self) -> None:
         """Let go of it; never raises."""
@@ -86,12 +83,10 @@ class _Posix:
 
     def __init__(self, port: Any) -> None:
         self._port = port
-        self._wake_read, self._wake_write = os.pipe()
 
     def read(self, timeout_s: float) -> bytes:
         fd = self._port.fileno()
-        ready, _, _ = select.select([fd, self._wake_read], [], [], timeout_s)
-        if fd not in ready:
+        if not select.select([fd], [], [], timeout_s)[0]:
             return b""
         data = os.read(fd, READ_BYTES)
         if not data:
@@ -101,13 +96,8 @@ class _Posix:
     def write(self, data: bytes) -> None:
         _write(self._port, data)
 
-    def wake(self) -> None:
-        os.write(self._wake_write, b"!")
-
     def close(self) -> None:
         _close(self._port)
-        os.close(self._wake_read)
-        os.close(self._wake_write)
 
 
 class _Polled:
@@ -125,11 +115,6 @@ class _Polled:
     def write(self, data: bytes) -> None:
         _write(self._port, data)
 
-    def wake(self) -> None:
-        cancel = getattr(self._port, "cancel_read", None)
-        if cancel is not None:
-            cancel()
-
     def close(self) -> None:
         _close(self._port)
 
@@ -143,11 +128,9 @@ class _Socket:
             raise ValueError(f"{url} is no address; write socket://HOST:PORT")
         self._socket = socket.create_connection((parts.hostname, parts.port), CONNECT_TIMEOUT_S)
         self._socket.settimeout(WRITE_TIMEOUT_S)
-        self._bell, self._ring = socket.socketpair()
 
     def read(self, timeout_s: float) -> bytes:
-        ready, _, _ = select.select([self._socket, self._bell], [], [], timeout_s)
-        if self._socket not in ready:
+        if not select.select([self._socket], [], [], timeout_s)[0]:
             return b""
         data = self._socket.recv(READ_BYTES)
         if not data:
@@ -160,12 +143,8 @@ class _Socket:
         except TimeoutError as error:
             raise WriteTimeoutError from error
 
-    def wake(self) -> None:
-        self._ring.send(b"!")
-
     def close(self) -> None:
-        for one in (self._socket, self._bell, self._ring):
-            one.close()
+        self._socket.close()
 
 
 def _write(port: Any, data: bytes) -> None:

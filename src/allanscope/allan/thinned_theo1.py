@@ -75,11 +75,14 @@ def _sum_of_powers(last: float, exponent: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _profile(x: NDArray[np.float64], k: int) -> tuple[NDArray[np.float64], int]:
-    profile = np.zeros(k // 2)
+    half = k // 2
+    profile = np.zeros(half)
+    backward = x[::-1].copy()  # so that both phases of a term lie in rising order
     windows = x.size - k
     for i in range(windows):
         ends = x[i] + x[i + k]
-        for v in range(1, k // 2 + 1):
-            term = ends - x[i + v] - x[i + k - v]
-            profile[v - 1] += term * term
+        left, right = x[i + 1 : i + 1 + half], backward[windows - i : windows - i + half]
+        for v in range(half):
+            term = ends - left[v] - right[v]
+            profile[v] += term * term
     return profile / windows, windows

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from allanscope.history import Record
 
 RATE = 52.0
-SECONDS = 1500.0
+SECONDS = 1200.0
 N, K = 4e-3, 5e-5
 LSB = 4.375e-3
 SIGMA = N * RATE**0.5

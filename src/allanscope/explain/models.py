@@ -26,7 +26,7 @@ from allanscope.noise.components import (
 )
 from allanscope.noise.model import NoiseModel
 
-__all__ = ["Shaped", "coefficients_of", "model_of"]
+__all__ = ["Filtered", "Shaped", "coefficients_of", "model_of"]
 
 Array = NDArray[np.float64]
 
@@ -42,15 +42,21 @@ class Shaped(Component):
     Parameters
     ----------
     sigma : float
-        Standard deviation for an added process; N sqrt(rate) for white noise behind a filter.
+        Standard deviation of the process.
     terms : tuple of Term
         Their shapes are multiplied.
+    name : str
+        Kind of the effect, under which it is drawn.
     """
 
     sigma: float
     terms: tuple[Term, ...]
     name: str = ""
     symbol: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        # One class stands for every kind: the name of the curve is that of the effect.
+        object.__setattr__(self, "symbol", self.name)
 
     def density(self, f: ArrayLike, dt: float) -> Array:
         """Return 2 dt sigma^2 times the shapes."""
@@ -72,19 +78,63 @@ class Shaped(Component):
         return tuple(float(f) for f in found if 0 < f < 0.5 / dt)
 
 
+@dataclass(frozen=True)
+class Filtered(Component):
+    """A textbook term behind the filters that the loop found.
+
+    Parameters
+    ----------
+    base : Component
+        What goes into them.
+    terms : tuple of Term
+        Their power responses are multiplied.
+    name : str
+        Under which it is drawn.
+    """
+
+    base: Component
+    terms: tuple[Term, ...]
+    name: str
+    symbol: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "symbol", self.name)
+        object.__setattr__(self, "quantities", self.base.quantities)
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The numbers of what goes in."""
+        return self.base.values
+
+    def density(self, f: ArrayLike, dt: float) -> Array:
+        """Return the density of what goes in times the power responses."""
+        frequency = np.asarray(f, np.float64)
+        total = self.base.density(frequency, dt)
+        for term in self.terms:
+            total = total * term.shape(frequency, 1 / dt, term.nonlinear)
+        return total
+
+    def corners(self, dt: float) -> tuple[float, ...]:
+        """Return the corners of what goes in and of the filters."""
+        own = tuple(float(t.nonlinear[0]) for t in self.terms if t.kind == "band_limit")
+        return self.base.corners(dt) + tuple(f for f in own if 0 < f < 0.5 / dt)
+
+
 def model_of(view: View) -> NoiseModel:
     """Return the fitted noise of a view as a model that every estimator can be asked of."""
     spectrum = view.spectrum
     dt = 1 / view.grid.rate_hz
     white = float(np.sqrt(spectrum.variance_of("N")))
     factors = tuple(t for t in spectrum.terms if t.role == "shapes")
-    parts: list[Component] = []
+    filters = tuple(t for t in factors if t.kind == "band_limit")
+    slow = (
+        Flicker(float(np.sqrt(spectrum.variance_of("B")))),
+        RandomWalk(float(np.sqrt(spectrum.variance_of("K")))),
+    )
+    parts: list[Component] = [White(white)]
     if factors:
-        parts.append(Shaped(white / float(np.sqrt(dt)), factors, factors[0].kind))
-    else:
-        parts.append(White(white))
-    parts.append(Flicker(float(np.sqrt(spectrum.variance_of("B")))))
-    parts.append(RandomWalk(float(np.sqrt(spectrum.variance_of("K")))))
+        parts = [Filtered(White(white), factors, (filters or factors)[0].kind)]
+    parts += [Filtered(part, filters, part.symbol) if filters else part for part in slow]
     if "Q" in spectrum.base:
         parts.append(AngleQuantization(float(np.sqrt(spectrum.variance_of("Q")))))
     if spectrum.floor > 0:

@@ -40,7 +40,7 @@ _FEWEST_COHERENCES = 12.0
 _SIMILAR = 3.0
 _HELD_SHARE, _SMALL = 0.25, 30.0
 """Of a large gain at least a quarter must be found on held-out data: else it did not recur."""
-_SLOW = ("warm_up", "ramp")
+_SLOW = ("warm_up", "ramp", "temperature")
 _CLEARLY = 5.0
 _UNFINISHED = 0.3
 """Share of the gain of the named effects that free cosines may still find behind them."""

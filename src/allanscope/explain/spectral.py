@@ -14,14 +14,14 @@ a millisecond a fit, so that every candidate effect can afford a joint refit of 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-__all__ = ["Grid", "Spectrum", "Term", "binned_power", "fit_spectrum", "with_nonlinear"]
+__all__ = ["Grid", "Spectrum", "Term", "binned_power", "fit_spectrum"]
 
 Array = NDArray[np.float64]
 
@@ -336,8 +336,3 @@ def _solve(basis: Array, target: Array, weight: Array) -> Array:
     size[size == 0] = 1.0
     solution, _ = nnls(weighted / size, target * weight)
     return np.asarray(solution / size)
-
-
-def with_nonlinear(term: Term, nonlinear: tuple[float, ...]) -> Term:
-    """Return the term with other shape parameters."""
-    return replace(term, nonlinear=nonlinear)

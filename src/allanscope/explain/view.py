@@ -137,10 +137,6 @@ class View:
         """Return the view with other stationary parts, to be fitted anew."""
         return replace(self, terms=terms)
 
-    def with_data(self, data: Array) -> View:
-        """Return the view of other data."""
-        return replace(self, data=data)
-
     @property
     def drifts(self) -> bool:
         """Whether a slow drift without a name has been accepted."""

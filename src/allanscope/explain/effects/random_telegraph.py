@@ -24,7 +24,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.effects.gauss_markov import GaussMarkov, fitted, lorentzian
-from allanscope.explain.heldout import halves
+from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, ordinates_of
 from allanscope.explain.spectral import Term
 from allanscope.explain.telegraph import posterior
@@ -41,6 +41,8 @@ _MISSED = 1.2
 """Factor on the error of the dwell for switches that noise hides."""
 _ROUNDS = 40
 _FEWEST_SWITCHES = 4
+_MOVED = 16.0
+"""Variance of the level over that of white noise from which slow hops are looked for."""
 
 
 class RandomTelegraph(EffectKind):
@@ -58,20 +60,31 @@ class RandomTelegraph(EffectKind):
         if view.has(self.kind) or view.has("gauss_markov") or view.has("quantization"):
             return
         twin = next(iter(_TWIN.propose(view)), None)
-        if twin is None or twin.gain < twin.price:
+        if twin is None:
             return
-        tc, sigma = twin.shape[0], float(twin.parameters["sigma"].value)
-        candidate = _candidate(view, sigma, 2 * tc)
-        if candidate is not None:
-            yield replace(candidate, rivals={"gauss_markov": twin.gain})
+        if twin.gain > twin.price:
+            tc, sigma = twin.shape[0], float(twin.number("sigma"))
+            candidates = [_candidate(view, sigma, 2 * tc)]
+        else:  # a few slow hops are a random walk to any spectrum
+            moved = _moved(view)
+            candidates = [_candidate(view, moved, view.series.duration_s / k) for k in (15, 45)]
+            candidates = candidates if moved > 0 else []
+        best = max((c for c in candidates if c is not None), key=lambda c: c.gain, default=None)
+        if best is not None:
+            yield replace(best, rivals={"gauss_markov": twin.gain})
 
     def refine(self, view: View, candidate: Candidate) -> Candidate:
         """Find the path again."""
         return _candidate(view, *candidate.shape) or candidate
 
-    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
-        """Judge its spectrum by the two halves."""
-        return halves(view, view.terms + candidate.terms)
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
+        """Judge the amplitude by interleaved blocks, on the path found in all of them."""
+        size, dwell_s = candidate.shape
+        path = _path(view, size, dwell_s, _TO_JUDGE)
+        if path is None:
+            return None
+        column = _column(view, path)
+        return interleaved(view, replace(joint_fit(view, column), gain=candidate.gain), column)
 
 
 @dataclass(frozen=True)
@@ -84,18 +97,33 @@ class _Path:
     switches: int
 
 
+def _moved(view: View) -> float:
+    """Deviation of means over a 200th of the record beyond the white noise in them, 0 if small."""
+    means = np.array([part.mean() for part in np.array_split(view.data, 200)])
+    white = view.spectrum.variance_of("N") * 200 / view.series.duration_s
+    variance = float(means.var())
+    return float(np.sqrt(variance - white)) if variance > _MOVED * white else 0.0
+
+
+def _column(view: View, path: _Path) -> Array:
+    """First ordinates of the path."""
+    hop = view.grid.n // len(path.state)
+    full = np.repeat(path.state, hop)
+    full = np.concatenate([full, np.full(view.grid.n - len(full), full[-1])])
+    return np.asarray(ordinates_of(full)[np.newaxis, : view.grid.low])
+
+
 def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None:
     path = _path(view, amplitude, dwell_s, _TO_JUDGE)
     if path is None or path.switches < _FEWEST_SWITCHES:
         return None
-    hop = view.grid.n // len(path.state)
-    full = np.repeat(path.state, hop)
-    full = np.concatenate([full, np.full(view.grid.n - len(full), full[-1])])
-    fit = joint_fit(view, ordinates_of(full)[np.newaxis, : view.grid.low])
+    fit = joint_fit(view, _column(view, path))
     size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
     if size <= 0:
         return None
-    finer = _path(view, size, path.dwell_s, _TO_MEASURE) or path
+    finer = _path(view, size, path.dwell_s, _TO_MEASURE)
+    if finer is None or finer.switches < _FEWEST_SWITCHES:
+        finer = path
     dwell = finer.dwell_s
     spread = 1.96 * _MISSED / np.sqrt(finer.switches)
     term = Term("random_telegraph", "adds", (dwell / 2,), lorentzian)

@@ -17,6 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
@@ -26,6 +27,8 @@ from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
 
+_BEYOND = 1.05
+"""Less excess over chance than this may come from rates of chance that change together."""
 _FINEST = 0.8
 """Least noise in steps at which a single axis can be judged."""
 
@@ -90,18 +93,24 @@ class RepeatedSamples(EffectKind):
 
 
 def _together(equal: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """Return fraction, gain and error factor from all axes repeating at once."""
-    n = len(equal)
-    both = float(equal.all(axis=1).sum())
-    share = both / n
-    rates = (equal.sum(axis=0) - both) / max(n - both, 1.0)
-    chance = float(np.prod(rates))
-    expected = chance * n
-    fraction = max(0.0, (share - chance) / (1 - chance))
-    if both <= expected or both < 3:
-        return fraction, 0.0, 1.0
-    floor = max(expected, 0.05)
-    return fraction, both * np.log(both / floor) - (both - floor), 1.0
+    """Return fraction, gain and error factor from all axes repeating at once.
+
+    With a share d of repeated rows, axis i repeats with P_i = d + (1 - d) p_i and all of them with
+    P = d + (1 - d) prod p_i; without any, P = prod P_i.
+    """
+    n, axes = equal.shape
+    each, share = equal.mean(axis=0), float(equal.all(axis=1).mean())
+    chance = float(np.prod(each))
+    if share * n < 3 or share < _BEYOND * chance:
+        return 0.0, 0.0, 1.0
+
+    def excess(d: float) -> float:
+        return float(d + np.prod(each - d) / (1 - d) ** (axes - 1) - share)
+
+    top = float(each.min())
+    fraction = float(brentq(excess, 0.0, top)) if excess(top) > 0 else share
+    floor = max(chance * n, 0.05)
+    return fraction, share * n * float(np.log(share * n / floor)) - (share * n - floor), 1.0
 
 
 def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] | None:

@@ -36,7 +36,7 @@ class Temperature(EffectKind):
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Fit one slope."""
-        return [] if view.has(self.kind) else [self.refine(view, None)]
+        return [] if view.has(self.kind) or view.drifts else [self.refine(view, None)]
 
     def refine(self, view: View, candidate: Candidate | None) -> Candidate:
         """Estimate the slope."""

@@ -142,7 +142,8 @@ def drift_left_over(view: View) -> Candidate | None:
 
 def _tails(view: View) -> Iterable[Candidate]:
     kurtosis, error = excess_kurtosis(view)
-    if kurtosis < _TAIL_Z * error or view.has("variance_change") or view.has("quantization"):
+    hidden = any(view.has(k) for k in ("variance_change", "quantization", "random_telegraph"))
+    if kurtosis < _TAIL_Z * error or hidden:
         return
     top = view.grid.rate_hz / 2
     yield Candidate(

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 _BLOCK_S = 0.5
 _MOST = 40
+_HIDDEN_BY = ("quantization", "random_telegraph")
+"""With these the innovations are not Gaussian: a hop is whitened to a burst."""
 _CAP = 20.0
 """Squares are cut here, so that one sample cannot make a stretch."""
 _LONGEST = 0.5
@@ -44,7 +46,7 @@ class VarianceChange(EffectKind):
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Look for intervals whose mean square differs from the rest's."""
-        if view.has(self.kind) or view.has("quantization"):
+        if any(view.has(k) for k in (self.kind, *_HIDDEN_BY)):
             return []
         size = max(8, int(_BLOCK_S * view.grid.rate_hz))
         blocks = len(view.innovations) // size

@@ -292,6 +292,7 @@ def test_a_frame_of_a_wrong_length_or_type_is_counted_and_skipped(kind: int, sea
         b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1)), (12, b"\0")]),
         b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))])[:-1],
         b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))]) + b"\x09",
+        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))]) + b"\x11\x05abc",
     ],
 )
 def test_a_descriptor_that_says_too_little_is_refused(body: bytes, sealed: Wire) -> None:

@@ -346,9 +346,9 @@ def test_counts_are_taken_before_units_even_if_they_are_rarer() -> None:
 
 
 def test_a_remark_in_parentheses_is_left_out() -> None:
-    said = read_labelled("Accel: x=0.005 y=-0.019 z=1.015 g (raw: 82 -305 16647)")
+    said = read_labelled("Accel: x=5 y=-19 z=1015 mg (raw: 82 -305 16647)")
     assert said is not None
-    assert (said.accel, said.accel_unit) == ((0.005, -0.019, 1.015), "g")
+    assert (said.accel, said.accel_unit) == ((5.0, -19.0, 1015.0), "mg")
 
 
 def test_axes_of_one_sensor_in_different_units_say_nothing() -> None:

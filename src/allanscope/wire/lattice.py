@@ -20,13 +20,10 @@ def truncate(
 ) -> NDArray[np.int64]:
     """Return what stock firmware sends for these counts.
 
-    The product is rounded to 1e-6 before it is cut: 8.75 * 4 is 35 and not 34.99999999.
-
     >>> truncate(np.array([-4, -1, 1, 4]), 8.75).tolist()
     [-35, -8, 8, 35]
     """
-    scaled = np.asarray(counts, np.float64) * milli_per_count
-    return np.trunc(np.round(scaled, 6)).astype(np.int64)
+    return np.trunc(np.asarray(counts, np.float64) * milli_per_count).astype(np.int64)
 
 
 def recover(
@@ -37,7 +34,7 @@ def recover(
     >>> recover(np.array([-35, -8, 8, 35]), 8.75).tolist()
     [-4, -1, 1, 4]
     """
-    size = np.ceil(np.round(np.abs(sent) / milli_per_count, 6))
+    size = np.ceil(np.abs(sent) / milli_per_count)
     return (np.sign(sent) * size).astype(np.int64)
 
 

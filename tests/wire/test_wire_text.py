@@ -337,6 +337,23 @@ def test_damage_is_remembered_over_rows_that_are_left_out() -> None:
     assert not [e for e in _decode(whole) if isinstance(e, Gap)]
 
 
+def test_the_tail_of_a_row_at_the_start_is_no_row() -> None:
+    decoder = format_named("text").decoder(WireSettings())
+    rows = b"17.25,0.5,0.5\n" * 30
+    events = decoder.feed(rows[3:], 0.0)
+    events += decoder.interrupt("disconnected")
+    events += decoder.feed(rows[4:], 0.0) + decoder.finish()
+    counts = np.concatenate([event.counts for event in events if isinstance(event, Block)])
+    assert counts.shape == (58, 3)
+    assert np.unique(counts[:, 0]).tolist() == [17.25]
+
+
+def test_a_file_without_a_header_keeps_its_first_row() -> None:
+    decoder = format_named("text").decoder(WireSettings())
+    events = decoder.feed(b"17.25,0.5,0.5\n" * 30, float("nan")) + decoder.finish()
+    assert sum(len(event) for event in events if isinstance(event, Block)) == 30
+
+
 def test_counts_are_taken_before_units_even_if_they_are_rarer() -> None:
     raw = "Raw: ax=1 ay=2 az=16000 | gx=3 gy=4 gz=5\n"
     read = "Sample: ax=1.0 ay=2.0 az=3.0 g | gx=1.0 gy=2.0 gz=3.0 dps\n"

@@ -7,8 +7,19 @@
 
 Every format is one entry of a registry and provides the same five things (`WireFormat`): a decoder,
 an encoder, what to write to start and stop a device, and a score by which it is recognised.
-A decoder never raises, whatever it is fed, and never holds more than a frame or a line; what it
-throws away it counts in its `LinkStats`.
+A decoder never raises, whatever it is fed, and never holds more than it must; what it throws away
+it counts in its `LinkStats`.
+
+============================= ======================================================================
+``native/``                   numbered frames with a CRC: losses to the sample, from the numbers
+``tmsg/`` ``datalog/``        stock ST firmware: losses from time stamps, counts from milli-units
+``text/``                     tables and labelled lines from anywhere
+``rows`` ``row``              what those without numbers share: rows to events
+``continuity`` ``pacing``     what is missing between two rows, as far as time stamps tell
+``stamps`` ``lines`` ...      small parts: wrapping counters, line ends, printable text
+============================= ======================================================================
+
+`feed_chunks` feeds a decoder many reads at once, as a replay does.
 """
 
 from __future__ import annotations

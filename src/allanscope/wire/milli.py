@@ -9,10 +9,9 @@ from allanscope.parts import GYRO_SCALES, part_named
 from allanscope.samples import AXES, StreamInfo
 from allanscope.wire import lattice
 from allanscope.wire.base import WireSettings
-from allanscope.wire.row import Meaning, Row, Values, nominal_rate
+from allanscope.wire.row import HELD, Meaning, Row, Values, nominal_rate
 
 __all__ = ["MilliUnits", "milli_of"]
-
 
 _USUAL_FULL_SCALE = 2000.0
 _FEWEST_LEVELS = 6
@@ -70,7 +69,7 @@ class MilliUnits:
         whole = np.isfinite(values[:, columns]).all(axis=1)
         sent = np.nan_to_num(values[whole]).astype(np.int64)
         # One damaged row of text must not decide; but once a decision has failed, all count.
-        exceptions = 0 if self._epoch else 1
+        exceptions = 0 if self._epoch else len(rows) // HELD
         _narrow(self._gyro, sent[:, gyro], exceptions)
         _narrow(self._accel, sent[:, accel], exceptions)
         gyro_milli = self._gyro[0] if self._gyro else 1.0

@@ -52,6 +52,7 @@ class TextDecoder:
         self._others = 0
         self._heading = 0
         self._host_s = math.nan
+        self._joining = True
 
     def feed(self, data: bytes, host_s: float) -> list[Event]:
         """Take bytes that arrived at host time `host_s` and return what they complete."""
@@ -68,6 +69,7 @@ class TextDecoder:
     def interrupt(self, reason: str) -> list[Event]:
         """Forget a partial line, e.g. after an unplug; the next Block follows a Gap."""
         self._lines.reset()
+        self._joining = True
         self._rows.interrupt(cast("GapReason", reason))
         return []
 
@@ -80,6 +82,10 @@ class TextDecoder:
 
     def _line(self, line: bytes) -> list[Event]:
         line = without_escapes(line)
+        joining, self._joining = self._joining, False
+        if joining and not math.isnan(self._host_s) and _only_numbers(line):
+            # From a port the first line may be the tail of one; a file begins with its beginning.
+            return []
         if self._table is not None and self._row(self._table, line):
             return []
         text = plain_line(line)
@@ -172,6 +178,10 @@ class TextDecoder:
     def _damage(self) -> None:
         self.stats.resyncs += 1
         self._rows.damaged()
+
+
+def _only_numbers(line: bytes) -> bool:
+    return all(_is_number(cell) for cell in cells_of(plain_line(line)) if cell)
 
 
 def _is_number(cell: str) -> bool:

@@ -59,10 +59,10 @@ def interleaved(view: View, fit: Regression, columns: Array, *, recurs: bool = F
     gained, optimism = np.empty(n), 0.0
     for fold in range(_FOLDS):
         test = block % _FOLDS == fold
-        amplitude = np.linalg.lstsq(design[~test], white[~test], rcond=None)[0]
+        amplitude = _amplitude(design[~test], white[~test])
         predicted = design[test] @ amplitude
         gained[test] = white[test] * predicted - 0.5 * predicted**2
-    full = design @ np.linalg.lstsq(design, white, rcond=None)[0]
+    full = design @ _amplitude(design, white)
     optimism = float(np.sum(white * full - 0.5 * full**2) - np.sum(gained))
     by_block = np.bincount(block, gained)
     error = float(np.sqrt(len(by_block)) * by_block.std())
@@ -74,13 +74,17 @@ def interleaved(view: View, fit: Regression, columns: Array, *, recurs: bool = F
     )
 
 
+def _amplitude(design: Array, white: Array) -> Array:
+    return np.asarray(np.linalg.pinv(design.T @ design, hermitian=True) @ (design.T @ white))
+
+
 def _replicated(design: Array, white: Array) -> bool:
     """Tell whether the quarters of the record agree on the amplitudes (chi-square, 1 %)."""
     size = design.shape[1]
     weight, weighted, parts = np.zeros((size, size)), np.zeros(size), []
     for part in np.array_split(np.arange(len(white)), _PARTS):
         normal = design[part].T @ design[part]
-        amplitude = np.linalg.lstsq(design[part], white[part], rcond=None)[0]
+        amplitude = _amplitude(design[part], white[part])
         parts.append((normal, amplitude))
         weight = weight + normal
         weighted = weighted + normal @ amplitude

@@ -140,6 +140,8 @@ def _best(view: View, candidates: list[Candidate], before: float) -> Candidate |
         recurring = _HELD_SHARE * (verdict.gain - _SMALL) if verdict.kind in _SPECTRAL else 0.0
         if held is not None and held.nats <= max(0.0, recurring):
             continue
+        if verdict.kind == "temperature" and held is not None and held.replicated is False:
+            continue  # something else that is slow: the slope must be the same in every quarter
         return replace(verdict, held_out=held)
     return None
 

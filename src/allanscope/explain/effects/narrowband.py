@@ -63,7 +63,7 @@ def wandering(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Ar
 def _spectrum(frequency: Array, rate: float, p: complex, a: complex) -> Array:
     """Spectrum of the correlation Re(a p^|k|)."""
     cosine = np.cos(2 * np.pi * frequency / rate)
-    return np.asarray((a * (1 - p * p) / (1 - 2 * p * cosine + p * p)).real)
+    return np.asarray(np.maximum((a * (1 - p * p) / (1 - 2 * p * cosine + p * p)).real, 0.0))
 
 
 class Narrowband(EffectKind):
@@ -138,7 +138,7 @@ class _Window:
     def loss(self, p: Array) -> float:
         """Negative log-likelihood of (log background factor, log variance, f0, log width)."""
         f0, width = float(p[2]), float(np.exp(p[3]))
-        if not (self.frequency[0] < f0 < self.frequency[-1]) or width > 2 * f0:
+        if not (self.frequency[0] < f0 < self.frequency[-1]) or width > 1.5 * f0:
             return 1e15
         variance = self.background * np.exp(p[0]) + np.exp(p[1]) * self.shape(
             self.frequency, self.rate, (f0, width)

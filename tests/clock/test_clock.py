@@ -117,6 +117,9 @@ def test_numbers_that_start_anew_are_a_new_line() -> None:
     clock.gap(Gap("restarted", 12))
     changed(one, host_s=one.host_s + 100.0).feed(clock)
     assert abs(error_ppm(clock, one.true_hz)) < 5.0
+    fit = clock.rate().host
+    assert fit is not None
+    assert fit.steps == 0, "what was announced is no surprise"
 
 
 def test_a_host_that_was_started_anew_is_a_new_line_by_itself() -> None:

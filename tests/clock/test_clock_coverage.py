@@ -62,6 +62,18 @@ def test_neither_a_missing_nor_a_wrong_claim_matters(nominal_hz: float) -> None:
         assert abs(rate.hz / one.true_hz - 1.0) * 1e6 < 2.0 * rate.uncertainty_ppm < 10.0
 
 
+def test_a_missing_claim_does_not_prefer_samples_that_waited_long() -> None:
+    """Of the samples that one poll brings the last is to be believed, from the first second on."""
+    z = []
+    for seed in range(20):
+        one = stream(seed, 104.0, 10.0, poll_s=16e-3)
+        clock = Clock()
+        one.feed(clock)
+        rate = clock.rate()
+        z.append((rate.hz / one.true_hz - 1.0) * 1e6 / rate.uncertainty_ppm)
+    assert np.mean(np.abs(z) < 2.0) >= 0.9
+
+
 def test_a_quantised_device_time_covers_too() -> None:
     """Stock firmware prints milliseconds: 50 records a second, each cut off to a whole one."""
     for nominal_hz in (50.0, 104.0):

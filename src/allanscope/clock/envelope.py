@@ -10,8 +10,6 @@ of clock skew from network delay measurements", INFOCOM 1999, use the same lower
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,12 +52,11 @@ class Envelope:
         self._time_s = np.zeros(ROWS)
         self._segment = np.zeros(ROWS, np.int64)
         self._current = 0
-        self._last_s = -np.inf
         self._waiting: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
         self._waiting_length = 0
 
     def add(self, index: NDArray[np.int64], time_s: NDArray[np.float64]) -> None:
-        """Take samples, by number, and the times at which they were seen, ascending."""
+        """Take samples, by number, and the times at which they were seen; NaN where unknown."""
         self._waiting.append((index, time_s))
         self._waiting_length += len(index)
         if self._waiting_length >= BATCH:
@@ -69,7 +66,6 @@ class Envelope:
         """Begin a segment: numbers or times from here on have another origin."""
         self._take()
         self._current += 1
-        self._last_s = -np.inf
 
     def fit(self) -> LineFit | None:
         """Return the rate at which numbers pass, or None while too little is known."""
@@ -90,17 +86,10 @@ class Envelope:
         index, time_s = (np.concatenate(column) for column in zip(*self._waiting, strict=True))
         self._waiting, self._waiting_length = [], 0
         known = np.isfinite(time_s)
-        index, time_s = index[known], time_s[known]
-        back = np.flatnonzero(np.diff(time_s, prepend=self._last_s) < 0.0).tolist()
-        for start, stop in pairwise([0, *back, len(time_s)]):
-            if start in back:
-                self._current += 1  # another clock: the computer has been started anew
-            self._add(index[start:stop], time_s[start:stop])
+        if known.any():
+            self._add(index[known], time_s[known])
 
     def _add(self, index: NDArray[np.int64], time_s: NDArray[np.float64]) -> None:
-        if not len(index):
-            return
-        self._last_s = float(time_s[-1])
         window = np.floor(time_s / self._window_s)
         delay = (time_s - time_s[0]) - (index - index[0]) * self._period_s
         starts = np.flatnonzero(np.diff(window, prepend=np.nan) != 0.0)

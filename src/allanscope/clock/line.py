@@ -18,7 +18,6 @@ __all__ = ["LineFit", "fit_line"]
 Floats = NDArray[np.float64]
 
 FEWEST_ROWS = 6
-FIT_ROWS = 32
 SHORTEST_STRETCH = 3
 SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 1e-7, 1e5
 STEP_ROWS = 4
@@ -26,8 +25,9 @@ STEP_SIGMAS = 8.0
 STEP_S = 0.05
 OUTLIER_SIGMAS = 4.0
 LAG_SHARE = 0.25
-FIXED_LAG_WIDENING = 2.72 / 1.96
-"""Critical value at 97.5 % for lags up to a quarter of the points, over that of a normal."""
+FIXED_LAG_WIDENING = 3.2 / 1.96
+"""The 95 % point of slope over its sigma when lags up to a quarter of the points are taken in, over
+that of a normal; found by simulation of 1500 straight lines in white noise."""
 
 MAD_TO_SIGMA = 1.4826
 TIGHTEST_S = 1e-7
@@ -91,10 +91,10 @@ def fit_line(
         return None
     stretch = _split_at_steps(y - period_s * x, segment)
     steps = int(stretch[-1] + 1 - len(np.unique(segment)))
-    lowest = _lowest(y - period_s * x, stretch)
-    if len(lowest) < FEWEST_ROWS:
+    telling = np.bincount(stretch)[stretch] >= SHORTEST_STRETCH
+    if telling.sum() < FEWEST_ROWS:
         return None
-    x, y, stretch = x[lowest], y[lowest], stretch[lowest]
+    x, y, stretch = x[telling], y[telling], stretch[telling]
     line = _line(x, y, stretch)
     if line is None:
         return None
@@ -165,24 +165,6 @@ def _split_at_steps(residual: Floats, segment: NDArray[np.int64]) -> NDArray[np.
     return np.cumsum(breaks)
 
 
-def _lowest(residual: Floats, stretch: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the rows that are lowest among their neighbours, `FIT_ROWS` of them or so.
-
-    Stretches too short to show a slope are left out.
-
-    Fewer and lower points fix a line under the data better than many: their delays are shorter,
-    and a bad second has no more weight than a bad moment.
-    """
-    length = np.bincount(stretch)
-    place = np.arange(len(stretch)) - (np.cumsum(length) - length)[stretch]
-    group = np.clip(length // FEWEST_ROWS, 1, max(1, len(stretch) // FIT_ROWS))
-    starts = np.flatnonzero(place % group[stretch] == 0)
-    least = np.minimum.reduceat(residual, starts)
-    at_least = np.flatnonzero(residual == np.repeat(least, np.diff(starts, append=len(stretch))))
-    lowest = at_least[np.searchsorted(at_least, starts)]
-    return lowest[length[stretch[lowest]] >= SHORTEST_STRETCH]
-
-
 def _centred(values: Floats, stretch: NDArray[np.int64], kept: NDArray[np.bool_]) -> Floats:
     """Subtract from every stretch the mean of what is kept of it."""
     weight = kept.astype(np.float64)
@@ -201,9 +183,9 @@ def _inliers(residual: Floats) -> NDArray[np.bool_]:
 def _slope_sigma(xc: Floats, residual: Floats, freedom: int) -> float:
     """Return the sigma of a slope whose residuals may be correlated over much of the run.
 
-    Lags up to a quarter of the points are taken in, with linearly falling weights. So wide a window
-    scatters, which the critical values of Kiefer and Vogelsang (Econometric Theory 21, 2005) allow
-    for. Never less than what uncorrelated residuals would give.
+    Lags up to a quarter of the points are taken in, with linearly falling weights. The sum over so
+    many lags scatters and is too small on average; it is widened to its own 95 % point, as Kiefer
+    and Vogelsang do (Econometric Theory 21, 2005). Never less than for uncorrelated residuals.
     """
     score = xc * residual
     longest = max(1, round(LAG_SHARE * len(score)))

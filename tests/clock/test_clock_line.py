@@ -64,6 +64,14 @@ def test_a_drift_is_no_step_and_has_its_sign() -> None:
     assert fit.drift_per_h == pytest.approx(-0.01 * 3600 / 200, rel=0.05)
 
 
+def test_a_phase_that_creeps_by_one_step_is_allowed_for_in_rate_and_drift() -> None:
+    fit = fit_line(INDEX, INDEX * 0.01, ONE_SEGMENT, 1e-3)
+    assert fit is not None
+    step = 1e-3 / np.sqrt(12.0)
+    assert fit.relative_sigma == pytest.approx(step / fit.span_s, rel=1e-3)
+    assert fit.drift_sigma_per_h == pytest.approx(3600.0 * 8.0 * step / fit.span_s**2, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("index", "time_s"),
     [
@@ -78,12 +86,11 @@ def test_what_shows_no_rate_gives_none(index: np.ndarray, time_s: np.ndarray) ->
 
 
 def test_stretches_of_two_points_crowd_out_nothing() -> None:
-    source = np.random.default_rng(6)
-    pairs = np.repeat(np.arange(1, 41), 2)
-    index = np.concatenate([INDEX, np.tile([0, 5], 40)])
-    times = np.concatenate(
-        [INDEX * 0.01 + source.exponential(1e-4, ROWS), 1e4 + pairs + np.tile([0.0, 0.05], 40)]
-    )
+    jitter = np.random.default_rng(6).exponential(1e-4, ROWS)
+    pairs = np.repeat(np.arange(1, 121), 2)
+    index = np.concatenate([INDEX, np.tile([0, 5], 120)])
+    times = np.concatenate([INDEX * 0.01 + jitter, 1e4 + pairs + np.tile([0.0, 0.05], 120)])
     fit = fit_line(index, times, np.concatenate([ONE_SEGMENT, pairs]), 0.0)
     assert fit is not None
-    assert fit.hz == pytest.approx(100.0, rel=1e-6)
+    assert fit.hz == pytest.approx(fitted(jitter).hz, rel=1e-9)
+    assert fit.relative_sigma == pytest.approx(fitted(jitter).relative_sigma, rel=1e-3)

@@ -13,8 +13,8 @@ decoder never costs a night::
                      records     one by one                └──▶ recover() ──▶ one sound file
                      lie
 
-The files are plain MCAP, which other tools open; `layout` says what is in them. Written once a
-second, they lose at most that second when the process is killed. The reader uses no index, checks
+The files are plain MCAP, which other tools open; `layout` says what is in them. Written twice
+a second, they lose less than a second when the process is killed. The reader uses no index, checks
 every length before it believes it, skips what has rotted, and says so.
 """
 

@@ -1,7 +1,7 @@
 """The live recorder: a thread that writes, so that neither a slow nor a full disk stops a reading.
 
 The reader thread hands over every chunk and goes on; it never waits. The writer thread closes an
-MCAP chunk each second, which bounds what a killed process loses, and every few seconds waits for
+MCAP chunk twice a second, which bounds what a killed process loses, and every few seconds waits for
 the disk itself, which bounds what a power cut loses. When the disk is full, the session goes on in
 memory for a while and is written as soon as there is room again; beyond that, reads are dropped,
 counted, and their numbers left out so that a replay knows of the hole. `alarm` says all this in
@@ -23,7 +23,9 @@ from allanscope.recording.session import SessionWriter
 
 __all__ = ["Recorder"]
 
-COMMIT_S = 1.0
+COMMIT_S = 0.5
+"""A killed process is to lose less than a second, on a busy machine too."""
+
 SYNC_S = 5.0
 BACKLOG_BYTES = 32 << 20
 """What may wait in memory for the disk: some six minutes of a device at its fastest."""

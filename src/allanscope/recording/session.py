@@ -27,6 +27,9 @@ from allanscope.recording.segment import Segment
 
 __all__ = ["SessionWriter", "write_recording"]
 
+COMMIT_BYTES = 1 << 22
+"""Bulk writing goes to the disk in pieces of about this size."""
+
 _CHANNEL = {topic: number for number, topic in TOPICS.items()}
 
 
@@ -216,10 +219,6 @@ def write_recording(path: Path, chunks: Iterable[Chunk], metadata: Mapping[str, 
     except OSError as error:
         raise UsageError(f"cannot record to {session.path}: {error.strerror}") from error
     return session.first
-
-
-COMMIT_BYTES = 1 << 22
-"""Bulk writing goes to the disk in pieces of about this size."""
 
 
 def _next_number(first: Path, resume: bool) -> int:

@@ -74,7 +74,7 @@ class StreamState:
         self.bank = AllanBank(rate_hz, axes=columns, per_octave=per_octave)
         self.spectrum = SpectrumBank(rate_hz, axes=columns)
         self.history = History(columns, history_rows)
-        self.clock = Clock(info.nominal_hz)
+        self.clock = Clock.of(info)
         self.temperature = Temperature()
         self.samples = 0
         self.lost = 0

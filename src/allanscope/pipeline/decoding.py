@@ -84,7 +84,7 @@ class Decoding:
         events: list[Event] = []
         if self._opened_ns is None:
             self._opened_ns = chunk.host_ns
-        if chunk.event in ("disconnected", "reconnected", "stalled", "resumed"):
+        if chunk.event not in ("", "end"):
             events += self._link_event(chunk)
         if not self._woken and not chunk.data and self._first_byte_ns is None:
             self._wake_if_silent(chunk.host_ns)
@@ -92,7 +92,9 @@ class Decoding:
             return events
         if self._decoder is not None:
             self._first_byte_ns = self._first_byte_ns or chunk.host_ns
-            return events + self._decoder.feed(chunk.data, _seconds(chunk))
+            events += self._decoder.feed(chunk.data, _seconds(chunk))
+            self._grant(events)
+            return events
         return events + self._listen(chunk)
 
     def finish(self) -> list[Event]:
@@ -114,6 +116,14 @@ class Decoding:
         """Tell the device to stop, where its format knows how to."""
         if self._format is not None and self._write is not None:
             for message in self._format.stop():
+                self._write(message)
+
+    def _grant(self, events: list[Event]) -> None:
+        """Ask the device for what the decoder says it needs."""
+        if self._write is None or self._format is None:
+            return
+        if any(isinstance(e, Notice) and "wanted" in e.fields for e in events):
+            for message in self._format.describe():
                 self._write(message)
 
     def _choose(self, name: str) -> None:
@@ -161,6 +171,8 @@ class Decoding:
             return []
         if chunk.event == "disconnected":
             return self._decoder.interrupt("disconnected")
+        if chunk.event == "hole":
+            return self._decoder.interrupt("file")
         if chunk.event == "reconnected":
             self._send_start()
         elif chunk.event == "resumed":

@@ -11,7 +11,14 @@ from pathlib import Path
 from allanscope.analysis.result import Analysis
 from allanscope.errors import UsageError
 
-__all__ = ["new_session_folder", "session_folder", "write_json", "write_report", "write_whole"]
+__all__ = [
+    "new_session_folder",
+    "report_sessions",
+    "session_folder",
+    "write_json",
+    "write_report",
+    "write_whole",
+]
 
 
 def write_json(analysis: Analysis, path: Path) -> None:
@@ -69,3 +76,17 @@ def session_folder(path: Path) -> Path:
     except OSError as error:
         raise UsageError(f"cannot make the folder {path}: {error.strerror}") from None
     return path
+
+
+def report_sessions(paths: list[Path], out: Path) -> Path:
+    """Write the report of one session, or one that compares several; return its path."""
+    from allanscope.pipeline.analyse import analyse_input
+    from allanscope.pipeline.settings import DeviceSettings
+    from allanscope.report.compare import render_comparison
+
+    sessions = {str(path): analyse_input(path, DeviceSettings(), quiet=True) for path in paths}
+    if len(sessions) == 1:
+        write_report(next(iter(sessions.values())), out)
+    else:
+        write_whole(out, render_comparison(sessions))
+    return out

@@ -1,0 +1,264 @@
+"""From running sums to a result: curves, noise, verdicts, and what the model does not explain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import version
+from typing import Literal
+
+import numpy as np
+
+from allanscope.allan.deviation import Deviation
+from allanscope.analysis.analyser import Analyser
+from allanscope.analysis.result import Analysis, AxisAnalysis, Level, ModelCurve, Rate
+from allanscope.analysis.state import StreamState
+from allanscope.explain import explain
+from allanscope.explain.loop import Explanation
+from allanscope.history import Record
+from allanscope.noise import find_best_averaging, fit_noise
+from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
+from allanscope.noise.datasheet import compare
+from allanscope.noise.fit import NoiseFit
+from allanscope.noise.model import NoiseModel
+from allanscope.parts import PARTS, full_scale_of
+from allanscope.samples import unit_of
+from allanscope.spectrum.density import Density
+from allanscope.wire.base import LinkStats
+
+__all__ = ["Depth", "summarise"]
+
+Depth = Literal["live", "full"]
+"""``live`` is what a refresh can afford; ``full`` runs every estimator and closes the loop."""
+
+LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
+FULL_KINDS = (
+    "stdev ostdev adev oadev mdev tdev hdev ohdev totdev mtotdev ttotdev htotdev "
+    "theo1 theobr theoh pdev"
+).split()
+TENTHS = 10
+FEWEST_ROWS = 64
+"""Rows below which nothing is fitted."""
+
+
+def summarise(
+    analyser: Analyser,
+    link: LinkStats,
+    depth: Depth,
+    input_facts: Mapping[str, str],
+    reconnects: int = 0,
+) -> Analysis:
+    """Return the result of what an analyser has taken.
+
+    Parameters
+    ----------
+    analyser : Analyser
+        The sums; not changed.
+    link : LinkStats
+        Counters of the decoder.
+    depth : {'live', 'full'}
+        How much to compute.
+    input_facts : mapping
+        Where the samples came from.
+    reconnects : int
+        Times that the port came back.
+    """
+    settings = analyser.settings
+    if not analyser.configurations:
+        return _empty(analyser, link, input_facts, reconnects)
+    state = max(analyser.configurations, key=lambda one: one.samples)
+    rate = _rate(state)
+    rate_hz = rate.best_hz or 1.0
+    record = state.history.record(rate_hz, state.info.axes, state.info.scale)
+    return Analysis(
+        input=dict(input_facts),
+        part=settings.part or state.info.part,
+        duration_s=state.samples / rate_hz,
+        samples=state.samples,
+        lost_samples=state.lost,
+        segments=state.segments,
+        rate=rate,
+        link=replace(link),
+        axes=_axes(state, record, rate, depth, settings.part or state.info.part, settings.level),
+        reconnects=reconnects,
+        unknown_losses=state.unknown_losses,
+        temperature=state.temperature.summary(),
+        marks=tuple(analyser.marks),
+        remarks=_remarks(analyser, state, rate),
+        version=version("allanscope"),
+        record=record if depth == "full" else None,
+    )
+
+
+def _empty(
+    analyser: Analyser, link: LinkStats, input_facts: Mapping[str, str], reconnects: int
+) -> Analysis:
+    return Analysis(
+        input=dict(input_facts),
+        part=analyser.settings.part,
+        duration_s=0.0,
+        samples=0,
+        lost_samples=0,
+        segments=0,
+        rate=Rate(0.0),
+        link=replace(link),
+        axes={},
+        reconnects=reconnects,
+        version=version("allanscope"),
+    )
+
+
+def _rate(state: StreamState) -> Rate:
+    fit = state.clock.rate()
+    if not fit.is_measured:
+        return Rate(state.info.nominal_hz)
+    return Rate(state.info.nominal_hz, fit.hz, fit.uncertainty_ppm)
+
+
+def _axes(
+    state: StreamState, record: Record, rate: Rate, depth: Depth, part: str, level: float
+) -> dict[str, AxisAnalysis]:
+    """Return everything about every axis."""
+    rate_hz = rate.best_hz or 1.0
+    curves = _curves(state, depth, rate_hz, level)
+    densities = dict(
+        zip(state.info.axes, state.spectrum.densities(rate_hz, list(state.info.scale)), strict=True)
+    )
+    loop = _loop(record, densities, rate) if depth == "full" else None
+    return {
+        name: _axis(state, record, name, curves[name], densities[name], loop, rate, part)
+        for name in state.info.axes
+    }
+
+
+def _curves(
+    state: StreamState, depth: Depth, rate_hz: float, level: float
+) -> dict[str, dict[str, Deviation]]:
+    out: dict[str, dict[str, Deviation]] = {name: {} for name in state.info.axes}
+    state.bank.scale = np.asarray(state.info.scale)
+    for kind in FULL_KINDS if depth == "full" else LIVE_KINDS:
+        both = state.bank.deviation(kind, level=level, rate=rate_hz)
+        for column, name in enumerate(state.info.axes):
+            curve = both.axis(column)
+            if len(curve.tau):
+                out[name][kind] = curve
+    return out
+
+
+def _loop(record: Record, densities: Mapping[str, Density], rate: Rate) -> Explanation | None:
+    if len(record.values) < FEWEST_ROWS:
+        return None
+    measured = None
+    if rate.measured_hz is not None and rate.uncertainty_ppm is not None and rate.nominal_hz:
+        measured = (rate.measured_hz, rate.measured_hz * rate.uncertainty_ppm * 1e-6)
+    return explain(record, densities, nominal_hz=rate.nominal_hz or None, rate_fit=measured)
+
+
+def _axis(
+    state: StreamState,
+    record: Record,
+    name: str,
+    curves: dict[str, Deviation],
+    density: Density,
+    loop: Explanation | None,
+    rate: Rate,
+    part: str,
+) -> AxisAnalysis:
+    column = state.info.axes.index(name)
+    fit = _fit(record, name, density, part)
+    explanation = loop.axes.get(name) if loop else None
+    before = loop.models_before.get(name) if loop else None
+    after = loop.models_after.get(name) if loop else None
+    model = after or (fit.model if fit else None)
+    curve = curves.get("oadev")
+    coefficients = dict(fit.coefficients) if fit else {}
+    if explanation is not None and explanation.effects:
+        coefficients = dict(explanation.coefficients_after)
+    return AxisAnalysis(
+        unit=unit_of(name),
+        curves=curves,
+        level=_level(record, column, unit_of(name)),
+        coefficients=coefficients,
+        best_averaging=find_best_averaging(curve) if curve is not None else None,
+        datasheet=_datasheet(state, name, part, coefficients, rate),
+        density=density if len(density.frequency) else None,
+        model=_model_curve(model, curve),
+        model_before=_model_curve(before, curve),
+        density_model=_model_density(model, density),
+        explanation=explanation,
+        remarks=(*_axis_remarks(state, column), *(fit.remarks if fit else ())),
+    )
+
+
+def _fit(record: Record, name: str, density: Density, part: str) -> NoiseFit | None:
+    """Fit the noise of one axis; None where there is nothing to fit yet."""
+    if len(record.values) < FEWEST_ROWS:
+        return None
+    try:
+        return fit_noise(record, name, density, part=PARTS.get(part))
+    except ValueError:  # constant, or in pieces too short: the remarks say which
+        return None
+
+
+def _level(record: Record, column: int, unit: str) -> Level | None:
+    values = record.values[:, column]
+    if len(values) == 0:
+        return None
+    tenths = [part.mean() for part in np.array_split(values, TENTHS)] if len(values) >= 100 else []
+    stability = float(np.std(tenths, ddof=1)) if tenths else None
+    return Level(float(values.mean()), stability, unit)
+
+
+def _datasheet(
+    state: StreamState,
+    name: str,
+    part: str,
+    coefficients: Mapping[str, Coefficient],
+    rate: Rate,
+) -> dict[str, DatasheetVerdict]:
+    if part not in PARTS:
+        return {}
+    full_scale = full_scale_of(name, state.info.scale[state.info.axes.index(name)])
+    if full_scale is None:
+        return {}
+    return compare(
+        PARTS[part], name, coefficients.get("N"), rate_hz=rate.best_hz, full_scale=full_scale
+    )
+
+
+def _model_curve(model: NoiseModel | None, curve: Deviation | None) -> ModelCurve | None:
+    if model is None or curve is None or len(curve.m) == 0:
+        return None
+    variances = model.components_at("oadev", curve.m)
+    parts: dict[str, np.ndarray] = {}
+    for component, variance in zip(model.components, variances, strict=True):
+        parts[component.symbol] = np.hypot(parts.get(component.symbol, 0.0), np.sqrt(variance))
+    return ModelCurve(curve.tau, np.asarray(model.deviation("oadev", curve.m)), parts)
+
+
+def _model_density(model: NoiseModel | None, density: Density) -> ModelCurve | None:
+    if model is None or len(density.frequency) == 0:
+        return None
+    return ModelCurve(density.frequency, np.asarray(model.density(density.frequency)))
+
+
+def _axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:
+    out = []
+    if state.samples and state.lowest[column] == state.highest[column]:
+        out.append(f"constant: every sample is {state.lowest[column]:g} counts")
+    if state.saturated[column]:
+        out.append(f"saturated: {state.saturated[column]} samples at the end of the range")
+    return tuple(out)
+
+
+def _remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str, ...]:
+    out = []
+    others = [one for one in analyser.configurations if one is not state and one.samples]
+    if others:
+        out.append(
+            f"The device changed its configuration: {sum(one.samples for one in others)} samples "
+            "of other configurations are recorded but not part of this result."
+        )
+    if rate.measured_hz is None:
+        out.append("The true sample rate is not known: averaging times use the nominal rate.")
+    return (*out, *dict.fromkeys(analyser.errors[-5:]))

@@ -1,0 +1,1 @@
+"""The session: wiring, threads, shutdown, and what a run leaves behind."""

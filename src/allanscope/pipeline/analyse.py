@@ -1,0 +1,71 @@
+"""Analyse a recording, a raw capture or delimited text to the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from allanscope.analysis.analyser import Analyser, AnalyserSettings
+from allanscope.analysis.result import Analysis
+from allanscope.analysis.summary import summarise
+from allanscope.errors import InputError
+from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.replaying import analysed
+from allanscope.pipeline.settings import DeviceSettings
+from allanscope.recording import Recording, is_recording
+
+__all__ = ["FULL_ROWS", "analyse_input", "recorded_settings"]
+
+FULL_ROWS = 1 << 21
+"""Rows of history that an analysis to the end keeps: 5.6 h at 104 Hz sample by sample."""
+
+
+def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> Analysis:
+    """Return the full result of a file.
+
+    Parameters
+    ----------
+    path : Path
+        A recording, the folder of a session, a raw capture or delimited text.
+    device : DeviceSettings
+        What the file does not say by itself.
+    quiet : bool
+        Show no progress.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or holds no samples.
+    """
+    facts = {"name": path.name, "path": str(path)}
+    if path.is_dir() or is_recording(path):
+        recording = Recording(path)
+        device = recorded_settings(recording, device)
+        facts["sha256"] = recording.sha256()
+    decoding = Decoding(device.for_wire(), device.wire)
+    analyser = Analyser(AnalyserSettings(part=device.part, history_rows=FULL_ROWS))
+    analysed(path, decoding, analyser, quiet)
+    if analyser.state is None or not analyser.state.samples:
+        raise InputError(f"{path} holds no samples; nothing to analyse")
+    facts["wire"] = decoding.wire
+    return summarise(analyser, decoding.stats, "full", facts)
+
+
+def recorded_settings(recording: Recording, device: DeviceSettings) -> DeviceSettings:
+    """Return the settings a session was made with, where the user says nothing else."""
+    known = recording.metadata
+
+    def number(name: str) -> float | None:
+        return float(known[name]) if known.get(name) else None
+
+    units = tuple(tuple(one.split("=", 1)) for one in known.get("units", "").split() if "=" in one)
+    try:
+        return DeviceSettings(
+            part=device.part or known.get("part", ""),
+            rate_hz=device.rate_hz or number("rate_hz"),
+            gyro_fs=device.gyro_fs or number("gyro_fs"),
+            accel_fs=device.accel_fs or number("accel_fs"),
+            wire=device.wire or known.get("wire", ""),
+            units=device.units or units,  # type: ignore[arg-type]
+        )
+    except ValueError:
+        raise InputError("the recording's own settings are damaged; give them again") from None

@@ -1,0 +1,81 @@
+"""Other people's data in; samples and coefficients out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from allanscope.errors import InputError, UsageError
+from allanscope.pipeline.analyse import analyse_input, recorded_settings
+from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.outputs import write_whole
+from allanscope.pipeline.replaying import events_of
+from allanscope.pipeline.settings import DeviceSettings
+from allanscope.recording import (
+    Chunk,
+    Recording,
+    export_csv,
+    export_parquet,
+    is_recording,
+    write_recording,
+)
+from allanscope.sources import FileSource
+
+__all__ = ["export_recording", "import_capture"]
+
+
+def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> None:
+    """Keep a text file or a raw capture as a recording, with what the user knows about it.
+
+    The bytes are kept as they are: a better reader of tomorrow can read them again.
+
+    Raises
+    ------
+    InputError
+        When it holds no samples that could be read.
+    """
+    decoding = Decoding(device.for_wire(), device.wire)
+    for _ in events_of(source, decoding, quiet, "reading"):
+        pass
+    if not decoding.stats.samples:
+        raise InputError(f"{source} holds no samples; nothing to import")
+    facts = {
+        "name": source.name,
+        "wire": decoding.wire,
+        "part": device.part,
+        "rate_hz": "" if device.rate_hz is None else repr(device.rate_hz),
+        "gyro_fs": "" if device.gyro_fs is None else repr(device.gyro_fs),
+        "accel_fs": "" if device.accel_fs is None else repr(device.accel_fs),
+        "units": " ".join(f"{sensor}={unit}" for sensor, unit in device.units),
+    }
+    file = FileSource(source)
+
+    def chunks():  # type: ignore[no-untyped-def]
+        while (chunk := file.read()).event != "end":
+            yield Chunk(0, chunk.data)
+
+    write_recording(out, chunks(), {name: text for name, text in facts.items() if text})
+
+
+def export_recording(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> None:
+    """Write samples as CSV or Parquet, or coefficients as an ``imu.yaml`` for Kalibr.
+
+    Raises
+    ------
+    UsageError
+        When the ending of `out` is none of .csv, .parquet and .yaml.
+    """
+    if out.suffix == ".yaml":
+        from allanscope.noise.exports import kalibr_yaml
+
+        analysis = analyse_input(source, device, quiet)
+        coefficients = {name: axis.coefficients for name, axis in analysis.axes.items()}
+        write_whole(out, kalibr_yaml(coefficients, analysis.rate.best_hz, source=source.name))
+        return
+    writers = {".csv": export_csv, ".parquet": export_parquet}
+    if out.suffix not in writers:
+        raise UsageError(f"{out}: name a file that ends in .csv, .parquet or .yaml")
+    if source.is_dir() or is_recording(source):
+        device = recorded_settings(Recording(source), device)
+    decoding = Decoding(device.for_wire(), device.wire)
+    events = events_of(source, decoding, quiet, "exporting")
+    print(writers[out.suffix](events, out, rate_hz=device.rate_hz))

@@ -1,0 +1,84 @@
+"""The simulated SensorTile from the command line: as a recording, and as a port."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+from pathlib import Path
+
+from allanscope.errors import UsageError
+from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
+from allanscope.recording import Chunk, write_recording
+from allanscope.simulator import Device, Simulator, Truth, run_device, simulate_blocks
+from allanscope.view.progress import progress
+
+__all__ = ["run_virtual_device", "simulate_recording", "simulator"]
+
+
+def simulator(
+    device: DeviceSettings, simulated: SimulatedSettings, duration_s: float = 3600.0
+) -> Simulator:
+    """Return the sensor that the user described."""
+    part = device.part or "LSM6DSM"
+    truth = Truth.load(simulated.truth) if simulated.truth else Truth.typical(part, simulated.seed)
+    return Simulator(
+        part,
+        device.rate_hz or 104.0,
+        simulated.seed,
+        truth=truth.with_effects(simulated.effects),
+        gyro_fs=device.gyro_fs or 125.0,
+        accel_fs=device.accel_fs or 2.0,
+        duration_s=duration_s,
+    )
+
+
+def simulate_recording(
+    out: Path, hours: float, device: DeviceSettings, simulated: SimulatedSettings, quiet: bool
+) -> None:
+    """Write a recording of the simulated device, much faster than real time.
+
+    Raises
+    ------
+    UsageError
+        When the file exists, cannot be written, or the hours make no sense.
+    """
+    if not 0.0 < hours < 1e5:
+        raise UsageError(f"{hours:g} hours make no recording")
+    sensor = simulator(device, simulated, hours * 3600.0)
+    wire = device.wire or "native"
+    with progress(hours * 3600.0, "simulating", unit="s", quiet=quiet) as advance:
+
+        def chunks():  # type: ignore[no-untyped-def]
+            before = None
+            for host_ns, data in simulate_blocks(
+                hours, sensor, wire, start_ns=1, seed=simulated.seed
+            ):
+                advance(0.0 if before is None else (host_ns - before) * 1e-9)
+                before = host_ns
+                yield Chunk(host_ns, data)
+
+        write_recording(out, chunks(), {"name": "simulated", "wire": wire})
+
+
+def run_virtual_device(
+    device: DeviceSettings,
+    simulated: SimulatedSettings,
+    duration_s: float | None,
+    emulated: bool = False,
+) -> None:
+    """Run the simulated device on a virtual serial port until Ctrl-C or for a time."""
+    if emulated:
+        from allanscope.simulator.emulated import run_emulated
+
+        run_emulated(duration_s)
+        return
+    one = Device(
+        simulator(device, simulated),
+        device.wire or "native",
+        simulated.faults,
+        seed=simulated.seed,
+    )
+    # Stopped by SIGTERM as by Ctrl-C: the port is closed and its link removed.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with contextlib.suppress(KeyboardInterrupt):
+        run_device(one, duration_s, lambda url: print(url, flush=True))

@@ -19,6 +19,7 @@ class Row:
 
     elapsed_s: float | None
     values: dict[str, Any]
+    clock_s: float | None = None
 
     def strips(self) -> list[np.ndarray]:
         """Line strips as arrays of world positions."""
@@ -42,13 +43,17 @@ def read_back(path: Path) -> dict[str, list[Row]]:
             columns = {
                 name: batch.column(name).to_pylist() for name in batch.schema.names if ":" in name
             }
-            times = None
-            if "elapsed" in batch.schema.names:
-                times = batch.column("elapsed").cast("int64").to_numpy() * 1e-9
+            times, clock = (_seconds(batch, name) for name in ("elapsed", "clock"))
             for i in range(batch.num_rows):
                 known = {k: v[i] for k, v in columns.items() if v[i] is not None}
-                time = None if chunk.is_static or times is None else float(times[i])
-                rows[chunk.entity_path].append(Row(time, known))
+                rows[chunk.entity_path].append(Row(times[i], known, clock[i]))
     for of_entity in rows.values():
         of_entity.sort(key=lambda row: -1.0 if row.elapsed_s is None else row.elapsed_s)
     return dict(rows)
+
+
+def _seconds(batch: Any, timeline: str) -> list[float | None]:
+    """Return the times of a chunk on one timeline; static data have none."""
+    if timeline not in batch.schema.names:
+        return [None] * batch.num_rows
+    return [float(ns) / 1e9 for ns in batch.column(timeline).cast("int64").to_pylist()]

@@ -71,6 +71,12 @@ def test_what_is_not_trusted_is_faint_and_dashed(painted, analysis):
         if colour == (*AXIS["gx"], 255)
     ]
     assert max(strip[:, 0].max() for strip in solid) == pytest.approx(edge, abs=0.01)
+    dashes = [
+        strip
+        for strip, colour in zip(drawing.strips, drawing.strip_colours, strict=True)
+        if colour == (*AXIS["gx"], 150)
+    ]
+    assert min(d[:, 0].min() for d in dashes) == pytest.approx(edge, abs=0.01), "joined"
     faint = [alpha for *_, alpha in drawing.dot_colours if alpha < 255]
     assert len(faint) == (~curve.trusted).sum()
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from demo_analysis import demo_analysis
 from demo_session import INFO, LEVELS, blocks, perform
 from readback import read_back
 
+from allanscope.noise.coefficients import Coefficient
 from allanscope.samples import Gap, Notice
 from allanscope.view.frames import Frames
 from allanscope.view.rerun_view import RerunView
@@ -79,6 +81,48 @@ def test_the_time_series_starts_at_zero_and_keeps_mean_and_extremes(session):
     assert high[0, 0] == pytest.approx(first.max() - first.mean(), rel=1e-6)
     assert low[0, 0] == pytest.approx(first.min() - first.mean(), rel=1e-6)
     assert first.mean() == pytest.approx(1e3 * LEVELS[0], rel=0.1)
+
+
+def test_everything_also_lies_on_the_clock_on_the_wall(session):
+    for path in ("/samples/gyro", "/gx/allan/oadev", "/log"):
+        row = session[path][-1]
+        assert row.clock_s == pytest.approx(1.79e9 + row.elapsed_s, abs=1e-3)
+
+
+def test_a_result_that_adds_nothing_is_not_drawn(tmp_path):
+    result = demo_analysis(1000.0)
+    view = RerunView(tmp_path, "none")
+    view.start()
+    for second in range(1000, 1031):
+        view.snapshot(replace(result, duration_s=float(second)))
+        assert view.settle(60.0)
+    view.close()
+    times = [row.elapsed_s for row in read_back(tmp_path / "session.rrd")["/log"]]
+    assert times == [1000.0] * len(times)
+    rows = read_back(tmp_path / "session.rrd")["/coefficients/gyro/N"]
+    assert [row.elapsed_s for row in rows] == [1000.0, 1010.0, 1021.0, 1030.0]
+
+
+def test_what_never_changes_is_logged_again_now_and_then_for_late_viewers(tmp_path):
+    result = demo_analysis(10.0)
+    view = RerunView(tmp_path, "none")
+    view.start()
+    for second in (10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0):
+        view.snapshot(replace(result, duration_s=second))
+        assert view.settle(60.0)
+    view.close()
+    rows = read_back(tmp_path / "session.rrd")
+    for path in ("/gx/allan/grid", "/gx/allan/oadev", "/gx/spectrum/found/words"):
+        assert [row.elapsed_s for row in rows[path]] == [10.0, 15.0, 16.0], path
+
+
+def test_a_coefficient_is_plotted_once_it_is_detected_and_known_well_enough():
+    from allanscope.view.rerun_series import _worth_drawing
+
+    known = Coefficient(2.0, 1.9, 2.1, "dps", detected=True)
+    assert _worth_drawing(known) == (2.0, pytest.approx(0.2 / 3.92))
+    assert np.isnan(_worth_drawing(replace(known, detected=False))).all()
+    assert np.isnan(_worth_drawing(replace(known, lower=0.0, upper=4.0))).all()
 
 
 def test_coefficients_are_plotted_with_their_standard_error(session):

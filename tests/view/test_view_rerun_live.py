@@ -16,7 +16,7 @@ from readback import read_back
 
 import allanscope.view.rerun_stream as stream
 from allanscope.errors import DeviceError
-from allanscope.view import rerun_view, viewer_process
+from allanscope.view import viewer_keeper, viewer_process
 from allanscope.view.rerun_view import RerunView
 from allanscope.view.viewer_process import ViewerProcess, free_port, has_display, optimise
 
@@ -45,7 +45,7 @@ class NoViewer:
 @pytest.fixture
 def served(tmp_path, monkeypatch):
     """Return a view that serves data but opens no viewer."""
-    monkeypatch.setattr(rerun_view, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
     view = RerunView(tmp_path, "window")
     view.start()
     yield view
@@ -130,29 +130,29 @@ def test_without_any_free_port_the_error_says_what_to_do(monkeypatch):
 
 
 def test_the_web_viewer_is_served_on_loopback_until_the_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(rerun_view, "has_display", lambda: False)
+    monkeypatch.setattr(viewer_keeper, "has_display", lambda: False)
     said = []
     view = RerunView(None, "web", say=said.append)
     view.start()
     try:
-        page = view.viewer.address
+        page = view.viewer.process.address
         assert said == [f"charts: {page}"]
         assert page.startswith("http://127.0.0.1:")
         assert "url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A" in page
-        body = _get(page, view.viewer)
+        body = _get(page, view.viewer.process)
         assert b"Rerun" in body
-        assert view.viewer.running()
+        assert view.viewer.process.running()
     finally:
         view.close()
-    assert not view.viewer.running()
+    assert not view.viewer.process.running()
 
 
 def test_a_browser_is_opened_only_where_there_is_a_display(monkeypatch):
     opened = []
-    monkeypatch.setattr(rerun_view, "ViewerProcess", NoViewer)
-    monkeypatch.setattr(rerun_view.webbrowser, "open", opened.append)
+    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_keeper.webbrowser, "open", opened.append)
     for display in (False, True):
-        monkeypatch.setattr(rerun_view, "has_display", lambda display=display: display)
+        monkeypatch.setattr(viewer_keeper, "has_display", lambda display=display: display)
         view = RerunView(None, "web")
         view.start()
         view.close()
@@ -161,12 +161,12 @@ def test_a_browser_is_opened_only_where_there_is_a_display(monkeypatch):
 
 @pytest.mark.parametrize("display", [True, False])
 def test_auto_is_a_window_where_there_is_a_display(monkeypatch, display):
-    monkeypatch.setattr(rerun_view, "ViewerProcess", NoViewer)
-    monkeypatch.setattr(rerun_view, "has_display", lambda: display)
-    monkeypatch.setattr(rerun_view.webbrowser, "open", lambda page: None)
+    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_keeper, "has_display", lambda: display)
+    monkeypatch.setattr(viewer_keeper.webbrowser, "open", lambda page: None)
     view = RerunView(None, "auto")
     view.start()
-    assert view.viewer.web is not display
+    assert view.viewer.process.web is not display
     view.close()
 
 
@@ -180,11 +180,11 @@ def test_a_display_is_recognised_by_its_variables(monkeypatch):
 
 
 def test_that_the_viewer_was_closed_is_said_once(monkeypatch):
-    monkeypatch.setattr(rerun_view, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
     said = []
     view = RerunView(None, "window", say=said.append)
     view.start()
-    view.viewer.exit_code = 0
+    view.viewer.process.exit_code = 0
     view.snapshot(demo_analysis(1.0))
     view.snapshot(demo_analysis(2.0))
     view.close()
@@ -192,15 +192,15 @@ def test_that_the_viewer_was_closed_is_said_once(monkeypatch):
 
 
 def test_a_window_that_cannot_live_is_replaced_by_the_web_viewer(monkeypatch):
-    monkeypatch.setattr(rerun_view, "ViewerProcess", NoViewer)
-    monkeypatch.setattr(rerun_view, "has_display", lambda: True)
-    monkeypatch.setattr(rerun_view.webbrowser, "open", lambda page: None)
+    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_keeper, "has_display", lambda: True)
+    monkeypatch.setattr(viewer_keeper.webbrowser, "open", lambda page: None)
     view = RerunView(None, "auto")
     view.start()
-    assert view.viewer.web is False
-    view.viewer.exit_code = 1
+    assert view.viewer.process.web is False
+    view.viewer.process.exit_code = 1
     view.snapshot(demo_analysis(1.0))
-    assert view.viewer.web is True
+    assert view.viewer.process.web is True
     view.close()
 
 

@@ -12,10 +12,13 @@ from pathlib import Path
 import pytest
 from demo_analysis import demo_analysis
 from demo_session import INFO
+from rich.console import Console
 from terminal_double import Terminal
 
 from allanscope.samples import Gap, Notice
 from allanscope.view.terminal import TerminalView, summary_lines
+from allanscope.view.terminal_screen import Screen
+from allanscope.view.trend import Trends
 
 RUN = """
 from demo_analysis import demo_analysis
@@ -84,6 +87,22 @@ def test_control_characters_of_a_device_never_reach_the_terminal():
         assert "\x1b[2J" not in terminal.raw
         assert "\x07" not in terminal.raw
         assert "firmware \ufffd[2J\ufffd 2.1" in terminal.screen().text
+
+
+def test_a_long_list_of_findings_leaves_room_for_the_numbers():
+    analysis = demo_analysis(7300.0)
+    many = replace(analysis, remarks=tuple(f"remark {i}" for i in range(30)))
+    for lines in (24, 40):
+        console = Console(file=io.StringIO(), width=80, height=lines)
+        console.print(Screen(many, Trends(), "keys"))
+        shown = console.file.getvalue().splitlines()
+        assert len(shown) <= lines - 1, "one line is left for what is typed"
+        assert len(shown) >= lines - 6
+        assert any(line.startswith("gx  2.900") for line in shown)
+        assert any(line.endswith("more, see the report") for line in shown)
+        assert shown[-1].rstrip() == "keys"
+    left = next(line for line in shown if line.startswith("and "))
+    assert int(left.split()[1]) == 32 - sum("remark" in line or "found" in line for line in shown)
 
 
 def test_a_small_terminal_is_not_overrun():

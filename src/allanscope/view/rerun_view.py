@@ -16,12 +16,11 @@ that is left to `start`.
 from __future__ import annotations
 
 import os
-import webbrowser
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from allanscope.analysis.result import Analysis
 from allanscope.samples import Block, Gap, Notice, StreamInfo
@@ -29,7 +28,8 @@ from allanscope.view.decimator import Decimator, Rows
 from allanscope.view.diary import Level
 from allanscope.view.gap_teller import GapTeller
 from allanscope.view.pace import Pace
-from allanscope.view.viewer_process import ViewerProcess, has_display, optimise
+from allanscope.view.viewer_keeper import ViewerKeeper, ViewMode
+from allanscope.view.viewer_process import optimise
 from allanscope.view.worker import Worker
 
 if TYPE_CHECKING:
@@ -37,10 +37,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RerunView", "ViewMode"]
 
-ViewMode = Literal["window", "web", "none", "auto"]
-
-_QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 2, 10, 1800.0
-"""Rows of the series that travel together: a fifth of a second, after half an hour a second."""
+_QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 1, 10, 1800.0
+"""Rows of the series that travel together: a tenth of a second, after half an hour a second."""
 
 _RARELY = 5.0
 """Grids, and estimators other than the default one, are drawn so many times less often."""
@@ -78,8 +76,8 @@ class RerunView:
     address : str
         Address from which any Rerun viewer on this machine can fetch the data:
         ``rerun ADDRESS``. Empty when nothing is served.
-    viewer : ViewerProcess or None
-        The process that was started; its `address` is that of the web viewer's page.
+    viewer : ViewerKeeper or None
+        The viewer that was started; ``viewer.process.address`` is that of the web viewer's page.
 
     Raises
     ------
@@ -97,7 +95,7 @@ class RerunView:
         if mode not in ("window", "web", "none", "auto"):
             raise ValueError(f"no view {mode!r}; choose one of auto window web none")
         self.address = ""
-        self.viewer: ViewerProcess | None = None
+        self.viewer: ViewerKeeper | None = None
         self._mode = mode
         self._file = None if out_dir is None else Path(out_dir) / "session.rrd"
         self._session = dict(session or {})
@@ -113,7 +111,6 @@ class RerunView:
         self._streaming = False
         self._status_at_s = -_STATUS_EVERY_S
         self._gaps = GapTeller()
-        self._told_viewer = False
 
     def start(self) -> None:
         """Open the file, the server and the viewer, and say where to look."""
@@ -123,11 +120,10 @@ class RerunView:
         from allanscope.view.rerun_canvas import Canvas
 
         serve = self._mode != "none"
-        web = self._mode == "web" or (self._mode == "auto" and not has_display())
         self._canvas, self.address = Canvas.open(self._session, self._file, serve)
         self._worker = Worker("rerun-view")
         if serve:
-            self._open_viewer(web)
+            self.viewer = ViewerKeeper(self.address, self._mode, self._say)
 
     @property
     def dropped(self) -> int:
@@ -185,7 +181,8 @@ class RerunView:
         """Take the result so far; it is drawn when the run has grown enough since the last one."""
         if self._worker is None:
             return
-        self._watch_viewer()
+        if self.viewer is not None:
+            self.viewer.watch()
         self._decimator.rate(analysis.rate.best_hz, analysis.duration_s)
         self._latest = analysis
         if self._pace.due(analysis.duration_s):
@@ -213,8 +210,8 @@ class RerunView:
             return
         self._latest = final or self._latest
         ended = worker.close(partial(self._finish, canvas), timeout_s)
-        if self.viewer is not None and self.viewer.address:
-            self.viewer.stop()
+        if self.viewer is not None:
+            self.viewer.close()
         if ended and self._file is not None:
             if self._file.stat().st_size > _LARGE_FILE:
                 self._say(f"making {self._file.name} smaller, this takes a moment")
@@ -241,28 +238,6 @@ class RerunView:
         self._draw_rows(canvas)
         self._draw_latest(canvas)
         canvas.close()
-
-    # --- the viewer -----------------------------------------------------------------------------
-
-    def _open_viewer(self, web: bool) -> None:
-        self.viewer = ViewerProcess(self.address, web)
-        if not web:
-            self._say(f"viewer opened; for another: rerun {self.address}")
-            return
-        self._say(f"charts: {self.viewer.address}")
-        if has_display():
-            webbrowser.open(self.viewer.address)
-
-    def _watch_viewer(self) -> None:
-        """Say once that the viewer is gone; where no window can live, fall back to the web."""
-        if self.viewer is None or self.viewer.running() or self._told_viewer:
-            return
-        if self._mode == "auto" and not self.viewer.address and self.viewer.failed():
-            self._say("no window can be opened here")
-            self._open_viewer(web=True)
-            return
-        self._told_viewer = True
-        self._say(f"viewer closed, still measuring; to open it again: rerun {self.address}")
 
     # --- tasks ----------------------------------------------------------------------------------
 

@@ -113,8 +113,8 @@ class ViewerProcess:
             self._process.wait()
 
 
-def optimise(path: Path, timeout_s: float = 120.0) -> bool:
-    """Rewrite a recording in few large chunks: a third of the size, and it opens at once.
+def optimise(path: Path, timeout_s: float = 300.0) -> bool:
+    """Rewrite a recording in few large chunks: less than half the size, and it opens at once.
 
     The old file stays until the new one is complete; return False when that did not come about.
     """

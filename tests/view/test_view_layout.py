@@ -1,0 +1,59 @@
+"""The layout: every axis and estimator has its place, and each chart shows only its own."""
+
+import rerun.blueprint as rrb
+from demo_analysis import ESTIMATORS
+
+from allanscope.samples import AXES
+from allanscope.view.rerun_blueprint import TABS, layout
+
+
+def _views(part):
+    """Return all views below a part of the layout."""
+    if isinstance(part, rrb.View):
+        return [part]
+    return [view for child in part.contents for view in _views(child)]
+
+
+def _tabs(axes=AXES, estimators=ESTIMATORS):
+    root = layout(axes, estimators).root_container
+    return {tab.name: tab for tab in root.contents}
+
+
+def test_the_tabs_are_those_that_are_promised():
+    assert tuple(_tabs()) == TABS
+
+
+def test_every_estimator_has_a_chart_of_every_axis():
+    tab = _tabs()["estimators"]
+    assert [part.name for part in tab.contents] == [kind.upper() for kind in ESTIMATORS]
+    for kind, grid in zip(ESTIMATORS, tab.contents, strict=True):
+        chart = "time" if kind == "tdev" else "allan"
+        for axis, view in zip(AXES, _views(grid), strict=True):
+            assert view.origin == f"/{axis}/{chart}"
+            assert view.contents == ["$origin/grid/**", f"$origin/{kind}/**"]
+
+
+def test_charts_show_nothing_from_outside_themselves():
+    for tab in _tabs().values():
+        for view in _views(tab):
+            contents = [view.contents] if isinstance(view.contents, str) else view.contents
+            assert all(str(path).startswith("$origin/") for path in contents), view.name
+
+
+def test_other_estimators_are_hidden_on_the_axis_tab_until_they_are_wanted():
+    (gx, *_) = _views(_tabs()["axis by axis"])
+    hidden = {
+        path
+        for path, behaviour in gx.visualizer_overrides.items()
+        if behaviour.visible is not None and not behaviour.visible.as_arrow_array()[0].as_py()
+    }
+    assert hidden == {
+        f"/gx/allan/{kind}" for kind in ("textbook", "adev", "mdev", "ohdev", "totdev")
+    }
+
+
+def test_a_sensor_that_is_not_there_has_no_charts():
+    tabs = _tabs(axes=("gx", "gz"), estimators=("oadev",))
+    origins = {view.origin for tab in tabs.values() for view in _views(tab)}
+    assert not [origin for origin in origins if "accel" in origin or origin.startswith("/a")]
+    assert "/gz/allan" in origins

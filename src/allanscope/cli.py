@@ -142,13 +142,6 @@ def report(options: Namespace) -> int:
     return ExitCode.DONE
 
 
-def fleet(options: Namespace) -> int:
-    """Analyse many recordings on Dask."""
-    from allanscope.fleet import run_fleet
-
-    return run_fleet(options.pattern, Path(options.out), options.scheduler, quiet=options.quiet)
-
-
 def ports(options: Namespace) -> int:
     """List what is plugged in, and say which port `auto` would take."""
     from allanscope.sources import describe_ports
@@ -251,12 +244,6 @@ def _report_arguments(one: ArgumentParser) -> None:
     one.add_argument("--out", default="report.html", metavar="FILE.html")
 
 
-def _fleet_arguments(one: ArgumentParser) -> None:
-    one.add_argument("pattern", metavar="GLOB", help="recordings, e.g. 'rack/**/*.mcap'")
-    one.add_argument("--out", required=True, metavar="DIR")
-    one.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="an existing Dask cluster")
-
-
 def _no_arguments(one: ArgumentParser) -> None:
     del one
 
@@ -272,7 +259,6 @@ _COMMANDS = {
     "recover": (recover, _recover_arguments, "recover session.mcap saved.mcap"),
     "check": (check, _check_arguments, "check night.mcap --against spec.toml"),
     "report": (report, _report_arguments, "report night-1 night-2 --out both.html"),
-    "fleet": (fleet, _fleet_arguments, "fleet 'rack/**/*.mcap' --out lot"),
     "ports": (ports, _no_arguments, "ports"),
 }
 

@@ -198,7 +198,6 @@ def _curve_dict(curve: Deviation) -> dict[str, Any]:
 
 def _explanation_dict(explanation: AxisExplanation) -> dict[str, Any]:
     return {
-        "coefficients": _plain({k: asdict(c) for k, c in explanation.coefficients_after.items()}),
         "coefficients_before": _plain(
             {k: asdict(c) for k, c in explanation.coefficients_before.items()}
         ),

@@ -9,7 +9,7 @@ from allanscope.allan import AllanBank
 from allanscope.clock import Clock
 from allanscope.history import History
 from allanscope.samples import Block, Gap, StreamInfo
-from allanscope.spectrum import SpectrumBank
+from allanscope.spectrum.bank import SpectrumBank
 
 __all__ = ["StreamState", "Temperature"]
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from allanscope.allan.deviation import Deviation
-from allanscope.analysis.analyser import Analyser
+from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.result import Analysis, AxisAnalysis, Level, ModelCurve, Rate
 from allanscope.analysis.state import StreamState
 from allanscope.explain import explain
@@ -33,9 +33,9 @@ Depth = Literal["live", "full"]
 
 LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
 FULL_KINDS = (
-    "stdev ostdev adev oadev mdev tdev hdev ohdev totdev mtotdev ttotdev htotdev "
-    "theo1 theobr theoh pdev"
-).split()
+    *("stdev", "ostdev", "adev", "oadev", "mdev", "tdev", "hdev", "ohdev"),
+    *("totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theobr", "theoh", "pdev"),
+)
 TENTHS = 10
 FEWEST_ROWS = 64
 """Rows below which nothing is fitted."""
@@ -79,7 +79,7 @@ def summarise(
         segments=state.segments,
         rate=rate,
         link=replace(link),
-        axes=_axes(state, record, rate, depth, settings.part or state.info.part, settings.level),
+        axes=_axes(state, record, rate, depth, settings),
         reconnects=reconnects,
         unknown_losses=state.unknown_losses,
         temperature=state.temperature.summary(),
@@ -116,17 +116,27 @@ def _rate(state: StreamState) -> Rate:
 
 
 def _axes(
-    state: StreamState, record: Record, rate: Rate, depth: Depth, part: str, level: float
+    state: StreamState, record: Record, rate: Rate, depth: Depth, settings: AnalyserSettings
 ) -> dict[str, AxisAnalysis]:
     """Return everything about every axis."""
     rate_hz = rate.best_hz or 1.0
-    curves = _curves(state, depth, rate_hz, level)
+    part = settings.part or state.info.part
+    curves = _curves(state, depth, rate_hz, settings.level)
     densities = dict(
         zip(state.info.axes, state.spectrum.densities(rate_hz, list(state.info.scale)), strict=True)
     )
     loop = _loop(record, densities, rate) if depth == "full" else None
     return {
-        name: _axis(state, record, name, curves[name], densities[name], loop, rate, part)
+        name: _axis(
+            state,
+            record,
+            name,
+            curves=curves[name],
+            density=densities[name],
+            loop=loop,
+            rate=rate,
+            part=part,
+        )
         for name in state.info.axes
     }
 
@@ -158,6 +168,7 @@ def _axis(
     state: StreamState,
     record: Record,
     name: str,
+    *,
     curves: dict[str, Deviation],
     density: Density,
     loop: Explanation | None,
@@ -172,7 +183,7 @@ def _axis(
     model = after or (fit.model if fit else None)
     curve = curves.get("oadev")
     coefficients = dict(fit.coefficients) if fit else {}
-    if explanation is not None and explanation.effects:
+    if explanation is not None and explanation.effects and explanation.coefficients_after:
         coefficients = dict(explanation.coefficients_after)
     return AxisAnalysis(
         unit=unit_of(name),

@@ -50,7 +50,8 @@ def compare(
     analysis: Analysis, limits: dict[str, dict[str, dict[str, float]]]
 ) -> tuple[list[str], list[str]]:
     """Return a line for each limit that is met, and one for each that is missed."""
-    met, missed = [], []
+    met: list[str] = []
+    missed: list[str] = []
     for axis in AXES:
         for name, bounds in limits.get(axis, {}).items():
             if axis not in analysis.axes:

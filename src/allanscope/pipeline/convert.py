@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from allanscope.errors import InputError, UsageError
@@ -49,7 +50,7 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
     }
     file = FileSource(source)
 
-    def chunks():  # type: ignore[no-untyped-def]
+    def chunks() -> Iterator[Chunk]:
         while (chunk := file.read()).event != "end":
             yield Chunk(0, chunk.data)
 

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
@@ -155,7 +156,8 @@ def _run(
 ) -> Analysis:
     """Run one session with its audience, and leave its result in the folder."""
     if decoding.wire in ("", "native"):
-        import allanscope.wire.native.kernel  # noqa: F401  compiled before the first byte comes
+        # Compiled code is loaded before the first byte comes, not when it does.
+        import_module("allanscope.wire.native.kernel")
     session: Session | None = None
 
     def quit_() -> None:

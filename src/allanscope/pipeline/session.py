@@ -20,10 +20,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from allanscope.analysis.summary import Depth, summarise
-
 from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.result import Analysis
+from allanscope.analysis.summary import Depth, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 from allanscope.sources.base import Chunk, Source

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 from allanscope.errors import UsageError
@@ -48,7 +49,7 @@ def simulate_recording(
     wire = device.wire or "native"
     with progress(hours * 3600.0, "simulating", unit="s", quiet=quiet) as advance:
 
-        def chunks():  # type: ignore[no-untyped-def]
+        def chunks() -> Iterator[Chunk]:
             before = None
             for host_ns, data in simulate_blocks(
                 hours, sensor, wire, start_ns=1, seed=simulated.seed

@@ -124,7 +124,7 @@ _INTS = types.int64[::1]
     cache=True,
     nogil=True,
 )
-def read_frames(  # type: ignore[no-untyped-def]  # noqa: PLR0917 - numba takes no keywords
+def read_frames(  # type: ignore[no-untyped-def]
     data, joining, table, headers, ends, samples, others, other_rows, other_ends
 ):
     """Read all complete frames of a buffer that starts at the beginning of a chunk.

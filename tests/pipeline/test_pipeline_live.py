@@ -1,0 +1,135 @@
+"""A whole session as a user runs it: live on a simulated device, recorded, replayed, analysed."""
+
+import json
+import re
+import subprocess
+import sys
+
+import allantools
+import numpy as np
+import pytest
+
+from allanscope.pipeline.decoding import Decoding
+from allanscope.recording import Recording
+from allanscope.samples import Block
+from allanscope.wire.base import WireSettings
+
+
+def run(*arguments, code=0):
+    """Run the command line in a process of its own and return what it printed."""
+    command = [sys.executable, "-m", "allanscope", *map(str, arguments)]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
+    assert ran.returncode == code, ran.stderr
+    return ran
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """Return the folder and the printed result of a short live session."""
+    folder = tmp_path_factory.mktemp("live") / "session"
+    ran = run("live", "sim", "--for", "8s", "--view", "none", "--out", folder, "--json")
+    return folder, json.loads(ran.stdout)
+
+
+def decoded(folder):
+    """Return the counts that a recording holds."""
+    decoding = Decoding(WireSettings())
+    blocks = []
+    for chunk in Recording(folder).chunks():
+        blocks += [event for event in decoding.take(chunk) if isinstance(event, Block)]
+    return np.concatenate([block.counts for block in blocks])
+
+
+def test_a_live_session_leaves_recording_view_result_and_report(session):
+    folder, printed = session
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "report.html",
+        "result.json",
+        "session.mcap",
+        "session.rrd",
+    ]
+    assert json.loads((folder / "result.json").read_text()) == printed
+    assert printed["schema"] == "allanscope/1"
+    assert printed["lost_samples"] == 0
+    assert printed["axes"]["gx"]["coefficients"]["N"]["detected"]
+
+
+def test_curves_agree_with_allantools_on_the_same_samples(session):
+    folder, result = session
+    counts = decoded(folder)
+    assert len(counts) == result["samples"]
+    rate = result["rate"]["measured_hz"] or result["rate"]["nominal_hz"]
+    for column, name in ((0, "gx"), (5, "az")):
+        scale = 4.375e-3 if name == "gx" else 0.061e-3
+        for kind in ("oadev", "adev", "mdev", "ohdev"):
+            curve = result["axes"][name]["curves"][kind]
+            m = np.rint(np.array(curve["tau"]) * rate)
+            keep = m < 64
+            _, expected, _, _ = getattr(allantools, kind)(
+                counts[:, column] * scale, rate=rate, data_type="freq", taus=m[keep] / rate
+            )
+            measured = np.array(curve["deviation"])[keep]
+            np.testing.assert_allclose(measured, expected, rtol=1e-10)
+
+
+def test_replay_gives_the_same_curves_bit_for_bit(session):
+    folder, result = session
+    again = json.loads(run("replay", folder, "--view", "none", "--json").stdout)
+    for name, axis in result["axes"].items():
+        assert again["axes"][name]["curves"] == axis["curves"]
+    assert again["rate"] == result["rate"]
+
+
+def test_analyse_gives_the_same_curves_and_a_report(session, tmp_path):
+    folder, result = session
+    report = tmp_path / "report.html"
+    ran = run("analyse", folder / "session.mcap", "--json", "-", "--report", report)
+    again = json.loads(ran.stdout)
+    assert again["axes"]["ay"]["curves"] == result["axes"]["ay"]["curves"]
+    text = report.read_text()
+    assert "<script" not in text
+    outside = re.findall(r"https?://[^\s\"<]+", text)
+    assert all(one.startswith(("http://www.w3.org", "http://purl.org")) for one in outside)
+    assert text.count("<svg") > 12
+
+
+def test_an_export_is_read_back_with_the_same_counts(session, tmp_path):
+    folder, result = session
+    run("export", folder, tmp_path / "out.csv", "--quiet")
+    again = json.loads(run("analyse", tmp_path / "out.csv", "--json", "-", "--quiet").stdout)
+    assert again["samples"] == result["samples"]
+
+
+@pytest.mark.parametrize("wire", ["tmsg", "datalog"])
+def test_stock_firmware_is_started_recognised_and_recorded(wire, tmp_path):
+    out = tmp_path / "session"
+    ran = run(
+        "live", "sim", "--wire", wire, "--for", "4s", "--view", "none", "--out", out, "--json"
+    )
+    result = json.loads(ran.stdout)
+    assert result["input"]["wire"] == wire
+    assert result["samples"] > 50
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "word"),
+    [
+        (("live", "/dev/ttyNothing", "--view", "none"), 4, "/dev/ttyNothing"),
+        (("live", "sim", "--part", "LSM9DS1"), 2, "LSM9DS1"),
+        (("analyse", "missing.mcap"), 3, "missing.mcap"),
+        (("analyse", "EMPTY"), 3, "empty"),
+        (("analyse", "PICTURE"), 3, "none of the formats"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_leaves_nothing(
+    arguments, code, word, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    noise = np.random.default_rng(1).integers(0, 256, 300_000).astype(np.uint8)
+    (tmp_path / "EMPTY").write_bytes(b"")
+    (tmp_path / "PICTURE").write_bytes(b"\x89PNG" + noise.tobytes())
+    before = sorted(path.name for path in tmp_path.iterdir())
+    ran = run(*arguments, code=code)
+    assert word in ran.stderr
+    assert ran.stderr.strip().count("\n") == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == before

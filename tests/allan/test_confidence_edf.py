@@ -99,6 +99,12 @@ def test_huge_factors_keep_their_digits():
             assert large > 2 * small  # more terms, sharply correlated
 
 
+@pytest.mark.parametrize("order", [2, 3])
+def test_flicker_pm_at_huge_factors_agrees_with_greenhall_and_riley(order):
+    expected = greenhall(1, order, 2**27, 2**33, overlapping=True, modified=False)
+    assert difference_edf(1, 2**27, 2**33, 1, order) == pytest.approx(expected, rel=0.04)
+
+
 def test_a_single_term_has_one_degree_and_none_has_none():
     assert difference_edf(0, 10, 20, 1, 2) == pytest.approx(1.0)
     assert difference_edf(0, 10, 19, 1, 2) == 0.0
@@ -165,9 +171,15 @@ def test_exact_trace_of_theo1(alpha):
 
 @pytest.mark.parametrize("alpha", [2, 1])
 def test_exact_trace_of_totdev_for_phase_noise(alpha):
-    for n in (40, 80):
-        found = float(REGISTRY["totdev"].edf(alpha, 10, n, 1))
-        assert found == pytest.approx(quadratic("totdev", alpha, 10, n, 10.0)[1], rel=0.5)
+    found = float(REGISTRY["totdev"].edf(alpha, 20, 80, 1))
+    assert found == pytest.approx(quadratic("totdev", alpha, 20, 80, 20.0)[1], rel=0.35)
+
+
+def test_the_ratio_of_theobr_bounds_its_degrees_of_freedom():
+    found = REGISTRY["theobr"].edf(0, np.array([10, 80_000]), 100_000, 1)
+    raw = REGISTRY["theo1"].edf(0, np.array([10, 80_000]), 100_000, 1)
+    assert found[0] == pytest.approx(150.0, rel=0.01)
+    assert found[1] == pytest.approx(raw[1], rel=0.05)
 
 
 @pytest.mark.parametrize(

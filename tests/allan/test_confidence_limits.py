@@ -148,6 +148,17 @@ def test_the_limits_of_totdev_allow_for_what_it_misses_at_long_tau():
     assert curve.deviation.tolist() == [1.0]
 
 
+def test_there_is_never_less_than_one_degree_of_freedom():
+    assert REGISTRY["totdev"].edf(-2, 950, 1000, 1) < 1.0
+    assert assemble("totdev", sums([1.0], m=[950]), 1.0, alpha=-2).edf.tolist() == [1.0]
+
+
+def test_the_limits_of_htotdev_allow_for_its_excess_in_phase_noise():
+    curve = assemble("htotdev", sums([1.0], m=[100]), 1.0, alpha=2)
+    assert curve.lower == pytest.approx(chi_square_limits(np.sqrt(1 / 1.37), curve.edf)[0])
+    assert curve.upper == pytest.approx(chi_square_limits(1.0, curve.edf)[1])
+
+
 @pytest.mark.parametrize(
     ("kind", "part"),
     [("oadev", 0.1), ("adev", 0.1), ("ohdev", 0.1), ("totdev", 0.5), ("mtotdev", 0.3)],

@@ -46,6 +46,7 @@ def test_taus_in_seconds_are_whole_factors_in_ascending_order():
 def test_the_theo_family_takes_even_windows_at_three_quarters(kind):
     curve = deviation(DATA, 10.0, kind, taus=3)
     assert np.all(curve.m % 2 == 0)
+    assert curve.m[(curve.m >= 64) & (curve.m < 128)].tolist() == [64, 82, 102]
     assert curve.tau == pytest.approx(0.075 * curve.m)
     assert deviation(DATA, 10.0, kind, taus=[1.5]).m.tolist() == [20]
 

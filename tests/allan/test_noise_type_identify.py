@@ -51,6 +51,27 @@ def test_a_drift_is_no_noise(power_law):
     assert (found(drifting, [1, 8, 64]) == 0).mean() > 0.95
 
 
+def test_a_known_drift_is_taken_off_the_sums_of_a_stream():
+    m, n, drift = np.array([1, 4, 32]), 4096, 0.01
+    ramp = (drift * m) ** 2 / 2
+    stdvar = 1 / m + (drift * (n - m)) ** 2 / 12
+    kept = {"stdvar": stdvar, "avar": 1 / m + ramp, "hvar": 1 / m}
+    mvar = (1 + 1 / m**2) / (2 * m) + ramp
+    assert identify(m, n, **kept, mvar=mvar, drift=drift).tolist() == [0, 0, 0]
+    assert identify(m, n, **kept, mvar=mvar)[-1] < 0
+
+
+def test_the_ratio_of_flicker_pm_falls_with_the_logarithm_of_tau_for_ever():
+    """MVAR / AVAR = 27.04 / (8 pi^2) * 4 pi^2 / (1.038 + 3 ln(pi m)): 0.072 at m = 2^20."""
+    m = 2 ** np.array([4, 10, 20])
+    limit = 3 * np.log(256 / 27) / 2 / (1.038 + 3 * np.log(np.pi * m))
+    for factor in (0.45, 1.0, 2.2):
+        flat = np.ones(3)
+        laws = identify(m, 2**30, stdvar=flat, avar=flat, hvar=flat, mvar=limit * factor)
+        assert laws[2] == 1
+    assert np.all(identify(m, 2**30, stdvar=flat, avar=flat, hvar=flat, mvar=limit) == 1)
+
+
 def test_quantisation_of_the_angle_is_white_pm():
     angle = np.round(np.linspace(0, 300, 5000) + np.random.default_rng(8).uniform(0, 1, 5000))
     assert deviation(angle, 1.0, data_kind="phase", taus=[1, 2, 4]).noise.tolist() == ["WPM"] * 3

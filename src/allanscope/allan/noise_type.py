@@ -53,7 +53,8 @@ def identify(
         Overlapping standard, Allan, Hadamard (1/6) and modified Allan variance at `m`, from the
         same run; NaN where there is none. `stdvar` and `hvar` count at m = 1 only.
     drift : array_like, shape () or (axes,)
-        Slope of the rate per sample, which is no noise: taken off all but `hvar`.
+        Slope of the rate per sample, which is no noise: taken off `avar` and `mvar`; `hvar` does
+        not have it, and in `stdvar` it only makes sure that the differences are asked.
 
     Returns
     -------
@@ -74,11 +75,12 @@ def identify(
     ramp = (slope * m) ** 2 / 2.0
     allan = np.asarray(avar, np.float64) - ramp
     modified = np.asarray(mvar, np.float64) - ramp
-    standard = np.asarray(stdvar, np.float64) - (slope * (n - m)) ** 2 / 12.0
     with np.errstate(divide="ignore", invalid="ignore"):
         by_ratio = _from_modified(m, modified / allan)
         by_correlation = _from_correlation(
-            n, 1.0 - allan / standard, 1.0 - 1.5 * np.asarray(hvar, np.float64) / allan
+            n,
+            1.0 - allan / np.asarray(stdvar, np.float64),
+            1.0 - 1.5 * np.asarray(hvar, np.float64) / allan,
         )
     first = (m == 1) & (n >= _FEWEST_SAMPLES)
     alpha = np.where(first, by_correlation, np.where(m * _FEWEST_WINDOWS <= n, by_ratio, np.nan))
@@ -111,9 +113,9 @@ def at_factors(wanted: ArrayLike, m: ArrayLike, alpha: ArrayLike) -> NDArray[np.
 def _from_modified(m: NDArray[np.float64], ratio: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return alpha from R(n): the power law whose expected ratio is nearest in logarithm.
 
-    Expectations of discrete power-law noise, integrated over frequency; in the continuous limit
-    0, 3 ln(256/27) / (2 + 6 ln(pi m)) or so, 1/2, 0.675, 0.825. For alpha < -2 both variances grow
-    with the run, and the values are those of runs of 30 to 1000 windows.
+    Expectations of discrete power-law noise, integrated over frequency; at large m they are 1/m,
+    3.37 / (1.04 + 3 ln(pi m)), 1/2, 0.675, 0.825. For alpha < -2 both variances grow with the run,
+    and the values are those of runs of 30 to 1000 windows.
     """
     log_m = np.log2(m)
     flicker_pm = 1.0 / np.interp(log_m, [0, 1, 2, 3, 4, 40], [1, 1.8, 2.60, 3.32, 3.98, 26.2])

@@ -126,6 +126,7 @@ def power_law(phase: NDArray[np.float64], tau: ArrayLike) -> NDArray[np.int64]:
         2 (white PM) to -4, see `allanscope.allan.noise_type.identify`.
     """
     n = phase.size - 1
+    phase = _without_drift(phase)
     m = 2 ** np.arange(max(int(np.log2(n / 16)), 0) + 1)
     avar = [REGISTRY["oadev"].exact(phase, k)[0] for k in m.tolist()]
     mvar = [REGISTRY["mdev"].exact(phase, k)[0] for k in m.tolist()]
@@ -133,16 +134,17 @@ def power_law(phase: NDArray[np.float64], tau: ArrayLike) -> NDArray[np.int64]:
     stdvar, hvar = np.full((2, m.size), np.nan)
     stdvar[0] = REGISTRY["ostdev"].exact(phase, 1)[0]
     hvar[0] = REGISTRY["ohdev"].exact(phase, 1)[0]
-    alpha = identify(m, n, stdvar=stdvar, avar=avar, hvar=hvar, mvar=mvar, drift=_drift(phase))
+    alpha = identify(m, n, stdvar=stdvar, avar=avar, hvar=hvar, mvar=mvar)
     return at_factors(tau, m, alpha)
 
 
-def _drift(phase: NDArray[np.float64]) -> float:
-    """Return the slope of the rate per sample, from the means of the two halves."""
+def _without_drift(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Take off the slope of the rate, which is no noise: from the means of the two halves."""
     n = phase.size - 1
     half = n // 2
     rise = (phase[n] - phase[n - half]) - (phase[half] - phase[0])
-    return float(rise) / (half * (n - half))
+    i = np.arange(n + 1, dtype=np.float64)
+    return phase - float(rise) / (half * (n - half)) * (i * (i - n) / 2.0)
 
 
 def _streamed(

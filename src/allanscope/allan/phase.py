@@ -32,8 +32,8 @@ def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDAr
     -------
     ndarray of float64, shape (n + 1,)
         Less an offset of the rate that no estimator can see: for integers the rounded mean, taken
-        off and summed in integers, so that nothing is rounded below 2^53; for floats the first
-        sample and then the mean. Float phases keep theirs: taking it off would round them anew.
+        off and summed in integers, so that nothing is rounded below 2^53; for floats the mean.
+        Float phases keep theirs: taking it off would round them anew.
 
     Raises
     ------
@@ -71,11 +71,10 @@ def _from_floats(values: NDArray[np.float64], rate: float, data_kind: str) -> ND
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         raise ValueError(f"sample {bad[0]} is {values[bad[0]]} (one of {bad.size} not finite)")
-    values = values - values[0]
     if data_kind == "phase":
-        phase: NDArray[np.float64] = values * rate
+        phase: NDArray[np.float64] = (values - values[0]) * rate
         return phase
-    # Less the first sample a constant is exactly zero; less the mean the sum stays small.
+    # Less the mean the sum stays small, and a constant leaves a straight line to the last digit.
     return np.append(0.0, np.cumsum(values - values.mean()))
 
 

@@ -55,15 +55,11 @@ class Mdev(Estimator):
 @njit(cache=True, nogil=True)
 def _mean_square_sum(x: NDArray[np.float64], m: int, terms: int) -> float:
     """Return the mean square of the sum over m second differences at lag m."""
-    total = window = 0.0
-    afresh = max(m, 1024)
-    for i in range(terms):
-        if i % afresh == 0:
-            # Sum afresh now and then, so that rounding does not add up over the record.
-            window = 0.0
-            for j in range(i, i + m):
-                window += (x[j] - x[j + m]) + (x[j + 2 * m] - x[j + m])
-        else:
-            window += (x[i + 3 * m - 1] - x[i - 1]) - 3.0 * (x[i + 2 * m - 1] - x[i + m - 1])
+    window = 0.0
+    for j in range(m):
+        window += (x[j] - x[j + m]) + (x[j + 2 * m] - x[j + m])
+    total = window * window
+    for i in range(1, terms):
+        window += (x[i + 3 * m - 1] - x[i - 1]) - 3.0 * (x[i + 2 * m - 1] - x[i + m - 1])
         total += window * window
     return total / terms

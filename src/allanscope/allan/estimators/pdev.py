@@ -73,13 +73,10 @@ class Pdev(Estimator):
 def _mean_square_slope(u: NDArray[np.float64], m: int, terms: int) -> float:
     """Return the mean of ``(sum_k ((m - 1)/2 - k) u[i + k])^2`` over the first `terms` i."""
     total = plain = weighted = 0.0
+    for k in range(m):
+        plain += u[k]
+        weighted += k * u[k]
     for i in range(terms):
-        if i % m == 0:
-            # Sum afresh once a window, so that rounding does not add up over the record.
-            plain = weighted = 0.0
-            for k in range(m):
-                plain += u[i + k]
-                weighted += k * u[i + k]
         slope = 0.5 * (m - 1) * plain - weighted
         total += slope * slope
         plain += u[i + m] - u[i]

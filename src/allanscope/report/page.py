@@ -79,6 +79,7 @@ def _as_markup(svg: str) -> Any:
 
 def _axis(name: str, axis: AxisAnalysis, record: Record | None) -> _Axis:
     loop = axis.explanation
+    searched = loop is not None and words.searched(loop)
     found = axis.datasheet.get("density")
     allowed = found.limit / np.sqrt(2.0) if found is not None and found.limit is not None else None
     return _Axis(
@@ -90,9 +91,9 @@ def _axis(name: str, axis: AxisAnalysis, record: Record | None) -> _Axis:
         facts=words.axis_facts(axis),
         explanation=loop is not None,
         effects=[words.effect_words(effect) for effect in loop.effects] if loop else [],
-        errors=words.error_rows(loop) if loop else [],
+        errors=words.error_rows(loop) if loop and searched else [],
         conclusion=words.conclusion(loop) if loop else "",
-        residual_svg=figures.residual_figure(name, axis) if loop else "",
+        residual_svg=figures.residual_figure(name, axis) if searched else "",
         density_svg=(
             figures.density_figure(name, axis.density, axis.density_model, axis.unit)
             if axis.density is not None

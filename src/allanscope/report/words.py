@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -37,6 +38,7 @@ __all__ = [
     "error_rows",
     "provenance",
     "quality",
+    "searched",
     "verdict",
 ]
 
@@ -104,7 +106,7 @@ def verdict(analysis: Analysis) -> list[VerdictLine]:
         if effects:
             kinds = ", ".join(effect_words(effect).kind for effect in effects)
             out.append(VerdictLine("note", f"{name}:", f"beyond the textbook noise: {kinds}"))
-        if not axis.explanation.explained:
+        if searched(axis.explanation) and not axis.explanation.explained:
             out.append(VerdictLine("bad", f"{name}:", "the model does not explain all of the data"))
     out += [VerdictLine("note", "Run:", remark) for remark in analysis.remarks]
     if analysis.lost_samples or analysis.unknown_losses:
@@ -207,6 +209,11 @@ def _parameter(one: Parameter) -> str:
     return f"{interval(one.value, one.lower, one.upper)} {symbols(one.unit)}".rstrip()
 
 
+def searched(explanation: AxisExplanation) -> bool:
+    """Return whether the loop could look at the axis at all; its remarks say why not."""
+    return math.isfinite(explanation.before.chi2_per_dof)
+
+
 def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
     """Return the table of errors before and after."""
     before, after = explanation.before, explanation.after
@@ -232,6 +239,8 @@ def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
 
 def conclusion(explanation: AxisExplanation) -> str:
     """Return the last word of the loop on one axis."""
+    if not searched(explanation):
+        return " ".join(explanation.remarks)
     last = (
         "What is left is what sampling error leaves."
         if explanation.explained

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.base import EffectKind
-from allanscope.explain.effects.unexplained import COSINES, drift_left_over, tone_left_over
+from allanscope.explain.effects.unexplained import DEGREE, drift_left_over, tone_left_over
 from allanscope.explain.residual import band_scores
 from allanscope.explain.tones import sweeps
 from allanscope.explain.view import View
@@ -43,7 +43,9 @@ _HELD_SHARE, _SMALL = 0.25, 30.0
 _SLOW = ("warm_up", "ramp", "temperature")
 _CLEARLY = 5.0
 _UNFINISHED = 0.3
-"""Share of the gain of the named effects that free cosines may still find behind them."""
+"""Share of the gain of the named effects that a polynomial may still find behind them."""
+_FEW_WAVES = 4.0
+"""A slower line may be a piece of something else."""
 _SLOWLY = ("warm_up", "ramp", "step", "excursion", "temperature")
 _BUNDLE = 6
 _HOPELESS, _NEARLY = 30.0, 8.0
@@ -272,12 +274,17 @@ def _delete(view: View) -> View:
 
 
 def _audit_drift(view: View) -> View:
-    """Replace slow effects by `unexplained` where free cosines do clearly better than they.
+    """Replace slow effects by `unexplained` where a free polynomial does clearly better than they.
 
     A drift of any other form is fitted piecewise by exponentials and ramps; each piece is
     significant and none is true.
     """
-    slow = [c for c in view.accepted if c.kind in _SLOW]
+    duration = view.series.duration_s
+    slow = [
+        c
+        for c in view.accepted
+        if c.kind in _SLOW or (c.kind == "sinusoid" and c.shape[0] * duration < _FEW_WAVES)
+    ]
     if not slow:
         return view
     bare = view
@@ -287,7 +294,7 @@ def _audit_drift(view: View) -> View:
     free, rest = drift_left_over(bare), drift_left_over(view)
     if free is None:
         return view
-    better = free.gain - 2 * COSINES > named + _CLEARLY
+    better = free.gain - DEGREE > named + _CLEARLY
     unfinished = rest is not None and rest.gain > _UNFINISHED * named
     return accept(bare, free) if better or unfinished else view
 

@@ -87,7 +87,7 @@ def drawing(width: float = 7.0, height: float = 4.2) -> Iterator[Drawing]:
         yield one
         buffer = io.StringIO()
         # No date in the file: the same result gives the same bytes.
-        one.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        one.figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     text = buffer.getvalue()
     one.svg = text[text.index("<svg") :].replace(INK, "currentColor")
 

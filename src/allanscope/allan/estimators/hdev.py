@@ -14,7 +14,7 @@ __all__ = ["Hdev"]
 class Hdev(DifferenceEstimator):
     """Hadamard variance HVAR: a sixth of the mean square second difference of means of m rates.
 
-    ``HVAR = 1/6 <(w[k + 2] - 2 w[k + 1] + w[k])^2>`` (NIST SP 1065 eq. 16; DT0064 HVAR). A linear
+    ``HVAR = 1/6 <(w[k + 2] - 2 w[k + 1] + w[k])^2>`` (NIST SP 1065 eq. 17; DT0064 HVAR). A linear
     drift of the rate drops out as well, so it shows what lies under a warm-up ramp.
 
     Notes

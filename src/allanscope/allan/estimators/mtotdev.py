@@ -30,7 +30,7 @@ class Mtotdev(Estimator):
     Notes
     -----
     Detrending takes variance away. The raw value is divided by the published 0.94, 0.83, 0.73,
-    0.70, 0.69 for white PM to random walk FM (SP 1065 table 8), as Stable32 does when asked to.
+    0.70, 0.69 for white PM to random walk FM, as Stable32 does when asked to.
     The exact expectation at large m is 0.995, 0.851, 0.771, 0.717, 0.679; the published values are
     kept so that figures agree between programs, which leaves MTOTDEV of white FM 2.7 % high, and
     the limits span both. At m = 1 raw MTOT is one half of AVAR whatever the noise.
@@ -63,7 +63,7 @@ class Mtotdev(Estimator):
         return 3 * m + self.min_terms - 2
 
     def correction(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
-        """Return the published raw MTOT / MVAR (SP 1065 table 8)."""
+        """Return the published raw MTOT / MVAR."""
         alpha = np.broadcast_arrays(alpha, m, n)[0]
         return np.array([_CORRECTION[a] for a in alpha.flat]).reshape(alpha.shape)
 

@@ -14,7 +14,7 @@ __all__ = ["Ohdev"]
 class Ohdev(DifferenceEstimator):
     """Overlapping Hadamard variance OHVAR: HVAR averaged over all starting points.
 
-    ``OHVAR = 1/(6 m^2) <(x[i + 3m] - 3 x[i + 2m] + 3 x[i + m] - x[i])^2>`` (NIST SP 1065 eq. 17;
+    ``OHVAR = 1/(6 m^2) <(x[i + 3m] - 3 x[i + 2m] + 3 x[i + m] - x[i])^2>`` (NIST SP 1065 eq. 20;
     DT0064 OHVAR, with 1/2 for 1/6: see `Hdev`). Blind to linear drift, converges down to alpha -4.
 
     Examples

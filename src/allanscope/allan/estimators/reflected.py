@@ -2,7 +2,7 @@
 
 A window of 3m values loses its slope (taken between the means of its halves) and is mirrored at
 both ends, which makes 9m values with a period of 6m. The second difference of means of m
-neighbours is squared and averaged over all 6m positions (NIST SP 1065, 5.11 and 5.13). Two
+neighbours is squared and averaged over all 6m positions (NIST SP 1065). Two
 observations save the copy and half of the work:
 
 * the running sum ``P`` of a mirrored series is odd about the mirror: ``-P(-q)`` before it and
@@ -109,7 +109,7 @@ def reflected_edf(alpha_of_phase: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDAr
     -----
     ``(n/m) / (b0 + b1 m/n)``, fitted to the exact ``tr(QC)^2 / tr(QCQC)`` of the estimator's
     quadratic form Q and the generalised covariance C at m = 16, good to 5 % from n = 3.5 m on. The
-    published fits for HTOT (SP 1065 table 9) have this form and agree to 15 %; those for MTOT,
+    published fits for HTOT have this form and agree to 15 %; those for MTOT,
     ``b n/m - c`` (table 8), agree at n/m = 16 but promise half as much again at the end of the run.
     """
     alpha, m, n = np.broadcast_arrays(alpha_of_phase, m, n)

@@ -14,7 +14,7 @@ __all__ = ["Stdev"]
 class Stdev(AverageEstimator):
     """Standard variance STDVAR: the sample variance of the means of adjoining groups of m rates.
 
-    ``STDVAR = 1/(M - 1) sum (w[k] - mean(w))^2`` (NIST SP 1065 eq. 6; DT0064 STDVAR). For white FM
+    ``STDVAR = 1/(M - 1) sum (w[k] - mean(w))^2`` (NIST SP 1065; DT0064 STDVAR). For white FM
     it equals AVAR; its excess over AVAR measures what lies below 1 / tau (Barnes' B1 ratio).
 
     Examples

@@ -47,7 +47,7 @@ class Theo1(Estimator):
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
     ) -> NDArray[np.float64]:
-        """Return the degrees of freedom by the fits of Howe and Peppler (SP 1065 table 9)."""
+        """Return the degrees of freedom by the fits of Howe and Peppler."""
         return theo1_edf(alpha, m, n)
 
     def needed(self, m: int) -> int:

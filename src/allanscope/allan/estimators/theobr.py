@@ -35,11 +35,9 @@ class TheoBR(Theo1):
     """Bias-removed THEO1: scaled so that it meets AVAR where both are well known.
 
     ``TheoBR = k THEO1`` with k the mean of ``OAVAR(9 + 3i) / THEO1(12 + 4i)``, two variances at the
-    same tau, over i = 0 ... N/30 - 3 (J. Taylor and D. Howe 2010: THEOBR; NIST SP 1065 eq. 31;
-    DT0064: Theo1BR), N being the number of phases. The shortest run that has a k is of 90 phases.
-
-    Stable32's table of a run averages up to N/6 - 3, to half of the run where AVAR is hardly
-    known; its value for a single tau stops here.
+    same tau, over i = 0 ... N/30 - 3 (J. Taylor and D. Howe 2010: THEOBR; NIST SP 1065; DT0064:
+    Theo1BR), N being the number of phases. The shortest run that has a k is of 90 phases. Stable32
+    averages up to N/6 - 3 when it runs over all tau: to half of the run, where AVAR is not known.
 
     Examples
     --------

@@ -23,7 +23,7 @@ class TheoH(TheoBR):
     """Hybrid of OAVAR and TheoBR: one curve from tau0 to three quarters of the run.
 
     OAVAR at tau = m up to a tenth of the run, TheoBR at tau = 0.75 m (m even) above (J. Taylor and
-    D. Howe 2010: THEOH; NIST SP 1065 eq. 32; DT0064: Theo1H). Degrees of freedom are those of the
+    D. Howe 2010: THEOH; NIST SP 1065; DT0064: Theo1H). Degrees of freedom are those of the
     part.
 
     Examples

@@ -24,7 +24,7 @@ class Totdev(Estimator):
     ``TOTVAR = 1/(2 m^2 (N - 2)) sum (x[i - m] - 2 x[i] + x[i + m])^2`` over all inner phases i of
     N, the phase being continued by odd reflection about its first and about its last value (NIST
     SP 1065 eq. 25; DT0064 TOTVAR). At half of the run it has 3 degrees of freedom for white FM
-    where OAVAR has one. (SP 1065 table 31 also lists a variant with matched ends.)
+    where OAVAR has one. (SP 1065 also lists values of a variant with matched ends.)
 
     Notes
     -----

@@ -16,6 +16,8 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import idct
+from scipy.stats import chi2
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
@@ -26,6 +28,7 @@ Array = NDArray[np.float64]
 
 _BLOCK_S = 0.5
 _MOST = 40
+_QUARTERS = 4
 _HIDDEN_BY = ("quantization", "random_telegraph")
 """With these the innovations are not Gaussian: a hop is whitened to a burst."""
 _CAP = 20.0
@@ -59,6 +62,8 @@ class VarianceChange(EffectKind):
         found = _intervals(power, freedom)
         if not found:
             return []
+        if not _at_all_frequencies(view, max(found), size):
+            return []
         gain = sum(g for g, *_ in found)
         price = _price(blocks)
         seconds = size / view.grid.rate_hz
@@ -85,6 +90,31 @@ class VarianceChange(EffectKind):
                 evidence={"blocks": blocks},
             )
         ]
+
+
+def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: int) -> bool:
+    """Tell whether the quarters of the band agree: a tone that comes and goes is no noise."""
+    _, first, last, _ = found
+    kept = view.spectrum.kept
+    white = view.ordinates / np.sqrt(view.spectrum.ordinates) * kept
+    ratios, weights = [], []
+    for part in np.array_split(np.arange(len(white)), _QUARTERS):
+        if kept[part].mean() < 0.2:
+            continue
+        only = np.zeros(len(white) + 1)
+        only[1 + part] = white[part]
+        power = np.asarray(idct(only, norm="ortho")) ** 2
+        inside = power[first * size : last * size].mean()
+        outside = (power.sum() - inside * (last - first) * size) / (
+            len(power) - (last - first) * size
+        )
+        ratios.append(np.log(inside / outside))
+        weights.append((last - first) * size * kept[part].sum() / len(white) / 2)
+    common = np.average(ratios, weights=weights)
+    distance = float(np.sum(np.array(weights) * (np.array(ratios) - common) ** 2))
+    # Heavy contrast need not be white to a per cent: a tenth of it may differ.
+    room = float(np.sum(weights)) * (0.1 * common) ** 2
+    return bool(chi2.sf(max(distance - room, 0.0), max(len(ratios) - 1, 1)) > 1e-3)
 
 
 def _price(blocks: int) -> float:

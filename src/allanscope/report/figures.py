@@ -87,7 +87,9 @@ def drawing(width: float = 7.0, height: float = 4.2) -> Iterator[Drawing]:
         yield one
         buffer = io.StringIO()
         # No date in the file: the same result gives the same bytes.
-        one.figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+        one.figure.savefig(
+            buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        )
     text = buffer.getvalue()
     one.svg = text[text.index("<svg") :].replace(INK, "currentColor")
 

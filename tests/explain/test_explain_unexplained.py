@@ -114,7 +114,18 @@ def test_the_live_loop_looks_at_doubling_times_and_announces_once(bench):
         looks += loop.due(part)
         announced += loop.update(part)
     assert loop.looks == looks == 2
-    assert [(f.axis, f.effect.kind, f.at_s) for f in announced] == [("gx", "sinusoid", 300.0)]
+    (finding,) = announced
+    assert (finding.axes, finding.effect.kind, finding.at_s) == (("gx",), "sinusoid", 300.0)
+    assert finding.after.rms_percent < finding.before.rms_percent
+    assert finding.words.startswith("gx: a line at 4.9999")
+    assert loop.findings == (finding,)
+
+
+def test_the_live_loop_announces_what_two_axes_share_once(bench):
+    b = bench(43, 400.0)
+    hum = 0.02 * np.sin(2 * np.pi * 11.0 * b.t)
+    (finding,) = LiveLoop(first_s=300.0).update(b.record(b.noise() + hum, b.noise() + hum))
+    assert finding.axes == ("gx", "gy")
 
 
 def test_every_kind_declares_what_it_is():

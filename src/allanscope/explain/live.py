@@ -1,45 +1,72 @@
-"""The loop while a run goes on: cheap, and honest about having looked before.
+"""The loop while a run goes on: bounded, cheap, and honest about having looked before.
 
 Looking at every refresh for twelve hours is 720 looks; a test that errs once in a thousand would
 err most nights. So the search runs only when the record has doubled since the last time, and the
-k-th such look may spend alpha / 2^k: over a whole run no more than alpha.
+k-th such look may spend alpha / 2^k: over a whole run no more than alpha. The looks of a whole run
+cost together no more than twice the last one, and that one sees no more rows than the history
+keeps, however long the run.
+
+::
+
+    every refresh                       worker thread                     viewer, terminal
+    record = history.record(...)
+    if loop.due(record): ─────────────▶ findings = loop.update(record) ──▶ finding.words
+                                        loop.explanation                   curves before and after
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from allanscope.clock.rate import RateFit
-from allanscope.explain.effect import Effect
+from allanscope.explain.effect import Effect, Parameter, ResidualError
 from allanscope.explain.loop import Explanation, explain
 from allanscope.explain.search import Budget
 from allanscope.history import Record
+from allanscope.spectrum.density import Density
 
 __all__ = ["Finding", "LiveLoop"]
 
-_PLACES = ("frequency", "time", "source", "frequency_low")
+_PLACES = ("frequency", "time", "source", "frequency_low", "start")
 """Parameters that tell two effects of one kind apart."""
+_WIDTHS = 3.0
+"""Half-widths of both intervals within which two estimates speak of one place."""
+_COARSE = 0.02
+"""Relative difference that is one place where an estimate has no interval."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that was not known at the last look.
+    """Something that was not known at any look before.
 
     Attributes
     ----------
-    axis : str
-        Axis it was found on.
+    axes : tuple of str
+        Axes it was seen on; one physical effect is announced once.
     effect : Effect
-        What it is.
+        What it is, as found on the first of them.
     at_s : float
         Length of the record when it was found.
+    before, after : ResidualError
+        Of the first axis: the textbook model, and the model with all that is known by now.
     """
 
-    axis: str
+    axes: tuple[str, ...]
     effect: Effect
     at_s: float
+    before: ResidualError
+    after: ResidualError
+
+    @property
+    def words(self) -> str:
+        """One line: where, what, and the error before and after."""
+        return (
+            f"{', '.join(self.axes)}: {self.effect.evidence['words']} "
+            f"(curve {self.before.rms_percent:.3g} % off before, "
+            f"{self.after.rms_percent:.3g} % after; "
+            f"sampling alone {self.after.expected_rms_percent:.3g} %)"
+        )
 
 
 @dataclass
@@ -53,30 +80,48 @@ class LiveLoop:
     nominal_hz : float, optional
         Sample rate that the device claims.
 
+    Attributes
+    ----------
+    explanation : Explanation or None
+        Of all axes, as of the last look; None before the first.
+    looks : int
+        How often it was looked.
+    findings : tuple of Finding
+        All that were announced, in order.
+
+    Notes
+    -----
+    `update` takes some seconds when a long record is due and releases the interpreter while it
+    computes: call it in a worker thread, one call at a time.
+
     Examples
     --------
     ::
 
-        loop = LiveLoop()
+        loop = LiveLoop(nominal_hz=104.0)
         while running:
-            for finding in loop.update(history.record(...)):
-                print(finding.axis, finding.effect.evidence["words"])
-        loop.explanation  # as of the last look
+            record = history.record(rate_hz, axes, scale)
+            if loop.due(record):
+                for finding in loop.update(record, rate_fit=clock.rate()):
+                    print(finding.words)
     """
 
     first_s: float = 120.0
     nominal_hz: float | None = None
     explanation: Explanation | None = None
     looks: int = 0
+    findings: tuple[Finding, ...] = ()
     _next_s: float = field(default=0.0, repr=False)
-    _known: dict[str, list[Effect]] = field(default_factory=dict, repr=False)
 
     def due(self, record: Record) -> bool:
-        """Tell whether the record is long enough for the next look."""
-        return len(record.values) / record.rate_hz >= max(self._next_s, self.first_s)
+        """Tell whether the record is long enough for the next look: costs nothing."""
+        return _length_s(record) >= max(self._next_s, self.first_s)
 
     def update(
-        self, record: Record, rate_fit: RateFit | tuple[float, float] | None = None
+        self,
+        record: Record,
+        rate_fit: RateFit | tuple[float, float] | None = None,
+        densities: Mapping[str, Density] | None = None,
     ) -> tuple[Finding, ...]:
         """Look at the record if it is time to, and return what is new.
 
@@ -86,39 +131,55 @@ class LiveLoop:
             All that is held so far.
         rate_fit : RateFit or (float, float), optional
             Measured rate and its standard error in Hz.
+        densities : mapping of str to Density, optional
+            Density of each axis: what there is above the rows of a long run.
         """
         if not self.due(record):
             return ()
-        duration = len(record.values) / record.rate_hz
         self.looks += 1
-        self._next_s = 2 * duration
-        budget = Budget(spent_nats=self.looks * float(np.log(2)))
+        self._next_s = 2 * _length_s(record)
         self.explanation = explain(
-            record, nominal_hz=self.nominal_hz, rate_fit=rate_fit, budget=budget
+            record,
+            densities,
+            nominal_hz=self.nominal_hz,
+            rate_fit=rate_fit,
+            budget=Budget(spent_nats=self.looks * 0.6931),
         )
-        return self._new(self.explanation, duration)
+        new = self._new(self.explanation, _length_s(record))
+        self.findings += new
+        return new
 
-    def _new(self, explanation: Explanation, duration: float) -> tuple[Finding, ...]:
+    def _new(self, explanation: Explanation, at_s: float) -> tuple[Finding, ...]:
         found: list[Finding] = []
         for axis, result in explanation.axes.items():
-            known = self._known.get(axis, [])
-            found += [
-                Finding(axis, effect, duration)
-                for effect in result.effects
-                if not any(_same(effect, other) for other in known)
-            ]
-            self._known[axis] = list(result.effects)
+            for effect in result.effects:
+                known = (*self.findings, *found)
+                if not any(axis in f.axes and _same(effect, f.effect) for f in known):
+                    axes = tuple(sorted({axis, *effect.axes}, key=list(explanation.axes).index))
+                    found.append(Finding(axes, effect, at_s, result.before, result.after))
         return tuple(found)
+
+
+def _length_s(record: Record) -> float:
+    return len(record.values) / record.rate_hz
 
 
 def _same(first: Effect, second: Effect) -> bool:
     """Tell whether two looks speak of one effect: same kind, in the same place."""
     if first.kind != second.kind:
         return False
-    name = next((n for n in _PLACES if n in first.parameters), None)
-    if name is None or name not in second.parameters:
+    name = next((n for n in _PLACES if n in first.parameters and n in second.parameters), None)
+    if name is None:
         return True
-    a, b = first.parameters[name].value, second.parameters[name].value
-    if isinstance(a, str) or isinstance(b, str):
-        return a == b
-    return abs(a - b) <= 0.05 * max(abs(a), abs(b))
+    a, b = first.parameters[name], second.parameters[name]
+    if isinstance(a.value, str) or isinstance(b.value, str):
+        return a.value == b.value
+    room = _WIDTHS * (_half_width(a) + _half_width(b))
+    return abs(a.value - b.value) <= max(room, 1e-4 * abs(a.value))
+
+
+def _half_width(parameter: Parameter) -> float:
+    if parameter.lower is None or parameter.upper is None:
+        assert isinstance(parameter.value, float)
+        return _COARSE / (2 * _WIDTHS) * abs(parameter.value)
+    return (parameter.upper - parameter.lower) / 2

@@ -83,6 +83,7 @@ class StreamState:
         self.lowest = np.full(columns, np.inf)
         self.highest = np.full(columns, -np.inf)
         self.saturated = np.zeros(columns, np.int64)
+        self.counted = True
         self._in_segment = False
 
     def block(self, block: Block) -> None:
@@ -91,6 +92,7 @@ class StreamState:
             self.segments += 1
             self._in_segment = True
         counts = block.counts
+        self.counted = self.counted and np.issubdtype(counts.dtype, np.integer)
         self.bank.update(counts)
         self.spectrum.update(counts)
         self.history.update(counts, self.temperature.at_samples(block))

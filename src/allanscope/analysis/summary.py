@@ -21,6 +21,7 @@ from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
 from allanscope.noise.datasheet import compare
 from allanscope.noise.fit import NoiseFit
 from allanscope.noise.model import NoiseModel
+from allanscope.noise.quantised import find_step
 from allanscope.parts import PARTS, full_scale_of
 from allanscope.samples import unit_of
 from allanscope.spectrum.density import Density
@@ -69,7 +70,7 @@ def summarise(
     state = max(analyser.configurations, key=lambda one: one.samples)
     rate = _rate(state)
     rate_hz = rate.best_hz or 1.0
-    record = state.history.record(rate_hz, state.info.axes, state.info.scale)
+    record = _record(state, rate_hz)
     return Analysis(
         input=dict(input_facts),
         part=settings.part or state.info.part,
@@ -113,6 +114,15 @@ def _rate(state: StreamState) -> Rate:
     if not fit.is_measured:
         return Rate(state.info.nominal_hz)
     return Rate(state.info.nominal_hz, fit.hz, fit.uncertainty_ppm)
+
+
+def _record(state: StreamState, rate_hz: float) -> Record:
+    """Return the memory of the run; the step of numbers that are no counts is found from them."""
+    record = state.history.record(rate_hz, state.info.axes, state.info.scale)
+    if state.counted:
+        return record
+    steps = tuple(find_step(column * record.stride) for column in record.values.T)
+    return replace(record, lsb=steps)
 
 
 def _axes(
@@ -191,7 +201,7 @@ def _axis(
         level=_level(record, column, unit_of(name)),
         coefficients=coefficients,
         best_averaging=find_best_averaging(curve) if curve is not None else None,
-        datasheet=_datasheet(state, name, part, coefficients, rate),
+        datasheet=_datasheet(record.lsb[column], name, part, coefficients, rate),
         density=density if len(density.frequency) else None,
         model=_model_curve(model, curve),
         model_before=_model_curve(before, curve),
@@ -221,7 +231,7 @@ def _level(record: Record, column: int, unit: str) -> Level | None:
 
 
 def _datasheet(
-    state: StreamState,
+    lsb: float,
     name: str,
     part: str,
     coefficients: Mapping[str, Coefficient],
@@ -229,7 +239,7 @@ def _datasheet(
 ) -> dict[str, DatasheetVerdict]:
     if part not in PARTS:
         return {}
-    full_scale = full_scale_of(name, state.info.scale[state.info.axes.index(name)])
+    full_scale = full_scale_of(name, lsb)
     if full_scale is None:
         return {}
     return compare(

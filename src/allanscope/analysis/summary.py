@@ -11,7 +11,8 @@ import numpy as np
 
 from allanscope.allan.deviation import Deviation
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.result import Analysis, AxisAnalysis, Level, ModelCurve, Rate
+from allanscope.analysis.model_curves import draw_models
+from allanscope.analysis.result import Analysis, AxisAnalysis, Level, Rate
 from allanscope.analysis.state import StreamState
 from allanscope.explain import explain
 from allanscope.explain.loop import Explanation
@@ -20,7 +21,6 @@ from allanscope.noise import find_best_averaging, fit_noise
 from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
 from allanscope.noise.datasheet import compare
 from allanscope.noise.fit import NoiseFit
-from allanscope.noise.model import NoiseModel
 from allanscope.noise.quantised import find_step
 from allanscope.parts import PARTS, full_scale_of
 from allanscope.samples import unit_of
@@ -188,10 +188,8 @@ def _axis(
     column = state.info.axes.index(name)
     fit = _fit(record, name, density, part)
     explanation = loop.axes.get(name) if loop else None
-    before = loop.models_before.get(name) if loop else None
-    after = loop.models_after.get(name) if loop else None
-    model = after or (fit.model if fit else None)
     curve = curves.get("oadev")
+    drawn = draw_models(name, loop, fit.model if fit else None, curve, density, rate.best_hz)
     coefficients = dict(fit.coefficients) if fit else {}
     if explanation is not None and explanation.effects and explanation.coefficients_after:
         coefficients = dict(explanation.coefficients_after)
@@ -203,9 +201,9 @@ def _axis(
         best_averaging=find_best_averaging(curve) if curve is not None else None,
         datasheet=_datasheet(record.lsb[column], name, part, coefficients, rate),
         density=density if len(density.frequency) else None,
-        model=_model_curve(model, curve),
-        model_before=_model_curve(before, curve),
-        density_model=_model_density(model, density),
+        model=drawn.model,
+        model_before=drawn.before,
+        density_model=drawn.density,
         explanation=explanation,
         remarks=(*_axis_remarks(state, column), *(fit.remarks if fit else ())),
     )
@@ -245,22 +243,6 @@ def _datasheet(
     return compare(
         PARTS[part], name, coefficients.get("N"), rate_hz=rate.best_hz, full_scale=full_scale
     )
-
-
-def _model_curve(model: NoiseModel | None, curve: Deviation | None) -> ModelCurve | None:
-    if model is None or curve is None or len(curve.m) == 0:
-        return None
-    variances = model.components_at("oadev", curve.m)
-    parts: dict[str, np.ndarray] = {}
-    for component, variance in zip(model.components, variances, strict=True):
-        parts[component.symbol] = np.hypot(parts.get(component.symbol, 0.0), np.sqrt(variance))
-    return ModelCurve(curve.tau, np.asarray(model.deviation("oadev", curve.m)), parts)
-
-
-def _model_density(model: NoiseModel | None, density: Density) -> ModelCurve | None:
-    if model is None or len(density.frequency) == 0:
-        return None
-    return ModelCurve(density.frequency, np.asarray(model.density(density.frequency)))
 
 
 def _axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:

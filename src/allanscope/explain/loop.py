@@ -50,12 +50,18 @@ class Explanation:
         is missing.
     cleaned : mapping
         Axis name to the samples without the deterministic effects, shape (n,).
+    signals : mapping
+        Axis name to what was taken out of its samples: kind of effect to its sum, shape (n,).
+    row_s : float
+        Time between those samples.
     """
 
     axes: Mapping[str, AxisExplanation]
     models_before: Mapping[str, NoiseModel] = field(default_factory=dict)
     models_after: Mapping[str, NoiseModel] = field(default_factory=dict)
     cleaned: Mapping[str, Array] = field(default_factory=dict, repr=False)
+    signals: Mapping[str, Mapping[str, Array]] = field(default_factory=dict, repr=False)
+    row_s: float = 0.0
 
 
 def explain(
@@ -132,7 +138,18 @@ def explain(
         models_before={axis: p[1] for axis, p in parts.items()},
         models_after={axis: p[2] for axis, p in parts.items()},
         cleaned={axis: views[axis].data for axis in parts},
+        signals={axis: _signals(views[axis]) for axis in parts},
+        row_s=1.0 / series.rate_hz,
     )
+
+
+def _signals(view: View) -> dict[str, Array]:
+    """Return the deterministic parts of a view by kind."""
+    found: dict[str, Array] = {}
+    for candidate in view.accepted:
+        if candidate.signal is not None:
+            found[candidate.kind] = found.get(candidate.kind, 0.0) + candidate.signal
+    return found
 
 
 def _view(series: Series, axis: str, clock: Clock | None) -> View:

@@ -1,0 +1,148 @@
+"""Fitted models as curves to be drawn over what was measured.
+
+Two things must be put right before a model and a measured curve may share a picture. The loop
+works on rows, which in a long run are means of many samples, while a measured curve begins at one
+sample: the model is asked at times, never at numbers of rows. And the loop takes steps, lines and
+warm-ups out of the data, while the measured curve still has them: their own variance is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan import AllanBank
+from allanscope.allan.deviation import Deviation
+from allanscope.analysis.result import ModelCurve
+from allanscope.explain.effect import Effect
+from allanscope.explain.loop import Explanation
+from allanscope.noise.components import Rounding, Sinusoid
+from allanscope.noise.model import NoiseModel
+from allanscope.spectrum.density import Density
+
+__all__ = ["DrawnModels", "at_samples", "draw_models"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnModels:
+    """The curves of one axis; None for what is not known."""
+
+    model: ModelCurve | None = None
+    before: ModelCurve | None = None
+    density: ModelCurve | None = None
+
+
+def draw_models(
+    axis: str,
+    loop: Explanation | None,
+    fitted: NoiseModel | None,
+    curve: Deviation | None,
+    density: Density,
+    rate_hz: float,
+) -> DrawnModels:
+    """Return the models of one axis at the times and frequencies that were measured.
+
+    Parameters
+    ----------
+    axis : str
+        Its name.
+    loop : Explanation or None
+        The closed loop; its models go before the fitted one.
+    fitted : NoiseModel or None
+        The fit of the textbook's terms, for as long as the loop has nothing to say.
+    curve : Deviation or None
+        Overlapping Allan deviation, as measured.
+    density : Density
+        As measured.
+    rate_hz : float
+        Samples per second.
+    """
+    before = loop.models_before.get(axis) if loop else None
+    after = loop.models_after.get(axis) if loop else None
+    final = at_samples(after, 1.0 / rate_hz) if after is not None else fitted
+    spectrum = None
+    if final is not None and len(density.frequency):
+        spectrum = ModelCurve(density.frequency, np.asarray(final.density(density.frequency)))
+    if curve is None or not len(curve.m):
+        return DrawnModels(density=spectrum)
+    signals = _signal_variances(axis, loop, curve, 1.0 / rate_hz) if loop and after else {}
+    textbook = at_samples(before, 1.0 / rate_hz) if before is not None else None
+    return DrawnModels(
+        model=_curve(final, curve, signals),
+        before=_curve(textbook, curve, {}),
+        density=spectrum,
+    )
+
+
+def at_samples(model: NoiseModel, dt: float) -> NoiseModel:
+    """Return a model of rows as one of samples that are `dt` apart.
+
+    Densities of the noise are the same for both; only the rounding, which is fitted as a variance
+    a row, is spread over the samples of one.
+    """
+    ratio = float(np.sqrt(model.dt / dt))
+    parts = (
+        replace(part, lsb=part.lsb * ratio) if isinstance(part, Rounding) else part
+        for part in model.components
+    )
+    return NoiseModel(tuple(parts), dt)
+
+
+def _curve(
+    model: NoiseModel | None, curve: Deviation, signals: Mapping[str, Array]
+) -> ModelCurve | None:
+    if model is None:
+        return None
+    parts: dict[str, Array] = {}
+    for part, variance in zip(model.components, model.components_at("oadev", curve.m), strict=True):
+        parts[part.symbol] = parts.get(part.symbol, 0.0) + variance
+    for kind, variance in signals.items():
+        parts[kind] = parts.get(kind, 0.0) + variance
+    total = np.sqrt(np.sum(list(parts.values()), axis=0))
+    return ModelCurve(curve.tau, total, {name: np.sqrt(part) for name, part in parts.items()})
+
+
+def _signal_variances(
+    axis: str, loop: Explanation, curve: Deviation, dt: float
+) -> dict[str, Array]:
+    """Return the Allan variance of everything that is no noise, by kind of effect."""
+    found: dict[str, Array] = {}
+    for effect in loop.axes[axis].effects:
+        if (line := _line(effect)) is not None:
+            found["sinusoid"] = found.get("sinusoid", 0.0) + line.avar(curve.m, dt)
+    for kind, signal in loop.signals.get(axis, {}).items():
+        if kind != "sinusoid":
+            found[kind] = _variance_of(signal, loop.row_s, curve.tau)
+    return found
+
+
+def _line(effect: Effect) -> Sinusoid | None:
+    if effect.kind != "sinusoid":
+        return None
+    frequency, amplitude = (effect.parameters[name].value for name in ("frequency", "amplitude"))
+    if isinstance(frequency, str) or isinstance(amplitude, str):
+        return None
+    return Sinusoid(abs(amplitude), frequency)
+
+
+def _variance_of(signal: Array, row_s: float, tau: Array) -> Array:
+    """Return the Allan variance of a signal known in rows at any time.
+
+    Between the times that are whole rows it is interpolated. Below one row a signal that is smooth
+    there falls as tau squared, which is far beneath the noise.
+    """
+    bank = AllanBank(1.0 / row_s, axes=1)
+    bank.update(np.asarray(signal, np.float64)[:, np.newaxis])
+    known = bank.deviation("oadev").axis(0)
+    if not len(known.tau):
+        return np.zeros(len(tau))
+    least = np.finfo(np.float64).tiny
+    logarithm = np.log(np.maximum(known.deviation**2, least))
+    inside = np.interp(np.log(tau), np.log(known.tau), logarithm)
+    below = 2.0 * np.minimum(np.log(tau / known.tau[0]), 0.0)
+    return np.asarray(np.exp(inside + below))

@@ -1,0 +1,67 @@
+"""The model that is drawn lies on what was measured, whatever rows the loop worked on."""
+
+import numpy as np
+import pytest
+
+from allanscope.analysis.analyser import Analyser, AnalyserSettings
+from allanscope.analysis.model_curves import at_samples
+from allanscope.analysis.summary import summarise
+from allanscope.noise.components import Rounding, White
+from allanscope.noise.model import NoiseModel
+from allanscope.samples import Block, StreamInfo, Ticks
+from allanscope.wire.base import LinkStats
+
+RATE_HZ = 100.0
+SAMPLES = 1 << 16
+LSB = 1e-3
+
+
+def disturbed():
+    """White noise with a line that rows of four samples still show, and a step."""
+    time_s = np.arange(SAMPLES) / RATE_HZ
+    noise = 0.04 * np.random.default_rng(5).standard_normal(SAMPLES)
+    line = 0.02 * np.sin(2 * np.pi * 3.0 * time_s)
+    step = np.where(time_s > 300.0, 0.05, 0.0)
+    return np.rint((noise + line + step) / LSB).astype(np.int16)[:, np.newaxis]
+
+
+@pytest.fixture(scope="module", params=[SAMPLES, SAMPLES // 4], ids=["samples", "rows of four"])
+def axis(request):
+    """Return the result of the disturbed axis, with all samples kept or only means of four."""
+    analyser = Analyser(AnalyserSettings(history_rows=request.param))
+    analyser.take(StreamInfo(("gx",), (LSB,), RATE_HZ))
+    analyser.take(Block(0, disturbed(), Ticks.none()))
+    return summarise(analyser, LinkStats(), "full", {}).axes["gx"]
+
+
+def test_the_loop_finds_what_was_put_in(axis):
+    assert {effect.kind for effect in axis.explanation.effects} == {"sinusoid", "step"}
+    assert {"sinusoid", "step"} <= set(axis.model.components)
+
+
+def test_the_final_model_lies_on_the_measured_curve(axis):
+    curve = axis.curves["oadev"]
+    reliable = curve.edf > 400
+    ratio = curve.deviation[reliable] / axis.model.total[reliable]
+    assert np.abs(ratio - 1.0).max() < 0.05
+
+
+def test_the_textbook_model_starts_where_the_samples_do(axis):
+    curve = axis.curves["oadev"]
+    assert axis.model_before.total[0] == pytest.approx(curve.deviation[0], rel=0.25)
+    assert axis.model_before.x[0] == curve.tau[0]
+
+
+def test_the_density_is_that_of_the_samples(axis):
+    quiet = np.abs(np.log(axis.density.frequency / 3.0)) > 1.0
+    quiet &= axis.density.averages > 200
+    ratio = axis.density.density[quiet] / axis.density_model.total[quiet]
+    assert np.abs(ratio - 1.0).max() < 0.35
+
+
+def test_rounding_of_rows_is_spread_over_their_samples():
+    of_rows = NoiseModel((White(1e-3), Rounding(0.5e-3)), dt=4 / RATE_HZ)
+    of_samples = at_samples(of_rows, 1 / RATE_HZ)
+    np.testing.assert_allclose(
+        of_samples.deviation("oadev", [400]), of_rows.deviation("oadev", [100])
+    )

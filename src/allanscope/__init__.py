@@ -1,1 +1,102 @@
-"""allanscope: live Allan-variance monitor for LSM6DS3H / LSM6DSL / LSM6DSM inertial sensors."""
+"""allanscope: live Allan-variance monitor for LSM6DS3H / LSM6DSL / LSM6DSM inertial sensors.
+
+What a program of one's own needs::
+
+    deviation(x, rate=104.0, kind="oadev")         one curve of one array
+    bank = AllanBank(rate=104.0, axes=6)           every curve of a stream, in constant memory
+    with open_stream("auto") as stream: ...        a device's samples as they come
+    analyse("session.mcap").to_dict()              the whole result, closed loop included
+    Simulator(rate=104.0, seed=1).read(1000)       samples of which the truth is known
+
+A name is imported when it is first used: numerical code and its compiled kernels are not light.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from allanscope.allan.bank import AllanBank
+    from allanscope.allan.deviation import Deviation
+    from allanscope.allan.oneshot import deviation
+    from allanscope.analysis.result import SCHEMA, Analysis
+    from allanscope.errors import (
+        AllanscopeError,
+        CheckFailed,
+        DeviceError,
+        ExitCode,
+        InputError,
+        UsageError,
+    )
+    from allanscope.pipeline.analysing import analyse
+    from allanscope.pipeline.stream import Stream, open_stream
+    from allanscope.recording.reader import Recording
+    from allanscope.samples import AXES, Block, Gap, StreamInfo, Ticks
+    from allanscope.simulator.simulator import Simulator
+
+    __version__: str
+
+_HOMES = {
+    "AXES": "samples",
+    "AllanBank": "allan.bank",
+    "AllanscopeError": "errors",
+    "Analysis": "analysis.result",
+    "Block": "samples",
+    "CheckFailed": "errors",
+    "Deviation": "allan.deviation",
+    "DeviceError": "errors",
+    "ExitCode": "errors",
+    "Gap": "samples",
+    "InputError": "errors",
+    "Recording": "recording.reader",
+    "SCHEMA": "analysis.result",
+    "Simulator": "simulator.simulator",
+    "Stream": "pipeline.stream",
+    "StreamInfo": "samples",
+    "Ticks": "samples",
+    "UsageError": "errors",
+    "analyse": "pipeline.analysing",
+    "deviation": "allan.oneshot",
+    "open_stream": "pipeline.stream",
+}
+
+__all__ = [
+    "AXES",
+    "SCHEMA",
+    "AllanBank",
+    "AllanscopeError",
+    "Analysis",
+    "Block",
+    "CheckFailed",
+    "Deviation",
+    "DeviceError",
+    "ExitCode",
+    "Gap",
+    "InputError",
+    "Recording",
+    "Simulator",
+    "Stream",
+    "StreamInfo",
+    "Ticks",
+    "UsageError",
+    "analyse",
+    "deviation",
+    "open_stream",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("allanscope")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted((*globals(), *__all__, "__version__"))

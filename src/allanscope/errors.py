@@ -34,8 +34,11 @@ class AllanscopeError(Exception):
     exit_code: ExitCode = ExitCode.USAGE
 
 
-class UsageError(AllanscopeError):
-    """The call asks for something that does not exist, e.g. an unknown part name."""
+class UsageError(AllanscopeError, ValueError):
+    """The call asks for something that does not exist, e.g. an unknown part name.
+
+    In Python it is a ValueError like any other argument that makes no sense.
+    """
 
     exit_code = ExitCode.USAGE
 

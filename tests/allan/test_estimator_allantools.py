@@ -29,9 +29,8 @@ def signals(n):
 
 
 def compare(kind, data, rate, factors):
-    unit = REGISTRY[kind].tau_factor
     factors = np.array([m for m in factors if REGISTRY[kind].needed(m) <= len(data)])
-    curve = deviation(data, rate, kind, taus=factors * unit / rate, bias_corrected=False)
+    curve = deviation(data, rate, kind, taus=factors / rate, bias_corrected=False)
     _, expected, _, terms = getattr(allantools, kind)(
         np.asarray(data, np.float64), rate=rate, data_type="freq", taus=factors / rate
     )

@@ -23,7 +23,8 @@ def choose_factors(estimator: Estimator, taus: Taus, n: int, rate: float) -> NDA
     estimator : Estimator
         It sets which factors exist and how much data each one needs.
     taus : {'octave', 'all'}, int or sequence of float
-        Powers of two; every factor; so many in each octave; or averaging times in s.
+        Powers of two; every factor; so many in each octave; or m / rate in s, for the Theo family
+        too, whose own averaging time is three quarters of that.
     n : int
         Number of rate samples.
     rate : float
@@ -44,7 +45,7 @@ def choose_factors(estimator: Estimator, taus: Taus, n: int, rate: float) -> NDA
     >>> from allanscope.allan.estimators import REGISTRY
     >>> choose_factors(REGISTRY["oadev"], "octave", 100, 10.0)
     array([ 1,  2,  4,  8, 16, 32])
-    >>> choose_factors(REGISTRY["theo1"], [1.5, 3.0], 100, 10.0)
+    >>> choose_factors(REGISTRY["theo1"], [2.0, 4.0], 100, 10.0)
     array([20, 40])
     """
     if isinstance(taus, str):
@@ -91,15 +92,17 @@ def _from_seconds(
 def _factor(estimator: Estimator, tau: float, n: int, rate: float) -> int:
     if not (np.isfinite(tau) and tau > 0):
         raise ValueError(f"tau must be positive and finite, got {tau!r} s")
-    unit = estimator.factor_of_tau(tau * rate, n)
-    exact = tau * rate / unit
+    exact = tau * rate
     m = round(exact)
-    if abs(exact - m) > 1e-9 * exact + 1e-6 or not estimator.admits(m, n):
-        kind = "an even whole number" if estimator.even or unit != 1.0 else "a whole number"
-        scale = f"{unit:g} / rate" if unit != 1.0 else "1 / rate"
+    if abs(exact - m) > 1e-9 * exact + 1e-6:
         raise ValueError(
-            f"tau {tau:g} s is {exact:g} times {scale} at {rate:g} Hz, "
-            f"{estimator.name} needs {kind}"
+            f"tau {tau:g} s is {exact:g} samples at {rate:g} Hz; "
+            f"{estimator.name} needs a whole number of them"
+        )
+    if not estimator.admits(m, n):
+        raise ValueError(
+            f"{estimator.name} has no window of {m} samples (tau {tau:g} s at {rate:g} Hz) in {n} "
+            "samples; windows of the Theo family are even"
         )
     if estimator.needed(m) > n:
         more = estimator.needed(m) - n

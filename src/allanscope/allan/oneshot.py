@@ -26,8 +26,8 @@ def deviation(
     kind: str = "oadev",
     taus: Taus = "octave",
     data_kind: DataKind = "rate",
-    *,
     exact: bool = True,
+    *,
     level: float = 0.95,
     bias_corrected: bool = True,
     hadamard_factor: HadamardFactor = "sp1065",
@@ -45,7 +45,8 @@ def deviation(
         theoh pdev.
     taus : {'octave', 'all'}, int or sequence of float
         Powers of two; every factor; so many in each octave; or averaging times in s, each a whole
-        number of samples (for the Theo family 0.75 times an even one).
+        number m of samples. For the Theo family m is the even window, and the tau that comes back
+        is 0.75 m / rate.
     data_kind : {'rate', 'phase'}
         What the data are. Rates taken for phase are the commonest mistake: the curve then falls by
         one power of tau more.

@@ -137,10 +137,6 @@ class Estimator(ABC):
         """Return whether `m` is an averaging factor of this estimator in a run of `n` samples."""
         return m >= 1 and not (self.even and m % 2)
 
-    def factor_of_tau(self, tau: float, n: int) -> float:
-        """Return tau / m, both in samples, at averaging time `tau` in a run of `n` samples."""
-        return self.tau_factor
-
     def tau(self, m: ArrayLike, n: int) -> NDArray[np.float64]:
         """Return the averaging time in samples that goes with `m` in a run of `n` samples."""
         return self.tau_factor * np.asarray(m, np.float64)

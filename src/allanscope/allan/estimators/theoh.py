@@ -44,10 +44,6 @@ class TheoH(TheoBR):
         """Return whether `m` is an averaging factor of one part or an even window of the other."""
         return 1 <= m <= _SHORT * n or (m % 2 == 0 and 0.75 * m > _SHORT * n)
 
-    def factor_of_tau(self, tau: float, n: int) -> float:
-        """Return 1 up to a tenth of the run, 0.75 above."""
-        return 1.0 if tau <= _SHORT * n else self.tau_factor
-
     def tau(self, m: ArrayLike, n: int) -> NDArray[np.float64]:
         """Return m up to a tenth of the run, 0.75 m above."""
         m = np.asarray(m, np.float64)

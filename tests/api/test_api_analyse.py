@@ -1,0 +1,183 @@
+"""`analyse` on everything that holds samples: the same result whatever it came in."""
+
+import json
+
+import numpy as np
+import pytest
+
+from allanscope import Analysis, InputError, Recording, Simulator, UsageError, analyse
+from allanscope.__main__ import main
+
+RATE = 104.0
+TONE = 7.3
+SCALE = 8.75e-3
+
+
+@pytest.fixture(scope="module")
+def counts():
+    """Return a minute of two gyro axes with a line in gx, in whole counts, (n, 2)."""
+    rng = np.random.default_rng(11)
+    n = int(60 * RATE)
+    rows = 30.0 * rng.standard_normal((n, 2)) + [200.0, -40.0]
+    rows[:, 0] += 12.0 * np.sin(2 * np.pi * TONE / RATE * np.arange(n))
+    return np.rint(rows).astype(np.int16)
+
+
+@pytest.fixture(scope="module")
+def of_counts(counts):
+    """Return the result of the counts as they are."""
+    return analyse(counts, RATE, axes=["gx", "gy"], gyro_fs=250.0, part="LSM6DSM")
+
+
+def curves(result):
+    return {name: axis["curves"] for name, axis in result.to_dict()["axes"].items()}
+
+
+def found(result):
+    return {name: axis["effects"] for name, axis in result.to_dict()["axes"].items()}
+
+
+def test_arrays_go_through_the_whole_loop(of_counts):
+    assert isinstance(of_counts, Analysis)
+    (line,) = of_counts.axes["gx"].explanation.effects
+    assert line.kind == "sinusoid"
+    assert line.parameters["frequency"].lower < TONE < line.parameters["frequency"].upper
+    assert line.parameters["amplitude"].value == pytest.approx(12.0 * SCALE, rel=0.05)
+    assert of_counts.axes["gy"].explanation.effects == ()
+    assert len(of_counts.axes["gx"].curves) == 16
+    assert of_counts.axes["gx"].datasheet["density"].verdict == "worse"
+    json.dumps(of_counts.to_dict(), allow_nan=False)
+
+
+def test_a_text_file_of_the_same_counts_gives_the_same_result(counts, of_counts, tmp_path):
+    path = tmp_path / "log.csv"
+    np.savetxt(path, counts, "%d", ",", header="gx[lsb],gy[lsb]", comments="")
+    of_file = analyse(str(path), RATE, gyro_fs=250.0, part="LSM6DSM")
+    assert curves(of_file) == curves(of_counts)
+    assert found(of_file) == found(of_counts)
+
+
+def test_the_command_says_what_the_function_says(counts, tmp_path):
+    path, out = tmp_path / "log.csv", tmp_path / "out.json"
+    np.savetxt(path, counts * SCALE, "%.6g", ";", header="gx[dps];gy[dps]", comments="")
+    assert main(["analyse", str(path), "--rate", "104", "--json", str(out), "--quiet"]) == 0
+    said = json.loads(out.read_text())
+    of_floats = analyse(np.loadtxt(path, delimiter=";", skiprows=1), RATE, axes=["gx", "gy"])
+    assert said["axes"]["gx"]["curves"] == of_floats.to_dict()["axes"]["gx"]["curves"]
+    assert said["axes"]["gx"]["effects"] == of_floats.to_dict()["axes"]["gx"]["effects"]
+    assert [e["kind"] for e in said["axes"]["gx"]["effects"]] == ["sinusoid"]
+
+
+def test_floats_in_dps_and_counts_agree(counts, of_counts):
+    of_floats = analyse(counts * SCALE, RATE, axes=["gx", "gy"])
+    for name, axis in of_counts.axes.items():
+        np.testing.assert_allclose(
+            of_floats.axes[name].curves["oadev"].deviation,
+            axis.curves["oadev"].deviation,
+            rtol=1e-9,
+        )
+    assert [e.kind for e in of_floats.axes["gx"].explanation.effects] == ["sinusoid"]
+
+
+def small(n=3000, seed=5):
+    return np.random.default_rng(seed).standard_normal(n)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "arguments", "axes"),
+    [
+        (small(), {}, ["gx"]),
+        (small().tolist(), {}, ["gx"]),
+        (small()[:, np.newaxis].astype(np.float32), {}, ["gx"]),
+        (small(18000).reshape(-1, 6), {}, ["gx", "gy", "gz", "ax", "ay", "az"]),
+        (small(6000).reshape(-1, 2), {"axes": ["az", "gy"]}, ["gy", "az"]),
+        ({"ax": small(), "temp": np.full(3000, 24.5)}, {}, ["ax"]),
+        (np.rec.fromarrays([small(), small()], names="gz,gx"), {}, ["gx", "gz"]),
+    ],
+)
+def test_shapes_and_names(arrays, arguments, axes):
+    result = analyse(arrays, 100.0, **arguments)
+    assert list(result.axes) == axes
+    assert result.samples == 3000
+    assert result.axes[axes[0]].unit == ("g" if axes[0].startswith("a") else "dps")
+
+
+@pytest.mark.parametrize(
+    ("columns", "units", "factor"),
+    [
+        ({"gx[mdps]": 1e3 * small()}, None, 1.0),
+        ({"gx": 1e3 * small()}, {"gyro": "mdps"}, 1.0),
+        ({"gx": 1e3 * small()}, {"gx": "mdps"}, 1.0),
+        ({"gx": np.deg2rad(small())}, "rad/s", 1.0),
+        ({"gx[dps]": 1e3 * small()}, {"gx": "mdps"}, 1.0),
+        ({"gx": small()}, {"accel": "mg"}, 1.0),
+        ({"gx": small()}, None, 1.0),
+        ({"gx": small()}, "lsb", 8.75e-3),
+    ],
+)
+def test_units_are_taken_from_the_name_or_from_the_caller(columns, units, factor):
+    curve = analyse(columns, 100.0, units=units).axes["gx"].curves["oadev"]
+    plain = analyse(small(), 100.0).axes["gx"].curves["oadev"]
+    np.testing.assert_allclose(curve.deviation, factor * plain.deviation, rtol=1e-9)
+
+
+def test_counts_without_a_full_scale_say_which_one_was_taken():
+    result = analyse(np.rint(30 * small()).astype(np.int16), 100.0)
+    assert result.input["units"] == "gx lsb of 0.00875 dps"
+
+
+def test_times_tell_the_rate_and_what_is_missing():
+    keep = np.r_[0:1000, 1040:3000]
+    result = analyse({"t[ms]": keep * 10.0, "gx": small()[keep]})
+    assert (result.lost_samples, result.segments, result.samples) == (40, 2, 2960)
+    assert result.rate.nominal_hz == 100.0
+    assert result.rate.measured_hz == pytest.approx(100.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "arguments", "message"),
+    [
+        (small(), {}, "the sample rate is not known; give rate"),
+        (small(), {"rate": 0.0}, "a sample rate of 0 Hz makes no sense"),
+        (small(8).reshape(2, 4), {"rate": 1.0}, r"shape \(2, 4\) needs axes"),
+        (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx"]}, "1 axis names do not fit"),
+        (small(8).reshape(2, 2, 2), {"rate": 1.0}, r"not \(2, 2, 2\)"),
+        (small(0), {"rate": 1.0}, "hold no samples"),
+        ({"gx": [0.0, np.inf]}, {"rate": 1.0}, "sample 1 of gx is inf"),
+        ({"gx": ["a"]}, {"rate": 1.0}, "column gx must hold integers or floats"),
+        ({"gx": [1.0], "gy": [1.0, 2.0]}, {"rate": 1.0}, r"columns differ in length: \[1, 2\]"),
+        ({"gx": [1.0], "gx[dps]": [1.0]}, {"rate": 1.0}, r"'gx\[dps\]' comes twice"),
+        ({"t": [1.0]}, {"rate": 1.0}, "no axis among the columns"),
+        ({"speed": [1.0]}, {"rate": 1.0}, "column 'speed' is unknown"),
+        ({"gx": [1.0, 2, 3], "t": [0.0, 2, 1]}, {"rate": 1.0}, "times must go up"),
+    ],
+)
+def test_arrays_that_make_no_sense_are_refused_by_name(arrays, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        analyse(arrays, **arguments)
+
+
+def test_words_that_do_not_exist_are_usage_errors(tmp_path):
+    for arguments in ({"part": "LSM9DS1"}, {"gyro_fs": 300.0}, {"units": {"gx": "furlong"}}):
+        with pytest.raises(UsageError):
+            analyse(small(), 100.0, **arguments)
+    with pytest.raises(InputError, match=r"missing\.csv"):
+        analyse(tmp_path / "missing.csv")
+    with pytest.raises(ValueError, match="a file names its axes itself"):
+        analyse(tmp_path / "missing.csv", axes=["gx"])
+
+
+def test_a_recording_is_taken_by_path_and_as_a_recording(tmp_path):
+    path = tmp_path / "night.mcap"
+    assert main(["simulate", str(path), "--hours", "0.002", "--seed", "4", "--quiet"]) == 0
+    by_path, by_recording = analyse(path), analyse(Recording(path))
+    assert by_path.to_dict() == by_recording.to_dict()
+    # The simulated sensor itself, without wire and recording between, says the same.
+    sensor = Simulator(rate=104.0, seed=4)
+    block = sensor.read(by_path.samples)
+    direct = analyse(block.counts, by_path.rate.best_hz, gyro_fs=125.0, accel_fs=2.0)
+    np.testing.assert_allclose(
+        direct.axes["gz"].curves["oadev"].deviation,
+        by_path.axes["gz"].curves["oadev"].deviation,
+        rtol=1e-12,
+    )

@@ -1,0 +1,72 @@
+"""What `import allanscope` gives, and what it costs."""
+
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import allanscope
+
+HEAVY = {"numpy", "numba", "scipy", "rerun", "matplotlib", "mcap", "serial", "rich", "jinja2"}
+
+
+@pytest.mark.parametrize("name", allanscope.__all__)
+def test_every_public_name_exists_and_says_what_it_is(name):
+    public = getattr(allanscope, name)
+    assert name in dir(allanscope)
+    if inspect.isclass(public) or inspect.isfunction(public):
+        assert len(inspect.getdoc(public)) > 30
+
+
+def test_names_are_sorted_and_typed_and_found_at_home():
+    assert sorted(allanscope.__all__, key=str.lower) == sorted(allanscope._HOMES, key=str.lower)
+    for name, home in allanscope._HOMES.items():
+        value = getattr(allanscope, name)
+        if inspect.isclass(value) or inspect.isfunction(value):
+            assert value.__module__ == f"allanscope.{home}"
+    assert (Path(allanscope.__file__).parent / "py.typed").exists()
+    assert allanscope.__version__.count(".") == 2
+
+
+def test_an_unknown_name_is_refused():
+    with pytest.raises(AttributeError, match="has no attribute 'avar'"):
+        _ = allanscope.avar
+
+
+def test_importing_it_imports_nothing_heavy():
+    code = "import sys, allanscope; print(*sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in ran.stdout.split()}
+    assert not HEAVY & loaded
+    assert [name for name in ran.stdout.split() if name.startswith("allanscope")] == ["allanscope"]
+
+
+@pytest.mark.parametrize(
+    ("name", "contract"),
+    [
+        ("AllanBank", ["rate", "axes=6", "per_octave=4"]),
+        (
+            "deviation",
+            ["data", "rate", "kind='oadev'", "taus='octave'", "data_kind='rate'", "exact=True"],
+        ),
+        ("analyse", ["recording_or_arrays"]),
+        ("open_stream", ["port='auto'"]),
+    ],
+)
+def test_arguments_come_in_the_promised_order_with_the_promised_defaults(name, contract):
+    parameters = inspect.signature(getattr(allanscope, name)).parameters.values()
+    written = [
+        p.name if p.default is p.empty else f"{p.name}={p.default!r}"
+        for p in parameters
+        if p.kind is p.POSITIONAL_OR_KEYWORD
+    ]
+    assert written[: len(contract)] == contract
+
+
+def test_every_error_is_an_allanscope_error_and_a_wrong_argument_a_value_error():
+    for name in ("CheckFailed", "DeviceError", "InputError", "UsageError"):
+        assert issubclass(getattr(allanscope, name), allanscope.AllanscopeError)
+    assert issubclass(allanscope.UsageError, ValueError)
+    assert not issubclass(allanscope.InputError, ValueError)

@@ -313,13 +313,32 @@ def test_whole_samples_that_vanish_are_counted_exactly(
 
 
 @pytest.mark.parametrize("name", COARSE)
+@pytest.mark.parametrize("rate", [98.0, 104.0, 416.0])
 def test_where_stamps_are_too_coarse_a_hole_is_left_without_a_number(
-    name: str, fed: Callable[..., list[Event]]
+    name: str, rate: float, fed: Callable[..., list[Event]]
 ) -> None:
+    """Steps of 10 ms at 104 Hz: whether one sample is missing or two, nothing tells."""
+    blocks = block(200, rate=rate), block(200, 220, seed=6, rate=rate)
     decoder = format_named(name).decoder(SETTINGS)
-    events = fed(decoder, stream(name, block(200), block(200, 210, seed=6)))
+    events = fed(decoder, stream(name, *blocks, info=replace(INFO, nominal_hz=rate)))
     assert [event for event in events if isinstance(event, Gap)] == [Gap("device", None)]
     assert decoder.stats.samples == 400
+
+
+def test_a_damaged_message_under_coarse_stamps_is_never_passed_over(
+    fed: Callable[..., list[Event]],
+) -> None:
+    """Whether the stamps bear it out or not: the two sides of a damaged message are no neighbours."""
+    data = bytearray(stream("tmsg-sensortile", block(400)))
+    ends = [place for place, byte in enumerate(data) if byte == 0xF0]
+    for number in range(40, 400, 40):
+        data[ends[number] - 20] ^= 4
+    decoder = format_named("tmsg-sensortile").decoder(SETTINGS)
+    events = fed(decoder, bytes(data))
+    gaps = [event for event in events if isinstance(event, Gap)]
+    assert len(gaps) == decoder.stats.crc_errors == 9
+    assert {gap.lost for gap in gaps} == {None}
+    assert {gap.reason for gap in gaps} == {"link"}
 
 
 def test_an_unknown_format_is_refused_with_all_names() -> None:

@@ -8,6 +8,7 @@ from typing import Literal
 from allanscope.samples import Gap, GapReason
 from allanscope.wire.pacing import Pacer
 from allanscope.wire.row import Row
+from allanscope.wire.standstill import Standstill
 
 __all__ = ["Continuity", "Missing"]
 
@@ -18,17 +19,25 @@ Missing = int | Literal["back"] | None
 class Continuity:
     """Follows the rows that are accepted, by their time stamps where they have any.
 
+    Parameters
+    ----------
+    checked : bool
+        Whether rows come with a checksum: a jump of the time where a damaged one was is then
+        believed at once.
+
     Attributes
     ----------
     accepted : int
         Rows so far.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, checked: bool = False) -> None:
         self.accepted = 0
+        self._checked = checked
         self._times: list[float] = []
         self._resolution_s = 0.0
         self._pacer: Pacer | None = None
+        self._standstill = Standstill()
         self._due: GapReason | None = None
         self._discarded = False
 
@@ -50,20 +59,23 @@ class Continuity:
         if self._due is not None:
             self._start_over()
             return 0
+        damaged = row.damaged_before or self._discarded
         if not self._timed(row):
-            return None if row.damaged_before or self._discarded else 0
+            return None if damaged or self._standstill.jumped(row.device_s) else 0
         assert self._pacer is not None
-        return self._pacer.missing(row.device_s)
+        return self._pacer.missing(row.device_s, damaged)
 
     def in_doubt(self, row: Row, missing: Missing) -> bool:
         """Return whether the time of a row is to be believed only if the next one bears it out."""
-        if self._pacer is None or not self._timed(row):
+        if self._pacer is None or not self._timed(row) or (self._checked and row.damaged_before):
             return False
         return missing != 0 or self._pacer.fresh
 
     def borne_out(self, row: Row, after: Row) -> bool:
         """Return whether the row after one that is in doubt agrees with it."""
-        return self._pacer is None or self._pacer.believable(row.device_s, after.device_s)
+        return self._pacer is None or self._pacer.believable(
+            row.device_s, after.device_s, apart=after.damaged_before
+        )
 
     def discard(self) -> None:
         """Note that a row was thrown away as damaged."""
@@ -74,6 +86,7 @@ class Continuity:
         self.accepted += 1
         due, self._due = self._due, None
         damaged, self._discarded = row.damaged_before or self._discarded, False
+        self._standstill.follow(row.device_s)
         if self._pacer is not None and self._timed(row):
             self._pacer.follow(row.device_s, missing)
         if due is not None:
@@ -87,3 +100,4 @@ class Continuity:
 
     def _start_over(self) -> None:
         self._pacer = Pacer.of(self._times, self._resolution_s)
+        self._standstill = Standstill.of(self._times, self._resolution_s)

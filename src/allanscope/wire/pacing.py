@@ -86,7 +86,8 @@ class Pacer:
         First idea of the period, from `period_of`.
     resolution_s : float
         Step of the stamps. Where it is more than 0.6 periods a single
-        missing sample does not show, so that holes are found but not counted.
+        missing sample does not show: holes are found, by the stamps or by the damage that made
+        them, but not counted.
     scatter : float
         How far stamps are from even, in periods.
     """
@@ -112,8 +113,15 @@ class Pacer:
         whole = np.abs(steps - 1.0) < 0.5
         return cls(period_s, resolution_s, float(np.abs(steps[whole] - 1.0).max()))
 
-    def missing(self, time_s: float) -> int | Literal["back"] | None:
+    def missing(self, time_s: float, damaged: bool = False) -> int | Literal["back"] | None:
         """Return how many samples are missing before a sample of this time.
+
+        Parameters
+        ----------
+        time_s : float
+            Its stamp.
+        damaged : bool
+            Whether something unreadable came before it.
 
         Returns
         -------
@@ -125,7 +133,7 @@ class Pacer:
             return "back"
         late = self._lateness(time_s)
         if not self._countable:
-            return None if late > 1.5 else 0
+            return None if damaged or late > 1.5 else 0
         number = max(0, round(late))
         return number if number <= self._known() * self._reach else None
 
@@ -134,15 +142,24 @@ class Pacer:
         """Whether no stamp has been followed yet, so that there is nothing to compare with."""
         return self._expected is None
 
-    def believable(self, time_s: float, next_s: float) -> bool:
+    def believable(self, time_s: float, next_s: float, apart: bool = False) -> bool:
         """Return whether a stamp that jumps, or the first one, is borne out by the one after it.
 
         Text has no checksum: a lost digit makes a wrong stamp. Then the next one goes on where the
         one before had left off, and the one between must not be taken for a loss.
+
+        Parameters
+        ----------
+        time_s, next_s : float
+            The stamp and the one after it.
+        apart : bool
+            Whether something unreadable came between the two, so that they may be several periods
+            from each other: a sound sample between two damaged ones is sound.
         """
         if not self._countable:
             return True
-        off = abs((next_s - time_s) / self._period - 1.0)
+        steps = (next_s - time_s) / self._period
+        off = abs(steps - (max(1, round(steps)) if apart else 1))
         if self.fresh:
             return off <= 0.5
         late = self._lateness(next_s)

@@ -34,15 +34,22 @@ class Rows:
         Counters to keep.
     decide : callable
         Says what a list of rows, at most `HELD`, means.
+    checked : bool
+        Whether rows come with a checksum, so that a damaged one rarely passes for a sound one.
     """
 
-    def __init__(self, stats: LinkStats, decide: Callable[[list[Row]], Meaning | None]) -> None:
+    def __init__(
+        self,
+        stats: LinkStats,
+        decide: Callable[[list[Row]], Meaning | None],
+        checked: bool = False,
+    ) -> None:
         self._stats = stats
         self._decide = decide
         self._pending: list[Row] = []
         self._meaning: Meaning | None = None
         self._time_per_second = 1.0
-        self._continuity = Continuity()
+        self._continuity = Continuity(checked)
         self._index = 0
         self._misfits: list[tuple[int, tuple[float, ...]]] = []
         self._damaged = False

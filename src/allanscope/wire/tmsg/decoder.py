@@ -43,7 +43,7 @@ class TMsgDecoder:
             usual_rates=_USUAL_RATES,
             time_resolution_s=1e-2 if sensortile else 1e-6,
         )
-        self._rows = Rows(self.stats, units.decide)
+        self._rows = Rows(self.stats, units.decide, checked=True)
         self._start_over()
 
     def feed(self, data: bytes, host_s: float) -> list[Event]:

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from allanscope.allan.deviation import Deviation
 from allanscope.clock.rate import RateFit
+from allanscope.explain.coefficients import coefficients_of
 from allanscope.explain.effect import AxisExplanation, ResidualError
 from allanscope.explain.error import error_of
 from allanscope.explain.evidence import effect_of
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.lattice import step_of
 from allanscope.explain.merge import merged
-from allanscope.explain.models import coefficients_of, model_of, with_ramp
+from allanscope.explain.models import model_of, with_ramp
 from allanscope.explain.remarks import detection_limits, hindrances, observations
 from allanscope.explain.search import Budget, accept, close_loop
 from allanscope.explain.series import Series, series_of

@@ -1,19 +1,15 @@
-"""From a fitted spectrum to the components of the noise room, and to coefficients."""
+"""From a fitted spectrum to the components of the noise room."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
 
-from allanscope.explain.regression import joint_fit, ordinates_of
-from allanscope.explain.spectral import Term, fit_spectrum
+from allanscope.explain.spectral import Term
 from allanscope.explain.view import View
-from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import (
     AngleQuantization,
     Component,
@@ -26,13 +22,9 @@ from allanscope.noise.components import (
 )
 from allanscope.noise.model import NoiseModel
 
-__all__ = ["Filtered", "Shaped", "coefficients_of", "model_of"]
+__all__ = ["Filtered", "Shaped", "model_of", "with_ramp"]
 
 Array = NDArray[np.float64]
-
-_UNITS = {"Q": "{u}*s", "N": "{u}/sqrt(Hz)", "B": "{u}", "K": "{u}/sqrt(s)", "R": "{u}/s"}
-_SURE = 3.0
-"""Gain in nats beyond which a coefficient is detected rather than bounded."""
 
 
 @dataclass(frozen=True)
@@ -155,65 +147,3 @@ def model_of(view: View) -> NoiseModel:
 def with_ramp(model: NoiseModel, slope: float) -> NoiseModel:
     """Return the model with a ramp."""
     return model.plus(Ramp(abs(slope))) if slope else model
-
-
-def coefficients_of(view: View) -> Mapping[str, Coefficient]:
-    """Return Q, N, B, K and R with 95 % intervals.
-
-    Q and R that did not win a place in the model are given as upper limits.
-    """
-    spectrum = view.spectrum
-    found = {}
-    for index, letter in enumerate("NBK"):
-        variance = float(spectrum.variances[index])
-        error = float(np.sqrt(max(spectrum.covariance[index, index], 0.0)))
-        less = fit_spectrum(
-            view.grid,
-            view.power,
-            base=spectrum.base.replace(letter, ""),
-            terms=view.terms,
-            floor=spectrum.floor,
-        ) if letter != "N" else None  # fmt: skip
-        sure = less is None or spectrum.loglik - less.loglik > _SURE
-        found[letter] = _coefficient(letter, view.unit, variance, error, sure)
-    q = next((t for t in spectrum.terms if t.kind == "Q"), None)
-    if q is None:
-        wide = fit_spectrum(
-            view.grid, view.power, base="NBKQ", terms=view.terms, floor=spectrum.floor
-        )
-        variance, error = float(wide.variances[3]), float(np.sqrt(wide.covariance[3, 3]))
-        found["Q"] = _coefficient("Q", view.unit, variance, error, sure=False)
-    else:
-        sigma, error = spectrum.sigma_of(q)
-        found["Q"] = _coefficient("Q", view.unit, sigma**2, 2 * sigma * error, sure=True)
-    found["R"] = _ramp(view)
-    return {letter: found[letter] for letter in "QNBKR"}
-
-
-def _coefficient(letter: str, unit: str, variance: float, error: float, sure: bool) -> Coefficient:
-    low = np.sqrt(max(variance - 1.96 * error, 0.0))
-    high = np.sqrt(max(variance, 0.0) + 1.96 * error)
-    return Coefficient(
-        value=float(np.sqrt(max(variance, 0.0))),
-        lower=float(low) if sure else 0.0,
-        upper=float(high),
-        unit=_UNITS[letter].format(u=unit),
-        detected=bool(sure),
-    )
-
-
-def _ramp(view: View) -> Coefficient:
-    accepted = next((c for c in view.accepted if c.kind == "ramp"), None)
-    unit = _UNITS["R"].format(u=view.unit)
-    if accepted is not None:
-        slope = accepted.parameters["R"]
-        assert isinstance(slope.value, float)
-        assert slope.lower is not None
-        assert slope.upper is not None
-        half = (slope.upper - slope.lower) / 2
-        value = abs(slope.value)
-        return Coefficient(value, max(value - half, 0.0), value + half, unit, detected=True)
-    t = np.arange(view.grid.n) / view.grid.rate_hz
-    fit = joint_fit(view, ordinates_of(t)[np.newaxis, : view.grid.low])
-    value, error = abs(float(fit.amplitude[0])), float(np.sqrt(fit.covariance[0, 0]))
-    return Coefficient(value, 0.0, value + norm.isf(0.025) * error, unit, detected=False)

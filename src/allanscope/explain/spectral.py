@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-__all__ = ["Grid", "Spectrum", "Term", "binned_power", "fit_spectrum"]
+__all__ = ["Design", "Grid", "Spectrum", "Term", "binned_power", "fit_spectrum"]
 
 Array = NDArray[np.float64]
 
@@ -219,20 +219,28 @@ class Spectrum:
         error = float(np.sqrt(max(self.covariance[index, index], 0.0)))
         return sigma, error / (2 * max(sigma, 1e-300))
 
+    @property
+    def design(self) -> Design:
+        """The columns that were fitted."""
+        return _design(self.grid, self.base, self.terms)
+
     def loglik_of(self, power: Array) -> float:
         """Log-likelihood of other binned power (mean square ordinates) under this spectrum."""
-        design = _design(self.grid, self.base, self.terms)
+        design = self.design
         return _loglik(
             power, design.count, design.fixed(self.floor) + design.basis @ self.variances
         )
 
 
 @dataclass(frozen=True)
-class _Design:
+class Design:
+    """The fit as linear least squares: columns of unit variance, and ordinates in each bin."""
+
     basis: Array
     count: Array
 
     def fixed(self, floor: float) -> Array:
+        """Return what is in every bin whatever is fitted."""
         return np.full(len(self.count), floor)
 
 
@@ -254,7 +262,7 @@ def _kept(grid: Grid, terms: tuple[Term, ...]) -> NDArray[np.bool_]:
     return kept
 
 
-def _design(grid: Grid, base: str, terms: tuple[Term, ...]) -> _Design:
+def _design(grid: Grid, base: str, terms: tuple[Term, ...]) -> Design:
     columns = []
     for letter in base:
         column = grid.textbook_bins[letter]
@@ -265,7 +273,7 @@ def _design(grid: Grid, base: str, terms: tuple[Term, ...]) -> _Design:
     count = grid.count
     if any(t.role == "excludes" for t in terms):
         count = np.add.reduceat(_kept(grid, _excluding(terms)).astype(np.float64), grid.edges)
-    return _Design(np.column_stack(columns), count)
+    return Design(np.column_stack(columns), count)
 
 
 def binned_power(grid: Grid, squares: Array, terms: tuple[Term, ...]) -> Array:

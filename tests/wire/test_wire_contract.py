@@ -328,7 +328,7 @@ def test_where_stamps_are_too_coarse_a_hole_is_left_without_a_number(
 def test_a_damaged_message_under_coarse_stamps_is_never_passed_over(
     fed: Callable[..., list[Event]],
 ) -> None:
-    """Whether the stamps bear it out or not: the two sides of a damaged message are no neighbours."""
+    """The two sides of a damaged message are no neighbours, whatever the stamps say."""
     data = bytearray(stream("tmsg-sensortile", block(400)))
     ends = [place for place, byte in enumerate(data) if byte == 0xF0]
     for number in range(40, 400, 40):

@@ -286,6 +286,44 @@ def test_a_second_header_starts_a_new_configuration() -> None:
     assert [type(e) for e in _decode(first + first)] == [StreamInfo, Block]
 
 
+HEADER = "t[us],gx[dps],gy[dps],gz[dps]\n"
+
+
+def _rows(first: int, count: int, end: str = "") -> str:
+    return "".join(f"{10_000 * i},1,2,3{end}\n" for i in range(first, first + count))
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        "t[us],gx[dpr],gy[dps],gz[dps]",
+        "t[s],gx[dps],gy[dps],gz[dps]",
+        "t[us],gx[dps]gy[dps],gz[dps]",
+        "t[us],gx[dps],gy[dps],,gz[dps]",
+    ],
+)
+def test_a_header_that_is_repeated_and_damaged_costs_no_row(damaged: str) -> None:
+    text = HEADER + _rows(0, 40) + damaged + "\n" + _rows(40, 40) + HEADER + _rows(80, 40)
+    events = _decode(text)
+    assert [type(event) for event in events] == [StreamInfo, Block]
+    assert len(events[1]) == 120
+
+
+def test_a_header_with_another_number_of_columns_is_believed_with_its_first_row() -> None:
+    wider = HEADER.strip() + ",temp[degC]\n"
+    events = _decode(HEADER + _rows(0, 40) + wider + _rows(40, 40, ",25"))
+    assert [type(event) for event in events] == [StreamInfo, Block, StreamInfo, Gap, Block]
+    assert len(events[-1]) == 40
+
+
+def test_a_header_that_differs_in_one_column_is_believed_when_it_is_said_again() -> None:
+    slower = HEADER.replace("us", "ms") + _rows(40, 40)
+    events = _decode(HEADER + _rows(0, 40) + slower)
+    assert sum(isinstance(event, StreamInfo) for event in events) == 1
+    events = _decode(HEADER + _rows(0, 40) + slower + slower)
+    assert sum(isinstance(event, StreamInfo) for event in events) == 2
+
+
 def test_a_table_of_other_things_is_not_taken_for_rates() -> None:
     assert _decode("pressure,humidity,co2\n" + "1013,40,400\n" * 40) == []
 

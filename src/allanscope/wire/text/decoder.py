@@ -29,6 +29,9 @@ class TextDecoder:
     four, six or seven numbers do. Before either, lines with labels are listened to; once a kind of
     line has been chosen it stays. Everything else is left alone.
 
+    A device that repeats its header may have it damaged on the way. So one that is almost the one
+    in force, or that the rows do not fit, is believed only when it is said again.
+
     Parameters
     ----------
     settings : WireSettings
@@ -47,6 +50,7 @@ class TextDecoder:
         self._meaning = TextMeaning(settings)
         self._rows = Rows(self.stats, self._meaning.decide)
         self._table: Table | None = None
+        self._doubted: Columns = ()
         self._spoken = Spoken(self._meaning.temperature_lsb_per_c)
         self._unnamed: list[bytes] = []
         self._others = 0
@@ -88,6 +92,12 @@ class TextDecoder:
             return []
         if self._table is not None and self._row(self._table, line):
             return []
+        if self._doubted and Table(self._doubted).row(line) is not None:
+            return self._start_table(self._doubted) + self._line(line)
+        return self._no_row(line)
+
+    def _no_row(self, line: bytes) -> list[Event]:
+        """Take a line that is no row of the table in force, if there is one."""
         text = plain_line(line)
         cells = cells_of(text)
         numbers = [_is_number(cell) for cell in cells if cell]
@@ -102,7 +112,7 @@ class TextDecoder:
             columns = columns_of(cells, self._bare)
             if columns is not None:
                 self.named = True
-                return self._start_table(columns)
+                return [] if self._doubtful(columns) else self._start_table(columns)
         if self._table is not None and 2 * sum(numbers) >= len(numbers):
             self._damage()
         else:
@@ -147,9 +157,24 @@ class TextDecoder:
         lines, self._unnamed = self._unnamed, []
         return [event for line in lines for event in self._line(line)]
 
+    def _doubtful(self, columns: Columns) -> bool:
+        """Return whether a header may be the one in force, damaged; the rows after it will tell."""
+        doubted, self._doubted = self._doubted, ()
+        if self._table is None or columns in (self._table.columns, doubted):
+            return False
+        known = self._table.columns
+        if len(columns) == len(known):
+            changed = [old for old, new in zip(known, columns, strict=True) if old != new]
+            if len(changed) > 1 or changed[0] is None:
+                return False
+        self._doubted = columns
+        self.stats.resyncs += 1
+        return True
+
     def _start_table(self, columns: Columns, assumed: tuple[str, ...] = ()) -> list[Event]:
         if self._table is not None and self._table.columns == columns:
             return []
+        self._doubted = ()
         events = self._rows.change() if self._table is not None else []
         self._table = Table(columns, self._meaning.given.get("time", ""))
         self._meaning.expect(self._table.units, assumed, self._table.time_unit_missing)

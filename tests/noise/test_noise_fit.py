@@ -292,7 +292,9 @@ def test_odd_records_give_finite_numbers_without_a_warning(name, n, rng):
     ("values", "words"),
     [
         (np.zeros(1000), "constant"),
-        (np.ones(3), "16 contiguous"),
+        (np.ones(1000), "constant"),
+        (np.full(5000, -0.3), "constant"),
+        (np.arange(3.0), "16 contiguous"),
         (np.array([0.0, np.nan] * 50), "not finite"),
         (np.zeros((50, 2)), r"shape \(n,\)"),
     ],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +146,7 @@ class Analysis:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in the schema ``allanscope/1``: plain numbers, null for what is not."""
-        return {
+        result: dict[str, Any] = {
             "schema": SCHEMA,
             "allanscope": self.version,
             "input": dict(self.input),
@@ -170,43 +170,56 @@ class Analysis:
             "remarks": list(self.remarks),
             "axes": {name: _axis_dict(axis) for name, axis in self.axes.items()},
         }
+        return cast("dict[str, Any]", _plain(result))
 
 
 def _axis_dict(axis: AxisAnalysis) -> dict[str, Any]:
-    out: dict[str, Any] = {
+    """Return one axis; every key is there also where nothing is known yet."""
+    return {
         "unit": axis.unit,
         "curves": {kind: _curve_dict(curve) for kind, curve in axis.curves.items()},
+        "level": asdict(axis.level) if axis.level else None,
+        "coefficients": {
+            name: asdict(axis.coefficients[name])
+            if name in axis.coefficients
+            else {**_UNKNOWN, "unit": axis.unit + unit}
+            for name, unit in _UNITS.items()
+        },
+        "best_averaging": asdict(axis.best_averaging) if axis.best_averaging else None,
+        "datasheet": {k: asdict(v) for k, v in axis.datasheet.items()}
+        or {"density": {**_NOT_COMPARED, "unit": f"{axis.unit}/sqrt(Hz)"}},
+        **_explanation_dict(axis.explanation or _NOT_SEARCHED),
         "remarks": list(axis.remarks),
     }
-    if axis.level is not None:
-        out["level"] = asdict(axis.level)
-    if axis.coefficients:
-        out["coefficients"] = _plain({k: asdict(c) for k, c in axis.coefficients.items()})
-    if axis.best_averaging is not None:
-        out["best_averaging"] = _plain(asdict(axis.best_averaging))
-    if axis.datasheet:
-        out["datasheet"] = _plain({k: asdict(v) for k, v in axis.datasheet.items()})
-    if axis.explanation is not None:
-        out |= _explanation_dict(axis.explanation)
-    return out
+
+
+_UNITS = {"N": "/sqrt(Hz)", "B": "", "K": "/sqrt(s)", "Q": "*s", "R": "/s"}
+_UNKNOWN = {"value": None, "lower": None, "upper": None, "detected": False, "wait_s": None}
+_NOT_COMPARED: dict[str, Any] = {
+    "limit": None,
+    "measured": None,
+    "verdict": "not compared",
+    "explanation": "needs the name of the part and the full scale of the axis",
+    "details": {},
+}
+_NO_ERROR = ResidualError(*[math.nan] * 5)
+_NOT_SEARCHED = AxisExplanation((), _NO_ERROR, _NO_ERROR, {}, {}, math.nan, math.nan, False)
 
 
 def _curve_dict(curve: Deviation) -> dict[str, Any]:
     arrays = ("tau", "deviation", "lower", "upper", "edf", "terms", "noise", "trusted")
-    return {name: _plain(getattr(curve, name).tolist()) for name in arrays}
+    return {name: getattr(curve, name).tolist() for name in arrays}
 
 
 def _explanation_dict(explanation: AxisExplanation) -> dict[str, Any]:
     return {
-        "coefficients_before": _plain(
-            {k: asdict(c) for k, c in explanation.coefficients_before.items()}
-        ),
+        "coefficients_before": {k: asdict(c) for k, c in explanation.coefficients_before.items()},
         "effects": [_effect_dict(effect) for effect in explanation.effects],
         "residual": {
-            "before": _residual_dict(explanation.before),
-            "after": _residual_dict(explanation.after),
-            "held_out_nats": _plain(explanation.held_out_nats),
-            "held_out_nats_se": _plain(explanation.held_out_nats_se),
+            "before": asdict(explanation.before),
+            "after": asdict(explanation.after),
+            "held_out_nats": explanation.held_out_nats,
+            "held_out_nats_se": explanation.held_out_nats_se,
             "explained": explanation.explained,
             "remarks": list(explanation.remarks),
         },
@@ -216,15 +229,11 @@ def _explanation_dict(explanation: AxisExplanation) -> dict[str, Any]:
 def _effect_dict(effect: Effect) -> dict[str, Any]:
     return {
         "kind": effect.kind,
-        "parameters": _plain({k: asdict(p) for k, p in effect.parameters.items()}),
+        "parameters": {k: asdict(p) for k, p in effect.parameters.items()},
         "equivalent": list(effect.equivalent),
         "axes": list(effect.axes),
-        "evidence": _plain(dict(effect.evidence)),
+        "evidence": dict(effect.evidence),
     }
-
-
-def _residual_dict(error: ResidualError) -> dict[str, Any]:
-    return {k: _plain(v) for k, v in asdict(error).items()}
 
 
 def _plain(value: Any) -> Any:

@@ -131,6 +131,7 @@ def fit_noise(
         raise ValueError(f"no axis {axis!r} in the record; it has {' '.join(record.axes)}")
     column = record.axes.index(axis)
     values = record.values[:, column]
+    _refuse_constant(values)
     row_s = 1 / record.rate_hz
     stretches = stretches_of(values, [(int(a), int(b)) for a, b in record.segments])
     lsb = record.lsb[column]
@@ -183,6 +184,7 @@ def fit_array(
     samples = np.asarray(values, np.float64)
     if samples.ndim != 1:
         raise ValueError(f"need values of shape (n,), got {samples.shape}")
+    _refuse_constant(samples)
     return _fit(
         evidence_of([samples[np.newaxis]], 1 / rate),
         dt=1 / rate,
@@ -191,6 +193,12 @@ def fit_array(
         lsb=lsb if lsb and on_lattice(samples, lsb) else None,
         cutoffs=part.cutoffs_hz("ax" if unit == "g" else "gx", rate) if part else (),
     )
+
+
+def _refuse_constant(values: NDArray[np.float64]) -> None:
+    """Raise for a dead axis, of whose spectrum rounding would leave something to fit."""
+    if len(values) and values.min() == values.max():
+        raise ValueError("the axis is constant: there is no noise to fit")
 
 
 def _fit(

@@ -7,6 +7,7 @@ from demo_analysis import demo_analysis
 from hypothesis import given
 from hypothesis import strategies as st
 
+from allanscope.analysis.wording import coefficient_text, rate_text, wait_text
 from allanscope.noise.coefficients import Coefficient
 from allanscope.samples import Gap
 from allanscope.view.diary import Diary
@@ -20,7 +21,6 @@ from allanscope.view.tables import (
     run_table,
 )
 from allanscope.view.trend import Trends
-from allanscope.view.wording import coefficient_text, rate_text, wait_text
 
 HOSTILE = "gyro\x1b[2J\x07\r\n\u202etxet | [x](http://y) ![p](http://z) <b> `c` \u2028"
 
@@ -63,7 +63,7 @@ def test_the_table_of_coefficients_shows_values_limits_and_the_verdict(analysis)
 def test_the_table_of_an_axis_says_how_long_to_wait(analysis):
     table = axis_table("gx", analysis.axes["gx"])
     (k,) = [line for line in table.splitlines() if line.startswith("| **K**")]
-    assert "10 h 8 min" in k
+    assert k.endswith("| 10 h |")
     assert "found **sinusoid**: frequency 49.980 (49.969 ... 49.991) Hz" in table
 
 

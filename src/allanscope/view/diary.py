@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from allanscope.analysis.result import Analysis
-from allanscope.view.wording import coefficient_text, coefficient_unit, effect_text
+from allanscope.analysis.wording import coefficient_text, coefficient_unit, effect_text
 
 __all__ = ["Diary", "Entry", "Level"]
 

@@ -8,7 +8,18 @@ All of them are readable on the dark and on the light theme.
 
 from __future__ import annotations
 
-__all__ = ["AXIS", "EFFECT", "ESTIMATOR", "GRID", "LINK", "MODEL", "REFERENCE", "TEXT", "Colour"]
+__all__ = [
+    "AXIS",
+    "EFFECT",
+    "ESTIMATOR",
+    "GRADE",
+    "GRID",
+    "LINK",
+    "MODEL",
+    "REFERENCE",
+    "TEXT",
+    "Colour",
+]
 
 Colour = tuple[int, int, int]
 
@@ -38,6 +49,9 @@ EFFECT = _ORANGE
 
 REFERENCE = (150, 150, 150)
 """What is there to compare with: the datasheet, the textbook model."""
+
+GRADE: dict[str, Colour] = {"good": _GREEN, "bad": _VERMILLION, "note": _ORANGE}
+"""How good a thing is."""
 
 GRID = (128, 128, 128)
 TEXT = (150, 150, 150)

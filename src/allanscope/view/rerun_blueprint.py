@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
+from allanscope.analysis.wording import coefficient_unit
 from allanscope.quantities import LEVEL, symbols
 from allanscope.samples import unit_of
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
 from allanscope.view.frames import DEFAULT_ESTIMATOR, TIME_DEVIATIONS
 from allanscope.view.rerun_series import SENSORS, SHOWN_COEFFICIENTS
-from allanscope.view.wording import coefficient_unit
 
 __all__ = ["TABS", "layout"]
 
@@ -51,7 +51,11 @@ def layout(axes: Sequence[str], estimators: Sequence[str], active_tab: int = 0) 
     """
     others = [kind for kind in estimators if kind != DEFAULT_ESTIMATOR]
     tabs = [
-        _charts(axes, [_overview(axis) for axis in axes]),
+        rrb.Vertical(
+            _text("/tables/verdict", "verdict"),
+            _charts(axes, [_overview(axis) for axis in axes]),
+            row_shares=[1, 6],
+        ),
         rrb.Tabs(*[_axis(axis, others) for axis in axes]),
         rrb.Tabs(*[_estimator(axes, kind) for kind in estimators]),
         _charts(axes, [_chart(f"/{axis}/spectrum", axis) for axis in axes]),

@@ -22,6 +22,7 @@ from allanscope.view.tables import (
     findings_table,
     loop_table,
     run_table,
+    verdict_text,
 )
 
 __all__ = ["Canvas"]
@@ -125,6 +126,7 @@ class Canvas:
             self._recording.send_blueprint(layout(axes, estimators))
 
     def _write_tables(self, analysis: Analysis, everything: bool) -> None:
+        self._table("verdict", verdict_text(analysis))
         self._table("coefficients", coefficients_table(analysis))
         self._table("findings", findings_table(analysis))
         for unit, sensor in SENSORS.items():

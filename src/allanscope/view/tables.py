@@ -5,6 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from allanscope.analysis.result import Analysis, AxisAnalysis
+from allanscope.analysis.verdict import verdict
+from allanscope.analysis.wording import (
+    coefficient_text,
+    coefficient_unit,
+    effect_text,
+    losses_text,
+    rate_text,
+    wait_text,
+)
 from allanscope.explain.effect import AxisExplanation
 from allanscope.quantities import (
     COEFFICIENT_NAMES,
@@ -18,16 +27,15 @@ from allanscope.quantities import (
     symbols,
 )
 from allanscope.view.printable import markdown
-from allanscope.view.wording import (
-    coefficient_text,
-    coefficient_unit,
-    effect_text,
-    losses_text,
-    rate_text,
-    wait_text,
-)
 
-__all__ = ["axis_table", "coefficients_table", "findings_table", "loop_table", "run_table"]
+__all__ = [
+    "axis_table",
+    "coefficients_table",
+    "findings_table",
+    "loop_table",
+    "run_table",
+    "verdict_text",
+]
 
 _SENSORS = {"dps": "Gyroscope", "g": "Accelerometer"}
 _KEY = (
@@ -35,6 +43,18 @@ _KEY = (
     "letters: its parts. Grey: what the datasheet promises.*"
 )
 _SHOWN = ("N", "B", "K")
+_BEHIND = 7
+
+
+def verdict_text(analysis: Analysis) -> str:
+    """Return the verdict in one line, and what is behind it below."""
+    known = verdict(analysis)
+    behind = " · ".join(
+        f"*{markdown(line.head)}:* {markdown(line.text)}" for line in known.lines[:_BEHIND]
+    )
+    more = len(known.lines) - _BEHIND
+    tail = f" · *{more} more among the findings*" if more > 0 else ""
+    return f"**{markdown(known.title)}.** {behind}{tail}"
 
 
 def coefficients_table(analysis: Analysis) -> str:
@@ -182,8 +202,8 @@ def _facts(axis: AxisAnalysis) -> Iterable[str]:
             f"least deviation {_best_text(axis)} "
             f"({count(axis.best_averaging.samples)} samples averaged)"
         )
-    for verdict in axis.datasheet.values():
-        yield f"datasheet: {verdict.verdict} ({markdown(verdict.explanation)})"
+    for sheet in axis.datasheet.values():
+        yield f"datasheet: {sheet.verdict} ({markdown(sheet.explanation)})"
 
 
 def _loop_row(explanation: AxisExplanation) -> Sequence[str]:

@@ -7,10 +7,10 @@ import io
 from rich.console import Console
 
 from allanscope.analysis.result import Analysis
+from allanscope.analysis.wording import losses_text, rate_text
 from allanscope.quantities import COEFFICIENTS, count, duration, number, symbols
 from allanscope.view.terminal_screen import Screen
 from allanscope.view.trend import Trends
-from allanscope.view.wording import losses_text, rate_text
 
 __all__ = ["status_line", "summary_lines"]
 

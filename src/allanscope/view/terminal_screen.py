@@ -9,18 +9,18 @@ from rich.table import Table
 from rich.text import Text
 
 from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.quantities import COEFFICIENTS, DEVIATION, count, duration, number, symbols
-from allanscope.view.palette import AXIS, EFFECT, Colour
-from allanscope.view.printable import printable
-from allanscope.view.trend import Direction, Trends
-from allanscope.view.wording import (
+from allanscope.analysis.verdict import VerdictLine, searched, verdict
+from allanscope.analysis.wording import (
     coefficient_text,
     coefficient_unit,
-    effect_text,
     losses_text,
     rate_text,
     wait_text,
 )
+from allanscope.quantities import COEFFICIENTS, DEVIATION, count, duration, number, symbols
+from allanscope.view.palette import AXIS, GRADE, Colour
+from allanscope.view.printable import printable
+from allanscope.view.trend import Direction, Trends
 
 __all__ = ["Screen"]
 
@@ -28,8 +28,8 @@ _SENSORS = {"dps": "gyroscope", "g": "accelerometer"}
 _LETTERS = ("N", "B", "K")
 _WIDE = 130
 _ARROWS: dict[Direction, str] = {"up": "↑", "down": "↓", "settled": "=", "": " "}
-_FIXED_LINES = 16
-"""Lines that are always there; the rest of the height is for findings."""
+_FIXED_LINES = 17
+"""Lines that are always there; the rest of the height is for what is behind the verdict."""
 
 
 class Screen:
@@ -53,8 +53,11 @@ class Screen:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         wide = options.max_width >= _WIDE
         room = max(3, (options.height or console.height) - _FIXED_LINES)
-        parts: list[Text | Table] = [self._header(), self._run(), Text(), self._axes(wide), Text()]
-        yield Group(*parts, *self._findings(room, wide))
+        known = verdict(self._analysis)
+        title = Text(known.title, style=_style(GRADE[known.grade]))
+        title.no_wrap, title.overflow = True, "ellipsis"
+        top: list[Text | Table] = [self._header(), self._run(), title, Text()]
+        yield Group(*top, self._axes(wide), Text(), *_reasons(known.lines, room))
         if self._keys:
             yield Text(self._keys, style="dim", no_wrap=True, overflow="ellipsis")
 
@@ -121,29 +124,19 @@ class Screen:
         reading = COEFFICIENTS[axis.unit, letter][0]
         return Text(f"{symbols(reading.compact(known.value, known.lower, known.upper))} {arrow}")
 
-    def _findings(self, room: int, wide: bool) -> Sequence[Text]:
-        lines = [
-            Text(f"found  {', '.join(names)}  {text}", style=_style(EFFECT))
-            for text, names in _effects(self._analysis, wide).items()
-        ]
-        remarks = [*self._analysis.remarks]
-        for name, axis in self._analysis.axes.items():
-            remarks += [f"{name}: {remark}" for remark in axis.remarks]
-        lines += [Text(printable(remark)) for remark in remarks]
-        if len(lines) > room:
-            lines = [*lines[: room - 1], Text(f"and {len(lines) - room + 1} more, see the report")]
-        for line in lines:
-            line.no_wrap, line.overflow = True, "ellipsis"
-        return lines
 
-
-def _effects(analysis: Analysis, wide: bool) -> dict[str, list[str]]:
-    """Return what was found, with the axes that share it to the last digit on one line."""
-    found: dict[str, list[str]] = {}
-    for name, axis in analysis.axes.items():
-        for effect in axis.explanation.effects if axis.explanation else ():
-            found.setdefault(printable(effect_text(effect, intervals=wide)), []).append(name)
-    return found
+def _reasons(lines: Sequence[VerdictLine], room: int) -> list[Text]:
+    """Return what is behind the verdict in at most `room` lines."""
+    shown = lines if len(lines) <= room else lines[: room - 1]
+    texts = []
+    for line in shown:
+        text = Text(no_wrap=True, overflow="ellipsis")
+        text.append(printable(line.head), style=_style(GRADE[line.grade]))
+        text.append(f"  {printable(line.text)}")
+        texts.append(text)
+    if len(shown) < len(lines):
+        texts.append(Text(f"and {len(lines) - len(shown)} more, see the report"))
+    return texts
 
 
 def _best(axis: AxisAnalysis) -> str:
@@ -162,6 +155,8 @@ def _verdict(axis: AxisAnalysis) -> str:
 def _residual(axis: AxisAnalysis) -> str:
     if axis.explanation is None:
         return "-"
+    if not searched(axis.explanation):
+        return "not searched, see below"
     after = axis.explanation.after
     text = f"{number(after.rms_percent, 2)} % (sampling {number(after.expected_rms_percent, 2)} %)"
     return text if axis.explanation.explained else f"{text}, not explained"

@@ -5,13 +5,15 @@ from __future__ import annotations
 from allanscope.analysis.result import Analysis, Rate
 from allanscope.explain.effect import Effect, Parameter
 from allanscope.noise.coefficients import Coefficient
-from allanscope.quantities import COEFFICIENTS, count, duration, measured, rate, symbols
+from allanscope.quantities import COEFFICIENTS, count, duration, measured, number, rate, symbols
 
 __all__ = [
     "coefficient_text",
     "coefficient_unit",
+    "effect_brief",
     "effect_text",
     "losses_text",
+    "parameter_text",
     "rate_text",
     "wait_text",
 ]
@@ -43,10 +45,16 @@ def coefficient_text(axis_unit: str, name: str, coefficient: Coefficient | None)
 
 
 def wait_text(coefficient: Coefficient | None) -> str:
-    """Return how much longer to run until a coefficient is known; empty when it is, or unknown."""
+    """Return how much longer to run until a coefficient is known; empty when it is, or unknown.
+
+    Two digits: nobody can foretell it better.
+
+    >>> wait_text(Coefficient(0.0, 0.0, 12.1e-6, "g", False, wait_s=2709.0))
+    '45 min'
+    """
     if coefficient is None or coefficient.wait_s is None:
         return ""
-    return duration(coefficient.wait_s)
+    return duration(float(f"{coefficient.wait_s:.2g}"))
 
 
 def effect_text(effect: Effect, intervals: bool = True) -> str:
@@ -56,13 +64,33 @@ def effect_text(effect: Effect, intervals: bool = True) -> str:
     'sinusoid: frequency 50.020 (50.000 ... 50.040) Hz'
     """
     parameters = ", ".join(
-        f"{name.replace('_', ' ')} {_parameter_text(value, intervals)}"
+        f"{name.replace('_', ' ')} {parameter_text(value, intervals)}"
         for name, value in effect.parameters.items()
     )
     text = f"{effect.kind.replace('_', ' ')}: {parameters}" if parameters else effect.kind
     if effect.equivalent:
         text += f"; or {' or '.join(kind.replace('_', ' ') for kind in effect.equivalent)}"
     return text
+
+
+def effect_brief(effect: Effect) -> str:
+    """Return one effect as a phrase, in three digits.
+
+    >>> effect_brief(Effect("step", {"time": Parameter(2999.8, 2999.0, 3000.9, "s")}))
+    'step (time 50 min)'
+    >>> effect_brief(Effect("clock_error", {"relative": Parameter(-0.014305)}))
+    'clock 1.43 % slow'
+    """
+    if effect.kind == "clock_error" and not isinstance(
+        relative := effect.parameters["relative"].value, str
+    ):
+        return f"clock {number(100.0 * abs(relative))} % {'fast' if relative > 0.0 else 'slow'}"
+    parts = (
+        f"{name.replace('_', ' ')} {parameter_text(Parameter(p.value, unit=p.unit), False)}"
+        for name, p in effect.parameters.items()
+    )
+    inside = ", ".join(parts)
+    return effect.kind.replace("_", " ") + (f" ({inside})" if inside else "")
 
 
 def rate_text(known: Rate) -> str:
@@ -87,9 +115,18 @@ def losses_text(analysis: Analysis) -> str:
     return " + ".join(parts) or "none"
 
 
-def _parameter_text(parameter: Parameter, intervals: bool) -> str:
+def parameter_text(parameter: Parameter, intervals: bool = True) -> str:
+    """Return one number of an effect with its unit; lengths of time as people say them.
+
+    >>> parameter_text(Parameter(0.00274, 0.00264, 0.00283, "dps"))
+    '2.74 (2.64 ... 2.83) mdps'
+    >>> parameter_text(Parameter(2999.8, 2999.0, 3000.9, "s"), intervals=False)
+    '50 min'
+    """
     if isinstance(parameter.value, str):
         return parameter.value
+    if parameter.unit == "s" and not intervals:
+        return duration(parameter.value)
     text = measured(parameter.value, parameter.lower, parameter.upper, parameter.unit)
     if not intervals and " (" in text:
         text = f"{text.partition(' (')[0]}{text.partition(')')[2]}"

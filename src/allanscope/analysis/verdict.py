@@ -1,0 +1,249 @@
+"""What an engineer wants to know first: is the sensor good, what is wrong, how long to wait.
+
+The same few lines head the viewer, the terminal and the report.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from allanscope.analysis.result import Analysis, AxisAnalysis
+from allanscope.analysis.wording import effect_brief, losses_text, wait_text
+from allanscope.explain.effect import AxisExplanation
+from allanscope.noise.coefficients import DatasheetVerdict
+from allanscope.quantities import DENSITY, DEVIATION, number, symbols
+
+__all__ = ["Grade", "Verdict", "VerdictLine", "searched", "verdict"]
+
+Grade = Literal["good", "bad", "note"]
+
+_SENSORS = {"dps": "Gyroscope", "g": "Accelerometer"}
+_LETTERS = ("N", "B", "K")
+_NOTICEABLE_LOSS = 1e-3
+"""Share of the samples that may be missing before it counts against the run."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictLine:
+    """One line: what it speaks of, and what is to be said."""
+
+    grade: Grade
+    head: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The whole of it.
+
+    Attributes
+    ----------
+    grade : {'good', 'bad', 'note'}
+        ``note`` while it is too early to tell, or when there is nothing to compare with.
+    title : str
+        One phrase.
+    lines : tuple of VerdictLine
+        What is behind it, the most important first.
+    """
+
+    grade: Grade
+    title: str
+    lines: tuple[VerdictLine, ...]
+
+
+def verdict(analysis: Analysis) -> Verdict:
+    """Return the verdict on a result, or on a result so far."""
+    noise = [line for unit in _SENSORS for line in _noise_lines(analysis, unit)]
+    found = _effect_lines(analysis.axes)
+    losses = _loss_lines(analysis)
+    lines = (*noise, *found, *losses, *_wait_lines(analysis.axes), *_remark_lines(analysis))
+    grades = [line.grade for line in (*noise, *found, *losses)]
+    if "bad" in grades:
+        grade: Grade = "bad"
+    else:
+        grade = "good" if any(line.grade == "good" for line in noise) else "note"
+    return Verdict(grade, _title(analysis.axes, noise, found, losses), lines)
+
+
+def searched(explanation: AxisExplanation) -> bool:
+    """Return whether the loop could look at the axis at all; its remarks say why not."""
+    return math.isfinite(explanation.before.chi2_per_dof)
+
+
+def _title(
+    axes: Mapping[str, AxisAnalysis],
+    noise: Iterable[VerdictLine],
+    found: Iterable[VerdictLine],
+    losses: Iterable[VerdictLine],
+) -> str:
+    grades = {line.grade for line in noise}
+    if "bad" in grades:
+        first = f"Noisier than the datasheet: {' '.join(_worse(axes))}"
+    elif grades == {"good"}:
+        first = "Noise as the datasheet says"
+    elif "good" in grades:
+        first = "Noise as the datasheet says, as far as it can be told"
+    else:
+        first = "No verdict against a datasheet"
+    parts = [first]
+    if any(line.grade == "bad" for line in found):
+        parts.append("not all of it explained")
+    elif any(line.head.startswith("Found") for line in found):
+        parts.append("more than noise was found")
+    if any(line.grade == "bad" for line in losses):
+        parts.append("samples were lost")
+    return "; ".join(parts)
+
+
+# --- the noise against the datasheet ----------------------------------------------------------
+
+
+def _noise_lines(analysis: Analysis, unit: str) -> list[VerdictLine]:
+    axes = {name: axis for name, axis in analysis.axes.items() if axis.unit == unit}
+    if not axes:
+        return []
+    sheets = {name: next(iter(axis.datasheet.values()), None) for name, axis in axes.items()}
+    known = {k: v for k, v in sheets.items() if v is not None and v.measured is not None}
+    if not any(sheets.values()):
+        why = "no datasheet for it" if analysis.part else "the part is not named: --part names it"
+        return [VerdictLine("note", _SENSORS[unit], why)]
+    if not known:
+        return [VerdictLine("note", _SENSORS[unit], "the white noise is not known yet")]
+    if any(one.limit is None for one in known.values()):
+        return [VerdictLine("note", _SENSORS[unit], "the datasheet publishes no value for it")]
+    worse = {name: known[name] for name in _worse(axes)}
+    if worse:
+        named = ", ".join(f"{k} {_shown(v)}" for k, v in worse.items())
+        text = f"noisier than the datasheet's {_limit(worse)}: {named}"
+        return [VerdictLine("bad", _SENSORS[unit], text)]
+    measured = [one.measured for one in known.values() if one.measured is not None]
+    low, high = (_number(x, next(iter(known.values()))) for x in (min(measured), max(measured)))
+    span = low if low == high else f"{low} ... {high}"
+    better = all(one.verdict == "better" for one in known.values())
+    words = "quieter than the datasheet" if better else "noise as the datasheet says"
+    text = f"{words}, {span} against {_limit(known)}"
+    late = [name for name in axes if name not in known]
+    if late:
+        text += f" on {' '.join(known)}; {' '.join(late)} not known yet"
+    return [VerdictLine("good", _SENSORS[unit], text)]
+
+
+def _worse(axes: Mapping[str, AxisAnalysis]) -> list[str]:
+    """Return the axes that are noisier than their datasheet."""
+    return [
+        name
+        for name, axis in axes.items()
+        if any(one.verdict == "worse" for one in axis.datasheet.values())
+    ]
+
+
+def _number(value: float, of: DatasheetVerdict) -> str:
+    return number(value * _reading(of)[0])
+
+
+def _shown(of: DatasheetVerdict) -> str:
+    return "-" if of.measured is None else _number(of.measured, of)
+
+
+def _limit(verdicts: Mapping[str, DatasheetVerdict]) -> str:
+    one = next(iter(verdicts.values()))
+    limits = dict.fromkeys(_number(v.limit, v) for v in verdicts.values() if v.limit is not None)
+    return f"{' or '.join(limits)} {_reading(one)[1]}"
+
+
+def _reading(of: DatasheetVerdict) -> tuple[float, str]:
+    """Return factor and unit in which people read a value of a datasheet."""
+    base, slash, _ = of.unit.partition("/")
+    reading = (DENSITY if slash else DEVIATION)[base]
+    return reading.factor, symbols(reading.unit)
+
+
+# --- what is beyond the noise -------------------------------------------------------------------
+
+
+def _effect_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
+    looked = {n: a.explanation for n, a in axes.items() if a.explanation is not None}
+    open_axes = {name: one for name, one in looked.items() if searched(one)}
+    lines = []
+    phrases: dict[str, list[str]] = {}
+    for name, one in open_axes.items():
+        for effect in one.effects:
+            phrases.setdefault(effect_brief(effect), []).append(name)
+    for phrase, names in phrases.items():
+        head = "Clock" if phrase.startswith("clock ") else f"Found on {_named(names, axes)}"
+        lines.append(VerdictLine("note", head, phrase.removeprefix("clock ")))
+    lines.sort(key=lambda line: line.head == "Clock")
+    unexplained = [name for name, one in open_axes.items() if not one.explained]
+    if unexplained:
+        text = "the model does not explain all of the data, and no effect that is known does"
+        lines.insert(0, VerdictLine("bad", f"Open on {_named(unexplained, axes)}", text))
+    elif open_axes and not any(line.head != "Clock" for line in lines):
+        text = "nothing beyond the textbook's noise was found"
+        lines.append(VerdictLine("good", "Effects", text))
+    reasons: dict[str, list[str]] = {}
+    for name, one in looked.items():
+        if name not in open_axes:
+            for remark in one.remarks[:1]:
+                reasons.setdefault(remark, []).append(name)
+    lines += [
+        VerdictLine("note", f"Not searched for effects: {_named(names, axes)}", reason)
+        for reason, names in reasons.items()
+    ]
+    return lines
+
+
+def _named(names: Iterable[str], axes: Mapping[str, AxisAnalysis]) -> str:
+    names = list(names)
+    return "all axes" if len(names) == len(axes) > 1 else " ".join(names)
+
+
+# --- what is missing ----------------------------------------------------------------------------
+
+
+def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
+    if not analysis.lost_samples and not analysis.unknown_losses:
+        return []
+    share = analysis.lost_samples / max(analysis.samples + analysis.lost_samples, 1)
+    grade: Grade = "bad" if share > _NOTICEABLE_LOSS else "note"
+    text = f"{losses_text(analysis)} ({number(100.0 * share, 2)} %)"
+    return [VerdictLine(grade, "Lost samples", text)]
+
+
+def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
+    """Say how much longer to run until the last axis is known, letter by letter."""
+    waits = {}
+    for letter in _LETTERS:
+        here = [a.coefficients[letter] for a in axes.values() if letter in a.coefficients]
+        late = [one for one in here if one.wait_s is not None]
+        if late:
+            waits[letter] = max(late, key=lambda one: one.wait_s or 0.0)
+    if waits:
+        parts = ", ".join(f"{letter} in {wait_text(one)}" for letter, one in waits.items())
+        return [VerdictLine("note", "Wait", f"{parts}, to know them to 20 % on every axis")]
+    if axes and all(a.coefficients for a in axes.values()):
+        limits = [
+            f"{letter} of {name}"
+            for letter in _LETTERS
+            for name, axis in axes.items()
+            if letter in axis.coefficients and not axis.coefficients[letter].detected
+        ]
+        text = "N, B and K are known" + (f", {', '.join(limits)} as a limit" if limits else "")
+        return [VerdictLine("good", "Run", f"long enough: {text}")]
+    return []
+
+
+def _remark_lines(analysis: Analysis) -> list[VerdictLine]:
+    remarks: dict[str, list[str]] = {}
+    for name, axis in analysis.axes.items():
+        for remark in axis.remarks:
+            remarks.setdefault(remark, []).append(name)
+    lines = [VerdictLine("note", "Run", remark) for remark in analysis.remarks]
+    return lines + [
+        VerdictLine("note", _named(names, analysis.axes).capitalize(), remark)
+        if len(names) == len(analysis.axes) > 1
+        else VerdictLine("note", " ".join(names), remark)
+        for remark, names in remarks.items()
+    ]

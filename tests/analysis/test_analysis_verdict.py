@@ -1,0 +1,107 @@
+"""The verdict: good or not, what is wrong, how much longer to wait."""
+
+from dataclasses import replace
+
+import pytest
+from demo_analysis import demo_analysis
+
+from allanscope.analysis.verdict import verdict
+from allanscope.explain.effect import ResidualError
+
+UNKNOWN = ResidualError(*[float("nan")] * 5)
+TOO_SHORT = "6 s are too short to look for effects: run at least 54 s longer"
+
+
+def changed(analysis, names=None, **fields):
+    """Return the result with fields of some axes, all by default, replaced."""
+    axes = {
+        name: replace(axis, **fields) if names is None or name in names else axis
+        for name, axis in analysis.axes.items()
+    }
+    return replace(analysis, axes=axes)
+
+
+def clean(analysis):
+    """Return the result as if every axis were like gx, without effects and losses."""
+    axis = analysis.axes["gx"]
+    good = replace(axis, explanation=replace(axis.explanation, effects=()))
+    accel = analysis.axes["ax"]
+    axes = {name: good if name[0] == "g" else accel for name in analysis.axes}
+    return replace(analysis, axes=axes, lost_samples=0, remarks=())
+
+
+@pytest.fixture(scope="module")
+def analysis():
+    return demo_analysis(7300.0)
+
+
+def heads(result):
+    return {line.head: line for line in verdict(result).lines}
+
+
+def test_a_good_sensor_is_called_good(analysis):
+    known = verdict(clean(analysis))
+    assert known.grade == "good"
+    assert known.title == "Noise as the datasheet says"
+    assert [line.grade for line in known.lines[:3]] == ["good"] * 3
+
+
+def test_the_axes_that_miss_the_datasheet_are_named_first(analysis):
+    known = verdict(analysis)
+    assert known.grade == "bad"
+    assert known.title.startswith("Noisier than the datasheet: gy az;")
+    assert known.lines[0].text == "noisier than the datasheet's 3.80 mdps/√Hz: gy 4.72"
+
+
+def test_an_effect_is_told_once_for_all_axes_that_have_it(analysis):
+    line = heads(analysis)["Found on gx gy"]
+    assert line.text == "sinusoid (frequency 50.0 Hz, amplitude 20.0 mdps)"
+    assert line.grade == "note"
+
+
+def test_what_no_effect_explains_is_bad(analysis):
+    assert heads(analysis)["Open on az"].grade == "bad"
+    assert "not all of it explained" in verdict(analysis).title
+
+
+def test_a_record_that_is_too_short_for_the_loop_says_how_much_longer(analysis):
+    short = analysis.axes["gx"].explanation
+    short = replace(
+        short, effects=(), before=UNKNOWN, after=UNKNOWN, explained=False, remarks=(TOO_SHORT,)
+    )
+    known = heads(changed(clean(analysis), explanation=short))
+    assert known["Not searched for effects: all axes"].text == TOO_SHORT
+    assert not any(head.startswith("Open") for head in known)
+
+
+def test_the_wait_is_that_of_the_slowest_axis_in_two_digits(analysis):
+    assert heads(analysis)["Wait"].text.startswith("B in 6 min 40 s, K in 10 h,")
+    axis = analysis.axes["gx"]
+    done = {k: replace(c, wait_s=None) for k, c in axis.coefficients.items()}
+    long = heads(changed(analysis, coefficients=done))
+    assert "Wait" not in long
+    assert long["Run"].text.startswith("long enough") or "dropped" in long["Run"].text
+
+
+def test_a_part_without_a_name_is_not_judged(analysis):
+    nameless = replace(changed(clean(analysis), datasheet={}), part="")
+    known = verdict(nameless)
+    assert known.grade == "note"
+    assert known.title == "No verdict against a datasheet"
+    assert "--part" in known.lines[0].text
+
+
+@pytest.mark.parametrize(("lost", "grade"), [(100, "note"), (1_000_000, "bad")])
+def test_losses_count_against_a_run_when_they_are_many(analysis, lost, grade):
+    known = verdict(replace(clean(analysis), lost_samples=lost))
+    assert {line.head: line.grade for line in known.lines}["Lost samples"] == grade
+    assert known.grade == ("bad" if grade == "bad" else "good")
+
+
+def test_a_remark_that_all_axes_share_is_said_once(analysis):
+    known = verdict(changed(clean(analysis), remarks=("saturated",)))
+    assert [line.text for line in known.lines].count("saturated") == 1
+
+
+def test_nothing_at_all_is_a_verdict_too(analysis):
+    assert verdict(replace(analysis, axes={}, lost_samples=0, remarks=())).grade == "note"

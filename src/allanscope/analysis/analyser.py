@@ -25,12 +25,15 @@ class AnalyserSettings:
         Confidence of every interval.
     history_rows : int
         Rows of block means that are kept: live runs keep fewer than an analysis to the end.
+    gathered_rows : int
+        Rows that are summed up at a time; the more, the better two cores share the work.
     """
 
     part: str = ""
     per_octave: int = 4
     level: float = 0.95
     history_rows: int = 1 << 18
+    gathered_rows: int = 1 << 13
 
 
 class Analyser:
@@ -84,8 +87,9 @@ class Analyser:
         if state is not None and _same(state.info, info):
             state.info = info
             return
+        asked = self.settings
         self.configurations.append(
-            StreamState(info, self.settings.per_octave, self.settings.history_rows)
+            StreamState(info, asked.per_octave, asked.history_rows, asked.gathered_rows)
         )
 
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
+from allanscope.analysis.extremes import lowest_and_highest
+from allanscope.analysis.gathering import ROOM, Gathering
+from allanscope.analysis.lanes import side_by_side
 from allanscope.clock import Clock
 from allanscope.history import History
 from allanscope.samples import Block, Gap, StreamInfo
@@ -65,9 +70,13 @@ class StreamState:
         Averaging times in each octave.
     history_rows : int
         Most rows of block means that are kept for what needs a time series.
+    gathered_rows : int
+        Rows that are summed up at a time.
     """
 
-    def __init__(self, info: StreamInfo, per_octave: int, history_rows: int) -> None:
+    def __init__(
+        self, info: StreamInfo, per_octave: int, history_rows: int, gathered_rows: int = ROOM
+    ) -> None:
         rate_hz = info.nominal_hz or 1.0
         columns = len(info.axes)
         self.info = info
@@ -85,6 +94,7 @@ class StreamState:
         self.saturated = np.zeros(columns, np.int64)
         self.counted = True
         self._in_segment = False
+        self._gathering = Gathering(gathered_rows)
 
     def block(self, block: Block) -> None:
         """Take a run of samples."""
@@ -93,15 +103,15 @@ class StreamState:
             self._in_segment = True
         counts = block.counts
         self.counted = self.counted and np.issubdtype(counts.dtype, np.integer)
-        self.bank.update(counts)
-        self.spectrum.update(counts)
-        self.history.update(counts, self.temperature.at_samples(block))
-        self.clock.update(block.index, block.ticks)
         self.samples += len(block)
-        self._extremes(counts)
+        self.clock.update(block.index, block.ticks)
+        temperature_c = self.temperature.at_samples(block)
+        for piece in self._gathering.take(counts, temperature_c):
+            self._sum_up(*piece)
 
     def gap(self, gap: Gap) -> None:
         """Take a hole."""
+        self.settle()
         self._in_segment = False
         self.bank.gap()
         self.spectrum.gap()
@@ -112,8 +122,21 @@ class StreamState:
         else:
             self.lost += gap.lost
 
-    def _extremes(self, counts: NDArray[np.generic]) -> None:
-        lowest, highest = counts.min(axis=0), counts.max(axis=0)
+    def settle(self) -> None:
+        """Sum up what has been gathered; must come before any of the sums is read."""
+        for piece in self._gathering.rest():
+            self._sum_up(*piece)
+
+    def _sum_up(self, counts: NDArray[Any], temperature_c: NDArray[np.float64] | None) -> None:
+        def everything_else() -> None:
+            self.spectrum.update(counts)
+            self.history.update(counts, temperature_c)
+            self._extremes(counts)
+
+        side_by_side(len(counts), lambda: self.bank.update(counts), everything_else)
+
+    def _extremes(self, counts: NDArray[Any]) -> None:
+        lowest, highest = lowest_and_highest(counts)
         self.lowest = np.minimum(self.lowest, lowest)
         self.highest = np.maximum(self.highest, highest)
         if counts.dtype == np.int16:

@@ -54,7 +54,7 @@ def summarise(
     Parameters
     ----------
     analyser : Analyser
-        The sums; not changed.
+        The sums; what has been gathered for them is summed up, nothing else is changed.
     link : LinkStats
         Counters of the decoder.
     depth : {'live', 'full'}
@@ -68,6 +68,7 @@ def summarise(
     if not analyser.configurations:
         return _empty(analyser, link, input_facts, reconnects)
     state = max(analyser.configurations, key=lambda one: one.samples)
+    state.settle()
     rate = _rate(state)
     rate_hz = rate.best_hz or 1.0
     record = _record(state, rate_hz)

@@ -21,6 +21,9 @@ ROWS = 256
 FIRST_WINDOW_S = 2.0**-10
 SHORTEST_PERIOD_S = 1e-7
 BATCH = 512
+"""Arrivals are sorted in by so many, counted from the start of a segment: numpy likes many at a
+time, and what is kept must not depend on how they were handed over."""
+
 MOST_SEGMENTS = ROWS // 8
 SETTLED_ROWS = 16
 """With more rows than this, the window that is still filling up is left out of the fit."""
@@ -52,15 +55,21 @@ class Envelope:
         self._time_s = np.zeros(ROWS)
         self._segment = np.zeros(ROWS, np.int64)
         self._current = 0
-        self._waiting: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
-        self._waiting_length = 0
+        self._waiting_index = np.zeros(BATCH, np.int64)
+        self._waiting_time_s = np.zeros(BATCH)
+        self._waiting = 0
 
     def add(self, index: NDArray[np.int64], time_s: NDArray[np.float64]) -> None:
         """Take samples, by number, and the times at which they were seen; NaN where unknown."""
-        self._waiting.append((index, time_s))
-        self._waiting_length += len(index)
-        if self._waiting_length >= BATCH:
-            self._take()
+        taken = 0
+        while taken < len(index):
+            size = min(BATCH - self._waiting, len(index) - taken)
+            new, old = slice(self._waiting, self._waiting + size), slice(taken, taken + size)
+            self._waiting_index[new], self._waiting_time_s[new] = index[old], time_s[old]
+            self._waiting += size
+            taken += size
+            if self._waiting == BATCH:
+                self._take()
 
     def cut(self) -> None:
         """Begin a segment: numbers or times from here on have another origin."""
@@ -80,11 +89,9 @@ class Envelope:
         )
 
     def _take(self) -> None:
-        """Sort in what has been waiting: live blocks are small, and numpy likes large ones."""
-        if not self._waiting_length:
-            return
-        index, time_s = (np.concatenate(column) for column in zip(*self._waiting, strict=True))
-        self._waiting, self._waiting_length = [], 0
+        """Sort in what has been waiting."""
+        index, time_s = self._waiting_index[: self._waiting], self._waiting_time_s[: self._waiting]
+        self._waiting = 0
         known = np.isfinite(time_s)
         if known.any():
             self._add(index[known], time_s[known])

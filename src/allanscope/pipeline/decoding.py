@@ -9,10 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
+
 from allanscope.errors import InputError
+from allanscope.recording import Buffer
 from allanscope.samples import Event, Notice
 from allanscope.sources.base import Chunk
-from allanscope.wire import WireFormat, format_named, formats, sniff
+from allanscope.wire import WireFormat, feed_chunks, format_named, formats, sniff
 from allanscope.wire.base import Decoder, LinkStats, WireSettings
 
 __all__ = ["Decoding"]
@@ -96,6 +99,36 @@ class Decoding:
             self._grant(events)
             return events
         return events + self._listen(chunk)
+
+    def take_buffer(self, buffer: Buffer) -> list[Event]:
+        """Take many reads in one piece, as a replay does; Blocks that follow each other are joined.
+
+        The events are those of `take` for each read, bit for bit.
+
+        Raises
+        ------
+        InputError
+            As `take`.
+        """
+        events: list[Event] = []
+        ends = np.append(buffer.offset[1:], len(buffer.data))
+        taken = 0
+        if buffer.event:
+            events += self.take(Chunk(buffer.event_ns, event=buffer.event))
+        while self._decoder is None and taken < len(buffer.offset):
+            data = buffer.data[buffer.offset[taken] : ends[taken]]
+            events += self.take(Chunk(int(buffer.host_ns[taken]), data))
+            taken += 1
+        if taken < len(buffer.offset):
+            assert self._decoder is not None
+            self._first_byte_ns = self._first_byte_ns or int(buffer.host_ns[taken])
+            begin = int(buffer.offset[taken])
+            host_ns = buffer.host_ns[taken:]
+            host_s = np.where(host_ns != 0, host_ns * 1e-9, np.nan)
+            data = buffer.data[begin:] if begin else buffer.data
+            events += feed_chunks(self._decoder, data, ends[taken:] - begin, host_s)
+            self._grant(events)
+        return events
 
     def finish(self) -> list[Event]:
         """Return what the end of the stream completes.

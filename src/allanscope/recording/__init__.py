@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from allanscope.recording.chunk import Chunk, LinkEvent
     from allanscope.recording.export import ExportReport, export_csv
+    from allanscope.recording.fingerprint import Fingerprint
     from allanscope.recording.outline import Damage
     from allanscope.recording.parquet import export_parquet
     from allanscope.recording.reader import Buffer, Recording, is_recording
@@ -38,6 +39,7 @@ __all__ = [
     "Chunk",
     "Damage",
     "ExportReport",
+    "Fingerprint",
     "LinkEvent",
     "Recorder",
     "Recording",
@@ -55,6 +57,7 @@ _HOMES = {
     "Chunk": "chunk",
     "Damage": "outline",
     "ExportReport": "export",
+    "Fingerprint": "fingerprint",
     "LinkEvent": "chunk",
     "Recorder": "recorder",
     "Recording": "reader",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from allanscope.errors import InputError
 from allanscope.recording.chunk import Chunk, LinkEvent
+from allanscope.recording.fingerprint import Fingerprint
 from allanscope.recording.layout import (
     EVENTS,
     MAGIC,
@@ -170,12 +170,10 @@ class Recording:
 
     def sha256(self) -> str:
         """Return a hash of the bytes and times that were read, whatever files they lie in."""
-        content, times = hashlib.sha256(), hashlib.sha256()
+        fingerprint = Fingerprint()
         for buffer in self.buffers():
-            content.update(buffer.data)
-            lengths = np.diff(buffer.offset, append=len(buffer.data))
-            times.update(np.column_stack([buffer.host_ns, lengths]).astype("<i8").tobytes())
-        return hashlib.sha256(content.digest() + times.digest()).hexdigest()
+            fingerprint.add(buffer)
+        return fingerprint.hexdigest()
 
     def sound(self, step: int = 1) -> Iterator[tuple[bytes, list[Message]]]:
         """Yield the bytes of every MCAP chunk that is sound, with the messages that lie in them.

@@ -176,7 +176,8 @@ class Notice:
     text : str
         One printable line; control characters have been removed.
     fields : mapping
-        Numbers that came with it, e.g. ``produced``, ``sent`` and ``dropped`` of a status.
+        Numbers that came with it, e.g. ``produced``, ``sent`` and ``dropped`` of a status; ``host``
+        where it is no remark of the device but this program's own.
     """
 
     kind: Literal["status", "reply", "text", "error", "mark"]

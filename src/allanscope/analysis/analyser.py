@@ -10,6 +10,10 @@ from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 
 __all__ = ["Analyser", "AnalyserSettings"]
 
+MOST_CONFIGURATIONS = 8
+MOST_ERRORS = 16
+"""A device that tells of ever new scales, or of ever new troubles, must not fill the memory."""
+
 
 @dataclass(frozen=True, slots=True)
 class AnalyserSettings:
@@ -40,8 +44,9 @@ class Analyser:
     """Take the events of one session, in order.
 
     A device that comes back with other axes, scales or rate starts a new configuration with sums
-    of its own: counts of different scale are never added. The configuration with the most samples
-    is the one that is reported, and a remark says that there were others.
+    of its own: counts of different scale are never added. When it returns to one that it had
+    before, the sums of that one go on. The configuration with the most samples is the one that is
+    reported, and a remark says that there were others.
     """
 
     def __init__(self, settings: AnalyserSettings | None = None) -> None:
@@ -69,7 +74,7 @@ class Analyser:
             case Notice(kind="mark"):
                 self.mark(event.text)
             case Notice(kind="error"):
-                self.errors.append(event.text)
+                self._remember(event.text)
 
     def mark(self, text: str) -> None:
         """Remember a remark at the present moment of the run."""
@@ -82,15 +87,22 @@ class Analyser:
         """Return a copy that later events do not change, to be summarised in another thread."""
         return copy.deepcopy(self)
 
+    def _remember(self, error: str) -> None:
+        """Keep the latest errors, each once: a night may bring the same one a thousand times."""
+        self.errors = [*(one for one in self.errors if one != error), error][-MOST_ERRORS:]
+
     def _configure(self, info: StreamInfo) -> None:
-        state = self.state
-        if state is not None and _same(state.info, info):
-            state.info = info
-            return
-        asked = self.settings
-        self.configurations.append(
-            StreamState(info, asked.per_octave, asked.history_rows, asked.gathered_rows)
-        )
+        known = next((one for one in self.configurations if _same(one.info, info)), None)
+        if known is None:
+            asked = self.settings
+            known = StreamState(info, asked.per_octave, asked.history_rows, asked.gathered_rows)
+        else:
+            self.configurations.remove(known)
+            known.info = info
+        self.configurations.append(known)
+        if len(self.configurations) > MOST_CONFIGURATIONS:
+            least = min(self.configurations[:-1], key=lambda one: one.samples)
+            self.configurations.remove(least)
 
 
 def _same(one: StreamInfo, other: StreamInfo) -> bool:

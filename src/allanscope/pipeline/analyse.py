@@ -54,7 +54,7 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     facts["wire"] = decoding.wire
     if fingerprint is not None:
         facts["sha256"] = fingerprint.hexdigest()
-    return summarise(analyser, decoding.stats, "full", facts)
+    return summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
 
 
 def recorded_settings(recording: Recording, device: DeviceSettings) -> DeviceSettings:

@@ -13,7 +13,7 @@ import numpy as np
 
 from allanscope.errors import InputError
 from allanscope.recording import Buffer
-from allanscope.samples import Event, Notice
+from allanscope.samples import Event, Notice, StreamInfo
 from allanscope.sources.base import Chunk
 from allanscope.wire import WireFormat, feed_chunks, format_named, formats, sniff
 from allanscope.wire.base import Decoder, LinkStats, WireSettings
@@ -28,6 +28,12 @@ LISTEN_BYTES = 1 << 18
 
 SILENCE_S = 0.6
 """After this much silence the device is told to start, in every format that knows how to say it."""
+
+MUTE_S = 3.0
+"""A device that has said nothing at all for this long may not be one."""
+
+OURS = {"host": 1}
+"""Marks a notice as the host's own remark, not the device's."""
 
 ENOUGH = 0.5
 """Score above which a format is taken without waiting for more bytes."""
@@ -58,11 +64,27 @@ class Decoding:
         self._decoder: Decoder | None = None
         self._heard: list[Chunk] = []
         self._heard_bytes = 0
-        self._opened_ns: int | None = None
-        self._first_byte_ns: int | None = None
-        self._woken = False
+        self.reconnects = 0
+        self._numbered = True
+        self._begin()
         if wire:
             self._choose(wire)
+
+    def resume(self, write: Callable[[bytes], None]) -> None:
+        """Go on with a live device after a replay of what it said before; a gap lies between.
+
+        The decoder stays as it is, so that a device that counts its samples and was not restarted
+        still tells how many are missing.
+        """
+        self._write = write
+        self._begin()
+        if self._decoder is not None:
+            self._decoder.interrupt("resumed")
+
+    def _begin(self) -> None:
+        self._opened_ns: int | None = None
+        self._first_byte_ns: int | None = None
+        self._woken = self._missed = False
 
     @property
     def wire(self) -> str:
@@ -89,14 +111,14 @@ class Decoding:
             self._opened_ns = chunk.host_ns
         if chunk.event not in ("", "end"):
             events += self._link_event(chunk)
-        if not self._woken and not chunk.data and self._first_byte_ns is None:
-            self._wake_if_silent(chunk.host_ns)
+        if not chunk.data and self._first_byte_ns is None:
+            events += self._wake_if_silent(chunk.host_ns)
         if not chunk.data:
             return events
         if self._decoder is not None:
             self._first_byte_ns = self._first_byte_ns or chunk.host_ns
             events += self._decoder.feed(chunk.data, _seconds(chunk))
-            self._grant(events)
+            self._look_at(events)
             return events
         return events + self._listen(chunk)
 
@@ -127,7 +149,7 @@ class Decoding:
             host_s = np.where(host_ns != 0, host_ns * 1e-9, np.nan)
             data = buffer.data[begin:] if begin else buffer.data
             events += feed_chunks(self._decoder, data, ends[taken:] - begin, host_s)
-            self._grant(events)
+            self._look_at(events)
         return events
 
     def finish(self) -> list[Event]:
@@ -151,8 +173,11 @@ class Decoding:
             for message in self._format.stop():
                 self._write(message)
 
-    def _grant(self, events: list[Event]) -> None:
-        """Ask the device for what the decoder says it needs."""
+    def _look_at(self, events: list[Event]) -> None:
+        """Note whether samples are numbered or timed; ask the device for what the decoder needs."""
+        for event in events:
+            if isinstance(event, StreamInfo):
+                self._numbered = event.wire == "native" or event.time_resolution_s > 0.0
         if self._write is None or self._format is None:
             return
         if any(isinstance(e, Notice) and "wanted" in e.fields for e in events):
@@ -186,32 +211,44 @@ class Decoding:
                 )
         self._choose(found.name)
         assert self._decoder is not None
-        events: list[Event] = [Notice("text", f"wire format {found.name}")]
+        events: list[Event] = [Notice("text", f"wire format {found.name}", OURS)]
         for chunk in self._heard:
             events += self._decoder.feed(chunk.data, _seconds(chunk))
         self._heard.clear()
+        self._look_at(events)
         return events
 
-    def _wake_if_silent(self, now_ns: int) -> None:
-        """Tell a silent device to start: stock TMsg firmware says nothing until then."""
+    def _wake_if_silent(self, now_ns: int) -> list[Event]:
+        """Tell a silent device to start, as stock TMsg firmware needs; then say that it is mute."""
         assert self._opened_ns is not None
-        if now_ns - self._opened_ns > SILENCE_S * 1e9:
+        silent_s = (now_ns - self._opened_ns) * 1e-9
+        if not self._woken and silent_s > SILENCE_S:
             self._woken = True
             self._send_start()
+        if self._missed or silent_s <= MUTE_S:
+            return []
+        self._missed = True
+        text = f"nothing heard for {silent_s:.0f} s: is it the right port, and is the board on?"
+        return [Notice("error", text, OURS)]
 
     def _link_event(self, chunk: Chunk) -> list[Event]:
+        if chunk.event == "reconnected":
+            self.reconnects += 1
+            self._send_start()
         if self._decoder is None:
             return []
         if chunk.event == "disconnected":
             return self._decoder.interrupt("disconnected")
         if chunk.event == "hole":
             return self._decoder.interrupt("file")
-        if chunk.event == "reconnected":
+        if chunk.event == "stalled":
+            # A board that restarted without leaving the bus may wait to be told to start.
             self._send_start()
-        elif chunk.event == "resumed":
-            return [Notice("text", "the device speaks again")]
-        elif chunk.event == "stalled":
-            return [Notice("error", "the device has fallen silent")]
+            return [Notice("error", "the device has fallen silent", OURS)]
+        if chunk.event == "resumed":
+            # Numbers or times tell what is missing; without either nothing does.
+            missing = [] if self._numbered else self._decoder.interrupt("stalled")
+            return [*missing, Notice("text", "the device speaks again", OURS)]
         return []
 
     def _send_start(self) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import signal
-import threading
+import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from typing import Literal
 
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.result import Analysis
@@ -21,12 +21,13 @@ from allanscope.pipeline.outputs import (
     write_json,
     write_report,
 )
-from allanscope.pipeline.replaying import analysed
-from allanscope.pipeline.session import Session
+from allanscope.pipeline.resuming import earlier_events, set_view_aside
+from allanscope.pipeline.session import News, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
+from allanscope.pipeline.signals import stopped_by_signals
 from allanscope.pipeline.simulate import simulator
 from allanscope.recording import Recorder, Recording
-from allanscope.samples import Gap
+from allanscope.samples import Event, Notice
 from allanscope.sources import RecordedSource, Source, open_source
 from allanscope.view import RerunView, TerminalView
 
@@ -54,14 +55,9 @@ def run_live(
     """
     if resume is not None:
         device = recorded_settings(Recording(resume), device)
+    decoding = Decoding(device.for_wire(), device.wire)
     source = _source(port, device, simulated)
-    try:
-        folder = resume or session_folder(settings.out or new_session_folder(source.name))
-        analyser = _resumed(resume, device, settings.quiet)
-        recorder = Recorder(folder, _metadata(source, device), resume=resume is not None)
-    except BaseException:
-        source.close()
-        raise
+    news = News()
 
     def write(data: bytes) -> None:
         # What is sent belongs to the recording: a replay shows who said what, and when.
@@ -69,13 +65,36 @@ def run_live(
         with suppress(DeviceError):
             source.write(data)
 
-    decoding = Decoding(device.for_wire(), device.wire, write)
-    facts = {"name": source.name, "path": str(folder), **source.identity}
     try:
-        analysis = _run(source, decoding, analyser, settings, folder, facts, recorder)
-    finally:
-        recorder.describe(wire=decoding.wire)
-        recorder.close()
+        earlier: Iterable[Event] = ()
+        if resume is None:
+            folder = session_folder(settings.out or new_session_folder(source.name))
+            decoding.resume(write)
+        else:
+            folder, earlier = resume, earlier_events(resume, decoding, write)
+            set_view_aside(folder)
+        recorder = Recorder(
+            folder,
+            _metadata(source, device),
+            resume=resume is not None,
+            on_alarm=lambda line: _tell_alarm(line, news, settings.quiet),
+        )
+    except BaseException:
+        source.close()
+        raise
+    facts = {"name": source.name, "path": str(folder), **source.identity}
+    analyser = Analyser(AnalyserSettings(part=device.part))
+    session = Session(
+        source,
+        decoding,
+        analyser,
+        ledger=recorder,
+        duration_s=settings.duration_s,
+        input_facts=lambda: facts,
+        news=news,
+        earlier=earlier,
+    )
+    analysis = _run(session, settings, folder, facts, recorder)
     if not analysis.samples:
         raise DeviceError(f"{source.name}: nothing was heard that holds samples; is it streaming?")
     return analysis
@@ -101,7 +120,8 @@ def run_replay(
         folder = settings.out
         folder.mkdir(parents=True, exist_ok=True)
     facts = {"name": path.name, "path": str(path), "sha256": recording.sha256()}
-    analysis = _run(source, decoding, analyser, settings, folder, facts, None)
+    session = Session(source, decoding, analyser, input_facts=lambda: facts)
+    analysis = _run(session, settings, folder, facts)
     if not analysis.samples:
         raise InputError(f"{path} holds no samples; nothing to replay")
     return analysis
@@ -120,14 +140,12 @@ def _source(port: str, device: DeviceSettings, simulated: SimulatedSettings) -> 
     )
 
 
-def _resumed(folder: Path | None, device: DeviceSettings, quiet: bool) -> Analyser:
-    """Return an analyser as it was when the session was cut off, with a gap at its end."""
-    analyser = Analyser(AnalyserSettings(part=device.part))
-    if folder is not None:
-        decoding = Decoding(device.for_wire(), device.wire)
-        analysed(folder, decoding, analyser, quiet, doing="resuming")
-        analyser.take(Gap("resumed", None))
-    return analyser
+def _tell_alarm(line: str, news: News, quiet: bool) -> None:
+    """Tell what the recorder has to say, at once; called in its thread."""
+    if quiet and line:
+        print(f"allanscope: {line}", file=sys.stderr, flush=True)
+    kind: Literal["error", "text"] = "error" if line else "text"
+    news.put(Notice(kind, line or "the recording is whole again", {"host": 1}))
 
 
 def _metadata(source: Source, device: DeviceSettings) -> dict[str, str]:
@@ -146,69 +164,38 @@ def _metadata(source: Source, device: DeviceSettings) -> dict[str, str]:
 
 
 def _run(
-    source: Source,
-    decoding: Decoding,
-    analyser: Analyser,
+    session: Session,
     settings: SessionSettings,
     folder: Path | None,
     facts: dict[str, str],
-    recorder: Recorder | None,
+    recorder: Recorder | None = None,
 ) -> Analysis:
     """Run one session with its audience, and leave its result in the folder."""
-    if decoding.wire in ("", "native"):
+    if session.decoding.wire in ("", "native"):
         # Compiled code is loaded before the first byte comes, not when it does.
         import_module("allanscope.wire.native.kernel")
-    session: Session | None = None
-
-    def quit_() -> None:
-        if session is not None:
-            session.stop()
-
-    def mark(text: str) -> None:
-        if session is not None:
-            session.mark(text)
-
-    terminal = TerminalView("quiet" if settings.quiet else "auto", mark, quit_)
+    terminal = TerminalView("quiet" if settings.quiet else "auto", session.mark, session.stop)
     viewer = RerunView(folder, settings.view, {**facts, "name": facts["name"]}, terminal.line)
+    session.audience = (terminal, viewer)
     final: Analysis | None = None
-    try:
-        viewer.start()
-        session = Session(
-            source,
-            decoding,
-            analyser,
-            audience=(terminal, viewer),
-            ledger=recorder,
-            duration_s=settings.duration_s,
-            input_facts=lambda: facts,
-        )
-        with _stopped_by_signals(session):
-            session.run()
-        final = session.result("full")
-        terminal.snapshot(final)
-        if folder is not None and final.samples:
-            write_json(final, folder / "result.json")
-            write_report(final, folder / "report.html")
-    finally:
-        viewer.close(final)
-        terminal.close()
+    with stopped_by_signals(session.stop):
+        try:
+            try:
+                viewer.start()
+                session.run()
+            finally:
+                session.source.close()
+                if recorder is not None:
+                    # First of all: the result takes a while, and nothing more comes to the disk.
+                    recorder.describe(wire=session.decoding.wire)
+                    recorder.close()
+                    session.tell_news(time.monotonic_ns())
+            final = session.result("full")
+            terminal.snapshot(final)
+            if folder is not None and final.samples:
+                write_json(final, folder / "result.json")
+                write_report(final, folder / "report.html")
+        finally:
+            viewer.close(final)
+            terminal.close()
     return final
-
-
-@contextmanager
-def _stopped_by_signals(session: Session) -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end the session as if its time were over; a second Ctrl-C insists."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(number: int, _: object) -> None:
-        session.stop()
-        signal.signal(number, signal.default_int_handler)
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

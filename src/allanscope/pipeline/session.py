@@ -14,20 +14,22 @@ has ended, and never sooner than a multiple of what it took, so refreshing adapt
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.summary import Depth, summarise
 from allanscope.pipeline.decoding import Decoding
+from allanscope.quantities import duration
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 from allanscope.sources.base import Chunk, Source
 
-__all__ = ["Audience", "Ledger", "Session"]
+__all__ = ["Audience", "Ledger", "News", "Session"]
 
 QUEUE_CHUNKS = 1 << 14
 """Reads that may wait to be decoded: minutes of a live port at its fastest."""
@@ -35,6 +37,10 @@ QUEUE_CHUNKS = 1 << 14
 REFRESH_S = 1.0
 REFRESH_SHARE = 0.2
 """A refresh takes at most this share of one core."""
+
+
+SPACE_FIRST_NS, SPACE_EVERY_NS = 10_000_000_000, 60_000_000_000
+"""When the room on the disk is first told, and how often."""
 
 
 class Audience(Protocol):
@@ -59,6 +65,10 @@ class Audience(Protocol):
 class Ledger(Protocol):
     """Whoever keeps what was read: the recorder."""
 
+    @property
+    def space_left_s(self) -> float | None:
+        """Time that the disk has room for, in seconds; None while unknown."""
+
     def rx(self, chunk: Chunk) -> None:
         """Keep what came from the device."""
 
@@ -67,6 +77,10 @@ class Ledger(Protocol):
 
     def mark(self, text: str, host_ns: int) -> None:
         """Keep a remark of the user."""
+
+
+News = queue.SimpleQueue[Notice]
+"""Notices from other threads, for the session to tell: marks, and alarms of the recorder."""
 
 
 class Session:
@@ -85,9 +99,14 @@ class Session:
     ledger : Ledger, optional
         Who records it.
     duration_s : float, optional
-        Stop this long after the first byte.
+        Stop this long after the first byte, or after the start when none has come by then.
     input_facts : callable
         Returns what the result says about where the samples came from.
+    news : News, optional
+        Notices of other threads, told before the next chunk is taken.
+    earlier : iterable of Event
+        What the session held before it was cut off: taken first, shown to nobody, while the
+        source is already read and recorded.
     """
 
     def __init__(
@@ -100,21 +119,25 @@ class Session:
         ledger: Ledger | None = None,
         duration_s: float | None = None,
         input_facts: Callable[[], dict[str, str]] = dict,
+        news: News | None = None,
+        earlier: Iterable[Event] = (),
     ) -> None:
         self.source = source
         self.decoding = decoding
         self.analyser = analyser
-        self.audience = audience
+        self.audience: Sequence[Audience] = audience
         self.ledger = ledger
-        self.reconnects = 0
         self._duration_s = duration_s
         self._input_facts = input_facts
+        self._earlier = earlier
         self._stop = threading.Event()
         self._inbox: queue.Queue[Chunk] = queue.Queue()
         self._room = threading.Semaphore(QUEUE_CHUNKS)
-        self._marks: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
         self._refresher = _Refresher(self._show)
+        self._space_due_ns = 0
+        self._space_told = False
 
     def stop(self) -> None:
         """End the session soon, as if the source had ended; callable from anywhere."""
@@ -122,7 +145,7 @@ class Session:
 
     def mark(self, text: str) -> None:
         """Set a mark at the present moment; callable from any thread."""
-        self._marks.put(text)
+        self._news.put(Notice("mark", text))
 
     def run(self) -> None:
         """Read until the source ends, the duration is over, or `stop` is called.
@@ -137,6 +160,8 @@ class Session:
         reader = threading.Thread(target=self._read, name="reader", daemon=True)
         reader.start()
         try:
+            for event in self._earlier:
+                self.analyser.take(event)
             while (chunk := self._inbox.get()).event != "end":
                 self._take(chunk)
                 self._room.release()
@@ -159,37 +184,59 @@ class Session:
             self.decoding.stats,
             depth=depth,
             input_facts={**self._input_facts(), "wire": self.decoding.wire},
-            reconnects=self.reconnects,
+            reconnects=self.decoding.reconnects,
         )
+
+    def tell_news(self, host_ns: int) -> None:
+        """Tell what other threads had to say; a mark is recorded with this host time."""
+        while not self._news.empty():
+            notice = self._news.get()
+            if notice.kind == "mark" and self.ledger is not None:
+                self.ledger.mark(notice.text, host_ns)
+            self._tell(notice)
+
+    def _tell_space(self, host_ns: int) -> None:
+        """Say once for how long the disk has room, and then plot it; the recorder alarms."""
+        left_s = self.ledger.space_left_s if self.ledger is not None else None
+        if left_s is None or host_ns < self._space_due_ns:
+            return
+        first = self._space_due_ns == 0
+        self._space_due_ns = host_ns + (SPACE_FIRST_NS if first else SPACE_EVERY_NS)
+        if first:
+            return  # so soon after the start the pace of writing is not known
+        hours = left_s / 3600.0
+        text = f"the disk has room for {duration(left_s)}"
+        self._tell(
+            Notice(
+                "status" if self._space_told else "text", text, {"host": 1, "disk_left_h": hours}
+            )
+        )
+        self._space_told = True
 
     def _read(self) -> None:
         """Move chunks from the source to the ledger and the queue; the reader thread."""
-        deadline = None
+        most_s = math.inf if self._duration_s is None else self._duration_s
+        deadline, heard = time.monotonic() + most_s, False
         try:
             while not self._stop.is_set():
                 chunk = self.source.read()
-                if chunk.data and deadline is None and self._duration_s is not None:
-                    deadline = time.monotonic() + self._duration_s
+                if chunk.data and not heard:
+                    deadline, heard = time.monotonic() + most_s, True
                 if self.ledger is not None and (chunk.data or chunk.event):
                     self.ledger.rx(chunk)
                 self._room.acquire()
                 self._inbox.put(chunk)
                 if chunk.event == "end":
                     return
-                if deadline is not None and time.monotonic() >= deadline:
+                if time.monotonic() >= deadline:
                     break
         except Exception as error:
             self._reader_error = error
         self._inbox.put(Chunk(0, event="end"))
 
     def _take(self, chunk: Chunk) -> None:
-        if chunk.event == "reconnected":
-            self.reconnects += 1
-        while not self._marks.empty():
-            text = self._marks.get()
-            if self.ledger is not None:
-                self.ledger.mark(text, chunk.host_ns)
-            self._tell(Notice("mark", text))
+        self._tell_space(chunk.host_ns)
+        self.tell_news(chunk.host_ns)
         for event in self.decoding.take(chunk):
             self._tell(event)
         if self.analyser.state is not None and self.audience:
@@ -216,7 +263,7 @@ class Session:
             self.decoding.stats,
             depth="live",
             input_facts={**self._input_facts(), "wire": self.decoding.wire},
-            reconnects=self.reconnects,
+            reconnects=self.decoding.reconnects,
         )
         for viewer in self.audience:
             viewer.snapshot(analysis)

@@ -10,6 +10,7 @@ one line; monitoring goes on in every case.
 
 from __future__ import annotations
 
+import math
 import queue
 import shutil
 import threading
@@ -30,8 +31,9 @@ SYNC_S = 5.0
 BACKLOG_BYTES = 32 << 20
 """What may wait in memory for the disk: some six minutes of a device at its fastest."""
 
-SCARCE_S = 600.0
-"""Free space that is used up sooner than this is worth an alarm."""
+SCARCE_S = (60.0, 120.0, 300.0, 600.0, 1800.0)
+"""Free space that is used up sooner than the last of these is worth an alarm, and another one
+whenever it falls below the next."""
 
 
 class Recorder:
@@ -45,6 +47,7 @@ class Recorder:
         Device, wire format, settings: whatever a reader should know. Written before all else.
     on_alarm : callable, optional
         Is called in the writer thread with the alarm whenever it changes; empty when it is over.
+        It changes when there is something new to say, not with every figure.
     resume : bool
         Continue the session that is there in a new file.
     commit_s, sync_s : float
@@ -82,6 +85,7 @@ class Recorder:
         self.alarm = ""
         self.dropped_bytes = 0
         self.space_left_s: float | None = None
+        self._scarce_s = math.inf
         self._on_alarm = on_alarm or (lambda _: None)
         self._commit_s, self._sync_s = commit_s, sync_s
         self._backlog_bytes = backlog_bytes
@@ -197,19 +201,26 @@ class Recorder:
             self._raise_alarm(self._refusal(error))
 
     def _refusal(self, error: OSError) -> str:
-        lost = f"; {self.dropped_bytes} bytes are lost" if self.dropped_bytes else ""
+        """Return one line that changes only when something new is to be said."""
+        state = "what comes is kept in memory"
+        if self.dropped_bytes:
+            state = "memory is full, and what comes now is lost"
         return (
-            f"{self.path}: not recording ({error.strerror}): {self._session.pending} bytes wait "
-            f"in memory{lost}; free some space, monitoring goes on"
+            f"{self.path}: not recording ({error.strerror}): {state}; free some space, "
+            "monitoring goes on"
         )
 
     def _remaining(self) -> str:
         """Return what is wrong although the disk has just taken everything."""
         folder = self.path.parent
         rate = self.bytes_written / max(time.monotonic() - self._began, 1.0)
-        self.space_left_s = self._free_bytes(folder) / rate
-        if self.space_left_s < SCARCE_S:
-            return f"{folder} will be full in {self.space_left_s / 60:.0f} min; free some space"
+        left_s = self.space_left_s = self._free_bytes(folder) / rate
+        if left_s < self._scarce_s or left_s > 1.5 * self._scarce_s:
+            self._scarce_s = next((step for step in SCARCE_S if left_s < step), math.inf)
+        if self._scarce_s < math.inf:
+            return (
+                f"{folder} will be full in less than {self._scarce_s / 60:.0f} min; free some space"
+            )
         if self.dropped_bytes:
             return f"{self.dropped_bytes} bytes were not recorded: the disk was full or too slow"
         return ""

@@ -170,7 +170,7 @@ class RerunView:
             self._status(notice.fields)
         else:
             prefix, of_kind = _PREFIX.get(notice.kind, ("", level))
-            self._remark(prefix + notice.text, of_kind)
+            self._remark(("" if "host" in notice.fields else prefix) + notice.text, of_kind)
 
     def health(self, numbers: Mapping[str, object]) -> None:
         """Take counters of any name, to be plotted."""

@@ -97,10 +97,9 @@ class TerminalView:
         """Take a remark of the device or a mark of the user."""
         if notice.kind == "mark":
             self.line(f"mark: {notice.text}")
-        elif notice.kind == "error":
-            self.line(f"device: {notice.text}", "error")
-        elif notice.kind == "text":
-            self.line(f"device: {notice.text}")
+        elif notice.kind in ("error", "text"):
+            whose = "" if "host" in notice.fields else "device: "
+            self.line(f"{whose}{notice.text}", "error" if notice.kind == "error" else "info")
 
     def snapshot(self, analysis: Analysis) -> None:
         """Take the result so far."""

@@ -87,14 +87,17 @@ def simulate(options: Namespace) -> int:
 
 def device(options: Namespace) -> int:
     """Run the simulated device on a virtual serial port until it is stopped."""
-    from allanscope.pipeline.simulate import run_virtual_device
+    from allanscope.pipeline.simulate import run_emulated_device, run_virtual_device
 
-    run_virtual_device(
-        _device_settings(options),
-        _simulated_settings(options),
-        options.duration,
-        emulated=options.emulated,
-    )
+    link = Path(options.link) if options.link else None
+    asked = _device_settings(options), _simulated_settings(options), options.duration, link
+    if options.emulated:
+        run_emulated_device(*asked)
+        return ExitCode.DONE
+    ledger = run_virtual_device(*asked)
+    if options.json:
+        json.dump(ledger.to_dict(), sys.stdout, indent=1)
+        print()
     return ExitCode.DONE
 
 
@@ -210,7 +213,14 @@ def _simulate_arguments(one: ArgumentParser) -> None:
 
 
 def _virtual_device_arguments(one: ArgumentParser) -> None:
-    one.add_argument("--emulated", action="store_true", help="real firmware on QEMU's STM32L475")
+    one.add_argument(
+        "--emulated",
+        action="store_true",
+        help="run the real firmware on an emulated STM32L475 instead; from a checkout, with "
+        "gcc-arm-none-eabi, make and qemu-system-arm 10 on the machine",
+    )
+    one.add_argument("--link", metavar="PATH", help="make the port here; else in a new folder")
+    one.add_argument("--json", action="store_true", help="print at the end what became of samples")
     _duration_argument(one)
     _device_arguments(one)
     _simulated_arguments(one)
@@ -269,7 +279,13 @@ def _device_arguments(one: ArgumentParser) -> None:
     group.add_argument("--rate", type=float, metavar="HZ", help="nominal sample rate")
     group.add_argument("--gyro-fs", type=float, metavar="DPS", help="gyro full scale")
     group.add_argument("--accel-fs", type=float, metavar="G", help="accelerometer full scale")
-    group.add_argument("--wire", default="", help="wire format; found by listening if not given")
+    group.add_argument(
+        "--wire",
+        default="",
+        metavar="FORMAT",
+        help="native, tmsg, tmsg-sensortile, datalog, datalog11 or text; "
+        "found by listening if not given",
+    )
     group.add_argument(
         "--unit", action="append", default=[], type=_unit, metavar="gyro=dps", help="unit of text"
     )
@@ -282,7 +298,12 @@ def _simulated_arguments(one: ArgumentParser) -> None:
         "--effect", action="append", default=[], metavar="KIND:param=value,...", help="an effect"
     )
     group.add_argument(
-        "--fault", action="append", default=[], metavar="KIND:param=value,...", help="a fault"
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND:param=value,...",
+        help="bit_flip, byte_loss, byte_repeat, garbage, stall, unplug or reset, "
+        "e.g. bit_flip:rate=1e-5 (per byte) or unplug:at=5,seconds=2",
     )
     group.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")
 

@@ -10,10 +10,10 @@ from pathlib import Path
 from allanscope.errors import UsageError
 from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
 from allanscope.recording import Chunk, write_recording
-from allanscope.simulator import Device, Simulator, Truth, run_device, simulate_blocks
+from allanscope.simulator import Device, Ledger, Simulator, Truth, run_device, simulate_blocks
 from allanscope.view.progress import progress
 
-__all__ = ["run_virtual_device", "simulate_recording", "simulator"]
+__all__ = ["run_emulated_device", "run_virtual_device", "simulate_recording", "simulator"]
 
 
 def simulator(
@@ -65,21 +65,45 @@ def run_virtual_device(
     device: DeviceSettings,
     simulated: SimulatedSettings,
     duration_s: float | None,
-    emulated: bool = False,
-) -> None:
-    """Run the simulated device on a virtual serial port until Ctrl-C or for a time."""
-    if emulated:
-        from allanscope.simulator.emulated import run_emulated
+    link: Path | None = None,
+) -> Ledger:
+    """Run the simulated device on a virtual serial port until Ctrl-C or for a time.
 
-        run_emulated(duration_s)
-        return
+    Prints the port as soon as it can be opened. Returns what became of every sample.
+    """
     one = Device(
         simulator(device, simulated),
         device.wire or "native",
         simulated.faults,
+        path=link,
         seed=simulated.seed,
     )
     # Stopped by SIGTERM as by Ctrl-C: the port is closed and its link removed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with contextlib.suppress(KeyboardInterrupt):
         run_device(one, duration_s, lambda url: print(url, flush=True))
+    return one.ledger
+
+
+def run_emulated_device(
+    device: DeviceSettings,
+    simulated: SimulatedSettings,
+    duration_s: float | None,
+    link: Path | None = None,
+) -> None:
+    """Run the real firmware on an emulated board until Ctrl-C or for a time; print its port.
+
+    Raises
+    ------
+    UsageError
+        When it is asked for what only the simulated device can do.
+    """
+    from allanscope.simulator.emulated import run_emulated
+
+    if device.wire not in ("", "native") or simulated.faults or simulated.effects:
+        raise UsageError(
+            "the emulated board runs the native firmware, without faults or effects; "
+            "leave out --emulated for those"
+        )
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    run_emulated(duration_s, link)

@@ -5,17 +5,25 @@ from __future__ import annotations
 import shutil
 import subprocess
 import tempfile
+import time
 from pathlib import Path
 
-from allanscope.errors import DeviceError
+from allanscope.errors import DeviceError, UsageError
 
 __all__ = ["run_emulated"]
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_protocol" / "device"
 
 
-def run_emulated(duration_s: float | None = None) -> None:
+def run_emulated(duration_s: float | None = None, link: Path | None = None) -> None:
     """Build the firmware, start it, print its port, and keep it until Ctrl-C or for a time.
+
+    Parameters
+    ----------
+    duration_s : float, optional
+        Real seconds; for ever when not given.
+    link : Path, optional
+        Where the port is to be; in a temporary folder when not given.
 
     Raises
     ------
@@ -33,18 +41,25 @@ def run_emulated(duration_s: float | None = None) -> None:
             raise DeviceError(f"{tool} is not on this machine; install {package}")
     with tempfile.TemporaryDirectory(prefix="allanscope-") as folder:
         subprocess.run(["make", "-s", "-C", str(FIRMWARE), f"OUT={folder}"], check=True)
-        port = Path(folder) / "ttySensorTile"
+        port = link or Path(folder) / "ttySensorTile"
+        if port.exists() and not port.is_symlink():
+            raise UsageError(f"{port} exists and is no link; choose another path")
+        port.unlink(missing_ok=True)  # one that an earlier QEMU has left behind
         command = ["qemu-system-arm", "-M", "b-l475e-iot01a", "-kernel", f"{folder}/paced.elf"]
         command += ["-display", "none", "-monitor", "none", "-serial", "chardev:usart"]
         command += ["-chardev", f"pty,id=usart,path={port}"]
         quiet = subprocess.DEVNULL
-        process = subprocess.Popen(command, stdin=quiet, stdout=quiet)
+        process = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=subprocess.PIPE)
         try:
-            print(port, flush=True)
+            while process.poll() is None and not port.exists():
+                time.sleep(0.02)
+            if port.exists():
+                print(port, flush=True)
             process.wait(duration_s)
         except (subprocess.TimeoutExpired, KeyboardInterrupt):
             return
         finally:
             process.terminate()
-            process.wait()
-        raise DeviceError(f"QEMU ended with status {process.returncode}")
+            said = process.communicate()[1].decode(errors="replace").split("\n")[0]
+            port.unlink(missing_ok=True)
+        raise DeviceError(f"QEMU ended with status {process.returncode}: {said}")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 __all__ = ["Ledger", "Loss"]
 
@@ -88,3 +89,16 @@ class Ledger:
             for loss in self.losses
             if loss.epoch == epoch
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the whole book as plain numbers, for JSON."""
+        return {
+            "produced": self.produced,
+            "sent": self.sent,
+            "dropped": self.dropped,
+            "bytes_sent": self.bytes_sent,
+            "commands": self.commands,
+            "faults": dict(self.faults),
+            "lost": dict(self.lost),
+            "losses": [asdict(loss) for loss in self.losses],
+        }

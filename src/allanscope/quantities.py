@@ -29,6 +29,7 @@ __all__ = [
     "GRAVITY",
     "LEVEL",
     "Reading",
+    "between",
     "compact",
     "count",
     "duration",
@@ -36,7 +37,6 @@ __all__ = [
     "limit",
     "measured",
     "number",
-    "of_unit",
     "rate",
     "size",
     "symbols",
@@ -110,24 +110,6 @@ COEFFICIENT_NAMES: Mapping[str, str] = {
     "R": "rate ramp",
 }
 """What each letter stands for."""
-
-_MULTIPLES = {"dps": 1.0, "mdps": 1e-3, "g": 1.0, "mg": 1e-3, "ug": 1e-6}
-
-
-def of_unit(value: float, unit: str) -> float:
-    """Return a value given in `unit` (``mdps/sqrt(Hz)``, ``ug``, ...) in dps or g.
-
-    Only the numerator is read; what follows the first slash stays as it is.
-
-    Examples
-    --------
-    >>> round(of_unit(3.8, "mdps/sqrt(Hz)"), 9), of_unit(2.0, "g")
-    (0.0038, 2.0)
-    """
-    numerator = unit.partition("/")[0]
-    if numerator not in _MULTIPLES:
-        raise ValueError(f"no unit of rate or acceleration: {unit!r}")
-    return value * _MULTIPLES[numerator]
 
 
 def symbols(unit: str) -> str:
@@ -275,6 +257,21 @@ def duration(seconds: float) -> str:
         if len(parts) == 2:
             break
     return " ".join(part for part in parts if part)
+
+
+def between(lower: float, upper: float) -> str:
+    """Return where a time in s lies, in words; `upper` may be infinite.
+
+    Examples
+    --------
+    >>> between(20.0, 93.0), between(47.0, math.inf), between(0.01, 0.01)
+    ('between 20 s and 1 min 33 s', 'at 47 s or beyond', 'at 0.010 s')
+    """
+    if not math.isfinite(upper):
+        return f"at {duration(lower)} or beyond"
+    if duration(lower) == duration(upper):
+        return f"at {duration(lower)}"
+    return f"between {duration(lower)} and {duration(upper)}"
 
 
 def rate(hz: float, uncertainty_ppm: float | None = None) -> str:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from allanscope.allan.bank import AllanBank
 from allanscope.allan.deviation import Deviation
 from allanscope.noise import find_best_averaging
 from allanscope.noise.components import Flicker, RandomWalk, White
@@ -25,6 +26,8 @@ def test_the_minimum_of_the_reference_sensor():
     assert best.tau == pytest.approx(69, rel=0.5)
     assert best.samples == round(best.tau * 104)
     assert best.lower < best.deviation < best.upper
+    assert best.tau_lower <= best.tau <= best.tau_upper < 500
+    assert best.tau_lower < 69 < best.tau_upper
     assert not best.at_end
 
 
@@ -32,12 +35,30 @@ def test_a_curve_that_falls_to_its_end_says_so():
     best = find_best_averaging(curve(1 / np.sqrt(M)))
     assert best.at_end
     assert best.samples == M[-1]
+    assert best.tau_lower == best.tau
+    assert best.tau_upper == np.inf
 
 
 def test_a_floor_that_has_not_risen_out_of_its_interval_is_no_minimum():
     flat = np.maximum(1 / np.sqrt(M), 0.05) * np.where(M == 1024, 0.99, 1.0)
     assert find_best_averaging(curve(flat)).at_end
     assert not find_best_averaging(curve(flat * (1 + 2e-5 * M))).at_end
+
+
+def test_the_true_averaging_time_lies_between_its_limits(make_noise):
+    rng, rate = np.random.default_rng(11), 13.0
+    model = NoiseModel((White(4e-3), Flicker(1.255e-3), RandomWalk(5e-4)), 1 / rate)
+    factors = np.unique(np.round(2 ** (np.arange(60) / 4)))
+    truth = factors[np.argmin(model.deviation("oadev", factors))] / rate
+    held, widths = 0, []
+    for _ in range(40):
+        bank = AllanBank(rate, axes=1)
+        bank.update(make_noise(23_400, 1 / rate, rng, N=4e-3, B=1.255e-3, K=5e-4))
+        best = find_best_averaging(bank.deviation("oadev").axis(0))
+        held += best.tau_lower <= truth <= best.tau_upper
+        widths.append(best.tau_upper / best.tau_lower)
+    assert held >= 38
+    assert np.median(widths) < 10
 
 
 def test_only_what_can_be_trusted_counts():

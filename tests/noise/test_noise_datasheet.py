@@ -5,8 +5,9 @@ import pytest
 
 from allanscope.errors import UsageError
 from allanscope.noise.coefficients import Coefficient
-from allanscope.noise.datasheet import compare, published_density, published_rms
-from allanscope.parts import PARTS, full_scale_of, part_named
+from allanscope.noise.datasheet import compare, published_density, published_rms, rms_of
+from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, PARTS, full_scale_of, part_named
+from allanscope.spectrum.density import Density
 
 
 def white(value, spread=0.01, unit="dps/sqrt(Hz)", detected=True):
@@ -38,6 +39,9 @@ def test_both_readings_and_the_angle_after_an_hour_are_given():
     # ARW sqrt(t): 0.24 deg/sqrt(h) over one hour.
     assert details["arw_deg_per_sqrt_hour"] == pytest.approx(0.24)
     assert details["angle_after_one_hour_deg"] == pytest.approx(4e-3 * np.sqrt(3600))
+    words = compare(DSM, "gz", white(4e-3), rate_hz=104.0, full_scale=125.0)["density"].explanation
+    assert "ARW sqrt(time): 0.24 deg after one hour" in words
+    assert "0.228 for the datasheet's density as DT0064 reads it" in words
 
 
 def test_a_wide_interval_is_not_a_verdict_against_the_part():
@@ -71,15 +75,52 @@ def test_before_the_white_noise_is_known_there_is_no_verdict(unknown):
 
 
 def test_slow_modes_are_judged_by_their_rms():
-    options = {"rate_hz": 52.0, "full_scale": 4.0, "high_performance": False}
+    options = {"rate_hz": 52.0, "full_scale": 4.0}
     found = compare(DSM, "ax", white(1e-4), rms=2.1e-3, **options)["rms"]
     assert found.verdict == "typical"
     assert found.limit == 2.0e-3
+    assert found.unit == "g"
     assert found.details["equivalent_density"] == pytest.approx(2e-3 / np.sqrt(26))
-    assert "low-power" in found.explanation
+    assert "if the part runs in low-power mode" in found.explanation
+    assert "2.1 mg against 2 typical" in found.explanation
     assert compare(DSM, "ax", None, **options)["rms"].verdict == "not known yet"
     none = compare(PARTS["LSM6DS3H"], "ax", None, rms=1.0, **options)["rms"]
     assert none.verdict == "not published"
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "modes"),
+    [(12.5, {"density", "rms"}), (208.0, {"density", "rms"}), (416.0, {"density"})],
+)
+def test_both_modes_are_judged_where_the_rate_leaves_them_open(rate_hz, modes):
+    for part in PARTS.values():
+        for axis, scales in (("gy", GYRO_SCALES), ("az", ACCEL_SCALES)):
+            for full_scale in scales:
+                found = compare(
+                    part, axis, white(1e-3), rate_hz=rate_hz, full_scale=full_scale, rms=0.05
+                )
+                assert set(found) == modes
+                for verdict in found.values():
+                    published = part.name != "LSM6DS3H"
+                    assert (verdict.limit is not None) == published
+                    assert (verdict.verdict == "not published") != published
+                    assert verdict.unit.partition("/")[0] == ("dps" if axis == "gy" else "g")
+
+
+def test_the_rms_is_that_of_the_samples_without_drift():
+    f = np.array([0.01, 0.3, 10.0, 40.0])
+    width = np.array([0.01, 0.2, 10.0, 50.0])
+    density = Density(f, width, np.array([1e6, 2.0, 3.0, 4.0]), np.ones(4))
+    assert rms_of(density) == pytest.approx(np.sqrt(0.4 + 30 + 200))
+    assert rms_of(Density(f[:1], width[:1], f[:1], f[:1])) is None
+
+
+def test_limits_are_in_the_unit_of_the_axis_and_say_what_white_noise_they_mean():
+    found = compare(DSM, "gx", white(4e-3), rate_hz=104.0, full_scale=250.0)["density"]
+    assert (found.limit, found.unit) == (3.8e-3, "dps/sqrt(Hz)")
+    assert found.white_limit == pytest.approx(3.8e-3 / np.sqrt(2))
+    none = compare(PARTS["LSM6DS3H"], "gx", white(4e-3), rate_hz=104.0, full_scale=250.0)
+    assert none["density"].white_limit is None
 
 
 def test_modes_and_filters_follow_the_rate():

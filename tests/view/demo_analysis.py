@@ -78,6 +78,8 @@ def _axis(axis: str, duration_s: float, rng: np.random.Generator, kinds) -> Axis
             fitted.deviation[best],
             fitted.lower[best],
             fitted.upper[best],
+            0.5 * fitted.tau[best],
+            2.0 * fitted.tau[best],
         ),
         datasheet={
             "density": DatasheetVerdict(

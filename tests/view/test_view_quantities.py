@@ -14,7 +14,6 @@ from allanscope.quantities import (
     duration,
     interval,
     number,
-    of_unit,
     rate,
     symbols,
 )
@@ -88,13 +87,6 @@ def test_a_rate_has_the_digits_of_its_uncertainty():
     assert rate(6664.2173, 12.0) == "6664.22 Hz +-12 ppm"
     assert rate(6664.2173, 300.0) == "6664.2 Hz +-300 ppm"
     assert rate(6660.0) == "6660 Hz"
-
-
-def test_units_of_datasheets_come_back_to_the_inner_unit():
-    assert of_unit(90.0, "ug/sqrt(Hz)") == pytest.approx(90e-6)
-    assert of_unit(1.0, "dps/sqrt(Hz)") == 1.0
-    with pytest.raises(ValueError, match="no unit of rate or acceleration: 'furlong'"):
-        of_unit(1.0, "furlong")
 
 
 def test_every_unit_has_a_printed_form_without_ascii_leftovers():

@@ -19,7 +19,7 @@ from allanscope.explain.loop import Explanation
 from allanscope.history import Record
 from allanscope.noise import find_best_averaging, fit_noise
 from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
-from allanscope.noise.datasheet import compare
+from allanscope.noise.datasheet import compare, rms_of
 from allanscope.noise.fit import NoiseFit
 from allanscope.noise.quantised import find_step
 from allanscope.parts import PARTS, full_scale_of
@@ -114,7 +114,21 @@ def _rate(state: StreamState) -> Rate:
     fit = state.clock.rate()
     if not fit.is_measured:
         return Rate(state.info.nominal_hz)
-    return Rate(state.info.nominal_hz, fit.hz, fit.uncertainty_ppm)
+    against_host = fit.device_against_host
+    return Rate(
+        state.info.nominal_hz,
+        fit.hz,
+        fit.uncertainty_ppm,
+        source=fit.source,
+        residual_s=fit.residual_s,
+        span_s=fit.span_s,
+        steps=fit.steps,
+        drift_ppm_per_h=fit.drift_ppm_per_h,
+        drift_uncertainty_ppm_per_h=fit.drift_uncertainty_ppm_per_h,
+        ppm_per_degc=fit.ppm_per_degc,
+        ppm_per_degc_uncertainty=fit.ppm_per_degc_uncertainty,
+        device_against_host_ppm=None if against_host is None else 1e6 * against_host,
+    )
 
 
 def _record(state: StreamState, rate_hz: float) -> Record:
@@ -200,7 +214,7 @@ def _axis(
         level=_level(record, column, unit_of(name)),
         coefficients=coefficients,
         best_averaging=find_best_averaging(curve) if curve is not None else None,
-        datasheet=_datasheet(record.lsb[column], name, part, coefficients, rate),
+        datasheet=_datasheet(record.lsb[column], name, part, coefficients, rate, density),
         density=density if len(density.frequency) else None,
         model=drawn.model,
         model_before=drawn.before,
@@ -235,6 +249,7 @@ def _datasheet(
     part: str,
     coefficients: Mapping[str, Coefficient],
     rate: Rate,
+    density: Density,
 ) -> dict[str, DatasheetVerdict]:
     if part not in PARTS:
         return {}
@@ -242,7 +257,12 @@ def _datasheet(
     if full_scale is None:
         return {}
     return compare(
-        PARTS[part], name, coefficients.get("N"), rate_hz=rate.best_hz, full_scale=full_scale
+        PARTS[part],
+        name,
+        coefficients.get("N"),
+        rate_hz=rate.best_hz,
+        full_scale=full_scale,
+        rms=rms_of(density),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 __all__ = ["BestAveraging", "Coefficient", "DatasheetVerdict"]
@@ -36,15 +37,29 @@ class Coefficient:
 
 @dataclass(frozen=True, slots=True)
 class BestAveraging:
-    """How many samples to average for the smallest variance, DT0064's own question."""
+    """How many samples to average for the smallest variance, DT0064's own question.
+
+    Attributes
+    ----------
+    tau, samples : float, int
+        Averaging time in s, and the samples in it, at the smallest deviation.
+    deviation, lower, upper : float
+        That deviation and its limits.
+    tau_lower, tau_upper : float
+        Averaging times in s between which the true minimum lies; `tau_upper` is infinite where the
+        run is too short to say.
+    at_end : bool
+        True when the curve still falls at its end: the true minimum lies further out.
+    """
 
     tau: float
     samples: int
     deviation: float
     lower: float
     upper: float
+    tau_lower: float
+    tau_upper: float
     at_end: bool = False
-    """True when the curve still falls at its end: the true minimum lies further out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +69,9 @@ class DatasheetVerdict:
     Attributes
     ----------
     limit, measured : float or None
-        One-sided density in `unit`; None when not published, or not measured yet.
+        One-sided density, or rms, in `unit`; None when not published, or not measured yet.
+    unit : str
+        ``dps/sqrt(Hz)``, ``g/sqrt(Hz)``, ``dps`` or ``g``, never a multiple.
     verdict : str
         ``better``, ``typical``, ``worse``, ``not published`` or ``not known yet``.
     explanation : str
@@ -67,3 +84,8 @@ class DatasheetVerdict:
     verdict: str
     explanation: str = ""
     details: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def white_limit(self) -> float | None:
+        """N that the published density amounts to: over sqrt(2), since N is two-sided."""
+        return None if self.limit is None else self.limit / math.sqrt(2.0)

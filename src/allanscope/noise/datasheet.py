@@ -7,8 +7,11 @@ it differently: it takes the angle random walk for the density itself, as if N w
 reading is given beside the other. Either way an angle that is integrated for a time t has the
 standard deviation ARW sqrt(t): 0.24 deg/sqrt(h) make 0.24 deg after an hour.
 
-Typical values are typical: within 20 % a part is what the datasheet says. In normal and low-power
-mode ST publishes an rms over half the rate instead of a density.
+ST publishes the density of high-performance mode, and for normal and low-power mode an rms over
+half the rate. A stream does not say in which mode the part runs: where the rate allows a slower
+mode both verdicts are given, each with its condition.
+
+Typical values are typical: within 20 % a part is what the datasheet says.
 """
 
 from __future__ import annotations
@@ -18,13 +21,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
-from allanscope.parts import Part
-from allanscope.quantities import DENSITY
+from allanscope.parts import Mode, Part
+from allanscope.quantities import DENSITY, LEVEL
+from allanscope.samples import unit_of
+from allanscope.spectrum.density import Density
 
-__all__ = ["compare", "published_density", "published_rms"]
+__all__ = ["compare", "published_density", "published_rms", "rms_of"]
 
 _TYPICAL = 0.2
 _ROOT_TWO = float(np.sqrt(2.0))
+_DRIFT_HZ = 0.1
+"""Frequency below which a movement is drift and not part of an rms noise."""
 
 
 def compare(
@@ -35,9 +42,8 @@ def compare(
     rate_hz: float,
     full_scale: float,
     rms: float | None = None,
-    high_performance: bool = True,
 ) -> dict[str, DatasheetVerdict]:
-    """Return the verdict on the noise of one axis.
+    """Return the verdicts on the noise of one axis.
 
     Parameters
     ----------
@@ -52,23 +58,29 @@ def compare(
     full_scale : float
         In dps or g.
     rms : float, optional
-        Standard deviation of the samples without drifts; needed in normal and low-power mode.
-    high_performance : bool
-        Whether the part runs in that mode at low rates as well.
+        Standard deviation of the samples without drifts, as from `rms_of`.
 
     Returns
     -------
     dict
-        ``density`` in high-performance mode, ``rms`` in the others.
+        ``density``, for high-performance mode; ``rms`` where the rate allows a slower mode.
     """
-    mode = part.mode(rate_hz, high_performance=high_performance)
-    if mode == "high-performance":
-        return {"density": _density(part, axis, white, full_scale)}
-    limit = published_rms(part, axis, full_scale)
-    unit = "dps" if axis.startswith("g") else "g"
-    if limit is None:
-        return {"rms": DatasheetVerdict(None, rms, unit, "not published", part.source)}
-    return {"rms": _rms(limit, rms, unit, rate_hz, mode)}
+    verdicts = {"density": _density(part, axis, white, full_scale)}
+    mode = part.mode(rate_hz, high_performance=False)
+    if mode != "high-performance":
+        verdicts["rms"] = _rms(part, axis, full_scale, rms, rate_hz, mode)
+    return verdicts
+
+
+def rms_of(density: Density) -> float | None:
+    """Return the standard deviation of samples without what moves in more than ten seconds.
+
+    None where no band of the density lies above 0.1 Hz.
+    """
+    fast = density.frequency - 0.5 * density.width >= _DRIFT_HZ
+    if not fast.any():
+        return None
+    return float(np.sqrt(np.sum(density.density[fast] * density.width[fast])))
 
 
 def published_density(part: Part, axis: str, full_scale: float) -> float | None:
@@ -99,46 +111,63 @@ def _at(table: Mapping[float, float] | None, full_scale: float) -> float | None:
 def _density(
     part: Part, axis: str, white: Coefficient | None, full_scale: float
 ) -> DatasheetVerdict:
-    base = "dps" if axis.startswith("g") else "g"
+    base = unit_of(axis)
     unit = f"{base}/sqrt(Hz)"
     limit = published_density(part, axis, full_scale)
-    if white is None or not white.detected:
-        measured, details = None, {}
-    else:
-        measured = _ROOT_TWO * white.value
-        details = {
-            "lower": _ROOT_TWO * white.lower,
-            "upper": _ROOT_TWO * white.upper,
-            "N": white.value,
-            "dt0064_density": white.value,
-        }
-        if base == "dps":
-            details["arw_deg_per_sqrt_hour"] = 60 * white.value
-            details["angle_after_one_hour_deg"] = 60 * white.value
+    known = white is not None and white.detected
+    measured, details = _one_sided(white, base) if white is not None and known else (None, {})
     if limit is None:
         return DatasheetVerdict(None, measured, unit, "not published", part.source, details)
     if measured is None:
         words = "the white noise is not known yet"
         return DatasheetVerdict(limit, None, unit, "not known yet", words, details)
-    factor, shown = DENSITY[base].factor, DENSITY[base].unit
     details |= {"ratio": measured / limit, "dt0064_ratio": measured / _ROOT_TWO / limit}
     verdict = _judge(details["lower"], details["upper"], limit)
+    factor, shown = DENSITY[base].factor, DENSITY[base].unit
     explanation = (
         f"one-sided density sqrt(2) N = {factor * measured:.3g} {shown} against"
         f" {factor * limit:.3g} typical ({part.name}, one-sided); N itself, which DT0064 takes for"
         f" the density, is {factor * measured / _ROOT_TWO:.3g}"
     )
+    if base == "dps":
+        explanation += (
+            f"; final angle error = ARW sqrt(time): {details['arw_deg_per_sqrt_hour']:.3g} deg"
+            f" after one hour, and {60 * limit:.3g} for the datasheet's density as DT0064 reads it"
+        )
     return DatasheetVerdict(limit, measured, unit, verdict, explanation, details)
 
 
-def _rms(limit: float, rms: float | None, unit: str, rate_hz: float, mode: str) -> DatasheetVerdict:
-    density = limit / float(np.sqrt(rate_hz / 2))
-    details = {"equivalent_density": density}
+def _one_sided(white: Coefficient, base: str) -> tuple[float, dict[str, float]]:
+    """Return sqrt(2) N and what follows from N."""
+    details = {
+        "lower": _ROOT_TWO * white.lower,
+        "upper": _ROOT_TWO * white.upper,
+        "N": white.value,
+        "dt0064_density": white.value,
+    }
+    if base == "dps":
+        details["arw_deg_per_sqrt_hour"] = 60 * white.value
+        details["angle_after_one_hour_deg"] = 60 * white.value
+    return _ROOT_TWO * white.value, details
+
+
+def _rms(
+    part: Part, axis: str, full_scale: float, rms: float | None, rate_hz: float, mode: Mode
+) -> DatasheetVerdict:
+    unit = unit_of(axis)
+    limit = published_rms(part, axis, full_scale)
+    if limit is None:
+        return DatasheetVerdict(None, rms, unit, "not published", part.source)
+    details = {"equivalent_density": limit / float(np.sqrt(rate_hz / 2))}
     if rms is None:
         words = f"no rms was measured; the datasheet gives one for {mode} mode"
         return DatasheetVerdict(limit, None, unit, "not known yet", words, details)
     details["ratio"] = rms / limit
-    words = f"rms in {mode} mode over half the rate, {rms:.3g} {unit} against {limit:.3g} typical"
+    factor, shown = LEVEL[unit].factor, LEVEL[unit].unit
+    words = (
+        f"if the part runs in {mode} mode: rms over half the rate, {factor * rms:.3g} {shown}"
+        f" against {factor * limit:.3g} typical ({part.name})"
+    )
     return DatasheetVerdict(limit, rms, unit, _judge(rms, rms, limit), words, details)
 
 

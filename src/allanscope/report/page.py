@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
 
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.history import Record
@@ -81,7 +80,7 @@ def _axis(name: str, axis: AxisAnalysis, record: Record | None) -> _Axis:
     loop = axis.explanation
     searched = loop is not None and words.searched(loop)
     found = axis.datasheet.get("density")
-    allowed = found.limit / np.sqrt(2.0) if found is not None and found.limit is not None else None
+    allowed = found.white_limit if found is not None else None
     return _Axis(
         name=name,
         sensor="gyroscope" if axis.unit == "dps" else "accelerometer",

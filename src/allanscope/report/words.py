@@ -14,6 +14,7 @@ from allanscope.quantities import (
     COEFFICIENTS,
     DENSITY,
     DEVIATION,
+    between,
     count,
     duration,
     interval,
@@ -182,6 +183,7 @@ def axis_facts(axis: AxisAnalysis) -> list[Fact]:
             f"{interval(*(x * reading.factor for x in (best.deviation, best.lower, best.upper)))} "
             f"{unit}"
         )
+        text += f"; the minimum lies {between(best.tau_lower, best.tau_upper)}"
         if best.at_end:
             text += "; the curve still falls at the end of the run, so a longer run may do better"
         facts.append(Fact("best averaging", text))

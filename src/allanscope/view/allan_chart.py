@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from allanscope.allan.deviation import Deviation
 from allanscope.analysis.result import ModelCurve
 from allanscope.noise.coefficients import DatasheetVerdict
-from allanscope.quantities import Reading, number, of_unit, symbols
+from allanscope.quantities import Reading, number, symbols
 from allanscope.view.chart import HEIGHT, WIDTH, Chart, Points
 from allanscope.view.drawing import Drawing
 from allanscope.view.palette import EFFECT, MODEL, REFERENCE, Colour
@@ -90,11 +90,10 @@ def draw_datasheet(chart: Chart, verdict: DatasheetVerdict, reading: Reading) ->
     The datasheet's density is one-sided, N is two-sided: hence the root of two.
     """
     drawing = Drawing()
-    if verdict.limit is None:
+    if verdict.white_limit is None:
         return drawing
-    density = of_unit(verdict.limit, verdict.unit)
     tau = chart.x.read([0.0, 1.0])
-    sigma = reading.factor * density / np.sqrt(2.0 * tau)
+    sigma = reading.factor * verdict.white_limit / np.sqrt(tau)
     strips = chart.line(tau, sigma)
     drawing.dashes(strips, REFERENCE, width=1.2)
     if strips:

@@ -8,7 +8,7 @@ from scipy import special
 from allanscope.analysis.result import ModelCurve
 from allanscope.explain.effect import AxisExplanation
 from allanscope.noise.coefficients import DatasheetVerdict
-from allanscope.quantities import Reading, number, of_unit
+from allanscope.quantities import Reading, number
 from allanscope.spectrum.density import Density
 from allanscope.view.chart import HEIGHT, WIDTH, Chart
 from allanscope.view.drawing import Drawing
@@ -47,7 +47,7 @@ def draw_density_limit(chart: Chart, verdict: DatasheetVerdict, reading: Reading
     """Draw the datasheet's noise density, one-sided as it is."""
     drawing = Drawing()
     if verdict.limit is not None:
-        level = reading.factor * of_unit(verdict.limit, verdict.unit)
+        level = reading.factor * verdict.limit
         strips = chart.line(chart.x.read([0.0, 1.0]), np.full(2, level))
         drawing.dashes(strips, REFERENCE, width=1.2)
         if strips:

@@ -20,6 +20,7 @@ from allanscope.quantities import (
     COEFFICIENTS,
     DEVIATION,
     LEVEL,
+    between,
     count,
     duration,
     number,
@@ -196,11 +197,17 @@ def _verdict(axis: AxisAnalysis) -> str:
 def _facts(axis: AxisAnalysis) -> Iterable[str]:
     if axis.level is not None:
         level = LEVEL[axis.unit]
-        yield f"level {number(axis.level.mean * level.factor)} {symbols(level.unit)}"
+        text = f"level {number(axis.level.mean * level.factor)} {symbols(level.unit)}"
+        if axis.level.stability is not None:
+            text += (
+                f", tenths of the run differ by {number(axis.level.stability * level.factor, 2)}"
+            )
+        yield text
     if axis.best_averaging is not None:
         yield (
             f"least deviation {_best_text(axis)} "
-            f"({count(axis.best_averaging.samples)} samples averaged)"
+            f"({count(axis.best_averaging.samples)} samples averaged), "
+            f"the minimum {between(axis.best_averaging.tau_lower, axis.best_averaging.tau_upper)}"
         )
     for sheet in axis.datasheet.values():
         yield f"datasheet: {sheet.verdict} ({markdown(sheet.explanation)})"

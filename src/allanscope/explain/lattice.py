@@ -12,12 +12,22 @@ __all__ = ["noise_on_lattice", "step_of"]
 Array = NDArray[np.float64]
 
 _WINDOWS = 48
+_OFF = 5e-3
+"""Distance from a whole count, in counts, that single precision may leave."""
+_ENOUGH = 1 << 17
+_FEWEST = 4
+"""Fewest values, and fewest samples a value, that make a lattice."""
+_TURNS = 3
+_PRINTED = 0.3
+"""Distance from the lattice, in steps, that printing to few digits may leave."""
 
 
 def step_of(samples: Array, lsb: float) -> float:
     """Return the greatest step of which all differences are multiples, 0 where there is none.
 
-    A sender that rounds to whole mg after scaling leaves a coarser step than the sensor's.
+    A sender that rounds to whole mg after scaling leaves a coarser step than the sensor's. Samples
+    that are no multiples of the LSB (physical units come with an LSB of 1 for want of a better)
+    are asked for a step of their own: numbers printed in dps still lie on the sensor's lattice.
 
     Examples
     --------
@@ -28,13 +38,29 @@ def step_of(samples: Array, lsb: float) -> float:
         return 0.0
     counts = (samples - samples[0]) / lsb
     whole = np.round(counts)
-    if np.max(np.abs(counts - whole)) > 0.02:
-        return 0.0
+    if np.max(np.abs(counts - whole)) > _OFF or (not whole.any() and counts.any()):
+        return _own_step(samples[:_ENOUGH])
     codes = np.unique(whole).astype(np.int64)
     common = int(np.gcd.reduce(codes))
     if common > 1 or len(codes) < 2:
         return float(max(common, 1) * lsb)
     return _uneven_step(codes) * lsb
+
+
+def _own_step(samples: Array) -> float:
+    """Return the step on which samples of unknown LSB lie, each printed to some digits."""
+    values = np.unique(samples)
+    if len(values) < _FEWEST or len(values) > len(samples) / _FEWEST:
+        return 0.0
+    apart = np.diff(values)
+    same = apart < 1e-3 * np.quantile(apart, 0.9)  # one code, computed in two ways
+    values = values[np.concatenate([[True], ~same])]
+    slope = float(np.diff(values).min())
+    for _ in range(_TURNS):
+        index = np.concatenate([[0.0], np.cumsum(np.round(np.diff(values) / slope))])
+        slope = float(np.polyfit(index, values, 1)[0])
+    rest = values - np.polyval(np.polyfit(index, values, 1), index)
+    return slope if np.max(np.abs(rest)) < _PRINTED * slope else 0.0
 
 
 def _uneven_step(codes: NDArray[np.int64]) -> float:

@@ -156,7 +156,7 @@ def _signals(view: View) -> dict[str, Array]:
 def _view(series: Series, axis: str, clock: Clock | None) -> View:
     column = series.column(axis)
     samples = np.ascontiguousarray(series.values[:, column])
-    step = step_of(samples, series.lsb[column]) if series.stride == 1 else series.lsb[column]
+    step = step_of(samples * series.stride, series.lsb[column])  # of the sums behind the means
     return View(series, Grid(len(series), series.rate_hz), axis, samples, step, clock=clock)
 
 

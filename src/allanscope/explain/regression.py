@@ -85,7 +85,8 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
     for _ in range(rounds):
         weight = kept / spectrum.first(m)
         normal = (columns * weight) @ columns.T
-        amplitude = np.linalg.solve(normal, (columns * weight) @ d)
+        # Where everything slow is cut out of the fit there is no amplitude to be found.
+        amplitude = np.linalg.pinv(normal, hermitian=True) @ ((columns * weight) @ d)
         rest = (d - amplitude @ columns) ** 2
         power[:bins] = low(rest, kept)
         fitted = fit_spectrum(
@@ -96,7 +97,7 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
         spectrum = fitted
         if done:
             break
-    covariance = np.asarray(np.linalg.inv(normal), np.float64)
+    covariance = np.asarray(np.linalg.pinv(normal, hermitian=True), np.float64)
     gain = spectrum.loglik - null.loglik
     return Regression(np.asarray(amplitude, np.float64), covariance, spectrum, gain)
 

@@ -23,9 +23,17 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.base import EffectKind
-from allanscope.explain.effects.unexplained import DEGREE, drift_left_over, tone_left_over
+from allanscope.explain.effects.unexplained import (
+    DEGREE,
+    beside,
+    covered,
+    drift_left_over,
+    tone_left_over,
+    tones_left_over,
+    united,
+)
 from allanscope.explain.residual import band_scores
-from allanscope.explain.tones import sweeps
+from allanscope.explain.tones import sidebands, sweeps, unsteadiness
 from allanscope.explain.view import View
 
 __all__ = ["Budget", "close_loop"]
@@ -37,6 +45,11 @@ _SPECTRAL = ("gauss_markov", "narrowband", "band_limit", "Q")
 _CONSTANT_P = 1e-5
 _FEWEST_COHERENCES = 12.0
 """Fewer coherence times in a record cannot show that a band holds noise."""
+_UNSTEADY = 6.0
+"""Sigma; noise in bands of any width stayed below 2 in some hundred records."""
+_WITHIN = 3.0
+_GOOD_PART = 0.3
+"""Distance in bandwidths and share of the gain of a line that may be all there is to a band."""
 _SIMILAR = 3.0
 _HELD_SHARE, _SMALL = 0.25, 30.0
 """Of a large gain at least a quarter must be found on held-out data: else it did not recur."""
@@ -118,7 +131,9 @@ def _settle(view: View, stage: int, budget: Budget) -> View:
             accepted.gain,
         )
         former = candidates
-        view = accept(view, accepted)
+        if accepted.kind == "unexplained" and stage == 2:
+            view, accepted = united(view, accepted)
+        view = _demodulated(accept(view, accepted))
         if stage >= 2:
             view = _delete(_refit(view))
     return view
@@ -132,11 +147,11 @@ def _proposals(view: View, kinds: Iterable[EffectKind]) -> Iterable[Candidate]:
 def _best(view: View, candidates: list[Candidate], before: float) -> Candidate | None:
     """Return the first candidate, by what it gains beyond its price, that stands every test."""
     spent = before + len([c for c in view.accepted if c.kind != "ramp"]) * np.log(2)
-    for candidate in sorted(candidates, key=lambda c: -c.excess):
+    for candidate in _ranked(candidates):
         if candidate.excess <= spent:
             return None
         verdict = _adequate(view, candidate)
-        if verdict is None:
+        if verdict is None or covered(view, verdict):
             continue
         held = KINDS[verdict.kind].hold_out(view, verdict)
         recurring = _HELD_SHARE * (verdict.gain - _SMALL) if verdict.kind in _SPECTRAL else 0.0
@@ -146,6 +161,29 @@ def _best(view: View, candidates: list[Candidate], before: float) -> Candidate |
             continue  # something else that is slow: the slope must be the same in every quarter
         return replace(verdict, held_out=held)
     return None
+
+
+def _ranked(candidates: list[Candidate]) -> list[Candidate]:
+    """Order candidates by what they gain beyond their price.
+
+    A constant line that holds a good part of the power of a band goes before the band: a few lines
+    side by side are lines, and so are those of a modulated tone.
+    """
+    ranked = sorted(candidates, key=lambda c: -c.excess)
+    for band in [c for c in ranked if c.kind == "narrowband"]:
+        f0, width = band.shape[:2]
+        lines = [
+            c
+            for c in ranked
+            if c.kind == "sinusoid"
+            and abs(c.shape[0] - f0) < _WITHIN * width
+            and c.excess > _GOOD_PART * band.excess
+            and c.evidence["constancy_p"] > _CONSTANT_P
+        ]
+        if lines and band.excess > 0:
+            ranked.remove(lines[0])
+            ranked.insert(ranked.index(band), lines[0])
+    return ranked
 
 
 def _bundle(view: View, kinds: list[EffectKind], before: float) -> View | None:
@@ -196,19 +234,26 @@ def _held(view: View, members: tuple[Candidate, ...]) -> View | None:
 
 def _adequate(view: View, candidate: Candidate) -> Candidate | None:
     """Return the candidate, `unexplained` in its place, or None."""
-    if candidate.kind == "sinusoid" and candidate.evidence["constancy_p"] < _CONSTANT_P:
-        return tone_left_over(view, candidate)
-    if candidate.kind == "narrowband":
-        f0, width = candidate.shape[:2]
-        if width * view.series.duration_s < _FEWEST_COHERENCES:
-            return tone_left_over(view, candidate)
-        if sweeps(view.data, view.grid.rate_hz, f0, width):
-            return tone_left_over(view, candidate)
+    if candidate.kind in ("sinusoid", "narrowband"):
+        return candidate if _is_steady(view, candidate) else tone_left_over(view, candidate)
     if candidate.kind in _SPECTRAL and not _removes(view, candidate):
-        if candidate.kind == "narrowband":
-            return tone_left_over(view, candidate)
         return None
     return candidate
+
+
+def _is_steady(view: View, tone: Candidate) -> bool:
+    """Tell whether a line is one line all along, or a band holds noise all along."""
+    if beside(view, tone):
+        return False
+    if tone.kind == "sinusoid":
+        return bool(tone.evidence["constancy_p"] >= _CONSTANT_P)
+    rate, (f0, width) = view.grid.rate_hz, tone.shape[:2]
+    return (
+        width * view.series.duration_s >= _FEWEST_COHERENCES
+        and unsteadiness(view.data, rate, f0, width) < _UNSTEADY
+        and not sweeps(view.data, rate, f0, width)
+        and _removes(view, tone)
+    )
 
 
 def _removes(view: View, candidate: Candidate) -> bool:
@@ -260,6 +305,17 @@ def _refit(view: View) -> View:
         order = [again if c is candidate else c for c in view.accepted]
         view = replace(grown, accepted=tuple(order))
     return view
+
+
+def _demodulated(view: View) -> View:
+    """Replace a carrier and its two equal sidebands by the one modulated tone that they are."""
+    family = sidebands([c for c in view.accepted if c.kind == "sinusoid"])
+    if not family:
+        return view
+    for line in family:
+        view = without(view, line)
+    view, tone = united(view, tones_left_over(view, family))
+    return accept(view, tone)
 
 
 def _delete(view: View) -> View:

@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import digamma, polygamma
 from scipy.stats import chi2, spearmanr
 
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Parameter
 from allanscope.explain.view import View
 
-__all__ = ["constancy", "demodulate", "local_level", "sweeps"]
+__all__ = ["constancy", "demodulate", "local_level", "sidebands", "sweeps", "unsteadiness"]
 
 Array = NDArray[np.float64]
 
 _PARTS = 16
 _IN_ORDER = 0.85
 """Rank correlation of frequency and time: reached by chance once in some 10^4 bands."""
+_CELLS = 12
+_REACH = 2.5
+"""Half of the range around a band that is looked at, in bandwidths."""
+_AGREE = 5.0
+"""Standard errors within which sidebands count as equal, and as equally far from the carrier."""
+_ASIDE = 0.25
+"""Farthest sideband, as a share of the carrier: beyond, lines are harmonics or strangers."""
 
 
 def local_level(view: View, frequency: float, ordinates: int = 400) -> float:
@@ -70,3 +82,72 @@ def sweeps(data: Array, rate: float, frequency: float, bandwidth: float) -> bool
         excess = np.maximum(power[inside] - np.median(power[inside]), 0.0)
         centres.append(float(f[inside][np.argmax(excess)]))
     return bool(abs(spearmanr(np.arange(_PARTS), centres).statistic) > _IN_ORDER)
+
+
+def unsteadiness(data: Array, rate: float, frequency: float, bandwidth: float) -> float:
+    r"""Return by how many sigma the power in a band moves through the record more than noise does.
+
+    The band and its surroundings are cut into cells of frequency and parts of time. For noise in a
+    band, however narrow, the powers :math:`P_t` of a cell are drawn from one gamma distribution of
+    d degrees of freedom; whether they are is Bartlett's test,
+
+    .. math:: d \left(T \ln \bar P - \sum_{t=1}^{T} \ln P_t\right),
+
+    summed over the cells. A chirp through a broad band goes through the cells one after the other,
+    a modulated tone comes and goes: either is tens of sigma where its band is found at all.
+    A narrow chirp has few cells to go through; `sweeps` sees it.
+
+    Parameters
+    ----------
+    data : ndarray, shape (n,)
+        The samples.
+    rate : float
+        In Hz.
+    frequency, bandwidth : float
+        Of the band in Hz.
+    """
+    n = len(data) // _PARTS
+    parts = (data[: n * _PARTS] - data.mean()).reshape(_PARTS, n) * np.hanning(n)
+    f = np.arange(n // 2 + 1) * rate / n
+    inside = np.abs(f - frequency) <= _REACH * bandwidth
+    power = np.abs(np.fft.rfft(parts, axis=1)[:, inside]) ** 2
+    size = max(4, power.shape[1] // _CELLS)
+    excess = variance = 0.0
+    for start in range(0, power.shape[1] - size + 1, size):
+        cell = power[:, start : start + size]
+        mean = cell.mean(axis=0)
+        # Two degrees an ordinate if all are alike; half of them, for the window couples neighbours.
+        d = max(2.0, float(mean.sum() ** 2 / np.sum(mean**2)))
+        total = cell.sum(axis=1)
+        bartlett = _PARTS * np.log(total.mean()) - np.sum(np.log(total))
+        expected = digamma(_PARTS * d / 2) - digamma(d / 2) - np.log(_PARTS)
+        excess += d * float(bartlett - _PARTS * expected)
+        spread = _PARTS * polygamma(1, d / 2) - _PARTS**2 * polygamma(1, _PARTS * d / 2)
+        variance += d**2 * float(spread)
+    return excess / np.sqrt(variance) if variance > 0 else 0.0
+
+
+def sidebands(lines: list[Candidate]) -> tuple[Candidate, ...]:
+    """Return a carrier with two equal lines at equal distances beside it, if there is one.
+
+    A tone whose amplitude or phase is modulated steadily is exactly three (or more) constant lines.
+    Three names for one thing would be three wrong names.
+    """
+    ordered = sorted(lines, key=lambda line: line.number("frequency"))
+    for low, carrier, high in combinations(ordered, 3):
+        f = [line.number("frequency") for line in (low, carrier, high)]
+        errors = [_error(line.parameters["frequency"]) for line in (low, carrier, high)]
+        uneven = abs(f[0] + f[2] - 2 * f[1])
+        if f[2] - f[1] > _ASIDE * f[1] or uneven > 2 * _AGREE * float(np.linalg.norm(errors)):
+            continue
+        sizes = [line.number("amplitude") for line in (low, high)]
+        spread = [_error(line.parameters["amplitude"]) for line in (low, high)]
+        if abs(sizes[0] - sizes[1]) < _AGREE * float(np.linalg.norm(spread)):
+            return low, carrier, high
+    return ()
+
+
+def _error(parameter: Parameter) -> float:
+    assert parameter.lower is not None
+    assert parameter.upper is not None
+    return (parameter.upper - parameter.lower) / (2 * 1.96)

@@ -82,6 +82,8 @@ class Narrowband(EffectKind):
         best: Candidate | None = None
         for start, width in _runs(view):
             candidate = _fit(view, start, width)
+            if candidate is not None and not _kept(view, candidate.shape[0]):
+                continue  # what is beside a range that was cut out belongs to it
             if candidate is not None and (best is None or candidate.gain > best.gain):
                 best = candidate
         return [best] if best is not None else []
@@ -96,6 +98,11 @@ class Narrowband(EffectKind):
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""
         return halves(view, view.terms + candidate.terms)
+
+
+def _kept(view: View, frequency: float) -> bool:
+    at = int(frequency * 2 * view.grid.n / view.grid.rate_hz) - 1
+    return bool(view.spectrum.kept[min(max(at, 0), view.grid.n - 2)])
 
 
 def _runs(view: View) -> list[tuple[int, int]]:

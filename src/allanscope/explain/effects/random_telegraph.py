@@ -40,6 +40,9 @@ _SETTLED = 3e-3
 _MISSED = 1.2
 """Factor on the error of the dwell for switches that noise hides."""
 _ROUNDS = 40
+_LEAST = 1e-6
+"""Share of the variance of the level that counts as white at the least: behind a steep filter there
+is nothing at the top."""
 _FEWEST_SWITCHES = 4
 _MOVED = 16.0
 """Variance of the level over that of white noise from which slow hops are looked for."""
@@ -156,11 +159,12 @@ def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Pa
     spectrum = view.spectrum
     f = np.arange(1, blocks) * grid.rate_hz / (2 * grid.n)
     white = float(np.median(view.power[-40:])) / hop if len(view.power) > 80 else 0.0
-    white = max(white, spectrum.variance_of("N") * grid.rate_hz / hop)
+    white = max(white, spectrum.variance_of("N") * grid.rate_hz / hop, _LEAST * float(level.var()))
     size, rate = amplitude, min(0.4, block_s / dwell_s)
     parts = [variance * at for variance, at in _parts(view, dwell_s / 2, f)]
     beneath_both = parts[1] / (parts[0] + parts[1] + parts[2])
-    wiener = parts[1] / (parts[0] + parts[1])
+    total = parts[0] + parts[1]
+    wiener = np.divide(parts[1], total, out=np.zeros_like(total), where=total > 0)
     slow = _smooth(level, beneath_both)
     result = None
     for _ in range(_ROUNDS):

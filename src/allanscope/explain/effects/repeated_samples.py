@@ -54,7 +54,7 @@ class RepeatedSamples(EffectKind):
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Count equal neighbours."""
-        if view.has(self.kind) or view.step <= 0:
+        if view.has(self.kind):
             return []
         column = view.series.column(view.axis)
         equal = view.series.equal
@@ -114,7 +114,13 @@ def _together(equal: NDArray[np.bool_]) -> tuple[float, float, float]:
 
 
 def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] | None:
-    """Return the same from one axis: zero differences beyond a Gaussian through the others."""
+    """Return the same from one axis: zero differences beyond a Gaussian through the others.
+
+    Without a step no two samples are equal by chance.
+    """
+    if view.step <= 0:
+        share, rows = float(equal.mean()), len(equal)
+        return share, share * rows * max(np.log(max(share * rows, 1.0) / 0.05) - 1, 0.0), 1.0
     codes = np.round(np.diff(view.samples) / view.step)
     n = len(codes)
     reach = int(np.clip(np.std(codes), 3, 12))
@@ -134,5 +140,4 @@ def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] |
     z = max(0.0, excess) / np.sqrt(variance)
     fraction = max(0.0, excess / n) / (1 - expected / n)
     factor = float(np.sqrt(variance + max(excess, 0.0)) / np.sqrt(max(excess, 1.0)))
-    del equal
     return fraction, float(z * z / 2), factor

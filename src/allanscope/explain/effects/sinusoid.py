@@ -153,7 +153,7 @@ def _slow_lines(view: View) -> list[float]:
         pair = _slow_pair(view, c / duration)
         normal = (pair * weight) @ pair.T
         right = (pair * weight) @ d
-        scores.append(0.5 * float(right @ np.linalg.solve(normal, right)))
+        scores.append(0.5 * float(right @ np.linalg.pinv(normal, hermitian=True) @ right))
     order = np.argsort(scores)[::-1]
     price = np.log(0.75 * n / ALPHA)
     found = []

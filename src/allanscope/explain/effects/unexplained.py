@@ -27,6 +27,11 @@ Array = NDArray[np.float64]
 _BAND_Z = 5.0
 _NEIGHBOUR_Z = 3.0
 _TAIL_Z = 6.0
+_GAP = 100
+"""Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
+_LOUD = 40.0
+"""Power of an ordinate over the model's that noise does not reach in any record."""
+_CHANGES = "a tone between {:.5g} and {:.5g} Hz changes in frequency or amplitude"
 DEGREE = 7
 DRIFT_PRICE = 20.0
 """Nats that the polynomial gains on one clean record in 1000 or fewer (by simulation)."""
@@ -86,8 +91,17 @@ def tone_left_over(view: View, candidate: Candidate) -> Candidate:
     share = float(inside.sum() / view.squares.sum())
     return left_over(
         view, (low, high), candidate.gain, share,
-        f"a tone between {low:.5g} and {high:.5g} Hz changes in frequency or amplitude",
+        _CHANGES.format(low, high),
     )  # fmt: skip
+
+
+def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate:
+    """Return the range that several lines cover which are one modulated tone."""
+    ranges = [tone_left_over(view, line) for line in lines]
+    low, high = min(r.shape[0] for r in ranges), max(r.shape[1] for r in ranges)
+    share = sum(r.number("share") for r in ranges)
+    gain = sum(line.gain for line in lines)
+    return left_over(view, (low, high), gain, share, _CHANGES.format(low, high))
 
 
 def _extent(u: Array, f0: float, reach: float, unit: float) -> tuple[float, float]:
@@ -96,11 +110,71 @@ def _extent(u: Array, f0: float, reach: float, unit: float) -> tuple[float, floa
     width = max(8, int(reach / unit))
     low, high = max(0, centre - width), min(len(u), centre + width)
     limit = 1 + 4 * np.sqrt(2 / width)
-    while low > 0 and u[max(0, low - width) : low].mean() > limit:
+    gap = max(_GAP, width)
+    while low > 0 and (
+        u[max(0, low - width) : low].mean() > limit or u[max(0, low - gap) : low].max() > _LOUD
+    ):
         low = max(0, low - width)
-    while high < len(u) and u[high : high + width].mean() > limit:
+    while high < len(u) and (
+        u[high : high + width].mean() > limit or u[high : high + gap].max() > _LOUD
+    ):
         high = min(len(u), high + width)
     return (low + 0.5) * unit, (high + 0.5) * unit
+
+
+def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
+    """Let a range swallow those it touches: the sidebands of one tone are named once.
+
+    Returns the view without the ranges that were swallowed, and the candidate for all of them.
+    """
+    room = _GAP * view.grid.rate_hz / (2 * view.grid.n)
+    while (near := _touched(view, candidate, room)) is not None:
+        low = min(near.shape[0], candidate.shape[0])
+        high = max(near.shape[1], candidate.shape[1])
+        share = near.number("share") + candidate.number("share")
+        view = replace(
+            view,
+            terms=tuple(t for t in view.terms if t not in near.terms),
+            accepted=tuple(c for c in view.accepted if c is not near),
+        )
+        words = _CHANGES.format(low, high)
+        candidate = left_over(view, (low, high), near.gain + candidate.gain, share, words)
+    return view, candidate
+
+
+def beside(view: View, tone: Candidate) -> bool:
+    """Tell whether a tone lies so near to one that has no name that it will be part of it."""
+    unit = view.grid.rate_hz / (2 * view.grid.n)
+    near = left_over(view, (tone.shape[0] - unit, tone.shape[0] + unit), 0.0, 0.0, "")
+    return _touched(view, near, _GAP * unit) is not None
+
+
+def covered(view: View, candidate: Candidate) -> bool:
+    """Tell whether a range without a name lies within one that is known already."""
+    if candidate.kind != "unexplained" or len(candidate.shape) != 2:
+        return False
+    low, high = candidate.shape
+    return any(
+        c.kind == "unexplained" and len(c.shape) == 2 and c.shape[0] <= low and high <= c.shape[1]
+        for c in view.accepted
+    )
+
+
+def _touched(view: View, candidate: Candidate, room: float) -> Candidate | None:
+    """Return a range of the view that the candidate touches; none where either is a drift."""
+    if candidate.kind != "unexplained" or candidate.signal is not None:
+        return None
+    low, high = candidate.shape
+    ranges = (
+        c
+        for c in view.accepted
+        if c.kind == "unexplained" and len(c.shape) == 2 and c.signal is None
+    )
+    for near in ranges:
+        gap = max(room, high - low, near.shape[1] - near.shape[0])
+        if near.shape[0] < high + gap and low < near.shape[1] + gap:
+            return near
+    return None
 
 
 def _bands(view: View) -> Iterable[Candidate]:

@@ -176,9 +176,54 @@ def test_memory_does_not_grow_with_time_nor_with_gaps() -> None:
         clock.gap(Gap("link", None))
         clock.rate()
         sizes.append(len(pickle.dumps(clock)))
-    assert max(sizes) < 40_000
+    assert max(sizes) < 48_000
     assert max(sizes) - min(sizes) < 2_000
     assert abs(error_ppm(clock, one.true_hz)) < 10.0
+
+
+def test_a_computer_that_sleeps_is_a_step_and_no_rate() -> None:
+    """For an hour its clock stands still and nothing is read; the device numbers on."""
+    one = stream(21, 104.0, 600.0, poll_s=1e-3)
+    asleep = one.taken_s > 300.0
+    clock = Clock(104.0)
+    awake = Stream(one.true_hz, one.index[~asleep], one.taken_s[~asleep], one.host_s[~asleep])
+    awake.feed(clock)
+    clock.gap(Gap("device", 374_400))
+    after = Stream(
+        one.true_hz, one.index[asleep] + 374_400, one.taken_s[asleep], one.host_s[asleep]
+    )
+    after.feed(clock)
+    rate = clock.rate()
+    assert rate.steps == 1
+    assert abs(error_ppm(clock, one.true_hz)) < 2.0 * rate.uncertainty_ppm < 20.0
+
+
+@pytest.mark.parametrize("wave", ["warm-up", "day"])
+def test_a_rate_that_follows_the_temperature_is_told_per_degree(wave: str) -> None:
+    z = []
+    for seed in range(12):
+        one = stream(seed, 104.0, 3600.0, frame=4, poll_s=1e-3, off=0.03)
+        share = one.taken_s / one.taken_s[-1]
+        above = 8.0 * (1.0 - np.exp(-4.0 * share)) if wave == "warm-up" else np.sin(9.0 * share)
+        late = -np.cumsum(20e-6 * (above - above.mean())) * 4.0 / one.true_hz
+        nothing = np.full(len(one.index), np.nan)
+        measured = 25.0 + above + np.random.default_rng(seed).normal(0.0, 0.05, len(above))
+        clock = Clock(104.0)
+        clock.update(0, Ticks(one.index, nothing, one.host_s + late, measured))
+        rate = clock.rate()
+        z.append((rate.ppm_per_degc - 20.0) / rate.ppm_per_degc_uncertainty)
+        assert rate.ppm_per_degc_uncertainty < 4.0
+    assert np.mean(np.abs(z) < 2.0) >= 0.9
+
+
+def test_a_temperature_that_hardly_moves_explains_nothing() -> None:
+    one = stream(22, 104.0, 300.0)
+    nothing = np.full(len(one.index), np.nan)
+    for spread in (0.0, 0.2):
+        clock = Clock(104.0)
+        degrees = 25.0 + spread * np.sin(one.taken_s)
+        clock.update(0, Ticks(one.index, nothing, one.host_s, degrees))
+        assert np.isnan(clock.rate().ppm_per_degc)
 
 
 def test_thousands_of_tiny_segments_do_no_harm() -> None:

@@ -24,14 +24,40 @@ SCHEMA = "allanscope/1"
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """The sample rate: claimed, and measured against the host's clock.
+    """The sample rate: claimed, and measured against a clock.
 
-    `measured_hz` and `uncertainty_ppm` (one standard deviation) are None until known.
+    Attributes
+    ----------
+    nominal_hz : float
+        What the device claims; 0 when it claims nothing.
+    measured_hz, uncertainty_ppm : float or None
+        Measured, and one standard deviation of it; None until known, as all that follows.
+    source : {'host', 'device'} or None
+        Whose clock it was measured with: the computer's, or the crystal of the device.
+    residual_s, span_s : float or None
+        Standard deviation of the arrivals about the line, and the time that they span.
+    steps : int
+        Times at which the delay changed for good without a loss having been told.
+    drift_ppm_per_h, drift_uncertainty_ppm_per_h : float or None
+        Change of the rate in an hour.
+    ppm_per_degc, ppm_per_degc_uncertainty : float or None
+        Change of the rate per degC, had all of it followed the temperature.
+    device_against_host_ppm : float or None
+        By how much the crystal of the device differs from the clock of the computer.
     """
 
     nominal_hz: float
     measured_hz: float | None = None
     uncertainty_ppm: float | None = None
+    source: str | None = None
+    residual_s: float | None = None
+    span_s: float | None = None
+    steps: int = 0
+    drift_ppm_per_h: float | None = None
+    drift_uncertainty_ppm_per_h: float | None = None
+    ppm_per_degc: float | None = None
+    ppm_per_degc_uncertainty: float | None = None
+    device_against_host_ppm: float | None = None
 
     @property
     def best_hz(self) -> float:
@@ -156,7 +182,7 @@ class Analysis:
             "lost_samples": self.lost_samples,
             "unknown_losses": self.unknown_losses,
             "segments": self.segments,
-            "rate": asdict(self.rate),
+            "rate": _plain(asdict(self.rate)),
             "link": {
                 "bytes": self.link.bytes,
                 "frames": self.link.frames,

@@ -54,18 +54,29 @@ class Envelope:
         self._index = np.zeros(ROWS, np.int64)
         self._time_s = np.zeros(ROWS)
         self._segment = np.zeros(ROWS, np.int64)
+        self._temperature_c = np.full(ROWS, np.nan)
         self._current = 0
         self._waiting_index = np.zeros(BATCH, np.int64)
         self._waiting_time_s = np.zeros(BATCH)
+        self._waiting_temperature_c = np.zeros(BATCH)
         self._waiting = 0
 
-    def add(self, index: NDArray[np.int64], time_s: NDArray[np.float64]) -> None:
-        """Take samples, by number, and the times at which they were seen; NaN where unknown."""
+    def add(
+        self,
+        index: NDArray[np.int64],
+        time_s: NDArray[np.float64],
+        temperature_c: NDArray[np.float64],
+    ) -> None:
+        """Take samples, by number, the times at which they were seen, and their temperatures.
+
+        NaN where a time or a temperature is unknown.
+        """
         taken = 0
         while taken < len(index):
             size = min(BATCH - self._waiting, len(index) - taken)
             new, old = slice(self._waiting, self._waiting + size), slice(taken, taken + size)
             self._waiting_index[new], self._waiting_time_s[new] = index[old], time_s[old]
+            self._waiting_temperature_c[new] = temperature_c[old]
             self._waiting += size
             taken += size
             if self._waiting == BATCH:
@@ -85,7 +96,11 @@ class Envelope:
         used = self._used - 1 if self._used > SETTLED_ROWS else self._used
         rows = slice(0, used)
         return fit_line(
-            self._index[rows], self._time_s[rows], self._segment[rows], self._resolution_s
+            self._index[rows],
+            self._time_s[rows],
+            self._segment[rows],
+            self._resolution_s,
+            self._temperature_c[rows],
         )
 
     def _take(self) -> None:
@@ -94,9 +109,15 @@ class Envelope:
         self._waiting = 0
         known = np.isfinite(time_s)
         if known.any():
-            self._add(index[known], time_s[known])
+            temperature_c = self._waiting_temperature_c[: len(known)]
+            self._add(index[known], time_s[known], temperature_c[known])
 
-    def _add(self, index: NDArray[np.int64], time_s: NDArray[np.float64]) -> None:
+    def _add(
+        self,
+        index: NDArray[np.int64],
+        time_s: NDArray[np.float64],
+        temperature_c: NDArray[np.float64],
+    ) -> None:
         window = np.floor(time_s / self._window_s)
         delay = (time_s - time_s[0]) - (index - index[0]) * self._period_s
         starts = np.flatnonzero(np.diff(window, prepend=np.nan) != 0.0)
@@ -111,6 +132,7 @@ class Envelope:
             new = slice(self._used, self._used + len(room))
             self._index[new], self._time_s[new] = index[room], time_s[room]
             self._segment[new] = self._current
+            self._temperature_c[new] = temperature_c[room]
             self._used += len(room)
             taken += len(room)
         self._join()
@@ -151,6 +173,6 @@ class Envelope:
         self._keep(at_least[np.searchsorted(at_least, starts)])
 
     def _keep(self, rows: NDArray[np.int64]) -> None:
-        for table in (self._index, self._time_s, self._segment):
+        for table in (self._index, self._time_s, self._segment, self._temperature_c):
             table[: len(rows)] = table[rows]
         self._used = len(rows)

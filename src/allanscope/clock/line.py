@@ -29,6 +29,12 @@ FIXED_LAG_WIDENING = 3.2 / 1.96
 """The 95 % point of slope over its sigma when lags up to a quarter of the points are taken in, over
 that of a normal; found by simulation of 1500 straight lines in white noise."""
 
+LEAST_WARMING_C = 0.5
+"""Over less than this the noise of a thermometer would be taken for temperature."""
+
+THERMOMETER = 0.01
+"""Share of a temperature coefficient that the noise and the scale of the thermometer may make."""
+
 MAD_TO_SIGMA = 1.4826
 TIGHTEST_S = 1e-7
 """No clock is read more finely than this; residuals below are rounding."""
@@ -53,6 +59,10 @@ class LineFit:
         short to tell.
     steps : int
         Places at which the line was broken because the delay changed for good.
+    per_degc, per_degc_sigma : float
+        Relative change of the rate per degC, and its standard deviation; NaN when the temperature
+        is unknown or hardly moved. It takes all of the drift for the temperature's: a run that only
+        warms up cannot tell one from the other.
     """
 
     hz: float
@@ -62,10 +72,16 @@ class LineFit:
     drift_per_h: float
     drift_sigma_per_h: float
     steps: int
+    per_degc: float = np.nan
+    per_degc_sigma: float = np.nan
 
 
 def fit_line(
-    index: NDArray[np.int64], time_s: Floats, segment: NDArray[np.int64], resolution_s: float
+    index: NDArray[np.int64],
+    time_s: Floats,
+    segment: NDArray[np.int64],
+    resolution_s: float,
+    temperature_c: Floats | None = None,
 ) -> LineFit | None:
     """Fit one rate to several stretches of numbers and times.
 
@@ -76,6 +92,8 @@ def fit_line(
     resolution_s : float
         Step of the time stamps. A phase that creeps through one step cannot be told from a rate,
         so the rate is never known better than a step over the span, uniformly distributed.
+    temperature_c : ndarray, shape (k,), optional
+        Temperature at these samples; NaN where it is not known.
 
     Returns
     -------
@@ -106,16 +124,23 @@ def fit_line(
     span_s = float(np.ptp(x[kept])) * period_s
     slope_sigma = _slope_sigma(xc, residual, freedom)
     floor = resolution_s / np.sqrt(12.0) / span_s
-    drift, drift_sigma = _drift(xc, residual, stretch[kept], freedom)
+    drift, drift_sigma = _bend(xc**2, xc, residual, stretch[kept], freedom)
     drift_floor = 8.0 * floor / span_s  # a bend of one step, as the floor is a slope of one
+    per_degc = per_degc_sigma = np.nan
+    if temperature_c is not None:
+        warmth = _warmth(x, temperature_c[telling], stretch)
+        per_degc, per_degc_sigma = _bend(warmth[kept], xc, residual, stretch[kept], freedom)
+        per_degc_sigma = float(np.hypot(per_degc_sigma, THERMOMETER * per_degc))
     return LineFit(
         hz=1.0 / period_s,
         relative_sigma=float(np.hypot(slope_sigma / period_s, floor)),
         residual_s=float(np.sqrt(residual @ residual / freedom)),
         span_s=span_s,
-        drift_per_h=-3600.0 * drift / period_s**2,
-        drift_sigma_per_h=3600.0 * float(np.hypot(drift_sigma / period_s**2, drift_floor)),
+        drift_per_h=-3600.0 * 2.0 * drift / period_s**2,
+        drift_sigma_per_h=3600.0 * float(np.hypot(2.0 * drift_sigma / period_s**2, drift_floor)),
         steps=steps,
+        per_degc=-per_degc / period_s,
+        per_degc_sigma=per_degc_sigma / period_s,
     )
 
 
@@ -198,15 +223,32 @@ def _slope_sigma(xc: Floats, residual: Floats, freedom: int) -> float:
     return float(np.sqrt(max(FIXED_LAG_WIDENING**2 * total * few / sxx**2, white)))
 
 
-def _drift(
-    xc: Floats, residual: Floats, stretch: NDArray[np.int64], freedom: int
+def _warmth(x: Floats, temperature_c: Floats, stretch: NDArray[np.int64]) -> Floats:
+    """Integral of the temperature over the sample number, about its mean: what the times follow.
+
+    A period that changes with the temperature, T (1 + k (theta - mean)), adds k T times this.
+    NaN where it hardly moved.
+    """
+    known = np.isfinite(temperature_c)
+    if known.sum() < FEWEST_ROWS or np.ptp(temperature_c[known]) < LEAST_WARMING_C:
+        return np.full(len(x), np.nan)
+    number = np.arange(len(x))
+    theta = np.interp(number, number[known], temperature_c[known])
+    theta -= theta.mean()
+    areas = np.diff(x) * (theta[1:] + theta[:-1]) / 2.0
+    areas[np.diff(stretch) != 0] = 0.0
+    return np.concatenate([[0.0], np.cumsum(areas)])
+
+
+def _bend(
+    shape: Floats, xc: Floats, residual: Floats, stretch: NDArray[np.int64], freedom: int
 ) -> tuple[float, float]:
-    """Change of the period with the sample number, twice the quadratic term, and its sigma."""
-    everything = np.ones(len(xc), bool)
-    bend = _centred(xc**2, stretch, everything)
-    bend -= xc * float(xc @ bend) / float(xc @ xc)
-    if freedom < 8 or not float(bend @ bend) > 0.0:
+    """How much of a shape that is no line is in the residual, and its sigma; NaN if unknown."""
+    if freedom < 8 or not np.isfinite(shape).all():
         return np.nan, np.nan
-    quadratic = float(bend @ residual) / float(bend @ bend)
-    sigma = _slope_sigma(bend, residual - quadratic * bend, freedom - 1)
-    return 2.0 * quadratic, 2.0 * sigma
+    bend = _centred(shape, stretch, np.ones(len(xc), bool))
+    bend -= xc * float(xc @ bend) / float(xc @ xc)
+    if not float(bend @ bend) > 0.0:
+        return np.nan, np.nan
+    share = float(bend @ residual) / float(bend @ bend)
+    return share, _slope_sigma(bend, residual - share * bend, freedom - 1)

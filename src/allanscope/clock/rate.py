@@ -54,6 +54,12 @@ class RateFit:
         Time over which it was measured.
     drift_ppm_per_h, drift_uncertainty_ppm_per_h : float
         Change of the rate, warm-up of the sensor's oscillator for instance; NaN when not known.
+    ppm_per_degc, ppm_per_degc_uncertainty : float
+        Change of the rate with the temperature, as far as one follows the other; NaN when not
+        known.
+    steps : int
+        Times at which the delay changed for good: samples lost without a word, a computer that
+        slept, a clock that was set.
     host, device : LineFit or None
         Both fits, to compare: how many samples pass in a second of the host, and in a second of
         the device's crystal.
@@ -67,6 +73,9 @@ class RateFit:
     span_s: float = 0.0
     drift_ppm_per_h: float = math.nan
     drift_uncertainty_ppm_per_h: float = math.nan
+    ppm_per_degc: float = math.nan
+    ppm_per_degc_uncertainty: float = math.nan
+    steps: int = 0
     host: LineFit | None = None
     device: LineFit | None = None
 
@@ -138,9 +147,9 @@ class Clock:
     def update(self, index: int, ticks: Ticks) -> None:
         """Take the ticks of a block whose first sample has the number `index`."""
         number = index + ticks.offset
-        self._host.add(number, ticks.host_s)
+        self._host.add(number, ticks.host_s, ticks.temperature_c)
         if self._device_clock:
-            self._device.add(number, ticks.device_s)
+            self._device.add(number, ticks.device_s, ticks.temperature_c)
 
     def gap(self, gap: Gap) -> None:
         """Take a hole; only one that leaves the numbers without meaning breaks the lines."""
@@ -169,6 +178,9 @@ class Clock:
                     fit.span_s,
                     fit.drift_per_h * 1e6,
                     fit.drift_sigma_per_h * 1e6,
+                    fit.per_degc * 1e6,
+                    fit.per_degc_sigma * 1e6,
+                    fit.steps,
                     host,
                     device,
                 )

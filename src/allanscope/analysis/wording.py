@@ -8,6 +8,7 @@ from allanscope.noise.coefficients import Coefficient
 from allanscope.quantities import COEFFICIENTS, count, duration, measured, number, rate, symbols
 
 __all__ = [
+    "clock_text",
     "coefficient_text",
     "coefficient_unit",
     "effect_brief",
@@ -17,6 +18,10 @@ __all__ = [
     "rate_text",
     "wait_text",
 ]
+
+
+_SURE = 3.0
+"""A drift of fewer standard deviations is not told."""
 
 
 def coefficient_unit(axis_unit: str, name: str) -> str:
@@ -102,6 +107,28 @@ def rate_text(known: Rate) -> str:
     if known.measured_hz is None:
         return f"{rate(known.nominal_hz)} nominal" if known.nominal_hz else "rate not known yet"
     return symbols(rate(known.measured_hz, known.uncertainty_ppm))
+
+
+def clock_text(known: Rate) -> str:
+    """Return how even the samples come, and how the rate moves where that is beyond doubt.
+
+    >>> clock_text(Rate(104.0, 107.2, 3.0, residual_s=3.1e-4))
+    'arrivals ±0.31 ms'
+    >>> clock_text(Rate(104.0, 107.2, 3.0, residual_s=3.1e-4, drift_ppm_per_h=-41.3,
+    ...     drift_uncertainty_ppm_per_h=2.0, ppm_per_degc=20.2, ppm_per_degc_uncertainty=0.3))
+    'arrivals ±0.31 ms, -41 ppm/h, +20 ppm/°C'
+    """
+    parts = []
+    if known.residual_s is not None:
+        parts.append(f"arrivals ±{number(1e3 * known.residual_s, 2)} ms")
+    moves = (
+        (known.drift_ppm_per_h, known.drift_uncertainty_ppm_per_h, "ppm/h"),
+        (known.ppm_per_degc, known.ppm_per_degc_uncertainty, "ppm/°C"),
+    )
+    for value, sigma, unit in moves:
+        if value is not None and sigma is not None and abs(value) > _SURE * sigma:
+            parts.append(f"{'+' if value > 0 else ''}{number(value, 2)} {unit}")
+    return ", ".join(parts)
 
 
 def losses_text(analysis: Analysis) -> str:

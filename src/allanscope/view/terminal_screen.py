@@ -11,6 +11,7 @@ from rich.text import Text
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.verdict import VerdictLine, searched, verdict
 from allanscope.analysis.wording import (
+    clock_text,
     coefficient_text,
     coefficient_unit,
     losses_text,
@@ -82,6 +83,9 @@ class Screen:
             line.append(f"   {known.reconnects} reconnections")
         if known.temperature:
             line.append(f"   {known.temperature['last']:.1f} °C")
+        clock = clock_text(known.rate)
+        if clock:
+            line.append(f"   {clock}", style="dim")
         return line
 
     def _axes(self, wide: bool) -> Table:

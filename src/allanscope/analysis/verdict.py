@@ -105,7 +105,7 @@ def _noise_lines(analysis: Analysis, unit: str) -> list[VerdictLine]:
     axes = {name: axis for name, axis in analysis.axes.items() if axis.unit == unit}
     if not axes:
         return []
-    sheets = {name: next(iter(axis.datasheet.values()), None) for name, axis in axes.items()}
+    sheets = {name: _sheet(axis) for name, axis in axes.items()}
     known = {k: v for k, v in sheets.items() if v is not None and v.measured is not None}
     if not any(sheets.values()):
         why = "no datasheet for it" if analysis.part else "the part is not named: --part names it"
@@ -136,8 +136,13 @@ def _worse(axes: Mapping[str, AxisAnalysis]) -> list[str]:
     return [
         name
         for name, axis in axes.items()
-        if any(one.verdict == "worse" for one in axis.datasheet.values())
+        if (sheet := _sheet(axis)) is not None and sheet.verdict == "worse"
     ]
+
+
+def _sheet(axis: AxisAnalysis) -> DatasheetVerdict | None:
+    """Return the verdict that counts: on the density, for high-performance mode, the default."""
+    return next(iter(axis.datasheet.values()), None)
 
 
 def _number(value: float, of: DatasheetVerdict) -> str:

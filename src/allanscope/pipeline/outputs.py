@@ -6,10 +6,15 @@ import json
 import os
 import re
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from allanscope.analysis.result import Analysis
 from allanscope.errors import UsageError
+
+if TYPE_CHECKING:
+    from allanscope.report.picture import Picture
 
 __all__ = [
     "new_session_folder",
@@ -26,11 +31,37 @@ def write_json(analysis: Analysis, path: Path) -> None:
     write_whole(path, json.dumps(analysis.to_dict(), indent=1, allow_nan=False) + "\n")
 
 
-def write_report(analysis: Analysis, path: Path) -> None:
-    """Write the report of one session as one HTML file."""
+def write_report(analysis: Analysis, path: Path | None, figures: Path | None = None) -> None:
+    """Write the report of one session as one HTML file, and its pictures into a folder.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        A full result.
+    path : Path or None
+        The page; None for none.
+    figures : Path, optional
+        Folder that gets every picture as SVG and as PNG.
+    """
+    from allanscope.report.gallery import pictures
     from allanscope.report.page import render
 
-    write_whole(path, render(analysis))
+    drawn = pictures(analysis)
+    if path is not None:
+        write_whole(path, render(analysis, drawn))
+    if figures is not None:
+        _save(drawn, figures)
+
+
+def _save(drawn: Mapping[str, Picture], folder: Path) -> None:
+    from allanscope.report.gallery import save_pictures
+
+    try:
+        save_pictures(drawn, folder)
+    except OSError as error:
+        raise UsageError(
+            f"cannot write figures to {folder}: {error.strerror}; choose another folder"
+        ) from None
 
 
 def write_whole(path: Path, text: str) -> None:
@@ -78,15 +109,34 @@ def session_folder(path: Path) -> Path:
     return path
 
 
-def report_sessions(paths: list[Path], out: Path) -> Path:
+def report_sessions(
+    paths: list[Path], out: Path, quiet: bool = True, figures: Path | None = None
+) -> Path:
     """Write the report of one session, or one that compares several; return its path."""
     from allanscope.pipeline.analyse import analyse_input
     from allanscope.pipeline.settings import DeviceSettings
-    from allanscope.report.compare import render_comparison
+    from allanscope.report.compare import comparing_pictures, render_comparison
 
-    sessions = {str(path): analyse_input(path, DeviceSettings(), quiet=True) for path in paths}
+    sessions = {
+        name: analyse_input(path, DeviceSettings(), quiet)
+        for name, path in zip(_short_names(paths), paths, strict=True)
+    }
     if len(sessions) == 1:
-        write_report(next(iter(sessions.values())), out)
-    else:
-        write_whole(out, render_comparison(sessions))
+        write_report(next(iter(sessions.values())), out, figures)
+        return out
+    drawn = comparing_pictures(sessions)
+    write_whole(out, render_comparison(sessions, drawn))
+    if figures is not None:
+        _save(drawn, figures)
     return out
+
+
+def _short_names(paths: list[Path]) -> list[str]:
+    """Return the paths without the folder that they share, each once."""
+    whole = [path.absolute() for path in paths]
+    if len(set(whole)) < len(whole):
+        raise UsageError("the same session is named twice; a comparison needs different ones")
+    if len(whole) == 1:
+        return [str(paths[0])]
+    shared = Path(os.path.commonpath(whole))
+    return [str(path.relative_to(shared)) for path in whole]

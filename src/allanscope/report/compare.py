@@ -6,78 +6,99 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from allanscope.analysis.result import Analysis
+from allanscope.analysis.result import Analysis, AxisAnalysis
+from allanscope.analysis.verdict import verdict
 from allanscope.quantities import COEFFICIENTS, duration, number, symbols
-from allanscope.report import figures, words
+from allanscope.report import words
+from allanscope.report.curve_pictures import compare_picture
 from allanscope.report.page import template
+from allanscope.report.picture import Picture
 
-__all__ = ["render_comparison"]
+__all__ = ["comparing_pictures", "render_comparison"]
 
-NAMES = ("N", "B", "K")
+_LETTERS = ("N", "B", "K")
 
 
-def render_comparison(sessions: Mapping[str, Analysis]) -> str:
+def render_comparison(
+    sessions: Mapping[str, Analysis], drawn: Mapping[str, Picture] | None = None
+) -> str:
     """Return the page that compares sessions.
 
     Parameters
     ----------
     sessions : mapping
         Name of each session, as it is to be shown, to its result.
+    drawn : mapping, optional
+        Their pictures, where somebody has them already.
     """
-    axes = list(dict.fromkeys(name for one in sessions.values() for name in one.axes))
+    svgs = {k: one.svg() for k, one in (drawn or comparing_pictures(sessions)).items()}
     return template("compare.html.j2").render(
         title=f"{len(sessions)} sessions compared",
-        subtitle=", ".join(
-            f"{name}: {duration(one.duration_s)} of {one.part or 'a sensor'}"
+        subtitle="",
+        sessions=[
+            {
+                "name": name,
+                "facts": f"{duration(one.duration_s)} of {one.part or 'a sensor'}, "
+                f"{one.version and f'allanscope {one.version}'}",
+                "hash": one.input.get("sha256", ""),
+                "verdict": verdict(one),
+            }
             for name, one in sessions.items()
-        ),
-        verdict=_verdict(sessions),
-        heads=NAMES,
-        axes=[_axis(name, sessions) for name in axes],
+        ],
+        axes=[_axis(name, sessions, svgs) for name in _axes(sessions)],
         footer=f"allanscope {next(iter(sessions.values())).version}",
     )
 
 
-def _axis(name: str, sessions: Mapping[str, Analysis]) -> dict[str, Any]:
+def comparing_pictures(sessions: Mapping[str, Analysis]) -> dict[str, Picture]:
+    """Return one picture for each axis, with the curves of all sessions that have it."""
+    found = {}
+    for name in _axes(sessions):
+        here = {label: one.axes[name] for label, one in sessions.items() if name in one.axes}
+        curves = {k: axis.curves["oadev"] for k, axis in here.items() if "oadev" in axis.curves}
+        if curves:
+            found[f"{name}-comparison"] = compare_picture(curves, next(iter(here.values())).unit)
+    return found
+
+
+def _axes(sessions: Mapping[str, Analysis]) -> list[str]:
+    return list(dict.fromkeys(name for one in sessions.values() for name in one.axes))
+
+
+def _axis(name: str, sessions: Mapping[str, Analysis], svgs: Mapping[str, str]) -> dict[str, Any]:
     here = {label: one.axes[name] for label, one in sessions.items() if name in one.axes}
     unit = next(iter(here.values())).unit
-    curves = {label: axis.curves["oadev"] for label, axis in here.items() if "oadev" in axis.curves}
-    units = ", ".join(f"{n} in {symbols(COEFFICIENTS[unit, n][0].unit)}" for n in NAMES)
     return {
-        "name": f"{name} ({units})",
-        "svg": figures.compare_figure(curves, unit),
+        "name": name,
+        "svg": svgs.get(f"{name}-comparison", ""),
+        "heads": [f"{k}, {symbols(COEFFICIENTS[unit, k][0].unit)}" for k in _LETTERS],
         "rows": [
             {
                 "name": label,
-                "cells": [words.coefficient_cell(axis.coefficients.get(n), n, unit) for n in NAMES],
+                "cells": [
+                    *(words.coefficient_cell(a.coefficients.get(k), k, unit) for k in _LETTERS),
+                    words.sheet_cell(a),
+                ],
             }
-            for label, axis in here.items()
+            for label, a in here.items()
         ],
-        "spread": [
-            _spread([a.coefficients[n].value for a in here.values() if _known(a, n)]) for n in NAMES
-        ],
+        "spread": [_spread(list(here.values()), k) for k in _LETTERS],
     }
 
 
-def _known(axis: Any, name: str) -> bool:
-    return name in axis.coefficients and axis.coefficients[name].detected
+def _spread(axes: Sequence[AxisAnalysis], letter: str) -> str:
+    """Return the standard deviation over the mean where all detected it, in per cent.
 
-
-def _spread(values: Sequence[float]) -> str:
-    """Return the standard deviation over the mean of what was detected, in per cent."""
-    if len(values) < 2:
+    Beside it stands what the intervals alone would make of equal sensors: a spread that is not
+    larger is no difference between them.
+    """
+    found = [a.coefficients[letter] for a in axes if letter in a.coefficients]
+    known = [one for one in found if one.detected]
+    if len(known) < 2:
         return "–"
-    mean = math.fsum(values) / len(values)
-    variance = math.fsum((v - mean) ** 2 for v in values) / (len(values) - 1)
-    return f"{number(100 * math.sqrt(variance) / mean, 2)} %"
-
-
-def _verdict(sessions: Mapping[str, Analysis]) -> list[words.VerdictLine]:
-    """Lead with what goes wrong in each session."""
-    lines = []
-    for label, one in sessions.items():
-        bad = [line for line in words.verdict(one) if line.grade == "bad"]
-        grade = "bad" if bad else "good"
-        text = "; ".join(f"{line.head} {line.text}" for line in bad) or "nothing stands out"
-        lines.append(words.VerdictLine(grade, f"{label}:", text))
-    return lines
+    mean = math.fsum(one.value for one in known) / len(known)
+    variance = math.fsum((one.value - mean) ** 2 for one in known) / (len(known) - 1)
+    errors = [(one.upper - one.lower) / (2 * 1.96) for one in known]
+    expected = math.sqrt(math.fsum(error**2 for error in errors) / len(errors))
+    text = f"{number(100 * math.sqrt(variance) / mean, 2)} %"
+    return f"{text} (by chance {number(100 * expected / mean, 2)} %)"

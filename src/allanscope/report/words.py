@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+import platform
 from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib.metadata import version
 
-from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.explain.effect import AxisExplanation, Effect, Parameter
-from allanscope.noise.coefficients import Coefficient
+from allanscope.analysis.result import Analysis, AxisAnalysis, Level
+from allanscope.analysis.verdict import searched
+from allanscope.analysis.wording import losses_text, parameter_text, wait_text
+from allanscope.explain.effect import AxisExplanation, Effect
+from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
 from allanscope.quantities import (
     COEFFICIENT_NAMES,
     COEFFICIENTS,
-    DENSITY,
     DEVIATION,
+    LEVEL,
     between,
     count,
     duration,
@@ -30,17 +34,17 @@ __all__ = [
     "EffectWords",
     "ErrorRow",
     "Fact",
-    "VerdictLine",
     "axis_facts",
     "coefficient_cell",
     "coefficient_rows",
     "conclusion",
+    "conventions",
     "effect_words",
     "error_rows",
     "provenance",
     "quality",
-    "searched",
-    "verdict",
+    "sheet_cell",
+    "zero_g",
 ]
 
 ORDER = ("N", "B", "K", "Q", "R")
@@ -51,15 +55,6 @@ class Fact:
     """One line of a list of facts."""
 
     name: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictLine:
-    """One line of the verdict; `grade` is good, bad or note."""
-
-    grade: str
-    head: str
     text: str
 
 
@@ -94,42 +89,6 @@ class ErrorRow:
     after: str
 
 
-def verdict(analysis: Analysis) -> list[VerdictLine]:
-    """Return what an engineer wants to know first: good or not, what is wrong, what is missing."""
-    lines = [_datasheet_line(name, axis) for name, axis in analysis.axes.items()]
-    out = [line for line in lines if line is not None]
-    for name, axis in analysis.axes.items():
-        for remark in axis.remarks:
-            out.append(VerdictLine("note", f"{name}:", remark))
-        if axis.explanation is None:
-            continue
-        effects = axis.explanation.effects
-        if effects:
-            kinds = ", ".join(effect_words(effect).kind for effect in effects)
-            out.append(VerdictLine("note", f"{name}:", f"beyond the textbook noise: {kinds}"))
-        if searched(axis.explanation) and not axis.explanation.explained:
-            out.append(VerdictLine("bad", f"{name}:", "the model does not explain all of the data"))
-    out += [VerdictLine("note", "Run:", remark) for remark in analysis.remarks]
-    if analysis.lost_samples or analysis.unknown_losses:
-        out.append(VerdictLine("note", "Losses:", _losses(analysis)))
-    return out
-
-
-def _datasheet_line(name: str, axis: AxisAnalysis) -> VerdictLine | None:
-    found = axis.datasheet.get("density")
-    if found is None or found.measured is None:
-        return None
-    if found.limit is None:
-        return VerdictLine("note", f"{name}:", found.explanation)
-    grade = {"better": "good", "typical": "good", "worse": "bad"}.get(found.verdict, "note")
-    reading = DENSITY[axis.unit]
-    text = (
-        f"density {number(found.measured * reading.factor)} {symbols(reading.unit)}, datasheet "
-        f"{number(found.limit * reading.factor)}: {found.verdict}"
-    )
-    return VerdictLine(grade, f"{name}:", text)
-
-
 def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
     """Return the table of one axis' coefficients."""
     rows = []
@@ -147,7 +106,7 @@ def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
         else:
             value = f"{limit(high)} {unit}"
             second = f"{limit(one.upper * other.factor)} {symbols(other.unit)}"
-            decision = "upper limit" if one.wait_s is None else f"known in {duration(one.wait_s)}"
+            decision = "upper limit" if one.wait_s is None else f"known in {wait_text(one)}"
         shown = f"{number(low)} … {number(high)}"
         rows.append(CoefficientRow(name, COEFFICIENT_NAMES[name], value, shown, second, decision))
     return rows
@@ -165,55 +124,98 @@ def coefficient_cell(one: Coefficient | None, name: str, unit: str) -> str:
     )
 
 
+def sheet_cell(axis: AxisAnalysis) -> str:
+    """Return the datasheet's verdicts on one axis, each with what it is about."""
+    return ", ".join(f"{name} {one.verdict}" for name, one in axis.datasheet.items()) or "–"
+
+
 def axis_facts(axis: AxisAnalysis) -> list[Fact]:
     """Return level, best averaging and the datasheet's verdict of one axis."""
     reading = DEVIATION[axis.unit]
-    unit = symbols(reading.unit)
     facts = []
     if axis.level is not None:
-        text = f"{number(axis.level.mean * reading.factor, 4)} {unit}"
-        if axis.level.stability is not None:
-            text += f", tenths of the run differ by {number(axis.level.stability * reading.factor)}"
         name = "zero-rate level" if axis.unit == "dps" else "mean acceleration"
-        facts.append(Fact(name, text))
+        facts.append(Fact(name, _level(axis.level)))
     best = axis.best_averaging
     if best is not None:
+        value = reading.interval(best.deviation, best.lower, best.upper)
         text = (
             f"{count(best.samples)} samples ({duration(best.tau)}) give the smallest deviation, "
-            f"{interval(*(x * reading.factor for x in (best.deviation, best.lower, best.upper)))} "
-            f"{unit}"
+            f"{value} {symbols(reading.unit)}"
+            f"; the minimum lies {between(best.tau_lower, best.tau_upper)}"
         )
-        text += f"; the minimum lies {between(best.tau_lower, best.tau_upper)}"
         if best.at_end:
             text += "; the curve still falls at the end of the run, so a longer run may do better"
         facts.append(Fact("best averaging", text))
     for name, found in axis.datasheet.items():
-        facts.append(Fact(f"datasheet: {name}", f"{found.verdict}. {found.explanation}".strip()))
+        words = symbols(found.explanation)
+        facts.append(Fact(f"datasheet: {name}", f"{found.verdict}. {words}".strip()))
     return facts
 
 
+def _level(level: Level) -> str:
+    reading = LEVEL[level.unit]
+    text = f"{number(level.mean * reading.factor, 4)} {symbols(reading.unit)}"
+    if level.stability is None:
+        return f"{text}; too short a run to tell how stable"
+    moved = f"{number(level.stability * reading.factor)} {symbols(reading.unit)}"
+    return f"{text}; means over tenths of the run differ by {moved} (one standard deviation)"
+
+
+def zero_g(analysis: Analysis) -> Fact | None:
+    """Return how far the mean acceleration is from 1 g: all that one position can tell.
+
+    The zero-g level of each axis needs six positions; at rest only the length of the vector is
+    known, in which offsets and scale errors are together.
+    """
+    levels = [axis.level for axis in analysis.axes.values() if axis.unit == "g"]
+    means = [level.mean for level in levels if level is not None]
+    if len(means) < 3:
+        return None
+    away = 1e3 * (math.hypot(*means) - 1.0)
+    text = (
+        f"{number(away)} mg away from 1 g: offsets and scale errors of the three axes together, "
+        "which only several positions can tell apart"
+    )
+    return Fact("zero-g level", f"length of the mean vector is {text}")
+
+
 def effect_words(effect: Effect) -> EffectWords:
-    """Return one effect in words."""
+    """Return one effect in words, with what convinced."""
     parameters = ", ".join(
-        f"{name.replace('_', ' ')} {_parameter(one)}" for name, one in effect.parameters.items()
+        f"{name.replace('_', ' ')} {parameter_text(one)}" for name, one in effect.parameters.items()
     )
     kind = effect.kind.replace("_", " ")
     if len(effect.axes) > 1:
-        kind += f" (the same on {', '.join(effect.axes)})"
-    words = str(effect.evidence.get("words", ""))
+        kind += f" (the same on {' '.join(effect.axes)})"
     equivalent = ", ".join(one.replace("_", " ") for one in effect.equivalent)
-    return EffectWords(kind, parameters, equivalent, words)
+    return EffectWords(kind, parameters, equivalent, _evidence(effect))
 
 
-def _parameter(one: Parameter) -> str:
-    if isinstance(one.value, str):
-        return one.value
-    return f"{interval(one.value, one.lower, one.upper)} {symbols(one.unit)}".rstrip()
+def _evidence(effect: Effect) -> str:
+    """Return the sentence of an effect and the numbers behind it."""
+    known = effect.evidence
+    parts = [str(known["words"])] if known.get("words") else []
+    if isinstance(known.get("p_value"), float):
+        parts.append(f"by chance with a probability of {_probability(known['p_value'])}")
+    if known.get("held_out_design"):
+        parts.append(f"held out: {known['held_out_design']}")
+    match known.get("replicated"):
+        case True:
+            parts.append("independent parts of the record show the same")
+        case False:
+            parts.append("other parts of the record do not show it")
+        case "not replicated":
+            parts.append("not replicated: this record cannot show it twice")
+        case None:
+            pass
+        case other:
+            parts.append(str(other))
+    return symbols("; ".join(parts))
 
 
-def searched(explanation: AxisExplanation) -> bool:
-    """Return whether the loop could look at the axis at all; its remarks say why not."""
-    return math.isfinite(explanation.before.chi2_per_dof)
+def _probability(p: float) -> str:
+    return "less than 1e-12" if p < 1e-12 else number(p, 2)
 
 
 def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
@@ -239,16 +241,16 @@ def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
     return [*rows, ErrorRow("held-out log-likelihood gained (nats)", "", gained)]
 
 
-def conclusion(explanation: AxisExplanation) -> str:
-    """Return the last word of the loop on one axis."""
+def conclusion(explanation: AxisExplanation) -> list[str]:
+    """Return the last word of the loop on one axis, and its remarks."""
     if not searched(explanation):
-        return " ".join(explanation.remarks)
+        return [f"Not searched: {remark}." for remark in explanation.remarks]
     last = (
         "What is left is what sampling error leaves."
         if explanation.explained
         else "Something is left that no effect explains."
     )
-    return " ".join([last, *explanation.remarks])
+    return [last, *(f"{remark[:1].upper()}{remark[1:]}." for remark in explanation.remarks)]
 
 
 def quality(analysis: Analysis) -> list[Fact]:
@@ -258,7 +260,7 @@ def quality(analysis: Analysis) -> list[Fact]:
     if measured is None:
         rate_text = f"{number(nominal_hz, 6)} Hz nominal; not measured"
     else:
-        rate_text = rate(measured, analysis.rate.uncertainty_ppm)
+        rate_text = symbols(rate(measured, analysis.rate.uncertainty_ppm))
         if nominal_hz:
             rate_text += (
                 f"; {number(nominal_hz, 6)} Hz nominal, "
@@ -268,7 +270,7 @@ def quality(analysis: Analysis) -> list[Fact]:
     facts = [
         Fact("duration", duration(analysis.duration_s)),
         Fact("samples", f"{count(analysis.samples)} on each axis, {analysis.segments} segments"),
-        Fact("lost samples", _losses(analysis)),
+        Fact("lost samples", losses_text(analysis)),
         Fact("rate", rate_text),
         Fact(
             "link",
@@ -289,18 +291,63 @@ def quality(analysis: Analysis) -> list[Fact]:
     return facts
 
 
-def _losses(analysis: Analysis) -> str:
-    text = f"{count(analysis.lost_samples)} samples known to be missing"
-    if analysis.unknown_losses:
-        text += f", and {analysis.unknown_losses} gaps of unknown length"
-    return text
-
-
 def provenance(analysis: Analysis, command: str) -> list[Fact]:
     """Return where the numbers come from and how to get them again."""
-    facts = [Fact(name.replace("_", " "), text) for name, text in analysis.input.items() if text]
+    facts = [
+        Fact(name.replace("_", " "), text)
+        for name, text in analysis.input.items()
+        if text and name != "command"
+    ]
     facts.append(Fact("part", analysis.part or "not named"))
+    levels = {curve.level for axis in analysis.axes.values() for curve in axis.curves.values()}
+    if levels:
+        facts.append(Fact("intervals", f"{number(100 * max(levels))} %"))
+    kinds = dict.fromkeys(kind for axis in analysis.axes.values() for kind in axis.curves)
+    facts.append(Fact("estimators", " ".join(kinds).upper()))
     facts.append(Fact("allanscope", analysis.version))
+    facts.append(Fact("computed with", _versions()))
     if command:
         facts.append(Fact("to reproduce", command))
     return facts
+
+
+def _versions() -> str:
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
+    return f"Python {platform.python_version()}, {packages}"
+
+
+def conventions(analysis: Analysis) -> list[str]:
+    """Return what must be known to compare the densities with anyone else's, with an example."""
+    out = [
+        "A datasheet's noise density is one-sided. N of IEEE 952 is two-sided, √2 smaller for the "
+        "same noise, and is what the Allan deviation of white noise is at τ = 1 s. The verdict "
+        "therefore compares √2 N with the datasheet."
+    ]
+    for name, axis in analysis.axes.items():
+        found = axis.coefficients.get("N")
+        if axis.unit == "dps" and found is not None and found.detected:
+            out.append(_angle_example(name, found.value, axis.datasheet.get("density")))
+            break
+    return out
+
+
+def _angle_example(name: str, N: float, sheet: DatasheetVerdict | None) -> str:
+    arw = 60.0 * N
+    angles = ", ".join(
+        f"{number(arw * math.sqrt(hours))}° after {label}"
+        for hours, label in ((1 / 60, "1 min"), (1.0, "1 h"), (8.0, "8 h"))
+    )
+    text = (
+        f"Angle random walk of {name}: N = {number(1e3 * N)} mdps/√Hz is {number(arw)} °/√h. When "
+        "the rate is integrated for a time t, its white noise alone leaves an angle with the "
+        f"standard deviation ARW √t: {angles}."
+    )
+    if sheet is not None and sheet.limit is not None:
+        text += (
+            " ST's design tip DT0064 takes the density itself for the angle random walk: so read, "
+            f"the datasheet's {number(1e3 * sheet.limit)} mdps/√Hz are "
+            f"{number(60 * sheet.limit)} °/√h, and a final angle error of "
+            f"{number(60 * sheet.limit)}° after an hour; read as one-sided, "
+            f"{number(60 * sheet.limit / math.sqrt(2))}°."
+        )
+    return text

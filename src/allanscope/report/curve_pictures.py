@@ -1,0 +1,174 @@
+"""Pictures of deviations: one axis with its model, the closed loop, several sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from allanscope.allan.deviation import Deviation
+from allanscope.analysis.result import AxisAnalysis, ModelCurve
+from allanscope.quantities import DEVIATION, symbols
+from allanscope.report.picture import (
+    BEFORE,
+    COMPONENT,
+    CYCLE,
+    DATASHEET,
+    FOUND,
+    MEASURED,
+    MODEL,
+    Picture,
+    ink,
+)
+
+__all__ = ["compare_picture", "deviation_picture", "residual_picture", "scale_loglog"]
+
+_NOISE_TERMS = ("N", "B", "K", "Q", "R", "rounding")
+_PERCENT_SHOWN = 60.0
+_NEAR_TOTAL = 0.6
+_APART = 0.1
+"""Least distance between names, as a share of the picture's sides."""
+
+
+def deviation_picture(name: str, axis: AxisAnalysis) -> Picture:
+    """Draw one axis: curve, interval, model, its labelled components, the datasheet's line."""
+
+    def draw(figure: Figure) -> None:
+        ax, curve, factor = figure.subplots(), axis.curves["oadev"], DEVIATION[axis.unit].factor
+        _curve(ax, curve, factor, MEASURED, f"{name}, measured (overlapping Allan deviation)")
+        _scale(ax, axis.unit)
+        _frame(ax, curve, factor)
+        if axis.model is not None:
+            _model(ax, axis.model, factor)
+        sheet = axis.datasheet.get("density")
+        if sheet is not None and sheet.white_limit is not None:
+            line = factor * sheet.white_limit / np.sqrt(curve.tau)
+            ax.plot(curve.tau, line, "-.", c=DATASHEET, lw=1.3, label="datasheet")
+        ax.legend(loc="best")
+
+    return Picture(draw)
+
+
+def residual_picture(name: str, axis: AxisAnalysis) -> Picture:
+    """Draw the closed loop: the curve with both models, and what each of them leaves."""
+
+    def draw(figure: Figure) -> None:
+        curve, factor = axis.curves["oadev"], DEVIATION[axis.unit].factor
+        top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+        _curve(top, curve, factor, MEASURED, f"{name}, measured")
+        for model, colour, style, label in (
+            (axis.model_before, BEFORE, "--", "model before"),
+            (axis.model, MODEL, "-", "model after"),
+        ):
+            if model is not None:
+                top.plot(model.x, factor * model.total, style, c=colour, lw=1.5, label=label)
+                left = _percent_left(curve, model)
+                bottom.plot(curve.tau, left, style, c=colour, lw=1.3, label=label)
+        low, high = (100 * (part / curve.deviation - 1) for part in (curve.lower, curve.upper))
+        bottom.fill_between(curve.tau, low, high, color=MEASURED, alpha=0.18, lw=0)
+        bottom.axhline(0.0, c=ink(), lw=0.8)
+        bottom.set_ylim(-_PERCENT_SHOWN, _PERCENT_SHOWN)
+        bottom.set_ylabel("measured / model − 1 (%)")
+        _scale(top, axis.unit)
+        top.set_xlabel("")
+        bottom.set_xlabel("averaging time τ (s)")
+        _frame(top, curve, factor)
+        top.legend(loc="best")
+
+    return Picture(draw, height=5.2)
+
+
+def compare_picture(curves: Mapping[str, Deviation], unit: str) -> Picture:
+    """Overlay the curves of one axis from several sessions."""
+
+    def draw(figure: Figure) -> None:
+        ax, factor = figure.subplots(), DEVIATION[unit].factor
+        for (name, curve), colour in zip(curves.items(), CYCLE * len(curves), strict=False):
+            _curve(ax, curve, factor, colour, name)
+        _scale(ax, unit)
+        ax.legend(loc="best")
+
+    return Picture(draw)
+
+
+def scale_loglog(ax: Axes, xlabel: str, ylabel: str) -> None:
+    """Make both scales logarithmic and name them."""
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlabel(xlabel)
+    ax.set_ylabel(ylabel)
+
+
+def _curve(ax: Axes, curve: Deviation, factor: float, colour: str, label: str) -> None:
+    low, value, high = (factor * x for x in (curve.lower, curve.deviation, curve.upper))
+    ax.fill_between(curve.tau, low, high, color=colour, alpha=0.2, lw=0)
+    trusted = curve.trusted
+    ax.plot(curve.tau[trusted], value[trusted], "o-", ms=2.5, lw=1.0, c=colour, label=label)
+    if not trusted.all():
+        # Beyond the trusted part of the run the curve goes on, hollow and dotted.
+        tail = slice(max(int(np.flatnonzero(~trusted)[0]) - 1, 0), None)
+        ax.plot(curve.tau[tail], value[tail], "o:", ms=2.5, lw=0.9, c=colour, mfc="none")
+
+
+def _model(ax: Axes, model: ModelCurve, factor: float) -> None:
+    ax.plot(model.x, factor * model.total, c=MODEL, lw=1.6, alpha=0.9, label="model")
+    places: list[tuple[float, float]] = []
+    for name, part in model.components.items():
+        colour = COMPONENT if name in _NOISE_TERMS else FOUND
+        ax.plot(model.x, factor * part, "--", c=colour, lw=0.9)
+        at = _place(ax, model, part, factor, name in _NOISE_TERMS, places)
+        if at is not None:
+            ax.annotate(
+                name.replace("_", " "),
+                (model.x[at], factor * part[at]),
+                (0, 3),
+                textcoords="offset points",
+                ha="center",
+                color=colour,
+                fontweight="bold",
+            )
+
+
+def _place(
+    ax: Axes,
+    model: ModelCurve,
+    part: NDArray[np.float64],
+    factor: float,
+    is_noise: bool,
+    taken: list[tuple[float, float]],
+) -> int | None:
+    """Return where a part is named, clear of the names there are, which it joins.
+
+    Noise is named where it is least of the total, an effect near its peak but off the total.
+    """
+    low, high = np.log10(ax.get_ylim())
+    with np.errstate(divide="ignore"):
+        y = (np.log10(factor * part) - low) / (high - low)
+    x = np.log10(model.x / model.x[0]) / np.log10(model.x[-1] / model.x[0])
+    share = part / model.total
+    rank = share if is_noise else np.where(share < _NEAR_TOTAL, -y, 1.0 + share)
+    for at in np.argsort(rank):
+        here = float(x[at]), float(y[at])
+        inside = 0.04 < here[0] < 0.96 and 0.03 < here[1] < 0.95
+        if inside and all(np.hypot(here[0] - a, here[1] - b) > _APART for a, b in taken):
+            taken.append(here)
+            return int(at)
+    return None
+
+
+def _percent_left(curve: Deviation, model: ModelCurve) -> NDArray[np.float64]:
+    total = np.exp(np.interp(np.log(curve.tau), np.log(model.x), np.log(model.total)))
+    return np.asarray(100.0 * (curve.deviation / total - 1.0))
+
+
+def _scale(ax: Axes, unit: str) -> None:
+    scale_loglog(ax, "averaging time τ (s)", f"σ(τ) ({symbols(DEVIATION[unit].unit)})")
+
+
+def _frame(ax: Axes, curve: Deviation, factor: float) -> None:
+    """Show the surroundings of the curve, so that a part far below it cannot shrink it."""
+    if len(curve.deviation):
+        ax.set_ylim(factor * curve.deviation.min() / 5, factor * curve.deviation.max() * 4)

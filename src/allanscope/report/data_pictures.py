@@ -1,0 +1,165 @@
+"""Pictures of the data themselves: DT0064's series, density, lag plot and ratio of variances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from allanscope.analysis.result import AxisAnalysis
+from allanscope.history import Record
+from allanscope.quantities import DENSITY, LEVEL, number, symbols
+from allanscope.report.curve_pictures import scale_loglog
+from allanscope.report.picture import CYCLE, DATASHEET, FOUND, MEASURED, MODEL, Picture, ink
+
+__all__ = ["density_picture", "lag_picture", "ratio_picture", "series_picture"]
+
+_POINTS = 600
+_CELLS = 80
+
+
+def density_picture(name: str, axis: AxisAnalysis) -> Picture:
+    """Draw the one-sided density with the model's and the datasheet's, and the lines found."""
+
+    def draw(figure: Figure) -> None:
+        ax, density, factor = figure.subplots(), axis.density, DENSITY[axis.unit].factor
+        assert density is not None
+        root = factor * np.sqrt(density.density)
+        ax.plot(density.frequency, root, c=MEASURED, lw=0.9, label=f"{name}, measured")
+        if axis.density_model is not None:
+            model = axis.density_model
+            ax.plot(model.x, factor * np.sqrt(model.total), c=MODEL, lw=1.5, label="model")
+        sheet = axis.datasheet.get("density")
+        if sheet is not None and sheet.limit is not None:
+            ax.axhline(factor * sheet.limit, c=DATASHEET, ls="-.", lw=1.3, label="datasheet")
+        _found(ax, axis)
+        unit = symbols(DENSITY[axis.unit].unit)
+        scale_loglog(ax, "frequency (Hz)", f"one-sided density ({unit})")
+        ax.legend(loc="best")
+
+    return Picture(draw)
+
+
+def series_picture(
+    record: Record, names: Sequence[str], unit: str, marks: Sequence[tuple[float, str]] = ()
+) -> Picture:
+    """Draw the time series of some axes, thinned to what a page can show, with the user's marks."""
+
+    def draw(figure: Figure) -> None:
+        ax, reading = figure.subplots(), LEVEL[unit]
+        for name, colour in zip(names, CYCLE, strict=False):
+            column = reading.factor * record.values[:, record.axes.index(name)]
+            time_s, low, mean, high = _thinned(record.start_s, column - column.mean(), _POINTS)
+            ax.fill_between(time_s, low, high, color=colour, alpha=0.25, lw=0)
+            ax.plot(time_s, mean, c=colour, lw=0.8, label=name)
+        for number_of, (at_s, _) in enumerate(marks, 1):
+            ax.axvline(at_s, c=FOUND, ls=":", lw=1.2)
+            ax.annotate(
+                str(number_of),
+                (at_s, 1.0),
+                (2, -9),
+                xycoords=("data", "axes fraction"),
+                textcoords="offset points",
+                color=FOUND,
+                fontweight="bold",
+            )
+        ax.set_xlabel("time (s)")
+        ax.set_ylabel(f"minus the mean ({symbols(reading.unit)})")
+        ax.legend(loc="upper right", ncols=3)
+
+    return Picture(draw, height=2.8)
+
+
+def lag_picture(record: Record, name: str, unit: str) -> Picture:
+    """Draw DT0064's lag plot: each value against the one before it.
+
+    A round cloud is white noise; one stretched along the diagonal has memory, one across it
+    alternates; lattices, islands and arms are quantisation, telegraph noise and outliers.
+    """
+
+    def draw(figure: Figure) -> None:
+        ax, reading = figure.subplots(), LEVEL[unit]
+        column = reading.factor * record.values[:, record.axes.index(name)]
+        first, last = record.segments[int(np.argmax(np.diff(record.segments, axis=1)))]
+        part = column[first:last] - column[first:last].mean()
+        step = reading.factor * record.lsb[record.axes.index(name)] / record.stride
+        edges = _edges(part, step)
+        counts = np.histogram2d(part[:-1], part[1:], bins=[edges, edges])[0]
+        image = np.ma.masked_equal(counts.T, 0)
+        ax.pcolormesh(edges, edges, image, cmap="viridis", norm="log", rasterized=True)
+        ax.set_xlabel(f"{name} at k ({symbols(reading.unit)})")
+        ax.set_ylabel(f"{name} at k + 1 ({symbols(reading.unit)})")
+        ax.set_aspect("equal")
+
+    return Picture(draw, 3.4, 3.4)
+
+
+def ratio_picture(axes: Mapping[str, AxisAnalysis]) -> Picture:
+    """Draw DT0064's ratio of the classical variance of averages to the Allan variance.
+
+    It is 1 for white noise, because both then estimate the same thing, and grows where the noise
+    has memory: there the classical variance no longer converges.
+    """
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        for (name, axis), colour in zip(axes.items(), CYCLE, strict=False):
+            if "ostdev" not in axis.curves or "oadev" not in axis.curves:
+                continue
+            allan, classical = axis.curves["oadev"], axis.curves["ostdev"]
+            common, here, there = np.intersect1d(allan.m, classical.m, return_indices=True)
+            if len(common):
+                ratio = (classical.deviation[there] / allan.deviation[here]) ** 2
+                ax.plot(allan.tau[here], ratio, c=colour, lw=1.0, label=name)
+        ax.axhline(1.0, c=ink(), lw=0.8)
+        scale_loglog(ax, "averaging time τ (s)", "variance / Allan variance")
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(loc="upper left", ncols=2)
+
+    return Picture(draw, height=3.0)
+
+
+def _found(ax: Axes, axis: AxisAnalysis) -> None:
+    """Mark every effect that has a frequency, or a cutoff, where it sits."""
+    for effect in axis.explanation.effects if axis.explanation else ():
+        place = effect.parameters.get("frequency") or effect.parameters.get("cutoff")
+        if place is None or isinstance(place.value, str):
+            continue
+        ax.axvline(place.value, c=FOUND, ls=":", lw=1.2)
+        ax.annotate(
+            f"{effect.kind.replace('_', ' ')} {number(place.value, 4)} Hz",
+            (place.value, 0.02),
+            (-3, 0),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="right",
+            rotation=90,
+            color=FOUND,
+        )
+
+
+def _edges(part: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Return the edges of cells a whole number of steps wide, else the raster makes a pattern."""
+    low, high = np.percentile(part, [0.01, 99.99]) if len(part) else (0.0, 0.0)
+    if high <= low:
+        low, high = low - 1.0, high + 1.0
+    width = (high - low) / _CELLS
+    if step > 0.0:
+        width = step * max(1, round(width / step))
+    return np.asarray(low - width / 2 + width * np.arange(int((high - low) / width) + 2))
+
+
+def _thinned(
+    time_s: NDArray[np.float64], values: NDArray[np.float64], points: int
+) -> tuple[NDArray[np.float64], ...]:
+    """Return time, minimum, mean and maximum over at most `points` stretches of a series."""
+    if len(values) <= points:
+        return time_s, values, values, values
+    starts = np.linspace(0, len(values), points, endpoint=False).astype(np.int64)
+    sizes = np.diff(np.append(starts, len(values)))
+    low = np.minimum.reduceat(values, starts)
+    high = np.maximum.reduceat(values, starts)
+    return time_s[starts], low, np.add.reduceat(values, starts) / sizes, high

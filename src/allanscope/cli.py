@@ -58,8 +58,9 @@ def analyse(options: Namespace) -> int:
     from allanscope.pipeline.outputs import write_json, write_report
 
     analysis = analyse_input(Path(options.input), _device_settings(options), options.quiet)
-    if options.report:
-        write_report(analysis, Path(options.report))
+    if options.report or options.figures:
+        page, figures = (Path(x) if x else None for x in (options.report, options.figures))
+        write_report(analysis, page, figures)
     if options.json == "-":
         return _print_json(analysis, True)
     if options.json:
@@ -141,7 +142,11 @@ def report(options: Namespace) -> int:
     """Write one HTML report from one session or several, compared."""
     from allanscope.pipeline.outputs import report_sessions
 
-    print(report_sessions([Path(path) for path in options.sessions], Path(options.out)))
+    paths, figures = [Path(path) for path in options.sessions], options.figures
+    page = report_sessions(
+        paths, Path(options.out), options.quiet, Path(figures) if figures else None
+    )
+    print(page)
     return ExitCode.DONE
 
 
@@ -202,6 +207,7 @@ def _analyse_arguments(one: ArgumentParser) -> None:
     one.add_argument("input", help="a recording, a raw serial capture, or delimited text")
     one.add_argument("--json", metavar="FILE", help="write the result; - for standard output")
     one.add_argument("--report", metavar="FILE.html", help="write the report")
+    _figures_argument(one)
     _device_arguments(one)
 
 
@@ -252,6 +258,7 @@ def _check_arguments(one: ArgumentParser) -> None:
 def _report_arguments(one: ArgumentParser) -> None:
     one.add_argument("sessions", nargs="+", help="folders of sessions, or recordings")
     one.add_argument("--out", default="report.html", metavar="FILE.html")
+    _figures_argument(one)
 
 
 def _no_arguments(one: ArgumentParser) -> None:
@@ -312,6 +319,12 @@ def _session_arguments(one: ArgumentParser) -> None:
     one.add_argument("--out", metavar="DIR", help="folder of the session")
     one.add_argument("--view", default="auto", choices=["auto", "window", "web", "none"])
     one.add_argument("--json", action="store_true", help="print the result at the end")
+
+
+def _figures_argument(one: ArgumentParser) -> None:
+    one.add_argument(
+        "--figures", metavar="DIR", help="also write every figure there, as SVG and as PNG"
+    )
 
 
 def _duration_argument(one: ArgumentParser) -> None:

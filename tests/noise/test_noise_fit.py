@@ -255,6 +255,16 @@ def test_real_gyro_with_an_undeclared_warm_up():
     assert fit.p_value < 1e-6
 
 
+@pytest.mark.parametrize(("seed", "size"), [(7, 0.03), (7, 0.05), (24, 0.03)])
+def test_a_fit_to_what_no_term_can_follow_converges_too(seed, size, make_noise):
+    """A warm-up; scoring alone creeps here for more than a hundred steps."""
+    n, rate = 94_000, 104.0
+    samples = make_noise(n, 1 / rate, np.random.default_rng(seed), N=2.7e-3, B=1e-3, K=1e-4)
+    fit = fit_array(samples + size * np.exp(-np.arange(n) / rate / 200), rate)
+    assert fit.fit.converged
+    assert not any("converge" in remark for remark in fit.remarks)
+
+
 @pytest.mark.parametrize(("sigma", "limited"), [(0.3, True), (0.7, False)])
 def test_a_step_that_hides_the_sensor_is_remarked_on(rng, sigma, limited):
     samples = 0.07 * np.round(sigma * rng.standard_normal(100_000) + 0.3)

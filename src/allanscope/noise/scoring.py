@@ -3,7 +3,10 @@
 A component enters through the square of its amplitude, in which the expected powers are linear, so
 that zero is an ordinary boundary point and not minus infinity. Shapes (a correlation time, a
 cutoff) are varied as logarithms between their bounds. Each step solves the weighted least-squares
-problem of Fisher scoring among the points within the bounds, and is shortened until it gains.
+problem of Fisher scoring among the points within the bounds, and is shortened until it gains. That
+takes a handful of steps where the model is right. Where it is wrong, as for a warm-up that no term
+can follow, the curvature is not the expected one and scoring creeps: after ten steps the observed
+curvature is used, which is Newton's method.
 """
 
 from __future__ import annotations
@@ -24,6 +27,8 @@ __all__ = ["Free", "Search", "WhittleFit"]
 Array = NDArray[np.float64]
 
 _STEPS = 100
+_SCORING = 10
+"""Steps with the expected curvature before the observed one is used."""
 _GAIN = 1e-7
 """Nats below which a step is the last one."""
 _LONGEST = 1.0
@@ -122,10 +127,16 @@ class Search:
         expected, jacobian = data.derivatives(self._at(point), self.free)
         value = data.value(expected)
         converged = False
-        for _ in range(_STEPS):
+        for taken in range(_STEPS):
             weight = data.dof / (2 * expected**2)
             gradient = jacobian.T @ (weight * (data.power - expected))
-            step = self._step(point, gradient, (jacobian * weight[:, np.newaxis]).T @ jacobian)
+            moving = self._moving(point, gradient)
+            curvature = _weighted(jacobian, weight)
+            if taken >= _SCORING:
+                observed = _weighted(jacobian, weight * (2 * data.power / expected - 1))
+                free = np.ix_(moving, moving)
+                curvature = observed if _is_convex(observed[free], curvature[free]) else curvature
+            step = self._step(point, gradient, curvature, moving)
             fraction, gained = 1.0, -np.inf
             while gained < 0 and fraction > 1e-4:
                 trial = np.clip(point + fraction * step, self.low, self.high)
@@ -139,18 +150,23 @@ class Search:
                 break
         return self._result(point, value, converged)
 
-    def _step(self, point: Array, gradient: Array, curvature: Array) -> Array:
-        """Scoring step among the points within the bounds: a small active-set method.
-
-        What sits on a bound and is pushed outwards stays there; what a step would carry across a
-        bound is put on it, and the others are solved for again.
-        """
-        step = np.zeros(len(point))
-        scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    def _moving(self, point: Array, gradient: Array) -> NDArray[np.bool_]:
+        """Return which numbers may move: those on a bound that are pushed outwards stay there."""
         outwards = ((point <= self.low) & (gradient <= 0)) | (
             (point >= self.high) & (gradient >= 0)
         )
-        active = ~outwards
+        return np.asarray(~outwards)
+
+    def _step(
+        self, point: Array, gradient: Array, curvature: Array, moving: NDArray[np.bool_]
+    ) -> Array:
+        """Step among the points within the bounds: a small active-set method.
+
+        What a step would carry across a bound is put on it, and the others are solved for again.
+        """
+        step = np.zeros(len(point))
+        scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        active = moving.copy()
         while active.any():
             block = curvature[np.ix_(active, active)] / np.outer(scale[active], scale[active])
             block[np.diag_indices_from(block)] += 1e-9
@@ -189,3 +205,13 @@ class Search:
             expected=expected,
             converged=converged,
         )
+
+
+def _weighted(jacobian: Array, weight: Array) -> Array:
+    return np.asarray((jacobian * weight[:, np.newaxis]).T @ jacobian)
+
+
+def _is_convex(observed: Array, expected: Array) -> bool:
+    """Whether an observed curvature is positive in every direction, compared with the expected."""
+    scale = np.sqrt(np.maximum(np.diag(expected), 1e-300))
+    return len(scale) > 0 and bool(np.linalg.eigvalsh(observed / np.outer(scale, scale))[0] > 1e-6)

@@ -21,6 +21,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from allanscope.allan.stretches import add_rows
+
 __all__ = ["ROWS", "Archive"]
 
 Floats = NDArray[np.float64]
@@ -86,6 +88,28 @@ class Archive:
             _summarise(piece, self.rows[:, :, self.used :], self.part, self.filled, self.stride)
             done += piece.shape[1]
             full, self.filled = divmod(self.filled + piece.shape[1], self.stride)
+            self.used += full
+
+    def join(self, stretches: Floats, length: int) -> None:
+        """Go on with stretches of `length` samples, shape (axes, k, 2 or more), (u, v) first.
+
+        Rows become at least as long as a stretch, which a power of two and the number of samples
+        of the open segment must be multiples of.
+        """
+        while self.stride < length:
+            self.thin()
+        done = 0
+        while done < stretches.shape[1]:
+            room = ((self.rows.shape[2] - self.used + 1) * self.stride - 1 - self.filled) // length
+            if room == 0:
+                self.thin()
+                continue
+            some = stretches[:, done : done + room]
+            add_rows(
+                some, length, self.rows[:, :, self.used :], self.part, self.filled, self.stride
+            )
+            done += some.shape[1]
+            full, self.filled = divmod(self.filled + some.shape[1] * length, self.stride)
             self.used += full
 
     def gap(self) -> None:

@@ -26,6 +26,7 @@ from allanscope.allan.confidence import HadamardFactor, assemble
 from allanscope.allan.curves import Curves
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import Sums
+from allanscope.allan.piece import STRETCH, Piece
 from allanscope.samples import Block
 
 __all__ = ["AllanBank"]
@@ -53,6 +54,9 @@ class AllanBank:
         Averaging times in each octave.
     scale : array_like, shape (axes,), optional
         Physical unit per count; deviations are then in that unit instead of counts.
+    anchor : ndarray, shape (axes,), optional
+        Subtracted from every sample; the first sample if not given. Banks that are to be joined
+        share one.
 
     Attributes
     ----------
@@ -96,6 +100,8 @@ class AllanBank:
         axes: int = 6,
         per_octave: int = 4,
         scale: ArrayLike | None = None,
+        *,
+        anchor: NDArray[np.float64] | None = None,
     ) -> None:
         if axes < 1 or per_octave < 1:
             raise ValueError(f"need axes >= 1 and per_octave >= 1, got {axes} and {per_octave}")
@@ -105,7 +111,7 @@ class AllanBank:
         self.scale = np.ones(axes) if scale is None else np.array(scale, np.float64)
         if self.scale.shape != (axes,) or not np.isfinite(self.scale).all():
             raise ValueError(f"{axes} axes need as many finite scales, got {self.scale}")
-        self._anchor: NDArray[np.float64] | None = None
+        self._anchor = anchor
         self._cascade = Cascade(axes, per_octave)
         self._archive = Archive(axes)
         self._curves: Curves | None = None
@@ -225,6 +231,27 @@ class AllanBank:
         self.gap()
         self._cascade.merge(other._cascade.settled(), other._anchor - self._anchor)
         self._archive.merge(other._archive)
+
+    def join(self, piece: Piece) -> None:
+        """Go on with a piece of the open segment that was summed up elsewhere.
+
+        Counts are those of one pass, sums are those of one pass to rounding; so are the modified
+        totals and the Theo family where the whole run is long enough for rows of the archive no
+        shorter than a stretch, 8192 x 512 samples. A shorter run would lose the finer rows.
+
+        Raises
+        ------
+        ValueError
+            When the piece is of another run, or does not begin where the open segment ends.
+        """
+        if self._anchor is None:
+            self._anchor = piece.anchor.copy()
+        if self.per_octave != piece.cascade.per_octave or np.any(self._anchor != piece.anchor):
+            raise ValueError("the piece has another anchor or other averaging times")
+        self._curves = None
+        stretches = piece.stretches
+        self._cascade.join(piece.cascade, stretches, piece.start)
+        self._archive.join(stretches, STRETCH)
 
     def __add__(self, other: AllanBank) -> AllanBank:
         merged = AllanBank.from_state(self.state())

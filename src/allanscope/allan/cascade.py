@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan.estimators.base import Sums
 from allanscope.allan.kernels import BATCH, COLUMNS, HEAD, Ladder, advance, settle
+from allanscope.allan.stretches import hand_up
 
 __all__ = ["Cascade", "lags_of_level"]
 
@@ -150,6 +151,30 @@ class Cascade:
         self.sums[:, :taus] += theirs
         self.counts[:taus] += other.counts
         self.samples += other.samples
+
+    def join(self, low: Cascade, stretches: NDArray[np.float64], start: int) -> None:
+        """Go on with a piece of the open segment: see `allanscope.allan.piece`.
+
+        Parameters
+        ----------
+        low : Cascade
+            The low rungs at the end of the piece, and the sums of the piece on them.
+        stretches : ndarray, shape (axes, k, 3)
+            Stretches of 2^(number of low rungs) samples, for the rungs above.
+        start : int
+            Samples of the segment before the piece: `taken`.
+        """
+        if start != self.taken:
+            raise ValueError(f"the piece begins at {start}, {self.taken} samples are here")
+        count = stretches.shape[1] << low.levels
+        self.grow(((start + count) // 32).bit_length())
+        self.rungs[:, : low.levels] = low.rungs
+        if start == 0:
+            self.heads[:, : low.levels] = low.heads
+        self.sums[:, : low.lags.size] += low.sums
+        hand_up(stretches, low.levels, start >> low.levels, self._ladder())
+        self.samples += count
+        self.taken += count
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything that changes, by name."""

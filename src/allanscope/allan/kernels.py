@@ -51,7 +51,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["BATCH", "COLUMNS", "HEAD", "Ladder", "advance", "settle"]
+__all__ = ["BATCH", "COLUMNS", "HEAD", "Ladder", "advance", "settle", "spend_batches"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -246,6 +246,21 @@ def _make_history(rung: Floats, stride: float) -> None:
 
 
 @njit(cache=True, nogil=True)
+def spend_batches(ladder: Ladder, axis: int, level: int, batches: int) -> None:
+    """Spend the full batch of a rung, its number `batches`, and those that it fills above."""
+    levels = ladder.rungs.shape[1]
+    full = True
+    while full:
+        before = (batches - 1) * BATCH
+        _spend(ladder, axis, level, before, BATCH)
+        if level + 1 < levels:
+            _promote(ladder.rungs[axis], level, before, BATCH)
+        _make_history(ladder.rungs[axis, level], 2.0**level)
+        full = level + 1 < levels and batches % 2 == 0
+        level, batches = level + 1, batches // 2
+
+
+@njit(cache=True, nogil=True)
 def advance(samples: Floats, taken: int, ladder: Ladder) -> None:
     """Take in the next samples of every axis.
 
@@ -258,8 +273,7 @@ def advance(samples: Floats, taken: int, ladder: Ladder) -> None:
     ladder : Ladder
         Changed in place.
     """
-    axes, levels = ladder.rungs.shape[0], ladder.rungs.shape[1]
-    for axis in range(axes):
+    for axis in range(ladder.rungs.shape[0]):
         rungs = ladder.rungs[axis]
         done, count = 0, taken
         while done < samples.shape[1]:
@@ -268,16 +282,8 @@ def advance(samples: Floats, taken: int, ladder: Ladder) -> None:
             _take_in(rungs[0], at, samples[axis, done : done + size])
             done += size
             count += size
-            level, batches = 0, count // BATCH
-            full = count % BATCH == 0
-            while full:
-                before = (batches - 1) * BATCH
-                _spend(ladder, axis, level, before, BATCH)
-                if level + 1 < levels:
-                    _promote(rungs, level, before, BATCH)
-                _make_history(rungs[level], 2.0**level)
-                full = level + 1 < levels and batches % 2 == 0
-                level, batches = level + 1, batches // 2
+            if count % BATCH == 0:
+                spend_batches(ladder, axis, 0, count // BATCH)
 
 
 @njit(cache=True, nogil=True)

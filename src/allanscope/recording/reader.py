@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -137,10 +138,13 @@ class Recording:
         for buffer in self.buffers():
             yield from buffer.chunks()
 
-    def buffers(self, size: int = 1 << 22) -> Iterator[Buffer]:
-        """Yield the same in pieces of about `size` bytes; an event of the link begins a new one."""
+    def buffers(self, size: int = 1 << 22, after: int = 0) -> Iterator[Buffer]:
+        """Yield the same in pieces of about `size` bytes; an event of the link begins a new one.
+
+        `after` is the number that the first read should have, for a part of a recording.
+        """
         gathered = _Gathering()
-        expected = 0
+        expected = after
         for data, messages in self.sound():
             for topic, sequence, _, host_ns, start, stop in messages:
                 if topic == RX:
@@ -156,6 +160,23 @@ class Recording:
                     yield from gathered.taken()
                     gathered = _Gathering(event, host_ns)
         yield from gathered.taken()
+
+    def part(self, number: int, parts: int) -> Recording:
+        """Return one of so many parts, about equally long; together they are the whole."""
+        ends = np.cumsum([one.length for _, outline in self._segments for one in outline.chunks])
+        goals = np.arange(1, parts) * (ends[-1] / parts if len(ends) else 0.0)
+        bounds = [0, *np.searchsorted(ends, goals).tolist(), len(ends)]
+        part = copy.copy(self)
+        vars(part)["_segments"] = _some(self._segments, bounds[number], bounds[number + 1])
+        return part
+
+    def next_read(self, after: int = 0) -> int:
+        """Return the number that a read behind the last one should have; `after` without one."""
+        for _, messages in self.sound(-1):
+            for message in reversed(messages):
+                if message[0] == RX:
+                    return message[1] + 1 & 0xFFFFFFFF
+        return after
 
     def tx(self) -> Iterator[Chunk]:
         """Yield what was written to the device."""
@@ -250,6 +271,18 @@ def _segments(path: Path) -> list[tuple[Path, Outline]]:
         if following.metadata.get("session", session) == session:
             found.append((file, following))
     return found
+
+
+def _some(
+    segments: list[tuple[Path, Outline]], first: int, stop: int
+) -> list[tuple[Path, Outline]]:
+    """Return the files with those of their chunks that have some numbers."""
+    kept = []
+    for path, outline in segments:
+        mine = outline.chunks[max(first, 0) : max(stop, 0)]
+        kept.append((path, replace(outline, chunks=mine)))
+        first, stop = first - len(outline.chunks), stop - len(outline.chunks)
+    return kept
 
 
 def _json(data: bytes) -> dict[str, Any]:

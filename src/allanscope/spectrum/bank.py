@@ -14,6 +14,7 @@ from allanscope.spectrum.decimator import FACTOR
 from allanscope.spectrum.density import Density
 from allanscope.spectrum.ladder import Ladder
 from allanscope.spectrum.level import SEGMENT
+from allanscope.spectrum.piece import SpectrumPiece
 
 __all__ = ["SpectrumBank"]
 
@@ -40,6 +41,9 @@ class SpectrumBank:
         Samples per second; only scales the result and can be replaced when it is read.
     axes : int
         Number of columns.
+    anchor : ndarray, shape (axes,), optional
+        Subtracted from every sample; the first sample if not given. Banks that are to be joined
+        share one.
 
     Examples
     --------
@@ -52,7 +56,9 @@ class SpectrumBank:
     0.02
     """
 
-    def __init__(self, rate: float, axes: int = 6) -> None:
+    def __init__(
+        self, rate: float, axes: int = 6, *, anchor: NDArray[np.float64] | None = None
+    ) -> None:
         if not (np.isfinite(rate) and rate > 0):
             raise ValueError(f"the rate must be a positive number of Hz, got {rate!r}")
         if axes < 1:
@@ -60,7 +66,7 @@ class SpectrumBank:
         self.rate = float(rate)
         self.axes = axes
         self.samples = 0
-        self._anchor: NDArray[np.float64] | None = None
+        self._anchor = anchor
         self._ladder = Ladder(axes)
 
     def update(self, samples: Block | ArrayLike) -> None:
@@ -96,6 +102,13 @@ class SpectrumBank:
             raise ValueError(f"cannot merge {other.axes} axes into {self.axes}")
         self._ladder.merge(other._ladder)
         self.samples += other.samples
+
+    def join(self, piece: SpectrumPiece) -> None:
+        """Go on with a piece of the open segment that was summed up elsewhere; as in one pass."""
+        if self._anchor is None:
+            self._anchor = piece.anchor.copy()
+        self._ladder.join(piece.ladder, piece.above)
+        self.samples += piece.samples
 
     def __add__(self, other: SpectrumBank) -> SpectrumBank:
         merged = SpectrumBank.from_state(self.state())

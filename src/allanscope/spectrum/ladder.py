@@ -30,14 +30,32 @@ class Ladder:
         self.levels: list[Level] = []
         self.decimators: list[Decimator] = []
 
-    def push(self, samples: NDArray[np.float32]) -> None:
-        """Take contiguous samples, shape (axes, n)."""
-        depth = 0
+    def push(self, samples: NDArray[np.float32], depth: int = 0) -> None:
+        """Take contiguous samples of one level, shape (axes, n)."""
         while samples.shape[1]:
             self.grow(depth + 1)
             self.levels[depth].push(samples)
             samples = self.decimators[depth].push(samples)
             depth += 1
+
+    def join(self, low: Ladder, above: NDArray[np.float32]) -> None:
+        """Go on with low levels that have passed a piece elsewhere, and what came out above them.
+
+        Parameters
+        ----------
+        low : Ladder
+            Its levels as one pass has them at the end of the piece, with the sums of the piece.
+        above : ndarray, shape (axes, n)
+            Samples for the level above.
+        """
+        self.grow(len(low.levels))
+        for depth, theirs in enumerate(low.levels):
+            mine = self.levels[depth]
+            mine.power += theirs.power
+            mine.count += theirs.count
+            mine.pending = theirs.pending
+            self.decimators[depth].rest = low.decimators[depth].rest
+        self.push(above, len(low.levels))
 
     def clear(self) -> None:
         """Give up every unfinished segment: a gap follows."""

@@ -1,0 +1,120 @@
+"""A piece of one segment, summed up by itself, that a bank then takes in as if it had seen it.
+
+The rungs of the cascade differ in how far they look back: a term on rung L spans up to 189 entries
+of 2^L samples. What the low rungs need fits in a halo; what the high rungs need does not. So a
+piece works on the `LEVELS` lowest rungs only, which do all but a thousandth of the work::
+
+    halo ──▶ low rungs, whose sums are then thrown away: now their history is right
+    piece ─┬▶ low rungs, terms that end in the piece, in batches that begin where one pass has them
+           └▶ (X, Z, Q) of each `STRETCH` samples, for the high rungs and the archive
+
+and the bank hands the stretches up its own high rungs, in order. Each term is the same number as in
+one pass, and every term is there once. Counts are equal; sums are of the same batches, added in
+another order: for integer samples whose sums stay below 2^53 to the last bit, else to rounding.
+
+A piece begins and ends where the highest low rung begins a batch: after a multiple of `ALIGNED`
+samples of its segment. The sums of the modified totals and the Theo family come from the archive,
+whose rows must not be finer than a stretch: see `AllanBank.join`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan.cascade import Cascade
+from allanscope.allan.kernels import BATCH, Ladder, advance
+from allanscope.allan.stretches import stretches_of
+
+__all__ = ["ALIGNED", "LEVELS", "STRETCH", "Piece"]
+
+LEVELS = 10
+"""Rungs that a piece works on."""
+
+STRETCH = 1 << LEVELS
+"""Samples of a stretch: the stride of the first rung above."""
+
+ALIGNED = BATCH << (LEVELS - 1)
+"""Samples from one possible end of a piece to the next, and samples of the halo."""
+
+_SLICE = 1 << 14
+
+
+class Piece:
+    """Sums of the samples from `start` on, up to the next multiple of `ALIGNED` samples.
+
+    Parameters
+    ----------
+    axes, per_octave : int
+        As those of the bank.
+    anchor : ndarray, shape (axes,)
+        The bank's: the first sample of the run.
+    start : int
+        Samples of the segment that come before; a multiple of `ALIGNED`.
+    halo : ndarray, shape (ALIGNED, axes), optional
+        The last samples before `start`; not for a piece that begins its segment.
+
+    Attributes
+    ----------
+    end : int
+        Samples of the segment up to the end of what was taken in.
+    stretches : ndarray, shape (axes, k, 3)
+        What the piece hands to the high rungs.
+    cascade : Cascade
+        The low rungs as one pass has them at `end`, and the sums of this piece alone.
+
+    Raises
+    ------
+    ValueError
+        For a start that is no multiple of `ALIGNED`, or a halo that does not fit.
+    """
+
+    def __init__(
+        self,
+        axes: int,
+        per_octave: int,
+        anchor: NDArray[np.float64],
+        start: int = 0,
+        halo: NDArray[np.generic] | None = None,
+    ) -> None:
+        if start % ALIGNED or (start > 0) != (halo is not None):
+            raise ValueError(f"a piece starts at multiples of {ALIGNED}, with a halo; got {start}")
+        self.anchor = anchor
+        self.start = start
+        self.end = start
+        self.cascade = Cascade(axes, per_octave)
+        self.cascade.grow(LEVELS)
+        self._stretches = [np.empty((axes, 0, 3))]
+        if halo is not None:
+            if halo.shape != (ALIGNED, axes):
+                raise ValueError(f"a halo has shape {(ALIGNED, axes)}, got {halo.shape}")
+            self.end -= ALIGNED
+            self._advance(halo)
+            self.cascade.sums[:] = 0.0
+            self.cascade.heads[:] = 0.0
+
+    @property
+    def stretches(self) -> NDArray[np.float64]:
+        """What the piece hands to the high rungs, shape (axes, k, 3)."""
+        return np.concatenate(self._stretches, axis=1)
+
+    def extend(self, samples: NDArray[np.generic]) -> None:
+        """Take in the next samples, shape (n, axes), n a multiple of `ALIGNED`."""
+        if len(samples) % ALIGNED:
+            raise ValueError(f"a piece takes multiples of {ALIGNED} samples, got {len(samples)}")
+        for slice_ in self._advance(samples):
+            self._stretches.append(stretches_of(slice_, STRETCH))
+
+    def _advance(self, samples: NDArray[np.generic]) -> list[NDArray[np.float64]]:
+        """Feed the low rungs; return the samples less the anchor, shape (axes, n) each."""
+        low = self.cascade
+        ladder = Ladder(low.rungs, low.heads, low.lags, low.first, low.sums)
+        taken = []
+        for begin in range(0, len(samples), _SLICE):
+            one = np.subtract(
+                samples[begin : begin + _SLICE].T, self.anchor[:, np.newaxis], order="C"
+            )
+            advance(one, self.end, ladder)
+            self.end += one.shape[1]
+            taken.append(one)
+        return taken

@@ -1,0 +1,63 @@
+"""A real disk that is really full: a tmpfs of a quarter of a megabyte, made larger afterwards."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from allanscope.recording import Chunk, Recorder, Recording
+
+PATIENCE_S = 20.0
+
+
+def mount(*arguments: str) -> bool:
+    try:
+        ran = subprocess.run(["mount", *arguments], capture_output=True, check=False)
+    except FileNotFoundError:
+        return False
+    return ran.returncode == 0
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    if not mount("-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)):
+        pytest.skip("nobody may mount a tmpfs here: the injected disks of test_recorder stand in")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "did not happen"
+        time.sleep(0.005)
+
+
+def test_a_real_full_disk_is_told_once_and_costs_nothing_when_it_gets_room(
+    small_disk: Path,
+) -> None:
+    alarms: list[str] = []
+    recorder = Recorder(small_disk, {}, commit_s=0.01, on_alarm=alarms.append)
+    for index in range(1000):
+        recorder.rx(Chunk(index * 1_000_000, os.urandom(500)))
+    wait_until(lambda: any("not recording (No space left on device)" in one for one in alarms))
+    for index in range(1000, 1200):
+        recorder.rx(Chunk(index * 1_000_000, os.urandom(500)))
+        time.sleep(0.001)
+    assert sum("not recording" in one for one in alarms) == 1
+    kept = sum(1 for _ in Recording(small_disk).chunks())
+    assert kept < 1000
+    assert mount("-o", "remount,size=4m", str(small_disk))
+    wait_until(lambda: "not recording" not in recorder.alarm)
+    recorder.close()
+    recording = Recording(small_disk)
+    assert recording.damage == []
+    assert [chunk.host_ns for chunk in recording.chunks()] == [n * 1_000_000 for n in range(1200)]
+    assert recorder.dropped_bytes == 0

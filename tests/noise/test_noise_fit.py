@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from allanscope.history import History
-from allanscope.noise import fit_array, fit_noise, relative_bounds
+from allanscope.noise import fit_array, fit_noise, relative_bounds, wait_until
 from allanscope.noise.components import Flicker, RandomWalk, White
 from allanscope.noise.drift import fit_drift, ramp_pattern
 from allanscope.noise.ordinates import Ordinates
@@ -237,6 +237,21 @@ def test_time_to_wait_is_given_until_a_coefficient_is_known(night):
     short = fit_array(night[2][:40_000, 0], RATE).coefficients
     assert short["B"].wait_s is None or short["B"].wait_s > 10
     assert short["K"].wait_s is None or short["K"].wait_s > 1000
+
+
+def test_the_time_to_wait_is_about_what_it_takes(study, make_noise):
+    model = [White(4e-3), Flicker(1.255e-3), RandomWalk(1e-4)]
+    needed = wait_until(model, 1 / RATE, 1200.0, "K")
+    assert needed == pytest.approx(2.3 * 3600, rel=0.2)
+    waits = [fit.coefficients["K"].wait_s for fit in study]
+    assert None not in waits
+    assert needed / 3 < np.median(waits) < 3 * needed
+    for fit in study:
+        for name in "NBK":
+            found = fit.coefficients[name]
+            known = found.detected and found.upper - found.lower < 0.784 * found.value
+            assert (found.wait_s is None) == known
+            assert known or found.wait_s > 0
 
 
 def test_real_gyro_with_an_undeclared_warm_up():

@@ -65,14 +65,16 @@ class Estimates:
             detected = interval.against_zero > _DETECTED
             if not detected:
                 lower = 0.0
-        known = detected and upper - lower < 2 * _Z * _KNOWN * value
+        # Half the interval over that of a coefficient that is just known.
+        excess = (upper - lower) / (2 * _Z * _KNOWN * value) if value else np.inf
+        known = detected and excess < 1
         return Coefficient(
             value=float(value),
             lower=float(lower),
             upper=float(upper),
             unit=quantity.unit.format(unit=self.unit),
             detected=detected,
-            wait_s=None if known else self._wait(name),
+            wait_s=None if known else self._wait(index, value, upper, detected, excess),
         )
 
     def quantization(self) -> Coefficient:
@@ -82,9 +84,24 @@ class Estimates:
         score = quantization_score(self.likelihood, self.fit)
         return Coefficient(score.value, 0.0, score.upper, f"{self.unit}*s", detected=False)
 
-    def _wait(self, name: str) -> float | None:
-        wait = wait_until(self.reduced, self.dt, self.duration, name, _KNOWN)
-        return wait if wait else None
+    def _wait(
+        self, index: int, value: float, upper: float, detected: bool, excess: float
+    ) -> float | None:
+        """Return how much longer to run until a number can be expected to be known.
+
+        What was not detected may be anything up to its limit: the geometric mean of estimate and
+        limit predicts the time to a factor of two or three, by simulation, and too short a one
+        where the limit is still far off. A run that should have been long enough is asked for as
+        much more as the interval is too wide, at most for as long again.
+        """
+        free = self.fit.free[index]
+        components = list(self.reduced)
+        values = list(components[free.component].values)
+        values[free.quantity] = value if detected else float(np.sqrt(value * upper))
+        components[free.component] = components[free.component].with_values(values)
+        name = self.fit.names[index]
+        wait = wait_until(components, self.dt, self.duration, name, _KNOWN)
+        return self.duration * min(excess**2 - 1, 1.0) if wait == 0.0 else wait
 
 
 def ramp_coefficient(

@@ -87,7 +87,7 @@ def compare_picture(curves: Mapping[str, Deviation], unit: str) -> Picture:
     def draw(figure: Figure) -> None:
         ax, factor = figure.subplots(), DEVIATION[unit].factor
         for (name, curve), colour in zip(curves.items(), CYCLE * len(curves), strict=False):
-            _curve(ax, curve, factor, colour, name)
+            _curve(ax, curve, factor, colour, _label(name))
         _scale(ax, unit)
         ax.legend(loc="best")
 
@@ -162,6 +162,12 @@ def _place(
 def _percent_left(curve: Deviation, model: ModelCurve) -> NDArray[np.float64]:
     total = np.exp(np.interp(np.log(curve.tau), np.log(model.x), np.log(model.total)))
     return np.asarray(100.0 * (curve.deviation / total - 1.0))
+
+
+def _label(name: str) -> str:
+    """Return a name from outside as a label: no mathematics, and never left out of the legend."""
+    plain = name.replace("$", r"\$")
+    return f"\N{ZERO WIDTH SPACE}{plain}" if plain.startswith("_") else plain
 
 
 def _scale(ax: Axes, unit: str) -> None:

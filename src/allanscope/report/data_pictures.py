@@ -138,6 +138,7 @@ def _found(ax: Axes, axis: AxisAnalysis) -> None:
             ha="right",
             rotation=90,
             color=FOUND,
+            in_layout=False,
         )
 
 

@@ -1,0 +1,170 @@
+"""The page of one session: what comes first, what is explained, and that nothing gets in or out."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+
+from allanscope.explain.effect import ResidualError
+from allanscope.report.page import render
+
+HOSTILE = '<script>alert("1")</script><img src=x onerror=alert(1)> & \' $x^2$ {{ 7 * 7 }}'
+NAMESPACES = {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+
+
+class Tags(HTMLParser):
+    """Collects every tag with its attributes, and all text."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.words = [], []
+        self.feed(page)
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def tags(page):
+    return Tags(page)
+
+
+def test_the_verdict_comes_first_and_the_convention_beside_it(tags):
+    order = [
+        tags.text.index(words)
+        for words in (
+            "Noise as the datasheet says",
+            "A datasheet's noise density is one-sided",
+            "Noise of each axis",
+            "Closing the loop",
+            "The series",
+            "Quality of the data",
+            "Provenance",
+        )
+    ]
+    assert order == sorted(order)
+
+
+def test_coefficients_are_given_in_the_units_people_use(tags):
+    for unit in ("mdps/√Hz", "°/√h", "°/h", "°/h/√h", "µg/√Hz", "m/s²/√Hz", "µg"):
+        assert unit in tags.text
+    assert "2.900 mdps/√Hz 2.87 … 2.93 0.174 °/√h detected" in tags.text
+
+
+def test_the_angle_error_is_worked_out_in_both_readings(tags):
+    # N = 2.9 mdps/sqrt(Hz) makes 60 x 0.0029 = 0.174 deg/sqrt(h), and sqrt(8) times that in 8 h.
+    assert "is 0.174 °/√h" in tags.text
+    assert "0.0225° after 1 min, 0.174° after 1 h, 0.492° after 8 h" in tags.text
+    # The datasheet's 3.8 mdps/sqrt(Hz) as DT0064 reads it, and as one-sided.
+    assert "0.228° after an hour; read as one-sided, 0.161°" in tags.text
+
+
+def test_every_figure_has_a_caption_that_explains_its_marks(page):
+    figures = re.findall(r"<figure.*?</figure>", page, re.DOTALL)
+    assert len(figures) == 2 * 4 + 2 + 1
+    captions = [re.search(r"<figcaption>(.*?)</figcaption>", one, re.DOTALL)[1] for one in figures]
+    assert min(map(len, captions)) > 60
+    deviation, residual, density, lag = captions[:4]
+    for word in ("95 % band", "hollow", "model", "letters", "datasheet"):
+        assert word in deviation
+    for word in ("before", "after", "shade"):
+        assert word in residual
+    assert "effects" in density
+    assert "DT0064" in lag
+    assert "DT0064" in captions[-1]
+
+
+def test_marks_of_the_user_are_listed_and_numbered_in_the_series(page, tags):
+    assert [words for words in ("5.0 s: fan off", "12 s: door") if words in tags.text]
+    series = page[page.index("<h2>The series") :]
+    svg = series[: series.index("</svg>")]
+    assert [number for number in "12" if f">{number}</text>" in svg] == ["1", "2"]
+
+
+def test_effects_come_with_parameters_and_evidence(tags):
+    assert "sinusoid" in tags.text
+    assert "frequency 49.980 (49.969 ... 49.991) Hz, amplitude 20.00 (19.80 ... 20.20) mdps" in (
+        tags.text
+    )
+
+
+def test_the_page_says_where_it_comes_from_and_how_to_make_it_again(tags):
+    assert "ab" * 32 in tags.text
+    assert "to reproduce allanscope analyse '/data/my session'" in tags.text
+    assert re.search(
+        r"computed with Python 3\.\d+\.\d+, numpy \d.*, scipy \d.*, numba \d", tags.text
+    )
+    assert "intervals 95.0 %" in tags.text
+
+
+def test_nothing_is_fetched_when_the_page_is_opened(page, tags):
+    assert set(re.findall(r"https?://[^\s\"'<)]+", page)) <= NAMESPACES
+    assert not {tag for tag, _ in tags.tags} & {"script", "link", "iframe", "object", "embed"}
+    sources = [
+        value
+        for _, attributes in tags.tags
+        for name, value in attributes.items()
+        if name in ("src", "href", "xlink:href", "action", "poster")
+    ]
+    assert sources
+    assert all(value.startswith(("#", "data:image/png;base64,")) for value in sources)
+    assert "url(" not in page.replace("url(#", "")
+    policy = [a["content"] for tag, a in tags.tags if a.get("http-equiv")]
+    assert policy[0].startswith("default-src 'none'")
+
+
+def test_text_from_devices_and_files_is_escaped(analysis):
+    loop = analysis.axes["gx"].explanation
+    effect = replace(loop.effects[0], evidence={"words": HOSTILE})
+    axis = replace(
+        analysis.axes["gx"],
+        remarks=(HOSTILE,),
+        explanation=replace(loop, effects=(effect,), remarks=(HOSTILE,)),
+    )
+    hostile = replace(
+        analysis,
+        axes={"gx": axis},
+        part=HOSTILE,
+        input=dict.fromkeys(("name", "path", "serial", HOSTILE), HOSTILE),
+        marks=((1.0, HOSTILE),),
+        remarks=(HOSTILE,),
+        record=None,
+    )
+    page = render(hostile)
+    seen = Tags(page)
+    assert not [tag for tag, _ in seen.tags if tag in ("script", "img")]
+    assert not [a for _, a in seen.tags if any(name.startswith("on") for name in a)]
+    assert "{{ 7 * 7 }}" in seen.text
+    assert seen.text.count('<script>alert("1")</script>') >= 8
+
+
+def test_an_axis_that_could_not_be_searched_says_how_much_longer(analysis):
+    unknown = ResidualError(*[float("nan")] * 5)
+    words = "6 s are too short to look for effects: run at least 54 s longer"
+    loop = replace(
+        analysis.axes["gx"].explanation,
+        effects=(),
+        before=unknown,
+        after=unknown,
+        explained=False,
+        remarks=(words,),
+    )
+    axis = replace(analysis.axes["gx"], explanation=loop)
+    seen = Tags(render(replace(analysis, axes={"gx": axis}, record=None)))
+    assert f"Not searched: {words}." in seen.text
+    assert "no effect explains" not in seen.text
+    assert " - " not in seen.text
+
+
+def test_a_result_without_any_axis_makes_a_page(analysis):
+    seen = Tags(render(replace(analysis, axes={}, record=None, marks=())))
+    assert "Provenance" in seen.text
+
+
+def test_the_same_result_gives_the_same_page(analysis, page):
+    assert render(analysis) == page

@@ -1,0 +1,138 @@
+"""Pictures show what was measured, say what they show, and can be had as files."""
+
+from itertools import combinations
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from allanscope.report.curve_pictures import compare_picture
+from allanscope.report.data_pictures import lag_picture
+from allanscope.report.gallery import pictures, save_pictures
+from allanscope.report.picture import MEASURED, MODEL, Picture
+
+
+@pytest.fixture(scope="module")
+def gallery(analysis):
+    return pictures(analysis)
+
+
+def drawn(picture):
+    """Return the axes of a picture after it was drawn and laid out."""
+    figure = Figure(figsize=(picture.width, picture.height), layout="constrained")
+    picture.draw(figure)
+    figure.draw_without_rendering()
+    return figure.axes
+
+
+def line(ax, label):
+    (found,) = [one for one in ax.get_lines() if one.get_label().startswith(label)]
+    return found
+
+
+def test_there_is_one_picture_of_everything(gallery):
+    each = {f"{axis}-{what}" for axis in ("gx", "ax") for what in NAMES}
+    assert set(gallery) == each | {"gyroscope-series", "accelerometer-series", "ratio"}
+
+
+NAMES = ("deviation", "residual", "density", "lag")
+
+
+@pytest.mark.parametrize(("name", "factor"), [("gx", 1e3), ("ax", 1e6)])
+def test_the_curve_is_drawn_in_mdps_or_ug_with_its_model_and_the_datasheet(
+    gallery, analysis, name, factor
+):
+    (ax,) = drawn(gallery[f"{name}-deviation"])
+    axis = analysis.axes[name]
+    curve = axis.curves["oadev"]
+    measured = line(ax, f"{name}, measured")
+    np.testing.assert_allclose(
+        measured.get_ydata(), factor * curve.deviation[curve.trusted], rtol=1e-12
+    )
+    assert measured.get_color() == MEASURED
+    np.testing.assert_allclose(line(ax, "model").get_ydata(), factor * axis.model.total)
+    # The datasheet's one-sided density over sqrt(2) is what white noise has at 1 s.
+    sheet = line(ax, "datasheet")
+    at_one_second = np.interp(0.0, np.log(sheet.get_xdata()), sheet.get_ydata())
+    limit = factor * axis.datasheet["density"].limit / np.sqrt(2)
+    assert at_one_second == pytest.approx(limit, rel=0.02)
+    assert ax.get_ylabel() == {"gx": "σ(τ) (mdps)", "ax": "σ(τ) (µg)"}[name]
+    assert ax.get_xscale() == ax.get_yscale() == "log"
+
+
+def test_parts_are_named_and_names_do_not_overlap(gallery):
+    (ax,) = drawn(gallery["gx-deviation"])
+    names = [text.get_text() for text in ax.texts]
+    assert {"N", "B", "K", "sinusoid"} <= set(names)
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert not [1 for one, other in combinations(boxes, 2) if one.overlaps(other)]
+    frame = ax.get_window_extent()
+    assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 for box in boxes)
+
+
+def test_before_and_after_are_both_drawn_and_what_they_leave(gallery, analysis):
+    top, bottom = drawn(gallery["gx-residual"])
+    axis = analysis.axes["gx"]
+    for label, model in (("model before", axis.model_before), ("model after", axis.model)):
+        np.testing.assert_allclose(line(top, label).get_ydata(), 1e3 * model.total)
+        expected = 100 * (axis.curves["oadev"].deviation / model.total - 1)
+        np.testing.assert_allclose(line(bottom, label).get_ydata(), expected, atol=1e-9)
+
+
+def test_what_was_found_is_marked_in_the_density(gallery):
+    (ax,) = drawn(gallery["gx-density"])
+    assert [text.get_text() for text in ax.texts] == ["sinusoid 49.98 Hz"]
+    assert line(ax, "model").get_color() == MODEL
+
+
+def test_a_lag_plot_of_one_value_can_be_drawn(analysis):
+    record = analysis.record
+    record.values[:, 0] = 0.31
+    assert drawn(lag_picture(record, "gx", "dps"))
+
+
+def test_pictures_are_saved_as_svg_and_png(gallery, tmp_path):
+    chosen = {name: gallery[name] for name in ("gx-deviation", "ax-lag")}
+    files = save_pictures(chosen, tmp_path / "figures")
+    assert [file.name for file in files] == [
+        "gx-deviation.svg",
+        "gx-deviation.png",
+        "ax-lag.svg",
+        "ax-lag.png",
+    ]
+    text = files[0].read_text()
+    assert "σ(τ) (mdps)" in " ".join(ElementTree.fromstring(text).itertext())
+    assert "currentColor" not in text, "a file has its own ink"
+    with Image.open(files[1]) as image:
+        assert image.size == (1050, 630)
+        shown = {image.convert("RGB").getpixel((0, 0))} | set(
+            image.convert("RGB").resize((350, 210)).get_flattened_data()
+        )
+    assert (255, 255, 255) in shown
+    assert len(shown) > 100
+
+
+def test_on_the_page_a_picture_takes_the_ink_of_the_page(gallery):
+    svg = gallery["ratio"].svg()
+    assert svg.startswith("<svg")
+    assert "currentColor" in svg
+    assert "#808080" not in svg
+
+
+def test_names_of_sessions_are_no_mathematics_and_never_dropped(analysis):
+    curve = analysis.axes["gx"].curves["oadev"]
+    names = ("$\\frac{", "_hidden", "<b>&amp;</b>", "plain")
+    picture = compare_picture(dict.fromkeys(names, curve), "dps")
+    (ax,) = drawn(picture)
+    shown = [text.get_text().strip("\u200b") for text in ax.get_legend().get_texts()]
+    assert shown == ["\\$\\frac{", "_hidden", "<b>&amp;</b>", "plain"]
+    assert "<b>" not in picture.svg()
+
+
+def test_a_picture_is_drawn_only_when_it_is_wanted():
+    def fail(_):
+        raise AssertionError
+
+    Picture(fail)

@@ -1,0 +1,114 @@
+"""Sentences and cells of the report."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from allanscope.analysis.result import Level
+from allanscope.explain.effect import Effect, Parameter
+from allanscope.noise.coefficients import Coefficient
+from allanscope.report import words
+
+
+def facts(found):
+    return {fact.name: fact.text for fact in found}
+
+
+def test_a_coefficient_that_is_not_detected_is_a_limit_with_the_time_to_wait(analysis):
+    rows = {row.name: row for row in words.coefficient_rows(analysis.axes["gx"])}
+    assert list(rows) == ["N", "B", "K", "Q", "R"]
+    assert rows["K"].value.startswith("< ")
+    assert rows["K"].decision == "known in 10 h"
+    assert rows["N"].decision == "detected"
+    assert rows["Q"].decision == "upper limit"
+
+
+def test_the_other_unit_is_the_same_quantity(analysis):
+    # 1 mdps/sqrt(Hz) is 0.06 deg/sqrt(h); 1 ug/sqrt(Hz) is 9.80665e-6 m/s^2/sqrt(Hz).
+    gyro = replace(
+        analysis.axes["gx"], coefficients={"N": Coefficient(1e-3, 9e-4, 1.1e-3, "", True)}
+    )
+    accel = replace(
+        analysis.axes["ax"], coefficients={"N": Coefficient(1e-6, 9e-7, 1.1e-6, "", True)}
+    )
+    assert words.coefficient_rows(gyro)[0].other == "0.0600 °/√h"
+    assert words.coefficient_rows(accel)[0].other == "9.81e-6 m/s²/√Hz"
+
+
+def test_level_says_how_stable_it_was_or_that_the_run_is_too_short(analysis):
+    axis = analysis.axes["gx"]
+    assert facts(words.axis_facts(axis))["zero-rate level"] == (
+        "310.0 mdps; means over tenths of the run differ by 2.00 mdps (one standard deviation)"
+    )
+    short = replace(axis, level=Level(0.31, None, "dps"))
+    assert "too short" in facts(words.axis_facts(short))["zero-rate level"]
+
+
+def test_best_averaging_names_samples_time_and_deviation(analysis):
+    text = facts(words.axis_facts(analysis.axes["gx"]))["best averaging"]
+    best = analysis.axes["gx"].best_averaging
+    assert text.startswith(f"{best.samples:,}".replace(",", " ") + " samples (")
+    assert "the minimum lies " in text
+
+
+def test_the_zero_g_level_is_what_the_length_of_the_mean_tells(analysis):
+    level = {"ax": 0.6, "ay": 0.0, "az": 0.81}
+    axis = analysis.axes["ax"]
+    axes = {name: replace(axis, level=Level(value, None, "g")) for name, value in level.items()}
+    away = 1e3 * (math.hypot(*level.values()) - 1)
+    assert f"{away:.2f} mg away from 1 g" in words.zero_g(replace(analysis, axes=axes)).text
+    assert words.zero_g(analysis) is None, "one axis cannot tell"
+
+
+@pytest.mark.parametrize(
+    ("replicated", "said"),
+    [
+        (True, "independent parts of the record show the same"),
+        (False, "other parts of the record do not show it"),
+        ("not replicated", "not replicated: this record cannot show it twice"),
+        ("on gy", "on gy"),
+    ],
+)
+def test_evidence_says_what_convinced(replicated, said):
+    effect = Effect(
+        "step",
+        {"time": Parameter(3000.0, 2999.0, 3001.0, "s")},
+        equivalent=("random_telegraph",),
+        axes=("gx", "gy"),
+        evidence={
+            "words": "the level jumps by 0.009 dps",
+            "p_value": 3e-20,
+            "held_out_design": "interleaved blocks of 1 s",
+            "replicated": replicated,
+        },
+    )
+    found = words.effect_words(effect)
+    assert found.kind == "step (the same on gx gy)"
+    assert found.equivalent == "random telegraph"
+    assert found.words == (
+        "the level jumps by 0.009 dps; by chance with a probability of less than 1e-12; "
+        f"held out: interleaved blocks of 1 s; {said}"
+    )
+
+
+def test_the_error_table_has_every_measure_before_and_after(analysis):
+    rows = words.error_rows(analysis.axes["gx"].explanation)
+    loop = analysis.axes["gx"].explanation
+    assert [row.before for row in rows[:1]] == [f"{loop.before.chi2_per_dof:.2f}"]
+    assert len(rows) == 6
+    assert "±" in rows[-1].after
+
+
+def test_quality_tells_rate_losses_link_and_temperature(analysis):
+    known = facts(words.quality(analysis))
+    assert known["lost samples"] == "1 998"
+    assert known["rate"].startswith("6664.2000 Hz ±0.11 ppm; 6660.00 Hz nominal, 0.0631 % off")
+    assert "between 24.1 and 31.7 °C" in known["temperature"]
+    assert "3 checksum errors" in known["link"]
+
+
+def test_a_command_that_is_known_replaces_the_plain_one(analysis):
+    given = facts(words.provenance(analysis, "allanscope analyse x --rate 104"))
+    assert given["to reproduce"] == "allanscope analyse x --rate 104"
+    assert "to reproduce" not in facts(words.provenance(analysis, ""))

@@ -1,0 +1,44 @@
+"""The page in a browser: light, dark, and printed."""
+
+import re
+
+import numpy as np
+import pytest
+from browser import pdf_of, picture_of, why_no_browser
+
+pytestmark = pytest.mark.skipif(bool(why_no_browser()), reason=why_no_browser() or "-")
+
+GOOD = {False: (17, 99, 41), True: (87, 171, 90)}
+PAPER = {False: (255, 255, 255), True: (13, 17, 23)}
+MEASURED = (0, 114, 178)
+
+
+@pytest.fixture(scope="module")
+def file(page, tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def near(picture, colour, tolerance=6):
+    """Return where the picture has this colour."""
+    return (np.abs(picture.astype(int) - colour) <= tolerance).all(axis=2)
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_the_verdict_is_on_the_first_screen_and_the_curve_below_it(file, tmp_path, dark):
+    picture = picture_of(file, tmp_path, "1100,1500", dark)
+    assert tuple(picture[2, 2]) == PAPER[dark]
+    verdict = np.flatnonzero(near(picture, GOOD[dark]).any(axis=1))
+    assert len(verdict) > 40
+    assert verdict[0] < 300, "the first thing on the page"
+    curve = np.flatnonzero(near(picture, MEASURED, 20).any(axis=1))
+    assert curve[-1] > verdict[-1] + 200
+    assert picture[:, -8:].reshape(-1, 3).std(axis=0).max() < 1.0, "nothing sticks out to the right"
+
+
+def test_the_page_can_be_printed(file, tmp_path):
+    pdf = pdf_of(file, tmp_path)
+    assert pdf.startswith(b"%PDF")
+    pages = len(re.findall(rb"/Type\s*/Page\b", pdf))
+    assert 4 <= pages <= 12, "each axis begins a page of its own"

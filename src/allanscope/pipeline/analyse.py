@@ -7,7 +7,7 @@ from pathlib import Path
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.summary import summarise
-from allanscope.errors import InputError
+from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.settings import DeviceSettings
@@ -38,6 +38,8 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     ------
     InputError
         When it cannot be read, or holds no samples.
+    UsageError
+        When its sample rate cannot be known from it and was not given.
     """
     facts = {"name": path.name, "path": str(path)}
     fingerprint = None
@@ -51,10 +53,20 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     analysed(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
     if analyser.state is None or not analyser.state.samples:
         raise InputError(f"{path} holds no samples; nothing to analyse")
+    _refuse_without_rate(path, analyser)
     facts["wire"] = decoding.wire
     if fingerprint is not None:
         facts["sha256"] = fingerprint.hexdigest()
     return summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
+
+
+def _refuse_without_rate(path: Path, analyser: Analyser) -> None:
+    """Refuse samples without times or a rate: nobody could say what tau is."""
+    state = max(analyser.configurations, key=lambda one: one.samples)
+    if not state.info.nominal_hz and not state.clock.rate().is_measured:
+        raise UsageError(
+            f"{path} has no times from which its sample rate could be known; give it: --rate HZ"
+        )
 
 
 def recorded_settings(recording: Recording, device: DeviceSettings) -> DeviceSettings:

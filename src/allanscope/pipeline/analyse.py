@@ -12,6 +12,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Fingerprint, Recording, is_recording
+from allanscope.view.progress import progress
 
 __all__ = ["FULL_ROWS", "analyse_input", "recorded_settings"]
 
@@ -57,7 +58,8 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     facts["wire"] = decoding.wire
     if fingerprint is not None:
         facts["sha256"] = fingerprint.hexdigest()
-    return summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
+    with progress(None, "closing the loop", quiet=quiet):
+        return summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
 
 
 def _refuse_without_rate(path: Path, analyser: Analyser) -> None:

@@ -20,6 +20,14 @@ with module.progress(100.0, "replaying\\x07", unit="samples", stream=sys.stdout)
     time.sleep(0.6)
 print("done")
 """
+SILENT = """
+import time
+import allanscope.view.progress as module
+module._SILENT_FOR_S = 0.0
+with module.progress(None, "closing the loop", stream=sys.stdout):
+    time.sleep(0.7)
+print("done")
+"""
 
 
 def test_a_bar_shows_share_rate_and_time_left_and_leaves_no_trace():
@@ -64,10 +72,28 @@ def test_an_unknown_total_has_a_rate_but_no_share(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
     out = io.StringIO()
-    with progress(None, "reading", stream=out) as advance:
+    with progress(None, "reading", unit="B", stream=out) as advance:
         now[0] = 100.0
         advance(12300.0)
-    assert out.getvalue() == "reading: 123 /s\n"
+    assert out.getvalue() == "reading: 123 B/s\n"
+
+
+def test_the_pace_of_a_recording_is_a_multiple_of_real_time(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    out = io.StringIO()
+    with progress(43200.0, "analysing", unit="s", stream=out) as advance:
+        now[0] = 40.0
+        advance(21600.0)
+    assert out.getvalue() == "analysing: 50 %, 540 times real time, 40 s left\n"
+
+
+def test_a_job_that_says_nothing_meanwhile_still_shows_a_bar():
+    with Terminal(SILENT, 80, 24) as terminal:
+        assert terminal.finish() == 0, terminal.process.stderr.read()
+        assert "closing the loop" in terminal.raw
+        assert "/s" not in terminal.raw
+        assert terminal.screen().text.strip() == "done"
 
 
 def test_an_error_inside_comes_out_and_the_bar_is_gone():

@@ -21,6 +21,7 @@ import numpy as np
 from allanscope.analysis.analyser import Analyser
 from allanscope.pipeline.ahead import ahead
 from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.extent import Extent
 from allanscope.recording import Buffer
 from allanscope.samples import Event
 from allanscope.sources import RecordedSource, Source, open_source
@@ -68,16 +69,17 @@ def events_of(
         When the file cannot be read or no wire format fits it.
     """
     source = open_source(str(path))
+    extent = Extent.of(source, path)
 
-    def decoded(buffers: Iterable[Buffer]) -> Iterator[tuple[int, list[Event]]]:
+    def decoded(buffers: Iterable[Buffer]) -> Iterator[tuple[float, list[Event]]]:
         for buffer in buffers:
             if seen is not None:
                 seen(buffer)
-            yield len(buffer.data), decoding.take_buffer(buffer)
-        yield 0, decoding.finish()
+            yield extent.of_buffer(buffer), decoding.take_buffer(buffer)
+        yield 0.0, decoding.finish()
 
     try:
-        with progress(None, doing, unit="B", quiet=quiet) as advance:
+        with progress(extent.total, doing, unit=extent.unit, quiet=quiet) as advance:
             for size, events in ahead(decoded(buffers_of(source))):
                 yield from events
                 advance(size)

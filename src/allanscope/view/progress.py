@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -38,7 +39,8 @@ def progress(
     description : str
         What is being done, e.g. ``replaying``.
     unit : str
-        What is counted, e.g. ``samples`` or ``B``.
+        What is counted, e.g. ``samples`` or ``B``; ``s`` for the time of a recording, whose rate is
+        a multiple of real time. Empty where nothing is: then the bar only shows life.
     quiet : bool
         Show nothing.
     stream : text file, optional
@@ -74,22 +76,21 @@ class _Bar:
             refresh_per_second=4,
         )
         self._task = self._progress.add_task(printable(description), total=total)
-        self._shown_at = time.monotonic() + _SILENT_FOR_S
-        self._shown = False
+        self._timer = threading.Timer(_SILENT_FOR_S, self._progress.start)
+        self._timer.daemon = True
 
     def __enter__(self) -> _Bar:
+        self._timer.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._shown:
-            self._progress.stop()
+        self._timer.cancel()
+        self._timer.join()
+        self._progress.stop()
 
     def advance(self, amount: float) -> None:
         """Add what was done."""
         self._progress.advance(self._task, amount)
-        if not self._shown and time.monotonic() >= self._shown_at:
-            self._shown = True
-            self._progress.start()
 
 
 class _Lines:
@@ -123,12 +124,19 @@ class _Pace(ProgressColumn):
         self._unit = unit
 
     def render(self, task: Task) -> Text:
-        """Return them as a text."""
-        return Text(_pace(task.speed, task.time_remaining, self._unit))
+        """Return them as a text: of the whole job so far, which may come in few large pieces."""
+        speed = task.completed / task.elapsed if task.elapsed and task.completed else None
+        left = (task.total - task.completed) / speed if task.total and speed else None
+        return Text(_pace(speed, left, self._unit))
 
 
 def _pace(speed: float | None, left: float | None, unit: str) -> str:
-    parts = [] if speed is None else [f"{_prefixed(speed)}{unit}/s"]
+    if speed is None or not unit:
+        parts = []
+    elif unit == "s":
+        parts = [f"{number(speed)} times real time"]
+    else:
+        parts = [f"{_prefixed(speed)}{unit}/s"]
     if left is not None:
         parts.append(f"{duration(left)} left")
     return ", ".join(parts)

@@ -111,11 +111,15 @@ def import_data(options: Namespace) -> int:
 
 
 def export_data(options: Namespace) -> int:
-    """Write a recording's samples as CSV or Parquet, or its coefficients as imu.yaml."""
+    """Write samples as CSV or Parquet, or coefficients for Kalibr, ROS, VINS or MATLAB."""
     from allanscope.pipeline.convert import export_recording
 
     export_recording(
-        Path(options.recording), Path(options.out), _device_settings(options), options.quiet
+        Path(options.recording),
+        Path(options.out),
+        _device_settings(options),
+        options.quiet,
+        options.layout,
     )
     return ExitCode.DONE
 
@@ -240,7 +244,10 @@ def _import_arguments(one: ArgumentParser) -> None:
 
 def _export_arguments(one: ArgumentParser) -> None:
     one.add_argument("recording")
-    one.add_argument("out", help="a name that ends in .csv, .parquet or .yaml")
+    one.add_argument("out", help="a name that ends in .csv, .parquet, .yaml or (MATLAB's) .m")
+    one.add_argument(
+        "--layout", default="kalibr", choices=["kalibr", "ros", "vins"], help="whose .yaml"
+    )
     _device_arguments(one)
 
 

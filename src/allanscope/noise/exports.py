@@ -13,7 +13,7 @@ noise diverges. Where K was not detected, its upper limit is written.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,7 @@ import numpy as np
 from allanscope.noise.coefficients import Coefficient
 from allanscope.quantities import GRAVITY
 
-__all__ = ["kalibr_yaml", "matlab_imu_sensor", "ros_covariance_yaml", "vins_yaml"]
+__all__ = ["LAYOUTS", "kalibr_yaml", "matlab_imu_sensor", "ros_covariance_yaml", "vins_yaml"]
 
 Coefficients = Mapping[str, Mapping[str, Coefficient]]
 """Axis name to coefficient name to coefficient, as in an Analysis."""
@@ -82,7 +82,7 @@ def ros_covariance_yaml(axes: Coefficients, rate_hz: float, *, source: str = "")
     ]
     for kind, name in (("g", "angular_velocity"), ("a", "linear_acceleration")):
         variances = [
-            (axes[axis]["N"].value * _TO_SI[kind]) ** 2 * rate_hz if axis in axes else 0.0
+            (axes[axis]["N"].value * _TO_SI[kind]) ** 2 * rate_hz if axes.get(axis) else 0.0
             for axis in (f"{kind}{letter}" for letter in "xyz")
         ]
         matrix = ", ".join(f"{value:.6e}" for value in np.diag(variances).ravel())
@@ -123,6 +123,7 @@ def matlab_imu_sensor(axes: Coefficients, rate_hz: float, *, source: str = "") -
     lines = [
         "% Noise of an IMU for imuSensor, estimated by allanscope." + _of(source),
         "% Continuous-time, double-sided densities (IEEE 952); B is the floor of ADEV over 0.664.",
+        "% What was not detected is 0.",
         f"imu = imuSensor('accel-gyro', 'SampleRate', {rate_hz:.9g});",
     ]
     for kind, params in (("g", "Gyroscope"), ("a", "Accelerometer")):
@@ -136,6 +137,15 @@ def matlab_imu_sensor(axes: Coefficients, rate_hz: float, *, source: str = "") -
     return "\n".join([*lines, ""])
 
 
+LAYOUTS: Mapping[str, Callable[..., str]] = {
+    "kalibr": kalibr_yaml,
+    "ros": ros_covariance_yaml,
+    "vins": vins_yaml,
+    "matlab": matlab_imu_sensor,
+}
+"""Every file by whose it is: from axes, rate and ``source=`` to its text."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Worst:
     """White noise and random walk of the worst axis of one sensor, in SI."""
@@ -146,9 +156,10 @@ class _Worst:
 
 
 def _worst(axes: Coefficients, kind: str) -> _Worst:
-    mine = {name: found for name, found in axes.items() if name.startswith(kind)}
+    mine = {name: found for name, found in axes.items() if name.startswith(kind) and found}
     if not mine:
-        raise ValueError(f"no {'gyro' if kind == 'g' else 'accelerometer'} axis was measured")
+        sensor = "gyro" if kind == "g" else "accelerometer"
+        raise ValueError(f"no {sensor} axis was measured for long enough")
     return _Worst(
         white=_TO_SI[kind] * max(found["N"].value for found in mine.values()),
         walk=_TO_SI[kind] * max(_or_limit(found["K"]) for found in mine.values()),
@@ -164,8 +175,7 @@ def _row(axes: Coefficients, kind: str, name: str) -> str:
     values = []
     for letter in "xyz":
         found = axes.get(f"{kind}{letter}")
-        seen = found is not None and found[name].detected
-        values.append(found[name].value * _TO_SI[kind] if found is not None and seen else 0.0)
+        values.append(found[name].value * _TO_SI[kind] if found and found[name].detected else 0.0)
     return "[" + " ".join(f"{value:.6e}" for value in values) + "]"
 
 

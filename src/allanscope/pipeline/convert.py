@@ -57,26 +57,47 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
     write_recording(out, chunks(), {name: text for name, text in facts.items() if text})
 
 
-def export_recording(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> None:
-    """Write samples as CSV or Parquet, or coefficients as an ``imu.yaml`` for Kalibr.
+def export_recording(
+    source: Path, out: Path, device: DeviceSettings, quiet: bool, layout: str = "kalibr"
+) -> None:
+    """Write samples as CSV or Parquet, or coefficients for Kalibr, ROS, VINS or MATLAB.
+
+    Parameters
+    ----------
+    layout : {'kalibr', 'ros', 'vins'}
+        Whose .yaml; a .m is MATLAB's.
 
     Raises
     ------
     UsageError
-        When the ending of `out` is none of .csv, .parquet and .yaml.
+        When the ending of `out` is none of .csv, .parquet, .yaml and .m.
+    InputError
+        When a sensor is missing whose coefficients are asked for.
     """
-    if out.suffix == ".yaml":
-        from allanscope.noise.exports import kalibr_yaml
-
-        analysis = analyse_input(source, device, quiet)
-        coefficients = {name: axis.coefficients for name, axis in analysis.axes.items()}
-        write_whole(out, kalibr_yaml(coefficients, analysis.rate.best_hz, source=source.name))
+    if out.suffix in (".yaml", ".m"):
+        _export_coefficients(source, out, device, quiet, "matlab" if out.suffix == ".m" else layout)
         return
     writers = {".csv": export_csv, ".parquet": export_parquet}
     if out.suffix not in writers:
-        raise UsageError(f"{out}: name a file that ends in .csv, .parquet or .yaml")
+        raise UsageError(f"{out}: name a file that ends in .csv, .parquet, .yaml or .m")
     if source.is_dir() or is_recording(source):
         device = recorded_settings(Recording(source), device)
     decoding = Decoding(device.for_wire(), device.wire)
     events = events_of(source, decoding, quiet, "exporting")
     print(writers[out.suffix](events, out, rate_hz=device.rate_hz))
+
+
+def _export_coefficients(
+    source: Path, out: Path, device: DeviceSettings, quiet: bool, layout: str
+) -> None:
+    from allanscope.noise.exports import LAYOUTS
+
+    analysis = analyse_input(source, device, quiet)
+    coefficients = {name: axis.coefficients for name, axis in analysis.axes.items()}
+    part = f", {analysis.part}" if analysis.part else ""
+    facts = f"{source.name}{part}, {analysis.duration_s / 3600:.3g} h"
+    try:
+        text = LAYOUTS[layout](coefficients, analysis.rate.best_hz, source=facts)
+    except ValueError as error:
+        raise InputError(f"{source}: {error}; {layout} cannot be given its numbers") from None
+    write_whole(out, text)

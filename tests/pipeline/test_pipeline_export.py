@@ -1,0 +1,63 @@
+"""Coefficients leave for Kalibr, ROS, VINS and MATLAB by one command."""
+
+import numpy as np
+import pytest
+
+from allanscope.__main__ import main
+
+RATE, SIGMA = 100.0, 0.02
+DEGREE = np.pi / 180
+
+
+def write_log(path, names):
+    """Write white noise in dps and g."""
+    noise = SIGMA * np.random.default_rng(4).standard_normal((1500, len(names)))
+    units = ["dps" if name.startswith("g") else "g" for name in names]
+    header = ",".join(f"{name}[{unit}]" for name, unit in zip(names, units, strict=True))
+    np.savetxt(path, noise, fmt="%.7f", delimiter=",", header=header, comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("export") / "log.csv"
+    return write_log(path, ("gx", "ax"))
+
+
+def export(*arguments):
+    return main(["export", *map(str, arguments), "--rate", f"{RATE:g}", "--quiet"])
+
+
+@pytest.mark.parametrize(
+    ("name", "layout", "key", "times"),
+    [
+        ("imu.yaml", [], "gyroscope_noise_density: ", DEGREE / np.sqrt(RATE)),
+        ("vins.yaml", ["--layout", "vins"], "gyr_n: ", DEGREE),
+        ("imu.m", [], "imu.Gyroscope.NoiseDensity = [", DEGREE / np.sqrt(RATE)),
+    ],
+)
+def test_white_noise_arrives_in_the_units_of_each(log, tmp_path, name, layout, key, times):
+    assert export(log, tmp_path / name, *layout) == 0
+    text = (tmp_path / name).read_text()
+    number = float(text.partition(key)[2].split()[0])
+    assert number == pytest.approx(SIGMA * times, rel=0.1)
+    assert "log.csv" in text
+
+
+def test_ros_is_given_the_variance_of_a_sample(log, tmp_path):
+    assert export(log, tmp_path / "ros.yaml", "--layout", "ros") == 0
+    text = (tmp_path / "ros.yaml").read_text()
+    first = float(text.partition("angular_velocity_covariance: [")[2].partition(",")[0])
+    assert first == pytest.approx((SIGMA * DEGREE) ** 2, rel=0.2)
+
+
+def test_a_missing_sensor_is_one_line(tmp_path, capsys):
+    log = write_log(tmp_path / "gyro.csv", ("gx",))
+    assert export(log, tmp_path / "imu.yaml") == 3
+    assert "no accelerometer axis was measured" in capsys.readouterr().err
+    assert not (tmp_path / "imu.yaml").exists()
+
+
+def test_an_unknown_ending_is_one_line(log, tmp_path, capsys):
+    assert export(log, tmp_path / "imu.txt") == 2
+    assert ".yaml or .m" in capsys.readouterr().err

@@ -126,9 +126,15 @@ def export_data(options: Namespace) -> int:
 
 def recover(options: Namespace) -> int:
     """Save everything before the tear of a damaged recording."""
+    from allanscope.recording import Recording
     from allanscope.recording import recover as recover_recording
+    from allanscope.view.progress import progress
 
-    print(recover_recording(Path(options.damaged), Path(options.out)))
+    damaged = Path(options.damaged)
+    whole = Recording(damaged).unpacked_bytes
+    with progress(whole, "recovering", unit="B", quiet=options.quiet) as advance:
+        report = recover_recording(damaged, Path(options.out), advance)
+    print(report)
     return ExitCode.DONE
 
 

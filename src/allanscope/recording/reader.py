@@ -122,6 +122,11 @@ class Recording:
         )
 
     @property
+    def unpacked_bytes(self) -> int:
+        """Bytes that all chunks unpack to, sound or not: what there is to read."""
+        return sum(one.unpacked_length for _, outline in self._segments for one in outline.chunks)
+
+    @property
     def duration_s(self) -> float:
         """Time from the first read to the last, pauses included, in seconds."""
         first, last = (

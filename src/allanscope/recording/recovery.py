@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -52,7 +52,9 @@ class RecoveryReport:
         return "\n".join([saved, f"{lost}; {unreadable}", *(f"  {one}" for one in self.damage)])
 
 
-def recover(damaged: Path, out: Path) -> RecoveryReport:
+def recover(
+    damaged: Path, out: Path, advance: Callable[[float], None] = lambda _: None
+) -> RecoveryReport:
     """Save all that can be read of a session, rotten chunks skipped, into one new file.
 
     Times, numbers and order stay as they were, so that a replay of what was saved gives the same
@@ -64,6 +66,8 @@ def recover(damaged: Path, out: Path) -> RecoveryReport:
         A file, the first file of a session, or its folder.
     out : Path
         The file to write; it appears, whole, at the very end.
+    advance : callable, optional
+        Told how many of the recording's `unpacked_bytes` were read since the last time.
 
     Raises
     ------
@@ -81,7 +85,8 @@ def recover(damaged: Path, out: Path) -> RecoveryReport:
     part = out.with_name(f"{out.name}.part")
     try:
         part.unlink(missing_ok=True)
-        _copy(recording, part, {**recording.metadata, "recovered_from": str(damaged)}, report)
+        metadata = {**recording.metadata, "recovered_from": str(damaged)}
+        _copy(recording, part, metadata, report, advance)
         if not report.reads:
             raise InputError(f"{damaged} holds nothing that can be saved")
         os.replace(part, out)
@@ -95,13 +100,17 @@ def recover(damaged: Path, out: Path) -> RecoveryReport:
 
 
 def _copy(
-    recording: Recording, part: Path, metadata: Mapping[str, str], report: RecoveryReport
+    recording: Recording,
+    part: Path,
+    metadata: Mapping[str, str],
+    report: RecoveryReport,
+    advance: Callable[[float], None],
 ) -> None:
     """Copy message by message, and count what is missing between the reads."""
     segment = Segment(part, metadata)
     with closing(segment):
         expected, last_ns = 0, 0
-        for topic, sequence, epoch_ns, host_ns, data in _messages(recording):
+        for topic, sequence, epoch_ns, host_ns, data in _messages(recording, advance):
             segment.add(_CHANNELS[topic], sequence, epoch_ns, host_ns, data)
             if segment.pending > COMMIT_BYTES:
                 segment.commit()
@@ -115,8 +124,11 @@ def _copy(
             expected, last_ns = sequence + 1, epoch_ns
 
 
-def _messages(recording: Recording) -> Iterator[tuple[str, int, int, int, bytes]]:
+def _messages(
+    recording: Recording, advance: Callable[[float], None]
+) -> Iterator[tuple[str, int, int, int, bytes]]:
     for data, messages in recording.sound():
+        advance(len(data))
         for topic, sequence, epoch_ns, host_ns, start, stop in messages:
             if topic in _CHANNELS:
                 yield topic, sequence, epoch_ns, host_ns, data[start:stop]

@@ -8,6 +8,7 @@ from pathlib import Path
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.analyse import analyse_input, recorded_settings
 from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.extent import Extent
 from allanscope.pipeline.outputs import write_whole
 from allanscope.pipeline.replaying import events_of
 from allanscope.pipeline.settings import DeviceSettings
@@ -20,6 +21,7 @@ from allanscope.recording import (
     write_recording,
 )
 from allanscope.sources import FileSource
+from allanscope.view.progress import progress
 
 __all__ = ["export_recording", "import_capture"]
 
@@ -50,11 +52,15 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
     }
     file = FileSource(source)
 
-    def chunks() -> Iterator[Chunk]:
-        while (chunk := file.read()).event != "end":
-            yield Chunk(0, chunk.data)
+    extent = Extent.of(file, source)
+    with progress(extent.total, "writing", unit=extent.unit, quiet=quiet) as advance:
 
-    write_recording(out, chunks(), {name: text for name, text in facts.items() if text})
+        def chunks() -> Iterator[Chunk]:
+            while (chunk := file.read()).event != "end":
+                advance(len(chunk.data))
+                yield Chunk(0, chunk.data)
+
+        write_recording(out, chunks(), {name: text for name, text in facts.items() if text})
 
 
 def export_recording(

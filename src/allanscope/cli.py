@@ -160,6 +160,25 @@ def report(options: Namespace) -> int:
     return ExitCode.DONE
 
 
+def fleet(options: Namespace) -> int:
+    """Analyse many recordings on Dask, into one table and a report of the lot."""
+    from allanscope.fleet import FleetSettings, run_fleet, summary_lines
+
+    settings = FleetSettings(
+        patterns=tuple(options.recordings),
+        out=Path(options.out),
+        scheduler=options.scheduler,
+        workers=options.workers,
+        unit_pattern=options.unit_name,
+        quiet=options.quiet,
+    )
+    result = run_fleet(settings, _device_settings(options))
+    for line in result.failures.values():
+        print(f"allanscope: {line}", file=sys.stderr)
+    print("\n".join(summary_lines(result)))
+    return ExitCode.INPUT if result.failures else ExitCode.DONE
+
+
 def ports(options: Namespace) -> int:
     """List what is plugged in, and say which port `auto` would take."""
     from allanscope.sources import describe_ports
@@ -274,6 +293,21 @@ def _report_arguments(one: ArgumentParser) -> None:
     _figures_argument(one)
 
 
+def _fleet_arguments(one: ArgumentParser) -> None:
+    one.add_argument(
+        "recordings", nargs="+", help="recordings, folders or quoted globs; also URLs of fsspec"
+    )
+    one.add_argument("--out", required=True, metavar="DIR", help="results; gone on with if there")
+    one.add_argument(
+        "--scheduler", default="", metavar="tcp://HOST:PORT", help="an existing Dask cluster"
+    )
+    one.add_argument("--workers", type=_workers, metavar="N", help="processes on this machine")
+    one.add_argument(
+        "--unit-name", default="", metavar="REGEX", help="its first group in the path is the unit"
+    )
+    _device_arguments(one)
+
+
 def _no_arguments(one: ArgumentParser) -> None:
     del one
 
@@ -289,6 +323,7 @@ _COMMANDS = {
     "recover": (recover, _recover_arguments, "recover session.mcap saved.mcap"),
     "check": (check, _check_arguments, "check night.mcap --against spec.toml"),
     "report": (report, _report_arguments, "report night-1 night-2 --out both.html"),
+    "fleet": (fleet, _fleet_arguments, "fleet 'lot/**/*.mcap' --out lot-result"),
     "ports": (ports, _no_arguments, "ports"),
 }
 
@@ -360,6 +395,12 @@ def _duration(text: str) -> float:
     if not 0.0 < seconds < 1e9:
         raise argparse.ArgumentTypeError(f"{text!r} is no time; write e.g. 90s, 10m or 12h")
     return seconds
+
+
+def _workers(text: str) -> int:
+    if not (text.isdecimal() and 0 < int(text) <= 1024):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of processes; write e.g. 4")
+    return int(text)
 
 
 def _speed(text: str) -> float:

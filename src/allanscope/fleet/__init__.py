@@ -1,0 +1,50 @@
+"""Fleets: hundreds of boards in a chamber, thousands of nights on a share, one result.
+
+::
+
+    patterns ─▶ places ─▶ run ──task──▶ worker: work.analyse_place ──▶ outcome
+                           │            (one process, one thread)        │
+                           │◀────────────────────────────────────────────┘
+                           ▼
+                 store    OUT/results, OUT/index.jsonl: what is done is not done again
+                           ▼
+                 lot      OUT/lot.parquet (a row for each recording and axis), OUT/lot.html
+
+The engine is Dask's, from the optional extra ``allanscope[fleet]``: a cluster on this machine
+(`cluster`), or a scheduler that is there already. A task is one recording, read where it lies with
+fsspec, through the same decoder, sums and closed loop as a single run. Only whoever started the
+fleet writes; workers need to read the recordings and nothing else.
+
+One recording that is large while workers are idle is split in time: see `split`.
+
+The report asks what no single run can answer: how much of the spread is between boards and how
+much between repeats of one (`spread`), which boards do not belong (`outliers`), which effects are
+the rack's and not the board's (`shared`), what changes with date and temperature (`drift`), and
+whether an effect that one night shows is there again in another night of the same board
+(`replicates`).
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from allanscope.fleet.run import FleetResult, FleetSettings, run_fleet
+    from allanscope.fleet.wording import summary_lines
+
+__all__ = ["FleetResult", "FleetSettings", "run_fleet", "summary_lines"]
+
+_HOMES = {
+    "FleetResult": "run",
+    "FleetSettings": "run",
+    "run_fleet": "run",
+    "summary_lines": "wording",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -1,0 +1,80 @@
+"""What one recording came to: its result, or the one line that says why there is none."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from typing import Any
+
+from allanscope.pipeline.settings import DeviceSettings
+
+__all__ = ["Outcome", "packed", "result_key", "unpacked"]
+
+FORMAT = 1
+"""Raised when what is kept of a recording changes, so that results of old are not taken for new."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a worker says of one recording.
+
+    Attributes
+    ----------
+    url : str
+        Which.
+    sha256 : str
+        Fingerprint of its bytes and times; empty when it could not be read.
+    files : tuple of str
+        Names of the files that make it up.
+    result : bytes
+        The result as compressed JSON (see `packed`); empty without one.
+    error : str
+        One line, for a recording without a result.
+    """
+
+    url: str
+    sha256: str = ""
+    files: tuple[str, ...] = ()
+    result: bytes = b""
+    error: str = ""
+
+
+def result_key(sha256: str, device: DeviceSettings) -> str:
+    """Return the name of a result: content, settings and version decide, not name and place.
+
+    >>> result_key("00", DeviceSettings()) == result_key("00", DeviceSettings(part="LSM6DSL"))
+    False
+    """
+    what = {
+        "format": FORMAT,
+        "allanscope": version("allanscope"),
+        "sha256": sha256,
+        "device": asdict(device),
+    }
+    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
+
+
+def packed(result: dict[str, Any]) -> bytes:
+    """Return a result as compressed JSON; the same result gives the same bytes."""
+    text = json.dumps(result, allow_nan=False, separators=(",", ":"))
+    return gzip.compress(text.encode(), compresslevel=6, mtime=0)
+
+
+def unpacked(data: bytes) -> dict[str, Any]:
+    """Return what `packed` packed.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged.
+    """
+    try:
+        result = json.loads(gzip.decompress(data))
+    except (OSError, EOFError, ValueError) as error:
+        raise ValueError(f"a stored result is damaged: {error}") from None
+    if not isinstance(result, dict):
+        raise ValueError("a stored result is damaged: it is no JSON object")
+    return result

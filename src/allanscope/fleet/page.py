@@ -1,0 +1,187 @@
+"""The report of a lot, as one self-contained HTML page in the style of a single session's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from allanscope.fleet.drift import Drift, drifts_of
+from allanscope.fleet.judgement import NAMES, findings, lot_verdict
+from allanscope.fleet.lot import Lot
+from allanscope.fleet.pictures import distribution_picture, history_picture
+from allanscope.fleet.replicates import Replication, replications
+from allanscope.fleet.shared import SharedEffect, effects_in, shared_effects
+from allanscope.fleet.spread import Spread, log_sigma, spread_of
+from allanscope.quantities import COEFFICIENTS, LEVEL, duration, number, symbols
+from allanscope.report.page import template
+
+__all__ = ["render_lot"]
+
+MOST_ROWS = 500
+"""Lines of a list; the table has them all."""
+
+_SENSORS = {"dps": "gyroscope", "g": "accelerometer"}
+
+
+def render_lot(lot: Lot, failures: Mapping[str, str]) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    lot : Lot
+        At least one row.
+    failures : mapping
+        Recordings without a result, and why.
+    """
+    effects = effects_in(lot)
+    units = np.unique(lot.units)
+    shared = shared_effects(effects, len(units))
+    named = findings(lot)
+    return template("lot.html.j2").render(
+        title=f"Lot of {len(units)} units",
+        subtitle=_subtitle(lot),
+        verdict=lot_verdict(lot, named, shared, failures),
+        sensors=[_sensor(lot, unit) for unit in _SENSORS if (lot["sensor_unit"] == unit).any()],
+        outliers=[{"unit": f.unit, "axis": f.axis, "reason": f.reason} for f in named[:MOST_ROWS]],
+        shared=[_shared(one, len(units)) for one in shared[:MOST_ROWS]],
+        replicates=[_replicate(one) for one in replications(lot, effects)[:MOST_ROWS]],
+        drifts=[_drift(lot, one) for one in drifts_of(lot)],
+        repeated=_repeated(lot),
+        units=[_unit(lot, unit) for unit in units[:MOST_ROWS].tolist()],
+        failures=sorted(failures.values()),
+        footer=f"allanscope {version('allanscope')}",
+    )
+
+
+def _subtitle(lot: Lot) -> str:
+    parts = sorted({str(part) for part in lot["part"] if part}) or ["a sensor"]
+    _, first = np.unique(lot["recording"].astype(np.str_), return_index=True)
+    total_s = float(np.sum(lot["duration_s"][first]))
+    return f"{len(first)} recordings of {', '.join(parts)}, {duration(total_s)} in all"
+
+
+def _repeated(lot: Lot) -> int:
+    """Return how many units have more than one run."""
+    pairs = set(zip(lot["unit"].tolist(), lot["recording"].tolist(), strict=True))
+    _, runs = np.unique([unit for unit, _ in pairs], return_counts=True)
+    return int(np.count_nonzero(runs > 1))
+
+
+def _sensor(lot: Lot, sensor_unit: str) -> dict[str, Any]:
+    here = lot.where(lot["sensor_unit"] == sensor_unit)
+    history = history_picture(lot, sensor_unit)
+    return {
+        "name": _SENSORS[sensor_unit],
+        "svg": distribution_picture(lot, sensor_unit).svg(),
+        "history": history.svg() if history is not None else "",
+        "rows": [_row(here.of_axis(axis), axis, name) for axis in here.axes for name in NAMES],
+        "datasheet": _datasheet(here),
+    }
+
+
+def _row(lot: Lot, axis: str, name: str) -> dict[str, str]:
+    reading = COEFFICIENTS[lot["sensor_unit"][0], name][0]
+    here = lot.detected(name)
+    sigma = log_sigma(here[f"{name}_lower"], here[f"{name}_upper"])
+    spread = spread_of(here[f"{name}_value"], sigma, here.units)
+    return {
+        "axis": axis,
+        "name": f"{name} ({symbols(reading.unit)})",
+        "detected": f"{len(here)} of {len(lot)}",
+        **_spread_cells(spread, reading.factor),
+    }
+
+
+def _spread_cells(spread: Spread | None, factor: float) -> dict[str, str]:
+    if spread is None:
+        return dict.fromkeys(("median", "range", "between", "within", "sampling"), "–")
+    return {
+        "median": number(spread.median * factor),
+        "range": f"{number(spread.low * factor)} … {number(spread.high * factor)}",
+        "between": _percent(spread.between),
+        "within": _percent(spread.within),
+        "sampling": _percent(spread.sampling),
+    }
+
+
+def _datasheet(lot: Lot) -> str:
+    """Return how many runs keep to the datasheet's noise density."""
+    verdicts = lot["datasheet_verdict"].tolist()
+    counts = {name: verdicts.count(name) for name in ("better", "typical", "worse")}
+    if not any(counts.values()):
+        return "The datasheet's density could not be compared."
+    told = ", ".join(f"{count} {name}" for name, count in counts.items())
+    return f"Noise density against the datasheet, all axes and runs: {told}."
+
+
+def _shared(one: SharedEffect, units: int) -> dict[str, str]:
+    return {
+        "kind": one.kind.replace("_", " "),
+        "frequency": _hertz(one.frequency_hz),
+        "units": f"{len(one.units)} of {units}",
+        "axes": ", ".join(one.axes),
+        "whose": "the rack's" if one.of_rack else "",
+    }
+
+
+def _replicate(one: Replication) -> dict[str, str]:
+    if not one.replicated:
+        verdict = "not found again"
+    else:
+        verdict = "replicated" if one.agree else "found again, of another size"
+    return {
+        "unit": one.unit,
+        "axis": one.axis,
+        "kind": one.kind.replace("_", " "),
+        "frequency": _hertz(one.frequency_hz),
+        "found": f"{one.found} of {one.runs} runs",
+        "verdict": verdict,
+    }
+
+
+def _drift(lot: Lot, one: Drift) -> dict[str, str]:
+    per = {"date": "day", "temperature": "°C"}[one.on]
+    if one.quantity == "level":
+        reading = LEVEL[lot.of_axis(one.axis)["sensor_unit"][0]]
+        slope, error, unit = one.slope * reading.factor, one.error * reading.factor, reading.unit
+    else:
+        slope, error, unit = 100.0 * one.slope, 100.0 * one.error, "%"
+    return {
+        "axis": one.axis,
+        "quantity": one.quantity,
+        "slope": f"{number(slope)} ± {number(error, 2)} {symbols(unit)} per {per}",
+        "runs": str(one.runs),
+        "seen": "differs from zero" if one.is_seen else "",
+    }
+
+
+def _unit(lot: Lot, unit: str) -> dict[str, str]:
+    here = lot.where(lot["unit"] == unit)
+    _, first = np.unique(here["recording"].astype(np.str_), return_index=True)
+    low, high = _nan_range(here["temperature_lowest"]), _nan_range(here["temperature_highest"])
+    known = math.isfinite(low[0]) and math.isfinite(high[1])
+    return {
+        "name": unit,
+        "runs": str(len(first)),
+        "duration": duration(float(np.sum(here["duration_s"][first]))),
+        "lost": number(float(np.sum(here["lost_samples"][first]))),
+        "damaged": number(float(np.nansum(here["damaged_places"][first]))),
+        "temperature": f"{low[0]:.1f} … {high[1]:.1f} °C" if known else "–",
+    }
+
+
+def _nan_range(values: Any) -> tuple[float, float]:
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if len(known) else (math.nan, math.nan)
+
+
+def _percent(share: float) -> str:
+    return f"{number(100.0 * share, 2)} %" if math.isfinite(share) else "–"
+
+
+def _hertz(frequency: float) -> str:
+    return f"{number(frequency, 5)} Hz" if math.isfinite(frequency) else ""

@@ -1,0 +1,239 @@
+"""Where recordings lie: on this machine, or wherever fsspec reaches (s3, gs, https, sftp, memory).
+
+A recording is read by seeking in its file, a chunk at a time, so a remote one is neither copied to
+the disk nor held whole in memory. `RemotePath` is as much of a `pathlib.Path` as the recording room
+asks for; files of this machine stay plain paths.
+
+A night may lie in several files, ``session.mcap``, ``session-001.mcap``, ... Names alone do not
+tell whether a numbered file goes on with another, only the files do. A `Place` therefore keeps the
+numbered files that *could* follow, and the worker that reads the first says which of them it took.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+from typing import IO, Any, cast
+
+from allanscope.errors import UsageError
+from allanscope.recording.layout import segment_number
+
+__all__ = ["Place", "RemotePath", "find_places"]
+
+READ_AHEAD_BYTES = 1 << 20
+"""Fetched at a time from a remote file."""
+
+_STAMPS = ("mtime", "LastModified", "last_modified", "updated", "created", "ETag", "etag")
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """One recording that was found.
+
+    Attributes
+    ----------
+    url : str
+        A path of this machine, or a URL that fsspec opens.
+    size : int
+        Bytes of its first file.
+    stamp : str
+        When it was last changed, in whatever words the file system has; empty when it has none.
+    later : tuple of Place
+        Numbered files beside it that may go on with it.
+    """
+
+    url: str
+    size: int
+    stamp: str
+    later: tuple[Place, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The last part of the URL."""
+        return PurePosixPath(self.url).name
+
+    @property
+    def folder(self) -> str:
+        """Name of the folder that it lies in."""
+        return PurePosixPath(self.url).parent.name
+
+    @property
+    def bytes(self) -> int:
+        """Most bytes that the recording can have, all files together."""
+        return self.size + sum(one.size for one in self.later)
+
+    def open_path(self) -> Path:
+        """Return what `Recording` takes."""
+        if "://" not in self.url:
+            return Path(self.url)
+        names = tuple(PurePosixPath(one.url).name for one in self.later)
+        return cast(Path, RemotePath(self.url, names))
+
+
+class RemotePath:
+    """A file that fsspec reaches, with the part of `pathlib.Path` that reading a recording needs.
+
+    Parameters
+    ----------
+    url : str
+        E.g. ``s3://bench/night.mcap``.
+    beside : tuple of str
+        Names of files in the same folder; nothing else is ever looked for there, so that a folder
+        of a hundred thousand objects is listed once and not once for each of them.
+    """
+
+    def __init__(self, url: str, beside: tuple[str, ...] = ()) -> None:
+        self.url = url
+        self._beside = beside
+
+    @property
+    def name(self) -> str:
+        """The last part."""
+        return PurePosixPath(self.url).name
+
+    @property
+    def stem(self) -> str:
+        """The last part without its suffix."""
+        return PurePosixPath(self.url).stem
+
+    @property
+    def suffix(self) -> str:
+        """E.g. ``.mcap``."""
+        return PurePosixPath(self.url).suffix
+
+    @property
+    def parent(self) -> RemotePath:
+        """The folder; knows the same files."""
+        return RemotePath(self.url.rpartition("/")[0], self._beside)
+
+    def with_name(self, name: str) -> RemotePath:
+        """Return a file of the same folder."""
+        return RemotePath(f"{self.parent.url}/{name}", self._beside)
+
+    def glob(self, pattern: str) -> Iterator[RemotePath]:
+        """Yield the known files of this folder whose names fit."""
+        for name in self._beside:
+            if fnmatchcase(name, pattern):
+                yield RemotePath(f"{self.url}/{name}", self._beside)
+
+    def is_dir(self) -> bool:
+        """Return False: a place is a file."""
+        return False
+
+    def open(self, mode: str = "rb") -> IO[Any]:
+        """Open for reading, with a window that moves through the file.
+
+        Raises
+        ------
+        OSError
+            If it is not there, or the other side fails: whatever a file system throws is turned
+            into this, which the recording room knows.
+        """
+        import fsspec
+
+        try:
+            return cast("IO[Any]", fsspec.open(self.url, mode, block_size=READ_AHEAD_BYTES).open())
+        except OSError:
+            raise
+        except Exception as error:
+            raise OSError(0, str(error) or type(error).__name__) from error
+
+    def stat(self) -> _Size:
+        """Return the size."""
+        import fsspec
+
+        filesystem, inside = fsspec.core.url_to_fs(self.url)
+        return _Size(int(filesystem.size(inside)))
+
+    def __str__(self) -> str:
+        return self.url
+
+    def __repr__(self) -> str:
+        return f"RemotePath({self.url!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RemotePath) and self.url == other.url
+
+    def __hash__(self) -> int:
+        return hash(self.url)
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    st_size: int
+
+
+def find_places(patterns: Iterable[str]) -> list[Place]:
+    """Return the recordings that the patterns match, each once, sorted by name.
+
+    Parameters
+    ----------
+    patterns : iterable of str
+        Files, folders (everything ``.mcap`` below them) or globs (``**`` is any depth), on this
+        machine or at any URL of fsspec.
+
+    Raises
+    ------
+    UsageError
+        If a pattern matches nothing, or cannot be looked up.
+    """
+    found: dict[str, Place] = {}
+    for pattern in patterns:
+        matched = list(_matches(pattern))
+        if not matched:
+            raise UsageError(
+                f"nothing matches {pattern}; quote it: allanscope fleet 'DIR/**/*.mcap'"
+            )
+        found |= {place.url: place for place in matched}
+    return _sessions([found[url] for url in sorted(found)])
+
+
+def _matches(pattern: str) -> Iterator[Place]:
+    import fsspec
+
+    try:
+        filesystem, inside = fsspec.core.url_to_fs(pattern)
+        if filesystem.isdir(inside):
+            inside = f"{inside.rstrip('/')}/**/*.mcap"
+        details = filesystem.glob(inside, detail=True)
+    except Exception as error:
+        raise UsageError(f"cannot look for {pattern}: {error}") from error
+    here = "file" in _protocols(filesystem)
+    for path, info in details.items():
+        if info.get("type") != "file":
+            continue
+        # Workers may have been started in another folder: paths are absolute.
+        url = path if here else filesystem.unstrip_protocol(path)
+        stamp = next((str(info[key]) for key in _STAMPS if info.get(key) is not None), "")
+        yield Place(url, int(info.get("size") or 0), stamp)
+
+
+def _protocols(filesystem: Any) -> tuple[str, ...]:
+    protocol = filesystem.protocol
+    return (protocol,) if isinstance(protocol, str) else tuple(protocol)
+
+
+def _sessions(files: list[Place]) -> list[Place]:
+    """Put numbered files under the one that they may go on with."""
+    by_path = {PurePosixPath(one.url): one for one in files}
+    later: dict[PurePosixPath, list[Place]] = {}
+    for path, one in by_path.items():
+        first = _first_of(path)
+        if first is not None and first in by_path:
+            later.setdefault(first, []).append(one)
+    followers = {one.url for group in later.values() for one in group}
+    return [
+        Place(one.url, one.size, one.stamp, tuple(later.get(path, ())))
+        for path, one in by_path.items()
+        if one.url not in followers
+    ]
+
+
+def _first_of(path: PurePosixPath) -> PurePosixPath | None:
+    """Return the name that the session of a numbered file would begin with."""
+    stem, dash, _ = path.stem.rpartition("-")
+    first = path.with_name(f"{stem}{path.suffix}") if dash and stem else None
+    fits = first is not None and segment_number(cast(Path, first), cast(Path, path)) is not None
+    return first if fits else None

@@ -1,0 +1,274 @@
+"""From patterns to a lot report: what is not done yet is handed out, what comes back is kept.
+
+The scheduler never holds more than a few tasks for each worker, and the client no result but the
+one it is writing: a hundred thousand recordings need no more memory than a hundred.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections import deque
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from allanscope.fleet.cluster import connected, dashboard_line, require_extra
+from allanscope.fleet.outcome import Outcome
+from allanscope.fleet.places import Place, find_places
+from allanscope.fleet.store import Store
+from allanscope.pipeline.settings import DeviceSettings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from distributed import Client, Future
+
+__all__ = ["FleetResult", "FleetSettings", "run_fleet"]
+
+TASKS_PER_WORKER = 3
+"""One that runs and two that wait: a worker is never idle for want of a message."""
+
+PART_BYTES = 128 << 20
+"""Of packed bytes: smaller parts cost more in a second decoding than they gain."""
+
+LOOK_AGAIN_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class FleetSettings:
+    """Which recordings, where the results go, and who does the work.
+
+    Attributes
+    ----------
+    patterns : tuple of str
+        Files, folders or globs, on this machine or at a URL of fsspec.
+    out : Path
+        Folder of the results; a folder with results is gone on with.
+    scheduler : str
+        Address of a Dask scheduler; empty for a cluster on this machine.
+    workers : int or None
+        Processes of that cluster; one for each core if not given.
+    unit_pattern : str
+        Regular expression whose first group, found in the path, names the unit; empty to go by
+        the identity of the device, then by the folder.
+    quiet : bool
+        Say nothing but errors.
+    """
+
+    patterns: tuple[str, ...]
+    out: Path
+    scheduler: str = ""
+    workers: int | None = None
+    unit_pattern: str = ""
+    quiet: bool = False
+
+
+@dataclass(slots=True)
+class FleetResult:
+    """How a fleet ended.
+
+    Attributes
+    ----------
+    keys : dict of str to str
+        Path of each recording that has a result, and the name of that.
+    done : int
+        Results that this run added.
+    failures : dict of str to str
+        Path of each recording without a result, and one line why.
+    left : int
+        Recordings that were not looked at because the run was stopped.
+    table, report : Path or None
+        What was written.
+    """
+
+    keys: dict[str, str] = field(default_factory=dict)
+    done: int = 0
+    failures: dict[str, str] = field(default_factory=dict)
+    left: int = 0
+    table: Path | None = None
+    report: Path | None = None
+
+
+def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
+    """Analyse all recordings that have no result yet; write the table and the report of all.
+
+    Ctrl-C ends the run in order: what is done stays, the same call goes on with the rest.
+
+    Raises
+    ------
+    UsageError
+        If nothing matches, the folder cannot be written to, the scheduler does not answer, or the
+        extra is not installed.
+    """
+    require_extra()
+    from allanscope.fleet.writing import write_lot
+
+    places = find_places(settings.patterns)
+    store = Store(settings.out, device)
+    try:
+        desk = _Desk(store, places)
+        if desk.todo:
+            _work_off(desk, settings, device)
+        result = desk.result
+        result.left = len(desk.todo)
+        write_lot(result, store, settings)
+    finally:
+        store.close()
+    return result
+
+
+def _work_off(desk: _Desk, settings: FleetSettings, device: DeviceSettings) -> None:
+    from allanscope.view.progress import progress
+
+    with (
+        _interruptible() as stopped,
+        connected(settings.scheduler, settings.workers) as client,
+        client.as_current(),
+    ):
+        _say(settings, dashboard_line(client))
+        with progress(
+            float(len(desk.todo)), "fleet", unit="recordings", quiet=settings.quiet
+        ) as advance:
+            _hand_out(desk, client, device, advance, stopped)
+
+
+def _hand_out(
+    desk: _Desk,
+    client: Client,
+    device: DeviceSettings,
+    advance: Callable[[float], None],
+    stopped: threading.Event,
+) -> None:
+    """Keep the workers busy until everything is done or the run is stopped."""
+    from distributed import wait
+
+    running: dict[Future, Place] = {}
+    while (desk.todo or running) and not stopped.is_set():
+        workers = sum(client.nthreads().values())
+        room = max(TASKS_PER_WORKER * workers, 1)
+        while desk.todo and len(running) < room:
+            place = desk.todo.popleft()
+            idle = workers - len(running)
+            running[desk.submit(client, place, device, idle)] = place
+        try:
+            finished = wait(list(running), LOOK_AGAIN_S, "FIRST_COMPLETED").done
+        except TimeoutError:
+            continue
+        for future in finished:
+            place = running.pop(future)
+            advance(float(desk.take(place, _outcome(future, place))))
+            future.release()
+    for future, place in running.items():
+        future.cancel()
+        desk.todo.append(place)
+
+
+class _Desk:
+    """What is to do and what has come back."""
+
+    def __init__(self, store: Store, places: Iterable[Place]) -> None:
+        self.result = FleetResult()
+        self.todo: deque[Place] = deque()
+        self._store = store
+        self._looked_up: set[str] = set()
+        for place in places:
+            self._consider(place)
+
+    def submit(self, client: Client, place: Place, device: DeviceSettings, idle: int) -> Future:
+        """Hand out one recording while so many workers are idle.
+
+        One that may be known is only looked at; a large one is split among workers that no other
+        recording waits for.
+        """
+        from allanscope.fleet.split import submit_split
+        from allanscope.fleet.work import analyse_place, fingerprint_place
+
+        if self._store.may_know(place) and place.url not in self._looked_up:
+            return client.submit(fingerprint_place, place, pure=False)
+        parts = self._parts(place, idle)
+        if parts > 1:
+            return submit_split(client, place, device, parts)
+        return client.submit(analyse_place, place, device, pure=False)
+
+    def _parts(self, place: Place, idle: int) -> int:
+        """Return in how many parts a recording is worth doing: many workers, and much of it."""
+        return min(idle - len(self.todo), place.bytes // PART_BYTES)
+
+    def take(self, place: Place, outcome: Outcome) -> bool:
+        """Keep what came back; return whether the recording is done with."""
+        if outcome.error:
+            self.result.failures[place.url] = outcome.error
+            self.todo.extend(place.later)
+            return True
+        key = self._store.note(place, outcome)
+        if outcome.result:
+            self._store.put(key, outcome.result)
+            self.result.done += 1
+        elif not self._store.has(key):
+            self._looked_up.add(place.url)
+            self.todo.append(place)
+            return False
+        self._finish(place, key, outcome.files)
+        return True
+
+    def _consider(self, place: Place) -> None:
+        key = self._store.known(place)
+        if key:
+            self._finish(place, key, self._store.files_of(place))
+        else:
+            self.todo.append(place)
+
+    def _finish(self, place: Place, key: str, files: tuple[str, ...]) -> None:
+        self.result.keys[place.url] = key
+        for one in place.later:
+            if one.name not in files:  # numbered like a part of this session, but of another
+                self._consider(one)
+
+
+def _outcome(future: Future, place: Place) -> Outcome:
+    """Return what a task came to, also when it was the task itself that failed."""
+    try:
+        outcome: Any = future.result()
+    except Exception as error:
+        lost = "its worker died again and again; too little memory?"
+        died = type(error).__name__ == "KilledWorker"
+        text = lost if died else f"{type(error).__name__}: {error}"
+        return Outcome(place.url, error=f"{place.url}: {' '.join(text.split())}")
+    assert isinstance(outcome, Outcome)
+    return outcome
+
+
+@contextmanager
+def _interruptible() -> Iterator[threading.Event]:
+    """Give an event that Ctrl-C or SIGTERM sets, once; the second time it is as without this."""
+    stopped = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped
+        return
+    before = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
+
+    def stop(*_: object) -> None:
+        stopped.set()
+        _restore(before)
+
+    for one in before:
+        signal.signal(one, stop)
+    try:
+        yield stopped
+    finally:
+        _restore(before)
+
+
+def _restore(handlers: dict[signal.Signals, Any]) -> None:
+    for one, handler in handlers.items():
+        signal.signal(one, handler)
+
+
+def _say(settings: FleetSettings, line: str) -> None:
+    import sys
+
+    if not settings.quiet:
+        print(line, file=sys.stderr, flush=True)

@@ -1,0 +1,136 @@
+"""Effects that many units share: what a whole rack shows is the rack's and no board's.
+
+A line is the same line in two boards when its frequencies agree within their intervals, or within
+two parts in a thousand: that is as far as the mains wander and the drive of a chamber slips. Boards
+of one nominal rate sample at rates that differ by per cents, so a line at its own frequency agrees
+in Hz, while one above Nyquist folds to a place of its own in each and is found as many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from allanscope.fleet.lot import Lot
+
+__all__ = ["FoundEffect", "SharedEffect", "effects_in", "shared_effects"]
+
+ALIKE = 2e-3
+MANY = 1.0 / 3.0
+"""Share of the units from which on a line is called the rack's."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundEffect:
+    """One effect of one recording and axis.
+
+    Attributes
+    ----------
+    parameters : dict
+        Name to (value, lower, upper, unit), numbers only; limits may be NaN.
+    """
+
+    unit: str
+    recording: str
+    axis: str
+    kind: str
+    parameters: dict[str, tuple[float, float, float, str]]
+
+    @property
+    def frequency_hz(self) -> float:
+        """Where it is in the spectrum; NaN for what has no frequency."""
+        return self.parameters.get("frequency", (np.nan,))[0]
+
+    @property
+    def width_hz(self) -> float:
+        """How far from there it may be: its 95 % interval to one side."""
+        value, lower, upper, _ = self.parameters.get("frequency", (np.nan, np.nan, np.nan, ""))
+        return float(np.nan_to_num(max(upper - value, value - lower)))
+
+
+@dataclass(frozen=True, slots=True)
+class SharedEffect:
+    """One effect and the units that show it.
+
+    Attributes
+    ----------
+    frequency_hz : float
+        Median, NaN for what has no frequency.
+    units : tuple of str
+        That show it, on any axis.
+    axes : tuple of str
+        On which it was seen.
+    of_rack : bool
+        True for a frequency that so many units show that it cannot be theirs.
+    """
+
+    kind: str
+    frequency_hz: float
+    units: tuple[str, ...]
+    axes: tuple[str, ...]
+    of_rack: bool
+
+
+def effects_in(lot: Lot) -> list[FoundEffect]:
+    """Return all effects of a lot."""
+    found = []
+    keys = zip(lot["unit"], lot["recording"], lot["axis"], lot["effects"], strict=True)
+    for unit, recording, axis, effects in keys:
+        for one in effects or ():
+            parameters = {
+                p["name"]: (p["value"], _limit(p["lower"]), _limit(p["upper"]), p["unit"])
+                for p in one["parameters"]
+                if p["value"] is not None
+            }
+            found.append(FoundEffect(unit, recording, axis, one["kind"], parameters))
+    return found
+
+
+def shared_effects(effects: list[FoundEffect], units: int) -> list[SharedEffect]:
+    """Return the effects that at least two units show, those of most units first.
+
+    Parameters
+    ----------
+    effects : list
+        Of the lot.
+    units : int
+        Units in the lot.
+    """
+    found = []
+    for kind in sorted({one.kind for one in effects}):
+        for group in _groups([one for one in effects if one.kind == kind]):
+            names = tuple(sorted({one.unit for one in group}))
+            frequency = float(np.median([one.frequency_hz for one in group]))
+            if len(names) > 1:
+                axes = tuple(sorted({one.axis for one in group}, key=_axis_order))
+                rack = bool(np.isfinite(frequency)) and len(names) >= max(2.0, MANY * units)
+                found.append(SharedEffect(kind, frequency, names, axes, rack))
+    return sorted(found, key=lambda one: (-len(one.units), one.kind, one.frequency_hz))
+
+
+def _groups(effects: list[FoundEffect]) -> list[list[FoundEffect]]:
+    """Part effects of one kind where there is a gap between their frequencies."""
+    groups: list[list[FoundEffect]] = []
+    for one in sorted(effects, key=lambda one: np.nan_to_num(one.frequency_hz)):
+        last = groups[-1][-1] if groups else None
+        if last is not None and _alike(last, one):
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+    return groups
+
+
+def _alike(one: FoundEffect, other: FoundEffect) -> bool:
+    apart = abs(one.frequency_hz - other.frequency_hz)
+    if np.isnan(apart):
+        return bool(np.isnan(one.frequency_hz) and np.isnan(other.frequency_hz))
+    return bool(apart <= max(one.width_hz + other.width_hz, ALIKE * other.frequency_hz))
+
+
+def _limit(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _axis_order(axis: str) -> tuple[bool, str]:
+    return (axis.startswith("a"), axis)

@@ -1,0 +1,222 @@
+"""One recording on several workers: a survey, parts in parallel, and the join.
+
+::
+
+    survey   the whole recording, decoded once: history, clock, temperature, losses, and at each
+       │     cut the decoder as it is there and the last samples before (the halo)
+       ├──▶ part 1   decode on from the cut ─▶ deviations and spectrum of this part ─┐
+       ├──▶ part 2   ...                                                             ├─▶ join
+       └──────────────────────────────────────────────────────────────────────────── ┘   the result
+
+A decoder cannot begin in the middle: it must know the descriptor, the count of samples, the time
+that has wrapped. So one worker decodes everything, which is the smaller part of the work, and takes
+along all that is cheap or that has no exact way of being split: the series that the closed loop
+needs is that of a single run. The sums, which are the larger part, are done by the parts from exact
+copies of the decoder; see `allanscope.allan.piece` for why the join is the result of one pass,
+integers exactly and sums to rounding. What does not fit this plan (a device that changed its
+configuration, a recording too short for it) is analysed in one pass by whoever joins.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan import AllanBank
+from allanscope.allan.archive import ROWS
+from allanscope.analysis.analyser import Analyser
+from allanscope.fleet.outcome import Outcome
+from allanscope.fleet.partial import Partial
+from allanscope.fleet.places import Place
+from allanscope.fleet.tail import Nothing, Tail
+from allanscope.fleet.work import PIECE_BYTES, analyse_place, failure, new_analyser, outcome_of
+from allanscope.pipeline.analyse import recorded_settings
+from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.settings import DeviceSettings
+from allanscope.recording import Fingerprint, Recording
+from allanscope.samples import Event, StreamInfo
+from allanscope.spectrum.bank import SpectrumBank
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+__all__ = ["Cut", "Survey", "join", "submit_split", "sum_part", "survey"]
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """Where a part begins.
+
+    Attributes
+    ----------
+    decoding : bytes
+        The decoder, pickled, as it is after all reads before.
+    after : int
+        Number that the next read has.
+    anchor : ndarray, shape (axes,), or None
+        First sample of the run; None when there was none yet.
+    taken : int
+        Samples of the open segment so far.
+    recent : ndarray, shape (n, axes)
+        The last of them: from `ALIGNED` before the last multiple of `ALIGNED` on.
+    """
+
+    decoding: bytes
+    after: int
+    anchor: NDArray[np.float64] | None
+    taken: int
+    recent: NDArray[np.generic]
+
+
+@dataclass(slots=True)
+class Survey:
+    """What is known after one worker has read everything.
+
+    Attributes
+    ----------
+    outcome : Outcome or None
+        Set when the recording cannot be read.
+    cuts : tuple of Cut
+        One for each part; empty where the recording is not to be split.
+    analyser : Analyser or None
+        Everything but the sums of deviations and spectrum.
+    """
+
+    place: Place
+    outcome: Outcome | None = None
+    cuts: tuple[Cut, ...] = ()
+    analyser: Analyser | None = None
+    decoding: Decoding | None = None
+    sha256: str = ""
+
+
+def submit_split(client: Client, place: Place, device: DeviceSettings, parts: int) -> Future:
+    """Hand out one recording in parts; the future is an `Outcome`, as of a whole one."""
+    seen = client.submit(survey, place, device, parts, pure=False)
+    sums = [
+        client.submit(sum_part, place, client.submit(_cut, seen, number, pure=False), number, parts)
+        for number in range(parts)
+    ]
+    return client.submit(join, seen, sums, device, pure=False)
+
+
+def _cut(seen: Survey, number: int) -> Cut | None:
+    """Take one cut out, so that a part is not sent the series of the whole."""
+    return seen.cuts[number] if seen.cuts else None
+
+
+def survey(place: Place, device: DeviceSettings, parts: int) -> Survey:
+    """Read a recording once and find where its parts begin."""
+    try:
+        return _surveyed(place, device, parts)
+    except Exception as error:
+        return Survey(place, failure(place, error))
+
+
+def sum_part(place: Place, cut: Cut | None, number: int, parts: int) -> Partial | None:
+    """Sum up one part; nothing for a recording that is not to be split."""
+    if cut is None:
+        return None
+    decoding: Decoding = pickle.loads(cut.decoding)
+    partial = Partial(cut.anchor, cut.taken, cut.recent)
+    recording = Recording(place.open_path()).part(number, parts)
+    for event in _events(recording, decoding, cut.after, last=number == parts - 1):
+        partial.take(event)
+    partial.finish(last=number == parts - 1)
+    return partial
+
+
+def join(seen: Survey, sums: list[Partial | None], device: DeviceSettings) -> Outcome:
+    """Return the outcome of a recording from its survey and its parts."""
+    place = seen.place
+    if seen.outcome is not None:
+        return seen.outcome
+    if seen.analyser is None or seen.decoding is None or not seen.cuts:
+        return analyse_place(place, device)
+    try:
+        state = seen.analyser.configurations[0]
+        axes = len(state.info.axes)
+        rate_hz = state.info.nominal_hz or 1.0
+        anchor = cast(Tail, state.bank).anchor
+        bank = AllanBank(rate_hz, axes, seen.analyser.settings.per_octave, anchor=anchor)
+        spectrum = SpectrumBank(rate_hz, axes, anchor=anchor)
+        for partial in sums:
+            assert partial is not None
+            partial.join_to(bank, spectrum)
+        state.bank, state.spectrum = bank, spectrum
+        recording = Recording(place.open_path())
+        return outcome_of(place, recording, seen.sha256, seen.analyser, seen.decoding)
+    except Exception as error:
+        return failure(place, error)
+
+
+def _surveyed(place: Place, device: DeviceSettings, parts: int) -> Survey:
+    recording = Recording(place.open_path())
+    settings = recorded_settings(recording, device)
+    decoding = Decoding(settings.for_wire(), settings.wire)
+    analyser = new_analyser(settings)
+    fingerprint = Fingerprint()
+    cuts = []
+    after = 0
+    for number in range(parts):
+        cuts.append(_cut_here(analyser, decoding, after))
+        part = recording.part(number, parts)
+        last = number == parts - 1
+        for event in _events(part, decoding, after, last=last, fingerprint=fingerprint):
+            analyser.take(event)
+            if isinstance(event, StreamInfo):
+                _leave_sums_out(analyser)
+        after = part.next_read(after)
+    found = Survey(place, None, tuple(cuts), analyser, decoding, fingerprint.hexdigest())
+    if analyser.state is not None:
+        analyser.state.settle()
+    if not _is_splittable(analyser):
+        return Survey(place)
+    return found
+
+
+def _events(
+    recording: Recording,
+    decoding: Decoding,
+    after: int,
+    *,
+    last: bool,
+    fingerprint: Fingerprint | None = None,
+) -> Iterator[Event]:
+    """Yield the events of one part, and behind the last what the end completes."""
+    for buffer in recording.buffers(PIECE_BYTES, after):
+        if fingerprint is not None:
+            fingerprint.add(buffer)
+        yield from decoding.take_buffer(buffer)
+    if last:
+        yield from decoding.finish()
+
+
+def _leave_sums_out(analyser: Analyser) -> None:
+    state = analyser.state
+    assert state is not None
+    if isinstance(state.bank, AllanBank):
+        state.bank = cast(AllanBank, Tail(len(state.info.axes)))
+        state.spectrum = cast(SpectrumBank, Nothing())
+
+
+def _cut_here(analyser: Analyser, decoding: Decoding, after: int) -> Cut:
+    held = pickle.dumps(decoding)
+    if analyser.state is None:
+        return Cut(held, after, None, 0, np.empty((0, 0)))
+    analyser.state.settle()
+    tail = cast(Tail, analyser.state.bank)
+    return Cut(held, after, tail.anchor, tail.taken, tail.recent())
+
+
+def _is_splittable(analyser: Analyser) -> bool:
+    """Whether the join is the result of one pass: one configuration, and rows as long as ours."""
+    if len(analyser.configurations) != 1:
+        return False
+    tail = cast(Tail, analyser.configurations[0].bank)
+    return tail.rows_of_half_a_stretch() > ROWS

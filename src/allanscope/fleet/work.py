@@ -1,0 +1,112 @@
+"""What runs on a worker: one recording from its bytes to its result, in one process and one thread.
+
+The recording is read in pieces of a few megabytes; the sums, and not the samples, stay in memory.
+Nothing that is wrong with a file is an exception here: it is an `Outcome` with one line, so that
+Dask never takes a bad file for a fault of the worker and tries it again elsewhere.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from allanscope.analysis.analyser import Analyser, AnalyserSettings
+from allanscope.analysis.result import Analysis
+from allanscope.analysis.summary import summarise
+from allanscope.errors import AllanscopeError, InputError
+from allanscope.fleet.outcome import Outcome, packed
+from allanscope.fleet.places import Place
+from allanscope.pipeline.analyse import FULL_ROWS, recorded_settings
+from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.settings import DeviceSettings
+from allanscope.recording import Fingerprint, Recording
+
+__all__ = [
+    "PIECE_BYTES",
+    "analyse_place",
+    "failure",
+    "fingerprint_place",
+    "new_analyser",
+    "outcome_of",
+]
+
+PIECE_BYTES = 1 << 18
+"""Read at a time: so much is summed up in one thread, and other workers have the other cores."""
+
+
+def analyse_place(place: Place, device: DeviceSettings) -> Outcome:
+    """Return what one recording comes to; the task of the fleet."""
+    try:
+        recording = Recording(place.open_path())
+        settings = recorded_settings(recording, device)
+        decoding = Decoding(settings.for_wire(), settings.wire)
+        analyser = new_analyser(settings)
+        fingerprint = Fingerprint()
+        for buffer in recording.buffers(PIECE_BYTES):
+            fingerprint.add(buffer)
+            for event in decoding.take_buffer(buffer):
+                analyser.take(event)
+        for event in decoding.finish():
+            analyser.take(event)
+        return outcome_of(place, recording, fingerprint.hexdigest(), analyser, decoding)
+    except Exception as error:
+        return failure(place, error)
+
+
+def fingerprint_place(place: Place) -> Outcome:
+    """Return the fingerprint alone, to see whether a recording is known under another name."""
+    try:
+        recording = Recording(place.open_path())
+        files = tuple(file.name for file in recording.files)
+        return Outcome(place.url, recording.sha256(), files)
+    except Exception as error:
+        return failure(place, error)
+
+
+def new_analyser(settings: DeviceSettings) -> Analyser:
+    """Return an analyser that remembers as much as that of a single run."""
+    return Analyser(AnalyserSettings(part=settings.part, history_rows=FULL_ROWS))
+
+
+def outcome_of(
+    place: Place, recording: Recording, sha256: str, analyser: Analyser, decoding: Decoding
+) -> Outcome:
+    """Sum up a recording that has been read to its end.
+
+    Raises
+    ------
+    InputError
+        If it held no samples.
+    """
+    if analyser.state is None or not analyser.state.samples:
+        raise InputError(f"{place.url} holds no samples; nothing to analyse")
+    facts = {"name": place.name, "path": place.url, "wire": decoding.wire, "sha256": sha256}
+    analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
+    circumstances = _circumstances(recording, analyser, analysis)
+    return Outcome(
+        place.url,
+        sha256,
+        tuple(file.name for file in recording.files),
+        packed({"circumstances": circumstances, "analysis": analysis.to_dict()}),
+    )
+
+
+def _circumstances(recording: Recording, analyser: Analyser, analysis: Analysis) -> dict[str, Any]:
+    """Return what the lot needs to know and a single result does not say: which unit, and when."""
+    metadata = recording.metadata
+    details = analyser.configurations[-1].info.details
+    return {
+        "unit": metadata.get("unit", ""),
+        "unique_id": details.get("unique_id", ""),
+        "serial_number": metadata.get("serial_number", ""),
+        "started": metadata.get("started", ""),
+        "firmware": details.get("firmware", ""),
+        "damaged_places": len(recording.damage),
+        "samples": analysis.samples,
+    }
+
+
+def failure(place: Place, error: Exception) -> Outcome:
+    """Return the outcome of a recording that cannot be analysed."""
+    known = isinstance(error, AllanscopeError)
+    text = str(error) if known else f"{place.url}: {type(error).__name__}: {error}"
+    return Outcome(place.url, error=" ".join(text.split()))

@@ -178,13 +178,23 @@ def test_through_a_pipe_there_is_a_line_a_minute_and_every_event():
     view.close()
     lines = out.getvalue().splitlines()
     status = [line.split("  6664")[0].strip() for line in lines if "samples, lost" in line]
-    assert status == ["1.0 s", "1 min 1 s", "2 min 1 s", "2 min 30 s"]
+    assert status == ["1.0 s", "1 min 1 s", "2 min 1 s"]
+    assert any(line.startswith("gx  2.9") for line in lines), "a summary at the end"
     assert sum("found sinusoid" in line for line in lines) == 2
     assert any(line.endswith("gap (device): length unknown") for line in lines)
     assert any(line.endswith("mark: fan off") for line in lines)
     assert any(line.endswith("device: sensor overran") for line in lines)
     assert not any("not worth" in line for line in lines)
     assert "\x1b" not in out.getvalue()
+
+
+def test_a_replay_says_how_much_is_left():
+    out, clock = io.StringIO(), Clock()
+    view = TerminalView("plain", stream=out, clock=clock, whole_s=7200.0)
+    clock.now = 10.0
+    view.snapshot(replace(demo_analysis(60.0), duration_s=1800.0))
+    # A quarter took 10 s, so the rest takes 30 s.
+    assert out.getvalue().splitlines()[-1].endswith(" of 2 h, 30 s left")
 
 
 def test_quiet_says_nothing(capsys):

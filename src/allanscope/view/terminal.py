@@ -49,6 +49,8 @@ class TerminalView:
         Where to write; standard output by default.
     clock : callable
         Time in seconds, for tests.
+    whole_s : float, optional
+        Length of the recording that is replayed; then the screen says how much is left.
     """
 
     def __init__(
@@ -58,12 +60,14 @@ class TerminalView:
         on_quit: Callable[[], None] | None = None,
         stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
+        whole_s: float | None = None,
     ) -> None:
         stream = stream or sys.stdout
         if mode == "auto":
             mode = "live" if stream.isatty() and os.environ.get("TERM") != "dumb" else "plain"
         self._mode = mode
         self._clock = clock
+        self._whole_s = whole_s
         self._began = clock()
         self._said_status = -_STATUS_EVERY_S
         self._diary, self._trends, self._gaps = Diary(), Trends(), GapTeller()
@@ -110,10 +114,10 @@ class TerminalView:
                 self.line(text, level)
         if self._live is not None:
             keys = _KEYS if self._keys is not None and self._keys.active else ""
-            self._show(Screen(analysis, self._trends, keys))
+            self._show(Screen(analysis, self._trends, keys, self._left(analysis)))
         elif self._mode == "plain" and self._clock() - self._said_status >= _STATUS_EVERY_S:
             self._said_status = self._clock()
-            self._write(status_line(analysis))
+            self._write(f"{status_line(analysis)}{self._left(analysis)}")
 
     def line(self, text: str, level: Level = "info") -> None:
         """Write one line, with the time of the run, above the screen."""
@@ -121,7 +125,7 @@ class TerminalView:
         self._write(f"{elapsed:>11}  {printable(text)}", _STYLES[level])
 
     def close(self) -> None:
-        """Leave the last screen standing and the terminal as it was."""
+        """Leave the last screen standing, or a summary, and the terminal as it was."""
         if self._keys is not None:
             self._keys.close()
         live, self._live = self._live, None
@@ -131,8 +135,19 @@ class TerminalView:
                     live.update(Screen(self._latest, self._trends))
                 live.stop()
         elif self._mode == "plain" and self._latest is not None:
-            self._write(status_line(self._latest))
+            for row in ("", *summary_lines(self._latest)):
+                self._write(row)
         self._mode = "quiet"
+
+    def _left(self, analysis: Analysis) -> str:
+        """Return how much of a recording is left, and how long that takes."""
+        if not self._whole_s or not analysis.duration_s:
+            return ""
+        left_s = max(0.0, self._whole_s - analysis.duration_s)
+        took_s = self._clock() - self._began
+        return (
+            f" of {duration(self._whole_s)}, {duration(left_s * took_s / analysis.duration_s)} left"
+        )
 
     def _go_live(self) -> None:
         self._live = Live(

@@ -44,12 +44,15 @@ class Screen:
         Where its coefficients are heading.
     keys : str
         A last line, e.g. which keys do what.
+    left : str
+        What follows the time of the run, e.g. how much of a recording is left.
     """
 
-    def __init__(self, analysis: Analysis, trends: Trends, keys: str = "") -> None:
+    def __init__(self, analysis: Analysis, trends: Trends, keys: str = "", left: str = "") -> None:
         self._analysis = analysis
         self._trends = trends
         self._keys = keys
+        self._left = left
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         wide = options.max_width >= _WIDE
@@ -70,7 +73,7 @@ class Screen:
         line.add_column(no_wrap=True, justify="right")
         device = Text("allanscope  ", style="bold")
         device.append("  ".join(printable(name) for name in names if name), style="not bold")
-        line.add_row(device, Text(duration(known.duration_s), style="bold"))
+        line.add_row(device, Text(f"{duration(known.duration_s)}{self._left}", style="bold"))
         return line
 
     def _run(self) -> Text:

@@ -121,7 +121,7 @@ def run_replay(
         folder.mkdir(parents=True, exist_ok=True)
     facts = {"name": path.name, "path": str(path), "sha256": recording.sha256()}
     session = Session(source, decoding, analyser, input_facts=lambda: facts)
-    analysis = _run(session, settings, folder, facts)
+    analysis = _run(session, settings, folder, facts, whole_s=recording.duration_s)
     if not analysis.samples:
         raise InputError(f"{path} holds no samples; nothing to replay")
     return analysis
@@ -169,12 +169,14 @@ def _run(
     folder: Path | None,
     facts: dict[str, str],
     recorder: Recorder | None = None,
+    whole_s: float | None = None,
 ) -> Analysis:
     """Run one session with its audience, and leave its result in the folder."""
     if session.decoding.wire in ("", "native"):
         # Compiled code is loaded before the first byte comes, not when it does.
         import_module("allanscope.wire.native.kernel")
-    terminal = TerminalView("quiet" if settings.quiet else "auto", session.mark, session.stop)
+    mode: Literal["quiet", "auto"] = "quiet" if settings.quiet else "auto"
+    terminal = TerminalView(mode, session.mark, session.stop, whole_s=whole_s)
     viewer = RerunView(folder, settings.view, {**facts, "name": facts["name"]}, terminal.line)
     session.audience = (terminal, viewer)
     final: Analysis | None = None
@@ -190,11 +192,16 @@ def _run(
                     recorder.describe(wire=session.decoding.wire)
                     recorder.close()
                     session.tell_news(time.monotonic_ns())
+            if recorder is not None and folder is not None:
+                with suppress(InputError):
+                    facts["sha256"] = Recording(folder).sha256()
+            terminal.line("measuring has ended; the result is worked out in full")
             final = session.result("full")
             terminal.snapshot(final)
             if folder is not None and final.samples:
                 write_json(final, folder / "result.json")
                 write_report(final, folder / "report.html")
+                terminal.line(f"kept in {folder}: see report.html")
         finally:
             viewer.close(final)
             terminal.close()

@@ -285,10 +285,7 @@ def test_waiting_grows_from_a_tenth_of_a_second_to_two() -> None:
 
     source._comports = ports
     bench.clock = source._clock = lambda: bench.now  # type: ignore[method-assign]
-    source._closing = SimpleNamespace(  # type: ignore[assignment]
-        is_set=lambda: False,
-        wait=lambda seconds: setattr(bench, "now", bench.now + int(seconds * 1e9)),
-    )
+    source._sleep = lambda seconds: setattr(bench, "now", bench.now + int(seconds * 1e9))
     list(events(source, 400))
     waits = [round((b - a) * 1e-9, 2) for a, b in itertools.pairwise(tries) if b > a]
     assert waits[:5] == pytest.approx([0.2, 0.4, 0.8, 1.6, 2.0], abs=0.06)

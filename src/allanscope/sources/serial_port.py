@@ -56,6 +56,8 @@ class SerialSource:
         Opens a link.
     clock : callable
         Host monotonic time in nanoseconds.
+    sleep : callable, optional
+        Passes that many seconds, in place of a wait that `close` can end.
 
     Raises
     ------
@@ -73,6 +75,7 @@ class SerialSource:
         comports: Comports | None = None,
         opener: Callable[[str, int], Transport] = open_transport,
         clock: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], object] | None = None,
     ) -> None:
         self._name = name
         self._settings = settings or SourceSettings()
@@ -85,6 +88,7 @@ class SerialSource:
         self._reading = threading.Lock()
         self._writing = threading.Lock()
         self._closing = threading.Event()
+        self._sleep = sleep or self._closing.wait
         self._streaming = False
         self._stalled = False
         self._gather = False
@@ -150,7 +154,7 @@ class SerialSource:
 
     def _listen(self, link: Transport) -> Chunk:
         if self._gather:
-            self._closing.wait(GATHER_S)
+            self._sleep(GATHER_S)
         try:
             data = link.read(WAIT_S)
         except LINK_ERRORS:
@@ -191,7 +195,7 @@ class SerialSource:
         """Wait a little; when it is time, look for the device and open it."""
         wait_s = (self._next_try_ns - self._clock()) * 1e-9
         if wait_s > 0.0:
-            self._closing.wait(min(wait_s, WAIT_S))
+            self._sleep(min(wait_s, WAIT_S))
             return Chunk(self._clock())
         try:
             self._reopen()

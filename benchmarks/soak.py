@@ -1,0 +1,334 @@
+"""Every lost sample of a night with hundreds of faults of every kind must be reported.
+
+    python benchmarks/soak.py                        12 h x 6.66 kHz against a virtual clock
+    python benchmarks/soak.py --hours 0.1 --faults 5
+    python benchmarks/soak.py --real 30m             the same rate in real time over a real port
+
+The virtual night runs the whole of a live session but its viewer: serial source with its watchdog
+and its search for a lost device, recorder, decoder, sums, a live result whenever the machine can.
+Then it is held against the truth: the ledger of the board, one pass over the undisturbed sensor
+with the lost samples cut out, and a replay of what was recorded. Exit code 1 if anything differs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from virtual_night import KINDS, Night
+
+from allanscope.allan import AllanBank
+from allanscope.analysis.analyser import Analyser
+from allanscope.analysis.result import Analysis
+from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.replaying import analysed
+from allanscope.pipeline.session import Session
+from allanscope.recording import Recorder
+from allanscope.samples import Block, Gap, Notice, StreamInfo
+from allanscope.simulator import Simulator
+from allanscope.sources import SerialSource
+from allanscope.wire.base import WireSettings
+
+CURVES = ("oadev", "mdev", "ohdev", "totdev")
+LAG = 1 << 20
+"""Samples that the board may be ahead of the sums, so that memory is that of a live run."""
+
+
+@dataclass
+class Witness:
+    """An audience that notes which samples came, to the sample."""
+
+    ranges: list[list[int]] = field(default_factory=list)
+    epoch: int = -1
+    taken: int = 0
+    _joined: bool = False
+
+    def info(self, info: StreamInfo) -> None:
+        self.epoch, self._joined = info.epoch, False
+
+    def samples(self, info: StreamInfo, block: Block) -> None:
+        self.taken += len(block)
+        stop = block.index + len(block)
+        if self._joined:
+            assert self.ranges[-1][2] == block.index, "blocks without a gap between them must join"
+            self.ranges[-1][2] = stop
+        else:
+            self.ranges.append([info.epoch, block.index, stop])
+        self._joined = True
+
+    def gap(self, gap: Gap) -> None:
+        self._joined = False
+
+    def notice(self, notice: Notice) -> None: ...
+
+    def snapshot(self, analysis: Analysis) -> None: ...
+
+
+class Health(threading.Thread):
+    """Watches memory, file handles and threads of a process."""
+
+    def __init__(self, pid: int, progress: Callable[[], float], every_s: float = 5.0) -> None:
+        super().__init__(name="health", daemon=True)
+        self._pid, self._progress, self._every_s = pid, progress, every_s
+        self._done = threading.Event()
+        self.rows: list[tuple[float, float, int, int]] = []
+
+    def run(self) -> None:
+        while not self._done.wait(self._every_s):
+            self.look()
+
+    def look(self) -> None:
+        try:
+            status = Path(f"/proc/{self._pid}/status").read_text()
+            handles = len(os.listdir(f"/proc/{self._pid}/fd"))
+        except OSError:
+            return
+        lines = dict(line.split(":", 1) for line in status.splitlines())
+        memory = int(lines["VmRSS"].split()[0]) / 1024
+        self.rows.append((self._progress(), memory, handles, int(lines["Threads"])))
+
+    def end(self) -> None:
+        self._done.set()
+        self.join()
+
+    def summary(self) -> list[str]:
+        """Return a few lines, and what grew from the first tenth of the run to its last."""
+        rows = np.array(self.rows)
+        lines = ["   at      memory  handles  threads"]
+        for row in rows[:: max(1, len(rows) // 8)]:
+            lines.append(f"{row[0]:7.3f}  {row[1]:7.1f} MB  {row[2]:6.0f}  {row[3]:6.0f}")
+        return lines
+
+    def growth(self) -> tuple[float, int, int]:
+        """Return by how much the last third exceeds the second sixth: MB, handles, threads."""
+        rows = np.array(self.rows)
+        n = len(rows)
+        if n < 12:
+            return 0.0, 0, 0
+        early, late = rows[n // 6 : n // 3], rows[-n // 3 :]
+        memory = float(np.median(late[:, 1]) - np.median(early[:, 1]))
+        return (
+            memory,
+            int(late[:, 2].max() - early[:, 2].max()),
+            int(late[:, 3].max() - early[:, 3].max()),
+        )
+
+
+# -- the virtual night ---------------------------------------------------------------------------
+
+
+def virtual(options: argparse.Namespace, folder: Path) -> bool:
+    seconds = 3600.0 * options.hours
+    over = threading.Event()
+    witness = Witness()
+    night = Night(options.rate, seconds, options.faults, options.seed, over.set)
+    source = SerialSource(
+        "virtual", comports=list, opener=night.open, clock=night.clock, sleep=night.sleep
+    )
+    recorder = Recorder(folder, {}, max_seconds=3600.0, on_alarm=lambda line: print(line or "ok"))
+    session = Session(
+        _Paced(source, night, witness, over),
+        Decoding(WireSettings()),
+        Analyser(),
+        audience=(witness,),
+        ledger=recorder,
+    )
+    health = Health(os.getpid(), lambda: night.now_s / 3600.0)
+    began, cpu = time.monotonic(), time.process_time()
+    health.start()
+    session.run()
+    health.end()
+    recorder.close()
+    assert session.analyser.state is not None
+    session.analyser.state.settle()
+    took, cpu = time.monotonic() - began, time.process_time() - cpu
+    print(
+        f"{options.hours:g} h at {options.rate:g} Hz x 6 axes in {took:.0f} s, CPU {cpu:.0f} s: "
+        f"{night.ledger.produced} samples made, {witness.taken} taken; "
+        f"recorded {recorder.bytes_written / 1e9:.2f} GB, {recorder.dropped_bytes} bytes dropped"
+    )
+    print("faults:", ", ".join(f"{night.faults[kind]} {kind}" for kind in KINDS))
+    print("\n".join(health.summary()))
+    checks = [*_losses(night, witness, session), *_growth(health)]
+    checks += _against_truth(night, witness, session, options)
+    checks += _against_replay(folder, session)
+    return _verdict(checks)
+
+
+class _Paced:
+    """A source that waits when the sums lag behind, and ends when the night is over."""
+
+    def __init__(
+        self, source: SerialSource, night: Night, witness: Witness, over: threading.Event
+    ) -> None:
+        self._source, self._night, self._witness, self._over = source, night, witness, over
+        self.name, self.identity = "virtual", {}
+        self.write, self.close = source.write, source.close
+
+    def read(self):  # type: ignore[no-untyped-def]
+        ledger = self._night.ledger
+        while ledger.produced - ledger.lost.total() - self._witness.taken > LAG:
+            time.sleep(0.002)
+        if self._over.is_set():
+            self._source.close()
+        return self._source.read()
+
+
+def _losses(night: Night, witness: Witness, session: Session) -> list[tuple[bool, str]]:
+    """Between the first and the last sample of every epoch: lost = reported lost."""
+    known = expected = 0
+    for epoch, ranges in groupby(witness.ranges, key=lambda one: one[0]):
+        each = list(ranges)
+        first, stop = each[0][1], each[-1][2]
+        known += stop - first - sum(b - a for _, a, b in each)
+        expected += night.ledger.missing(epoch, first, stop)
+    state = session.analyser.state
+    assert state is not None
+    restarts = len({epoch for epoch, _, _ in witness.ranges}) - 1
+    return [
+        (
+            known == expected == state.lost == session.decoding.stats.lost_samples,
+            f"lost by the board's ledger {expected}, reported {state.lost}",
+        ),
+        (
+            state.unknown_losses == restarts,
+            f"{restarts} restarts, {state.unknown_losses} gaps of unknown length",
+        ),
+        (
+            session.decoding.reconnects == night.faults["unplug"],
+            f"{night.faults['unplug']} cables pulled, {session.decoding.reconnects} reconnections",
+        ),
+        (state.segments == len(witness.ranges), f"{state.segments} segments"),
+    ]
+
+
+def _growth(health: Health) -> list[tuple[bool, str]]:
+    memory, handles, threads = health.growth()
+    return [
+        (memory < 30.0, f"memory grew by {memory:+.1f} MB from early to late"),
+        (handles <= 1 and threads <= 1, f"handles {handles:+d}, threads {threads:+d}"),
+    ]
+
+
+def _against_truth(
+    night: Night, witness: Witness, session: Session, options: argparse.Namespace
+) -> list[tuple[bool, str]]:
+    """One pass over the undisturbed sensor, with what was lost cut out."""
+    sensor = Simulator(rate=options.rate, seed=options.seed, duration_s=3600.0 * options.hours)
+    bank = AllanBank(options.rate, axes=6)
+    at = 0
+    for epoch, first, stop in witness.ranges:
+        start, end = night.zero[epoch] + first, night.zero[epoch] + stop
+        while at < start:
+            at += len(sensor.read(min(start - at, 1 << 16)))
+        while at < end:
+            block = sensor.read(min(end - at, 1 << 16))
+            bank.update(block.counts)
+            at += len(block)
+        bank.gap()
+    state = session.analyser.state
+    assert state is not None
+    return [_same("the undisturbed run on what survived", bank, state.bank)]
+
+
+def _against_replay(folder: Path, session: Session) -> list[tuple[bool, str]]:
+    began = time.monotonic()
+    decoding = Decoding(WireSettings())
+    state = analysed(folder, decoding, Analyser(), quiet=True).state
+    took = time.monotonic() - began
+    live = session.analyser.state
+    assert state is not None
+    assert live is not None
+    state.settle()
+    stats = decoding.stats == session.decoding.stats
+    return [
+        _same(f"a replay of the recording ({took:.0f} s)", state.bank, live.bank),
+        (
+            (state.samples, state.lost, stats) == (live.samples, live.lost, True),
+            "the same counters",
+        ),
+    ]
+
+
+def _same(what: str, one: AllanBank, other: AllanBank) -> tuple[bool, str]:
+    worst = 0.0
+    one.scale = other.scale = np.ones(6)
+    for kind in CURVES:
+        a, b = one.deviation(kind), other.deviation(kind)
+        if a.tau.shape != b.tau.shape or not np.array_equal(a.terms, b.terms):
+            return False, f"{what}: {kind} has other taus or terms"
+        worst = max(worst, float(np.nanmax(np.abs(a.deviation / b.deviation - 1.0))))
+    return worst < 1e-9, f"{what}: curves differ by {worst:.1e} at most"
+
+
+# -- real time -----------------------------------------------------------------------------------
+
+
+def real(options: argparse.Namespace, folder: Path) -> bool:
+    """Run the device and the monitor as two processes, as a user would."""
+    run = [sys.executable, "-m", "allanscope"]
+    device = subprocess.Popen(
+        [*run, "device", "--rate", str(options.rate)], stdout=subprocess.PIPE, text=True
+    )
+    assert device.stdout is not None
+    port = device.stdout.readline().strip()
+    live = [*run, "live", port, "--for", options.real, "--out", str(folder / "S")]
+    began = time.monotonic()
+    monitor = subprocess.Popen([*live, "--view", "none", "--json"], stdout=subprocess.PIPE)
+    health = Health(monitor.pid, lambda: (time.monotonic() - began) / 3600.0)
+    health.start()
+    out, _ = monitor.communicate()
+    health.end()
+    device.terminate()
+    device.wait()
+    result = json.loads(out)
+    print("\n".join(health.summary()))
+    rate, load = result["rate"], os.getloadavg()[0]
+    print(f"measured {rate['measured_hz']:.3f} Hz; load of the machine at the end {load:.1f}")
+    return _verdict(
+        [
+            (result["lost_samples"] == 0, f"{result['lost_samples']} of {result['samples']} lost"),
+            (result["unknown_losses"] == 0, f"{result['unknown_losses']} gaps of unknown length"),
+            (result["segments"] == 1, f"{result['segments']} segments"),
+            (result["link"]["crc_errors"] == 0, f"{result['link']['crc_errors']} bad checksums"),
+            *_growth(health),
+        ]
+    )
+
+
+def _verdict(checks: list[tuple[bool, str]]) -> bool:
+    for good, line in checks:
+        print("ok  " if good else "FAIL", line)
+    return all(good for good, _ in checks)
+
+
+def main() -> int:
+    """Run one of the two nights and say how it went."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--hours", type=float, default=12.0)
+    parser.add_argument("--rate", type=float, default=6660.0)
+    parser.add_argument("--faults", type=int, default=200, help="of each kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--real", metavar="TIME", help="in real time over a real port, e.g. 30m")
+    options = parser.parse_args()
+    folder = Path(tempfile.mkdtemp(prefix="soak-"))
+    try:
+        return 0 if (real if options.real else virtual)(options, folder) else 1
+    finally:
+        shutil.rmtree(folder)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -268,3 +268,38 @@ def test_a_stretch_too_short_for_a_tau_adds_no_degrees_of_freedom():
             expected.edf[0, at][same_noise],
             rtol=1e-6,
         )
+
+
+@pytest.mark.parametrize("kind", sorted(REGISTRY))
+def test_the_wait_ends_with_the_sample_that_brings_a_value(kind):
+    rng = np.random.default_rng(30)
+    bank = AllanBank(rate=10.0, axes=2)
+    bank.update(rng.normal(size=(10, 2)))
+    tau = 1.6 * REGISTRY[kind].tau_factor if kind != "theoh" else 9.6
+
+    def known():
+        curve = bank.deviation(kind)
+        return np.isfinite(curve.deviation[:, np.isclose(curve.tau, tau)]).all(axis=0).any()
+
+    missing = round(10 * bank.wait(kind, tau))
+    assert missing > 0
+    assert not known()
+    bank.update(rng.normal(size=(missing - 1, 2)))
+    assert not known()
+    assert bank.wait(kind, tau) == pytest.approx(0.1)
+    bank.update(rng.normal(size=(1, 2)))
+    assert known()
+    assert bank.wait(kind, tau) == 0.0
+
+
+def test_what_a_gap_has_cut_off_is_waited_for_again():
+    bank = AllanBank(rate=10.0, axes=1)
+    bank.update(np.arange(30.0) % 7)
+    assert bank.wait("oadev", 1.6) == pytest.approx(0.3)
+    bank.gap()
+    assert bank.wait("oadev", 1.6) == pytest.approx(3.3)
+    assert bank.wait("oadev", 0.8) == 0.0
+    with pytest.raises(ValueError, match="tau must be positive"):
+        bank.wait("oadev", 0.0)
+    with pytest.raises(ValueError, match="unknown estimator"):
+        bank.wait("allan", 1.0)

@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from allanscope.allan.confidence import (
-    assemble,
-    chi_square_limits,
-    simple_interval,
-    wait_seconds,
-)
+from allanscope.allan import deviation
+from allanscope.allan.confidence import assemble, chi_square_limits, wait_seconds
 from allanscope.allan.estimators import REGISTRY, Sums
 
 
@@ -46,9 +42,11 @@ def test_a_level_is_a_probability(level):
 
 
 def test_the_simple_interval_is_the_deviation_over_the_root_of_its_terms():
-    lower, upper = simple_interval([3.0, 8.0], [9, 16])
-    assert lower.tolist() == [2.0, 6.0]
-    assert upper.tolist() == [4.0, 10.0]
+    curve = deviation([1, 2, 4, 3, 3, 1, 1, 2, 7], 1.0, "adev", taus=[1, 2])
+    lower, upper = curve.simple_limits()
+    assert curve.terms.tolist() == [8, 3]
+    np.testing.assert_allclose(lower, curve.deviation * (1 - 1 / np.sqrt([8, 3])))
+    np.testing.assert_allclose(upper, curve.deviation * (1 + 1 / np.sqrt([8, 3])))
 
 
 def test_the_curve_is_the_root_of_the_variance_in_seconds():

@@ -22,10 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 from allanscope.allan import bank_state
 from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
-from allanscope.allan.confidence import HadamardFactor, assemble
+from allanscope.allan.confidence import HadamardFactor, assemble, wait_seconds
 from allanscope.allan.curves import Curves
 from allanscope.allan.deviation import Deviation
-from allanscope.allan.estimators import Sums
+from allanscope.allan.estimators import Sums, estimator_named
 from allanscope.allan.piece import STRETCH, Piece
 from allanscope.samples import Block
 
@@ -87,8 +87,10 @@ class AllanBank:
     >>> oadev.tau.tolist(), oadev.deviation.tolist(), oadev.terms.tolist()
     ([0.1, 0.2], [[1.0, nan]], [[3, 1]])
 
-    One term is no estimate. Four samples later there are more:
+    One term is no estimate; after one more sample there are two. Four samples later:
 
+    >>> bank.wait("oadev", tau=0.2)
+    0.1
     >>> bank.update(np.array([3, 1, 1, 2], np.int16))
     >>> bank.deviation("oadev").deviation.round(3).tolist()
     [[0.886, 1.025, nan]]
@@ -209,6 +211,39 @@ class AllanBank:
             bias_corrected=bias_corrected,
             hadamard_factor=hadamard_factor,
         )
+
+    def wait(self, kind: str, tau: float, rate: float | None = None) -> float:
+        """Return how much longer to run, without a gap, until there is a value at a tau.
+
+        Parameters
+        ----------
+        kind : str
+            As in `deviation`.
+        tau : float
+            Averaging time in s; the nearest averaging factor is meant.
+        rate : float, optional
+            Measured sample rate in Hz instead of the bank's.
+
+        Returns
+        -------
+        float
+            In s; 0 when every axis has a value.
+
+        Raises
+        ------
+        ValueError
+            For an unknown kind, or a rate or tau that is not positive.
+        """
+        rate = _positive(self.rate if rate is None else rate)
+        estimator = estimator_named(kind)
+        if not (np.isfinite(tau) and tau > 0):
+            raise ValueError(f"tau must be positive and finite, got {tau!r} s")
+        step = 2 if estimator.even else 1
+        m = max(step * round(tau * rate / (step * estimator.tau_factor)), step)
+        sums = self._settled_curves().sums(kind)
+        if (sums.terms[:, sums.m >= m] >= estimator.min_terms).all(axis=0).any():
+            return 0.0
+        return wait_seconds(kind, m, self._cascade.taken, rate)
 
     def merge(self, other: AllanBank) -> None:
         """Add another bank's run behind a gap: as if its samples had come here.

@@ -21,7 +21,7 @@ from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import Sums, estimator_named
 from allanscope.allan.noise_type import NAMES
 
-__all__ = ["HadamardFactor", "assemble", "chi_square_limits", "simple_interval", "wait_seconds"]
+__all__ = ["HadamardFactor", "assemble", "chi_square_limits", "wait_seconds"]
 
 HadamardFactor = Literal["sp1065", "dt0064"]
 
@@ -143,24 +143,6 @@ def chi_square_limits(
     largest = 2.0 * gammaincinv(edf / 2.0, 1.0 - tail)
     deviation = np.asarray(deviation, np.float64)
     return deviation * np.sqrt(edf / largest), deviation * np.sqrt(edf / smallest)
-
-
-def simple_interval(
-    deviation: ArrayLike, terms: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the limits of DT0064: deviation -+ deviation / sqrt(terms).
-
-    One standard deviation if the terms were independent, which those of overlapping estimators are
-    not: at long tau it is far too narrow. Kept for comparison with figures made that way.
-
-    Examples
-    --------
-    >>> simple_interval(2.0, 16)
-    (np.float64(1.5), np.float64(2.5))
-    """
-    deviation = np.asarray(deviation, np.float64)
-    error = deviation / np.sqrt(np.asarray(terms, np.float64))
-    return deviation - error, deviation + error
 
 
 def wait_seconds(kind: str, m: int, n: int, rate: float) -> float:

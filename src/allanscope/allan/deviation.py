@@ -52,6 +52,15 @@ class Deviation:
     level: float
     trusted: NDArray[np.bool_]
 
+    def simple_limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the limits of DT0064: deviation -+ deviation / sqrt(terms).
+
+        One standard deviation if the terms were independent, which those of overlapping estimators
+        are not: at long tau it is far too narrow. Kept for comparison with figures made that way.
+        """
+        error = self.deviation / np.sqrt(self.terms)
+        return self.deviation - error, self.deviation + error
+
     def axis(self, column: int) -> Deviation:
         """Return the curve of one axis, without the taus at which it has no value."""
         if self.deviation.ndim == 1:

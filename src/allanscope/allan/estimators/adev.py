@@ -26,6 +26,12 @@ class Adev(DifferenceEstimator):
     >>> x = np.array([0.0, 1, 3, 7, 10])
     >>> Adev().exact(x, 1), Adev().exact(x, 2)
     ((1.0, 3), (2.0, 1))
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Adev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, 2.0, 2.0, 1.562, 1.562, 1.417]
     """
 
     name: ClassVar[str] = "adev"

@@ -30,6 +30,12 @@ class Hdev(DifferenceEstimator):
     >>> variance, terms = Hdev().exact(np.array([0.0, 1, 3, 7, 10]), 1)
     >>> round(variance, 6), terms
     (0.833333, 2)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Hdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, nan, nan, 2.042, 2.042, 1.771]
     """
 
     name: ClassVar[str] = "hdev"

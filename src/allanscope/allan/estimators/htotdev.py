@@ -40,6 +40,12 @@ class Htotdev(Estimator):
     >>> variance, windows = Htotdev().exact(np.array([0.0, 1, 3, 7, 10, 11, 9]), 2)
     >>> round(variance, 6), windows
     (3.008059, 1)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Htotdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, nan, nan, 1.181, 0.892, 1.226]
     """
 
     name: ClassVar[str] = "htotdev"

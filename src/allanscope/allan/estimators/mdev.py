@@ -29,6 +29,12 @@ class Mdev(Estimator):
     >>> x = np.array([0.0, 1, 3, 7, 10, 11])
     >>> Mdev().exact(x, 1), Mdev().exact(x, 2)
     ((1.25, 4), (0.125, 1))
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Mdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, nan, 0.5, 0.391, 0.635, 0.477]
     """
 
     name: ClassVar[str] = "mdev"

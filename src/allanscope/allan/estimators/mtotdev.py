@@ -40,6 +40,12 @@ class Mtotdev(Estimator):
     >>> variance, windows = Mtotdev().exact(np.array([0.0, 1, 3, 7, 10, 11, 9]), 2)
     >>> round(variance, 6), windows
     (1.556649, 2)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Mtotdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, nan, 0.557, 0.466, 0.5, 0.546]
     """
 
     name: ClassVar[str] = "mtotdev"

@@ -25,6 +25,12 @@ class Oadev(DifferenceEstimator):
     >>> x = np.array([0.0, 1, 3, 7, 10])
     >>> Oadev().exact(x, 1), Oadev().exact(x, 2), Oadev().exact(x, 3)
     ((1.0, 3), (2.0, 1), (nan, 0))
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Oadev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, 2.0, 1.0, 1.042, 1.062, 1.075]
     """
 
     name: ClassVar[str] = "oadev"

@@ -24,6 +24,12 @@ class Ohdev(DifferenceEstimator):
     >>> import numpy as np
     >>> Ohdev().exact(np.arange(9.0) ** 2, 2)
     (0.0, 3)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Ohdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, nan, nan, 2.042, 1.208, 1.306]
     """
 
     name: ClassVar[str] = "ohdev"

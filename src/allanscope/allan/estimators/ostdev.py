@@ -25,6 +25,12 @@ class Ostdev(AverageEstimator):
     >>> variance, terms = Ostdev().exact(np.array([0.0, 1, 3, 7, 10]), 2)
     >>> round(variance, 6), terms
     (1.083333, 3)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Ostdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, 1.125, 1.083, 0.75, 0.675, 0.742, 0.786]
     """
 
     name: ClassVar[str] = "ostdev"

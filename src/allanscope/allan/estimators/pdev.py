@@ -35,6 +35,12 @@ class Pdev(Estimator):
     --------
     >>> Pdev().exact(np.array([0.0, 1, 3, 7, 10, 11]), 2)
     (1.40625, 2)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Pdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, 2.531, 1.406, 1.031, 1.055, 0.9]
     """
 
     name: ClassVar[str] = "pdev"

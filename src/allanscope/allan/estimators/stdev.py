@@ -24,6 +24,12 @@ class Stdev(AverageEstimator):
     >>> import numpy as np
     >>> Stdev().exact(np.array([0.0, 1, 3, 7, 10]), 2)
     (2.0, 2)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Stdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, 2.0, 2.0, 1.083, 1.083, 1.062]
     """
 
     name: ClassVar[str] = "stdev"

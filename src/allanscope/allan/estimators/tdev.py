@@ -25,6 +25,12 @@ class Tdev(Mdev):
     >>> variance, terms = Tdev().exact(np.array([0.0, 1, 3, 7, 10, 11]), 2)
     >>> round(variance, 6), terms
     (0.166667, 1)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Tdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, nan, 0.667, 0.521, 0.847, 0.635]
     """
 
     name: ClassVar[str] = "tdev"

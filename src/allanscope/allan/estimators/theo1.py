@@ -31,6 +31,12 @@ class Theo1(Estimator):
 
     >>> Theo1().exact(np.array([0.0, 1, 3, 7, 10]), 4)
     (1.0, 1)
+
+    The variance at m = 4 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Theo1().exact(x[: n + 1], 4)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, 1.0, 0.542, 0.736, 0.667, 0.675]
     """
 
     name: ClassVar[str] = "theo1"

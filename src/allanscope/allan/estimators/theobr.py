@@ -45,6 +45,11 @@ class TheoBR(Theo1):
     >>> x = np.append(0.0, rng.standard_normal(2000).cumsum())
     >>> round(theobr_ratio(x), 2)
     1.06
+
+    The variance at m = 40 as the run grows to 88, 89, 200, 400 and 800 samples:
+
+    >>> [round(TheoBR().exact(x[: n + 1], 40)[0], 3) for n in (88, 89, 200, 400, 800)]
+    [nan, 0.01, 0.03, 0.037, 0.037]
     """
 
     name: ClassVar[str] = "theobr"

@@ -34,6 +34,12 @@ class TheoH(TheoBR):
     [1.0, 100.0, 150.0]
     >>> TheoH().admits(101, 1000), TheoH().admits(134, 1000)
     (False, True)
+
+    The variance at m = 40 as the run grows: THEOBR until 400 samples make it a tenth of the run.
+
+    >>> x = np.append(0.0, np.random.default_rng(4).standard_normal(2000).cumsum())
+    >>> [round(TheoH().exact(x[: n + 1], 40)[0], 3) for n in (88, 89, 200, 399, 400, 800)]
+    [nan, 0.01, 0.03, 0.036, 0.023, 0.026]
     """
 
     name: ClassVar[str] = "theoh"

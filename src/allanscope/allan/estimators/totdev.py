@@ -41,6 +41,12 @@ class Totdev(Estimator):
     >>> variance, terms = Totdev().exact(np.array([0.0, 1, 3, 7, 10]), 3)
     >>> round(variance, 6), terms
     (1.296296, 3)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Totdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, 0.5, 2.562, 1.333, 1.031, 1.425, 1.042, 1.929]
     """
 
     name: ClassVar[str] = "totdev"

@@ -24,6 +24,12 @@ class Ttotdev(Mtotdev):
     >>> variance, windows = Ttotdev().exact(np.array([0.0, 1, 3, 7, 10, 11, 9]), 2)
     >>> round(variance, 6), windows
     (2.075532, 2)
+
+    The variance at m = 2 after each of the rates 1 2 4 3 3 1 2 5:
+
+    >>> x = np.cumsum([0.0, 1, 2, 4, 3, 3, 1, 2, 5])
+    >>> [round(Ttotdev().exact(x[: n + 1], 2)[0], 3) for n in range(1, 9)]
+    [nan, nan, nan, nan, 0.743, 0.621, 0.667, 0.728]
     """
 
     name: ClassVar[str] = "ttotdev"

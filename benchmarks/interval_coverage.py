@@ -7,9 +7,11 @@ variance itself; for the totals and bias-removed THEO1 the mean of the variance 
 THEO1 and the standard deviations are held against their own mean.
 
     python benchmarks/interval_coverage.py --runs 2000 --samples 1024
+    python benchmarks/interval_coverage.py --runs 300 --samples 8192 --stream
 
 prints, for each estimator and noise, the coverage pooled over all trusted octave taus, the lowest
-single one, and how often the noise was named right.
+single one and its tau, and how often the noise was named right. With ``--stream`` the runs go
+through an `AllanBank`, whose terms are thinned at long tau.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ import argparse
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan import deviation
+from allanscope.allan import AllanBank, deviation
 from allanscope.allan.estimators import REGISTRY
 from allanscope.allan.noise_type import NAMES
 
@@ -58,18 +60,24 @@ def truth(kind: str, tau: NDArray[np.float64], noise: NDArray[np.float64]) -> ND
 
 
 def coverage(
-    kind: str, noise: NDArray[np.float64], alpha: int
-) -> tuple[NDArray[np.float64], float]:
-    """Return the coverage at each trusted tau of an estimator, and how often alpha was found."""
-    curves = [deviation(run, 1.0, kind) for run in noise]
-    keep = curves[0].trusted
-    expected = np.sqrt(truth(kind, curves[0].tau[keep], noise))
+    kind: str, noise: NDArray[np.float64], alpha: int, *, stream: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return trusted taus, the coverage at each of them, and how often alpha was found."""
+    if stream:
+        bank = AllanBank(1.0, axes=len(noise), per_octave=1)
+        bank.update(noise.T)
+        curve = bank.deviation(kind)
+        tau, trusted = curve.tau, curve.trusted
+        lower, upper, names = curve.lower, curve.upper, curve.noise
+    else:
+        curves = [deviation(run, 1.0, kind) for run in noise]
+        tau, trusted = curves[0].tau, curves[0].trusted
+        lower, upper = np.array([c.lower for c in curves]), np.array([c.upper for c in curves])
+        names = np.array([c.noise for c in curves])
+    expected = np.where(trusted, np.sqrt(truth(kind, tau, noise)), np.nan)
     known = np.isfinite(expected)
-    lower = np.array([curve.lower[keep] for curve in curves])[:, known]
-    upper = np.array([curve.upper[keep] for curve in curves])[:, known]
-    names = np.array([curve.noise[keep] for curve in curves])[:, known]
-    held = (lower <= expected[known]) & (expected[known] <= upper)
-    return held.mean(axis=0), float(np.mean(names == NAMES[alpha]))
+    held = (lower[:, known] <= expected[known]) & (expected[known] <= upper[:, known])
+    return tau[known], held.mean(axis=0), float(np.mean(names[:, known] == NAMES[alpha]))
 
 
 def main() -> None:
@@ -79,15 +87,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=20)
     parser.add_argument("--kinds", nargs="*", default=list(REGISTRY))
     parser.add_argument("--alphas", nargs="*", type=int, default=[2, 1, 0, -1, -2])
+    parser.add_argument("--stream", action="store_true", help="through a bank")
     options = parser.parse_args()
-    print(f"{'':8} {'noise':5} {'coverage':>8} {'lowest':>7} {'named right':>11}")
+    print(f"{'':8} {'noise':5} {'coverage':>8} {'lowest':>7} {'at tau':>9} {'named right':>11}")
     for kind in options.kinds:
         for alpha in options.alphas:
             rng = np.random.default_rng(options.seed)
             noise = power_law(alpha, options.samples, options.runs, rng)
-            held, right = coverage(kind, noise, alpha)
+            tau, held, right = coverage(kind, noise, alpha, stream=options.stream)
             print(
-                f"{kind:8} {NAMES[alpha]:5} {held.mean():8.3f} {held.min():7.3f} {right:11.3f}",
+                f"{kind:8} {NAMES[alpha]:5} {held.mean():8.3f} {held.min():7.3f}"
+                f" {tau[held.argmin()]:9g} {right:11.3f}",
                 flush=True,
             )
 

@@ -70,7 +70,7 @@ def test_a_record_that_is_too_short_for_the_loop_says_how_much_longer(analysis):
         short, effects=(), before=UNKNOWN, after=UNKNOWN, explained=False, remarks=(TOO_SHORT,)
     )
     known = heads(changed(clean(analysis), explanation=short))
-    assert known["Not searched for effects: all axes"].text == TOO_SHORT
+    assert known["Not searched: all axes"].text == TOO_SHORT
     assert not any(head.startswith("Open") for head in known)
 
 

@@ -194,7 +194,7 @@ def _effect_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
             for remark in one.remarks[:1]:
                 reasons.setdefault(remark, []).append(name)
     lines += [
-        VerdictLine("note", f"Not searched for effects: {_named(names, axes)}", reason)
+        VerdictLine("note", f"Not searched: {_named(names, axes)}", reason)
         for reason, names in reasons.items()
     ]
     return lines

@@ -29,6 +29,9 @@ _SENSORS = {"dps": "gyroscope", "g": "accelerometer"}
 _LETTERS = ("N", "B", "K")
 _WIDE = 130
 _ARROWS: dict[Direction, str] = {"up": "↑", "down": "↓", "settled": "=", "": " "}
+_FOLD_LOSS = 16
+"""Columns that folding between words may leave empty at the end of a line."""
+
 _FIXED_LINES = 17
 """Lines that are always there; the rest of the height is for what is behind the verdict."""
 
@@ -61,7 +64,7 @@ class Screen:
         title = Text(known.title, style=_style(GRADE[known.grade]))
         title.no_wrap, title.overflow = True, "ellipsis"
         top: list[Text | Table] = [self._header(), self._run(), title, Text()]
-        yield Group(*top, self._axes(wide), Text(), *_reasons(known.lines, room))
+        yield Group(*top, self._axes(wide), Text(), *_reasons(known.lines, room, options.max_width))
         if self._keys:
             yield Text(self._keys, style="dim", no_wrap=True, overflow="ellipsis")
 
@@ -132,17 +135,21 @@ class Screen:
         return Text(f"{symbols(reading.compact(known.value, known.lower, known.upper))} {arrow}")
 
 
-def _reasons(lines: Sequence[VerdictLine], room: int) -> list[Text]:
-    """Return what is behind the verdict in at most `room` lines."""
-    shown = lines if len(lines) <= room else lines[: room - 1]
-    texts = []
-    for line in shown:
-        text = Text(no_wrap=True, overflow="ellipsis")
-        text.append(printable(line.head), style=_style(GRADE[line.grade]))
-        text.append(f"  {printable(line.text)}")
+def _reasons(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
+    """Return what is behind the verdict in at most `room` lines; a long reason may take two."""
+    texts: list[Text] = []
+    left = room
+    for number_of, line in enumerate(lines):
+        text = Text(printable(line.head), style=_style(GRADE[line.grade]))
+        text.append(f"  {printable(line.text)}", style="not bold default")
+        rows = 1 + (text.cell_len > width)
+        still = len(lines) - number_of
+        if rows > left - (still > 1):
+            texts.append(Text(f"and {still} more, see the report"))
+            break
+        text.truncate(2 * width - _FOLD_LOSS, overflow="ellipsis")
         texts.append(text)
-    if len(shown) < len(lines):
-        texts.append(Text(f"and {len(lines) - len(shown)} more, see the report"))
+        left -= rows
     return texts
 
 

@@ -145,7 +145,8 @@ def virtual(options: argparse.Namespace, folder: Path) -> bool:
         audience=(witness,),
         ledger=recorder,
     )
-    health = Health(os.getpid(), lambda: night.now_s / 3600.0)
+    every_s = 5.0 if options.hours >= 1.0 else 0.1
+    health = Health(os.getpid(), lambda: night.now_s / 3600.0, every_s)
     began, cpu = time.monotonic(), time.process_time()
     health.start()
     session.run()

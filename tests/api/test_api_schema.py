@@ -9,9 +9,12 @@ import jsonschema
 import numpy as np
 import pytest
 
-from allanscope import SCHEMA, analyse
+from allanscope import AXES, SCHEMA, analyse
 from allanscope.__main__ import main
+from allanscope.allan.estimators import REGISTRY
+from allanscope.analysis.summary import FULL_KINDS
 from allanscope.explain.effects import KINDS
+from allanscope.parts import PARTS
 
 COEFFICIENTS = {"Q", "ramp"}  # compete with the effects, reported as Q and R
 
@@ -54,6 +57,13 @@ def test_the_schema_itself_is_sound():
     assert PUBLISHED["properties"]["schema"]["const"] == SCHEMA
     kinds = PUBLISHED["$defs"]["effect"]["properties"]["kind"]["enum"]
     assert set(kinds) == set(KINDS) - COEFFICIENTS
+
+
+def test_the_words_of_the_schema_are_those_of_the_program():
+    axis = PUBLISHED["$defs"]["axis"]["properties"]
+    assert set(axis["curves"]["propertyNames"]["enum"]) == set(REGISTRY) == set(FULL_KINDS)
+    assert set(PUBLISHED["properties"]["part"]["enum"]) == {"", *PARTS}
+    assert set(PUBLISHED["properties"]["axes"]["propertyNames"]["enum"]) == set(AXES)
 
 
 def test_a_live_lossy_session(live):

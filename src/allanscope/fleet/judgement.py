@@ -84,7 +84,7 @@ def lot_verdict(
             )
             lines.append(VerdictLine("note", "shared", text))
     if failures:
-        lines.append(VerdictLine("bad", "failed", f"{len(failures)} recordings have no result"))
+        lines.append(VerdictLine("bad", "no result", f"{len(failures)} of the recordings"))
     title = f"{len(bad)} of {units} units stand out" if bad else f"No unit of {units} stands out"
     return Verdict("bad" if bad or failures else "good", title, tuple(lines))
 

@@ -20,7 +20,7 @@ def distribution_picture(lot: Lot, sensor_unit: str) -> Picture:
     axes = [axis for axis in lot.axes if lot.of_axis(axis)["sensor_unit"][0] == sensor_unit]
 
     def draw(figure: Figure) -> None:
-        for place, (name, ax) in enumerate(zip("NBK", figure.subplots(1, 3), strict=True)):
+        for name, ax in zip("NBK", figure.subplots(1, 3), strict=True):
             reading = COEFFICIENTS[sensor_unit, name][0]
             for at, axis in enumerate(axes):
                 here = lot.of_axis(axis).detected(name)
@@ -34,11 +34,15 @@ def distribution_picture(lot: Lot, sensor_unit: str) -> Picture:
                 if name == "N" and np.isfinite(limit).any():
                     two_sided = np.nanmedian(limit) / np.sqrt(2.0) * reading.factor
                     ax.plot([at - 0.45, at + 0.45], [two_sided] * 2, "-.", c=DATASHEET, lw=1.4)
-            ax.set_yscale("log")
+            if ax.has_data():
+                ax.set_yscale("log")
+            else:
+                ax.set_yticks([])
+                ax.text(0.5, 0.5, "not seen", ha="center", transform=ax.transAxes)
             ax.set_xticks(range(len(axes)), axes)
             ax.set_xlim(-0.6, len(axes) - 0.4)
             ax.set_title(f"{name} ({symbols(reading.unit)})", fontsize=9, color=ink())
-            ax.grid(visible=place >= 0, which="both", axis="y", alpha=0.2)
+            ax.grid(which="both", axis="y", alpha=0.2)
 
     return Picture(draw, height=3.0)
 

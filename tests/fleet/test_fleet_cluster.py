@@ -1,0 +1,93 @@
+"""An existing cluster: killed workers, remote files, results that are known under another name."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from distributed import Client, LocalCluster
+
+from allanscope.errors import UsageError
+from allanscope.fleet import FleetResult, FleetSettings, run_fleet
+from allanscope.fleet.cluster import connected
+from allanscope.fleet.outcome import Outcome
+from allanscope.fleet.places import find_places
+from allanscope.fleet.split import submit_split
+from allanscope.fleet.work import analyse_place
+from allanscope.pipeline.settings import DeviceSettings
+
+DEVICE = DeviceSettings()
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[LocalCluster]:
+    with LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        silence_logs=50,
+    ) as one:
+        yield one
+
+
+def fleet(cluster: LocalCluster, out: Path, *patterns: object) -> FleetResult:
+    settings = FleetSettings(tuple(map(str, patterns)), out, cluster.scheduler_address, quiet=True)
+    return run_fleet(settings, DEVICE)
+
+
+def test_a_killed_worker_costs_nothing(
+    cluster: LocalCluster, board: Callable[..., Path], tmp_path: Path
+) -> None:
+    for number in range(4):
+        board(tmp_path / "lot" / f"{number}.mcap", 20 + number)
+    killed = threading.Event()
+
+    def kill_a_busy_worker() -> None:
+        with Client(cluster.scheduler_address, set_as_default=False) as client:
+            while not (busy := [who for who, tasks in client.processing().items() if tasks]):
+                time.sleep(0.01)
+            pid = client.run(os.getpid, workers=busy[:1])[busy[0]]
+            os.kill(pid, signal.SIGKILL)
+            killed.set()
+
+    killer = threading.Thread(target=kill_a_busy_worker)
+    killer.start()
+    result = fleet(cluster, tmp_path / "out", tmp_path / "lot")
+    killer.join(timeout=60)
+    assert killed.is_set()
+    assert (result.done, result.failures, result.left) == (4, {}, 0)
+
+
+def test_what_is_done_is_not_done_again(cluster: LocalCluster, lot: Path, tmp_path: Path) -> None:
+    mine, out = tmp_path / "lot", tmp_path / "out"
+    shutil.copytree(lot / "one", mine)
+    assert fleet(cluster, out, f"file://{mine}/*.mcap").done == 2
+    # Another name and another time of change, but the same content.
+    shutil.copy(mine / "a.mcap", mine / "again.mcap")
+    os.utime(mine / "b.mcap", (1, 1))
+    again = fleet(cluster, out, mine)
+    assert (again.done, len(again.keys)) == (0, 3)
+    assert again.keys[str(mine / "again.mcap")] == again.keys[str(mine / "a.mcap")]
+
+
+def test_a_recording_in_parts_is_the_recording(cluster: LocalCluster, lot: Path) -> None:
+    [place] = find_places([str(lot / "one" / "a.mcap")])
+    [bad] = find_places([str(lot / "two" / "bad.mcap")])
+    with connected(cluster.scheduler_address, None) as client:
+        outcome: Outcome = submit_split(client, place, DEVICE, 3).result()
+        failed: Outcome = submit_split(client, bad, DEVICE, 2).result()
+        whole: Outcome = client.submit(analyse_place, place, DEVICE).result()
+    assert outcome == whole
+    assert failed.error == f"no recording: {bad.url} is not an MCAP file"
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no Dask scheduler answers at nonsense"):
+        connected("nonsense", None).__enter__()

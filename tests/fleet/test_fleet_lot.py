@@ -1,0 +1,230 @@
+"""The statistics of a lot on made-up results whose truth is known, and the page that tells them."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allanscope.fleet.drift import drifts_of
+from allanscope.fleet.judgement import findings, lot_verdict
+from allanscope.fleet.lot import Lot
+from allanscope.fleet.outliers import far_units
+from allanscope.fleet.page import render_lot
+from allanscope.fleet.replicates import replications
+from allanscope.fleet.shared import effects_in, shared_effects
+from allanscope.fleet.spread import log_sigma, spread_of
+from allanscope.fleet.table import schema, write_table
+
+UNITS, RUNS = 12, 3
+N_TYPICAL = {"gx": 0.0038, "az": 9e-5}
+BETWEEN, WITHIN = 0.10, 0.03
+PER_DEGREE = 0.004
+ODD = "unit-07"
+
+
+def line(frequency: float, amplitude: float = 0.01) -> dict[str, Any]:
+    def parameter(name: str, value: float, width: float, unit: str) -> dict[str, Any]:
+        limits = {"lower": value - width, "upper": value + width}
+        return {"name": name, "value": value, "text": None, "unit": unit, **limits}
+
+    return {
+        "kind": "sinusoid",
+        "parameters": [
+            parameter("frequency", frequency, 1e-3, "Hz"),
+            parameter("amplitude", amplitude, 5e-4, "dps"),
+        ],
+        "axes": ["gx"],
+        "equivalent": [],
+        "words": None,
+    }
+
+
+def step(time_s: float) -> dict[str, Any]:
+    parameters = [
+        {"name": "time", "value": time_s, "text": None, "lower": None, "upper": None, "unit": "s"}
+    ]
+    common = {"axes": ["gx"], "equivalent": [], "words": None}
+    return {"kind": "step", "parameters": parameters, **common}
+
+
+def effects_of(unit: str, number: int, run: int, axis: str) -> list[dict[str, Any]]:
+    if axis != "gx":
+        return []
+    found = [line(50.0 + 0.01 * run)] if number < 8 else []
+    if number == 2:
+        found += [line(17.3, 0.01 if run else 0.02)]
+    if unit == ODD and run == 1:
+        found += [step(100.0)]
+    return found
+
+
+def rows() -> list[dict[str, Any]]:
+    rng = np.random.default_rng(3)
+    start = datetime(2026, 3, 1, tzinfo=UTC)
+    found = []
+    for number in range(UNITS):
+        unit = f"unit-{number:02d}"
+        own = {axis: BETWEEN * rng.standard_normal() for axis in N_TYPICAL}
+        for run in range(RUNS):
+            degrees = 20.0 + 10.0 * run + rng.uniform(-1, 1)
+            for axis, typical in N_TYPICAL.items():
+                noise = own[axis] + WITHIN * rng.standard_normal() + PER_DEGREE * (degrees - 25.0)
+                n = typical * float(np.exp(noise)) * (2.5 if unit == ODD and axis == "gx" else 1.0)
+                sensor_unit = "dps" if axis == "gx" else "g"
+                known: dict[str, Any] = dict.fromkeys(schema().names)
+                known |= {
+                    **{"recording": f"/lot/{unit}/{run}.mcap", "unit": unit, "axis": axis},
+                    **{"sensor_unit": sensor_unit, "part": "LSM6DSM", "samples": 1000},
+                    "started": (start + timedelta(days=run, hours=number)).isoformat(),
+                    **{"duration_s": 3600.0, "lost_samples": 0, "damaged_places": 0},
+                    **{"temperature_lowest": degrees - 0.1, "temperature_highest": degrees + 0.1},
+                    "level_mean": 0.5 + 0.02 * degrees,
+                    **{"N_value": n, "N_lower": n * 0.98, "N_upper": n * 1.02},
+                    **{"N_detected": True, "B_detected": False, "B_upper": 1e-3},
+                    **{"datasheet_limit": typical * 1.5, "datasheet_verdict": "typical"},
+                    **{"explained": True, "residual_after_chi2_per_dof": 1.0},
+                    **{"effects": effects_of(unit, number, run, axis), "remarks": []},
+                }
+                found.append(known)
+    return found
+
+
+@pytest.fixture(scope="module")
+def lot(tmp_path_factory: pytest.TempPathFactory) -> Lot:
+    table = tmp_path_factory.mktemp("table") / "lot.parquet"
+    assert write_table(table, rows()) == UNITS * RUNS * 2
+    return Lot.read(table)
+
+
+def test_spread_is_parted_into_units_and_repeats() -> None:
+    rng = np.random.default_rng(1)
+    units = np.repeat([f"{u:03}" for u in range(200)], rng.integers(1, 5, 200))
+    own = dict(zip(np.unique(units), BETWEEN * rng.standard_normal(200), strict=True))
+    logs = np.array([own[u] for u in units]) + WITHIN * rng.standard_normal(len(units))
+    one = spread_of(np.exp(logs), np.full(len(units), WITHIN), units)
+    assert one is not None
+    assert one.between == pytest.approx(BETWEEN, rel=0.15)
+    assert one.within == pytest.approx(WITHIN, rel=0.15)
+    assert (one.units, one.sampling) == (200, pytest.approx(WITHIN))
+
+
+def test_without_repeats_the_scatter_of_single_runs_is_taken_off() -> None:
+    rng = np.random.default_rng(2)
+    units = np.array([f"{u:03}" for u in range(400)])
+    values = np.exp(np.hypot(0.05, 0.1) * rng.standard_normal(400))
+    one = spread_of(values, np.full(400, 0.1), units)
+    assert one is not None
+    assert np.isnan(one.within)
+    assert one.between == pytest.approx(0.05, rel=0.4)
+    single = spread_of(np.array([1.0, 2.0]), np.full(2, 0.1), np.array(["a", "a"]))
+    assert single is not None
+    assert np.isnan(single.between)
+
+
+def test_an_interval_is_a_standard_error_of_the_logarithm() -> None:
+    value = log_sigma(np.array([np.exp(-0.196), np.nan, 0.0]), np.array([np.exp(0.196), 1.0, 1.0]))
+    assert value[0] == pytest.approx(0.1, rel=1e-4)
+    assert np.isnan(value[1:]).all()
+
+
+@pytest.mark.parametrize("count", [6, 10, 40])
+def test_clean_lots_have_no_outliers(count: int) -> None:
+    rng = np.random.default_rng(count)
+    names = np.array([f"{u:03}" for u in range(count)])
+    alarms = sum(
+        bool(far_units(np.exp(0.1 * rng.standard_normal(count)), np.zeros(count), names, 1))
+        for _ in range(400)
+    )
+    assert alarms <= 12  # 1 % of 400 are 4; more than 12 happen once in 3000
+
+
+def test_two_bad_units_do_not_hide_each_other() -> None:
+    rng = np.random.default_rng(4)
+    values = np.exp(0.05 * rng.standard_normal(12))
+    values[[3, 8]] *= 2.0
+    names = np.array([f"{u:02}" for u in range(12)])
+    assert {one.unit for one in far_units(values, np.zeros(12), names, 6)} == {"03", "08"}
+    unsure = np.zeros(12)
+    unsure[3] = 0.5  # a run too short to say so
+    assert {one.unit for one in far_units(values, unsure, names, 6)} == {"08"}
+
+
+def test_the_odd_unit_is_named_with_its_reason(lot: Lot) -> None:
+    named = findings(lot)
+    assert {(one.unit, one.axis) for one in named} == {(ODD, "gx")}
+    assert "N is 2." in named[0].reason
+    verdict = lot_verdict(lot, named, [], {})
+    assert (verdict.grade, verdict.title) == ("bad", "1 of 12 units stand out")
+
+
+def test_a_line_of_many_units_is_the_racks(lot: Lot) -> None:
+    shared = shared_effects(effects_in(lot), UNITS)
+    [mains] = shared  # the line at 17.3 Hz is one unit's
+    assert (mains.kind, len(mains.units), mains.axes, mains.of_rack) == (
+        "sinusoid",
+        8,
+        ("gx",),
+        True,
+    )
+    assert mains.frequency_hz == pytest.approx(50.01)
+
+
+def test_effects_are_held_against_other_runs(lot: Lot) -> None:
+    found = {
+        (one.unit, one.kind, round(one.frequency_hz) if np.isfinite(one.frequency_hz) else 0): one
+        for one in replications(lot, effects_in(lot))
+    }
+    assert found["unit-00", "sinusoid", 50].replicated
+    assert found["unit-00", "sinusoid", 50].agree is True
+    assert found["unit-02", "sinusoid", 17].agree is False
+    once = found[ODD, "step", 0]
+    assert (once.found, once.runs, once.replicated, once.agree) == (1, 3, False, None)
+
+
+def test_drift_is_found_among_repeats(lot: Lot) -> None:
+    found = {(one.axis, one.quantity, one.on): one for one in drifts_of(lot)}
+    # Temperature and date rise together here; the level depends on temperature alone.
+    level = found["gx", "level", "temperature"]
+    assert level.slope == pytest.approx(0.02)
+    noise = found["az", "N", "temperature"]
+    assert abs(noise.slope - PER_DEGREE) < 1.5 * noise.error
+    single = lot.where(lot["started"] == lot["started"][0])
+    assert drifts_of(single) == []
+
+
+def test_the_page_tells_it_all_and_fetches_nothing(lot: Lot) -> None:
+    page = render_lot(lot, {"/lot/<b>.mcap": "no recording: /lot/<b>.mcap is not an MCAP file"})
+    for text in (
+        ODD,
+        "50.010 Hz",
+        "the rack&#39;s",
+        "not found again",
+        "another size",
+        "replicated",
+    ):
+        assert text in page
+    assert "&lt;b&gt;.mcap" in page
+    assert "8 of 12" in page
+    for fetched in ("<script", "src=", "<link", "@import"):
+        assert fetched not in page
+
+
+def test_a_page_of_one_recording_says_what_it_cannot_say(lot: Lot) -> None:
+    page = render_lot(lot.where(lot["recording"] == "/lot/unit-00/0.mcap"), {})
+    assert "No unit has more than one run" in page
+    assert "Nothing can be said" in page
+
+
+def test_a_half_written_table_is_never_seen(tmp_path: Path) -> None:
+    def failing() -> Any:
+        yield rows()[0]
+        raise OSError(28, "No space left on device")
+
+    table = tmp_path / "lot.parquet"
+    with pytest.raises(Exception, match="No space left"):
+        write_table(table, failing())
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,132 @@
+"""Recordings are found and read where they are, on this machine or behind fsspec."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import fsspec
+import pytest
+
+from allanscope.errors import UsageError
+from allanscope.fleet.outcome import Outcome
+from allanscope.fleet.places import READ_AHEAD_BYTES, RemotePath, find_places
+from allanscope.fleet.run import _Desk
+from allanscope.fleet.store import Store
+from allanscope.fleet.work import analyse_place, fingerprint_place
+from allanscope.pipeline.settings import DeviceSettings
+from allanscope.recording import Recording
+
+DEVICE = DeviceSettings()
+
+
+@pytest.fixture
+def memory() -> Iterator[Any]:
+    filesystem = fsspec.filesystem("memory")
+    yield filesystem
+    filesystem.rm("/bench", recursive=True)
+
+
+def put(filesystem: Any, name: str, data: bytes) -> None:
+    with filesystem.open(f"/bench/{name}", "wb") as file:
+        file.write(data)
+
+
+def analysis(outcome: Outcome) -> dict[str, Any]:
+    result: dict[str, Any] = json.loads(gzip.decompress(outcome.result))["analysis"]
+    del result["input"]["path"]
+    return result
+
+
+def test_a_remote_recording_gives_the_same_result(lot: Path, memory: Any) -> None:
+    put(memory, "x/a.mcap", (lot / "one" / "a.mcap").read_bytes())
+    [place] = find_places(["memory://bench/**/*.mcap"])
+    assert place.url == "memory:///bench/x/a.mcap"
+    [local] = find_places([str(lot / "one" / "a.mcap")])
+    there, here = analyse_place(place, DEVICE), analyse_place(local, DEVICE)
+    assert not there.error
+    assert analysis(there) == analysis(here)
+    assert there.sha256 == here.sha256 == fingerprint_place(place).sha256
+
+
+def test_a_remote_session_of_several_files_is_one(
+    memory: Any, session: Callable[[int], Path]
+) -> None:
+    first = session(20)
+    for file in first.parent.glob("*.mcap"):
+        put(memory, file.name, file.read_bytes())
+    [place] = find_places(["memory://bench/*.mcap"])
+    remote = Recording(place.open_path())
+    assert len(remote.files) == 3
+    assert list(remote.chunks()) == list(Recording(first).chunks())
+
+
+def test_a_remote_file_is_read_by_pieces(memory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[dict[str, Any]] = []
+    put(memory, "a.mcap", b"x" * 100)
+    monkeypatch.setattr(
+        fsspec, "open", lambda *args, **options: asked.append(options) or fsspec.core.open(*args)
+    )
+    with RemotePath("memory://bench/a.mcap").open() as file:
+        assert file.read(3) == b"xxx"
+    assert asked == [{"block_size": READ_AHEAD_BYTES}]
+
+
+def test_a_remote_file_that_is_gone_is_one_line(memory: Any) -> None:
+    put(memory, "a.mcap", b"x")
+    [place] = find_places(["memory://bench/a.mcap"])
+    memory.rm("/bench/a.mcap")
+    put(memory, "b.mcap", b"")
+    error = analyse_place(place, DEVICE).error
+    assert error.startswith("cannot read memory:///bench/a.mcap")
+    assert "\n" not in error
+
+
+def test_what_matches_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="nothing matches"):
+        find_places([f"{tmp_path}/*.mcap"])
+    with pytest.raises(UsageError, match="cannot look for"):
+        find_places(["nosuchprotocol://x/*.mcap"])
+
+
+def test_numbered_files_of_another_session_stand_alone(
+    tmp_path: Path, session: Callable[[int], Path]
+) -> None:
+    first = session(20)
+    shutil.copy(first, stranger := first.with_name("session-007.mcap"))
+    [place, *rest] = find_places([str(first.parent)])
+    assert not rest
+    assert [one.name for one in place.later] == [
+        "session-001.mcap",
+        "session-002.mcap",
+        "session-007.mcap",
+    ]
+    store = Store(tmp_path / "out", DEVICE)
+    desk = _Desk(store, [place])
+    desk.todo.clear()
+    mine = ("session.mcap", "session-001.mcap", "session-002.mcap")
+    assert desk.take(place, Outcome(place.url, "00", mine, b"result"))
+    store.close()
+    assert [one.url for one in desk.todo] == [str(stranger)]
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Callable[[int], Path]:
+    """Return a function that writes a session over three files."""
+    from allanscope.recording import Chunk, SessionWriter
+
+    def write(seconds: int) -> Path:
+        folder = tmp_path / "night"
+        folder.mkdir()
+        writer = SessionWriter(folder / "session.mcap", {"wire": "native"}, max_seconds=8.0)
+        for second in range(seconds):
+            writer.chunk(Chunk(1 + second * 1_000_000_000, bytes([second]) * 50))
+            writer.commit()
+        writer.close()
+        return folder / "session.mcap"
+
+    return write

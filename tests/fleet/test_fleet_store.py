@@ -1,0 +1,97 @@
+"""What is kept on the disk, and what a rotten or torn piece of it costs."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from allanscope.errors import UsageError
+from allanscope.fleet import FleetResult, FleetSettings
+from allanscope.fleet.outcome import Outcome, packed, result_key, unpacked
+from allanscope.fleet.places import Place
+from allanscope.fleet.store import Store
+from allanscope.fleet.writing import write_lot
+from allanscope.pipeline.settings import DeviceSettings
+
+DEVICE = DeviceSettings()
+PLACE = Place("/lot/a.mcap", 100, "yesterday")
+DONE = Outcome(PLACE.url, "ab" * 32, ("a.mcap",), packed({"x": 1}))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    with closing(Store(tmp_path, DEVICE)) as store:
+        store.put(store.note(PLACE, DONE), DONE.result)
+    return tmp_path
+
+
+def known(folder: Path, place: Place, device: DeviceSettings = DEVICE) -> str:
+    with closing(Store(folder, device)) as store:
+        return store.known(place)
+
+
+def test_a_result_is_known_by_content_settings_and_version(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    key = result_key(DONE.sha256, DEVICE)
+    assert known(folder, PLACE) == key
+    assert known(folder, PLACE, DeviceSettings(part="LSM6DSL")) == ""
+    monkeypatch.setattr("allanscope.fleet.outcome.version", lambda name: "next")
+    assert known(folder, PLACE) == ""
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        Place(PLACE.url, 101, "yesterday"),
+        Place(PLACE.url, 100, "today"),
+        Place(PLACE.url, 100, ""),
+        Place("/lot/b.mcap", 100, "yesterday"),
+        Place(PLACE.url, 100, "yesterday", (Place("/lot/a-001.mcap", 5, "today"),)),
+    ],
+)
+def test_a_file_that_changed_is_looked_at_again(folder: Path, changed: Place) -> None:
+    assert known(folder, changed) == ""
+
+
+def test_only_a_file_as_long_as_a_known_one_may_be_it(folder: Path) -> None:
+    with closing(Store(folder, DEVICE)) as store:
+        assert store.may_know(Place("/lot/b.mcap", 100, "now"))
+        assert not store.may_know(Place("/lot/b.mcap", 99, "now"))
+
+
+@pytest.mark.parametrize("torn", [b'{"url": "/lot/z', b"\xff\xfe\n", b"[1]\n", b'{"url": 1}\n'])
+def test_a_torn_index_costs_its_line(folder: Path, torn: bytes) -> None:
+    index = folder / "index.jsonl"
+    index.write_bytes(index.read_bytes() + torn)
+    assert known(folder, PLACE)
+
+
+def test_a_rotten_result_is_told_of_and_asked_for_again(folder: Path) -> None:
+    key = known(folder, PLACE)
+    with closing(Store(folder, DEVICE)) as store:
+        store.path(key).write_bytes(DONE.result[:-9])
+        result = FleetResult({PLACE.url: key})
+        write_lot(result, store, FleetSettings((PLACE.url,), folder))
+    assert list(result.failures) == [PLACE.url]
+    assert "damaged" in result.failures[PLACE.url]
+    assert (result.keys, result.table) == ({}, None)
+    assert known(folder, PLACE) == ""
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="cannot write to"):
+        Store(tmp_path / "file" / "out", DEVICE)
+
+
+def test_packing_is_reproducible_and_refuses_what_is_no_result() -> None:
+    result: dict[str, Any] = {"b": [1.5, None], "a": "µ"}
+    assert unpacked(packed(result)) == result
+    assert packed(result) == packed(result)
+    for bad in (b"", b"rot", packed(result)[:-3]):
+        with pytest.raises(ValueError, match="damaged"):
+            unpacked(bad)

@@ -115,6 +115,14 @@ def test_the_rms_is_that_of_the_samples_without_drift():
     assert rms_of(Density(f[:1], width[:1], f[:1], f[:1])) is None
 
 
+def test_a_step_that_hides_the_noise_gets_no_praise():
+    found = compare(
+        DSM, "gx", white(1e-3), rate_hz=104.0, full_scale=2000.0, rms=0.01, step_limited=True
+    )
+    assert {verdict.verdict for verdict in found.values()} == {"hidden by the step"}
+    assert "describe the rounding" in found["density"].explanation
+
+
 def test_limits_are_in_the_unit_of_the_axis_and_say_what_white_noise_they_mean():
     found = compare(DSM, "gx", white(4e-3), rate_hz=104.0, full_scale=250.0)["density"]
     assert (found.limit, found.unit) == (3.8e-3, "dps/sqrt(Hz)")

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from allanscope.noise.quantised import find_step, lattice_of, on_lattice
+from allanscope.noise import fit_array
+from allanscope.noise.quantised import advice, find_step, on_lattice
 
 
 def rounded(sigma, mean, n=20_000, seed=1):
@@ -11,41 +12,52 @@ def rounded(sigma, mean, n=20_000, seed=1):
     return np.round(mean + sigma * np.random.default_rng(seed).standard_normal(n))
 
 
-@pytest.mark.parametrize("mean", [0.0, 0.25, 0.5])
 @pytest.mark.parametrize(
-    ("sigma", "limited"), [(0.05, True), (0.2, True), (0.35, True), (0.6, False), (3.0, False)]
+    ("unit", "step", "words"),
+    [
+        (
+            "dps",
+            0.07,
+            "half a step of 70 mdps: choose a smaller full scale, such as 125 or 250 dps",
+        ),
+        ("dps", 8.75e-3, "such as 125 dps, to see"),
+        ("dps", 4.375e-3, "the smallest full scale"),
+        ("g", 0.488e-3, "such as 2 or 4 g, to see"),
+        (
+            "g",
+            1e-3,
+            "a step of 1 mg, which is no step of the sensor: use a firmware that sends raw",
+        ),
+        ("g", 0.0, "half a step: choose a smaller full scale, such as 2 or 4 g"),
+    ],
 )
+def test_advice_helps_against_the_step_there_is(unit, step, words):
+    assert words in advice(unit, step)
+    assert advice(unit, step).endswith("the sensor's own noise")
+
+
+def test_a_constant_axis_is_not_called_quiet():
+    assert advice("dps", 0.07, constant=True).startswith("the axis is constant: choose a smaller")
+    assert "raw counts" in advice("g", 1e-3, constant=True)
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.25, 0.5])
+@pytest.mark.parametrize(("sigma", "limited"), [(0.2, True), (0.35, True), (0.6, False)])
 def test_noise_below_half_a_step_is_called_limited(sigma, mean, limited):
-    lattice = lattice_of(0.07 * rounded(sigma, mean))
-    assert lattice.limited == limited
-    assert bool(lattice.advice) == limited
+    fit = fit_array(0.07 * rounded(sigma, mean), 104.0, lsb=0.07)
+    assert fit.step_limited == limited
+    assert any("smaller full scale" in remark for remark in fit.remarks) == limited
 
 
-def test_noise_before_rounding_is_recovered():
-    lattice = lattice_of(0.07 * rounded(0.8, 0.3))
-    assert lattice.step == pytest.approx(0.07)
-    assert lattice.sigma == pytest.approx(0.8 * 0.07, rel=0.02)
-    assert lattice.ratio == pytest.approx(0.8, rel=0.02)
-
-
-def test_a_slow_drift_is_not_noise():
-    drift = np.linspace(0, 50, 20_000)
-    lattice = lattice_of(np.round(drift + rounded(0.1, 0.0)))
-    assert lattice.limited
-
-
-def test_a_constant_axis_is_dead_and_not_quiet():
-    lattice = lattice_of(np.full(1000, 3.0), step=1e-3, unit="g", truncated=True)
-    assert lattice.limited
-    assert lattice.codes == 1
-    assert lattice.sigma == 0.0
-    assert "constant" in lattice.advice
-    assert "raw counts" in lattice.advice
-
-
-def test_advice_names_a_full_scale_of_that_sensor():
-    assert "125 or 250 dps" in lattice_of(0.07 * rounded(0.2, 0.5)).advice
-    assert "2 g" in lattice_of(0.07 * rounded(0.2, 0.5), unit="g").advice
+def test_values_truncated_to_a_milli_g_are_called_limited_by_it():
+    """Towards zero, as stock firmware does: the code 0 is twice as wide."""
+    noise = 0.65e-3 * np.random.default_rng(5).standard_normal(100_000)
+    fit = fit_array(1e-3 * np.trunc(noise / 1e-3), 104.0, lsb=1e-3, unit="g")
+    true = 0.65e-3 / np.sqrt(104.0)
+    # Not a sensor three times as quiet as it is, but a step that is too coarse.
+    assert fit.coefficients["N"].value < 0.5 * true
+    assert fit.step_limited
+    assert any("raw counts" in remark for remark in fit.remarks)
 
 
 @pytest.mark.parametrize("step", [1e-3, 4.375e-3, 0.061e-3, 0.07, 1.0])
@@ -70,10 +82,3 @@ def test_numbers_without_a_lattice_have_no_step():
 def test_rounded_decimals_in_a_text_still_lie_on_the_lattice():
     values = np.round(8.75e-3 * rounded(3.0, 0.2), 4)
     assert on_lattice(values, 8.75e-3)
-
-
-def test_bad_values_are_refused():
-    with pytest.raises(ValueError, match="3 finite"):
-        lattice_of([1.0, 2.0])
-    with pytest.raises(ValueError, match="3 finite"):
-        lattice_of([1.0, 2.0, np.nan])

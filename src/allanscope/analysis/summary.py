@@ -21,7 +21,7 @@ from allanscope.noise import find_best_averaging, fit_noise
 from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
 from allanscope.noise.datasheet import compare, rms_of
 from allanscope.noise.fit import NoiseFit
-from allanscope.noise.quantised import find_step
+from allanscope.noise.quantised import advice, find_step
 from allanscope.parts import PARTS, full_scale_of
 from allanscope.samples import unit_of
 from allanscope.spectrum.density import Density
@@ -214,7 +214,15 @@ def _axis(
         level=_level(record, column, unit_of(name)),
         coefficients=coefficients,
         best_averaging=find_best_averaging(curve) if curve is not None else None,
-        datasheet=_datasheet(record.lsb[column], name, part, coefficients, rate, density),
+        datasheet=_datasheet(
+            record.lsb[column],
+            name,
+            part,
+            coefficients,
+            rate,
+            density,
+            step_limited=fit is not None and fit.step_limited,
+        ),
         density=density if len(density.frequency) else None,
         model=drawn.model,
         model_before=drawn.before,
@@ -249,6 +257,8 @@ def _datasheet(
     part: str,
     coefficients: Mapping[str, Coefficient],
     rate: Rate,
+    *,
+    step_limited: bool,
     density: Density,
 ) -> dict[str, DatasheetVerdict]:
     if part not in PARTS:
@@ -262,6 +272,7 @@ def _datasheet(
         coefficients.get("N"),
         rate_hz=rate.best_hz,
         full_scale=full_scale,
+        step_limited=step_limited,
         rms=rms_of(density),
     )
 
@@ -269,7 +280,8 @@ def _datasheet(
 def _axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:
     out = []
     if state.samples and state.lowest[column] == state.highest[column]:
-        out.append(f"constant: every sample is {state.lowest[column]:g} counts")
+        words = advice(unit_of(state.info.axes[column]), state.info.scale[column], constant=True)
+        out.append(f"every sample is {state.lowest[column]:g} counts: {words}")
     if state.saturated[column]:
         out.append(f"saturated: {state.saturated[column]} samples at the end of the range")
     return tuple(out)

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
     from allanscope.noise.gls import CurveResidual, gls_chi2
     from allanscope.noise.model import NoiseModel
-    from allanscope.noise.quantised import Lattice, lattice_of
     from allanscope.noise.whittle import loglik
 
 __all__ = [
@@ -35,7 +34,6 @@ __all__ = [
     "Coefficient",
     "CurveResidual",
     "DatasheetVerdict",
-    "Lattice",
     "NoiseFit",
     "NoiseModel",
     "find_best_averaging",
@@ -43,7 +41,6 @@ __all__ = [
     "fit_curve",
     "fit_noise",
     "gls_chi2",
-    "lattice_of",
     "loglik",
     "relative_bounds",
     "wait_until",
@@ -53,7 +50,6 @@ _HOME = {
     "BestAveraging": "coefficients",
     "Coefficient": "coefficients",
     "DatasheetVerdict": "coefficients",
-    "Lattice": "quantised",
     "NoiseFit": "fit",
     "NoiseModel": "model",
     "find_best_averaging": "best_averaging",
@@ -63,7 +59,6 @@ _HOME = {
     "CurveResidual": "gls",
     "gls_chi2": "gls",
     "loglik": "whittle",
-    "lattice_of": "quantised",
     "relative_bounds": "crlb",
     "wait_until": "crlb",
 }

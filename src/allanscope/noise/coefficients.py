@@ -73,7 +73,8 @@ class DatasheetVerdict:
     unit : str
         ``dps/sqrt(Hz)``, ``g/sqrt(Hz)``, ``dps`` or ``g``, never a multiple.
     verdict : str
-        ``better``, ``typical``, ``worse``, ``not published`` or ``not known yet``.
+        ``better``, ``typical``, ``worse``, ``not published``, ``not known yet`` or
+        ``hidden by the step``.
     explanation : str
         One sentence with the convention spelled out.
     """

@@ -17,6 +17,7 @@ Typical values are typical: within 20 % a part is what the datasheet says.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,6 +43,7 @@ def compare(
     rate_hz: float,
     full_scale: float,
     rms: float | None = None,
+    step_limited: bool = False,
 ) -> dict[str, DatasheetVerdict]:
     """Return the verdicts on the noise of one axis.
 
@@ -59,6 +61,8 @@ def compare(
         In dps or g.
     rms : float, optional
         Standard deviation of the samples without drifts, as from `rms_of`.
+    step_limited : bool
+        The step hides the noise: there is no verdict on the sensor then.
 
     Returns
     -------
@@ -69,7 +73,15 @@ def compare(
     mode = part.mode(rate_hz, high_performance=False)
     if mode != "high-performance":
         verdicts["rms"] = _rms(part, axis, full_scale, rms, rate_hz, mode)
-    return verdicts
+    return {name: _hidden(one) if step_limited else one for name, one in verdicts.items()}
+
+
+def _hidden(verdict: DatasheetVerdict) -> DatasheetVerdict:
+    """Return a verdict that does not praise a sensor for what rounding has swallowed."""
+    if verdict.limit is None or verdict.measured is None:
+        return verdict
+    words = "the noise is below half a step, so the figures describe the rounding, not the sensor"
+    return replace(verdict, verdict="hidden by the step", explanation=words)
 
 
 def rms_of(density: Density) -> float | None:

@@ -240,7 +240,7 @@ def _fit(
         fit=fit,
         bands=whitened(likelihood.evidence, fit.expected),
         step_limited=limited,
-        remarks=_remarks(coefficients, fit, advice(unit) if limited else ""),
+        remarks=_remarks(coefficients, fit, advice(unit, lsb or 0.0) if limited else ""),
     )
 
 

@@ -9,12 +9,13 @@ error itself depends on the noise (Widrow and Kollar, Quantization Noise, 2008, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["LIMIT", "Lattice", "advice", "find_step", "lattice_of", "on_lattice"]
+from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, full_scale_of
+from allanscope.quantities import LEVEL
+
+__all__ = ["LIMIT", "advice", "find_step", "on_lattice"]
 
 Array = NDArray[np.float64]
 
@@ -23,78 +24,6 @@ LIMIT = 0.5
 _OFF = 0.01
 """Distance from a lattice, in steps, that numbers printed with few digits may have."""
 _LOOKED_AT = 1 << 16
-
-
-@dataclass(frozen=True, slots=True)
-class Lattice:
-    """How coarse a record is.
-
-    Attributes
-    ----------
-    step : float
-        Distance of neighbouring codes in the unit of the values; 0 where all are the same.
-    sigma : float
-        Standard deviation before rounding, from the differences of neighbours, in the same unit.
-    codes : int
-        Codes that occur.
-    limited : bool
-        True when sigma is below half a step: what is measured is the step and not the sensor.
-    advice : str
-        One sentence for the user; empty when not limited.
-    """
-
-    step: float
-    sigma: float
-    codes: int
-    limited: bool
-    advice: str
-
-    @property
-    def ratio(self) -> float:
-        """Sigma in steps."""
-        return self.sigma / self.step if self.step else 0.0
-
-
-def lattice_of(
-    values: ArrayLike, step: float | None = None, *, truncated: bool = False, unit: str = "dps"
-) -> Lattice:
-    """Judge how coarse a record is.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-        Samples, not means of several.
-    step : float, optional
-        Step of the values; found from them when not given.
-    truncated : bool
-        The sender rounds towards zero, which makes the code 0 twice as wide.
-    unit : {'dps', 'g'}
-        Of the values, for the advice.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than 3 values, or values that are not finite.
-
-    Examples
-    --------
-    >>> toggling = 0.07 * np.tile([3, 3, 4, 3], 50)
-    >>> lattice = lattice_of(toggling)
-    >>> round(lattice.step, 6), lattice.codes, lattice.limited
-    (0.07, 2, True)
-    """
-    samples = np.asarray(values, np.float64).ravel()
-    if len(samples) < 3 or not np.all(np.isfinite(samples)):
-        raise ValueError("need at least 3 finite values")
-    step = find_step(samples) if step is None else step
-    if step == 0.0 or np.ptp(samples) == 0.0:
-        return Lattice(step or 0.0, 0.0, 1, True, advice(unit, truncated=truncated, constant=True))
-    codes = len(np.unique(np.round(samples / step)))
-    variance = float(np.mean(np.diff(samples) ** 2)) / 2
-    sigma = float(np.sqrt(max(variance - step**2 / 12, 0.0)))
-    limited = sigma < LIMIT * step
-    words = advice(unit, truncated=truncated) if limited else ""
-    return Lattice(step, sigma, codes, limited, words)
 
 
 def on_lattice(values: ArrayLike, step: float) -> bool:
@@ -144,10 +73,35 @@ def _some(values: Array) -> Array:
     return np.concatenate([block[: _LOOKED_AT // 16] for block in blocks])
 
 
-def advice(unit: str, *, truncated: bool = False, constant: bool = False) -> str:
-    """Return what to do about a step that is too coarse, in one sentence."""
-    what = "the axis is constant" if constant else "the noise is below half a step of the numbers"
-    if truncated:
-        return f"{what}: use a firmware that sends raw counts instead of rounded values"
-    smaller = "2 g" if unit == "g" else "125 or 250 dps"
-    return f"{what}: choose a smaller full scale, such as {smaller}, to see the sensor's own noise"
+def advice(unit: str, step: float = 0.0, *, constant: bool = False) -> str:
+    """Return what to do about a step that is too coarse, in one sentence.
+
+    Parameters
+    ----------
+    unit : {'dps', 'g'}
+        Of the axis.
+    step : float
+        Distance of neighbouring values; 0 where it is not known.
+    constant : bool
+        True when there is only one value.
+
+    Examples
+    --------
+    >>> advice("g", 1e-3)
+    "the noise is below half a step of 1 mg, which is no step of the sensor: use a firmware that
+    sends raw counts to see the sensor's own noise"
+    """
+    reading = LEVEL[unit]
+    size = f" of {step * reading.factor:.4g} {reading.unit}" if step else ""
+    what = "the axis is constant" if constant else f"the noise is below half a step{size}"
+    scales = ACCEL_SCALES if unit == "g" else GYRO_SCALES
+    full_scale = full_scale_of("ax" if unit == "g" else "gx", step) if step else None
+    if step and full_scale is None:
+        what += ", which is no step of the sensor"
+        remedy = "use a firmware that sends raw counts"
+    elif full_scale == min(scales):
+        remedy = "this is the smallest full scale, let the part sample faster and average"
+    else:
+        smaller = [f"{scale:g}" for scale in sorted(scales) if not full_scale or scale < full_scale]
+        remedy = f"choose a smaller full scale, such as {' or '.join(smaller[:2])} {unit},"
+    return f"{what}: {remedy} to see the sensor's own noise"

@@ -112,8 +112,17 @@ class RerunView:
         self._status_at_s = -_STATUS_EVERY_S
         self._gaps = GapTeller()
 
-    def start(self) -> None:
-        """Open the file, the server and the viewer, and say where to look."""
+    def start(self, canvas: Canvas | None = None) -> None:
+        """Open the file, the server and the viewer, and say where to look.
+
+        Parameters
+        ----------
+        canvas : Canvas, optional
+            Where to draw instead, as for a viewer that reads this program's output.
+        """
+        if canvas is not None:
+            self._canvas, self._worker = canvas, Worker("rerun-view")
+            return
         if self._mode == "none" and self._file is None:
             return
         os.environ.setdefault("RUST_LOG", "off")  # read on import: Rerun would log to the terminal

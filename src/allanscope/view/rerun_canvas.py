@@ -15,7 +15,7 @@ from allanscope.view.printable import printable
 from allanscope.view.rerun_blueprint import layout
 from allanscope.view.rerun_ink import Ink
 from allanscope.view.rerun_series import SENSORS, Series
-from allanscope.view.rerun_stream import open_stream
+from allanscope.view.rerun_stream import open_output, open_stream
 from allanscope.view.tables import (
     axis_table,
     coefficients_table,
@@ -67,6 +67,12 @@ class Canvas:
         name = printable(session.get("name", "allanscope"))
         recording, address = open_stream(name, file, serve)
         return cls(recording, session), address
+
+    @classmethod
+    def to_output(cls, session: Mapping[str, object], application: str, recording: str) -> Canvas:
+        """Return a canvas that writes to standard output, for the viewer that started us."""
+        name = printable(session.get("name", "allanscope"))
+        return cls(open_output(name, application, recording), session)
 
     def describe(self, axes: tuple[str, ...]) -> None:
         """Lay out the viewer for these axes and say how their series look."""

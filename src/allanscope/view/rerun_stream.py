@@ -14,7 +14,7 @@ import rerun as rr
 from allanscope.errors import DeviceError
 from allanscope.view.viewer_process import LOOPBACK, free_port
 
-__all__ = ["APPLICATION", "SERVER_MEMORY", "open_stream"]
+__all__ = ["APPLICATION", "SERVER_MEMORY", "open_output", "open_stream"]
 
 APPLICATION = "allanscope"
 SERVER_MEMORY = "96MiB"
@@ -58,6 +58,23 @@ def open_stream(name: str, file: Path | None, serve: bool) -> tuple[rr.Recording
         else:
             return recording, "" if server is None else str(server.uri)
     raise DeviceError("the viewer finds no free port on 127.0.0.1; use --view none")
+
+
+def open_output(name: str, application: str = "", identity: str = "") -> rr.RecordingStream:
+    """Return a recording that goes to standard output.
+
+    Parameters
+    ----------
+    name : str
+        Of the recording, shown to people.
+    application, identity : str
+        Names under which the reading viewer wants it; empty for our own.
+    """
+    recording = rr.RecordingStream(application or APPLICATION, recording_id=identity or None)
+    recording.set_log_time_enabled(False)
+    recording.stdout()
+    recording.send_recording_name(name)
+    return recording
 
 
 def _server() -> rr.GrpcServerSink:

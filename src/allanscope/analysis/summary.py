@@ -11,6 +11,7 @@ import numpy as np
 
 from allanscope.allan.deviation import Deviation
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
+from allanscope.analysis.look import FEWEST_ROWS, densities_of, record_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.result import Analysis, AxisAnalysis, Level, Rate
 from allanscope.analysis.state import StreamState
@@ -21,7 +22,7 @@ from allanscope.noise import find_best_averaging, fit_noise
 from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
 from allanscope.noise.datasheet import compare, rms_of
 from allanscope.noise.fit import NoiseFit
-from allanscope.noise.quantised import advice, find_step
+from allanscope.noise.quantised import advice
 from allanscope.parts import PARTS, full_scale_of
 from allanscope.samples import unit_of
 from allanscope.spectrum.density import Density
@@ -38,8 +39,6 @@ FULL_KINDS = (
     *("totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theobr", "theoh", "pdev"),
 )
 TENTHS = 10
-FEWEST_ROWS = 64
-"""Rows below which nothing is fitted."""
 
 
 def summarise(
@@ -48,6 +47,7 @@ def summarise(
     depth: Depth,
     input_facts: Mapping[str, str],
     reconnects: int = 0,
+    known: Explanation | None = None,
 ) -> Analysis:
     """Return the result of what an analyser has taken.
 
@@ -63,6 +63,8 @@ def summarise(
         Where the samples came from.
     reconnects : int
         Times that the port came back.
+    known : Explanation, optional
+        What the last look at the run found; with depth ``full`` the loop is closed anew.
     """
     settings = analyser.settings
     if not analyser.configurations:
@@ -71,7 +73,7 @@ def summarise(
     state.settle()
     rate = _rate(state)
     rate_hz = rate.best_hz or 1.0
-    record = _record(state, rate_hz)
+    record = record_of(state, rate_hz)
     return Analysis(
         input=dict(input_facts),
         part=settings.part or state.info.part,
@@ -81,7 +83,7 @@ def summarise(
         segments=state.segments,
         rate=rate,
         link=replace(link),
-        axes=_axes(state, record, rate, depth, settings),
+        axes=_axes(state, record, rate, depth, settings, known),
         reconnects=reconnects,
         unknown_losses=state.unknown_losses,
         temperature=state.temperature.summary(),
@@ -131,26 +133,21 @@ def _rate(state: StreamState) -> Rate:
     )
 
 
-def _record(state: StreamState, rate_hz: float) -> Record:
-    """Return the memory of the run; the step of numbers that are no counts is found from them."""
-    record = state.history.record(rate_hz, state.info.axes, state.info.scale)
-    if state.counted:
-        return record
-    steps = tuple(find_step(column * record.stride) for column in record.values.T)
-    return replace(record, lsb=steps)
-
-
 def _axes(
-    state: StreamState, record: Record, rate: Rate, depth: Depth, settings: AnalyserSettings
+    state: StreamState,
+    record: Record,
+    rate: Rate,
+    depth: Depth,
+    settings: AnalyserSettings,
+    known: Explanation | None,
 ) -> dict[str, AxisAnalysis]:
     """Return everything about every axis."""
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
     curves = _curves(state, depth, rate_hz, settings.level)
-    densities = dict(
-        zip(state.info.axes, state.spectrum.densities(rate_hz, list(state.info.scale)), strict=True)
-    )
-    loop = _loop(record, densities, rate) if depth == "full" else None
+    densities = densities_of(state, rate_hz)
+    claimed_hz = rate.nominal_hz if state.info.rate_claimed else 0.0
+    loop = _loop(record, densities, rate, claimed_hz) if depth == "full" else known
     return {
         name: _axis(
             state,
@@ -180,13 +177,15 @@ def _curves(
     return out
 
 
-def _loop(record: Record, densities: Mapping[str, Density], rate: Rate) -> Explanation | None:
+def _loop(
+    record: Record, densities: Mapping[str, Density], rate: Rate, claimed_hz: float
+) -> Explanation | None:
     if len(record.values) < FEWEST_ROWS:
         return None
     measured = None
     if rate.measured_hz is not None and rate.uncertainty_ppm is not None and rate.nominal_hz:
         measured = (rate.measured_hz, rate.measured_hz * rate.uncertainty_ppm * 1e-6)
-    return explain(record, densities, nominal_hz=rate.nominal_hz or None, rate_fit=measured)
+    return explain(record, densities, nominal_hz=claimed_hz or None, rate_fit=measured)
 
 
 def _axis(
@@ -257,9 +256,9 @@ def _datasheet(
     part: str,
     coefficients: Mapping[str, Coefficient],
     rate: Rate,
+    density: Density,
     *,
     step_limited: bool,
-    density: Density,
 ) -> dict[str, DatasheetVerdict]:
     if part not in PARTS:
         return {}
@@ -272,8 +271,8 @@ def _datasheet(
         coefficients.get("N"),
         rate_hz=rate.best_hz,
         full_scale=full_scale,
-        step_limited=step_limited,
         rms=rms_of(density),
+        step_limited=step_limited,
     )
 
 

@@ -93,6 +93,7 @@ def run_live(
         input_facts=lambda: facts,
         news=news,
         earlier=earlier,
+        watched=settings.view != "none",
     )
     analysis = _run(session, settings, folder, facts, recorder)
     if not analysis.samples:
@@ -120,7 +121,13 @@ def run_replay(
         folder = settings.out
         folder.mkdir(parents=True, exist_ok=True)
     facts = {"name": path.name, "path": str(path), "sha256": recording.sha256()}
-    session = Session(source, decoding, analyser, input_facts=lambda: facts)
+    session = Session(
+        source,
+        decoding,
+        analyser,
+        input_facts=lambda: facts,
+        watched=settings.view != "none",
+    )
     analysis = _run(session, settings, folder, facts, whole_s=recording.duration_s)
     if not analysis.samples:
         raise InputError(f"{path} holds no samples; nothing to replay")

@@ -5,6 +5,7 @@ Three threads, so that none waits for another::
     reader    source.read ──▶ recorder (its own writer) and ──▶ queue
     session   queue ──▶ decode ──▶ analyser and audience        (the caller's thread)
     refresh   a frozen copy of the analyser ──▶ result ──▶ audience
+                                        └─ when the run has doubled ──▶ a child looks for effects
 
 The reader does nothing but move bytes, so a slow disk, a long fit or a stalled viewer costs no
 sample. The session thread never computes a result: it copies the running sums, which takes
@@ -25,18 +26,18 @@ from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.summary import Depth, summarise
 from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.inbox import Inbox, joined
+from allanscope.pipeline.looking import Looking
 from allanscope.quantities import duration
+from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 from allanscope.sources.base import Chunk, Source
 
 __all__ = ["Audience", "Ledger", "News", "Session"]
 
-QUEUE_CHUNKS = 1 << 14
-"""Reads that may wait to be decoded: minutes of a live port at its fastest."""
-
 REFRESH_S = 1.0
-REFRESH_SHARE = 0.2
-"""A refresh takes at most this share of one core."""
+WATCHED_SHARE, UNWATCHED_SHARE = 0.1, 0.02
+"""Refreshes take at most this share of one core: with a viewer, and with nobody to look at it."""
 
 
 SPACE_FIRST_NS, SPACE_EVERY_NS = 10_000_000_000, 60_000_000_000
@@ -107,6 +108,8 @@ class Session:
     earlier : iterable of Event
         What the session held before it was cut off: taken first, shown to nobody, while the
         source is already read and recorded.
+    watched : bool
+        Whether there is a viewer, for which the result is computed more often.
     """
 
     def __init__(
@@ -121,6 +124,7 @@ class Session:
         input_facts: Callable[[], dict[str, str]] = dict,
         news: News | None = None,
         earlier: Iterable[Event] = (),
+        watched: bool = False,
     ) -> None:
         self.source = source
         self.decoding = decoding
@@ -131,11 +135,11 @@ class Session:
         self._input_facts = input_facts
         self._earlier = earlier
         self._stop = threading.Event()
-        self._inbox: queue.Queue[Chunk] = queue.Queue()
-        self._room = threading.Semaphore(QUEUE_CHUNKS)
+        self._inbox = Inbox()
         self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
-        self._refresher = _Refresher(self._show)
+        self.looking = Looking()
+        self._refresher = _Refresher(self._show, WATCHED_SHARE if watched else UNWATCHED_SHARE)
         self._space_due_ns = 0
         self._space_told = False
 
@@ -162,15 +166,16 @@ class Session:
         try:
             for event in self._earlier:
                 self.analyser.take(event)
-            while (chunk := self._inbox.get()).event != "end":
-                self._take(chunk)
-                self._room.release()
+            while (chunks := self._inbox.take())[-1].event != "end":
+                self._take(chunks)
+            self._take(chunks[:-1])
             for event in self.decoding.finish():
                 self._tell(event)
             self.decoding.stop_device()
         finally:
             self._stop.set()
-            self._room.release()
+            self._inbox.give_up()
+            self.looking.close()
             self._refresher.close()
             self.source.close()
             reader.join(timeout=10.0)
@@ -224,21 +229,24 @@ class Session:
                     deadline, heard = time.monotonic() + most_s, True
                 if self.ledger is not None and (chunk.data or chunk.event):
                     self.ledger.rx(chunk)
-                self._room.acquire()
-                self._inbox.put(chunk)
                 if chunk.event == "end":
-                    return
+                    break
+                self._inbox.put(chunk)
                 if time.monotonic() >= deadline:
                     break
         except Exception as error:
             self._reader_error = error
-        self._inbox.put(Chunk(0, event="end"))
+        self._inbox.end()
 
-    def _take(self, chunk: Chunk) -> None:
-        self._tell_space(chunk.host_ns)
-        self.tell_news(chunk.host_ns)
-        for event in self.decoding.take(chunk):
-            self._tell(event)
+    def _take(self, chunks: Sequence[Chunk]) -> None:
+        if not chunks:
+            return
+        self._tell_space(chunks[0].host_ns)
+        self.tell_news(chunks[0].host_ns)
+        for piece in joined(chunks):
+            take = self.decoding.take_buffer if isinstance(piece, Buffer) else self.decoding.take
+            for event in take(piece):  # type: ignore[arg-type]
+                self._tell(event)
         if self.analyser.state is not None and self.audience:
             self._refresher.offer(self.analyser)
 
@@ -264,16 +272,19 @@ class Session:
             depth="live",
             input_facts={**self._input_facts(), "wire": self.decoding.wire},
             reconnects=self.decoding.reconnects,
+            known=self.looking.explanation,
         )
         for viewer in self.audience:
             viewer.snapshot(analysis)
+        self.looking.offer(frozen)
 
 
 class _Refresher:
     """Computes results in a thread of its own, as often as the machine can bear."""
 
-    def __init__(self, show: Callable[[Analyser], None]) -> None:
+    def __init__(self, show: Callable[[Analyser], None], share: float) -> None:
         self._show = show
+        self._share = share
         self._next = 0.0
         self._work: queue.Queue[Analyser | None] = queue.Queue(maxsize=1)
         self._busy = threading.Event()
@@ -295,11 +306,11 @@ class _Refresher:
 
     def _run(self) -> None:
         while (frozen := self._work.get()) is not None:
-            began = time.monotonic()
+            began_s, began_cpu_s = time.monotonic(), time.thread_time()
             try:
                 self._show(frozen)
             except Exception as error:  # a result that fails must not end the recording
                 self.error = error
-            took = time.monotonic() - began
-            self._next = time.monotonic() + max(REFRESH_S - took, took / REFRESH_SHARE - took)
+            spent_s = time.thread_time() - began_cpu_s
+            self._next = max(began_s + REFRESH_S, time.monotonic() + spent_s / self._share)
             self._busy.clear()

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 __all__ = ["RerunView", "ViewMode"]
 
 _QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 1, 10, 1800.0
-"""Rows of the series that travel together: a tenth of a second, after half an hour a second."""
+"""Rows of the series that travel together: a tenth of a second; a second after half an hour, and
+where nobody is looking."""
 
 _RARELY = 5.0
 """Grids, and estimators other than the default one, are drawn so many times less often."""
@@ -152,7 +153,7 @@ class RerunView:
         if not self._streaming:
             self._streaming = True
             self._state("streaming")
-        calm = self._decimator.elapsed_s > _CALM_AFTER_S
+        calm = self._mode == "none" or self._decimator.elapsed_s > _CALM_AFTER_S
         rows = self._decimator.take(info, block, _CALM_ROWS if calm else _QUICK_ROWS)
         if rows is not None:
             self._rows_lost += len(self._rows) == _ROWS_WAITING

@@ -1,0 +1,163 @@
+"""What a live run costs: processor, delays and losses at the highest rate over a virtual port.
+
+    python benchmarks/live_cost.py [--seconds 60] [--rate 6660] [--json FILE] [--quick]
+
+A simulated SensorTile in a process of its own streams six axes over a pseudo-terminal. This process
+does what ``allanscope live --view none`` does: it reads, records, decodes, sums up, refreshes the
+result, and looks for effects. Measured are its processor time per second of stream, how
+long the reader was kept from the port at most (by what this process did meanwhile, and by the
+machine), and how long it took from the arrival of a byte until its sample was handed to the charts,
+which draw ten times a second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from figures import Figure, written
+
+from allanscope.analysis.analyser import Analyser
+from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.looking import Looking
+from allanscope.pipeline.session import Session
+from allanscope.recording import Recorder
+from allanscope.sources import open_source
+from allanscope.view import RerunView, TerminalView
+from allanscope.wire.base import WireSettings
+
+WARM_S = 5.0
+"""Until all code is loaded and the first result was shown."""
+
+PAINTED_S = 0.1
+"""Rows of the time series are drawn this often: see `allanscope.view.rerun_view`."""
+
+GATHERED_S = 0.01
+"""The reader lets bytes gather for so long on purpose: see `allanscope.sources.serial_port`."""
+
+
+class Watch:
+    """Somebody in the audience who looks at the clock."""
+
+    def __init__(self) -> None:
+        self.began_cpu_s = self.began_s = math.nan
+        self.late_s: list[float] = []
+        self.snapshots = 0
+
+    def info(self, info: object) -> None:
+        """Begin to wait until everything is warm."""
+        self.heard_s = time.monotonic()
+
+    def samples(self, info: object, block: Any) -> None:
+        """Note how long ago the bytes of a block arrived."""
+        now = time.monotonic()
+        if math.isnan(self.began_s) and now - self.heard_s > WARM_S:
+            self.began_cpu_s, self.began_s = time.process_time(), now
+        if not math.isnan(self.began_s) and len(block.ticks.host_s):
+            self.late_s.append(now - float(block.ticks.host_s[0]))
+
+    def snapshot(self, analysis: object) -> None:
+        """Count results."""
+        self.snapshots += 1
+
+    def gap(self, gap: object) -> None:
+        """Losses are counted by the link."""
+
+    def notice(self, notice: object) -> None:
+        """Nothing to measure."""
+
+
+class Timed:
+    """A source that notes how long the reader was away, and what this process did meanwhile."""
+
+    def __init__(self, source: Any) -> None:
+        self._source = source
+        self._left = math.nan, math.nan
+        self.away_s: list[tuple[float, float]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._source, name)
+
+    def read(self) -> Any:
+        """Read, and note when."""
+        now = time.monotonic(), time.process_time()
+        if not math.isnan(self._left[0]):
+            self.away_s.append((now[0] - self._left[0], now[1] - self._left[1]))
+        chunk = self._source.read()
+        self._left = time.monotonic(), time.process_time()
+        return chunk
+
+
+def run(port: str, seconds: float, folder: Path) -> dict[str, float]:
+    """Watch a port for some seconds and return what it cost."""
+    watch, source = Watch(), Timed(open_source(port))
+    recorder = Recorder(folder, {"name": "benchmark"})
+    decoding = Decoding(WireSettings(), write=source.write)
+    session = Session(source, decoding, Analyser(), ledger=recorder, duration_s=WARM_S + seconds)
+    session.looking = Looking(first_s=WARM_S + seconds / 2)  # one look falls into every run
+    viewer = RerunView(folder, "none", {"name": "benchmark"}, lambda line, level="info": None)
+    session.audience = (watch, TerminalView("quiet"), viewer)
+    viewer.start()
+    session.run()
+    spent_s, passed_s = time.process_time() - watch.began_cpu_s, time.monotonic() - watch.began_s
+    recorder.close()
+    looks = session.looking.looks
+    viewer.close(None)
+    stats = decoding.stats
+    late_ms, away_ms = 1e3 * np.array(watch.late_s), 1e3 * np.array(source.away_s)
+    return {
+        "core_percent": 100.0 * spent_s / passed_s,
+        "late_ms_median": float(np.median(late_ms)),
+        "late_ms_99": float(np.percentile(late_ms, 99)),
+        "late_ms_most": float(late_ms.max()),
+        "reader_away_ms_99": float(np.percentile(away_ms[:, 0], 99)),
+        "reader_away_ms_most": float(away_ms[:, 0].max()),
+        "reader_kept_ms_most": float(away_ms[:, 1].max()),
+        "samples": stats.samples,
+        "lost_samples": stats.lost_samples,
+        "snapshots": watch.snapshots,
+        "looks": looks,
+    }
+
+
+def main() -> None:
+    """Start a device, watch it, print and write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--rate", type=float, default=6660.0)
+    parser.add_argument("--quick", action="store_true", help="15 seconds")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results here too")
+    options = parser.parse_args()
+    seconds = 15.0 if options.quick else options.seconds
+    command = [sys.executable, "-m", "allanscope", "device", "--rate", f"{options.rate:g}"]
+    device = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert device.stdout is not None
+    try:
+        port = device.stdout.readline().strip()
+        with tempfile.TemporaryDirectory() as folder:
+            cost = run(port, seconds, Path(folder))
+    finally:
+        device.terminate()
+        device.wait()
+    to_chart_ms = cost["late_ms_99"] + 1e3 * (GATHERED_S + PAINTED_S)
+    figures = [
+        Figure("live, six axes", cost["core_percent"], "% of a core", goal=5.0),
+        Figure("byte to chart, 99 of 100", to_chart_ms, "ms", goal=250.0),
+        Figure("reader kept from the port by us, at most", cost["reader_kept_ms_most"], "ms", 40.0),
+        Figure("reader away from the port, at most", cost["reader_away_ms_most"], "ms"),
+        Figure("samples lost", cost["lost_samples"], "", goal=0.0),
+    ]
+    written(figures, options.json, rate_hz=options.rate, seconds=seconds, **cost)
+    print(json.dumps(cost, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""Reads on their way from the reader to the session, taken together.
+
+A port at its fastest is read a hundred times a second. Decoding, summing up and showing a read each
+cost some calls whatever it holds, so the session waits a moment after the first read and takes all
+that have come by then as one. A replay at full speed puts thousands there in that moment.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from allanscope.recording import Buffer
+from allanscope.sources.base import Chunk
+
+__all__ = ["TOGETHER_S", "Inbox", "joined"]
+
+MOST_CHUNKS = 1 << 14
+"""Reads that may wait to be decoded: minutes of a live port at its fastest."""
+
+TOGETHER_S = 0.04
+"""How long reads are gathered: a sixth of what it may take from the port to the chart."""
+
+
+class Inbox:
+    """A queue of reads with room for so many; the reader waits when it is full.
+
+    Parameters
+    ----------
+    most : int
+        Reads that may wait.
+    together_s : float
+        How long to gather after the first one.
+    """
+
+    def __init__(self, most: int = MOST_CHUNKS, together_s: float = TOGETHER_S) -> None:
+        self._queue: queue.SimpleQueue[Chunk] = queue.SimpleQueue()
+        self._room = threading.Semaphore(most)
+        self._together_s = together_s
+
+    def put(self, chunk: Chunk) -> None:
+        """Add a read; waits for room."""
+        self._room.acquire()
+        self._queue.put(chunk)
+
+    def end(self) -> None:
+        """Say that nothing follows; never waits."""
+        self._queue.put(Chunk(0, event="end"))
+
+    def give_up(self) -> None:
+        """Let a reader go that waits for room: nobody takes anything any more."""
+        self._room.release()
+
+    def take(self) -> list[Chunk]:
+        """Wait for a read, and return all that have come a moment later, in order."""
+        taken = [self._queue.get()]
+        if taken[0].event != "end":
+            time.sleep(self._together_s)
+        while taken[-1].event != "end":
+            try:
+                taken.append(self._queue.get_nowait())
+            except queue.Empty:
+                break
+        self._room.release(len(taken))
+        return taken
+
+
+def joined(chunks: Iterable[Chunk]) -> Iterator[Chunk | Buffer]:
+    """Yield reads that only bring bytes as one Buffer, and everything else as it is.
+
+    Examples
+    --------
+    >>> reads = [Chunk(1, b"a"), Chunk(2, b"bc"), Chunk(3, event="stalled"), Chunk(4, b"d")]
+    >>> [one.data for one in joined(reads)]
+    [b'abc', b'', b'd']
+    """
+    plain: list[Chunk] = []
+    for chunk in chunks:
+        if chunk.data and not chunk.event:
+            plain.append(chunk)
+            continue
+        if plain:
+            yield _buffer(plain)
+            plain = []
+        yield chunk
+    if plain:
+        yield _buffer(plain)
+
+
+def _buffer(chunks: list[Chunk]) -> Buffer:
+    lengths = np.array([len(chunk.data) for chunk in chunks], np.int64)
+    return Buffer(
+        b"".join([chunk.data for chunk in chunks]),
+        np.cumsum(lengths) - lengths,
+        np.array([chunk.host_ns for chunk in chunks], np.int64),
+    )

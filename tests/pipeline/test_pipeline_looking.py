@@ -1,0 +1,124 @@
+"""Looks for effects while a run goes on: in a child, announced with the next result."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from allanscope.analysis.analyser import Analyser
+from allanscope.analysis.summary import summarise
+from allanscope.pipeline.inbox import Inbox, joined
+from allanscope.pipeline.looking import Looking
+from allanscope.recording import Buffer
+from allanscope.samples import Block, StreamInfo, Ticks
+from allanscope.sources.base import Chunk
+from allanscope.view.diary import Diary
+from allanscope.wire.base import LinkStats
+
+RATE = 52.0
+
+
+@pytest.fixture
+def analyser():
+    """Return what has seen three minutes of one axis with a line that nobody could miss."""
+    taken = Analyser()
+    taken.take(StreamInfo(("gx",), (0.004375,), nominal_hz=RATE))
+    time_s = np.arange(int(180 * RATE)) / RATE
+    noise = np.random.default_rng(1).normal(0.0, 10.0, len(time_s))
+    counts = np.rint(noise + 8.0 * np.sin(2 * np.pi * 3.3 * time_s)).astype(np.int16)
+    taken.take(Block(0, counts[:, np.newaxis], Ticks.none()))
+    return taken
+
+
+def finished(looking):
+    """Wait for the look that is under way."""
+    looking._thread.join(60.0)
+    assert not looking.busy
+
+
+def test_a_line_is_found_by_the_child_and_announced_once(analyser):
+    looking, diary = Looking(first_s=120.0), Diary()
+    before = summarise(analyser.frozen(), LinkStats(), "live", {}, known=looking.explanation)
+    assert not any("found" in text for _, text in diary.news(before))
+    looking.offer(analyser.frozen())
+    finished(looking)
+    assert looking.trouble == ""
+    told = []
+    for _ in range(2):
+        result = summarise(analyser.frozen(), LinkStats(), "live", {}, known=looking.explanation)
+        told += [text for _, text in diary.news(result) if "found" in text]
+    assert len(told) == 1
+    assert "3.3" in told[0]
+    explanation = result.axes["gx"].explanation
+    assert [effect.kind for effect in explanation.effects] == ["sinusoid"]
+    assert explanation.after.rms_percent < explanation.before.rms_percent
+
+
+def test_nobody_looks_again_before_the_run_has_doubled(analyser):
+    looking = Looking(first_s=120.0)
+    looking.offer(analyser.frozen())
+    finished(looking)
+    thread = looking._thread
+    looking.offer(analyser.frozen())
+    assert looking._thread is thread
+
+
+def test_nobody_looks_at_a_run_that_is_too_short(analyser):
+    looking = Looking(first_s=200.0)
+    looking.offer(analyser.frozen())
+    assert not looking.busy
+    assert looking.explanation is None
+
+
+def test_the_end_of_the_run_ends_a_look_at_once(analyser):
+    looking = Looking(first_s=120.0)
+    looking.offer(analyser.frozen())
+    while looking._child is None:
+        looking._thread.join(0.01)
+    looking.close()
+    assert looking._child.poll() is not None
+    assert looking.explanation is None
+    looking.offer(analyser.frozen())
+    assert not looking.busy
+
+
+def test_a_look_that_fails_says_why_and_harms_nothing(analyser):
+    looking = Looking(first_s=120.0)
+    analyser.state.history._sums[:10] = np.nan
+    looking.offer(analyser.frozen())
+    finished(looking)
+    assert "not finite" in looking.trouble
+    assert looking.explanation is None
+
+
+def test_reads_that_come_together_are_taken_together_and_in_order():
+    inbox = Inbox(together_s=0.05)
+    chunks = [Chunk(1, b"a"), Chunk(2, b"b"), Chunk(3, event="disconnected"), Chunk(4, b"c")]
+    for chunk in chunks:
+        inbox.put(chunk)
+    inbox.end()
+    taken = inbox.take()
+    assert taken[:-1] == chunks
+    assert taken[-1].event == "end"
+    first, event, last = joined(chunks)
+    assert isinstance(first, Buffer)
+    assert list(first.chunks()) == chunks[:2]
+    assert event == chunks[2]
+    assert list(last.chunks()) == chunks[3:]
+
+
+def test_a_reader_waits_when_there_is_no_room_and_is_let_go_at_the_end():
+    inbox = Inbox(most=1, together_s=0.0)
+    inbox.put(Chunk(1, b"a"))
+    reader = threading.Thread(target=inbox.put, args=(Chunk(2, b"b"),), daemon=True)
+    reader.start()
+    reader.join(0.05)
+    assert reader.is_alive()
+    assert inbox.take()[0].data == b"a"
+    reader.join(10.0)
+    assert not reader.is_alive()
+    blocked = threading.Thread(target=inbox.put, args=(Chunk(3, b"c"),), daemon=True)
+    blocked.start()
+    inbox.give_up()
+    blocked.join(10.0)
+    assert not blocked.is_alive()

@@ -47,6 +47,9 @@ class StreamInfo:
     nominal_hz : float
         Sample rate that the device claims; 0.0 when it claims none. These parts are off by several
         per cent, so the measured rate replaces it as soon as it is known.
+    rate_claimed : bool
+        False when `nominal_hz` was read off the times of the samples: then nobody claims a rate,
+        and the measured one is not compared with it.
     part : str
         Name in `allanscope.parts`, or empty when unknown.
     wire : str
@@ -76,6 +79,7 @@ class StreamInfo:
     epoch: int = 0
     truncated: tuple[bool, ...] = ()
     details: Mapping[str, str] = field(default_factory=dict)
+    rate_claimed: bool = True
 
     def __post_init__(self) -> None:
         unknown = [axis for axis in self.axes if axis not in AXES]

@@ -209,6 +209,7 @@ def _described(columns: Columns, device: DeviceSettings) -> tuple[StreamInfo, ND
         axes=tuple(columns.axes),
         scale=tuple(scales),
         nominal_hz=device.rate_hz or _rate_of(times),
+        rate_claimed=bool(device.rate_hz),
         part=device.part,
         wire="arrays",
         time_resolution_s=0.0 if times is None else resolution_of(cast("Any", times[:1000])),

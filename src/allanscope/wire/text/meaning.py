@@ -87,6 +87,7 @@ class TextMeaning:
                 for i, unit in zip(columns, units, strict=True)
             ),
             nominal_hz=self._settings.rate_hz or nominal_rate(rows),
+            rate_claimed=bool(self._settings.rate_hz),
             part=self._settings.part,
             wire="text",
             time_resolution_s=resolution_of(times) if timed else 0.0,

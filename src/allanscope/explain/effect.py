@@ -84,6 +84,9 @@ class AxisExplanation:
         Log-likelihood gained on data that was not used to fit, in total, and its standard error.
     explained : bool
         True when what is left is what sampling error leaves.
+    hindrance : str
+        Why the axis was not searched at all (too short, constant, hidden by its step), with what
+        to do; empty when it was. Then the errors are NaN and the coefficients empty.
     remarks : tuple of str
         What the reader must know: too short, constant channel, saturated, detection limits.
     """
@@ -97,3 +100,4 @@ class AxisExplanation:
     held_out_nats_se: float
     explained: bool
     remarks: tuple[str, ...] = ()
+    hindrance: str = ""

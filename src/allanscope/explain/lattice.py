@@ -16,7 +16,7 @@ _OFF = 5e-3
 """Distance from a whole count, in counts, that single precision may leave."""
 _ENOUGH = 1 << 17
 _FEWEST = 4
-"""Fewest values, and fewest samples a value, that make a lattice."""
+"""Fewest samples a value that make a lattice."""
 _TURNS = 3
 _PRINTED = 0.3
 """Distance from the lattice, in steps, that printing to few digits may leave."""
@@ -50,7 +50,7 @@ def step_of(samples: Array, lsb: float) -> float:
 def _own_step(samples: Array) -> float:
     """Return the step on which samples of unknown LSB lie, each printed to some digits."""
     values = np.unique(samples)
-    if len(values) < _FEWEST or len(values) > len(samples) / _FEWEST:
+    if len(values) < 2 or len(values) > len(samples) / _FEWEST:
         return 0.0
     apart = np.diff(values)
     same = apart < 1e-3 * np.quantile(apart, 0.9)  # one code, computed in two ways

@@ -235,4 +235,5 @@ def _unsearched(series: Series, axis: str, why: tuple[str, ...]) -> AxisExplanat
         held_out_nats_se=0.0,
         explained=False,
         remarks=why + series.remarks,
+        hindrance=why[0],
     )

@@ -28,8 +28,8 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
     needed = max(SHORTEST_S, SHORTEST_ROWS / series.rate_hz)
     if n < SHORTEST_ROWS or series.duration_s < SHORTEST_S:
         return (
-            f"{series.duration_s:.0f} s are too short to look for effects: "
-            f"run at least {needed - series.duration_s:.0f} s longer",
+            f"too short to search for effects: {series.duration_s:.0f} s of the {needed:.0f} s "
+            f"that it takes; run at least {np.ceil(needed - series.duration_s):.0f} s longer",
         )
     if (
         np.unique(samples[:: max(1, n // 4096)]).size < 2

@@ -28,6 +28,7 @@ from allanscope.explain.effects.unexplained import (
     beside,
     covered,
     drift_left_over,
+    is_remnant,
     tone_left_over,
     tones_left_over,
     united,
@@ -151,7 +152,7 @@ def _best(view: View, candidates: list[Candidate], before: float) -> Candidate |
         if candidate.excess <= spent:
             return None
         verdict = _adequate(view, candidate)
-        if verdict is None or covered(view, verdict):
+        if verdict is None or covered(view, verdict) or is_remnant(view, verdict):
             continue
         held = KINDS[verdict.kind].hold_out(view, verdict)
         recurring = _HELD_SHARE * (verdict.gain - _SMALL) if verdict.kind in _SPECTRAL else 0.0

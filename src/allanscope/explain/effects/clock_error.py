@@ -1,8 +1,16 @@
 """The device's clock is off: the true rate against the nominal one.
 
-The sensor's oscillator is trimmed to a few per cent and the host's crystal is good to some tens of
-ppm, so a measured rate outside both its own error and twice the host's shows the device's. It
-stretches every averaging time: N^2 changes by the relative error, K^2 the other way, lines move.
+The oscillator of these parts is trimmed to a few per cent by design, so a difference is the rule
+and no fault. It is reported all the same, because it is real and what it does is not small: taken
+at the nominal rate every averaging time is stretched, N^2 changes by the relative error, K^2 the
+other way, lines move. Here nothing has to be taken out of the data, for all frequencies and times
+are those of the measured rate; so the effect is a statement about the device (found once, listed
+with all axes), costs the residual nothing, and an axis that has it alone counts as explained.
+
+It takes a better clock to see it: the host's, good to some tens of ppm, or time stamps that are not
+the sensor's own. Without one, as in an array or a table without times, nothing is said. With one,
+the difference must stand out of the error of the measured rate (z^2/2 nats against the price of one
+look) and be more than a host's crystal may be wrong by.
 """
 
 from __future__ import annotations
@@ -44,7 +52,11 @@ class ClockError(EffectKind):
                 parameters={"relative": estimate(relative, error)},
                 gain=float(z**2 / 2),
                 price=float(np.log(1 / ALPHA)),
-                words=f"the clock runs {1e6 * relative:+.0f} ppm off its nominal rate",
+                words=(
+                    f"the true rate is {clock.measured_hz:.6g} Hz, {1e6 * relative:+.0f} ppm off "
+                    f"the nominal {clock.nominal_hz:.6g} Hz; all times and frequencies are by the "
+                    "true one"
+                ),
                 evidence={"z": float(z)},
                 axes=view.series.axes,
             )

@@ -21,6 +21,7 @@ from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.stepscan import StepScan
+from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -55,6 +56,9 @@ class Excursion(EffectKind):
                 best = candidate
         if best is None:
             return []
+        first, last = (int(x) for x in best.shape)
+        uneven = loudness(view.data, view.grid.rate_hz, first, last)
+        best = replace(best, gain=best.gain / uneven)
         return [_refined(view, best) if best.excess > 0 else best]
 
     def refine(self, view: View, candidate: Candidate) -> Candidate:

@@ -26,6 +26,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, log_interval
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
+from allanscope.explain.unevenness import crowding
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -80,10 +81,13 @@ class Narrowband(EffectKind):
     def propose(self, view: View) -> Iterable[Candidate]:
         """Take the most improbable run of ordinates of every width."""
         best: Candidate | None = None
+        same = crowding(view.data)
         for start, width in _runs(view):
             candidate = _fit(view, start, width)
             if candidate is not None and not _kept(view, candidate.shape[0]):
                 continue  # what is beside a range that was cut out belongs to it
+            if candidate is not None:
+                candidate = replace(candidate, gain=candidate.gain / same)
             if candidate is not None and (best is None or candidate.gain > best.gain):
                 best = candidate
         return [best] if best is not None else []

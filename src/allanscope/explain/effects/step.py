@@ -21,6 +21,7 @@ from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.stepscan import StepScan
+from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -64,6 +65,8 @@ class Step(EffectKind):
             statistic[np.abs(at - at[k]) < max(edge, n // 100)] = 0.0
         if best is None or _is_hop(view, best):
             return []
+        uneven = loudness(view.data, rate, int(best.shape[0]), int(best.shape[0]))
+        best = replace(best, gain=best.gain / uneven)
         return [_refined(view, best) if best.excess > 0 else best]
 
     def refine(self, view: View, candidate: Candidate) -> Candidate:
@@ -111,7 +114,8 @@ def _refined(view: View, candidate: Candidate) -> Candidate:
     column = step_ordinates(grid, at, grid.low)[np.newaxis]
     scan = StepScan(view, joint_fit(view, column).spectrum)
     reach = int(max(20 * grid.rate_hz, 4 * grid.n / grid.low))
-    tried = np.arange(max(2, at - reach), min(grid.n - 2, at + reach))
+    edge = int(_EDGE_S * grid.rate_hz)
+    tried = np.arange(max(edge, at - reach), min(grid.n - edge, at + reach))
     gains = scan.step(tried)
     best = int(np.argmax(gains))
     near = tried[gains > gains[best] - _INTERVAL_NATS]

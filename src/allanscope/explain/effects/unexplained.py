@@ -27,6 +27,10 @@ Array = NDArray[np.float64]
 _BAND_Z = 5.0
 _NEIGHBOUR_Z = 3.0
 _TAIL_Z = 6.0
+_TURNS = 4
+_WAVES = 5.0
+_REMNANT = 0.1
+"""Waves of a cut tone from an end of the record, and share of its gain, of what it may leave."""
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
 _LOUD = 40.0
@@ -86,13 +90,18 @@ def tone_left_over(view: View, candidate: Candidate) -> Candidate:
     f0 = candidate.shape[0]
     unit = view.grid.rate_hz / (2 * view.grid.n)
     reach = max(candidate.shape[1] if candidate.kind == "narrowband" else 0.0, 8 * unit)
-    low, high = _extent(view.squares / view.spectrum.ordinates, f0, reach, unit)
+    low, high, cut = f0 - reach, f0 + reach, view
+    for _ in range(_TURNS):
+        # What is beside it is known only once it is out of the fit.
+        before = (low, high)
+        low, high = _extent(cut.squares / cut.spectrum.ordinates, low, high, unit)
+        if (low, high) == before:
+            break
+        term = Term("unexplained", "excludes", (low, high), outside)
+        cut = view.with_terms((*view.terms, term))
     inside = view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1]
     share = float(inside.sum() / view.squares.sum())
-    return left_over(
-        view, (low, high), candidate.gain, share,
-        _CHANGES.format(low, high),
-    )  # fmt: skip
+    return left_over(view, (low, high), candidate.gain, share, _CHANGES.format(low, high))
 
 
 def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate:
@@ -104,20 +113,25 @@ def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate:
     return left_over(view, (low, high), gain, share, _CHANGES.format(low, high))
 
 
-def _extent(u: Array, f0: float, reach: float, unit: float) -> tuple[float, float]:
-    """Grow a range around f0 until the spectrum beside it is level again."""
-    centre = int(f0 / unit)
-    width = max(8, int(reach / unit))
-    low, high = max(0, centre - width), min(len(u), centre + width)
-    limit = 1 + 4 * np.sqrt(2 / width)
+def _extent(u: Array, low_hz: float, high_hz: float, unit: float) -> tuple[float, float]:
+    """Grow a range until the spectrum beside it is level."""
+    low, high = max(0, round(low_hz / unit - 0.5)), min(len(u), round(high_hz / unit - 0.5))
+    width = max(8, (high - low) // 2)
     gap = max(_GAP, width)
-    while low > 0 and (
-        u[max(0, low - width) : low].mean() > limit or u[max(0, low - gap) : low].max() > _LOUD
-    ):
+
+    def is_level(below: bool) -> bool:
+        sides = [
+            u[max(0, low - size) : low] if below else u[high : high + size]
+            for size in (width, 4 * width, 16 * width)
+        ]
+        loud = u[max(0, low - gap) : low] if below else u[high : high + gap]
+        return loud.max() < _LOUD and all(
+            side.mean() < 1 + 4 * np.sqrt(2 / len(side)) for side in sides
+        )
+
+    while low > 0 and not is_level(below=True):
         low = max(0, low - width)
-    while high < len(u) and (
-        u[high : high + width].mean() > limit or u[high : high + gap].max() > _LOUD
-    ):
+    while high < len(u) and not is_level(below=False):
         high = min(len(u), high + width)
     return (low + 0.5) * unit, (high + 0.5) * unit
 
@@ -157,6 +171,25 @@ def covered(view: View, candidate: Candidate) -> bool:
     return any(
         c.kind == "unexplained" and len(c.shape) == 2 and c.shape[0] <= low and high <= c.shape[1]
         for c in view.accepted
+    )
+
+
+def is_remnant(view: View, candidate: Candidate) -> bool:
+    """Tell whether a transient at an end of the record is what a loud tone leaves there.
+
+    Cutting frequencies out does not cut where the record begins and ends in the middle of a wave.
+    """
+    if candidate.kind == "warm_up":
+        distance_s = candidate.shape[0]
+    elif candidate.kind in ("step", "excursion"):
+        ends = min(candidate.shape[0], view.grid.n - candidate.shape[-1])
+        distance_s = ends / view.grid.rate_hz
+    else:
+        return False
+    return any(
+        distance_s * c.shape[0] < _WAVES and candidate.gain < _REMNANT * c.gain
+        for c in view.accepted
+        if c.kind == "unexplained" and len(c.shape) == 2 and c.shape[0] > 0
     )
 
 

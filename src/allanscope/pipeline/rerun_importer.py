@@ -1,9 +1,15 @@
-"""Lets the Rerun viewer open our recordings: ``rerun session.mcap``.
+"""Lets the Rerun viewer open our recordings.
 
-The viewer calls every program named ``rerun-importer-*`` on the path for every file it is to open.
+The viewer calls every program named ``rerun-importer-*`` on the path for a file that it is to open.
 One that has nothing to do with the file ends with the exit code 66, and should do so at once: a
 header is read here before anything heavy is imported. Otherwise the recording is analysed like a
 live session, and what a live viewer would have been shown is written to standard output.
+
+The viewer (0.41) asks nobody about a name that ends in ``.mcap``: its own reader takes it and shows
+bytes. Give the file another name, or pipe it::
+
+    ln -s session.mcap session.allanscope && rerun session.allanscope
+    rerun-importer-allanscope session.mcap | rerun -
 """
 
 from __future__ import annotations
@@ -28,6 +34,7 @@ NOT_OURS = 66
 _MAGIC = b"\x89MCAP0\r\n"
 _HEADER = b"\x01"
 _PROFILE = b"allanscope"
+_ABOUT = "Write a recording of allanscope to standard output as the Rerun viewer reads it."
 _SPACING = 1.12
 """The history is drawn each time that the run has grown by this factor."""
 
@@ -45,7 +52,7 @@ def is_ours(path: Path) -> bool:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write a recording of ours to standard output the way the viewer reads it."""
-    parser = argparse.ArgumentParser(prog="rerun-importer-allanscope", description=__doc__)
+    parser = argparse.ArgumentParser(prog="rerun-importer-allanscope", description=_ABOUT)
     parser.add_argument("file", type=Path)
     parser.add_argument("--application-id", default="")
     parser.add_argument("--recording-id", default="")

@@ -14,13 +14,12 @@ from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.summary import summarise
 from allanscope.pipeline.analyse import FULL_ROWS, analyse_input
-from allanscope.pipeline.arrays import (
+from allanscope.pipeline.arrays import events_of_columns, words_of
+from allanscope.pipeline.columns import (
     Columns,
     columns_of_array,
     columns_of_mapping,
-    events_of_columns,
     with_units,
-    words_of,
 )
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Recording

@@ -25,10 +25,10 @@ from allanscope.pipeline.resuming import earlier_events, set_view_aside
 from allanscope.pipeline.session import News, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.pipeline.signals import stopped_by_signals
-from allanscope.pipeline.simulate import simulator
+from allanscope.pipeline.stream import device_source
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import Event, Notice
-from allanscope.sources import RecordedSource, Source, open_source
+from allanscope.sources import RecordedSource, Source
 from allanscope.view import RerunView, TerminalView
 
 __all__ = ["run_live", "run_replay"]
@@ -56,7 +56,7 @@ def run_live(
     if resume is not None:
         device = recorded_settings(Recording(resume), device)
     decoding = Decoding(device.for_wire(), device.wire)
-    source = _source(port, device, simulated)
+    source = device_source(port, device, simulated)
     news = News()
 
     def write(data: bytes) -> None:
@@ -132,19 +132,6 @@ def run_replay(
     if not analysis.samples:
         raise InputError(f"{path} holds no samples; nothing to replay")
     return analysis
-
-
-def _source(port: str, device: DeviceSettings, simulated: SimulatedSettings) -> Source:
-    if port != "sim":
-        return open_source(port)
-    from allanscope.sources.simulated import SimulatedSource
-
-    return SimulatedSource(
-        device.wire or "native",
-        sensor=simulator(device, simulated),
-        faults=simulated.faults,
-        seed=simulated.seed,
-    )
 
 
 def _tell_alarm(line: str, news: News, quiet: bool) -> None:

@@ -1,0 +1,174 @@
+"""Columns with names and units, from arrays and tables; names and units are those of text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from allanscope.samples import AXES, unit_of
+from allanscope.wire.text.columns import Column, column_of
+from allanscope.wire.text.units import DIVISORS, Quantity, quantity_named
+
+__all__ = ["Columns", "columns_of_array", "columns_of_mapping", "quantity_of", "with_units"]
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Named columns of equal length.
+
+    Attributes
+    ----------
+    axes : mapping
+        Axis to its samples, shape (n,), in the order of `AXES`.
+    units : mapping
+        Axis to its unit, empty where it is not known yet.
+    time_s, temperature_c : ndarray of float64, shape (n,), or None
+        Time and temperature of each row.
+    """
+
+    axes: Mapping[str, NDArray[Any]]
+    units: Mapping[str, str]
+    time_s: NDArray[np.float64] | None = None
+    temperature_c: NDArray[np.float64] | None = None
+
+    def unit(self, axis: str) -> str:
+        """Return the unit of an axis; without one integers are counts, floats dps or g."""
+        if self.units[axis]:
+            return self.units[axis]
+        return "lsb" if self.axes[axis].dtype.kind in "iu" else unit_of(axis)
+
+
+def columns_of_array(data: ArrayLike, axes: Sequence[str] | None) -> Columns:
+    """Return the columns of an array of shape (n,) or (n, k).
+
+    Parameters
+    ----------
+    data : array_like
+        Samples.
+    axes : sequence of str, optional
+        Name of each column. Without it one column is gx, three are the gyroscope, six both sensors,
+        as in text without a header; and a structured array says it itself.
+
+    Raises
+    ------
+    ValueError
+        For another shape, or names that do not fit it.
+
+    Examples
+    --------
+    >>> list(columns_of_array(np.zeros((5, 3)), None).axes)
+    ['gx', 'gy', 'gz']
+    """
+    values = np.asarray(data)
+    if values.dtype.names:
+        return columns_of_mapping({name: values[name] for name in axes or values.dtype.names})
+    if values.ndim == 1:
+        values = values[:, np.newaxis]
+    if values.ndim != 2:
+        raise ValueError(f"an array of samples has shape (n,) or (n, axes), not {values.shape}")
+    if axes is None:
+        axes = _usual_axes(values.shape)
+    if len(axes) != values.shape[1]:
+        raise ValueError(f"{len(axes)} axis names do not fit an array of shape {values.shape}")
+    return columns_of_mapping(dict(zip(axes, values.T, strict=True)))
+
+
+def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
+    """Return the columns that a mapping of ``name`` or ``name[unit]`` to an array (n,) holds.
+
+    Raises
+    ------
+    ValueError
+        For a name that is none of t, gx ... az and temp, a unit that does not exist, a column
+        that comes twice or has another length, or when there is no axis at all.
+
+    Examples
+    --------
+    >>> columns = columns_of_mapping({"az[mg]": [998, 1002], "t[ms]": [0, 10]})
+    >>> dict(columns.units), columns.time_s.tolist()
+    ({'az': 'mg'}, [0.0, 0.01])
+    """
+    found: dict[str, tuple[Column, NDArray[Any]]] = {}
+    for name, values in data.items():
+        column = column_of(str(name))
+        if column is None:
+            raise ValueError(f"column {name!r} is unknown; names are t {' '.join(AXES)} temp")
+        plain = AXES[column.axis] if column.axis >= 0 else column.quantity
+        if plain in found:
+            raise ValueError(f"column {name!r} comes twice")
+        found[plain] = (column, _column(str(name), values))
+    axes = {axis: found[axis][1] for axis in AXES if axis in found}
+    if not axes:
+        raise ValueError(f"no axis among the columns {list(data)}; axes are {' '.join(AXES)}")
+    lengths = {len(values) for _, values in found.values()}
+    if len(lengths) > 1:
+        raise ValueError(f"columns differ in length: {sorted(lengths)}")
+    return Columns(
+        axes,
+        {axis: found[axis][0].unit for axis in axes},
+        _converted(found.get("time"), "s"),
+        _converted(found.get("temperature"), "degc"),
+    )
+
+
+def with_units(columns: Columns, units: Mapping[str, str] | str | None) -> Columns:
+    """Return the columns with the units that the caller gave, which have the last word.
+
+    Raises
+    ------
+    UsageError
+        For a group or a unit that does not exist.
+    """
+    if units is None:
+        return columns
+    if isinstance(units, str):
+        units = dict.fromkeys(columns.axes, units)
+    given = dict(columns.units)
+    for name, unit in units.items():
+        quantity, plain = quantity_named(quantity_of(name), unit)
+        for axis in columns.axes:
+            if axis == name or (name not in AXES and quantity_of(axis) == quantity):
+                given[axis] = plain
+    return replace(columns, units=given)
+
+
+def quantity_of(name: str) -> Quantity:
+    """Return the quantity of an axis, or the name itself where it is no axis."""
+    if name in AXES:
+        return "gyro" if name.startswith("g") else "accel"
+    return cast("Quantity", name)
+
+
+def _column(name: str, values: ArrayLike) -> NDArray[Any]:
+    column = np.asarray(values)
+    if column.ndim != 1:
+        raise ValueError(f"column {name} must have shape (n,), got {column.shape}")
+    if column.dtype.kind not in "iuf":
+        raise ValueError(f"column {name} must hold integers or floats, got {column.dtype}")
+    if column.dtype.kind == "f":
+        column = column.astype(np.float64)
+        bad = np.flatnonzero(~np.isfinite(column))
+        if bad.size and not name.lower().startswith("temp"):
+            raise ValueError(
+                f"sample {bad[0]} of {name} is {column[bad[0]]} (one of {bad.size} not finite); "
+                "leave such rows out and give the times of the others as a column t"
+            )
+    return column
+
+
+def _converted(found: tuple[Column, NDArray[Any]] | None, unit: str) -> NDArray[np.float64] | None:
+    if found is None:
+        return None
+    column, values = found
+    return np.asarray(values / DIVISORS[column.quantity][column.unit or unit], np.float64)
+
+
+def _usual_axes(shape: tuple[int, ...]) -> tuple[str, ...]:
+    columns = {1: AXES[:1], 3: AXES[:3], 6: AXES}.get(shape[1])
+    if columns is None:
+        raise ValueError(f"an array of shape {shape} needs axes: a name for each column")
+    return columns

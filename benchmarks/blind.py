@@ -1,6 +1,10 @@
 """Blind benchmark of the closed loop: undeclared effects in records the loop has never seen.
 
     python benchmarks/blind.py --records 40 --seed 1 [--json FILE] [--hours 2] [--rate 104]
+                               [--keep FOLDER]
+
+With ``--keep`` the outcome of every record is kept in a file of its own: a run can be interrupted,
+continued and extended, and another process can work on it with ``--first``.
 
 Every record has six axes with noise of its own; zero, one or two effects are hidden in it (see
 ``blind_generator.py``, which shares nothing with the simulator). Scored are: the kind; parameters
@@ -13,9 +17,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import pickle
 import time
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import blind_generator as generator
@@ -27,6 +33,17 @@ from allanscope.explain.effect import Effect
 Cell = tuple[str, str]
 _SKIPPED = ("intervals",)
 """Parameters whose truth is a matter of definition."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was hidden in one record, what was found, and at which cost."""
+
+    truths: tuple[generator.Truth, ...]
+    axes: tuple[str, ...]
+    found: dict[str, tuple[Effect, ...]]
+    ratios: tuple[float, ...]
+    seconds: float
 
 
 @dataclass
@@ -47,14 +64,13 @@ class Score:
     seconds: list[float] = field(default_factory=list)
 
 
-def judge(
-    record: generator.Blind, found: dict[str, tuple[Effect, ...]], score: Score, tag: str
-) -> None:
+def judge(outcome: Outcome, score: Score, tag: str) -> None:
     """Compare what was found with what was hidden."""
-    touched = {truth.axis for truth in record.truths}
-    everywhere = {truth.kind for truth in record.truths if not truth.axis}
-    for truth in record.truths:
-        axis = truth.axis or record.record.axes[0]
+    found = outcome.found
+    touched = {truth.axis for truth in outcome.truths}
+    everywhere = {truth.kind for truth in outcome.truths if not truth.axis}
+    for truth in outcome.truths:
+        axis = truth.axis or outcome.axes[0]
         cell = (truth.kind, truth.level)
         score.asked[cell] += 1
         kinds = [e.kind for e in found[axis]]
@@ -73,7 +89,7 @@ def judge(
             score.extra.append(f"{tag} {axis} {truth.kind}/{truth.level}: also {extras}")
         if match:
             _parameters(truth, match[0], score)
-    coupled = {str(truth.parameters.get("source", "")): truth.axis for truth in record.truths}
+    coupled = {str(truth.parameters.get("source", "")): truth.axis for truth in outcome.truths}
     for axis, effects in found.items():
         if axis in touched:
             continue
@@ -99,25 +115,44 @@ def _parameters(truth: generator.Truth, effect: Effect, score: Score) -> None:
             score.inside[key] += bool(parameter.lower <= value <= parameter.upper)
 
 
-def run(records: int, seed: int, hours: float, rate: float, verbose: bool) -> Score:
-    """Make and explain the records."""
+def run(arguments: argparse.Namespace) -> Score:
+    """Make and explain the records, or take what was kept of them."""
     score = Score()
-    for index in range(records):
-        rng = np.random.default_rng([seed, index])
-        kinds = generator.draw_kinds(rng, index)
-        blind = generator.make_blind(1000 * seed + index, kinds, hours, rate)
-        began = time.perf_counter()
-        result = explain(blind.record, nominal_hz=blind.nominal_hz, rate_fit=blind.rate_fit)
-        score.seconds.append(time.perf_counter() - began)
-        found = {axis: e.effects for axis, e in result.axes.items()}
-        ratios = [oracle_ratio(blind, result, truth) for truth in blind.truths]
-        score.ratios += [ratio for ratio in ratios if ratio is not None]
-        judge(blind, found, score, f"#{index}")
-        if verbose:
-            named = {a: [e.kind for e in es] for a, es in found.items() if es}
-            hidden = [(t.kind, t.level, t.axis) for t in blind.truths]
-            print(f"#{index} {score.seconds[-1]:.1f} s hidden {hidden} found {named}", flush=True)
+    for index in range(arguments.first, arguments.first + arguments.records):
+        name = f"{arguments.seed}-{index}-{arguments.hours:g}h-{arguments.rate:g}Hz.pickle"
+        kept = arguments.keep / name if arguments.keep else None
+        if kept and kept.exists():
+            outcome = pickle.loads(kept.read_bytes())
+        else:
+            outcome = measure(arguments.seed, index, arguments.hours, arguments.rate)
+            if kept:
+                kept.parent.mkdir(parents=True, exist_ok=True)
+                kept.write_bytes(pickle.dumps(outcome))
+        score.seconds.append(outcome.seconds)
+        score.ratios += outcome.ratios
+        judge(outcome, score, f"#{index}")
+        if not arguments.quiet:
+            named = {a: [e.kind for e in es] for a, es in outcome.found.items() if es}
+            hidden = [(t.kind, t.level, t.axis) for t in outcome.truths]
+            print(f"#{index} {outcome.seconds:.1f} s hidden {hidden} found {named}", flush=True)
     return score
+
+
+def measure(seed: int, index: int, hours: float, rate: float) -> Outcome:
+    """Make one record and explain it."""
+    kinds = generator.draw_kinds(np.random.default_rng([seed, index]), index)
+    blind = generator.make_blind(1000 * seed + index, kinds, hours, rate)
+    began = time.process_time()
+    result = explain(blind.record, nominal_hz=blind.nominal_hz, rate_fit=blind.rate_fit)
+    seconds = time.process_time() - began
+    ratios = [oracle_ratio(blind, result, truth) for truth in blind.truths]
+    return Outcome(
+        truths=tuple(replace(t, signal=None, variance=None) for t in blind.truths),
+        axes=blind.record.axes,
+        found={axis: e.effects for axis, e in result.axes.items()},
+        ratios=tuple(ratio for ratio in ratios if ratio is not None),
+        seconds=seconds,
+    )
 
 
 def oracle_ratio(
@@ -187,7 +222,7 @@ def totals(score: Score) -> dict[str, Any]:
     out["false_effects"] = len(score.false)
     out["couplings_named_both_ways"] = score.both_ways
     if score.seconds:
-        out["seconds_a_record"] = round(float(np.mean(score.seconds)), 1)
+        out["cpu_seconds_a_record"] = round(float(np.mean(score.seconds)), 1)
     if score.ratios:
         ratios = np.array(score.ratios)
         out["error_over_oracle_median"] = round(float(np.median(ratios)), 3)
@@ -201,15 +236,15 @@ def main() -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--records", type=int, default=18)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--hours", type=float, default=2.0)
     parser.add_argument("--rate", type=float, default=104.0)
+    parser.add_argument("--keep", type=Path)
     parser.add_argument("--json", type=argparse.FileType("w"))
     parser.add_argument("--quiet", action="store_true")
     arguments = parser.parse_args()
-    score = run(
-        arguments.records, arguments.seed, arguments.hours, arguments.rate, not arguments.quiet
-    )
+    score = run(arguments)
     print(table(score))
     if arguments.json:
         json.dump(totals(score), arguments.json, indent=1)

@@ -63,7 +63,7 @@ def print_numbers(result: Explanation) -> None:
 
 def print_series(record: Record, result: Explanation) -> None:
     """Print how much the level still moves when seconds are averaged."""
-    raw, cleaned = record.values[:, 0], result.cleaned["gx"]
+    raw, cleaned = searched(record, result)
     white = result.axes["gx"].coefficients_after["N"].value
     print("\n| rms about the mean, in dps | before | after | white noise alone |")
     print("|---|---|---|---|")
@@ -71,6 +71,14 @@ def print_series(record: Record, result: Explanation) -> None:
         before, after = (averaged(values, seconds)[1].std() for values in (raw, cleaned))
         alone = white / seconds**0.5
         print(f"| {seconds:.0f} s means | {before:.4f} | {after:.4f} | {alone:.4f} |")
+
+
+def searched(
+    record: Record, result: Explanation
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the samples as measured and as left over; a few at the end are not searched."""
+    cleaned = result.cleaned["gx"]
+    return record.values[: len(cleaned), 0], cleaned
 
 
 def averaged(
@@ -90,7 +98,7 @@ def draw(record: Record, result: Explanation, folder: Path) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    raw, cleaned = record.values[:, 0], result.cleaned["gx"]
+    raw, cleaned = searched(record, result)
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True)
     parts = (
         ("five textbook terms", raw, result.models_before["gx"]),

@@ -52,6 +52,12 @@ def test_sinusoid_has_its_frequency_and_peak_amplitude():
     assert rest.std() < 4.375e-3 / 2  # rounding only
 
 
+def test_excursion_comes_back_after_its_duration():
+    samples = record(SILENT, "excursion:time=10,duration=5,size=0.5", 104 * 20)
+    away = np.abs(samples - 0.5) < 4.375e-3
+    assert np.array_equal(away, (time_s(104 * 20) >= 10.0) & (time_s(104 * 20) < 15.0))
+
+
 def test_gauss_markov_has_its_sigma_and_correlation_time():
     samples = record(SILENT, "gauss_markov:sigma=0.5,correlation_time=2", 1 << 19)
     gamma = [np.mean(samples[: -lag or None] * samples[lag:]) for lag in (0, 208)]
@@ -260,7 +266,7 @@ def test_effect_is_the_same_in_any_portions(kind):
 def test_every_kind_of_the_vocabulary_can_be_simulated():
     vocabulary = """sinusoid narrowband gauss_markov band_limit random_telegraph step warm_up
         temperature cross_coupling outliers repeated_samples variance_change quantization
-        clock_error"""
+        clock_error excursion"""
     assert set(vocabulary.split()) == set(effect_kinds())
     assert len(effect_help().splitlines()) == len(effect_kinds())
 

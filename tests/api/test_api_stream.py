@@ -4,7 +4,11 @@ import pytest
 
 from allanscope import AXES, AllanBank, Block, DeviceError, Gap, UsageError, open_stream
 from allanscope.__main__ import main
+from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.stream import Stream
+from allanscope.recording import Chunk
 from allanscope.simulator import Device, Simulator
+from allanscope.wire import WireSettings, format_named
 
 
 def rows_of(stream, n):
@@ -61,21 +65,30 @@ def test_a_recording_gives_the_same_samples_again(tmp_path):
     assert b"".join(first) == b"".join(again) != b""
 
 
+class Silent:
+    """A source that never says anything."""
+
+    name = "mute"
+
+    def __init__(self):
+        self.closed = False
+
+    def read(self):
+        return Chunk(0)
+
+    def close(self):
+        self.closed = True
+
+
+def test_a_device_is_told_to_stop_once_and_its_port_is_closed():
+    said, source = [], Silent()
+    with Stream(source, Decoding(WireSettings(), "tmsg", said.append), patience_s=1.0) as stream:
+        stream.close()
+        assert source.closed
+    assert said == format_named("tmsg").stop()
+
+
 def test_a_silent_port_is_given_up():
-    class Silent:
-        name = "mute"
-
-        def read(self):
-            return Chunk(0)
-
-        def close(self):
-            pass
-
-    from allanscope.pipeline.decoding import Decoding
-    from allanscope.pipeline.stream import Stream
-    from allanscope.recording import Chunk
-    from allanscope.wire.base import WireSettings
-
     stream = Stream(Silent(), Decoding(WireSettings()), patience_s=0.05)
     with pytest.raises(DeviceError, match="mute: nothing was heard"):
         next(stream)

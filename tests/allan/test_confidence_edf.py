@@ -193,6 +193,17 @@ def test_exact_expectation_of_the_totals(kind, plain):
             assert float(estimator.expectation(alpha, 10, n)) == pytest.approx(ratio, rel=0.06)
 
 
+@pytest.mark.parametrize(("kind", "plain"), [("mtotdev", "mdev"), ("htotdev", "ohdev")])
+@pytest.mark.parametrize("alpha", [2, 0, -1, -2])
+def test_expectation_of_the_totals_of_few_samples(kind, plain, alpha, power_law):
+    """On the same noise the scatter of both cancels: a ratio is good to a few per mille."""
+    phase = np.append(0.0, np.cumsum(power_law(alpha, 100_000, 1, seed=98)[0]))
+    for m in (2, 3, 4, 7):
+        ratio = REGISTRY[kind].exact(phase, m)[0] / REGISTRY[plain].exact(phase, m)[0]
+        found = float(REGISTRY[kind].expectation(alpha, m, 100_000))
+        assert found == pytest.approx(ratio, rel=0.01), m
+
+
 @pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
 def test_exact_expectation_of_theobr_falls_and_rises_with_that_of_theo1(alpha):
     width = np.inf if alpha <= 0 else 1.0

@@ -97,3 +97,11 @@ def test_a_device_is_known_by_its_serial_number_and_else_by_its_socket() -> None
     assert nameless.is_same_device(described("/dev/ttyACM1", "", "1-1"))
     assert not nameless.is_same_device(described("/dev/ttyACM0", "", "1-2"))
     assert not find_ports(lambda: [BUILT_IN])[0].is_same_device(find_ports(lambda: [BUILT_IN])[0])
+
+
+def test_what_a_device_calls_itself_cannot_write_to_the_terminal() -> None:
+    hostile = port("/dev/ttyACM0", "0483:5740", "A\x1b[2J")
+    hostile.manufacturer, hostile.product = "evil\n\x07corp", "\x1b]0;owned\x07"
+    lines = describe_ports(lambda: [hostile])
+    assert all(line.isprintable() for line in lines)
+    assert all(text.isprintable() for text in find_ports(lambda: [hostile])[0].facts().values())

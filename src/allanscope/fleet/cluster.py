@@ -45,8 +45,12 @@ def connected(scheduler: str, workers: int | None) -> Iterator[Client]:
     UsageError
         If nobody answers at the address.
     """
+    import logging
+
     from distributed import Client
 
+    # A scheduler that goes away is told of in one line, by whoever asked for the fleet.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     if scheduler:
         try:
             client = Client(scheduler, timeout=REACH_S, set_as_default=False)

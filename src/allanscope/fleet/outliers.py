@@ -27,6 +27,9 @@ FALSE_ALARMS = 0.01
 _LARGEST_SHARE = 4
 """At most a quarter of the units can be outliers: beyond, there are two lots."""
 
+_MOST = 200
+"""Nor more than this, which nobody would read."""
+
 _OWN_SIGMAS = 3.0
 
 
@@ -97,7 +100,8 @@ def _extreme(values: Floats, level: float) -> list[int]:
     left = list(range(len(values)))
     removed: list[int] = []
     significant = 0
-    for n in range(len(values), len(values) - len(values) // _LARGEST_SHARE, -1):
+    most = min(len(values) // _LARGEST_SHARE, _MOST)
+    for n in range(len(values), len(values) - most, -1):
         rest = values[left]
         scatter = rest.std(ddof=1)
         distance = np.abs(rest - rest.mean())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from allanscope.fleet.drift import started_days
 from allanscope.fleet.lot import Lot
@@ -12,7 +13,11 @@ from allanscope.report.picture import DATASHEET, MEASURED, MODEL, Picture, ink
 
 __all__ = ["distribution_picture", "history_picture"]
 
+MOST_DOTS = 1000
+"""For each axis; the quantiles of a larger lot look the same."""
+
 _HALF_WIDTH = 0.3
+_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
 def distribution_picture(lot: Lot, sensor_unit: str) -> Picture:
@@ -26,9 +31,9 @@ def distribution_picture(lot: Lot, sensor_unit: str) -> Picture:
                 here = lot.of_axis(axis).detected(name)
                 values = here[f"{name}_value"] * reading.factor
                 if len(values):
-                    order = np.argsort(np.argsort(here["recording"].astype(np.str_)))
-                    shift = _HALF_WIDTH * (2.0 * (order + 0.5) / len(values) - 1.0)
-                    ax.plot(at + shift, values, "o", ms=2.5, alpha=0.6, c=MEASURED)
+                    dots = _quantiles(values)
+                    shift = _HALF_WIDTH * (2.0 * _scattered(len(dots)) - 1.0)
+                    ax.plot(at + shift, dots, "o", ms=2.5, alpha=0.6, c=MEASURED)
                     ax.plot([at - 0.4, at + 0.4], [np.median(values)] * 2, c=MODEL, lw=1.6)
                 limit = lot.of_axis(axis)["datasheet_limit"]
                 if name == "N" and np.isfinite(limit).any():
@@ -60,10 +65,23 @@ def history_picture(lot: Lot, sensor_unit: str) -> Picture | None:
         for axis in here.axes:
             some = here["axis"] == axis
             ratio = here["N_value"][some] / np.median(here["N_value"][some])
-            ax.plot(when[some] - when.min(), 100.0 * (ratio - 1.0), "o", ms=3, label=axis)
+            shown = np.linspace(0, len(ratio) - 1, min(len(ratio), MOST_DOTS)).astype(np.int64)
+            days_on = (when[some] - when.min())[shown]
+            ax.plot(days_on, 100.0 * (ratio[shown] - 1.0), "o", ms=3, label=axis)
         ax.axhline(0.0, c=ink(), lw=0.8)
         ax.set_xlabel("days since the first run")
         ax.set_ylabel("N against the median (%)")
         ax.legend(ncols=3)
 
     return Picture(draw, height=2.6)
+
+
+def _quantiles(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values, ascending; of very many those that tell their distribution."""
+    ascending = np.sort(values)
+    return ascending[np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(np.int64)]
+
+
+def _scattered(count: int) -> NDArray[np.float64]:
+    """Return places between 0 and 1 that are spread evenly, neighbours far from each other."""
+    return np.asarray(np.arange(1, count + 1) * _GOLDEN % 1.0)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from allanscope.errors import DeviceError
 from allanscope.fleet.cluster import connected, dashboard_line, require_extra
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import Place, find_places
@@ -102,6 +103,8 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     UsageError
         If nothing matches, the folder cannot be written to, the scheduler does not answer, or the
         extra is not installed.
+    DeviceError
+        If the scheduler goes away on the way; table and report are of what was done until then.
     """
     require_extra()
     from allanscope.fleet.writing import write_lot
@@ -117,6 +120,11 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
         write_lot(result, store, settings)
     finally:
         store.close()
+    if desk.is_deserted:
+        raise DeviceError(
+            f"the Dask scheduler went away; {len(result.keys)} recordings are done, "
+            f"{result.left} left: the same command goes on"
+        )
     return result
 
 
@@ -143,27 +151,42 @@ def _hand_out(
     stopped: threading.Event,
 ) -> None:
     """Keep the workers busy until everything is done or the run is stopped."""
-    from distributed import wait
+    from distributed.client import FuturesCancelledError
 
     running: dict[Future, Place] = {}
-    while (desk.todo or running) and not stopped.is_set():
-        workers = sum(client.nthreads().values())
-        room = max(TASKS_PER_WORKER * workers, 1)
-        while desk.todo and len(running) < room:
-            place = desk.todo.popleft()
-            idle = workers - len(running)
-            running[desk.submit(client, place, device, idle)] = place
-        try:
-            finished = wait(list(running), LOOK_AGAIN_S, "FIRST_COMPLETED").done
-        except TimeoutError:
-            continue
-        for future in finished:
-            place = running.pop(future)
-            advance(float(desk.take(place, _outcome(future, place))))
-            future.release()
-    for future, place in running.items():
-        future.cancel()
-        desk.todo.append(place)
+    try:
+        while (desk.todo or running) and not stopped.is_set():
+            _fill_up(desk, client, device, running)
+            for future, place in _finished(running):
+                del running[future]
+                advance(float(desk.take(place, _outcome(future, place))))
+                future.release()
+        for future in running:
+            future.cancel()
+    except (FuturesCancelledError, OSError):
+        desk.is_deserted = True
+    desk.todo.extend(running.values())
+
+
+def _fill_up(
+    desk: _Desk, client: Client, device: DeviceSettings, running: dict[Future, Place]
+) -> None:
+    """Hand out as much as keeps every worker busy until the next look."""
+    workers = sum(client.nthreads().values())
+    while desk.todo and len(running) < max(TASKS_PER_WORKER * workers, 1):
+        place = desk.todo.popleft()
+        running[desk.submit(client, place, device, idle=workers - len(running))] = place
+
+
+def _finished(running: dict[Future, Place]) -> list[tuple[Future, Place]]:
+    """Wait a moment and return what has come back."""
+    from distributed import wait
+
+    try:
+        done = wait(list(running), LOOK_AGAIN_S, "FIRST_COMPLETED").done
+    except TimeoutError:
+        return []
+    return [(future, running[future]) for future in done]
 
 
 class _Desk:
@@ -172,6 +195,7 @@ class _Desk:
     def __init__(self, store: Store, places: Iterable[Place]) -> None:
         self.result = FleetResult()
         self.todo: deque[Place] = deque()
+        self.is_deserted = False
         self._store = store
         self._looked_up: set[str] = set()
         for place in places:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.summary import summarise
 from allanscope.errors import InputError, UsageError
+from allanscope.pipeline.compiling import tell_when_compiling
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.settings import DeviceSettings
@@ -47,6 +49,8 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     if path.is_dir() or is_recording(path):
         fingerprint = Fingerprint()
         device = recorded_settings(Recording(path), device)
+    if not quiet:
+        tell_when_compiling(lambda line: print(line, file=sys.stderr, flush=True))
     decoding = Decoding(device.for_wire(), device.wire)
     analyser = Analyser(
         AnalyserSettings(device.part, history_rows=FULL_ROWS, gathered_rows=FULL_GATHERED)

@@ -14,6 +14,7 @@ from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.result import Analysis
 from allanscope.errors import DeviceError, InputError
 from allanscope.pipeline.analyse import recorded_settings
+from allanscope.pipeline.compiling import tell_when_compiling
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.outputs import (
     new_session_folder,
@@ -166,11 +167,12 @@ def _run(
     whole_s: float | None = None,
 ) -> Analysis:
     """Run one session with its audience, and leave its result in the folder."""
+    mode: Literal["quiet", "auto"] = "quiet" if settings.quiet else "auto"
+    terminal = TerminalView(mode, session.mark, session.stop, whole_s=whole_s)
+    tell_when_compiling(terminal.line)
     if session.decoding.wire in ("", "native"):
         # Compiled code is loaded before the first byte comes, not when it does.
         import_module("allanscope.wire.native.kernel")
-    mode: Literal["quiet", "auto"] = "quiet" if settings.quiet else "auto"
-    terminal = TerminalView(mode, session.mark, session.stop, whole_s=whole_s)
     viewer = RerunView(folder, settings.view, {**facts, "name": facts["name"]}, terminal.line)
     session.audience = (terminal, viewer)
     final: Analysis | None = None

@@ -1,0 +1,146 @@
+"""Cost in counted operations: calls, terms, transforms and bytes, which no machine can change."""
+
+import threading
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from allanscope.allan import AllanBank
+from allanscope.analysis.analyser import Analyser, AnalyserSettings
+from allanscope.analysis.lanes import WORTH_IT, side_by_side
+from allanscope.pipeline.decoding import Decoding
+from allanscope.recording import Chunk, Recording, write_recording
+from allanscope.samples import Block, StreamInfo, Ticks
+from allanscope.simulator import Simulator, simulate_blocks
+from allanscope.spectrum import SpectrumBank
+from allanscope.spectrum.level import SEGMENT
+from allanscope.wire.base import WireSettings
+from allanscope.wire.native import NativeDecoder
+
+ROOM = 1000
+
+
+def counts(n, axes=1):
+    return np.random.default_rng(1).normal(0, 12, (n, axes)).round().astype(np.int16)
+
+
+def test_three_rows_at_a_time_reach_the_sums_by_the_roomful(monkeypatch):
+    """A live port must not pay for every read what a thousand rows cost."""
+    calls = Counter()
+    for bank in (AllanBank, SpectrumBank):
+        plain = bank.update
+
+        def counted(self, rows, plain=plain, name=bank.__name__):
+            calls[name] += 1
+            plain(self, rows)
+
+        monkeypatch.setattr(bank, "update", counted)
+    analyser = Analyser(AnalyserSettings(gathered_rows=ROOM))
+    analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
+    rows = counts(9000)
+    for index in range(0, len(rows), 3):
+        analyser.take(Block(index, rows[index : index + 3], Ticks.none()))
+    roomfuls = -(-len(rows) // (ROOM // 3 * 3)) - 1  # the last one is still waiting
+    assert calls == {"AllanBank": roomfuls, "SpectrumBank": roomfuls}
+
+
+def test_large_blocks_pass_by_without_a_copy(monkeypatch):
+    seen = []
+    monkeypatch.setattr(AllanBank, "update", lambda self, rows: seen.append(rows))
+    analyser = Analyser(AnalyserSettings(gathered_rows=ROOM))
+    analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
+    rows = counts(ROOM)
+    analyser.take(Block(0, rows, Ticks.none()))
+    assert len(seen) == 1
+    assert seen[0] is rows
+
+
+def test_terms_per_sample_do_not_grow_with_the_length_of_the_run():
+    """Rung 0 costs its 19 averaging times, all rungs above it together no more than four."""
+    per_sample = {}
+    for n in (1000, 10_000, 100_000, 1_000_000):
+        bank = AllanBank(100.0, axes=1)
+        bank.update(counts(n))
+        per_sample[n] = bank.deviation("oadev").terms.sum() / n
+    assert per_sample[1_000_000] < 28
+    assert per_sample[1_000_000] < 1.02 * per_sample[100_000]
+    assert per_sample[100_000] < 1.10 * per_sample[10_000]
+
+
+@pytest.mark.parametrize("per_octave", [1, 2, 4, 8])
+def test_terms_grow_at_most_in_proportion_to_the_averaging_times(per_octave):
+    bank, plain = AllanBank(100.0, axes=1, per_octave=per_octave), AllanBank(100.0, 1, 1)
+    for one in (bank, plain):
+        one.update(counts(100_000))
+    ratio = bank.deviation("oadev").terms.sum() / plain.deviation("oadev").terms.sum()
+    assert ratio <= per_octave
+
+
+def test_transforms_per_sample_do_not_grow_with_the_length_of_the_run():
+    """Half-overlapping segments twice, and all lower rates together a third of that."""
+    for n in (20_000, 200_000, 2_000_000):
+        bank = SpectrumBank(100.0, axes=1)
+        bank.update(counts(n))
+        segments = int(np.sum(bank.state()["count"]))
+        assert segments * SEGMENT / n < 2 * 4 / 3
+
+
+def test_what_is_held_does_not_grow_with_the_length_of_the_run():
+    held = {}
+    for n in (200_000, 2_000_000):
+        analyser = Analyser(AnalyserSettings(history_rows=1 << 14))
+        analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=6660.0))
+        rows = counts(100_000)
+        for index in range(0, n, len(rows)):
+            analyser.take(Block(index, rows, Ticks.none()))
+        state = analyser.state
+        spectrum = sum(array.nbytes for array in state.spectrum.state().values())
+        held[n] = state.bank.nbytes + spectrum + len(state.history.means()) * 32
+    assert held[2_000_000] < 1.5 * held[200_000]
+    assert held[2_000_000] < 2 << 20
+
+
+def test_a_recording_is_decoded_by_the_buffer_and_not_by_the_read(tmp_path, monkeypatch):
+    sensor = Simulator(rate=6660.0, seed=1, duration_s=10.0)
+    reads = [Chunk(*read) for read in simulate_blocks(10 / 3600, sensor, start_ns=1)]
+    path = write_recording(tmp_path / "session.mcap", reads, {})
+    calls = Counter()
+    plain = NativeDecoder.feed_chunks
+
+    def counted(self, *arguments):
+        calls["feed"] += 1
+        return plain(self, *arguments)
+
+    monkeypatch.setattr(NativeDecoder, "feed_chunks", counted)
+    decoding = Decoding(WireSettings(), "native")
+    buffers = list(Recording(path).buffers())
+    for buffer in buffers:
+        decoding.take_buffer(buffer)
+    assert len(reads) > 200
+    assert calls["feed"] == len(buffers) == 1
+
+
+def test_a_second_thread_is_used_for_large_pieces_only():
+    def thread_of(rows):
+        names = []
+        side_by_side(
+            rows,
+            lambda: names.append(threading.current_thread().name),
+            lambda: names.append("here"),
+        )
+        return sorted(names)
+
+    here = threading.current_thread().name
+    assert thread_of(10) == sorted([here, "here"])
+    assert any(name.startswith("sums") for name in thread_of(WORTH_IT))
+
+
+def test_an_error_in_either_half_is_raised():
+    def fails():
+        raise ValueError("broken")
+
+    for halves in ((fails, lambda: None), (lambda: None, fails)):
+        for rows in (1, WORTH_IT):
+            with pytest.raises(ValueError, match="broken"):
+                side_by_side(rows, *halves)

@@ -1,5 +1,7 @@
 """`open_stream`: a device's samples in a loop, from the simulator, a pty and a file."""
 
+import time
+
 import pytest
 
 from allanscope import AXES, AllanBank, Block, DeviceError, Gap, UsageError, open_stream
@@ -51,7 +53,7 @@ def test_a_device_on_a_port_is_started_read_and_stopped(wire):
 
 def test_a_file_ends_by_itself(tmp_path):
     path = tmp_path / "log.csv"
-    path.write_text("gx[dps],gy[dps]\n" + "0.5,0.25\n" * 100)
+    path.write_text("gx[dps],gy[dps]\n" + "0.5,0.25\n" * 99 + "0.5,0.25")
     stream = open_stream(str(path), rate=50.0)
     assert sum(len(item) for item in stream) == 100
     assert stream.info.nominal_hz == 50.0
@@ -78,6 +80,24 @@ class Silent:
 
     def close(self):
         self.closed = True
+
+
+class Pausing(Silent):
+    """A source that speaks, is silent for longer than the patience, and speaks again."""
+
+    def __init__(self):
+        super().__init__()
+        rows = b"gx[dps]\n" + b"0.5\n" * 40
+        self._chunks = [Chunk(1, rows), *[Chunk(1)] * 3, Chunk(1, b"0.25\n" * 10)]
+
+    def read(self):
+        time.sleep(0.02)
+        return self._chunks.pop(0) if self._chunks else Chunk(1, event="end")
+
+
+def test_a_device_that_has_spoken_may_fall_silent():
+    stream = Stream(Pausing(), Decoding(WireSettings(rate_hz=50.0)), patience_s=0.03)
+    assert sum(len(block) for block in stream) == 50
 
 
 def test_a_device_is_told_to_stop_once_and_its_port_is_closed():

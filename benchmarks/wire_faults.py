@@ -137,7 +137,7 @@ def main() -> None:
                 try:
                     print(line(wire, rate, kind, asked.seconds), flush=True)
                 except Exception as error:
-                    said = str(error).splitlines()[0]
+                    said = (str(error) or repr(error)).splitlines()[0]
                     print(f"| {wire} | {rate:g} | | | {kind} | | | | | | FAILED: {said} |")
 
 

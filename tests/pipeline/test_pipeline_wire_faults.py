@@ -29,6 +29,9 @@ BYTES = {
 }  # fmt: skip
 """About what a sample takes on the wire."""
 
+FEWEST = 4
+"""A run of fewer samples between holes of unknown length, one of them altered, lies nowhere."""
+
 STALL = ("stall:at=1.5,seconds=1",)
 UNPLUG = ("unplug:at=2,seconds=1",)
 
@@ -63,12 +66,16 @@ class Run:
     unknown: int
     made: np.ndarray = field(repr=False)
 
-    def blocks_and_gaps(self):
-        return [event for event in self.events if isinstance(event, Block | Gap)]
-
-    def values(self, block):
+    def runs(self):
+        """Return each hole (None before the first run) and the samples between it and the next."""
         info = next(event for event in self.events if isinstance(event, StreamInfo))
-        return block.counts * np.asarray(info.scale)
+        found: list[tuple[Gap | None, list[np.ndarray]]] = [(None, [])]
+        for event in self.events:
+            if isinstance(event, Gap):
+                found.append((event, []))
+            elif isinstance(event, Block):
+                found[-1][1].append(event.counts * np.asarray(info.scale))
+        return [(gap, np.concatenate(values)) for gap, values in found if values]
 
     def sent(self):
         """Return what was sent, to the step that the format allows."""
@@ -96,6 +103,7 @@ def run(wire, rate, faults, seconds, speed=1.0, seed=5):
     again = Simulator(**sensor)
     made = again.read(device.ledger.produced).counts * np.asarray(again.info.scale)
     state = collector.state
+    state.settle()
     return Run(
         collector.events, decoding.stats, device.ledger, session, decoding.wire,
         state.lost, state.unknown_losses, made,
@@ -103,12 +111,17 @@ def run(wire, rate, faults, seconds, speed=1.0, seed=5):
 
 
 def place(values, sent, tolerance, earliest, damaged):
-    """Return the first index from `earliest` on at which all sound rows of a run were made."""
+    """Return the index from `earliest` on from which most samples of a run were made."""
+    values = values[:60]
+    unlike = {}
     for first in range(earliest, len(sent) - len(values) + 1):
-        off = (np.abs(values[:6] - sent[first : first + len(values[:6])]) > tolerance).any(axis=1)
-        if all(first + row in damaged for row in np.flatnonzero(off)) and not off.all():
-            return first
-    pytest.fail(f"a run of {len(values)} samples was never made after {earliest}")
+        off = (np.abs(values - sent[first : first + len(values)]) > tolerance).any(axis=1)
+        if all(first + row in damaged for row in np.flatnonzero(off)):
+            unlike[first] = int(off.sum())
+            if not off.any():
+                break
+    assert unlike, f"a run of {len(values)} samples was never made after {earliest}"
+    return min(unlike, key=unlike.get)
 
 
 def hold_against_the_truth(ran: Run) -> list[tuple[int | None, int]]:
@@ -116,27 +129,28 @@ def hold_against_the_truth(ran: Run) -> list[tuple[int | None, int]]:
     sent, tolerance = ran.sent()
     damaged = {i for loss in ran.ledger.losses for i in range(loss.first, loss.first + loss.count)}
     told: list[tuple[int | None, int]] = []
-    stop, gap = None, None
-    for event in ran.blocks_and_gaps():
-        if isinstance(event, Gap):
-            gap = event
-            continue
-        values = ran.values(event)
-        if stop is None:
+    stop, passed = 0, 0
+    for gap, values in ran.runs():
+        if gap is None:
             first = place(values, sent, tolerance, 0, damaged)
-        elif gap is None:
-            first = stop
+        elif gap.lost is None and len(values) < FEWEST:
+            told.append((None, 0))
+            passed += len(values)
+            continue
         else:
-            known = gap.lost is not None
-            first = stop + gap.lost if known else place(values, sent, tolerance, stop, damaged)
-            told.append((gap.lost, first - stop))
+            known = gap.lost is not None and not passed
+            first = (
+                stop + gap.lost if known else place(values, sent, tolerance, stop + passed, damaged)
+            )
+            told.append((gap.lost, gap.lost if gap.lost and passed else first - stop - passed))
             missing = set(range(stop, first))
-            assert missing <= damaged, "samples that nothing happened to were given up"
+            assert passed or missing <= damaged, "samples that nothing happened to were given up"
+            passed = 0
         off = (np.abs(values - sent[first : first + len(values)]) > tolerance).any(axis=1)
         wrong = {first + int(row) for row in np.flatnonzero(off)}
         # An 8-bit sum passes one damaged message in 256, text any digit; a CRC-32 passes nothing.
         assert wrong <= (set() if ran.wire == "native" else damaged)
-        stop, gap = first + len(values), None
+        stop = first + len(values)
     return told
 
 
@@ -179,7 +193,7 @@ def test_where_stamps_cannot_tell_every_hole_is_reported_as_unknown(wire):
 def test_a_stall_that_fits_the_ring_loses_nothing(wire):
     ran = run(wire, 104.0, STALL, 4.0, 4.0)
     assert hold_against_the_truth(ran) == []
-    assert not ran.ledger.losses
+    assert ran.ledger.lost.keys() <= {"hang-up", "no host"}  # when the session ended
 
 
 @pytest.mark.parametrize("wire", ["native", "tmsg"])

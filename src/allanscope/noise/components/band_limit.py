@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Component, Quantity
+from allanscope.noise.components.base import Quantity
+from allanscope.noise.components.correlated import Correlated
 from allanscope.noise.exponential import ExponentialCovariance
 
 __all__ = ["BandLimitedWhite", "Filter"]
@@ -20,7 +20,7 @@ _DAMPING = float(np.sqrt(0.5))
 
 
 @dataclass(frozen=True)
-class BandLimitedWhite(Component):
+class BandLimitedWhite(Correlated):
     """White noise through a low-pass, as it is in the samples.
 
     Scaled so that N is what long averages show: AVAR tends to N^2 / tau. At short averaging times
@@ -48,9 +48,6 @@ class BandLimitedWhite(Component):
         Quantity("cutoff", "Hz", "shape", 1e-6, 1e7),
     )
 
-    def __post_init__(self) -> None:
-        self._check_positive()
-
     def covariance(self, dt: float) -> ExponentialCovariance:
         """Return the autocovariance of the samples."""
         corner = 2 * np.pi * self.cutoff * dt
@@ -64,23 +61,6 @@ class BandLimitedWhite(Component):
         return ExponentialCovariance(
             (unit.amplitudes[0] * power,), unit.rates, delta=unit.delta * power
         )
-
-    def density(self, f: ArrayLike, dt: float) -> Array:
-        """Return 2 N^2 at low frequency, less above the cutoff."""
-        phase = 2 * np.pi * np.asarray(f, np.float64) * dt
-        return 2 * dt * self.covariance(dt).spectrum(phase)
-
-    def avar(self, m: ArrayLike, dt: float) -> Array:
-        """Return the Allan variance, exact for samples."""
-        return self.covariance(dt).avar(m)
-
-    def hvar(self, m: ArrayLike, dt: float) -> Array:
-        """Return the Hadamard variance, exact for samples."""
-        return self.covariance(dt).hvar(m)
-
-    def ordinates(self, k: ArrayLike, n: int, dt: float, stride: int = 1) -> Array:
-        """Return the expected ordinates of the rows, exact."""
-        return self.covariance(dt).averaged(stride).ordinates(k, n)
 
     def corners(self, dt: float) -> tuple[float, ...]:
         """Return the cutoff."""

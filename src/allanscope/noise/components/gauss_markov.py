@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Component, Quantity
+from allanscope.noise.components.base import Quantity
+from allanscope.noise.components.correlated import Correlated
 from allanscope.noise.exponential import ExponentialCovariance
 
 __all__ = ["GaussMarkov"]
 
 
 @dataclass(frozen=True)
-class GaussMarkov(Component):
+class GaussMarkov(Correlated):
     """First-order Gauss-Markov process with autocovariance sigma^2 exp(-|t| / Tc), point-sampled.
 
     One-sided density 4 sigma^2 Tc / (1 + (2 pi f Tc)^2), folded at the Nyquist frequency. ADEV has
@@ -39,29 +39,9 @@ class GaussMarkov(Component):
         Quantity("correlation_time", "s", "shape", 1e-6, 1e9),
     )
 
-    def __post_init__(self) -> None:
-        self._check_positive()
-
     def covariance(self, dt: float) -> ExponentialCovariance:
         """Return the autocovariance of the samples."""
         return ExponentialCovariance((self.sigma**2,), (dt / self.correlation_time,))
-
-    def density(self, f: ArrayLike, dt: float) -> Array:
-        """Return 2 dt sigma^2 (1 - p^2) / (1 - 2 p cos(2 pi f dt) + p^2), p = exp(-dt / Tc)."""
-        phase = 2 * np.pi * np.asarray(f, np.float64) * dt
-        return 2 * dt * self.covariance(dt).spectrum(phase)
-
-    def avar(self, m: ArrayLike, dt: float) -> Array:
-        """Return the Allan variance, exact for samples."""
-        return self.covariance(dt).avar(m)
-
-    def hvar(self, m: ArrayLike, dt: float) -> Array:
-        """Return the Hadamard variance, exact for samples."""
-        return self.covariance(dt).hvar(m)
-
-    def ordinates(self, k: ArrayLike, n: int, dt: float, stride: int = 1) -> Array:
-        """Return the expected ordinates of the rows, exact."""
-        return self.covariance(dt).averaged(stride).ordinates(k, n)
 
     def corners(self, dt: float) -> tuple[float, ...]:
         """Return 1 / (2 pi Tc)."""

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Component, Quantity
+from allanscope.noise.components.base import Array, Quantity
+from allanscope.noise.components.correlated import Correlated
 from allanscope.noise.exponential import ExponentialCovariance
 
 __all__ = ["Narrowband"]
@@ -18,7 +19,7 @@ _WIDEST = 1.98
 
 
 @dataclass(frozen=True)
-class Narrowband(Component):
+class Narrowband(Correlated):
     """Position of a damped oscillator driven by white noise, point-sampled.
 
     Natural frequency f0, half-power bandwidth b = 2 z f0 with the damping ratio z < 1:
@@ -44,37 +45,17 @@ class Narrowband(Component):
         Quantity("bandwidth", "Hz", "shape", 1e-9, 1e6),
     )
 
-    def __post_init__(self) -> None:
-        self._check_positive()
-
     def covariance(self, dt: float) -> ExponentialCovariance:
         """Return the autocovariance of the samples."""
         damping = min(self.bandwidth / self.frequency, _WIDEST) / 2
         unit = ExponentialCovariance.second_order(2 * np.pi * self.frequency * dt, damping)
         return ExponentialCovariance((unit.amplitudes[0] * self.sigma**2,), unit.rates)
 
-    def density(self, f: ArrayLike, dt: float) -> Array:
-        """Return the density of the samples, aliases included."""
-        phase = 2 * np.pi * np.asarray(f, np.float64) * dt
-        return 2 * dt * self.covariance(dt).spectrum(phase)
-
     def band_density(self, f: ArrayLike, width: ArrayLike, dt: float) -> Array:
         """Return the mean over each band, which may be wider than the resonance."""
         offsets = (np.arange(9) - 4)[:, np.newaxis] / 9
         nodes = np.asarray(f, np.float64) + offsets * np.asarray(width, np.float64)
         return np.asarray(self.density(nodes, dt).mean(axis=0))
-
-    def avar(self, m: ArrayLike, dt: float) -> Array:
-        """Return the Allan variance, exact for samples."""
-        return self.covariance(dt).avar(m)
-
-    def hvar(self, m: ArrayLike, dt: float) -> Array:
-        """Return the Hadamard variance, exact for samples."""
-        return self.covariance(dt).hvar(m)
-
-    def ordinates(self, k: ArrayLike, n: int, dt: float, stride: int = 1) -> Array:
-        """Return the expected ordinates of the rows, exact."""
-        return self.covariance(dt).averaged(stride).ordinates(k, n)
 
     def corners(self, dt: float) -> tuple[float, ...]:
         """Return the resonance."""

@@ -14,6 +14,7 @@ from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.look import FEWEST_ROWS, densities_of, record_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.result import Analysis, AxisAnalysis, Level, Rate
+from allanscope.analysis.sampling import sampling_remarks
 from allanscope.analysis.state import StreamState
 from allanscope.explain import explain
 from allanscope.explain.loop import Explanation
@@ -74,6 +75,7 @@ def summarise(
     rate = _rate(state)
     rate_hz = rate.best_hz or 1.0
     record = record_of(state, rate_hz)
+    axes = _axes(state, record, rate, depth, settings, known)
     return Analysis(
         input=dict(input_facts),
         part=settings.part or state.info.part,
@@ -83,12 +85,12 @@ def summarise(
         segments=state.segments,
         rate=rate,
         link=replace(link),
-        axes=_axes(state, record, rate, depth, settings, known),
+        axes=axes,
         reconnects=reconnects,
         unknown_losses=state.unknown_losses,
         temperature=state.temperature.summary(),
         marks=tuple(analyser.marks),
-        remarks=_remarks(analyser, state, rate),
+        remarks=(*_remarks(analyser, state, rate), *sampling_remarks(axes, rate)),
         version=version("allanscope"),
         record=record if depth == "full" else None,
     )

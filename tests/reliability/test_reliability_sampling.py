@@ -1,0 +1,53 @@
+"""Rows that repeat and samples that are skipped are told as what they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allanscope.analysis.result import Analysis
+from allanscope.pipeline.analyse import analyse_input
+from allanscope.pipeline.settings import DeviceSettings
+
+ROWS = 3600
+
+
+def polled(path: Path, sensor_hz: float, poll_hz: float, nominal_hz: float) -> Analysis:
+    """Return the analysis of a gyroscope that makes samples at one pace and is read at another."""
+    samples = np.random.default_rng(8).normal(0.0, 12.0, (ROWS * 3, 3)).round().astype(int)
+    times = np.arange(ROWS) / poll_hz
+    seen = samples[np.floor(times * sensor_hz + 1e-6).astype(int)]
+    rows = [f"{1e3 * t:.0f},{x},{y},{z}" for t, (x, y, z) in zip(times, seen, strict=True)]
+    path.write_text("\n".join(["t[ms],gx[lsb],gy[lsb],gz[lsb]", *rows]))
+    device = DeviceSettings(part="LSM6DSM", gyro_fs=125.0, rate_hz=nominal_hz)
+    return analyse_input(path, device, quiet=True)
+
+
+def test_a_sensor_that_is_slower_than_its_reader_repeats_rows(tmp_path: Path) -> None:
+    """Set to 52 Hz, off by -6.5 %, read 50 times a second: 2.8 % of the rows come twice."""
+    analysis = polled(tmp_path / "a.csv", 48.62, 50.0, 52.0)
+    expected = 1.0 - 48.62 / 50.0
+    for axis in analysis.axes.values():
+        assert axis.explanation is not None
+        (effect,) = [e for e in axis.explanation.effects if e.kind == "repeated_samples"]
+        fraction = effect.parameters["fraction"]
+        assert fraction.lower < expected < fraction.upper
+    (told,) = [remark for remark in analysis.remarks if "repeat" in remark]
+    assert told.startswith("2.8 % of the rows repeat the row before: 50.00 rows come in a second")
+    assert "only about 48.6" in told
+
+
+def test_a_sensor_that_is_faster_than_its_reader_is_skipped(tmp_path: Path) -> None:
+    """Set to 104 Hz and read 50 times a second: every second sample is never seen."""
+    analysis = polled(tmp_path / "a.csv", 104.0, 50.0, 104.0)
+    (told,) = [remark for remark in analysis.remarks if "slower than the sensor" in remark]
+    assert "sees one sample in 2.08" in told
+    assert not [remark for remark in analysis.remarks if "repeat" in remark]
+
+
+@pytest.mark.parametrize("sensor_hz", [50.0, 51.7])
+def test_a_reader_in_step_is_not_complained_about(tmp_path: Path, sensor_hz: float) -> None:
+    analysis = polled(tmp_path / "a.csv", sensor_hz, sensor_hz, 50.0)
+    assert not [remark for remark in analysis.remarks if "rows come" in remark]

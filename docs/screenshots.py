@@ -1,7 +1,8 @@
-"""Take a picture of every tab of the viewer, from a made-up session: docs/images/view-*.png.
+"""Take the pictures of the documentation: every tab of the viewer, and the report.
 
-Run it from anywhere: ``python docs/screenshots.py``. It needs a Vulkan driver; a software one
-(mesa-vulkan-drivers) will do.
+The viewer shows a made-up session, the report the analysis of a simulated hour. Run it from
+anywhere: ``python docs/screenshots.py``, or with the names of the pictures that are wanted. It
+needs a Vulkan driver, of which a software one (mesa-vulkan-drivers) will do, and Chromium.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ sys.path.insert(0, str(HERE.parent / "tests" / "view"))
 os.environ.setdefault("RUST_LOG", "off")
 
 import rerun as rr  # noqa: E402
+from browser import picture_of, why_no_browser  # noqa: E402
 from demo_analysis import ESTIMATORS  # noqa: E402
 from demo_session import perform  # noqa: E402
 from headless_viewer import HeadlessViewer, why_no_viewer  # noqa: E402
@@ -28,7 +30,7 @@ from allanscope.view.rerun_blueprint import TABS, layout  # noqa: E402
 from allanscope.view.rerun_stream import APPLICATION  # noqa: E402
 from allanscope.view.rerun_view import RerunView  # noqa: E402
 
-NAMES = (
+VIEWS = (
     "allan",
     "axis",
     "estimators",
@@ -40,27 +42,39 @@ NAMES = (
     "findings",
     "tables",
 )
+"""Pictures of the viewer, one a tab, in the order of the tabs."""
+
+REPORTS = {"report": False, "report-dark": True}
+"""Pictures of the report, and whether they are dark."""
+
+EFFECTS = ("sinusoid:frequency=12.5,amplitude=0.012", "step:time=2000,size=0.01,axis=gy")
+REPORT_SIZE = "1100,2300"
 
 
 def main() -> int:
     """Make the pictures that are asked for, all by default."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=NAMES, help=" ".join(NAMES))
+    parser.add_argument("names", nargs="*", default=(*VIEWS, *REPORTS), help="of the pictures")
     parser.add_argument("--out", type=Path, default=HERE / "images")
-    parser.add_argument("--size", default="1440x860")
-    parser.add_argument("--seconds", type=float, default=7300.0)
+    parser.add_argument("--size", default="1440x860", help="of the viewer")
+    parser.add_argument("--seconds", type=float, default=7300.0, help="length of the session")
     options = parser.parse_args()
-    if reason := why_no_viewer():
+    views = [name for name in options.names if name in VIEWS]
+    reports = [name for name in options.names if name in REPORTS]
+    if reason := (views and why_no_viewer()) or (reports and why_no_browser()):
         print(reason)
         return 1
     options.out.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        session = _recorded(Path(folder), options.seconds)
-        for name in options.names:
-            tab = NAMES.index(name)
-            path = options.out / f"view-{name}.png"
-            _picture(session, tab, path, options.size)
-            print(f"{TABS[tab]:22} {path.name}  {path.stat().st_size / 1e3:.0f} kB")
+        if views:
+            session = _recorded(Path(folder), options.seconds)
+            for name in views:
+                _view(session, VIEWS.index(name), options.out / f"view-{name}.png", options.size)
+        if reports:
+            page = _report(Path(folder))
+            for name in reports:
+                picture = picture_of(page, Path(folder), REPORT_SIZE, dark=REPORTS[name])
+                _save(Image.fromarray(picture), options.out / f"{name}.png")
     return 0
 
 
@@ -73,7 +87,7 @@ def _recorded(folder: Path, seconds: float) -> Path:
     return folder / "session.rrd"
 
 
-def _picture(session: Path, tab: int, path: Path, size: str) -> None:
+def _view(session: Path, tab: int, path: Path, size: str) -> None:
     """Copy the session with a layout that opens on this tab, and look at it."""
     turned = session.with_name(f"tab-{tab}.rrd")
     recording = rr.RecordingStream(APPLICATION)
@@ -85,7 +99,26 @@ def _picture(session: Path, tab: int, path: Path, size: str) -> None:
         for shown in viewer.wait().views:
             for report in shown.reports:
                 print(f"  {shown.name}: {report}")
-        Image.fromarray(viewer.picture()).quantize(128).save(path, optimize=True)
+        _save(Image.fromarray(viewer.picture()), path, f"tab {TABS[tab]}")
+
+
+def _report(folder: Path) -> Path:
+    """Analyse a simulated hour and return the page."""
+    from allanscope.pipeline.analyse import analyse_input
+    from allanscope.pipeline.outputs import write_report
+    from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
+    from allanscope.pipeline.simulate import simulate_recording
+
+    recording, page = folder / "bench.mcap", folder / "report.html"
+    device = DeviceSettings(rate_hz=104.0)
+    simulate_recording(recording, 1.0, device, SimulatedSettings(7, EFFECTS), quiet=True)
+    write_report(analyse_input(recording, DeviceSettings(), quiet=True), page)
+    return page
+
+
+def _save(picture: Image.Image, path: Path, what: str = "") -> None:
+    picture.quantize(128).save(path, optimize=True)
+    print(f"{path.name:22} {path.stat().st_size / 1e3:4.0f} kB  {what}")
 
 
 if __name__ == "__main__":

@@ -1,15 +1,17 @@
 """What a recording costs and what a crash costs it.
 
-    python benchmarks/recording.py [--megabytes 200] [--kills 10]
+    python benchmarks/recording.py [--megabytes 200] [--kills 50] [--damages 50]
 
 Measures, on noise in frames like those of the native wire format: writing and reading speed and
 packed size at several sizes of a read; what a process that is killed with SIGKILL at a random
-moment loses at the pace of 6 axes at 6.66 kHz; what a flipped byte costs.
+moment loses at the pace of 6 axes at 6.66 kHz; what a flipped bit, a cut at any byte, a tail of
+zeros and a disk that is full for a while cost.
 """
 
 from __future__ import annotations
 
 import argparse
+import errno
 import random
 import signal
 import subprocess
@@ -21,7 +23,14 @@ from pathlib import Path
 
 import numpy as np
 
-from allanscope.recording import Chunk, Recorder, Recording, SessionWriter, write_recording
+from allanscope.recording import (
+    Chunk,
+    Recorder,
+    Recording,
+    SessionWriter,
+    segment,
+    write_recording,
+)
 from allanscope.recording.recorder import COMMIT_S
 
 FRAME_BYTES = 224
@@ -99,30 +108,86 @@ def kill(folder: Path, trial: int) -> float:
     return (handed[-1] - kept[-1]) * 1e-9
 
 
-def flip(folder: Path, trials: int) -> None:
-    """Flip one byte of a minute's recording at random places; print what is lost."""
-    data = frames(30_000)
-    chunks = list(reads(data, 932, 60 * LIVE_BYTES_PER_S))
-    path = folder / "flip.mcap"
+def minute(folder: Path) -> tuple[Path, bytes, int]:
+    """Record a minute as a live session does; return the file, its bytes and its reads."""
+    chunks = list(reads(frames(30_000), 932, 60 * LIVE_BYTES_PER_S))
+    path = folder / "minute.mcap"
     writer = SessionWriter(path, {})
     for number, chunk in enumerate(chunks, 1):
         writer.chunk(chunk)
         if number % round(COMMIT_S / READ_S) == 0:
             writer.commit()
     writer.close()
-    whole = path.read_bytes()
-    source = random.Random(0)
-    lost = []
-    for _ in range(trials):
-        position = source.randrange(len(whole))
-        torn = bytearray(whole)
-        torn[position] ^= 1 << source.randrange(8)
-        path.write_bytes(torn)
-        lost.append(len(chunks) - sum(1 for chunk in Recording(path).chunks() if chunk.data))
-    seconds = np.array(lost) * 0.01
+    return path, path.read_bytes(), len(chunks)
+
+
+def flipped(whole: bytes, source: random.Random) -> tuple[bytes, float]:
+    torn = bytearray(whole)
+    torn[source.randrange(len(whole))] ^= 1 << source.randrange(8)
+    return bytes(torn), 0.0
+
+
+def cut(whole: bytes, source: random.Random) -> tuple[bytes, float]:
+    at = source.randrange(1000, len(whole))
+    return whole[:at], 1.0 - at / len(whole)
+
+
+def zeroed(whole: bytes, source: random.Random) -> tuple[bytes, float]:
+    at = source.randrange(1000, len(whole))
+    return whole[:at] + bytes(len(whole) - at), 1.0 - at / len(whole)
+
+
+def damage(folder: Path, trials: int) -> None:
+    """Damage a minute's recording at random places; print what is lost beyond what is gone."""
+    path, whole, count = minute(folder)
+    for name, harm in (
+        ("one flipped bit", flipped),
+        ("cut at a random byte", cut),
+        ("zeros from a random byte on", zeroed),
+    ):
+        source = random.Random(0)
+        lost = []
+        for _ in range(trials):
+            torn, gone = harm(whole, source)
+            path.write_bytes(torn)
+            kept = sum(1 for chunk in Recording(path).chunks() if chunk.data)
+            lost.append((count - kept) * READ_S - 60.0 * gone)
+        seconds = np.maximum(lost, 0.0)
+        print(
+            f"{name}, {trials} times in a minute: lost beyond what is gone {np.median(seconds):.2f}"
+            f" s (median), {seconds.max():.2f} s (most)"
+        )
+
+
+def full_disk(folder: Path) -> None:
+    """Let the disk refuse everything for three seconds; print what that costs."""
+    path, began = folder / "full.mcap", time.monotonic()
+    write = segment._write_all  # noqa: SLF001
+
+    def refusing(fd: int, data: bytearray) -> None:
+        if 1.0 < time.monotonic() - began < 4.0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(fd, data)
+
+    segment._write_all = refusing  # noqa: SLF001
+    told: list[float] = []
+    recorder = Recorder(path, {}, on_alarm=lambda _: told.append(time.monotonic() - began))
+    handed = slowest = 0.0
+    data = frames(20_000)
+    size = int(LIVE_BYTES_PER_S * READ_S)
+    while time.monotonic() - began < 5.0:
+        before = time.monotonic()
+        recorder.rx(Chunk(time.monotonic_ns(), data[:size]))
+        slowest = max(slowest, time.monotonic() - before)
+        handed += 1
+        time.sleep(READ_S)
+    recorder.close()
+    segment._write_all = write  # noqa: SLF001
+    kept = sum(1 for chunk in Recording(path).chunks() if chunk.data)
     print(
-        f"one flipped bit in a minute, {trials} times: median {np.median(seconds):.2f} s lost, "
-        f"most {seconds.max():.2f} s, nothing in {np.mean(seconds == 0):.0%}"
+        f"a disk that is full from 1 s to 4 s: told after {told[0] - 1.0:.2f} s, "
+        f"{handed - kept:.0f} of {handed:.0f} reads lost, no read held up longer than "
+        f"{1e3 * slowest:.1f} ms"
     )
 
 
@@ -130,16 +195,20 @@ def main() -> None:
     """Run all and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--megabytes", type=int, default=100)
-    parser.add_argument("--kills", type=int, default=10)
-    parser.add_argument("--flips", type=int, default=50)
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--damages", type=int, default=50, help="of each sort")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for size in (93, 465, 932, 4096):
             speed(folder, size, options.megabytes * 1_000_000)
         lost = [kill(folder, trial) for trial in range(options.kills)]
-        print(f"killed {len(lost)} times: lost {min(lost):.2f} to {max(lost):.2f} s")
-        flip(folder, options.flips)
+        print(
+            f"killed {len(lost)} times: lost {min(lost):.2f} to {max(lost):.2f} s, "
+            f"median {np.median(lost):.2f} s"
+        )
+        damage(folder, options.damages)
+        full_disk(folder)
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ class Bench:
         )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def bench() -> Callable[[int], Bench]:
     """Return a maker of benches, one a seed."""
 

@@ -2,9 +2,9 @@
 
 To add a kind:
 
-1. Write ``effects/<kind>.py`` with one subclass of `EffectKind`. Its docstring holds the theory: what
-   happens physically, the equation, where it shows first, what it is confused with and what tells
-   the two apart. Declare ``kind``, ``meaning``, ``needs``, ``stage`` and ``confused_with``.
+1. Write ``effects/<kind>.py`` with one subclass of `EffectKind`. Its docstring holds the theory:
+   what happens physically, the equation, where it shows first, what it is confused with and what
+   tells the two apart. Declare ``kind``, ``meaning``, ``needs``, ``stage`` and ``confused_with``.
 2. ``propose(view)`` looks where it shows (`View.ordinates`, `View.power`, `View.innovations`, other
    axes) and yields candidates. The noise is refitted with each: `joint_fit` for a signal given in
    time, `fit_spectrum` with one more `Term` for a stationary process. ``gain`` is the difference of

@@ -7,6 +7,7 @@ import pytest
 
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.exports import (
+    LAYOUTS,
     kalibr_yaml,
     matlab_imu_sensor,
     ros_covariance_yaml,
@@ -96,6 +97,26 @@ def test_matlab_gets_double_sided_densities_axis_by_axis():
     # What was not detected is not simulated.
     assert float(walk.split()[1]) == 0.0
     assert "double-sided" in text
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_says_what_it_is_and_keeps_a_name_in_its_comment(layout):
+    text = LAYOUTS[layout](AXES, RATE, source="night\nupdate_rate: 1")
+    assert "ontinuous" in text or "iscrete" in text
+    assert "Source: night?update_rate: 1" in text
+    assert not re.search("^update_rate: 1$", text, re.MULTILINE)
+
+
+def test_an_axis_without_coefficients_is_no_axis():
+    partly = {**AXES, "gy": {}, "ay": {}}
+    assert numbers(kalibr_yaml(partly, RATE))["gyroscope_noise_density"] == pytest.approx(
+        4e-3 * DEGREE
+    )
+    assert "[0.000000e+00" not in ros_covariance_yaml(partly, RATE)
+    row = re.search(r"Gyroscope\.NoiseDensity = \[(.*)\];", matlab_imu_sensor(partly, RATE))
+    assert float(row.group(1).split()[1]) == 0.0
+    with pytest.raises(ValueError, match="no gyro axis was measured for long enough"):
+        kalibr_yaml({name: {} for name in AXES}, RATE)
 
 
 def test_a_sensor_that_was_not_measured_is_an_error():

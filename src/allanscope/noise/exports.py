@@ -187,4 +187,6 @@ def _remarks(*sensors: _Worst) -> list[str]:
 
 
 def _of(source: str) -> str:
-    return f" Source: {source}" if source else ""
+    # A name must not end the comment that it stands in.
+    shown = "".join(letter if letter.isprintable() else "?" for letter in source)
+    return f" Source: {shown}" if source else ""

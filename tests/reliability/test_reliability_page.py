@@ -1,0 +1,30 @@
+"""The page of promises names tests that exist, and every row has one."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
+NAMED = re.compile(r"\[[a-z ]+\]\(([^)]+)\)|`(test_\w+)`")
+
+
+def rows() -> list[str]:
+    """Return what stands in the column of tests, row by row."""
+    lines = [line for line in PAGE.read_text("utf-8").splitlines() if line.startswith("| ")]
+    cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+    return [row[-1] for row in cells if row[0] != "fault"]
+
+
+def test_every_promise_names_a_test_and_every_test_exists() -> None:
+    found = rows()
+    assert len(found) > 25
+    for row in found:
+        source, named = "", 0
+        for link, test in NAMED.findall(row):
+            if link:
+                source = (PAGE.parent / link).read_text("utf-8")
+            else:
+                assert f"def {test}(" in source, test
+                named += 1
+        assert named, row

@@ -17,6 +17,20 @@ _ESCAPE_SEQUENCE = re.compile(
 )
 
 
+_KINDS = (
+    (b"PK\x03\x04", "a ZIP archive, as .npz and .xlsx files are"),
+    (b"\x93NUMPY", "a NumPy array"),
+    (b"\x89PNG", "a PNG picture"),
+    (b"\xff\xd8\xff", "a JPEG picture"),
+    (b"%PDF", "a PDF document"),
+    (b"PAR1", "a Parquet table"),
+    (b"\x89HDF", "an HDF5 file"),
+    (b"\x7fELF", "a program"),
+    (b"RRF2", "a Rerun recording"),
+)
+"""How common files begin that are given for a capture by mistake."""
+
+
 def text_of(data: bytes, limit: int = 200) -> str:
     r"""Return what a line says, without escape sequences and control characters.
 
@@ -60,10 +74,24 @@ def plain_line(data: bytes) -> str:
 def excerpt(data: bytes, limit: int = 160) -> str:
     r"""Return a sample of unknown bytes, escaped: printable ASCII as it is, the rest as ``\xhh``.
 
+    Parameters
+    ----------
+    data : bytes
+        The sample; where it begins like a common kind of file, that is said as well.
+    limit : int
+        Longest text to return, in characters, without the kind.
+
     Examples
     --------
     >>> print(excerpt(b"\xf02\x01 hi\n"))
     \xf02\x01 hi\n
+    >>> print(excerpt(b"\x89PNG\r\n" + bytes(99), 12))
+    \x89PNG\r\n… (a PNG picture)
     """
-    shown = data[:limit].decode("latin-1").encode("unicode_escape").decode("ascii")
-    return shown if len(data) <= limit else shown + "…"
+    pieces = [chr(byte).encode("unicode_escape").decode("ascii") for byte in data[: max(limit, 0)]]
+    kind = next((f" ({name})" for magic, name in _KINDS if data.startswith(magic)), "")
+    shown = "".join(pieces)
+    cut = len(data) > len(pieces) or len(shown) > limit
+    while len(shown) > limit:
+        shown = shown[: -len(pieces.pop())]
+    return shown + "…" * cut + kind

@@ -13,6 +13,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from allanscope import arguments
 from allanscope.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -199,226 +200,32 @@ def parser() -> ArgumentParser:
     )
     top.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = top.add_subparsers(required=True, metavar="COMMAND")
-    for name, (run, arguments, example) in _COMMANDS.items():
+    for name, (run, takes, example) in _COMMANDS.items():
         summary = (run.__doc__ or "").splitlines()[0]
         one = commands.add_parser(
             name, help=summary, description=summary, epilog=f"Example: allanscope {example}"
         )
         one.set_defaults(command=run)
-        arguments(one)
+        takes(one)
         one.add_argument("--quiet", action="store_true", help="say only results and errors")
         one.add_argument("--debug", action="store_true", help="show a traceback on an error")
     return top
 
 
-def _live_arguments(one: ArgumentParser) -> None:
-    one.add_argument(
-        "port",
-        nargs="?",
-        default="auto",
-        help="a device path, any pyserial URL, auto (default), or sim, the simulated SensorTile",
-    )
-    one.add_argument("--resume", metavar="DIR", help="continue the session in DIR after a crash")
-    _duration_argument(one)
-    _session_arguments(one)
-    _device_arguments(one)
-    _simulated_arguments(one)
-
-
-def _replay_arguments(one: ArgumentParser) -> None:
-    one.add_argument("recording", help="a recording or the folder of a session")
-    one.add_argument("--speed", default="max", type=_speed, help="1, 10 or max (default)")
-    _session_arguments(one)
-    _device_arguments(one)
-
-
-def _analyse_arguments(one: ArgumentParser) -> None:
-    one.add_argument("input", help="a recording, a raw serial capture, or delimited text")
-    one.add_argument("--json", metavar="FILE", help="write the result; - for standard output")
-    one.add_argument("--report", metavar="FILE.html", help="write the report")
-    _figures_argument(one)
-    _device_arguments(one)
-
-
-def _simulate_arguments(one: ArgumentParser) -> None:
-    one.add_argument("out", help="the recording to write")
-    one.add_argument("--hours", type=float, default=1.0)
-    _device_arguments(one)
-    _simulated_arguments(one)
-
-
-def _virtual_device_arguments(one: ArgumentParser) -> None:
-    one.add_argument(
-        "--emulated",
-        action="store_true",
-        help="run the real firmware on an emulated STM32L475 instead; from a checkout, with "
-        "gcc-arm-none-eabi, make and qemu-system-arm 10 on the machine",
-    )
-    one.add_argument("--link", metavar="PATH", help="make the port here; else in a new folder")
-    one.add_argument("--json", action="store_true", help="print at the end what became of samples")
-    _duration_argument(one)
-    _device_arguments(one)
-    _simulated_arguments(one)
-
-
-def _import_arguments(one: ArgumentParser) -> None:
-    one.add_argument("input", help="a raw serial capture or delimited text")
-    one.add_argument("out", help="the recording to write")
-    _device_arguments(one)
-
-
-def _export_arguments(one: ArgumentParser) -> None:
-    one.add_argument("recording")
-    one.add_argument("out", help="a name that ends in .csv, .parquet, .yaml or (MATLAB's) .m")
-    one.add_argument(
-        "--layout", default="kalibr", choices=["kalibr", "ros", "vins"], help="whose .yaml"
-    )
-    _device_arguments(one)
-
-
-def _recover_arguments(one: ArgumentParser) -> None:
-    one.add_argument("damaged", help="a recording that was cut off or has rotten places")
-    one.add_argument("out", help="the recording to write")
-
-
-def _check_arguments(one: ArgumentParser) -> None:
-    one.add_argument("recording")
-    one.add_argument("--against", required=True, metavar="SPEC.toml", help="limits per axis")
-    _device_arguments(one)
-
-
-def _report_arguments(one: ArgumentParser) -> None:
-    one.add_argument("sessions", nargs="+", help="folders of sessions, or recordings")
-    one.add_argument("--out", default="report.html", metavar="FILE.html")
-    _figures_argument(one)
-
-
-def _fleet_arguments(one: ArgumentParser) -> None:
-    one.add_argument(
-        "recordings", nargs="+", help="recordings, folders or quoted globs; also URLs of fsspec"
-    )
-    one.add_argument("--out", required=True, metavar="DIR", help="results; gone on with if there")
-    one.add_argument(
-        "--scheduler", default="", metavar="tcp://HOST:PORT", help="an existing Dask cluster"
-    )
-    one.add_argument("--workers", type=_workers, metavar="N", help="processes on this machine")
-    one.add_argument(
-        "--unit-name", default="", metavar="REGEX", help="its first group in the path is the unit"
-    )
-    _device_arguments(one)
-
-
-def _no_arguments(one: ArgumentParser) -> None:
-    del one
-
-
 _COMMANDS = {
-    "live": (live, _live_arguments, "live            # finds the board by itself"),
-    "replay": (replay, _replay_arguments, "replay session.mcap --speed max"),
-    "analyse": (analyse, _analyse_arguments, "analyse log.csv --rate 104 --report log.html"),
-    "simulate": (simulate, _simulate_arguments, "simulate night.mcap --hours 12 --rate 104"),
-    "device": (device, _virtual_device_arguments, "device --wire tmsg --rate 104"),
-    "import": (import_data, _import_arguments, "import log.csv log.mcap --rate 104"),
-    "export": (export_data, _export_arguments, "export session.mcap night.csv"),
-    "recover": (recover, _recover_arguments, "recover session.mcap saved.mcap"),
-    "check": (check, _check_arguments, "check night.mcap --against spec.toml"),
-    "report": (report, _report_arguments, "report night-1 night-2 --out both.html"),
-    "fleet": (fleet, _fleet_arguments, "fleet 'lot/**/*.mcap' --out lot-result"),
-    "ports": (ports, _no_arguments, "ports"),
+    "live": (live, arguments.live, "live            # finds the board by itself"),
+    "replay": (replay, arguments.replay, "replay session.mcap --speed max"),
+    "analyse": (analyse, arguments.analyse, "analyse log.csv --rate 104 --report log.html"),
+    "simulate": (simulate, arguments.simulate, "simulate night.mcap --hours 12 --rate 104"),
+    "device": (device, arguments.device, "device --wire tmsg --rate 104"),
+    "import": (import_data, arguments.import_data, "import log.csv log.mcap --rate 104"),
+    "export": (export_data, arguments.export_data, "export session.mcap night.csv"),
+    "recover": (recover, arguments.recover, "recover session.mcap saved.mcap"),
+    "check": (check, arguments.check, "check night.mcap --against spec.toml"),
+    "report": (report, arguments.report, "report night-1 night-2 --out both.html"),
+    "fleet": (fleet, arguments.fleet, "fleet 'lot/**/*.mcap' --out lot-result"),
+    "ports": (ports, arguments.nothing, "ports"),
 }
-
-
-def _device_arguments(one: ArgumentParser) -> None:
-    group = one.add_argument_group("what the stream does not say by itself")
-    group.add_argument("--part", default="", help="LSM6DS3H, LSM6DSL or LSM6DSM")
-    group.add_argument("--rate", type=float, metavar="HZ", help="nominal sample rate")
-    group.add_argument("--gyro-fs", type=float, metavar="DPS", help="gyro full scale")
-    group.add_argument("--accel-fs", type=float, metavar="G", help="accelerometer full scale")
-    group.add_argument(
-        "--wire",
-        default="",
-        metavar="FORMAT",
-        help="native, tmsg, tmsg-sensortile, datalog, datalog11 or text; "
-        "found by listening if not given",
-    )
-    group.add_argument(
-        "--unit", action="append", default=[], type=_unit, metavar="gyro=dps", help="unit of text"
-    )
-
-
-def _simulated_arguments(one: ArgumentParser) -> None:
-    group = one.add_argument_group("the simulated SensorTile")
-    group.add_argument("--seed", type=int, default=0, help="seed of its noise")
-    group.add_argument(
-        "--effect", action="append", default=[], metavar="KIND:param=value,...", help="an effect"
-    )
-    group.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="KIND:param=value,...",
-        help="bit_flip, byte_loss, byte_repeat, garbage, stall, unplug or reset, "
-        "e.g. bit_flip:rate=1e-5 (per byte) or unplug:at=5,seconds=2",
-    )
-    group.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")
-
-
-def _session_arguments(one: ArgumentParser) -> None:
-    one.add_argument("--out", metavar="DIR", help="folder of the session")
-    one.add_argument("--view", default="auto", choices=["auto", "window", "web", "none"])
-    one.add_argument("--json", action="store_true", help="print the result at the end")
-
-
-def _figures_argument(one: ArgumentParser) -> None:
-    one.add_argument(
-        "--figures", metavar="DIR", help="also write every figure there, as SVG and as PNG"
-    )
-
-
-def _duration_argument(one: ArgumentParser) -> None:
-    one.add_argument(
-        "--for", dest="duration", type=_duration, metavar="TIME", help="e.g. 90s, 10m or 12h"
-    )
-
-
-# --- argument types ---------------------------------------------------------------------------
-
-
-def _duration(text: str) -> float:
-    """Seconds from `90`, `90s`, `10m`, `12h` or `2d`."""
-    units = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
-    number, unit = (text[:-1], text[-1]) if text and text[-1] in units else (text, "s")
-    try:
-        seconds = float(number) * units[unit]
-    except ValueError:
-        seconds = 0.0
-    if not 0.0 < seconds < 1e9:
-        raise argparse.ArgumentTypeError(f"{text!r} is no time; write e.g. 90s, 10m or 12h")
-    return seconds
-
-
-def _workers(text: str) -> int:
-    if not (text.isdecimal() and 0 < int(text) <= 1024):
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of processes; write e.g. 4")
-    return int(text)
-
-
-def _speed(text: str) -> float:
-    """Return a multiple of real time; infinity for `max`."""
-    try:
-        speed = float("inf") if text == "max" else float(text)
-    except ValueError:
-        speed = 0.0
-    if not speed > 0.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no speed; write 1, 10 or max")
-    return speed
-
-
-def _unit(text: str) -> tuple[str, str]:
-    sensor, _, unit = text.partition("=")
-    if sensor not in ("gyro", "accel", "t", "temp") or not unit:
-        raise argparse.ArgumentTypeError(f"{text!r} is no unit; write e.g. gyro=dps or accel=mg")
-    return sensor, unit
 
 
 class _Version(argparse.Action):

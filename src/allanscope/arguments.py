@@ -1,0 +1,237 @@
+"""The arguments of each command, and what may be written for them.
+
+One function for each command, of the same name, and below them what several have in common. Nothing
+heavy is imported: a word that names a part or an effect is checked when the command runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+from argparse import ArgumentParser
+
+__all__ = [
+    "analyse",
+    "check",
+    "device",
+    "export_data",
+    "fleet",
+    "import_data",
+    "live",
+    "nothing",
+    "recover",
+    "replay",
+    "report",
+    "simulate",
+]
+
+
+def live(one: ArgumentParser) -> None:
+    """Take what a live run needs."""
+    one.add_argument(
+        "port",
+        nargs="?",
+        default="auto",
+        help="a device path, any pyserial URL, auto (default), or sim, the simulated SensorTile",
+    )
+    one.add_argument("--resume", metavar="DIR", help="continue the session in DIR after a crash")
+    _duration_argument(one)
+    _session_arguments(one)
+    _device_arguments(one)
+    _simulated_arguments(one)
+
+
+def replay(one: ArgumentParser) -> None:
+    """Take what a replay needs."""
+    one.add_argument("recording", help="a recording or the folder of a session")
+    one.add_argument("--speed", default="max", type=_speed, help="1, 10 or max (default)")
+    _session_arguments(one)
+    _device_arguments(one)
+
+
+def analyse(one: ArgumentParser) -> None:
+    """Take what an analysis needs."""
+    one.add_argument("input", help="a recording, a raw serial capture, or delimited text")
+    one.add_argument("--json", metavar="FILE", help="write the result; - for standard output")
+    one.add_argument("--report", metavar="FILE.html", help="write the report")
+    _figures_argument(one)
+    _device_arguments(one)
+
+
+def simulate(one: ArgumentParser) -> None:
+    """Take what a simulated recording needs."""
+    one.add_argument("out", help="the recording to write")
+    one.add_argument("--hours", type=float, default=1.0, help="length of the record")
+    _device_arguments(one)
+    _simulated_arguments(one)
+
+
+def device(one: ArgumentParser) -> None:
+    """Take what the simulated device needs."""
+    one.add_argument(
+        "--emulated",
+        action="store_true",
+        help="run the real firmware on an emulated STM32L475 instead; from a checkout, with "
+        "gcc-arm-none-eabi, make and qemu-system-arm 10 on the machine",
+    )
+    one.add_argument("--link", metavar="PATH", help="make the port here; else in a new folder")
+    one.add_argument("--json", action="store_true", help="print at the end what became of samples")
+    _duration_argument(one)
+    _device_arguments(one)
+    _simulated_arguments(one)
+
+
+def import_data(one: ArgumentParser) -> None:
+    """Take what an import needs."""
+    one.add_argument("input", help="a raw serial capture or delimited text")
+    one.add_argument("out", help="the recording to write")
+    _device_arguments(one)
+
+
+def export_data(one: ArgumentParser) -> None:
+    """Take what an export needs."""
+    one.add_argument("recording")
+    one.add_argument("out", help="a name that ends in .csv, .parquet, .yaml or (MATLAB's) .m")
+    one.add_argument(
+        "--layout", default="kalibr", choices=["kalibr", "ros", "vins"], help="whose .yaml"
+    )
+    _device_arguments(one)
+
+
+def recover(one: ArgumentParser) -> None:
+    """Take what a recovery needs."""
+    one.add_argument("damaged", help="a recording that was cut off or has rotten places")
+    one.add_argument("out", help="the recording to write")
+
+
+def check(one: ArgumentParser) -> None:
+    """Take what a gate needs."""
+    one.add_argument("recording")
+    one.add_argument("--against", required=True, metavar="SPEC.toml", help="limits per axis")
+    _device_arguments(one)
+
+
+def report(one: ArgumentParser) -> None:
+    """Take what a report needs."""
+    one.add_argument("sessions", nargs="+", help="folders of sessions, or recordings")
+    one.add_argument("--out", default="report.html", metavar="FILE.html")
+    _figures_argument(one)
+
+
+def fleet(one: ArgumentParser) -> None:
+    """Take what a lot of recordings needs."""
+    one.add_argument(
+        "recordings", nargs="+", help="recordings, folders or quoted globs; also URLs of fsspec"
+    )
+    one.add_argument("--out", required=True, metavar="DIR", help="results; gone on with if there")
+    one.add_argument(
+        "--scheduler", default="", metavar="tcp://HOST:PORT", help="an existing Dask cluster"
+    )
+    one.add_argument("--workers", type=_workers, metavar="N", help="processes on this machine")
+    one.add_argument(
+        "--unit-name", default="", metavar="REGEX", help="its first group in the path is the unit"
+    )
+    _device_arguments(one)
+
+
+def nothing(one: ArgumentParser) -> None:
+    """Take nothing."""
+    del one
+
+
+def _device_arguments(one: ArgumentParser) -> None:
+    group = one.add_argument_group("what the stream does not say by itself")
+    group.add_argument("--part", default="", help="LSM6DS3H, LSM6DSL or LSM6DSM")
+    group.add_argument("--rate", type=float, metavar="HZ", help="nominal sample rate")
+    group.add_argument("--gyro-fs", type=float, metavar="DPS", help="gyro full scale")
+    group.add_argument("--accel-fs", type=float, metavar="G", help="accelerometer full scale")
+    group.add_argument(
+        "--wire",
+        default="",
+        metavar="FORMAT",
+        help="native, tmsg, tmsg-sensortile, datalog, datalog11 or text; "
+        "found by listening if not given",
+    )
+    group.add_argument(
+        "--unit", action="append", default=[], type=_unit, metavar="gyro=dps", help="unit of text"
+    )
+
+
+def _simulated_arguments(one: ArgumentParser) -> None:
+    group = one.add_argument_group("the simulated SensorTile")
+    group.add_argument("--seed", type=int, default=0, help="seed of its noise")
+    group.add_argument(
+        "--effect", action="append", default=[], metavar="KIND:param=value,...", help="an effect"
+    )
+    group.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND:param=value,...",
+        help="bit_flip, byte_loss, byte_repeat, garbage, stall, unplug or reset, "
+        "e.g. bit_flip:rate=1e-5 (per byte) or unplug:at=5,seconds=2",
+    )
+    group.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")
+
+
+def _session_arguments(one: ArgumentParser) -> None:
+    one.add_argument("--out", metavar="DIR", help="folder of the session")
+    one.add_argument(
+        "--view",
+        default="auto",
+        choices=["auto", "window", "web", "none"],
+        help="where to draw; auto (default) is a window where there is a display, else web",
+    )
+    one.add_argument("--json", action="store_true", help="print the result at the end")
+
+
+def _figures_argument(one: ArgumentParser) -> None:
+    one.add_argument(
+        "--figures", metavar="DIR", help="also write every figure there, as SVG and as PNG"
+    )
+
+
+def _duration_argument(one: ArgumentParser) -> None:
+    one.add_argument(
+        "--for",
+        dest="duration",
+        type=_duration,
+        metavar="TIME",
+        help="stop after e.g. 90s, 10m or 12h",
+    )
+
+
+def _duration(text: str) -> float:
+    """Seconds from `90`, `90s`, `10m`, `12h` or `2d`."""
+    units = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+    number, unit = (text[:-1], text[-1]) if text and text[-1] in units else (text, "s")
+    try:
+        seconds = float(number) * units[unit]
+    except ValueError:
+        seconds = 0.0
+    if not 0.0 < seconds < 1e9:
+        raise argparse.ArgumentTypeError(f"{text!r} is no time; write e.g. 90s, 10m or 12h")
+    return seconds
+
+
+def _workers(text: str) -> int:
+    if not (text.isdecimal() and 0 < int(text) <= 1024):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of processes; write e.g. 4")
+    return int(text)
+
+
+def _speed(text: str) -> float:
+    """Return a multiple of real time; infinity for `max`."""
+    try:
+        speed = float("inf") if text == "max" else float(text)
+    except ValueError:
+        speed = 0.0
+    if not speed > 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no speed; write 1, 10 or max")
+    return speed
+
+
+def _unit(text: str) -> tuple[str, str]:
+    sensor, _, unit = text.partition("=")
+    if sensor not in ("gyro", "accel", "t", "temp") or not unit:
+        raise argparse.ArgumentTypeError(f"{text!r} is no unit; write e.g. gyro=dps or accel=mg")
+    return sensor, unit

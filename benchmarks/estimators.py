@@ -16,6 +16,7 @@ import platform
 import time
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,12 +25,16 @@ import allantools
 import numba
 import numpy as np
 from allantools.realtime import oadev_realtime, ohdev_realtime, tdev_realtime
+from figures import Figure
 
 from allanscope import allan
 from allanscope.allan.bank import AllanBank
 
 STREAMED = ("stdev", "ostdev", "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "pdev")
 KINDS = (*STREAMED, "mtotdev", "ttotdev", "htotdev", "theo1", "theobr", "theoh")
+BOUND_NS = 12.6
+"""OADEV, OHDEV and MDEV alone, if nothing but the arithmetic took time: docs/performance.md."""
+
 LIVE = {"oadev": oadev_realtime, "ohdev": ohdev_realtime, "tdev": tdev_realtime}
 
 Row = dict[str, Any]
@@ -201,6 +206,39 @@ def table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
+def figures_of(sections: dict[str, list[Row]]) -> list[Figure]:
+    """Return what goes to the common table: the longest record of each kind."""
+
+    def last(section: str, what: str) -> Row:
+        return next(row for row in reversed(sections[section]) if row["what"].startswith(what))
+
+    bank, peer_row = last("long records", "bank"), last("long records", "allantools oadev")
+    live, peer_live = last("sample by sample", "bank"), last("sample by sample", "allantools")
+    found = [
+        Figure(
+            "ten streamed estimators, 4 taus an octave",
+            bank["ns_per_sample"],
+            "ns/sample",
+            goal=30.0,
+            peer=peer_row["ns_per_sample"],
+            peer_name="allantools oadev, octaves",
+            bound=BOUND_NS,
+        ),
+        Figure(
+            "the same in frames of 26",
+            live["ns_per_sample"],
+            "ns/sample",
+            peer=peer_live["ns_per_sample"],
+            peer_name="allantools realtime",
+        ),
+        Figure("state per axis", sections["queries"][-1]["kib"], "KiB", goal=1024.0),
+    ]
+    for kind in ("mtotdev", "htotdev", "theo1"):
+        row = last("totals", f"bank: one query of {kind}")
+        found.append(Figure(f"{kind} of {row['n']:.0e} samples", row["seconds"], "s", goal=10.0))
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--quick", action="store_true", help="short records, a few seconds")
@@ -228,7 +266,9 @@ def main() -> None:
             "numba": numba.__version__,
             "allantools": allantools.__version__,
         }
-        arguments.json.write_text(json.dumps({"machine": machine, **sections}, indent=1))
+        figures = [asdict(figure) for figure in figures_of(sections)]
+        content = {"machine": machine, "figures": figures, **sections}
+        arguments.json.write_text(json.dumps(content, indent=1))
 
 
 if __name__ == "__main__":

@@ -12,8 +12,11 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
+from figures import Figure
 
 from allanscope.history import History
 from allanscope.noise import fit_noise
@@ -29,6 +32,14 @@ def counts_of(samples: int) -> np.ndarray:
     rng = np.random.default_rng(1)
     walk = np.cumsum(rng.standard_normal((samples, 6)), axis=0) * 0.003
     return np.round(10 * rng.standard_normal((samples, 6)) + walk).astype(np.int16)
+
+
+def figures_of(results: dict[str, float]) -> list[dict[str, Any]]:
+    """Return what goes to the common table."""
+    return [
+        asdict(Figure(what, value, "ms" if "ms" in what else "KiB" if "KiB" in what else "ns"))
+        for what, value in results.items()
+    ]
 
 
 def main() -> None:
@@ -68,7 +79,7 @@ def main() -> None:
         print(f"{name:45s}{value:10.1f}")
     if options.json:
         with open(options.json, "w", encoding="utf-8") as file:
-            json.dump(results, file, indent=1)
+            json.dump({"figures": figures_of(results), **results}, file, indent=1)
 
 
 if __name__ == "__main__":

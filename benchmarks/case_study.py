@@ -1,7 +1,9 @@
 """The case study of docs/closing_the_loop.md, from the recording to numbers and pictures.
 
 python benchmarks/case_study.py [../shared/recordings/st_gyro_8p75mdps_warmup/gyro_x.npz]
-[--figures docs/figures]
+[--figures docs/figures] [--again]
+
+With --again what was found is simulated, and the loop is turned on the simulated sensor.
 """
 
 from __future__ import annotations
@@ -13,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain import Explanation, explain
+from allanscope.explain.effect import AxisExplanation
 from allanscope.explain.error import deviation_of
 from allanscope.history import Record
+from allanscope.simulator import Simulator, Truth
 
 RATE_HZ = 100.0
 RECORDING = Path("../shared/recordings/st_gyro_8p75mdps_warmup/gyro_x.npz")
@@ -23,7 +27,11 @@ RECORDING = Path("../shared/recordings/st_gyro_8p75mdps_warmup/gyro_x.npz")
 def read(path: Path) -> Record:
     """Read the counts of the one axis."""
     data = np.load(path)
-    counts, scale = data["gx_counts"], float(data["dps_per_count"])
+    return as_record(data["gx_counts"], float(data["dps_per_count"]))
+
+
+def as_record(counts: NDArray[np.integer], scale: float) -> Record:
+    """Return counts of one axis as a record."""
     n = len(counts)
     return Record(
         rate_hz=RATE_HZ,
@@ -40,11 +48,7 @@ def read(path: Path) -> Record:
 def print_numbers(result: Explanation) -> None:
     """Print what was found, and the error before and after."""
     axis = result.axes["gx"]
-    for effect in axis.effects:
-        print(f"- {effect.kind}: {effect.evidence['words']}")
-        for name, p in effect.parameters.items():
-            limits = f" ({p.lower:.5g} .. {p.upper:.5g})" if p.lower is not None else ""
-            print(f"    {name} = {p.value:.5g}{limits} {p.unit}")
+    print_effects(axis)
     print("\n| | before | after |\n|---|---|---|")
     for name in (
         "chi2_per_dof", "p_value", "rms_percent", "expected_rms_percent", "worst_band_z",
@@ -59,6 +63,38 @@ def print_numbers(result: Explanation) -> None:
         print(f"| {letter} [{before.unit}] | {cells[0]} | {cells[1]} |")
     print(f"| held-out nats | | {axis.held_out_nats:.0f} +- {axis.held_out_nats_se:.0f} |")
     print(f"\nexplained: {axis.explained}")
+
+
+def print_effects(axis: AxisExplanation) -> None:
+    """Print the effects with their parameters."""
+    for effect in axis.effects:
+        print(f"- {effect.kind}: {effect.evidence['words']}")
+        for name, p in effect.parameters.items():
+            limits = f" ({p.lower:.5g} .. {p.upper:.5g})" if p.lower is not None else ""
+            print(f"    {name} = {p.value:.5g}{limits} {p.unit}")
+
+
+def simulate_again(record: Record, axis: AxisExplanation) -> None:
+    """Simulate a sensor that has what was found, and print what the loop finds in it."""
+    found = {
+        "coefficients": {
+            letter: {"value": c.value, "detected": c.detected}
+            for letter, c in axis.coefficients_after.items()
+        },
+        "effects": [
+            {"kind": e.kind, "parameters": {name: p.value for name, p in e.parameters.items()}}
+            for e in axis.effects
+        ],
+    }
+    sensor = Simulator(
+        rate=RATE_HZ, truth=Truth.from_result({"axes": {"gx": found}}), clock_error=0.0,
+        axes=("gx",), gyro_fs=250.0, duration_s=len(record.values) / RATE_HZ,
+    )  # fmt: skip
+    counts = sensor.read(len(record.values)).counts[:, 0]
+    again = explain(as_record(counts, sensor.info.scale[0])).axes["gx"]
+    print("\nthe same loop on a simulated sensor that has these effects:\n")
+    print_effects(again)
+    print(f"\nexplained: {again.explained}")
 
 
 def print_series(record: Record, result: Explanation) -> None:
@@ -137,6 +173,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("recording", nargs="?", type=Path, default=RECORDING)
     parser.add_argument("--figures", type=Path)
+    parser.add_argument("--again", action="store_true")
     arguments = parser.parse_args()
     record = read(arguments.recording)
     result = explain(record)
@@ -144,6 +181,8 @@ def main() -> None:
     print_series(record, result)
     if arguments.figures:
         draw(record, result, arguments.figures)
+    if arguments.again:
+        simulate_again(record, result.axes["gx"])
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import os
 import select
 import threading
@@ -49,11 +50,16 @@ class Keys:
         self.active = False
         import termios
 
-        termios.tcsetattr(self._fd, termios.TCSADRAIN, self._saved)
+        with contextlib.suppress(OSError, termios.error):  # the terminal may be gone
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._saved)
         atexit.unregister(self.close)
         os.write(self._wake_write, b"x")
         if threading.current_thread() is not self._thread:
             self._thread.join(1.0)
+        if not self._thread.is_alive():
+            # Not by the thread itself: its numbers could by then be those of other files.
+            os.close(self._wake_read)
+            os.close(self._wake_write)
 
     def _run(self) -> None:
         try:
@@ -69,9 +75,6 @@ class Keys:
                         action()
         except OSError:
             return  # the terminal is gone, as when a connection drops; the measurement goes on
-        finally:
-            os.close(self._wake_read)
-            os.close(self._wake_write)
 
 
 def _ours(fd: int) -> bool:

@@ -18,7 +18,7 @@ from allanscope.view.palette import EFFECT, MODEL, REFERENCE, Colour
 __all__ = ["draw_curve", "draw_datasheet", "draw_model", "draw_textbook"]
 
 _HATCH = 4.0
-_NOISE_TERMS = ("Q", "N", "B", "K", "R")
+_NOISE_TERMS = ("Q", "N", "B", "K", "R", "rounding")
 
 
 def draw_curve(

@@ -13,11 +13,12 @@ from typing import Literal
 
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.result import Analysis
-from allanscope.errors import DeviceError, InputError
+from allanscope.errors import AllanscopeError, DeviceError, InputError
 from allanscope.pipeline.analyse import analyse_input, recorded_settings
 from allanscope.pipeline.compiling import tell_when_compiling
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.outputs import (
+    discard_session,
     new_session_folder,
     session_folder,
     write_json,
@@ -97,9 +98,16 @@ def run_live(
         earlier=earlier,
         watched=settings.view != "none",
     )
-    analysis = _run(session, settings, folder, facts, recorder)
-    if not analysis.samples:
-        raise DeviceError(f"{source.name}: nothing was heard that holds samples; is it streaming?")
+    try:
+        analysis = _run(session, settings, folder, facts, recorder)
+        if not analysis.samples:
+            raise DeviceError(
+                f"{source.name}: nothing was heard that holds samples; is it streaming?"
+            )
+    except AllanscopeError:
+        if resume is None and not decoding.stats.bytes:
+            discard_session(folder)
+        raise
     return analysis
 
 

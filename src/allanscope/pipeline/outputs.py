@@ -7,6 +7,7 @@ import os
 import re
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from allanscope.report.picture import Picture
 
 __all__ = [
+    "discard_session",
     "new_session_folder",
     "report_sessions",
     "session_folder",
@@ -107,6 +109,14 @@ def session_folder(path: Path) -> Path:
     except OSError as error:
         raise UsageError(f"cannot make the folder {path}: {error.strerror}") from None
     return path
+
+
+def discard_session(path: Path) -> None:
+    """Remove what a session in which not one byte was heard has left, and its folder if empty."""
+    for name in ("session.mcap", "session.rrd"):
+        (path / name).unlink(missing_ok=True)
+    with suppress(OSError):
+        path.rmdir()
 
 
 def report_sessions(

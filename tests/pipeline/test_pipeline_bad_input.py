@@ -1,0 +1,180 @@
+"""Bad input as the user meets it: one clear line, the right exit code, nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import serial
+from serial.tools import list_ports
+
+from allanscope.__main__ import main
+
+HEADER = "t[s],gx[dps],gy[dps],gz[dps]\n"
+ROWS = "".join(f"{i / 104:.6f},0.1,0.2,0.{i % 7}\n" for i in range(600))
+
+
+@pytest.fixture
+def complaint(tmp_path, monkeypatch, capsys):
+    """Run a command in an empty folder; return the code, its one line, and check what is left."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        before = sorted(tmp_path.rglob("*"))
+        code = main([str(argument) for argument in arguments])
+        said = capsys.readouterr()
+        assert said.err.count("\n") == 1, said.err
+        assert said.err.startswith("allanscope: ")
+        assert "Traceback" not in said.err
+        assert sorted(tmp_path.rglob("*")) == before, "something was left behind"
+        return code, said.err
+
+    return run
+
+
+@pytest.fixture
+def port():
+    """Return a pty that is some other program's."""
+    ours, theirs = pty.openpty()
+    yield os.ttyname(theirs)
+    os.close(ours)
+    os.close(theirs)
+
+
+LIVE = ("--view", "none", "--for", "2s", "--out", "session")
+
+
+def test_a_port_that_is_not_there(complaint):
+    code, line = complaint("live", "/dev/ttyNothing7", *LIVE)
+    assert code == 4
+    assert "there is no port /dev/ttyNothing7" in line
+    assert "allanscope ports" in line
+    assert "live sim" in line
+
+
+def test_a_port_that_another_program_holds(complaint, port):
+    holder = (
+        "import serial, sys; p = serial.Serial(sys.argv[1], exclusive=True);"
+        "print('held', flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", holder, port]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as other:
+        assert other.stdout.readline() == "held\n"
+        code, line = complaint("live", port, *LIVE)
+        other.stdin.close()
+    assert code == 4
+    assert f"{port} is in use by " in line
+    assert f"pid {other.pid}" in line
+    assert "end that and try again" in line
+
+
+def test_a_port_without_permission(complaint, monkeypatch):
+    def refuse(*_, **__):
+        raise serial.SerialException(13, "could not open port: [Errno 13] Permission denied")
+
+    # Root may open anything, so the system's refusal is put in its place.
+    monkeypatch.setattr(serial, "serial_for_url", refuse)
+    code, line = complaint("live", "/dev/ttyACM0", *LIVE)
+    assert code == 4
+    assert "no permission to open /dev/ttyACM0" in line
+    assert "usermod -aG" in line or "udev rule" in line
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open every port")
+def test_a_port_whose_mode_forbids(complaint, port):
+    os.chmod(port, 0)
+    code, line = complaint("live", port, *LIVE)
+    assert code == 4
+    assert f"no permission to open {port}" in line
+
+
+def test_a_port_that_is_silent(complaint, port):
+    code, line = complaint("live", port, "--view", "none", "--for", "1s", "--wire", "datalog")
+    assert code == 4
+    assert "nothing was heard" in line
+
+
+@pytest.mark.parametrize("place", ["/", "/dev/null"])
+def test_what_is_no_port(complaint, place):
+    code, line = complaint("live", place, *LIVE)
+    assert code in (3, 4)
+    assert place in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("live", "sim", "--part", "LSM9DS1"), ("LSM9DS1", "LSM6DSM")),
+        (("live", "sim", "--gyro-fs", "300"), ("300", "250")),
+        (("live", "sim", "--wire", "morse"), ("morse", "native")),
+        (("live", "sim", "--rate", "-1"), ("-1",)),
+        (("live", "sim", "--fault", "fire:at=1"), ("fire", "unplug")),
+        (("live", "sim", "--effect", "gremlins:n=1"), ("gremlins", "sinusoid")),
+        (("device", "--fault", "stall:seconds=2"), ("stall:at=",)),
+        (("simulate", "x.mcap", "--hours", "0"), ("hours",)),
+    ],
+)
+def test_what_does_not_exist_is_refused_before_anything_is_made(complaint, arguments, words):
+    extra = LIVE if arguments[0] == "live" else ()
+    code, line = complaint(*arguments, *extra)
+    assert code == 2
+    assert all(word in line for word in words)
+
+
+def test_the_board_is_looked_for_by_its_usb_number(complaint, monkeypatch):
+    monkeypatch.setattr(list_ports, "comports", list)
+    code, line = complaint("live", "auto", *LIVE)
+    assert code == 4
+    for word in ("0483:5740", "374b", "no serial port is there at all", "allanscope live sim"):
+        assert word in line
+
+
+def test_ports_says_what_auto_would_take(monkeypatch, capsys):
+    monkeypatch.setattr(list_ports, "comports", list)
+    assert main(["ports"]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "no board found" in line
+    assert "allanscope live sim" in line
+
+
+FILES = {
+    "missing.csv": None,
+    "empty.csv": b"",
+    "picture.png": b"\x89PNG\r\n" + np.random.default_rng(1).bytes(300_000),
+    "noise.bin": np.random.default_rng(2).bytes(300_000),
+    "cut.gz": b"\x1f\x8b\x08\x00garbage",
+    "words.txt": b"no numbers in here\n" * 50,
+    "header.csv": HEADER.encode(),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("command", ["analyse", "import"])
+def test_a_file_that_holds_no_samples(complaint, command, name, tmp_path):
+    if FILES[name] is not None:
+        (tmp_path / name).write_bytes(FILES[name])
+    code, line = complaint(command, name, *(["out.mcap"] if command == "import" else []))
+    assert code == 3
+    assert name in line or "none of the formats" in line
+    assert len(line) < 400
+
+
+def test_a_folder_that_is_no_session(complaint, tmp_path):
+    (tmp_path / "photos").mkdir()
+    code, line = complaint("analyse", "photos")
+    assert code == 3
+    assert "photos" in line
+
+
+def test_a_session_is_never_overwritten(complaint, tmp_path):
+    (tmp_path / "session").mkdir()
+    (tmp_path / "session" / "session.mcap").write_bytes(b"precious")
+    code, line = complaint("live", "sim", *LIVE)
+    assert code == 2
+    assert "holds a session already" in line
+    assert (tmp_path / "session" / "session.mcap").read_bytes() == b"precious"

@@ -74,6 +74,12 @@ def test_a_record_that_is_too_short_for_the_loop_says_how_much_longer(analysis):
     assert not any(head.startswith("Open") for head in known)
 
 
+def test_a_run_that_was_not_looked_at_yet_is_not_called_free_of_effects(analysis):
+    known = verdict(changed(clean(analysis), explanation=None))
+    assert {line.head: line.text for line in known.lines}["Effects"] == "not searched for yet"
+    assert known.title == "Noise as the datasheet says"
+
+
 def test_the_wait_is_that_of_the_slowest_axis_in_two_digits(analysis):
     assert heads(analysis)["Wait"].text.startswith("B in 6 min 40 s, K in 10 h,")
     axis = analysis.axes["gx"]

@@ -172,6 +172,8 @@ def _reading(of: DatasheetVerdict) -> tuple[float, str]:
 def _effect_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     looked = {n: a.explanation for n, a in axes.items() if a.explanation is not None}
     open_axes = {name: one for name, one in looked.items() if searched(one)}
+    if axes and not looked:
+        return [VerdictLine("note", "Effects", "not searched for yet")]
     lines = []
     phrases: dict[str, list[str]] = {}
     for name, one in open_axes.items():

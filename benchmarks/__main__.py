@@ -20,7 +20,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-from figures import Figure, machine, table  # noqa: E402
+from figures import Figure, busy, machine, table  # noqa: E402
 
 TOOLS = {"long_recording"}
 """Scripts that make something for others."""
@@ -85,6 +85,7 @@ def main() -> int:
         rows += [(name, figure) for figure in figures]
         print(f"{name}: {trouble or 'done'} ({time.monotonic() - began:.0f} s)", file=sys.stderr)
     print(table(rows))
+    print(busy())
     flat = [{"benchmark": name, **vars(figure), "ratio": figure.ratio} for name, figure in rows]
     whole = {"machine": machine(), "quick": options.quick, "figures": flat}
     (options.out / "all.json").write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")

@@ -8,13 +8,14 @@ finds it by its name, and puts its figures in the common table. Whatever else it
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Figure", "machine", "table", "written"]
+__all__ = ["Figure", "busy", "machine", "table", "written"]
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,16 @@ class Figure:
         return self.value >= self.goal if self.more else self.value <= self.goal
 
 
+def busy() -> str:
+    """Return what to say of a machine that has other work to do as well; empty if it has not."""
+    load, cores = os.getloadavg()[0], os.cpu_count() or 1
+    if load < 1.5 * cores:
+        return ""
+    return (
+        f"busy machine, load {load:.0f} on {cores} cores: wall times and losses are not ours alone"
+    )
+
+
 def machine() -> dict[str, str]:
     """Return where and with what it was measured."""
     import numba
@@ -70,6 +81,7 @@ def machine() -> dict[str, str]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "numba": numba.__version__,
+        "busy": busy(),
     }
 
 
@@ -77,6 +89,7 @@ def written(figures: Iterable[Figure], path: Path | None, **more: Any) -> None:
     """Print the figures, and write them and everything else to a file if there is to be one."""
     figures = list(figures)
     print(table([("", figure) for figure in figures]))
+    print(busy())
     if path is not None:
         content = {"machine": machine(), "figures": [asdict(one) for one in figures], **more}
         path.write_text(json.dumps(content, indent=1, default=float) + "\n")

@@ -125,3 +125,13 @@ def test_equal_neighbours_without_a_step_are_repeats(bench):
     (effect,) = explain(replace(record, lsb=(1.0,))).axes["gx"].effects
     assert effect.kind == "repeated_samples"
     assert effect.parameters["fraction"].value == pytest.approx(0.05, abs=0.01)
+
+
+def test_fast_hops_in_the_noise_are_told_from_gauss_markov(bench):
+    b = bench(103)
+    result = explain(b.record(b.noise() + b.telegraph(0.02, 0.3), b.noise()))
+    (effect,) = result.axes["gx"].effects
+    assert effect.kind == "random_telegraph"
+    dwell = effect.parameters["dwell"]
+    assert dwell.lower / 1.2 < 0.3 < dwell.upper * 1.2
+    assert result.axes["gy"].effects == ()

@@ -40,6 +40,8 @@ _SETTLED = 3e-3
 _MISSED = 1.2
 """Factor on the error of the dwell for switches that noise hides."""
 _ROUNDS = 40
+_HARMONICS = 20.0
+"""Band in units of one over the dwell that holds all but a per cent of the power of the hops."""
 _LEAST = 1e-6
 """Share of the variance of the level that counts as white at the least: behind a steep filter there
 is nothing at the top."""
@@ -74,11 +76,13 @@ class RandomTelegraph(EffectKind):
             candidates = candidates if moved > 0 else []
         best = max((c for c in candidates if c is not None), key=lambda c: c.gain, default=None)
         if best is not None:
-            yield replace(best, rivals={"gauss_markov": twin.gain})
+            yield replace(_with_spectrum(best, twin), rivals={"gauss_markov": twin.gain})
 
     def refine(self, view: View, candidate: Candidate) -> Candidate:
         """Find the path again."""
-        return _candidate(view, *candidate.shape) or candidate
+        again = _candidate(view, *candidate.shape)
+        twin = next(iter(_TWIN.propose(view)), None)
+        return candidate if again is None or twin is None else _with_spectrum(again, twin)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the amplitude by interleaved blocks, on the path found in all of them."""
@@ -109,11 +113,13 @@ def _moved(view: View) -> float:
 
 
 def _column(view: View, path: _Path) -> Array:
-    """First ordinates of the path."""
+    """Ordinates of the path: the first ones of slow hops, all of fast ones."""
     hop = view.grid.n // len(path.state)
     full = np.repeat(path.state, hop)
     full = np.concatenate([full, np.full(view.grid.n - len(full), full[-1])])
-    return np.asarray(ordinates_of(full)[np.newaxis, : view.grid.low])
+    top_hz = view.grid.low * view.grid.rate_hz / (2 * view.grid.n)
+    m = view.grid.low if top_hz * path.dwell_s > _HARMONICS else view.grid.n - 1
+    return np.asarray(ordinates_of(full)[np.newaxis, :m])
 
 
 def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None:
@@ -144,6 +150,22 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
         shape=(size, dwell),
         words=f"the level hops between two values {2 * size:.3g} {view.unit} apart",
         evidence={"switches": path.switches},
+    )
+
+
+def _with_spectrum(candidate: Candidate, twin: Candidate) -> Candidate:
+    """Take size and dwell from the spectrum where noise breaks the path into too many pieces."""
+    tc, sigma = twin.parameters["correlation_time"], twin.parameters["sigma"]
+    assert tc.lower is not None
+    assert tc.upper is not None
+    if twin.gain < twin.price or tc.lower <= candidate.number("dwell") / 2 <= tc.upper:
+        return candidate
+    found = Parameter(2 * twin.number("correlation_time"), 2 * tc.lower, 2 * tc.upper, "s")
+    return replace(
+        candidate,
+        parameters={"amplitude": sigma, "dwell": found},
+        terms=(Term("random_telegraph", "adds", twin.shape, lorentzian),),
+        shape=(twin.number("sigma"), twin.number("correlation_time") * 2),
     )
 
 

@@ -83,6 +83,9 @@ def test_a_run_that_was_not_looked_at_yet_is_not_called_free_of_effects(analysis
 def test_the_wait_is_that_of_the_slowest_axis_in_two_digits(analysis):
     assert heads(analysis)["Wait"].text.startswith("B in 6 min 40 s, K in 10 h,")
     axis = analysis.axes["gx"]
+    later = {**axis.coefficients, "B": replace(axis.coefficients["B"], wait_s=7210.0)}
+    slow = heads(changed(analysis, ["gy"], coefficients=later))
+    assert slow["Wait"].text.startswith("B in 2 h,")
     done = {k: replace(c, wait_s=None) for k, c in axis.coefficients.items()}
     long = heads(changed(analysis, coefficients=done))
     assert "Wait" not in long

@@ -1,5 +1,6 @@
 """Pictures show what was measured, say what they show, and can be had as files."""
 
+from dataclasses import replace
 from itertools import combinations
 from xml.etree import ElementTree
 
@@ -8,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from allanscope.report.curve_pictures import compare_picture
+from allanscope.report.curve_pictures import compare_picture, deviation_picture
 from allanscope.report.data_pictures import lag_picture
 from allanscope.report.gallery import pictures, save_pictures
 from allanscope.report.picture import MEASURED, MODEL, Picture
@@ -62,10 +63,14 @@ def test_the_curve_is_drawn_in_mdps_or_ug_with_its_model_and_the_datasheet(
     assert ax.get_xscale() == ax.get_yscale() == "log"
 
 
-def test_parts_are_named_and_names_do_not_overlap(gallery):
-    (ax,) = drawn(gallery["gx-deviation"])
+def test_parts_are_named_and_names_do_not_overlap(analysis):
+    axis = analysis.axes["gx"]
+    # A part as flat as B and a little lower would be named in the same place.
+    parts = {**axis.model.components, "rounding": 0.95 * axis.model.components["B"]}
+    crowded = replace(axis, model=replace(axis.model, components=parts))
+    (ax,) = drawn(deviation_picture("gx", crowded))
     names = [text.get_text() for text in ax.texts]
-    assert {"N", "B", "K", "sinusoid"} <= set(names)
+    assert {"N", "B", "K", "rounding", "sinusoid"} == set(names)
     boxes = [text.get_window_extent() for text in ax.texts]
     assert not [1 for one, other in combinations(boxes, 2) if one.overlaps(other)]
     frame = ax.get_window_extent()

@@ -22,6 +22,9 @@ from allanscope.fleet.split import submit_split
 from allanscope.fleet.work import analyse_place
 from allanscope.pipeline.settings import DeviceSettings
 
+pytestmark = pytest.mark.timeout(300)
+"""Processes are started, and a busy machine takes its time for that."""
+
 DEVICE = DeviceSettings()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from allanscope.__main__ import main
 from allanscope.errors import UsageError
 from allanscope.fleet import FleetResult, FleetSettings
 from allanscope.fleet.outcome import Outcome, packed, result_key, unpacked
@@ -95,3 +96,13 @@ def test_packing_is_reproducible_and_refuses_what_is_no_result() -> None:
     for bad in (b"", b"rot", packed(result)[:-3]):
         with pytest.raises(ValueError, match="damaged"):
             unpacked(bad)
+
+
+def test_without_the_extra_one_line_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr("allanscope.fleet.cluster.find_spec", lambda name: None)
+    assert main(["fleet", "x.mcap", "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "pip install 'allanscope[fleet]'" in said

@@ -92,12 +92,13 @@ def run_python(code, names, page):
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=named)
 def test_code_on_the_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("allanscope.report.gallery.pictures", lambda _: {})
-    monkeypatch.setattr("allanscope.report.page.render", lambda *_: "<html>")
     names = {"__name__": "page"}
     for kind, code in blocks(page):
         if kind == "sh":
-            run_shell(code)
+            with monkeypatch.context() as undrawn:
+                undrawn.setattr("allanscope.report.gallery.pictures", lambda _: {})
+                undrawn.setattr("allanscope.report.page.render", lambda *_: "<html>")
+                run_shell(code)
         else:
             run_python(code, names, page)
 

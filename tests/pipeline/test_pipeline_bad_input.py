@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pty
 import subprocess
@@ -162,6 +163,25 @@ def test_a_file_that_holds_no_samples(complaint, command, name, tmp_path):
     assert code == 3
     assert name in line or "none of the formats" in line
     assert len(line) < 400
+
+
+def test_cells_that_cannot_be_read_are_told_with_their_line(complaint, tmp_path):
+    (tmp_path / "cells.csv").write_text(HEADER + "\n" + "0.1,0.2,n/a,0.4\n" * 20)
+    code, line = complaint("analyse", "cells.csv", "--wire", "text")
+    assert code == 3
+    assert "cells.csv holds no samples" in line
+    assert "line 3 is no row of the table: '0.1,0.2,n/a,0.4'" in line
+
+
+def test_a_few_unreadable_rows_are_left_out_and_the_first_is_told(tmp_path):
+    rows = ROWS.splitlines(keepends=True)
+    rows[99] = "0.95,0.1,0x1,0.3\n"
+    (tmp_path / "cells.csv").write_text(HEADER + "".join(rows))
+    result = tmp_path / "result.json"
+    assert main(["analyse", str(tmp_path / "cells.csv"), "--quiet", "--json", str(result)]) == 0
+    told = json.loads(result.read_text())
+    assert (told["samples"], told["lost_samples"]) == (599, 1)
+    assert any("line 101 is no row" in remark for remark in told["remarks"])
 
 
 def test_a_folder_that_is_no_session(complaint, tmp_path):

@@ -57,7 +57,8 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     )
     analysed(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
     if analyser.state is None or not analyser.state.samples:
-        raise InputError(f"{path} holds no samples; nothing to analyse")
+        why = analyser.errors[0] if analyser.errors else "nothing to analyse"
+        raise InputError(f"{path} holds no samples; {why}")
     _refuse_without_rate(path, analyser)
     facts["wire"] = decoding.wire
     if fingerprint is not None:

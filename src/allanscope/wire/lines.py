@@ -16,23 +16,37 @@ class Lines:
     ----------
     dropped : int
         Lines that were longer than 4096 bytes and were thrown away.
+    number : int
+        Number of the line that was yielded last, as an editor counts: empty ones too.
     """
 
     def __init__(self) -> None:
         self.dropped = 0
+        self.number = 1
+        self._newlines = 0
         self._partial = bytearray()
         self._overlong = False
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Yield the lines that the bytes complete."""
-        *ended, rest = data.replace(b"\r", b"\n").split(b"\n")
+        *ended, last = data.split(b"\n")
         for piece in ended:
+            yield from self._end(piece)
+            self._newlines += 1
+        *ended, rest = last.split(b"\r")
+        for piece in ended:
+            yield from self._end(piece)
+        self._keep(rest)
+
+    def _end(self, pieces: bytes) -> Iterator[bytes]:
+        """Yield the lines that end with, or inside, what came before a line feed."""
+        for piece in pieces.split(b"\r") if b"\r" in pieces else (pieces,):
             self._keep(piece)
             line, overlong = bytes(self._partial), self._overlong
             self.reset()
             if line and not overlong:
+                self.number = self._newlines + 1
                 yield line
-        self._keep(rest)
 
     def rest(self) -> bytes:
         """Return the last line, which nothing ended, and forget it."""

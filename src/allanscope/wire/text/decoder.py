@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import cast
 
-from allanscope.samples import AXES, Event, GapReason
+from allanscope.samples import AXES, Event, GapReason, Notice
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.lines import Lines
 from allanscope.wire.printable import plain_line, without_escapes
@@ -20,6 +20,7 @@ from allanscope.wire.text.units import Quantity
 __all__ = ["TextDecoder"]
 
 _ENOUGH_UNNAMED = 3
+_LONGEST_QUOTE = 60
 
 
 class TextDecoder:
@@ -57,6 +58,7 @@ class TextDecoder:
         self._heading = 0
         self._host_s = math.nan
         self._joining = True
+        self._complained = False
 
     def feed(self, data: bytes, host_s: float) -> list[Event]:
         """Take bytes that arrived at host time `host_s` and return what they complete."""
@@ -104,7 +106,7 @@ class TextDecoder:
         if not numbers:
             return []
         if all(numbers):
-            return self._numbers(line, len(cells))
+            return self._numbers(line, text, len(cells))
         self._others += 1
         if self._others > 2 * len(self._unnamed) + 2:
             self._unnamed.clear()
@@ -114,9 +116,8 @@ class TextDecoder:
                 self.named = True
                 return [] if self._doubtful(columns) else self._start_table(columns)
         if self._table is not None and 2 * sum(numbers) >= len(numbers):
-            self._damage()
-        else:
-            self._words(text, len(cells))
+            return self._bad_row(text)
+        self._words(text, len(cells))
         return []
 
     @property
@@ -134,11 +135,10 @@ class TextDecoder:
             self._rows.add(values, time_s, self._host_s, degrees)
         return True
 
-    def _numbers(self, line: bytes, count: int) -> list[Event]:
+    def _numbers(self, line: bytes, text: str, count: int) -> list[Event]:
         """Take a line of nothing but numbers that is no row of the table."""
         if self._table is not None:
-            self._damage()
-            return []
+            return self._bad_row(text)
         if self._spoken.chosen or count == self._heading or unnamed(count) is None:
             self.stats.unknown += 1
             return []
@@ -199,6 +199,18 @@ class TextDecoder:
         for values, degrees in rows:
             self.stats.frames += 1
             self._rows.add(values, math.nan, self._host_s, degrees)
+
+    def _bad_row(self, text: str) -> list[Event]:
+        """Leave out a line that should be a row; of a file, say which one is the first."""
+        self._damage()
+        if self._complained or not math.isnan(self._host_s):
+            return []
+        self._complained = True
+        said = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"
+        line = (
+            f"line {self._lines.number} is no row of the table: {said!r}; such lines are left out"
+        )
+        return [Notice("error", line)]
 
     def _damage(self) -> None:
         self.stats.resyncs += 1

@@ -110,7 +110,7 @@ def line(wire: str, rate: float, kind: str, seconds: float) -> str:
             wire, rate, faults(kind, wire, rate, seconds), seconds, Path(folder)
         )
         told = check.hold_against_the_truth(heard(wire, rate, book, out))
-    speed = book["bytes_sent"] / book["produced"] * rate
+    speed = book["bytes_sent"] / max(book["sent"], 1) * rate
     carried = "UART, USB" if speed < UART else "USB" if speed < USB else "neither"
     missing = sum(number for _, number in told)
     return (

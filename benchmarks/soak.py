@@ -35,7 +35,7 @@ from allanscope.analysis.result import Analysis
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.session import Session
-from allanscope.recording import Recorder
+from allanscope.recording import Recorder, Recording
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.simulator import Simulator
 from allanscope.sources import SerialSource
@@ -96,6 +96,8 @@ class Health(threading.Thread):
         except OSError:
             return
         lines = dict(line.split(":", 1) for line in status.splitlines())
+        if "VmRSS" not in lines:
+            return  # it has just ended
         memory = int(lines["VmRSS"].split()[0]) / 1024
         self.rows.append((self._progress(), memory, handles, int(lines["Threads"])))
 
@@ -298,6 +300,7 @@ def real(options: argparse.Namespace, folder: Path) -> bool:
     print("\n".join(health.summary()))
     rate, load = result["rate"], os.getloadavg()[0]
     print(f"measured {rate['measured_hz']:.3f} Hz; load of the machine at the end {load:.1f}")
+    print("\n".join(f"gap at {at:.1f} s: {gap}" for at, gap in _gaps(folder / "S")))
     return _verdict(
         [
             (result["lost_samples"] == 0, f"{result['lost_samples']} of {result['samples']} lost"),
@@ -307,6 +310,21 @@ def real(options: argparse.Namespace, folder: Path) -> bool:
             *_growth(health),
         ]
     )
+
+
+def _gaps(folder: Path) -> list[tuple[float, Gap]]:
+    """Return the gaps of a recording, with the time of the run at which they came."""
+    decoding, samples, found = Decoding(WireSettings()), 0, []
+    rate_hz = 1.0
+    for buffer in Recording(folder).buffers():
+        for event in decoding.take_buffer(buffer):
+            if isinstance(event, StreamInfo):
+                rate_hz = event.nominal_hz
+            elif isinstance(event, Block):
+                samples += len(event)
+            elif isinstance(event, Gap):
+                found.append((samples / rate_hz, event))
+    return found
 
 
 def _verdict(checks: list[tuple[bool, str]]) -> bool:

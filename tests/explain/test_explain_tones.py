@@ -1,0 +1,21 @@
+"""Is a tone one tone, and a band noise."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from allanscope.explain.tones import unsteadiness
+
+
+def _noise_and(tone: np.ndarray) -> np.ndarray:
+    return np.random.default_rng(4).normal(size=len(tone)) + tone
+
+
+def test_a_chirp_through_a_broad_band_is_unsteady_and_noise_in_it_is_not():
+    rate, n = 104.0, 187_200
+    t = np.arange(n) / rate
+    chirp = 0.25 * np.sin(2 * np.pi * (5 * t + 5 / t[-1] * t**2))
+    low = 2 * np.exp(-np.pi * 10 / rate) * np.cos(2 * np.pi * 10 / rate)
+    band = lfilter([1.0], [1.0, -low, np.exp(-2 * np.pi * 10 / rate)],
+                   np.random.default_rng(5).normal(size=n))  # fmt: skip
+    assert unsteadiness(_noise_and(chirp), rate, 10.0, 8.0) > 15
+    assert abs(unsteadiness(_noise_and(band), rate, 10.0, 8.0)) < 4

@@ -9,6 +9,8 @@ import numpy as np
 from allanscope.simulator import Simulator
 from allanscope.wire import format_named, formats
 
+collect_ignore = ["with_atheris.py"]  # an optional job, with a package of its own
+
 FORMATS = tuple(formats())
 
 

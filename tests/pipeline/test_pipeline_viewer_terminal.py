@@ -30,6 +30,7 @@ def session(tmp_path_factory):
     script = run("live", "sim", "--view", "none", "--out", folder)
     with Terminal(script, 80, 24) as terminal:
         terminal.read_until("q end and report")
+        terminal.read_until_row(r"az  \d")
         terminal.type("m")
         terminal.read_until("mark: mark 1")
         terminal.type("q")

@@ -72,6 +72,13 @@ class Terminal:
             assert time.monotonic() < end, f"no {text!r} in {self.raw!r}"
             self._read()
 
+    def read_until_row(self, pattern: str, timeout_s: float = 60.0) -> None:
+        """Read what is written until a row of the screen begins with a pattern."""
+        end = time.monotonic() + timeout_s
+        while not any(re.match(pattern, row) for row in self.screen().rows):
+            assert time.monotonic() < end, f"no row {pattern!r} in {self.screen().text!r}"
+            self._read()
+
     def finish(self, timeout_s: float = 60.0) -> int:
         """Read until the script has ended; return its exit code."""
         end = time.monotonic() + timeout_s

@@ -20,7 +20,7 @@ __all__ = ["Envelope"]
 ROWS = 256
 FIRST_WINDOW_S = 2.0**-10
 SHORTEST_PERIOD_S = 1e-7
-BATCH = 512
+BATCH = 2048
 """Arrivals are sorted in by so many, counted from the start of a segment: numpy likes many at a
 time, and what is kept must not depend on how they were handed over."""
 

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 from allanscope.explain.candidate import HeldOut
 from allanscope.explain.regression import Regression
-from allanscope.explain.spectral import Grid, Spectrum, Term, binned_power, fit_spectrum
+from allanscope.explain.spectral import Grid, Spectrum, Term, binned_power, fit_spectrum, grid_of
 from allanscope.explain.view import View
 
 __all__ = ["halves", "interleaved", "interleaved_signal"]
@@ -97,7 +97,7 @@ def _replicated(design: Array, white: Array) -> bool:
 def halves(view: View, terms: tuple[Term, ...]) -> HeldOut:
     """Judge stationary terms: fit their variances on one half, score the other."""
     half = view.grid.n // 2
-    grid = Grid(half, view.grid.rate_hz)
+    grid = grid_of(half, view.grid.rate_hz)
     parts = [view.data[:half], view.data[half : 2 * half]]
     powers, raws = [], []
     for part in parts:

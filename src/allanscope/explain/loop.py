@@ -23,7 +23,7 @@ from allanscope.explain.models import model_of, with_ramp
 from allanscope.explain.remarks import detection_limits, hindrances, observations
 from allanscope.explain.search import Budget, accept, close_loop
 from allanscope.explain.series import Series, series_of
-from allanscope.explain.spectral import Grid
+from allanscope.explain.spectral import grid_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
 from allanscope.noise.model import NoiseModel
@@ -157,7 +157,7 @@ def _view(series: Series, axis: str, clock: Clock | None) -> View:
     column = series.column(axis)
     samples = np.ascontiguousarray(series.values[:, column])
     step = step_of(samples * series.stride, series.lsb[column])  # of the sums behind the means
-    return View(series, Grid(len(series), series.rate_hz), axis, samples, step, clock=clock)
+    return View(series, grid_of(len(series), series.rate_hz), axis, samples, step, clock=clock)
 
 
 def _clock(

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-__all__ = ["Design", "Grid", "Spectrum", "Term", "binned_power", "fit_spectrum"]
+__all__ = ["Design", "Grid", "Spectrum", "Term", "binned_power", "fit_spectrum", "grid_of"]
 
 Array = NDArray[np.float64]
 
@@ -97,14 +97,20 @@ class Grid:
         return self.rate_hz**2 * (s**2 + 4 / self.n)
 
     @cached_property
-    def textbook_low(self) -> dict[str, Array]:
-        """The unit variances of N, B, K, Q at the ordinates that are kept one by one."""
-        return {w: self.textbook(w, self.frequency[: self.low]) for w in "NBKQ"}
+    def textbook_all(self) -> dict[str, Array]:
+        """The unit variances of N, B, K, Q at every ordinate."""
+        return {w: self.textbook(w, self.frequency) for w in "NBKQ"}
 
     @cached_property
     def textbook_bins(self) -> dict[str, Array]:
         """The unit variances of N, B, K, Q averaged over the bins."""
-        return {w: self.bin_means(self.textbook(w, self.frequency)) for w in "NBKQ"}
+        return {w: self.bin_means(unit) for w, unit in self.textbook_all.items()}
+
+
+@lru_cache(maxsize=2)  # a record and its half, for all of its axes
+def grid_of(n: int, rate_hz: float) -> Grid:
+    """Return the grid of n samples; it carries tables that are worth sharing."""
+    return Grid(n, rate_hz)
 
 
 @dataclass(frozen=True)
@@ -172,9 +178,7 @@ class Spectrum:
     def first(self, m: int) -> Array:
         """Variances of the first m ordinates."""
         frequency = self.grid.frequency[:m]
-        if m > self.grid.low:
-            return self.at(frequency)
-        return self._sum({w: unit[:m] for w, unit in self.grid.textbook_low.items()}, frequency)
+        return self._sum({w: unit[:m] for w, unit in self.grid.textbook_all.items()}, frequency)
 
     def at(self, frequency: Array) -> Array:
         """Variance of a DCT ordinate at given frequencies (two-sided density times the rate)."""
@@ -195,7 +199,7 @@ class Spectrum:
     @cached_property
     def ordinates(self) -> Array:
         """Variance of every ordinate, shape (n - 1,)."""
-        return self.at(self.grid.frequency)
+        return self._sum(self.grid.textbook_all, self.grid.frequency)
 
     @cached_property
     def kept(self) -> NDArray[np.bool_]:

@@ -1,16 +1,23 @@
-"""A line for the first run on a machine, when the compiled code does not exist yet.
+"""The compiled code: loaded before the first byte comes, with a line when it must be made first.
 
 The loops through which every sample goes are compiled by numba when they are first called, and kept
 on disk from then on. That takes some ten seconds once, in which nothing else seems to happen, so it
-is said; and because numba itself tells when it really compiles, it is never said in vain.
+is said; and because numba itself tells when it really compiles, it is never said in vain. Loading
+takes a second, more than a board can buffer: so everything runs once before the port is read.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from importlib import import_module
 
-__all__ = ["COMPILING", "tell_when_compiling"]
+from allanscope.analysis.analyser import Analyser, AnalyserSettings
+from allanscope.analysis.summary import summarise
+from allanscope.simulator import Simulator
+from allanscope.wire.base import LinkStats
+
+__all__ = ["COMPILING", "load_kernels", "tell_when_compiling"]
 
 COMPILING = "compiling the kernels for this machine: once, about a quarter of a minute"
 
@@ -31,3 +38,14 @@ def tell_when_compiling(say: Callable[[str], None]) -> None:
             """Nothing: whatever waited for it goes on."""
 
     event.register("numba:compile", Teller())  # type: ignore[no-untyped-call]
+
+
+def load_kernels(wire: str) -> None:
+    """Take a few samples through everything that live samples go through."""
+    if wire in ("", "native"):
+        import_module("allanscope.wire.native.kernel")
+    sensor = Simulator(rate=104.0, seed=0)
+    analyser = Analyser(AnalyserSettings())
+    analyser.take(sensor.info)
+    analyser.take(sensor.read(256))
+    summarise(analyser, LinkStats(), "live", {})

@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Iterable
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +14,7 @@ from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.result import Analysis
 from allanscope.errors import AllanscopeError, DeviceError, InputError
 from allanscope.pipeline.analyse import analyse_input, recorded_settings
-from allanscope.pipeline.compiling import tell_when_compiling
+from allanscope.pipeline.compiling import load_kernels, tell_when_compiling
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.outputs import (
     discard_session,
@@ -190,9 +189,7 @@ def _run(
     mode: Literal["quiet", "auto"] = "quiet" if settings.quiet else "auto"
     terminal = TerminalView(mode, session.mark, session.stop, whole_s=whole_s)
     tell_when_compiling(terminal.line)
-    if session.decoding.wire in ("", "native"):
-        # Compiled code is loaded before the first byte comes, not when it does.
-        import_module("allanscope.wire.native.kernel")
+    load_kernels(session.decoding.wire)
     viewer = RerunView(folder, settings.view, {**facts, "name": facts["name"]}, terminal.line)
     session.audience = (terminal, viewer)
     final: Analysis | None = None

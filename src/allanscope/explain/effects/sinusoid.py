@@ -13,6 +13,7 @@ with the one-sided density S_1 beside the line. It enters the model as a signal 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from itertools import pairwise
 from typing import ClassVar
 
@@ -26,6 +27,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
+from allanscope.explain.spectral import Grid
 from allanscope.explain.tones import constancy, local_level
 from allanscope.explain.view import View
 
@@ -180,10 +182,16 @@ def _slow_fit(view: View, frequency: float) -> tuple[float, Regression]:
 
 
 def _slow_pair(view: View, frequency: float) -> Array:
+    """First ordinates of cosine and sine."""
+    return _ordinates_of_pair(view.grid, frequency)
+
+
+@lru_cache(maxsize=256)  # every scan goes through the same frequencies
+def _ordinates_of_pair(grid: Grid, frequency: float) -> Array:
     """First ordinates of cosine and sine in closed form (sum of two geometric series)."""
-    n, rate, m = view.grid.n, view.grid.rate_hz, view.grid.low
+    n, m = grid.n, grid.low
     angle = np.pi * np.arange(1, m + 1) / n
-    w = 2 * np.pi * frequency / rate
+    w = 2 * np.pi * frequency / grid.rate_hz
     total = np.zeros(m, np.complex128)
     for sign in (1, -1):
         z = w + sign * angle

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,6 +236,13 @@ def _bands(view: View) -> Iterable[Candidate]:
     )  # fmt: skip
 
 
+@lru_cache(maxsize=4)
+def _polynomials(n: int, m: int) -> Array:
+    """First m ordinates of the Legendre polynomials from degree 1 on, the same for every axis."""
+    x = np.linspace(-1, 1, n)
+    return np.array([ordinates_of(eval_legendre(k, x))[:m] for k in range(1, DEGREE + 1)])
+
+
 def drift_left_over(view: View) -> Candidate | None:
     """Return what a free polynomial explains: a drift that has no name.
 
@@ -243,13 +251,12 @@ def drift_left_over(view: View) -> Candidate | None:
     m = view.grid.low
     if view.drifts or not view.spectrum.kept[:DEGREE].all():
         return None
-    x = np.linspace(-1, 1, view.grid.n)
-    powers = np.array([eval_legendre(k, x) for k in range(1, DEGREE + 1)])
-    fit = joint_fit(view, np.array([ordinates_of(power)[:m] for power in powers]))
+    fit = joint_fit(view, _polynomials(view.grid.n, m))
     if fit.gain < DRIFT_PRICE:
         return None
     high = (DEGREE + 0.5) * view.grid.rate_hz / (2 * view.grid.n)
-    drift = fit.amplitude @ powers
+    x = np.linspace(-1, 1, view.grid.n)
+    drift = np.polynomial.legendre.legval(x, [0.0, *fit.amplitude])
     found = left_over(
         view, (0.0, high), fit.gain, float(np.var(drift) / np.var(view.data)),
         f"a drift slower than {1 / high:.0f} s is neither exponential nor straight nor thermal",

@@ -137,7 +137,8 @@ def test_analyse_gives_the_same_curves_and_a_report(session, tmp_path):
 
 def test_an_export_is_read_back_with_the_same_counts(session, tmp_path):
     folder, result = session
-    run("export", folder, tmp_path / "out.csv", "--quiet")
+    told = run("export", folder, tmp_path / "out.csv").stdout
+    assert f"{result['samples']} samples" in told
     again = json.loads(run("analyse", tmp_path / "out.csv", "--json", "-", "--quiet").stdout)
     assert again["samples"] == result["samples"]
 

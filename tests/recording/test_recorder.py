@@ -140,11 +140,15 @@ def test_reads_that_were_dropped_are_a_hole_in_the_replay(tmp_path: Path, disk: 
     wait_until(lambda: 99 in numbers(path))
     assert "bytes were not recorded" in recorder.alarm
     recorder.close()
+    # The writer may have taken some between two that found no room: then there are two holes.
     kept = numbers(path)
-    assert kept == [*range(len(kept) - 1), 99]
-    assert [chunk.event for chunk in Recording(path).chunks() if chunk.event] == ["hole"]
+    assert kept == sorted(set(kept))
+    assert (kept[0], kept[-1]) == (0, 99)
+    holes = [chunk.event for chunk in Recording(path).chunks() if chunk.event]
     dropped = [fields for _, fields in Recording(path).events() if fields["kind"] == "dropped"]
-    assert dropped == [{"kind": "dropped", "reads": 20 - (len(kept) - 1)}]
+    assert holes == ["hole"] * len(dropped)
+    assert len(dropped) in (1, 2)
+    assert sum(fields["reads"] for fields in dropped) == 20 - (len(kept) - 1)
     assert recorder.dropped_bytes == 400 * (20 - (len(kept) - 1))
 
 

@@ -90,7 +90,9 @@ def export_recording(
         device = recorded_settings(Recording(source), device)
     decoding = Decoding(device.for_wire(), device.wire)
     events = events_of(source, decoding, quiet, "exporting")
-    print(writers[out.suffix](events, out, rate_hz=device.rate_hz))
+    written = writers[out.suffix](events, out, rate_hz=device.rate_hz)
+    if not quiet:
+        print(written)
 
 
 def _export_coefficients(

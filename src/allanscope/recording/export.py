@@ -43,6 +43,11 @@ class ExportReport:
     gaps: int = 0
     unknown_gaps: int = 0
 
+    def __str__(self) -> str:
+        """Return one line for the user."""
+        holes = f", {self.gaps} gaps ({self.unknown_gaps} of unknown length)" if self.gaps else ""
+        return f"{self.out}: {self.rows} samples{holes}"
+
 
 @dataclass(frozen=True, slots=True)
 class Table:

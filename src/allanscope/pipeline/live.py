@@ -57,6 +57,7 @@ def run_live(
     """
     if resume is not None:
         device = recorded_settings(Recording(resume), device)
+    _get_ready(device, settings)
     decoding = Decoding(device.for_wire(), device.wire)
     source = device_source(port, device, simulated)
     news = News()
@@ -124,6 +125,7 @@ def run_replay(
         return _replayed_unseen(path, device, settings)
     recording = Recording(path)
     device = recorded_settings(recording, device)
+    _get_ready(device, settings)
     source = RecordedSource(path, speed)
     decoding = Decoding(device.for_wire(), device.wire)
     analyser = Analyser(AnalyserSettings(part=device.part))
@@ -143,6 +145,13 @@ def run_replay(
     if not analysis.samples:
         raise InputError(f"{path} holds no samples; nothing to replay")
     return analysis
+
+
+def _get_ready(device: DeviceSettings, settings: SessionSettings) -> None:
+    """Load the compiled code before a port is opened: a board does not wait."""
+    if not settings.quiet:
+        tell_when_compiling(lambda line: print(line, file=sys.stderr, flush=True))
+    load_kernels(device.wire)
 
 
 def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettings) -> Analysis:
@@ -188,8 +197,6 @@ def _run(
     """Run one session with its audience, and leave its result in the folder."""
     mode: Literal["quiet", "auto"] = "quiet" if settings.quiet else "auto"
     terminal = TerminalView(mode, session.mark, session.stop, whole_s=whole_s)
-    tell_when_compiling(terminal.line)
-    load_kernels(session.decoding.wire)
     viewer = RerunView(folder, settings.view, {**facts, "name": facts["name"]}, terminal.line)
     session.audience = (terminal, viewer)
     final: Analysis | None = None

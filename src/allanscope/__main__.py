@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from allanscope.cli import parser
 from allanscope.errors import AllanscopeError, ExitCode
+from allanscope.visible import visible
 
 __all__ = ["main"]
 
@@ -20,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except AllanscopeError as error:
         if arguments.debug:
             raise
-        print(f"allanscope: {_plain(error)}", file=sys.stderr)
+        print(f"allanscope: {visible(str(error))}", file=sys.stderr)
         return int(error.exit_code)
     except KeyboardInterrupt:
         return ExitCode.DONE
@@ -28,13 +29,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of our output (head, less) has gone: nothing is left to say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.DONE
-
-
-def _plain(error: AllanscopeError) -> str:
-    """Return the line without control characters: names of files and devices may hold any."""
-    return "".join(
-        char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in str(error)
-    )
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from allanscope.analysis.state import StreamState
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 
-__all__ = ["Analyser", "AnalyserSettings"]
+__all__ = ["Analyser", "AnalyserSettings", "same_counts"]
 
 MOST_CONFIGURATIONS = 8
 MOST_ERRORS = 16
@@ -92,7 +92,7 @@ class Analyser:
         self.errors = [*(one for one in self.errors if one != error), error][-MOST_ERRORS:]
 
     def _configure(self, info: StreamInfo) -> None:
-        known = next((one for one in self.configurations if _same(one.info, info)), None)
+        known = next((one for one in self.configurations if same_counts(one.info, info)), None)
         if known is None:
             asked = self.settings
             known = StreamState(info, asked.per_octave, asked.history_rows, asked.gathered_rows)
@@ -105,7 +105,7 @@ class Analyser:
             self.configurations.remove(least)
 
 
-def _same(one: StreamInfo, other: StreamInfo) -> bool:
+def same_counts(one: StreamInfo, other: StreamInfo) -> bool:
     """Whether counts of the two streams may be added: same axes, same scales, same nominal rate."""
     return (
         one.axes == other.axes and one.scale == other.scale and one.nominal_hz == other.nominal_hz

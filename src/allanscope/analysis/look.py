@@ -10,7 +10,7 @@ from allanscope.history import Record
 from allanscope.noise.quantised import find_step
 from allanscope.spectrum.density import Density
 
-__all__ = ["FEWEST_ROWS", "Look", "densities_of", "look_of", "record_of"]
+__all__ = ["FEWEST_ROWS", "Look", "look_of"]
 
 FEWEST_ROWS = 64
 """Rows below which nothing is fitted."""
@@ -52,12 +52,10 @@ def look_of(state: StreamState) -> Look:
     measured = None
     if fit.is_measured and state.info.nominal_hz:
         measured = (fit.hz, fit.hz * fit.uncertainty_ppm * 1e-6)
-    return Look(
-        record_of(state, rate_hz), densities_of(state, rate_hz), claimed_hz or None, measured
-    )
+    return Look(_record(state, rate_hz), _densities(state, rate_hz), claimed_hz or None, measured)
 
 
-def record_of(state: StreamState, rate_hz: float) -> Record:
+def _record(state: StreamState, rate_hz: float) -> Record:
     """Return the memory of the run; the step of numbers that are no counts is found from them."""
     record = state.history.record(rate_hz, state.info.axes, state.info.scale)
     if state.counted:
@@ -66,7 +64,7 @@ def record_of(state: StreamState, rate_hz: float) -> Record:
     return replace(record, lsb=steps)
 
 
-def densities_of(state: StreamState, rate_hz: float) -> dict[str, Density]:
+def _densities(state: StreamState, rate_hz: float) -> dict[str, Density]:
     """Return the measured density of every axis."""
     found = state.spectrum.densities(rate_hz, list(state.info.scale))
     return dict(zip(state.info.axes, found, strict=True))

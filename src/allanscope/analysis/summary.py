@@ -11,7 +11,7 @@ import numpy as np
 
 from allanscope.allan.deviation import Deviation
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.look import FEWEST_ROWS, densities_of, record_of
+from allanscope.analysis.look import FEWEST_ROWS, Look, look_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.result import Analysis, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
@@ -74,8 +74,8 @@ def summarise(
     state.settle()
     rate = _rate(state)
     rate_hz = rate.best_hz or 1.0
-    record = record_of(state, rate_hz)
-    axes = _axes(state, record, rate, depth, settings, known)
+    look = look_of(state)
+    axes = _axes(state, look, rate, depth, settings, known)
     return Analysis(
         input=dict(input_facts),
         part=settings.part or state.info.part,
@@ -92,7 +92,7 @@ def summarise(
         marks=tuple(analyser.marks),
         remarks=(*_remarks(analyser, state, rate), *sampling_remarks(axes, rate)),
         version=version("allanscope"),
-        record=record if depth == "full" else None,
+        record=look.record if depth == "full" else None,
     )
 
 
@@ -137,7 +137,7 @@ def _rate(state: StreamState) -> Rate:
 
 def _axes(
     state: StreamState,
-    record: Record,
+    look: Look,
     rate: Rate,
     depth: Depth,
     settings: AnalyserSettings,
@@ -147,16 +147,14 @@ def _axes(
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
     curves = _curves(state, depth, rate_hz, settings.level)
-    densities = densities_of(state, rate_hz)
-    claimed_hz = rate.nominal_hz if state.info.rate_claimed else 0.0
-    loop = _loop(record, densities, rate, claimed_hz) if depth == "full" else known
+    loop = _loop(look) if depth == "full" else known
     return {
         name: _axis(
             state,
-            record,
+            look.record,
             name,
             curves=curves[name],
-            density=densities[name],
+            density=look.densities[name],
             loop=loop,
             rate=rate,
             part=part,
@@ -179,15 +177,10 @@ def _curves(
     return out
 
 
-def _loop(
-    record: Record, densities: Mapping[str, Density], rate: Rate, claimed_hz: float
-) -> Explanation | None:
-    if len(record.values) < FEWEST_ROWS:
+def _loop(look: Look) -> Explanation | None:
+    if len(look.record.values) < FEWEST_ROWS:
         return None
-    measured = None
-    if rate.measured_hz is not None and rate.uncertainty_ppm is not None and rate.nominal_hz:
-        measured = (rate.measured_hz, rate.measured_hz * rate.uncertainty_ppm * 1e-6)
-    return explain(record, densities, nominal_hz=claimed_hz or None, rate_fit=measured)
+    return explain(look.record, look.densities, nominal_hz=look.nominal_hz, rate_fit=look.rate_fit)
 
 
 def _axis(

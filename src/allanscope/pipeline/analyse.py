@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
@@ -50,7 +49,7 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
         fingerprint = Fingerprint()
         device = recorded_settings(Recording(path), device)
     if not quiet:
-        tell_when_compiling(lambda line: print(line, file=sys.stderr, flush=True))
+        tell_when_compiling()
     decoding = Decoding(device.for_wire(), device.wire)
     analyser = Analyser(
         AnalyserSettings(device.part, history_rows=FULL_ROWS, gathered_rows=FULL_GATHERED)

@@ -8,6 +8,7 @@ takes a second, more than a board can buffer: so everything runs once before the
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from importlib import import_module
@@ -24,7 +25,11 @@ COMPILING = "compiling the kernels for this machine: once, about a quarter of a 
 _TOLD = threading.Event()
 
 
-def tell_when_compiling(say: Callable[[str], None]) -> None:
+def _on_stderr(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def tell_when_compiling(say: Callable[[str], None] = _on_stderr) -> None:
     """Say `COMPILING` when numba begins to compile; once in a process, never for cached code."""
     from numba.core import event
 

@@ -41,15 +41,7 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
         pass
     if not decoding.stats.samples:
         raise InputError(f"{source} holds no samples; nothing to import")
-    facts = {
-        "name": source.name,
-        "wire": decoding.wire,
-        "part": device.part,
-        "rate_hz": "" if device.rate_hz is None else repr(device.rate_hz),
-        "gyro_fs": "" if device.gyro_fs is None else repr(device.gyro_fs),
-        "accel_fs": "" if device.accel_fs is None else repr(device.accel_fs),
-        "units": " ".join(f"{sensor}={unit}" for sensor, unit in device.units),
-    }
+    facts = {**device.metadata(), "name": source.name, "wire": decoding.wire}
     file = FileSource(source)
 
     extent = Extent.of(file, source)
@@ -60,7 +52,7 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
                 advance(len(chunk.data))
                 yield Chunk(0, chunk.data)
 
-        write_recording(out, chunks(), {name: text for name, text in facts.items() if text})
+        write_recording(out, chunks(), facts)
 
 
 def export_recording(

@@ -27,7 +27,7 @@ from allanscope.pipeline.resuming import earlier_events, set_view_aside
 from allanscope.pipeline.session import News, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.pipeline.signals import stopped_by_signals
-from allanscope.pipeline.stream import device_source
+from allanscope.pipeline.stream import device_source, nothing_heard
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import Event, Notice
 from allanscope.sources import RecordedSource, Source
@@ -57,7 +57,9 @@ def run_live(
     """
     if resume is not None:
         device = recorded_settings(Recording(resume), device)
-    _get_ready(device, settings)
+    if not settings.quiet:
+        tell_when_compiling()
+    load_kernels(device.wire)  # before the port is opened: a board does not wait
     decoding = Decoding(device.for_wire(), device.wire)
     source = device_source(port, device, simulated)
     news = News()
@@ -101,9 +103,7 @@ def run_live(
     try:
         analysis = _run(session, settings, folder, facts, recorder)
         if not analysis.samples:
-            raise DeviceError(
-                f"{source.name}: nothing was heard that holds samples; is it streaming?"
-            )
+            raise nothing_heard(source)
     except AllanscopeError:
         if resume is None and not decoding.stats.bytes:
             discard_session(folder)
@@ -125,7 +125,8 @@ def run_replay(
         return _replayed_unseen(path, device, settings)
     recording = Recording(path)
     device = recorded_settings(recording, device)
-    _get_ready(device, settings)
+    if not settings.quiet:
+        tell_when_compiling()
     source = RecordedSource(path, speed)
     decoding = Decoding(device.for_wire(), device.wire)
     analyser = Analyser(AnalyserSettings(part=device.part))
@@ -147,13 +148,6 @@ def run_replay(
     return analysis
 
 
-def _get_ready(device: DeviceSettings, settings: SessionSettings) -> None:
-    """Load the compiled code before a port is opened: a board does not wait."""
-    if not settings.quiet:
-        tell_when_compiling(lambda line: print(line, file=sys.stderr, flush=True))
-    load_kernels(device.wire)
-
-
 def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettings) -> Analysis:
     """Return the result of a recording that nobody watches: the fast way, on two cores."""
     final = analyse_input(path, device, settings.quiet)
@@ -173,16 +167,7 @@ def _tell_alarm(line: str, news: News, quiet: bool) -> None:
 
 def _metadata(source: Source, device: DeviceSettings) -> dict[str, str]:
     """Return what a replay needs to know, all as text; empty entries are left out."""
-    facts = {
-        "name": source.name,
-        **source.identity,
-        "part": device.part,
-        "rate_hz": "" if device.rate_hz is None else repr(device.rate_hz),
-        "gyro_fs": "" if device.gyro_fs is None else repr(device.gyro_fs),
-        "accel_fs": "" if device.accel_fs is None else repr(device.accel_fs),
-        "wire": device.wire,
-        "units": " ".join(f"{sensor}={unit}" for sensor, unit in device.units),
-    }
+    facts = {"name": source.name, **source.identity, **device.metadata()}
     return {name: text for name, text in facts.items() if text}
 
 

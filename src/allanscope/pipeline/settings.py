@@ -57,6 +57,18 @@ class DeviceSettings:
             units=dict(self.units),
         )
 
+    def metadata(self) -> dict[str, str]:
+        """Return what a recording keeps of it, as text; `recorded_settings` reads it again."""
+        facts = {
+            "part": self.part,
+            "rate_hz": "" if self.rate_hz is None else repr(self.rate_hz),
+            "gyro_fs": "" if self.gyro_fs is None else repr(self.gyro_fs),
+            "accel_fs": "" if self.accel_fs is None else repr(self.accel_fs),
+            "wire": self.wire,
+            "units": " ".join(f"{sensor}={unit}" for sensor, unit in self.units),
+        }
+        return {name: text for name, text in facts.items() if text}
+
 
 @dataclass(frozen=True, slots=True)
 class SessionSettings:

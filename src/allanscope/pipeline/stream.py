@@ -17,7 +17,7 @@ from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.sources import Source, open_source
 from allanscope.wire.base import LinkStats
 
-__all__ = ["Stream", "device_source", "open_stream"]
+__all__ = ["Stream", "device_source", "nothing_heard", "open_stream"]
 
 
 class Stream(Iterator[Block | Gap]):
@@ -66,7 +66,7 @@ class Stream(Iterator[Block | Gap]):
                 if isinstance(event, StreamInfo):
                     return event
             if not self._more():
-                raise self._silence()
+                raise nothing_heard(self._source)
         return self._info
 
     @property
@@ -120,11 +120,8 @@ class Stream(Iterator[Block | Gap]):
                 self._heard = True
                 return True
             if not self._heard and time.monotonic() - began > self._patience_s:
-                raise self._silence()
+                raise nothing_heard(self._source)
         return False
-
-    def _silence(self) -> DeviceError:
-        return DeviceError(f"{self.name}: nothing was heard that holds samples; is it streaming?")
 
 
 def open_stream(
@@ -183,6 +180,11 @@ def open_stream(
             source.write(data)
 
     return Stream(source, Decoding(device.for_wire(), wire, write), patience_s)
+
+
+def nothing_heard(source: Source) -> DeviceError:
+    """Return what to say of a source that was open and never gave a sample."""
+    return DeviceError(f"{source.name}: nothing was heard that holds samples; is it streaming?")
 
 
 def device_source(port: str, device: DeviceSettings, simulated: SimulatedSettings) -> Source:

@@ -16,6 +16,7 @@ from allanscope.quantities import COEFFICIENTS, duration, symbols
 from allanscope.report import words
 from allanscope.report.gallery import SENSORS, pictures
 from allanscope.report.picture import Picture
+from allanscope.visible import visible
 
 __all__ = ["render", "template"]
 
@@ -94,11 +95,9 @@ def template(name: str) -> jinja2.Template:
 
 def _visible(value: Any) -> Any:
     """Return text without control characters and marks that turn what follows round."""
-    if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable():
+    if not isinstance(value, str) or hasattr(value, "__html__"):
         return value
-    return "".join(
-        c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in value
-    )
+    return visible(value, keep="\n")
 
 
 def _as_markup(svg: str) -> Any:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from allanscope.errors import DeviceError
+from allanscope.visible import visible
 
 __all__ = ["Comports", "PortDescription", "auto_port", "describe_ports", "find_ports"]
 
@@ -116,10 +117,10 @@ def find_ports(comports: Comports | None = None) -> list[PortDescription]:
             device=info.device,
             vendor=info.vid,
             product=info.pid,
-            serial_number=_plain(info.serial_number),
-            manufacturer=_plain(info.manufacturer),
-            model=_plain(info.product),
-            location=_plain(info.location),
+            serial_number=visible(info.serial_number or ""),
+            manufacturer=visible(info.manufacturer or ""),
+            model=visible(info.product or ""),
+            location=visible(info.location or ""),
             stable_path=stable.get(os.path.realpath(info.device), ""),
         )
         for info in infos
@@ -168,13 +169,6 @@ def _order(port: PortDescription) -> tuple[int, str, list[tuple[int, str]]]:
     pieces = re.split(r"(\d+)", port.device)
     natural = [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in pieces]
     return rank, port.serial_number, natural
-
-
-def _plain(told: str | None) -> str:
-    """Return what a device says of itself without control characters, which a terminal obeys."""
-    return "".join(
-        char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in told or ""
-    )
 
 
 def _comports() -> Iterable[Any]:

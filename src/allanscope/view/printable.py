@@ -7,6 +7,8 @@ a viewer fetch it. What is shown goes through here first.
 
 from __future__ import annotations
 
+from allanscope.visible import visible
+
 __all__ = ["markdown", "printable"]
 
 _LONGEST = 400
@@ -20,7 +22,7 @@ def printable(text: object) -> str:
     >>> printable("SensorTile \x1b[2J v1.2")
     'SensorTile \ufffd[2J v1.2'
     """
-    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in str(text))
+    line = visible(str(text))
     return line if len(line) <= _LONGEST else f"{line[:_LONGEST]} ..."
 
 

@@ -152,7 +152,7 @@ def _slow_lines(view: View) -> list[float]:
     d = view.ordinates[:m]
     scores = []
     for c in cycles:
-        pair = _slow_pair(view, c / duration)
+        pair = _slow_pair(view.grid, c / duration)
         normal = (pair * weight) @ pair.T
         right = (pair * weight) @ d
         scores.append(0.5 * float(right @ np.linalg.pinv(normal, hermitian=True) @ right))
@@ -162,7 +162,7 @@ def _slow_lines(view: View) -> list[float]:
     for index in order[:2]:
         if scores[index] > 0.35 * price:
             frequency = float(cycles[index] / duration)
-            fit = joint_fit(view, _slow_pair(view, frequency))
+            fit = joint_fit(view, _slow_pair(view.grid, frequency))
             if fit.gain > 0.6 * price:
                 found.append(frequency)
     return found[:1]
@@ -173,21 +173,16 @@ def _slow_fit(view: View, frequency: float) -> tuple[float, Regression]:
     spread = 0.5 / duration
 
     def loss(f: float) -> float:
-        return -joint_fit(view, _slow_pair(view, f), rounds=4).gain
+        return -joint_fit(view, _slow_pair(view.grid, f), rounds=4).gain
 
     low = max(frequency - spread, _FEWEST_CYCLES * 0.9 / duration)
     best = minimize_scalar(loss, bounds=(low, frequency + spread), method="bounded",
                            options={"xatol": 0.01 / duration})  # fmt: skip
-    return float(best.x), joint_fit(view, _slow_pair(view, float(best.x)))
-
-
-def _slow_pair(view: View, frequency: float) -> Array:
-    """First ordinates of cosine and sine."""
-    return _ordinates_of_pair(view.grid, frequency)
+    return float(best.x), joint_fit(view, _slow_pair(view.grid, float(best.x)))
 
 
 @lru_cache(maxsize=256)  # every scan goes through the same frequencies
-def _ordinates_of_pair(grid: Grid, frequency: float) -> Array:
+def _slow_pair(grid: Grid, frequency: float) -> Array:
     """First ordinates of cosine and sine in closed form (sum of two geometric series)."""
     n, m = grid.n, grid.low
     angle = np.pi * np.arange(1, m + 1) / n

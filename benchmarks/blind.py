@@ -9,8 +9,8 @@ continued and extended, and another process can work on it with ``--first``.
 Every record has six axes with noise of its own; zero, one or two effects are hidden in it (see
 ``blind_generator.py``, which shares nothing with the simulator). Scored are: the kind; parameters
 within their 95 % intervals; effects claimed on axes that have none; processes that no word of the
-vocabulary names (the right answer is ``unexplained``); and the error that is left, against that of
-an oracle who is told what was hidden.
+vocabulary names (the right answer is ``unexplained``); and the error that is left, on other runs of
+the same device, against that of an oracle who is told what was hidden (``blind_oracle.py``).
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ from typing import Any
 
 import blind_generator as generator
 import numpy as np
+from blind_effects import OUTSIDE, Truth
+from blind_oracle import error_over_oracle
 
-from allanscope.explain import Budget, Explanation, explain
+from allanscope.explain import explain
 from allanscope.explain.effect import Effect
 
 Cell = tuple[str, str]
@@ -39,10 +41,10 @@ _SKIPPED = ("intervals",)
 class Outcome:
     """What was hidden in one record, what was found, and at which cost."""
 
-    truths: tuple[generator.Truth, ...]
+    truths: tuple[Truth, ...]
     axes: tuple[str, ...]
     found: dict[str, tuple[Effect, ...]]
-    ratios: tuple[float, ...]
+    ratios: dict[str, float]
     seconds: float
 
 
@@ -60,7 +62,7 @@ class Score:
     false: list[str] = field(default_factory=list)
     extra: list[str] = field(default_factory=list)
     both_ways: int = 0
-    ratios: list[float] = field(default_factory=list)
+    ratios: dict[Cell, list[float]] = field(default_factory=lambda: defaultdict(list))
     seconds: list[float] = field(default_factory=list)
 
 
@@ -75,7 +77,7 @@ def judge(outcome: Outcome, score: Score, tag: str) -> None:
         score.asked[cell] += 1
         kinds = [e.kind for e in found[axis]]
         score.answers[cell]["+".join(sorted(kinds)) or "nothing"] += 1
-        if truth.kind in generator.OUTSIDE:
+        if truth.kind in OUTSIDE:
             wrong = [k for k in kinds if k != "unexplained" and k not in everywhere]
             score.right[cell] += "unexplained" in kinds and not wrong
             continue
@@ -102,7 +104,7 @@ def judge(outcome: Outcome, score: Score, tag: str) -> None:
                 score.false.append(f"{tag} {axis} {effect.kind}")
 
 
-def _parameters(truth: generator.Truth, effect: Effect, score: Score) -> None:
+def _parameters(truth: Truth, effect: Effect, score: Score) -> None:
     for name, value in truth.parameters.items():
         if name in _SKIPPED or name not in effect.parameters:
             continue
@@ -129,12 +131,19 @@ def run(arguments: argparse.Namespace) -> Score:
                 kept.parent.mkdir(parents=True, exist_ok=True)
                 kept.write_bytes(pickle.dumps(outcome))
         score.seconds.append(outcome.seconds)
-        score.ratios += outcome.ratios
+        for truth in outcome.truths:
+            if truth.kind in outcome.ratios:
+                score.ratios[truth.kind, truth.level].append(outcome.ratios[truth.kind])
         judge(outcome, score, f"#{index}")
         if not arguments.quiet:
             named = {a: [e.kind for e in es] for a, es in outcome.found.items() if es}
             hidden = [(t.kind, t.level, t.axis) for t in outcome.truths]
-            print(f"#{index} {outcome.seconds:.1f} s hidden {hidden} found {named}", flush=True)
+            ratios = {kind: round(ratio, 3) for kind, ratio in outcome.ratios.items()}
+            print(
+                f"#{index} {outcome.seconds:.1f} s hidden {hidden} found {named} "
+                f"error over oracle {ratios}",
+                flush=True,
+            )
     return score
 
 
@@ -145,47 +154,31 @@ def measure(seed: int, index: int, hours: float, rate: float) -> Outcome:
     began = time.process_time()
     result = explain(blind.record, nominal_hz=blind.nominal_hz, rate_fit=blind.rate_fit)
     seconds = time.process_time() - began
-    ratios = [oracle_ratio(blind, result, truth) for truth in blind.truths]
+    ratios = {
+        truth.kind: error_over_oracle(blind, result, truth, seed=1000 * seed + index)
+        for truth in blind.truths
+    }
     return Outcome(
-        truths=tuple(replace(t, signal=None, variance=None) for t in blind.truths),
+        truths=tuple(replace(t, signal=None, again=None) for t in blind.truths),
         axes=blind.record.axes,
         found={axis: e.effects for axis, e in result.axes.items()},
-        ratios=tuple(ratio for ratio in ratios if ratio is not None),
+        ratios={kind: ratio for kind, ratio in ratios.items() if ratio is not None},
         seconds=seconds,
     )
 
 
-def oracle_ratio(
-    blind: generator.Blind, result: Explanation, truth: generator.Truth
-) -> float | None:
-    """Return our error after over that of an oracle who was told what was hidden in the axis.
-
-    The error is the rms of measured over modelled Allan deviation. The oracle subtracts the true
-    signal, or is told the kind of a stationary process, and fits the rest as we do.
-    """
-    if not truth.axis or truth.kind in generator.OUTSIDE:
-        return None
-    record = blind.record
-    column = record.axes.index(truth.axis)
-    values = record.values[:, [column]]
-    stationary = truth.kind in ("narrowband", "gauss_markov", "random_telegraph", "band_limit")
-    if truth.signal is not None and not stationary:
-        values = values - truth.signal[:, np.newaxis]
-    alone = replace(record, axes=(truth.axis,), values=values, lsb=(record.lsb[column],))
-    kinds = frozenset({truth.kind}) if stationary else frozenset[str]()
-    told = explain(alone, budget=Budget(kinds=kinds)).axes[truth.axis].after
-    return float(result.axes[truth.axis].after.rms_percent / told.rms_percent)
-
-
 def table(score: Score) -> str:
     """Return the result for people."""
-    lines = ["kind                 level   n  right  or equivalent  answers"]
+    lines = ["kind                 level   n  right  or equivalent  error/oracle  answers"]
     for cell in sorted(score.asked):
         n = score.asked[cell]
         answers = ", ".join(f"{k} {v}" for k, v in score.answers[cell].most_common(4))
+        own = score.ratios[cell]
+        errors = f"{np.median(own):.2f} to {max(own):.2f}" if own else ""
         lines.append(
             f"{cell[0]:20s} {cell[1]:6s} {n:3d} {100 * score.right[cell] / n:5.0f}% "
-            f"{100 * max(score.equivalent[cell], score.right[cell]) / n:8.0f}%       {answers}"
+            f"{100 * max(score.equivalent[cell], score.right[cell]) / n:8.0f}%       "
+            f"{errors:13s}  {answers}"
         )
     lines.append("\nparameter within its 95 % interval")
     for key in sorted(score.parameters):
@@ -202,7 +195,7 @@ def totals(score: Score) -> dict[str, Any]:
     """Return the figures against the goals."""
     out: dict[str, Any] = {}
     for level in ("near", "above"):
-        cells = [c for c in score.asked if c[1] == level and c[0] not in generator.OUTSIDE]
+        cells = [c for c in score.asked if c[1] == level and c[0] not in OUTSIDE]
         asked = sum(score.asked[c] for c in cells)
         if asked:
             out[f"right_{level}_percent"] = round(
@@ -211,7 +204,7 @@ def totals(score: Score) -> dict[str, Any]:
             out[f"right_or_equivalent_{level}_percent"] = round(
                 100 * sum(score.equivalent[c] for c in cells) / asked, 1
             )
-    cells = [c for c in score.asked if c[0] in generator.OUTSIDE]
+    cells = [c for c in score.asked if c[0] in OUTSIDE]
     if cells:
         asked = sum(score.asked[c] for c in cells)
         out["outside_right_percent"] = round(100 * sum(score.right[c] for c in cells) / asked, 1)
@@ -223,12 +216,13 @@ def totals(score: Score) -> dict[str, Any]:
     out["couplings_named_both_ways"] = score.both_ways
     if score.seconds:
         out["cpu_seconds_a_record"] = round(float(np.mean(score.seconds)), 1)
-    if score.ratios:
-        ratios = np.array(score.ratios)
-        out["error_over_oracle_median"] = round(float(np.median(ratios)), 3)
-        out["error_within_5_percent_of_oracle_percent"] = round(
-            100 * float(np.mean(ratios < 1.05)), 1
-        )
+    for level in ("near", "above"):
+        ratios = np.array([r for c, own in score.ratios.items() if c[1] == level for r in own])
+        if len(ratios):
+            out[f"error_over_oracle_{level}_median"] = round(float(np.median(ratios)), 3)
+            out[f"error_within_5_percent_of_oracle_{level}_percent"] = round(
+                100 * float(np.mean(ratios < 1.05)), 1
+            )
     return out
 
 

@@ -135,3 +135,10 @@ def test_fast_hops_in_the_noise_are_told_from_gauss_markov(bench):
     dwell = effect.parameters["dwell"]
     assert dwell.lower / 1.2 < 0.3 < dwell.upper * 1.2
     assert result.axes["gy"].effects == ()
+
+
+def test_two_levels_are_not_seen_in_noise_that_hides_every_hop(bench):
+    b = bench(1)
+    (effect,) = explain(b.record(b.noise() + b.gauss_markov(0.010, 0.04))).axes["gx"].effects
+    assert effect.kind == "gauss_markov"
+    assert effect.equivalent == ("random_telegraph",)

@@ -46,6 +46,9 @@ _LEAST = 1e-6
 """Share of the variance of the level that counts as white at the least: behind a steep filter there
 is nothing at the top."""
 _FEWEST_SWITCHES = 4
+_VISIBLE = 4.0
+"""Power of the mean over a dwell against white noise below which the path would follow the noise: a
+path that does fits it, at every sample, far better than it should."""
 _MOVED = 16.0
 """Variance of the level over that of white noise from which slow hops are looked for."""
 
@@ -123,6 +126,8 @@ def _column(view: View, path: _Path) -> Array:
 
 
 def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None:
+    if amplitude**2 * dwell_s < _VISIBLE * view.spectrum.variance_of("N"):
+        return None
     path = _path(view, amplitude, dwell_s, _TO_JUDGE)
     if path is None or path.switches < _FEWEST_SWITCHES:
         return None

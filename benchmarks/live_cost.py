@@ -4,20 +4,23 @@
 
 A simulated SensorTile in a process of its own streams six axes over a pseudo-terminal. This process
 does what ``allanscope live --view none`` does: it reads, records, decodes, sums up, refreshes the
-result, and looks for effects. Measured are its processor time per second of stream, how
-long the reader was kept from the port at most (by what this process did meanwhile, and by the
-machine), and how long it took from the arrival of a byte until its sample was handed to the charts,
-which draw ten times a second.
+result, and looks for effects. Measured are its processor time per second of stream (the device is
+another process and not in it; nor are the children that look for effects) and what its threads
+have of it, its memory, how long the reader was kept from the port at most (by what this process did
+meanwhile, and by the machine), and how long it took from the arrival of a byte until its sample was
+handed to the charts, which draw ten times a second.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -26,8 +29,10 @@ import numpy as np
 from figures import Figure, written
 
 from allanscope.analysis.analyser import Analyser
+from allanscope.pipeline.compiling import load_kernels
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.looking import Looking
+from allanscope.pipeline.memory import give_large_blocks_back, let_go_of_the_start
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
 from allanscope.sources import open_source
@@ -40,8 +45,39 @@ WARM_S = 5.0
 PAINTED_S = 0.1
 """Rows of the time series are drawn this often: see `allanscope.view.rerun_view`."""
 
-GATHERED_S = 0.01
+GATHERED_S = 0.02
 """The reader lets bytes gather for so long on purpose: see `allanscope.sources.serial_port`."""
+
+
+class Threads:
+    """What each thread of this process has used, and how often it was woken; Linux only."""
+
+    def __init__(self) -> None:
+        self._tasks = Path("/proc/self/task")
+        self._began_s = time.monotonic()
+        self._first = self._now()
+
+    def _now(self) -> dict[str, tuple[float, int]]:
+        named = {str(one.native_id): one.name for one in threading.enumerate()}
+        used = {}
+        for task in self._tasks.iterdir() if self._tasks.exists() else ():
+            with contextlib.suppress(OSError):  # it has just ended
+                fields = (task / "schedstat").read_text().split()
+                woken = (task / "status").read_text().partition("\nvoluntary_ctxt_switches:")[2]
+                name = named.get(task.name) or (task / "comm").read_text().strip()
+                used[f"{name} {task.name}"] = float(fields[0]) * 1e-9, int(woken.split()[0])
+        return used
+
+    def table(self) -> dict[str, dict[str, float]]:
+        """Return per cent of a core, and voluntary waits in a second, of the busiest threads."""
+        passed_s = time.monotonic() - self._began_s
+        rows = {}
+        for name, (cpu_s, woken) in self._now().items():
+            cpu_0, woken_0 = self._first.get(name, (0.0, 0))
+            percent, waits = 100.0 * (cpu_s - cpu_0) / passed_s, (woken - woken_0) / passed_s
+            if percent > 0.05 or waits > 5.0:
+                rows[name] = {"core_percent": round(percent, 2), "waits_per_s": round(waits, 1)}
+        return dict(sorted(rows.items(), key=lambda row: -row[1]["core_percent"]))
 
 
 class Watch:
@@ -51,6 +87,8 @@ class Watch:
         self.began_cpu_s = self.began_s = math.nan
         self.late_s: list[float] = []
         self.snapshots = 0
+        self.table: dict[str, dict[str, float]] = {}
+        self.memory_mb = math.nan
 
     def info(self, info: object) -> None:
         """Begin to wait until everything is warm."""
@@ -61,12 +99,16 @@ class Watch:
         now = time.monotonic()
         if math.isnan(self.began_s) and now - self.heard_s > WARM_S:
             self.began_cpu_s, self.began_s = time.process_time(), now
+            self.threads = Threads()
         if not math.isnan(self.began_s) and len(block.ticks.host_s):
             self.late_s.append(now - float(block.ticks.host_s[0]))
 
     def snapshot(self, analysis: object) -> None:
-        """Count results."""
+        """Count results; look at the threads while they are there."""
         self.snapshots += 1
+        if not math.isnan(self.began_s):
+            self.table = self.threads.table()
+            self.memory_mb = _resident_mb()
 
     def gap(self, gap: object) -> None:
         """Losses are counted by the link."""
@@ -96,8 +138,17 @@ class Timed:
         return chunk
 
 
-def run(port: str, seconds: float, folder: Path) -> dict[str, float]:
+def _resident_mb() -> float:
+    """Return what the process holds at present; NaN where there is no /proc."""
+    status = Path("/proc/self/status")
+    text = status.read_text() if status.exists() else "VmRSS: nan"
+    return float(text.partition("VmRSS:")[2].split()[0]) / 1024.0
+
+
+def run(port: str, seconds: float, folder: Path) -> dict[str, Any]:
     """Watch a port for some seconds and return what it cost."""
+    give_large_blocks_back()
+    load_kernels("")
     watch, source = Watch(), Timed(open_source(port))
     recorder = Recorder(folder, {"name": "benchmark"})
     decoding = Decoding(WireSettings(), write=source.write)
@@ -106,6 +157,7 @@ def run(port: str, seconds: float, folder: Path) -> dict[str, float]:
     viewer = RerunView(folder, "none", {"name": "benchmark"}, lambda line, level="info": None)
     session.audience = (watch, TerminalView("quiet"), viewer)
     viewer.start()
+    let_go_of_the_start()
     session.run()
     spent_s, passed_s = time.process_time() - watch.began_cpu_s, time.monotonic() - watch.began_s
     recorder.close()
@@ -125,6 +177,8 @@ def run(port: str, seconds: float, folder: Path) -> dict[str, float]:
         "lost_samples": stats.lost_samples,
         "snapshots": watch.snapshots,
         "looks": looks,
+        "memory_mb": watch.memory_mb,
+        "threads": watch.table,
     }
 
 
@@ -153,6 +207,7 @@ def main() -> None:
         Figure("byte to chart, 99 of 100", to_chart_ms, "ms", goal=250.0),
         Figure("reader kept from the port by us, at most", cost["reader_kept_ms_most"], "ms", 40.0),
         Figure("reader away from the port, at most", cost["reader_away_ms_most"], "ms"),
+        Figure("memory of the process at the end", cost["memory_mb"], "MB", goal=400.0),
         Figure("samples lost", cost["lost_samples"], "", goal=0.0),
     ]
     written(figures, options.json, rate_hz=options.rate, seconds=seconds, **cost)

@@ -73,10 +73,10 @@ def test_nobody_looks_at_a_run_that_is_too_short(analyser):
 def test_the_end_of_the_run_ends_a_look_at_once(analyser):
     looking = Looking(first_s=120.0)
     looking.offer(analyser.frozen())
-    while looking._child is None:
+    while (child := looking._child) is None:
         looking._thread.join(0.01)
     looking.close()
-    assert looking._child.poll() is not None
+    assert child.poll() is not None
     assert looking.explanation is None
     looking.offer(analyser.frozen())
     assert not looking.busy

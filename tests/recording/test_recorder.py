@@ -87,6 +87,18 @@ def test_what_was_committed_is_on_the_disk_while_recording_goes_on(tmp_path: Pat
     recorder.close()
 
 
+def test_a_source_that_is_faster_than_any_port_does_not_wait_for_the_next_commit(
+    tmp_path: Path,
+) -> None:
+    recorder = Recorder(tmp_path, {}, commit_s=1e4)
+    for index in range(40):
+        recorder.rx(noise(index, 1 << 18))
+        wait_until(lambda: recorder._queued_bytes < 1 << 20)
+    recorder.close()
+    assert recorder.dropped_bytes == 0
+    assert numbers(tmp_path) == list(range(40))
+
+
 def test_a_full_disk_that_gets_room_again_costs_nothing(tmp_path: Path, disk: Disk) -> None:
     alarms: list[str] = []
     path = tmp_path / "a.mcap"

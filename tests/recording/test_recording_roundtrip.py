@@ -75,7 +75,7 @@ def test_commands_and_remarks_are_kept_beside_the_reads(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "a.mcap")
     assert list(recording.tx()) == [Chunk(10, b"start")]
     assert list(recording.events()) == [(30, {"kind": "mark", "text": "fan on", "n": 3})]
-    assert list(recording.chunks()) == [Chunk(20, b"data")]
+    assert list(recording.chunks()) == [Chunk(20, b"data"), Chunk(30, b"", "mark", "fan on")]
     assert recording.damage == []
 
 

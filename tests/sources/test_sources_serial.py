@@ -292,6 +292,41 @@ def test_waiting_grows_from_a_tenth_of_a_second_to_two() -> None:
     assert max(waits) <= 2.06
 
 
+class Stream(Link):
+    """A device that sends evenly, on a clock that only sleeping moves."""
+
+    def __init__(self, pace: float) -> None:
+        super().__init__([])
+        self.pace, self.now, self.read_to = pace, 0, 0
+
+    def sleep(self, seconds: float) -> None:
+        self.now += int(seconds * 1e9)
+
+    def read(self, timeout_s: float) -> bytes:
+        ready = self.read_to
+        while ready == self.read_to:
+            self.sleep(1e-4)
+            ready = int(self.pace * 1e-9 * self.now)
+        data, self.read_to = bytes(ready - self.read_to), ready
+        return data
+
+
+@pytest.mark.parametrize(
+    ("pace", "reads_in_s"), [(1.5e3, 99), (40e3, 99), (93e3, 50), (400e3, 190), (4e6, 1650)]
+)
+def test_bytes_gather_but_never_fill_the_buffer_of_a_tty(pace: float, reads_in_s: int) -> None:
+    stream = Stream(pace)
+    source = SerialSource(
+        "/dev/ttyACM0", comports=list, opener=lambda name, baud: stream,
+        clock=lambda: stream.now, sleep=stream.sleep,
+    )  # fmt: skip
+    sizes = []
+    while stream.now < 1_000_000_000:
+        sizes.append(len(source.read().data))
+    assert len(sizes) == pytest.approx(reads_in_s, rel=0.05)
+    assert max(sizes) < 2600
+
+
 def test_a_hung_device_stalls_once_and_resumes_once() -> None:
     bench = Bench()
     bench.links = [Link([b"x", b"", b"", b"", b"", b"", b"", b"y", b""])]

@@ -121,6 +121,29 @@ def test_the_diary_tells_every_thing_once(analysis):
     assert diary.news(demo_analysis(7400.0)) == [], "better known is no news"
 
 
+def test_a_remark_whose_number_grows_is_told_again_at_ten_times_as_much(analysis):
+    diary, told = Diary(), []
+    for count in [*range(3, 4000), 4000]:
+        remark = f"saturated: {count} samples at the end of the range"
+        axes = {"gx": replace(analysis.axes["gx"], remarks=(remark,))}
+        told += [text for _, text in diary.news(replace(analysis, axes=axes)) if "satur" in text]
+    counts = [int(text.split()[2]) for text in told]
+    assert counts == [3, 30, 300, 3000]
+
+
+def test_remarks_of_other_words_and_of_other_axes_are_told_each(analysis):
+    diary = Diary()
+    remarks = ("saturated: 3 samples", "every sample is 3 counts: 12 345 in all")
+    axes = {name: replace(analysis.axes["gx"], remarks=remarks) for name in ("gx", "gy")}
+    told = [text for _, text in diary.news(replace(analysis, axes=axes, remarks=()))]
+    assert [text for text in told if "ample" in text] == [
+        f"{name}: {remark}" for name in ("gx", "gy") for remark in remarks
+    ]
+    axes["gy"] = replace(axes["gy"], remarks=("every sample is 4 counts: 23 456 in all",))
+    later = replace(analysis, axes=axes, remarks=())
+    assert not [text for _, text in diary.news(later) if "ample" in text]
+
+
 def test_the_diary_tells_when_an_effect_is_gone_and_when_it_is_back(analysis):
     diary = Diary()
     diary.news(analysis)

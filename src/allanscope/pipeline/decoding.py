@@ -109,7 +109,9 @@ class Decoding:
         events: list[Event] = []
         if self._opened_ns is None:
             self._opened_ns = chunk.host_ns
-        if chunk.event not in ("", "end"):
+        if chunk.event == "mark":
+            events.append(Notice("mark", chunk.text))
+        elif chunk.event not in ("", "end"):
             events += self._link_event(chunk)
         if not chunk.data and self._first_byte_ns is None:
             events += self._wake_if_silent(chunk.host_ns)
@@ -136,7 +138,7 @@ class Decoding:
         ends = np.append(buffer.offset[1:], len(buffer.data))
         taken = 0
         if buffer.event:
-            events += self.take(Chunk(buffer.event_ns, event=buffer.event))
+            events += self.take(Chunk(buffer.event_ns, b"", buffer.event, buffer.text))
         while self._decoder is None and taken < len(buffer.offset):
             data = buffer.data[buffer.offset[taken] : ends[taken]]
             events += self.take(Chunk(int(buffer.host_ns[taken]), data))

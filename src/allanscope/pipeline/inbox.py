@@ -1,6 +1,6 @@
 """Reads on their way from the reader to the session, taken together.
 
-A port at its fastest is read a hundred times a second. Decoding, summing up and showing a read each
+A port at its fastest is read fifty times a second. Decoding, summing up and showing a read each
 cost some calls whatever it holds, so the session waits a moment after the first read and takes all
 that have come by then as one. A replay at full speed puts thousands there in that moment.
 """
@@ -22,8 +22,8 @@ __all__ = ["TOGETHER_S", "Inbox", "joined"]
 MOST_CHUNKS = 1 << 14
 """Reads that may wait to be decoded: minutes of a live port at its fastest."""
 
-TOGETHER_S = 0.04
-"""How long reads are gathered: a sixth of what it may take from the port to the chart."""
+TOGETHER_S = 0.08
+"""How long reads are gathered: a third of what it may take from the port to the chart."""
 
 
 class Inbox:

@@ -16,6 +16,7 @@ from allanscope.errors import AllanscopeError, DeviceError, InputError
 from allanscope.pipeline.analyse import analyse_input, recorded_settings
 from allanscope.pipeline.compiling import load_kernels, tell_when_compiling
 from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.memory import give_large_blocks_back, let_go_of_the_start
 from allanscope.pipeline.outputs import (
     discard_session,
     new_session_folder,
@@ -59,6 +60,7 @@ def run_live(
         device = recorded_settings(Recording(resume), device)
     if not settings.quiet:
         tell_when_compiling()
+    give_large_blocks_back()
     load_kernels(device.wire)  # before the port is opened: a board does not wait
     decoding = Decoding(device.for_wire(), device.wire)
     source = device_source(port, device, simulated)
@@ -189,6 +191,7 @@ def _run(
         try:
             try:
                 viewer.start()
+                let_go_of_the_start()
                 session.run()
             finally:
                 session.source.close()

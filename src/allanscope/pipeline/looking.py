@@ -89,8 +89,8 @@ class Looking:
     def close(self) -> None:
         """Give up a look that is under way: the run has ended, and is now searched in full."""
         self._closed = True
-        if self._child is not None:
-            self._child.terminate()
+        if (child := self._child) is not None:
+            child.terminate()
         if self._thread is not None:
             self._thread.join(timeout=5.0)
 
@@ -104,6 +104,7 @@ class Looking:
         )
         with child:
             answer, complaint = child.communicate(request)
+        self._child = None  # it holds on to the request
         if child.returncode:
             last = complaint.decode(errors="replace").strip().rpartition("\n")[2]
             self.trouble = last or f"the search for effects ended with code {child.returncode}"

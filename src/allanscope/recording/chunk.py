@@ -7,8 +7,8 @@ from typing import Literal
 
 __all__ = ["Chunk", "LinkEvent"]
 
-LinkEvent = Literal["", "disconnected", "reconnected", "stalled", "resumed", "hole", "end"]
-"""What can happen to a link.
+LinkEvent = Literal["", "disconnected", "reconnected", "stalled", "resumed", "hole", "mark", "end"]
+"""What can happen to a link, or beside it.
 
 disconnected, reconnected
     The port went away; the same device came back.
@@ -16,6 +16,8 @@ stalled, resumed
     A streaming device fell silent although the port is there; it spoke again.
 hole
     Bytes are missing here: they were never written (disk full) or the file is damaged.
+mark
+    The user set a mark; only a recording brings one.
 end
     Nothing will ever follow.
 """
@@ -34,8 +36,11 @@ class Chunk:
         The bytes; empty when the read timed out or when only `event` matters.
     event : str
         What happened to the link before these bytes, or empty; see `LinkEvent`.
+    text : str
+        Of a mark.
     """
 
     host_ns: int
     data: bytes = b""
     event: LinkEvent = ""
+    text: str = ""

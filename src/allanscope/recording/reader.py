@@ -47,6 +47,8 @@ class Buffer:
         What happened to the link before these bytes, or empty.
     event_ns : int
         When; 0 without an event.
+    text : str
+        Of a mark.
     """
 
     data: bytes
@@ -54,11 +56,12 @@ class Buffer:
     host_ns: NDArray[np.int64]
     event: LinkEvent = ""
     event_ns: int = 0
+    text: str = ""
 
     def chunks(self) -> Iterator[Chunk]:
         """Take it apart again."""
         if self.event:
-            yield Chunk(self.event_ns, b"", self.event)
+            yield Chunk(self.event_ns, b"", self.event, self.text)
         bounds = [*self.offset.tolist(), len(self.data)]
         for index, host_ns in enumerate(self.host_ns.tolist()):
             yield Chunk(host_ns, self.data[bounds[index] : bounds[index + 1]])
@@ -136,7 +139,7 @@ class Recording:
         return (last - first) * 1e-9
 
     def chunks(self) -> Iterator[Chunk]:
-        """Yield what the source gave, in order: bytes with their times, and events of the link.
+        """Yield what the source gave, in order: bytes with their times, events of the link, marks.
 
         Where reads are missing there is a Chunk with the event ``hole`` and no bytes.
         """
@@ -161,9 +164,11 @@ class Recording:
                         gathered = _Gathering()
                     expected = sequence + 1 & 0xFFFFFFFF
                     gathered.add(data[start:stop], host_ns)
-                elif topic == EVENTS and (event := _link_event(_json(data[start:stop]))):
-                    yield from gathered.taken()
-                    gathered = _Gathering(event, host_ns)
+                elif topic == EVENTS:
+                    fields = _json(data[start:stop])
+                    if event := _link_event(fields):
+                        yield from gathered.taken()
+                        gathered = _Gathering(event, host_ns, _text(fields))
         yield from gathered.taken()
 
     def part(self, number: int, parts: int) -> Recording:
@@ -233,10 +238,11 @@ class Recording:
 class _Gathering:
     """Reads that are being gathered into a Buffer."""
 
-    def __init__(self, event: LinkEvent = "", event_ns: int = 0) -> None:
+    def __init__(self, event: LinkEvent = "", event_ns: int = 0, text: str = "") -> None:
         self.length = 0
         self._event: LinkEvent = event
         self._event_ns = event_ns
+        self._text = text
         self._parts: list[bytes] = []
         self._offsets: list[int] = []
         self._times: list[int] = []
@@ -256,6 +262,7 @@ class _Gathering:
                 np.array(self._times, np.int64),
                 self._event,
                 self._event_ns,
+                self._text,
             )
 
 
@@ -300,8 +307,16 @@ def _json(data: bytes) -> dict[str, Any]:
 
 
 def _link_event(fields: dict[str, Any]) -> LinkEvent:
-    """Return what a remark says about the link; empty if it is about something else."""
+    """Return what a remark says about the link, or that it is a mark; empty if it is neither."""
+    if fields.get("kind") == "mark":
+        return "mark"
     event = fields.get("event")
-    if fields.get("kind") != "link" or event not in get_args(LinkEvent) or event == "end":
+    if fields.get("kind") != "link" or event not in get_args(LinkEvent):
         return ""
-    return cast(LinkEvent, event)
+    return "" if event in ("mark", "end") else cast(LinkEvent, event)
+
+
+def _text(fields: dict[str, Any]) -> str:
+    """Return the words of a remark; empty if it has none."""
+    text = fields.get("text", "")
+    return text if isinstance(text, str) else ""

@@ -1,11 +1,11 @@
 """The live recorder: a thread that writes, so that neither a slow nor a full disk stops a reading.
 
-The reader thread hands over every chunk and goes on; it never waits. The writer thread closes an
-MCAP chunk twice a second, which bounds what a killed process loses, and every few seconds waits for
-the disk itself, which bounds what a power cut loses. When the disk is full, the session goes on in
-memory for a while and is written as soon as there is room again; beyond that, reads are dropped,
-counted, and their numbers left out so that a replay knows of the hole. `alarm` says all this in
-one line; monitoring goes on in every case.
+The reader thread hands over every chunk and goes on; it never waits, and it wakes nobody. The
+writer thread takes what has come and closes an MCAP chunk twice a second, which bounds what a
+killed process loses, and every few seconds waits for the disk itself, which bounds what a power cut
+loses. When the disk is full, the session goes on in memory for a while and is written as soon as
+there is room again; beyond that, reads are dropped, counted, and their numbers left out so that a
+replay knows of the hole. `alarm` says all this in one line; monitoring goes on in every case.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ COMMIT_S = 0.5
 """A killed process is to lose less than a second, on a busy machine too."""
 
 SYNC_S = 5.0
+HURRY_BYTES = 1 << 20
+"""So much makes the writer come early: a source may be faster than any port."""
+
 BACKLOG_BYTES = 32 << 20
 """What may wait in memory for the disk: some six minutes of a device at its fastest."""
 
@@ -91,6 +94,7 @@ class Recorder:
         self._backlog_bytes = backlog_bytes
         self._free_bytes = free_bytes
         self._queue: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._hurry = threading.Event()
         self._lock = threading.Lock()
         self._queued_bytes = 0
         self._missed_reads = 0
@@ -117,8 +121,11 @@ class Recorder:
                 self._missed_reads += 1
                 return
             self._queued_bytes += size
+            hurry = self._queued_bytes >= HURRY_BYTES
             missed, self._missed_reads = self._missed_reads, 0
         self._put(lambda: self._take(chunk, missed))
+        if hurry and not self._hurry.is_set():
+            self._hurry.set()
 
     def tx(self, data: bytes, host_ns: int) -> None:
         """Keep what was written to the device."""
@@ -141,6 +148,7 @@ class Recorder:
     def close(self, timeout_s: float = 30.0) -> None:
         """Write what waits, and the index; give a disk that hangs this long and no longer."""
         self._queue.put(None)
+        self._hurry.set()
         self._thread.join(timeout_s)
         if self._thread.is_alive():
             self._raise_alarm(f"{self.path}: the disk does not answer; the end is not written")
@@ -162,11 +170,10 @@ class Recorder:
         next_commit = time.monotonic() + self._commit_s
         next_sync = time.monotonic() + self._sync_s
         while True:
-            try:
-                task = self._queue.get(timeout=max(next_commit - time.monotonic(), 0.0))
-            except queue.Empty:
-                pass
-            else:
+            self._hurry.wait(max(next_commit - time.monotonic(), 0.0))
+            self._hurry.clear()
+            for _ in range(self._queue.qsize()):
+                task = self._queue.get()
                 if task is None:
                     self._finish()
                     return

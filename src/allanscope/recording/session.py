@@ -127,8 +127,10 @@ class SessionWriter:
         self._add(EVENTS, json.dumps(dict(fields)).encode(), host_ns)
 
     def chunk(self, chunk: Chunk) -> None:
-        """Add what one read of a source brought: an event of the link, bytes, or both."""
-        if chunk.event and chunk.event != "end":
+        """Add what one read of a source brought: an event of the link, a mark, bytes, or both."""
+        if chunk.event == "mark":
+            self.event({"kind": "mark", "text": chunk.text}, chunk.host_ns)
+        elif chunk.event and chunk.event != "end":
             self.event({"kind": "link", "event": chunk.event}, chunk.host_ns)
         if chunk.data:
             self.rx(chunk.data, chunk.host_ns)

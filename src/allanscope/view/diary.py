@@ -1,7 +1,13 @@
-"""What is new since the last result: an effect found, an effect gone, a coefficient known."""
+"""What is new since the last result: an effect found, an effect gone, a coefficient known.
+
+A remark is the same one while its words are; its numbers may change with every result (how many
+samples were saturated so far), and are only told again when one of them has grown to ten times
+what was told. The exact number of the moment is in the result and in the report.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,6 +21,9 @@ Entry = tuple[Level, str]
 
 _TOLD = ("N", "B", "K")
 
+_NUMBER = re.compile(r"\d+(?: \d{3})*(?:\.\d+)?")
+_GROWN = 10.0
+
 
 @dataclass(slots=True)
 class Diary:
@@ -22,7 +31,7 @@ class Diary:
 
     _effects: dict[tuple[str, str], str] = field(default_factory=dict)
     _coefficients: set[tuple[str, str]] = field(default_factory=set)
-    _remarks: set[str] = field(default_factory=set)
+    _remarks: dict[str, list[float]] = field(default_factory=dict)
 
     def news(self, analysis: Analysis) -> list[Entry]:
         """Return what this result says that the last one did not.
@@ -69,6 +78,16 @@ class Diary:
         remarks = [*analysis.remarks]
         for name, axis in analysis.axes.items():
             remarks += [f"{name}: {remark}" for remark in axis.remarks]
-        fresh = [remark for remark in remarks if remark not in self._remarks]
-        self._remarks.update(fresh)
-        return [("warn", remark) for remark in fresh]
+        return [("warn", remark) for remark in remarks if self._is_new(remark)]
+
+    def _is_new(self, remark: str) -> bool:
+        """Tell whether to say a remark; if so, remember its numbers."""
+        words = _NUMBER.sub("#", remark)
+        numbers = [float(found.replace(" ", "")) for found in _NUMBER.findall(remark)]
+        told = self._remarks.get(words)
+        if told is not None and all(
+            now < _GROWN * max(then, 1.0) for now, then in zip(numbers, told, strict=True)
+        ):
+            return False
+        self._remarks[words] = numbers
+        return True

@@ -182,7 +182,8 @@ class TerminalView:
         self._console.quiet = True
 
     def _mark(self) -> None:
-        self._marks += 1
+        earlier = len(self._latest.marks) if self._latest is not None else 0
+        self._marks = max(self._marks, earlier) + 1  # a session that was taken up has some already
         if self._on_mark is not None:
             self._on_mark(f"mark {self._marks}")
 

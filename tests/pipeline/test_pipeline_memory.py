@@ -1,0 +1,65 @@
+"""What is let go of at the start: free memory and library pages, and nothing that was changed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from allanscope.pipeline.memory import _unchanged_libraries
+
+SMAPS = """\
+00400000-00500000 r-xp 00000000 fe:00 1    /usr/bin/python3
+Rss:                1024 kB
+Anonymous:             0 kB
+7f0000000000-7f0000200000 r-xp 00000000 fe:00 2    /usr/lib/libLLVM.so
+Rss:                1024 kB
+Anonymous:             0 kB
+7f0000200000-7f0000300000 r--p 00200000 fe:00 2    /usr/lib/libLLVM.so
+Rss:                1024 kB
+Anonymous:            64 kB
+7f0000300000-7f0000400000 rw-p 00300000 fe:00 2    /usr/lib/libLLVM.so
+Rss:                1024 kB
+Anonymous:             0 kB
+7f0000400000-7f0000500000 rw-p 00000000 00:00 0
+Rss:                1024 kB
+Anonymous:             0 kB
+7f0000500000-7f0000600000 r--p 00000000 fe:00 3    /usr/lib/a name with spaces.so.1
+Rss:                1024 kB
+Anonymous:             0 kB
+"""
+
+PROGRAM = """
+import numpy as np
+import scipy.linalg
+from allanscope.pipeline.memory import give_large_blocks_back, let_go_of_the_start
+
+def resident(which):
+    text = open("/proc/self/status").read()
+    return int(text.partition(f"{which}:")[2].split()[0])
+
+give_large_blocks_back()
+data = np.random.default_rng(1).standard_normal((64, 64))
+before, known = resident("RssFile"), scipy.linalg.inv(data)
+let_go_of_the_start()
+after = resident("RssFile")
+assert after < before / 2, (before, after)
+assert np.array_equal(scipy.linalg.inv(data), known)
+heap = resident("RssAnon")
+blocks = [np.ones(1 << 17) for _ in range(40)]
+kept = blocks[1::2]
+del blocks
+assert resident("RssAnon") - heap < 26 << 10, "each of a megabyte that was freed is given back"
+"""
+
+
+def test_only_libraries_of_which_no_page_was_changed_are_let_go(tmp_path: Path) -> None:
+    (tmp_path / "smaps").write_text(SMAPS)
+    assert list(_unchanged_libraries(tmp_path / "smaps")) == [(0x7F0000000000, 0x200000)]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux is told")
+def test_memory_goes_down_and_the_libraries_go_on_working() -> None:
+    subprocess.run([sys.executable, "-c", PROGRAM], check=True)

@@ -9,14 +9,18 @@ left out.
 
 import doctest
 import importlib.util
+import json
 import re
 import shlex
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
 from allanscope.__main__ import main
+from allanscope.allan.estimators import REGISTRY
 from allanscope.cli import parser
+from allanscope.wire import formats
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
@@ -145,6 +149,31 @@ def test_the_readme_names_every_command():
     text = (ROOT / "README.md").read_text("utf-8") + (ROOT / "docs/tutorial.md").read_text("utf-8")
     for name in commands.choices:
         assert f"allanscope {name}" in text, name
+
+
+def test_the_help_names_every_wire_format(capsys):
+    with pytest.raises(SystemExit):
+        main(["device", "--help"])
+    text = capsys.readouterr().out
+    for name in formats():
+        assert re.search(rf"[ \n]{name}[, \n]", text), name
+
+
+def test_the_table_of_effects_has_every_kind():
+    schema = json.loads(files("allanscope.analysis").joinpath("result.schema.json").read_text())
+    page = (ROOT / "docs" / "reference" / "json.md").read_text("utf-8")
+    table = page[page.index("## Effects") :]
+    assert re.findall(r"^\| `(\w+)` \|", table, re.M) == sorted(
+        schema["$defs"]["effect"]["properties"]["kind"]["enum"], key=table.index
+    )
+
+
+def test_the_pages_name_every_estimator():
+    reference = (ROOT / "docs" / "reference" / "python.md").read_text("utf-8")
+    explained = (ROOT / "docs" / "explanation" / "estimators.md").read_text("utf-8")
+    for name in REGISTRY:
+        assert re.search(rf"\b{name}\b", reference), name
+        assert f"`{name}`" in explained, name
 
 
 def test_decisions_are_all_listed():

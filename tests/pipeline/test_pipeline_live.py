@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 from functools import partial
 from pathlib import Path
@@ -20,16 +19,8 @@ from allanscope.samples import Block
 from allanscope.wire.base import WireSettings
 
 
-def run(*arguments, code=0):
-    """Run the command line in a process of its own and return what it printed."""
-    command = [sys.executable, "-m", "allanscope", *map(str, arguments)]
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
-    assert ran.returncode == code, ran.stderr
-    return ran
-
-
 @pytest.fixture(scope="module")
-def session(tmp_path_factory):
+def session(run, tmp_path_factory):
     """Return the folder and the printed result of a short live session."""
     folder = tmp_path_factory.mktemp("live") / "session"
     ran = run("live", "sim", "--for", "8s", "--view", "none", "--out", folder, "--json")
@@ -114,7 +105,7 @@ def test_the_viewers_file_of_a_live_run_shows_the_values_of_its_result(session):
     assert errors == [result["link"][name] for name in ("crc_errors", "resyncs", "reconnects")]
 
 
-def test_replay_gives_the_same_curves_bit_for_bit(session):
+def test_replay_gives_the_same_curves_bit_for_bit(run, session):
     folder, result = session
     again = json.loads(run("replay", folder, "--view", "none", "--json").stdout)
     for name, axis in result["axes"].items():
@@ -122,7 +113,7 @@ def test_replay_gives_the_same_curves_bit_for_bit(session):
     assert again["rate"] == result["rate"]
 
 
-def test_analyse_gives_the_same_curves_and_a_report(session, tmp_path):
+def test_analyse_gives_the_same_curves_and_a_report(run, session, tmp_path):
     folder, result = session
     report = tmp_path / "report.html"
     ran = run("analyse", folder / "session.mcap", "--json", "-", "--report", report)
@@ -135,7 +126,7 @@ def test_analyse_gives_the_same_curves_and_a_report(session, tmp_path):
     assert text.count("<svg") > 12
 
 
-def test_an_export_is_read_back_with_the_same_counts(session, tmp_path):
+def test_an_export_is_read_back_with_the_same_counts(run, session, tmp_path):
     folder, result = session
     told = run("export", folder, tmp_path / "out.csv").stdout
     assert f"{result['samples']} samples" in told
@@ -144,7 +135,7 @@ def test_an_export_is_read_back_with_the_same_counts(session, tmp_path):
 
 
 @pytest.mark.parametrize("wire", ["tmsg", "datalog"])
-def test_stock_firmware_is_started_recognised_and_recorded(wire, tmp_path):
+def test_stock_firmware_is_started_recognised_and_recorded(run, wire, tmp_path):
     out = tmp_path / "session"
     ran = run(
         "live", "sim", "--wire", wire, "--for", "4s", "--view", "none", "--out", out, "--json"
@@ -165,7 +156,7 @@ def test_stock_firmware_is_started_recognised_and_recorded(wire, tmp_path):
     ],
 )
 def test_bad_input_is_one_clear_line_and_leaves_nothing(
-    arguments, code, word, tmp_path, monkeypatch
+    run, arguments, code, word, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     noise = np.random.default_rng(1).integers(0, 256, 300_000).astype(np.uint8)

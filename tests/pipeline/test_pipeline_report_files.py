@@ -1,21 +1,12 @@
 """Reports by command: one session or several, figures as files, and what goes wrong in one line."""
 
 import re
-import subprocess
-import sys
 
 import pytest
 
 from allanscope.cli import parser
 from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
 from allanscope.pipeline.simulate import simulate_recording
-
-
-def run(*arguments, code=0):
-    command = [sys.executable, "-m", "allanscope", *map(str, arguments)]
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
-    assert ran.returncode == code, ran.stderr
-    return ran
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +20,7 @@ def units(tmp_path_factory):
     return folder
 
 
-def test_two_sessions_are_compared_with_figures_as_files(units, tmp_path):
+def test_two_sessions_are_compared_with_figures_as_files(run, units, tmp_path):
     first, second = units / "unit 1" / "night.mcap", units / "unit 2" / "night.mcap"
     page, figures = tmp_path / "both.html", tmp_path / "figures"
     ran = run("report", first, second, "--out", page, "--figures", figures, "--quiet")
@@ -46,7 +37,7 @@ def test_two_sessions_are_compared_with_figures_as_files(units, tmp_path):
     )
 
 
-def test_one_session_twice_is_no_comparison(units, tmp_path):
+def test_one_session_twice_is_no_comparison(run, units, tmp_path):
     path = units / "unit 1" / "night.mcap"
     ran = run("report", path, path, "--out", tmp_path / "page.html", code=2)
     assert ran.stderr.strip().count("\n") == 0
@@ -54,7 +45,7 @@ def test_one_session_twice_is_no_comparison(units, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_figures_that_cannot_be_written_are_one_clear_line(units, tmp_path):
+def test_figures_that_cannot_be_written_are_one_clear_line(run, units, tmp_path):
     (tmp_path / "taken").write_text("a file, no folder")
     arguments = ("analyse", units / "unit 1" / "night.mcap", "--figures", tmp_path / "taken")
     ran = run(*arguments, "--quiet", code=2)

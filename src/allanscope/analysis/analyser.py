@@ -31,6 +31,8 @@ class AnalyserSettings:
         Rows of block means that are kept: live runs keep fewer than an analysis to the end.
     gathered_rows : int
         Rows that are summed up at a time; the more, the better two cores share the work.
+    threads : int
+        Axes that the closed loop works on at a time.
     """
 
     part: str = ""
@@ -38,6 +40,7 @@ class AnalyserSettings:
     level: float = 0.95
     history_rows: int = 1 << 18
     gathered_rows: int = 1 << 13
+    threads: int = 2
 
 
 class Analyser:

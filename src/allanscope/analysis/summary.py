@@ -147,7 +147,7 @@ def _axes(
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
     curves = _curves(state, depth, rate_hz, settings.level)
-    loop = _loop(look) if depth == "full" else known
+    loop = _loop(look, settings.threads) if depth == "full" else known
     return {
         name: _axis(
             state,
@@ -177,10 +177,16 @@ def _curves(
     return out
 
 
-def _loop(look: Look) -> Explanation | None:
+def _loop(look: Look, threads: int) -> Explanation | None:
     if len(look.record.values) < FEWEST_ROWS:
         return None
-    return explain(look.record, look.densities, nominal_hz=look.nominal_hz, rate_fit=look.rate_fit)
+    return explain(
+        look.record,
+        look.densities,
+        nominal_hz=look.nominal_hz,
+        rate_fit=look.rate_fit,
+        threads=threads,
+    )
 
 
 def _axis(

@@ -34,7 +34,8 @@ __all__ = ["Explanation", "explain"]
 Array = NDArray[np.float64]
 
 _NOTHING = ResidualError(*[float("nan")] * 5)
-_THREADS = 2
+THREADS = 2
+"""Axes that are worked on at a time: much of the loop holds the interpreter's lock."""
 _ACCEPTED_P = 0.01
 
 
@@ -75,6 +76,7 @@ def explain(
     part: str = "",
     seed: int = 0,
     budget: Budget | None = None,
+    threads: int = THREADS,
 ) -> Explanation:
     """Close the loop on every axis of a record.
 
@@ -95,6 +97,8 @@ def explain(
         Nothing in the loop is random or depends on the part; kept for callers' records.
     budget : Budget, optional
         How far to go.
+    threads : int
+        Axes that are worked on at a time; the result does not depend on it.
 
     Returns
     -------
@@ -112,7 +116,7 @@ def explain(
     open_axes = [axis for axis in series.axes if not stopped[axis]]
     if open_axes:
         _ = series.thermal, series.ordinates, series.equal  # shared by the threads: filled once
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         views = dict(
             zip(
                 open_axes,

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
+from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.summary import summarise
 from allanscope.errors import AllanscopeError, InputError
 from allanscope.fleet.outcome import Outcome, packed
 from allanscope.fleet.places import Place
-from allanscope.pipeline.analyse import FULL_ROWS, recorded_settings
+from allanscope.pipeline.analyse import full_settings, recorded_settings
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Fingerprint, Recording
@@ -63,8 +63,8 @@ def fingerprint_place(place: Place) -> Outcome:
 
 
 def new_analyser(settings: DeviceSettings) -> Analyser:
-    """Return an analyser that remembers as much as that of a single run."""
-    return Analyser(AnalyserSettings(part=settings.part, history_rows=FULL_ROWS))
+    """Return the analyser of a single run, on one core: the other workers have the others."""
+    return Analyser(full_settings(settings.part, one_thread=True))
 
 
 def outcome_of(

@@ -15,7 +15,7 @@ from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Fingerprint, Recording, is_recording
 from allanscope.view.progress import progress
 
-__all__ = ["FULL_ROWS", "analyse_input", "recorded_settings"]
+__all__ = ["analyse_input", "full_settings", "recorded_settings"]
 
 FULL_ROWS = 1 << 21
 """Rows of history that an analysis to the end keeps: 5.6 h at 104 Hz sample by sample."""
@@ -51,9 +51,7 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     if not quiet:
         tell_when_compiling()
     decoding = Decoding(device.for_wire(), device.wire)
-    analyser = Analyser(
-        AnalyserSettings(device.part, history_rows=FULL_ROWS, gathered_rows=FULL_GATHERED)
-    )
+    analyser = Analyser(full_settings(device.part))
     analysed(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
     if analyser.state is None or not analyser.state.samples:
         why = analyser.errors[0] if analyser.errors else "nothing to analyse"
@@ -64,6 +62,21 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
         facts["sha256"] = fingerprint.hexdigest()
     with progress(None, "closing the loop", quiet=quiet):
         return summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
+
+
+def full_settings(part: str, one_thread: bool = False) -> AnalyserSettings:
+    """Return how an analysis to the end is made, whatever its samples come from.
+
+    Parameters
+    ----------
+    part : str
+        The part, when the user named one.
+    one_thread : bool
+        Stay on one core, for whoever has other work for the others; the result is the same.
+    """
+    if one_thread:
+        return AnalyserSettings(part, history_rows=FULL_ROWS, threads=1)
+    return AnalyserSettings(part, history_rows=FULL_ROWS, gathered_rows=FULL_GATHERED)
 
 
 def _refuse_without_rate(path: Path, analyser: Analyser) -> None:

@@ -10,10 +10,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
+from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.summary import summarise
-from allanscope.pipeline.analyse import FULL_ROWS, analyse_input
+from allanscope.pipeline.analyse import analyse_input, full_settings
 from allanscope.pipeline.arrays import events_of_columns, words_of
 from allanscope.pipeline.columns import (
     Columns,
@@ -109,7 +109,7 @@ def analyse(
 
 
 def _analyse_columns(columns: Columns, device: DeviceSettings) -> Analysis:
-    analyser = Analyser(AnalyserSettings(part=device.part, history_rows=FULL_ROWS))
+    analyser = Analyser(full_settings(device.part))
     for event in events_of_columns(columns, device):
         analyser.take(event)
     state = analyser.state

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FEWEST_UNITS", "Outlier", "far_units"]
+__all__ = ["FALSE_ALARMS", "FEWEST_UNITS", "Outlier", "far_units"]
 
 Floats = NDArray[np.float64]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
@@ -10,14 +11,15 @@ from typing import Any
 import numpy as np
 
 from allanscope.fleet.drift import Drift, drifts_of
-from allanscope.fleet.judgement import NAMES, findings, lot_verdict
+from allanscope.fleet.judgement import NAMES, Finding, findings, lot_verdict, reservations
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.pictures import distribution_picture, history_picture
 from allanscope.fleet.replicates import Replication, replications
 from allanscope.fleet.shared import SharedEffect, effects_in, shared_effects
 from allanscope.fleet.spread import Spread, log_sigma, spread_of
-from allanscope.quantities import COEFFICIENTS, LEVEL, duration, number, symbols
+from allanscope.quantities import COEFFICIENTS, LEVEL, compact, duration, number, symbols
 from allanscope.report.page import template
+from allanscope.samples import AXES
 
 __all__ = ["render_lot"]
 
@@ -45,11 +47,14 @@ def render_lot(lot: Lot, failures: Mapping[str, str]) -> str:
         title=f"Lot of {len(units)} units",
         subtitle=_subtitle(lot),
         verdict=lot_verdict(lot, named, shared, failures),
-        sensors=[_sensor(lot, unit) for unit in _SENSORS if (lot["sensor_unit"] == unit).any()],
-        outliers=[{"unit": f.unit, "axis": f.axis, "reason": f.reason} for f in named[:MOST_ROWS]],
+        sensors=[
+            _sensor(lot, unit, named) for unit in _SENSORS if (lot["sensor_unit"] == unit).any()
+        ],
+        outliers=named[:MOST_ROWS],
+        reservations=reservations(lot)[:MOST_ROWS],
         shared=[_shared(one, len(units)) for one in shared[:MOST_ROWS]],
-        replicates=[_replicate(one) for one in replications(lot, effects)[:MOST_ROWS]],
-        drifts=[_drift(lot, one) for one in drifts_of(lot)],
+        replicates=_replicates(replications(lot, effects)),
+        drifts=_drifts(lot),
         repeated=_repeated(lot),
         units=[_unit(lot, unit) for unit in units[:MOST_ROWS].tolist()],
         failures=sorted(failures.values()),
@@ -71,12 +76,12 @@ def _repeated(lot: Lot) -> int:
     return int(np.count_nonzero(runs > 1))
 
 
-def _sensor(lot: Lot, sensor_unit: str) -> dict[str, Any]:
+def _sensor(lot: Lot, sensor_unit: str, named: list[Finding]) -> dict[str, Any]:
     here = lot.where(lot["sensor_unit"] == sensor_unit)
     history = history_picture(lot, sensor_unit)
     return {
         "name": _SENSORS[sensor_unit],
-        "svg": distribution_picture(lot, sensor_unit).svg(),
+        "svg": distribution_picture(lot, sensor_unit, named).svg(),
         "history": history.svg() if history is not None else "",
         "rows": [_row(here.of_axis(axis), axis, name) for axis in here.axes for name in NAMES],
         "datasheet": _datasheet(here),
@@ -98,11 +103,12 @@ def _row(lot: Lot, axis: str, name: str) -> dict[str, str]:
 
 def _spread_cells(spread: Spread | None, factor: float) -> dict[str, str]:
     if spread is None:
-        return dict.fromkeys(("median", "range", "between", "within", "sampling"), "–")
+        return dict.fromkeys(("median", "range", "between", "alike", "within", "sampling"), "–")
     return {
         "median": number(spread.median * factor),
         "range": f"{number(spread.low * factor)} … {number(spread.high * factor)}",
         "between": _percent(spread.between),
+        "alike": _probability(spread.p_alike),
         "within": _percent(spread.within),
         "sampling": _percent(spread.sampling),
     }
@@ -128,35 +134,61 @@ def _shared(one: SharedEffect, units: int) -> dict[str, str]:
     }
 
 
-def _replicate(one: Replication) -> dict[str, str]:
-    if not one.replicated:
-        verdict = "not found again"
-    else:
-        verdict = "replicated" if one.agree else "found again, of another size"
+def _replicates(found: list[Replication]) -> dict[str, Any]:
+    """Return what was held against other runs, first what was not found there again.
+
+    An effect that shows on several axes of a unit in the same way has one row.
+    """
+    rows: dict[tuple[str, ...], list[str]] = defaultdict(list)
+    for one in sorted(found, key=lambda one: (one.replicated, one.agree is True)):
+        kind, times = one.kind.replace("_", " "), f"{one.found} of {one.runs} runs"
+        rows[one.unit, kind, _hertz(one.frequency_hz), times, _again(one)].append(one.axis)
     return {
-        "unit": one.unit,
-        "axis": one.axis,
-        "kind": one.kind.replace("_", " "),
-        "frequency": _hertz(one.frequency_hz),
-        "found": f"{one.found} of {one.runs} runs",
-        "verdict": verdict,
+        "again": sum(one.replicated for one in found),
+        "all": len(found),
+        "rows": [
+            {
+                "unit": unit,
+                "axes": ", ".join(axis for axis in AXES if axis in axes),
+                "kind": kind,
+                "frequency": frequency,
+                "found": times,
+                "verdict": verdict,
+            }
+            for (unit, kind, frequency, times, verdict), axes in list(rows.items())[:MOST_ROWS]
+        ],
     }
 
 
-def _drift(lot: Lot, one: Drift) -> dict[str, str]:
-    per = {"date": "day", "temperature": "°C"}[one.on]
+def _again(one: Replication) -> str:
+    if not one.replicated:
+        return "not found again"
+    return "replicated" if one.agree else "found again, of another size"
+
+
+def _drifts(lot: Lot) -> list[dict[str, Any]]:
+    """Return a row for each axis and quantity, with its slopes over date and temperature."""
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for one in drifts_of(lot):
+        row = rows.setdefault(
+            (one.axis, one.quantity),
+            {"axis": one.axis, "quantity": one.quantity, "runs": one.runs, "seen": []}
+            | dict.fromkeys(("date", "temperature"), "–"),
+        )
+        row[one.on] = _slope(lot, one)
+        if one.is_seen:
+            row["seen"].append(one.on)
+    return list(rows.values())
+
+
+def _slope(lot: Lot, one: Drift) -> str:
+    """Return a slope with its interval: of a coefficient in per cent, of a level in its unit."""
+    factor, unit = 100.0, "%"
     if one.quantity == "level":
         reading = LEVEL[lot.of_axis(one.axis)["sensor_unit"][0]]
-        slope, error, unit = one.slope * reading.factor, one.error * reading.factor, reading.unit
-    else:
-        slope, error, unit = 100.0 * one.slope, 100.0 * one.error, "%"
-    return {
-        "axis": one.axis,
-        "quantity": one.quantity,
-        "slope": f"{number(slope)} ± {number(error, 2)} {symbols(unit)} per {per}",
-        "runs": str(one.runs),
-        "seen": "differs from zero" if one.is_seen else "",
-    }
+        factor, unit = reading.factor, symbols(reading.unit)
+    slope, error = factor * one.slope, factor * one.error
+    return f"{symbols(compact(slope, slope - error, slope + error))} {unit}"
 
 
 def _unit(lot: Lot, unit: str) -> dict[str, str]:
@@ -181,6 +213,10 @@ def _nan_range(values: Any) -> tuple[float, float]:
 
 def _percent(share: float) -> str:
     return f"{number(100.0 * share, 2)} %" if math.isfinite(share) else "–"
+
+
+def _probability(p: float) -> str:
+    return "–" if math.isnan(p) else "< 0.001" if p < 1e-3 else number(p, 2)
 
 
 def _hertz(frequency: float) -> str:

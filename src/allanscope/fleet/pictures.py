@@ -1,28 +1,45 @@
-"""The pictures of a lot: each unit a dot, so that nothing hides in a mean."""
+"""The pictures of a lot: each run a dot, so that nothing hides in a mean."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
-from allanscope.fleet.drift import started_days
+from allanscope.fleet.drift import LEAST, started_days
+from allanscope.fleet.judgement import Finding
 from allanscope.fleet.lot import Lot
 from allanscope.quantities import COEFFICIENTS, symbols
 from allanscope.report.picture import DATASHEET, MEASURED, MODEL, Picture, ink
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 __all__ = ["distribution_picture", "history_picture"]
+
+Floats = NDArray[np.float64]
 
 MOST_DOTS = 1000
 """For each axis; the quantiles of a larger lot look the same."""
 
-_HALF_WIDTH = 0.3
-_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+_HALF_WIDTH = 0.36
+_FEW_UNITS = 40
+"""So many have room for a line through the runs of each."""
+_FEW_DECADES = 10.0
 
 
-def distribution_picture(lot: Lot, sensor_unit: str) -> Picture:
-    """Return N, B and K of all axes of one sensor; a bar is the median, a line the datasheet."""
+def distribution_picture(lot: Lot, sensor_unit: str, named: Sequence[Finding] = ()) -> Picture:
+    """Return N, B and K of all axes of one sensor; a bar is the median, a line the datasheet.
+
+    Units have the same place from left to right at every axis, so that repeats of one stand above
+    each other: spread along a column is that of repeats, spread among columns that of units.
+    """
     axes = [axis for axis in lot.axes if lot.of_axis(axis)["sensor_unit"][0] == sensor_unit]
+    units = np.unique(lot.units)
 
     def draw(figure: Figure) -> None:
         for name, ax in zip("NBK", figure.subplots(1, 3), strict=True):
@@ -31,57 +48,107 @@ def distribution_picture(lot: Lot, sensor_unit: str) -> Picture:
                 here = lot.of_axis(axis).detected(name)
                 values = here[f"{name}_value"] * reading.factor
                 if len(values):
-                    dots = _quantiles(values)
-                    shift = _HALF_WIDTH * (2.0 * _scattered(len(dots)) - 1.0)
-                    ax.plot(at + shift, dots, "o", ms=2.5, alpha=0.6, c=MEASURED)
-                    ax.plot([at - 0.4, at + 0.4], [np.median(values)] * 2, c=MODEL, lw=1.6)
+                    where = at + _places(here, units)
+                    _dots(ax, at, where, values)
+                    _names(ax, where, values, here, _named(named, axis, name))
                 limit = lot.of_axis(axis)["datasheet_limit"]
                 if name == "N" and np.isfinite(limit).any():
                     two_sided = np.nanmedian(limit) / np.sqrt(2.0) * reading.factor
                     ax.plot([at - 0.45, at + 0.45], [two_sided] * 2, "-.", c=DATASHEET, lw=1.4)
-            if ax.has_data():
-                ax.set_yscale("log")
-            else:
-                ax.set_yticks([])
-                ax.text(0.5, 0.5, "not seen", ha="center", transform=ax.transAxes)
+            _scale(ax)
             ax.set_xticks(range(len(axes)), axes)
             ax.set_xlim(-0.6, len(axes) - 0.4)
+            ax.grid(visible=False, axis="x")
             ax.set_title(f"{name} ({symbols(reading.unit)})", fontsize=9, color=ink())
-            ax.grid(which="both", axis="y", alpha=0.2)
 
     return Picture(draw, height=3.0)
 
 
 def history_picture(lot: Lot, sensor_unit: str) -> Picture | None:
-    """Return N of every run over its date, less the median of its axis; None for a single day."""
-    days = started_days(lot)
-    here = lot.where((lot["sensor_unit"] == sensor_unit) & np.isfinite(days)).detected("N")
-    when = started_days(here)
-    if len(here) == 0 or np.ptp(when) < 1.0:
+    """Return N of every run over date and temperature, against the mean of its unit.
+
+    None where no unit has runs that are far enough apart in either.
+    """
+    here = lot.where(lot["sensor_unit"] == sensor_unit).detected("N")
+    temperature = (here["temperature_lowest"] + here["temperature_highest"]) / 2.0
+    days = started_days(here)
+    over = {
+        "days since the first run": (days - np.nanmin(days, initial=np.inf), LEAST["date"]),
+        "temperature (°C)": (temperature, LEAST["temperature"]),
+    }
+    panels = {
+        label: values
+        for label, (values, least) in over.items()
+        if np.isfinite(values).any() and np.nanmax(values) - np.nanmin(values) >= least
+    }
+    if not panels or len(np.unique(here.units)) == len(set(here["recording"].tolist())):
         return None
+    change = {axis: 100.0 * np.expm1(_against_own(here.of_axis(axis))) for axis in here.axes}
 
     def draw(figure: Figure) -> None:
-        ax = figure.subplots()
-        for axis in here.axes:
-            some = here["axis"] == axis
-            ratio = here["N_value"][some] / np.median(here["N_value"][some])
-            shown = np.linspace(0, len(ratio) - 1, min(len(ratio), MOST_DOTS)).astype(np.int64)
-            days_on = (when[some] - when.min())[shown]
-            ax.plot(days_on, 100.0 * (ratio[shown] - 1.0), "o", ms=3, label=axis)
-        ax.axhline(0.0, c=ink(), lw=0.8)
-        ax.set_xlabel("days since the first run")
-        ax.set_ylabel("N against the median (%)")
-        ax.legend(ncols=3)
+        plots = np.atleast_1d(figure.subplots(1, len(panels), sharey=True))
+        for ax, (label, values) in zip(plots, panels.items(), strict=True):
+            for axis in here.axes:
+                percent = change[axis]
+                shown = np.linspace(0, len(percent) - 1, min(len(percent), MOST_DOTS)).astype(int)
+                where = values[here["axis"] == axis]
+                ax.plot(where[shown], percent[shown], "o", ms=3, alpha=0.7, label=axis)
+            ax.axhline(0.0, c=ink(), lw=0.8)
+            ax.set_xlabel(label)
+        plots[0].set_ylabel("N against its unit (%)")
+        plots[0].legend(ncols=3)
 
     return Picture(draw, height=2.6)
 
 
-def _quantiles(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values, ascending; of very many those that tell their distribution."""
-    ascending = np.sort(values)
-    return ascending[np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(np.int64)]
+def _against_own(lot: Lot) -> Floats:
+    """Return the logarithm of N of each run less the mean of its unit."""
+    logs = np.log(lot["N_value"])
+    _, of, repeats = np.unique(lot.units, return_inverse=True, return_counts=True)
+    return np.asarray(logs - (np.bincount(of, logs) / repeats)[of])
 
 
-def _scattered(count: int) -> NDArray[np.float64]:
-    """Return places between 0 and 1 that are spread evenly, neighbours far from each other."""
-    return np.asarray(np.arange(1, count + 1) * _GOLDEN % 1.0)
+def _places(lot: Lot, units: NDArray[np.str_]) -> Floats:
+    """Return where in the column of an axis each run stands, by the name of its unit."""
+    order = np.searchsorted(units, lot.units)
+    return np.asarray(_HALF_WIDTH * (2.0 * (order + 0.5) / len(units) - 1.0))
+
+
+def _dots(ax: Axes, at: int, where: Floats, values: Floats) -> None:
+    """Draw the runs; of very many those that tell their distribution."""
+    columns = np.unique(where)
+    if len(columns) <= _FEW_UNITS:
+        lowest, highest = (
+            [extreme(values[where == one]) for one in columns] for extreme in (np.min, np.max)
+        )
+        ax.vlines(columns, lowest, highest, colors=MEASURED, lw=1.0, alpha=0.4)
+    ascending = np.argsort(values)
+    shown = ascending[np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(int)]
+    ax.plot(where[shown], values[shown], "o", ms=2.5, alpha=0.6, c=MEASURED)
+    ax.plot([at - 0.42, at + 0.42], [np.median(values)] * 2, c=MODEL, lw=1.6)
+
+
+def _named(named: Sequence[Finding], axis: str, quantity: str) -> list[str]:
+    return [one.unit for one in named if (one.axis, one.quantity) == (axis, quantity)]
+
+
+def _names(ax: Axes, where: Floats, values: Floats, lot: Lot, units: list[str]) -> None:
+    """Write the names of units that stand out beside their dots."""
+    for unit in units:
+        own = lot.units == unit
+        place = (float(where[own][0]), float(np.median(values[own])))
+        ax.annotate(unit, place, (5, 0), textcoords="offset points", va="center", fontsize=7)
+
+
+def _scale(ax: Axes) -> None:
+    """Set a logarithmic scale whose numbers can be read."""
+    if not ax.has_data():
+        ax.set_yticks([])
+        ax.text(0.5, 0.5, "not seen", ha="center", transform=ax.transAxes)
+        return
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    if high < _FEW_DECADES * low:
+        ax.yaxis.set_major_locator(MaxNLocator(5))
+        ax.yaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))

@@ -9,7 +9,8 @@ with variances of u (between units) and e (between repeats) from the mean square
 layout; unequal numbers of repeats enter by n0 = (N - sum n_i^2 / N) / (k - 1) (Searle, Casella and
 McCulloch, Variance Components, 1992, section 3.6). A repeat differs from the one before because the
 unit did, or because a finite record does not tell better: what the intervals of the single runs
-allow is put beside it.
+allow is put beside it. Whether the units differ at all is asked with the ratio of the mean squares,
+which has an F distribution with k - 1 and N - k degrees of freedom where they do not.
 """
 
 from __future__ import annotations
@@ -38,6 +39,9 @@ class Spread:
     between, within : float
         Standard deviation of the logarithm between units and between repeats of one unit; NaN
         where nothing tells: `within` without repeats, `between` with one unit.
+    p_alike : float
+        Probability that repeats of units that are all alike differ by unit as much as these; NaN
+        without repeats.
     sampling : float
         Rms standard error of the logarithm of single runs.
     runs, units : int
@@ -49,6 +53,7 @@ class Spread:
     high: float
     between: float
     within: float
+    p_alike: float
     sampling: float
     runs: int
     units: int
@@ -77,7 +82,7 @@ def spread_of(values: Floats, sigma: Floats, units: Names) -> Spread | None:
         return None
     logs = np.log(values)
     low, median, high = np.percentile(values, [5.0, 50.0, 95.0])
-    between, within = _components(logs, units)
+    between, within, p_alike = _components(logs, units)
     known = sigma[np.isfinite(sigma)]
     sampling = float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
     if np.isnan(within) and np.isfinite(between):
@@ -89,21 +94,25 @@ def spread_of(values: Floats, sigma: Floats, units: Names) -> Spread | None:
         high=float(high),
         between=between,
         within=within,
+        p_alike=p_alike,
         sampling=sampling,
         runs=len(values),
         units=len(np.unique(units)),
     )
 
 
-def _components(logs: Floats, units: Names) -> tuple[float, float]:
-    """Return the standard deviations between and within units."""
+def _components(logs: Floats, units: Names) -> tuple[float, float, float]:
+    """Return the standard deviations between and within units, and how likely they are alike."""
+    from scipy.stats import f
+
     _, of, repeats = np.unique(units, return_inverse=True, return_counts=True)
     means = np.bincount(of, logs) / repeats
     n, k = len(logs), len(repeats)
     within = float(np.sum((logs - means[of]) ** 2)) / (n - k) if n > k else np.nan
     if k < 2:
-        return np.nan, float(np.sqrt(within))
+        return np.nan, float(np.sqrt(within)), np.nan
     mean_square = float(repeats @ (means - logs.mean()) ** 2) / (k - 1)
     each = (n - float(repeats @ repeats) / n) / (k - 1)
     between = (mean_square - np.nan_to_num(within)) / each
-    return float(np.sqrt(max(between, 0.0))), float(np.sqrt(within))
+    p_alike = float(f.sf(mean_square / within, k - 1, n - k)) if within > 0.0 else np.nan
+    return float(np.sqrt(max(between, 0.0))), float(np.sqrt(within)), p_alike

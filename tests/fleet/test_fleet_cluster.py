@@ -1,4 +1,4 @@
-"""An existing cluster: killed workers, remote files, results that are known under another name."""
+"""An existing cluster: killed workers, rot among many files, results known under another name."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from distributed import Client, LocalCluster
 
 from allanscope.errors import UsageError
 from allanscope.fleet import FleetResult, FleetSettings, run_fleet
-from allanscope.fleet.cluster import connected
+from allanscope.fleet.cluster import connected, local_cluster
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import find_places
+from allanscope.fleet.run import TASKS_PER_WORKER
 from allanscope.fleet.split import submit_split
 from allanscope.fleet.work import analyse_place
 from allanscope.pipeline.settings import DeviceSettings
@@ -30,13 +31,7 @@ DEVICE = DeviceSettings()
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[LocalCluster]:
-    with LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",
-        silence_logs=50,
-    ) as one:
+    with local_cluster(2) as one:
         yield one
 
 
@@ -78,6 +73,27 @@ def test_what_is_done_is_not_done_again(cluster: LocalCluster, lot: Path, tmp_pa
     again = fleet(cluster, out, mine)
     assert (again.done, len(again.keys)) == (0, 3)
     assert again.keys[str(mine / "again.mcap")] == again.keys[str(mine / "a.mcap")]
+
+
+def test_one_rotten_file_among_fifty_is_named_and_the_rest_goes_on(
+    cluster: LocalCluster, lot: Path, tmp_path: Path
+) -> None:
+    mine = tmp_path / "lot"
+    for number in range(49):
+        shutil.copytree(lot / "one", mine / f"unit-{number:02d}", ignore=lambda *_: ["b.mcap"])
+    shutil.copy(lot / "two" / "bad.mcap", bad := mine / "unit-20" / "bad.mcap")
+    result = fleet(cluster, tmp_path / "out", mine)
+    assert result.failures == {str(bad): f"no recording: {bad} is not an MCAP file"}
+    assert (len(result.keys), result.left) == (49, 0)
+    # Copies are known by their content: only those that were handed out before the first result.
+    assert 1 <= result.done <= 2 * TASKS_PER_WORKER
+
+
+def test_workers_clear_no_pages_for_every_array(cluster: LocalCluster) -> None:
+    with Client(cluster.scheduler_address, set_as_default=False) as client:
+        for environment in client.run(lambda: dict(os.environ)).values():
+            assert "MALLOC_TRIM_THRESHOLD_" not in environment
+            assert environment["OMP_NUM_THREADS"] == "1"
 
 
 def test_a_recording_in_parts_is_the_recording(cluster: LocalCluster, lot: Path) -> None:

@@ -7,19 +7,22 @@ import json
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import fsspec
+import numpy as np
 import pytest
+from fsspec.implementations.local import LocalFileSystem
+from fsspec.spec import AbstractBufferedFile
 
 from allanscope.errors import UsageError
+from allanscope.fleet.desk import Desk
 from allanscope.fleet.outcome import Outcome
-from allanscope.fleet.places import READ_AHEAD_BYTES, RemotePath, find_places
-from allanscope.fleet.run import _Desk
+from allanscope.fleet.places import READ_AHEAD_BYTES, find_places
 from allanscope.fleet.store import Store
 from allanscope.fleet.work import analyse_place, fingerprint_place
 from allanscope.pipeline.settings import DeviceSettings
-from allanscope.recording import Recording
+from allanscope.recording import Chunk, Recording, write_recording
 
 DEVICE = DeviceSettings()
 
@@ -65,15 +68,39 @@ def test_a_remote_session_of_several_files_is_one(
     assert list(remote.chunks()) == list(Recording(first).chunks())
 
 
-def test_a_remote_file_is_read_by_pieces(memory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[dict[str, Any]] = []
-    put(memory, "a.mcap", b"x" * 100)
-    monkeypatch.setattr(
-        fsspec, "open", lambda *args, **options: asked.append(options) or fsspec.core.open(*args)
-    )
-    with RemotePath("memory://bench/a.mcap").open() as file:
-        assert file.read(3) == b"xxx"
-    assert asked == [{"block_size": READ_AHEAD_BYTES}]
+class CountedFile(AbstractBufferedFile):
+    """A remote file that notes how much is asked of the other side at a time."""
+
+    asked: ClassVar[list[int]] = []
+
+    def _fetch_range(self, start: int, end: int) -> bytes:
+        self.asked.append(end - start)
+        with Path(self.path).open("rb") as file:
+            file.seek(start)
+            return file.read(end - start)
+
+
+class CountedFiles(LocalFileSystem):
+    """A far folder: its files come by ranges, as over HTTP."""
+
+    protocol = "counted"
+
+    def _open(self, path: str, mode: str = "rb", block_size: int = 0, **options: Any) -> Any:
+        return CountedFile(self, path, mode, block_size, **options)
+
+
+def test_a_remote_file_is_read_by_pieces(tmp_path: Path) -> None:
+    fsspec.register_implementation("counted", CountedFiles, clobber=True)
+    rng = np.random.default_rng(1)
+    chunks = [Chunk(1 + n, rng.bytes(20_000)) for n in range(1000)]
+    size = write_recording(tmp_path / "a.mcap", chunks, {"wire": "native"}).stat().st_size
+    [place] = find_places([f"counted://{tmp_path}/*.mcap"])
+    assert place.url == f"counted://{tmp_path}/a.mcap"
+    CountedFile.asked.clear()
+    assert sum(1 for _ in Recording(place.open_path()).chunks()) == len(chunks)
+    a_chunk = 4 << 20
+    assert max(CountedFile.asked) < a_chunk + 2 * READ_AHEAD_BYTES < size / 3
+    assert sum(CountedFile.asked) < 2.5 * size
 
 
 def test_a_remote_file_that_is_gone_is_one_line(memory: Any) -> None:
@@ -106,7 +133,7 @@ def test_numbered_files_of_another_session_stand_alone(
         "session-007.mcap",
     ]
     store = Store(tmp_path / "out", DEVICE)
-    desk = _Desk(store, [place])
+    desk = Desk(store, [place])
     desk.todo.clear()
     mine = ("session.mcap", "session-001.mcap", "session-002.mcap")
     assert desk.take(place, Outcome(place.url, "00", mine, b"result"))

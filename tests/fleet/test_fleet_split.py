@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from distributed import Client, Future, LocalCluster
 
-from allanscope.fleet import split
-from allanscope.fleet.places import find_places
-from allanscope.fleet.split import Survey, join, sum_part, survey
+from allanscope.fleet import FleetSettings, desk, run_fleet, split
+from allanscope.fleet.places import Place, find_places
+from allanscope.fleet.split import Survey, join, submit_split, sum_part, survey
 from allanscope.fleet.work import analyse_place
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Chunk, Recording, write_recording
@@ -49,6 +50,42 @@ def test_joined_parts_are_the_whole(
     joined, whole = join(seen, sums, DEVICE), analyse_place(place, DEVICE)
     assert not whole.error
     assert joined == whole
+
+
+@pytest.fixture
+def threads() -> Iterator[LocalCluster]:
+    """Return four workers in this process, which see what a test has changed."""
+    with LocalCluster(
+        n_workers=4,
+        threads_per_worker=1,
+        processes=False,
+        dashboard_address=None,
+        silence_logs=50,
+    ) as one:
+        yield one
+
+
+def test_a_large_recording_is_split_by_itself_through_to_the_report(
+    threads: LocalCluster, torn: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def written(out: Path) -> tuple[bytes, bytes]:
+        settings = FleetSettings((str(torn),), out, threads.scheduler_address, quiet=True)
+        result = run_fleet(settings, DEVICE)
+        assert (result.done, result.failures) == (1, {})
+        return (out / "lot.parquet").read_bytes(), (out / "lot.html").read_bytes()
+
+    whole = written(tmp_path / "whole")
+    parts: list[int] = []
+
+    def handed_out(client: Client, place: Place, device: DeviceSettings, count: int) -> Future:
+        parts.append(count)
+        return submit_split(client, place, device, count)
+
+    monkeypatch.setattr(split, "_is_splittable", lambda analyser: True)
+    monkeypatch.setattr(split, "submit_split", handed_out)
+    monkeypatch.setattr(desk, "PART_BYTES", torn.stat().st_size // 3)
+    assert written(tmp_path / "split") == whole
+    assert parts == [3]
 
 
 def test_what_cannot_be_read_fails_once(tmp_path: Path, board: Callable[..., Path]) -> None:

@@ -30,13 +30,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from allanscope.fleet.run import FleetResult, FleetSettings, run_fleet
+    from allanscope.fleet.desk import FleetResult
+    from allanscope.fleet.run import FleetSettings, run_fleet
     from allanscope.fleet.wording import summary_lines
 
 __all__ = ["FleetResult", "FleetSettings", "run_fleet", "summary_lines"]
 
 _HOMES = {
-    "FleetResult": "run",
+    "FleetResult": "desk",
     "FleetSettings": "run",
     "run_fleet": "run",
     "summary_lines": "wording",

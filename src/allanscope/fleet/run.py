@@ -6,21 +6,20 @@ one it is writing: a hundred thousand recordings need no more memory than a hund
 
 from __future__ import annotations
 
-import signal
+import sys
 import threading
-from collections import deque
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from allanscope.errors import DeviceError
 from allanscope.fleet.cluster import connected, dashboard_line, require_extra
+from allanscope.fleet.desk import Desk, FleetResult
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import Place, find_places
 from allanscope.fleet.store import Store
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline.signals import stopped_by_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,9 +30,6 @@ __all__ = ["FleetResult", "FleetSettings", "run_fleet"]
 
 TASKS_PER_WORKER = 3
 """One that runs and two that wait: a worker is never idle for want of a message."""
-
-PART_BYTES = 128 << 20
-"""Of packed bytes: smaller parts cost more in a second decoding than they gain."""
 
 LOOK_AGAIN_S = 0.5
 
@@ -67,32 +63,6 @@ class FleetSettings:
     quiet: bool = False
 
 
-@dataclass(slots=True)
-class FleetResult:
-    """How a fleet ended.
-
-    Attributes
-    ----------
-    keys : dict of str to str
-        Path of each recording that has a result, and the name of that.
-    done : int
-        Results that this run added.
-    failures : dict of str to str
-        Path of each recording without a result, and one line why.
-    left : int
-        Recordings that were not looked at because the run was stopped.
-    table, report : Path or None
-        What was written.
-    """
-
-    keys: dict[str, str] = field(default_factory=dict)
-    done: int = 0
-    failures: dict[str, str] = field(default_factory=dict)
-    left: int = 0
-    table: Path | None = None
-    report: Path | None = None
-
-
 def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     """Analyse all recordings that have no result yet; write the table and the report of all.
 
@@ -112,7 +82,7 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     places = find_places(settings.patterns)
     store = Store(settings.out, device)
     try:
-        desk = _Desk(store, places)
+        desk = Desk(store, places)
         if desk.todo:
             _work_off(desk, settings, device)
         result = desk.result
@@ -128,11 +98,12 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     return result
 
 
-def _work_off(desk: _Desk, settings: FleetSettings, device: DeviceSettings) -> None:
+def _work_off(desk: Desk, settings: FleetSettings, device: DeviceSettings) -> None:
     from allanscope.view.progress import progress
 
+    stopped = threading.Event()
     with (
-        _interruptible() as stopped,
+        stopped_by_signals(stopped.set),
         connected(settings.scheduler, settings.workers) as client,
         client.as_current(),
     ):
@@ -144,7 +115,7 @@ def _work_off(desk: _Desk, settings: FleetSettings, device: DeviceSettings) -> N
 
 
 def _hand_out(
-    desk: _Desk,
+    desk: Desk,
     client: Client,
     device: DeviceSettings,
     advance: Callable[[float], None],
@@ -169,7 +140,7 @@ def _hand_out(
 
 
 def _fill_up(
-    desk: _Desk, client: Client, device: DeviceSettings, running: dict[Future, Place]
+    desk: Desk, client: Client, device: DeviceSettings, running: dict[Future, Place]
 ) -> None:
     """Hand out as much as keeps every worker busy until the next look."""
     workers = sum(client.nthreads().values())
@@ -189,69 +160,6 @@ def _finished(running: dict[Future, Place]) -> list[tuple[Future, Place]]:
     return [(future, running[future]) for future in done]
 
 
-class _Desk:
-    """What is to do and what has come back."""
-
-    def __init__(self, store: Store, places: Iterable[Place]) -> None:
-        self.result = FleetResult()
-        self.todo: deque[Place] = deque()
-        self.is_deserted = False
-        self._store = store
-        self._looked_up: set[str] = set()
-        for place in places:
-            self._consider(place)
-
-    def submit(self, client: Client, place: Place, device: DeviceSettings, idle: int) -> Future:
-        """Hand out one recording while so many workers are idle.
-
-        One that may be known is only looked at; a large one is split among workers that no other
-        recording waits for.
-        """
-        from allanscope.fleet.split import submit_split
-        from allanscope.fleet.work import analyse_place, fingerprint_place
-
-        if self._store.may_know(place) and place.url not in self._looked_up:
-            return client.submit(fingerprint_place, place, pure=False)
-        parts = self._parts(place, idle)
-        if parts > 1:
-            return submit_split(client, place, device, parts)
-        return client.submit(analyse_place, place, device, pure=False)
-
-    def _parts(self, place: Place, idle: int) -> int:
-        """Return in how many parts a recording is worth doing: many workers, and much of it."""
-        return min(idle - len(self.todo), place.bytes // PART_BYTES)
-
-    def take(self, place: Place, outcome: Outcome) -> bool:
-        """Keep what came back; return whether the recording is done with."""
-        if outcome.error:
-            self.result.failures[place.url] = outcome.error
-            self.todo.extend(place.later)
-            return True
-        key = self._store.note(place, outcome)
-        if outcome.result:
-            self._store.put(key, outcome.result)
-            self.result.done += 1
-        elif not self._store.has(key):
-            self._looked_up.add(place.url)
-            self.todo.append(place)
-            return False
-        self._finish(place, key, outcome.files)
-        return True
-
-    def _consider(self, place: Place) -> None:
-        key = self._store.known(place)
-        if key:
-            self._finish(place, key, self._store.files_of(place))
-        else:
-            self.todo.append(place)
-
-    def _finish(self, place: Place, key: str, files: tuple[str, ...]) -> None:
-        self.result.keys[place.url] = key
-        for one in place.later:
-            if one.name not in files:  # numbered like a part of this session, but of another
-                self._consider(one)
-
-
 def _outcome(future: Future, place: Place) -> Outcome:
     """Return what a task came to, also when it was the task itself that failed."""
     try:
@@ -265,34 +173,6 @@ def _outcome(future: Future, place: Place) -> Outcome:
     return outcome
 
 
-@contextmanager
-def _interruptible() -> Iterator[threading.Event]:
-    """Give an event that Ctrl-C or SIGTERM sets, once; the second time it is as without this."""
-    stopped = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stopped
-        return
-    before = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
-
-    def stop(*_: object) -> None:
-        stopped.set()
-        _restore(before)
-
-    for one in before:
-        signal.signal(one, stop)
-    try:
-        yield stopped
-    finally:
-        _restore(before)
-
-
-def _restore(handlers: dict[signal.Signals, Any]) -> None:
-    for one, handler in handlers.items():
-        signal.signal(one, handler)
-
-
 def _say(settings: FleetSettings, line: str) -> None:
-    import sys
-
     if not settings.quiet:
         print(line, file=sys.stderr, flush=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from allanscope.fleet.run import FleetResult
+    from allanscope.fleet.desk import FleetResult
 
 __all__ = ["summary_lines"]
 
@@ -15,7 +15,7 @@ def summary_lines(result: FleetResult) -> list[str]:
 
     Examples
     --------
-    >>> from allanscope.fleet.run import FleetResult
+    >>> from allanscope.fleet.desk import FleetResult
     >>> summary_lines(FleetResult({"a": "1", "b": "2"}, 1, {"c": "c is empty"}, left=4))
     ['2 recordings analysed, 1 of them before; 1 failed; 4 left: the same command goes on']
     """

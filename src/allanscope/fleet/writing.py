@@ -10,7 +10,8 @@ from allanscope.fleet.table import rows_of, write_table
 from allanscope.fleet.units import UnitNames
 
 if TYPE_CHECKING:
-    from allanscope.fleet.run import FleetResult, FleetSettings
+    from allanscope.fleet.desk import FleetResult
+    from allanscope.fleet.run import FleetSettings
 
 __all__ = ["write_lot"]
 

@@ -1,18 +1,18 @@
 """What a fleet costs: speed-up, overhead of a task, memory, and the cost model of a large one.
 
-    python benchmarks/fleet.py [--recordings 50] [--hours 0.02] [--night-hours 12]
+    python benchmarks/fleet.py [--recordings 50] [--hours 0.02] [--night-hours 12] [--quick]
 
-Records simulated boards, then measures
+Records simulated boards and a file that is no recording, then measures
 
-* the wall time of all of them on one worker and on two, workers started and warm;
+* the wall time of all of them, table and report included, on one worker that is held to one core,
+  and on two; everything is started and has analysed one recording before the clock starts;
 * what a task costs the client and the scheduler, with tasks that do nothing;
-* what a result costs to keep and to put into table and report;
+* what a run costs in which everything is known: looking, table and report;
 * peak memory of the workers, bytes of a recording and of a result;
 * with --night-hours: CPU time and memory of one night at 104 Hz.
 
-It prints the load of the machine before and after, because a speed-up means nothing on a busy one,
-and beside the wall time the CPU time that the workers had: where wall time on one worker is much
-more than its CPU time, others were in the way.
+A speed-up means nothing on a busy machine. So the CPU time that the workers had stands beside the
+wall time: where that is much more on one worker, others were in the way.
 """
 
 from __future__ import annotations
@@ -23,12 +23,15 @@ import resource
 import shutil
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from distributed import Client, LocalCluster
+from distributed import Client
+from figures import Figure, written
 
 from allanscope.fleet import FleetResult, FleetSettings, run_fleet
+from allanscope.fleet.cluster import local_cluster
 from allanscope.fleet.places import find_places
 from allanscope.fleet.work import analyse_place
 from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
@@ -37,6 +40,17 @@ from allanscope.pipeline.simulate import simulate_recording
 DEVICE = DeviceSettings(rate_hz=104.0)
 ASKED = DeviceSettings()
 NOTHINGS = 2000
+SPEED_UP = 1.8
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What all recordings cost on so many workers: seconds, and MB of one worker."""
+
+    start_s: float
+    wall_s: float
+    cpu_s: float
+    peak_mb: float
 
 
 def nothing(number: int) -> int:
@@ -49,122 +63,146 @@ def usage() -> tuple[float, float]:
     return time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
-def load() -> str:
-    """Return the load of the machine."""
-    return f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
+def hold_to_one_core() -> None:
+    """Let this process use one core, whatever its libraries start threads for."""
+    os.sched_setaffinity(0, {0})
 
 
 def record(folder: Path, count: int, hours: float) -> Path:
-    """Record boards, each with its own seed; return one more, to warm up with."""
+    """Record boards, each with its own seed, and rot; return one more, to warm up with."""
     for seed in range(count + 1):
         where = folder / ("warm" if seed == count else "lot") / f"{seed:03d}.mcap"
         where.parent.mkdir(exist_ok=True)
         simulate_recording(where, hours, DEVICE, SimulatedSettings(seed=seed), quiet=True)
+    (folder / "lot" / "rotten.mcap").write_bytes(b"this is no recording" * 1000)
     return folder / "warm" / f"{count:03d}.mcap"
 
 
-def cluster_of(workers: int) -> Any:
-    """Return a cluster like that of the command."""
-    return LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",
-        silence_logs=50,
-    )
-
-
-def fleet(folder: Path, out: Path, address: str) -> tuple[float, FleetResult]:
+def fleet(recordings: Path, out: Path, address: str) -> tuple[float, FleetResult]:
     """Run the fleet once; return wall seconds and how it ended."""
     began = time.perf_counter()
-    settings = FleetSettings((str(folder / "lot"),), out, address, quiet=True)
+    settings = FleetSettings((str(recordings),), out, address, quiet=True)
     result = run_fleet(settings, ASKED)
     return time.perf_counter() - began, result
 
 
-def speed(folder: Path, workers: int, warm: Path, out: Path) -> float:
-    """Print and return the wall seconds of all recordings on so many workers."""
-    with cluster_of(workers) as cluster, Client(cluster, set_as_default=False) as client:
+def speed(folder: Path, workers: int, warm: Path, out: Path) -> Speed:
+    """Return what all recordings cost on so many workers; say it, too."""
+    began = time.perf_counter()
+    with local_cluster(workers) as cluster, Client(cluster, set_as_default=False) as client:
+        start_s = time.perf_counter() - began
+        if workers == 1:
+            client.run(hold_to_one_core)
         [place] = find_places([str(warm)])
         client.run(analyse_place, place, ASKED)
+        fleet(warm, out.with_name("warmed"), cluster.scheduler_address)
         before = client.run(usage)
-        wall_s, result = fleet(folder, out, cluster.scheduler_address)
+        wall_s, result = fleet(folder / "lot", out, cluster.scheduler_address)
         after = client.run(usage)
-    assert not result.failures, result.failures
+    assert [Path(url).name for url in result.failures] == ["rotten.mcap"], result.failures
     cpu_s = sum(after[who][0] - before[who][0] for who in after)
-    peak = max(memory for _, memory in after.values())
+    peak_mb = max(memory for _, memory in after.values())
     print(
-        f"{workers} worker(s): {wall_s:.1f} s for {result.done} recordings, "
-        f"{cpu_s:.1f} s CPU in the workers, peak {peak:.0f} MB a worker; {load()}"
+        f"{workers} worker(s): started in {start_s:.1f} s; {wall_s:.1f} s for {result.done} "
+        f"recordings, {cpu_s:.1f} s CPU in the workers, peak {peak_mb:.0f} MB a worker",
+        flush=True,
     )
-    return wall_s
+    return Speed(start_s, wall_s, cpu_s, peak_mb)
 
 
-def after_work(folder: Path, out: Path) -> None:
-    """Print what a run costs in which everything is done: looking, table and report."""
-    with cluster_of(1) as cluster:
-        wall_s, result = fleet(folder, out, cluster.scheduler_address)
+def after_work(folder: Path, out: Path) -> list[Figure]:
+    """Return what a run costs in which everything is done: looking, table and report."""
+    with local_cluster(1) as cluster:
+        wall_s, result = fleet(folder / "lot", out, cluster.scheduler_address)
     kept = list(out.glob("results/*/*.json.gz"))
     size = sum(path.stat().st_size for path in kept) / len(kept)
     read = sum(path.stat().st_size for path in (folder / "lot").iterdir()) / len(kept)
     table = (out / "lot.parquet").stat().st_size / len(kept)
-    print(
-        f"everything known: {wall_s:.2f} s for {len(result.keys)}, table and report included; "
-        f"bytes a recording {read:.0f}, a result {size:.0f}, in the table {table:.0f}"
-    )
+    return [
+        Figure(f"everything known, {len(result.keys)} recordings: table and report", wall_s, "s"),
+        Figure("bytes of a recording", read / 1e3, "kB"),
+        Figure("bytes of a result", size / 1e3, "kB"),
+        Figure("bytes of a recording in the table", table / 1e3, "kB"),
+    ]
 
 
-def overhead() -> None:
-    """Print what a task costs whoever holds scheduler and client, in CPU and wall time."""
-    with cluster_of(2) as cluster, Client(cluster, set_as_default=False) as client:
+def overhead() -> list[Figure]:
+    """Return what a task costs whoever holds scheduler and client, in CPU and wall time."""
+    with local_cluster(2) as cluster, Client(cluster, set_as_default=False) as client:
         client.gather(client.map(nothing, range(100), pure=False))
         began, cpu = time.perf_counter(), time.process_time()
         client.gather(client.map(nothing, range(NOTHINGS), pure=False))
         wall_s, cpu_s = time.perf_counter() - began, time.process_time() - cpu
-    print(
-        f"a task that does nothing: {1e3 * wall_s / NOTHINGS:.2f} ms wall, "
-        f"{1e3 * cpu_s / NOTHINGS:.2f} ms CPU of scheduler and client; {load()}"
-    )
+    return [
+        Figure("a task that does nothing, wall", 1e3 * wall_s / NOTHINGS, "ms"),
+        Figure("its CPU time in scheduler and client", 1e3 * cpu_s / NOTHINGS, "ms"),
+    ]
 
 
-def night(folder: Path, hours: float) -> None:
-    """Print the CPU time and memory of one night in a process of its own."""
+def night(folder: Path, hours: float) -> list[Figure]:
+    """Return the CPU time and memory of one night in a process of its own."""
     path = folder / "night.mcap"
     simulate_recording(path, hours, DEVICE, SimulatedSettings(seed=7), quiet=True)
-    with cluster_of(1) as cluster, Client(cluster, set_as_default=False) as client:
+    with local_cluster(1) as cluster, Client(cluster, set_as_default=False) as client:
         [place] = find_places([str(path)])
-        client.run(nothing, 0)
         before = client.run(usage)
-        outcome = client.submit(analyse_place, place, ASKED).result()
+        outcome: Any = client.submit(analyse_place, place, ASKED).result()
         after = client.run(usage)
+    assert not outcome.error, outcome.error
     [who] = after
-    print(
-        f"a night of {hours:g} h at 104 Hz: {after[who][0] - before[who][0]:.1f} s CPU, "
-        f"peak {after[who][1]:.0f} MB, {path.stat().st_size / 1e6:.1f} MB read, "
-        f"{len(outcome.result) / 1e3:.0f} kB result {outcome.error}; {load()}"
-    )
+    return [
+        Figure(f"{hours:g} h at 104 Hz, CPU", after[who][0] - before[who][0], "s"),
+        Figure("peak memory of its worker", after[who][1], "MB"),
+        Figure("its recording", path.stat().st_size / 1e6, "MB"),
+        Figure("its result", len(outcome.result) / 1e3, "kB"),
+    ]
+
+
+def speeds(folder: Path, count: int, hours: float) -> list[Figure]:
+    """Return what one worker and two make of the recordings."""
+    warm = record(folder, count, hours)
+    one = speed(folder, 1, warm, folder / "one")
+    two = speed(folder, 2, warm, folder / "two")
+    return [
+        Figure(
+            f"speed-up on two workers, {count} recordings",
+            one.wall_s / two.wall_s,
+            "",
+            goal=SPEED_UP,
+            bound=2.0,
+            more=True,
+        ),
+        Figure("one worker, wall", one.wall_s, "s", bound=one.cpu_s),
+        Figure("two workers, wall", two.wall_s, "s", bound=two.cpu_s / 2.0),
+        Figure("a recording, CPU of its worker", one.cpu_s / count, "s"),
+        Figure("start of two workers, not counted", two.start_s, "s"),
+        Figure("peak memory of a worker", two.peak_mb, "MB"),
+    ]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Measure from the command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--recordings", type=int, default=50)
     parser.add_argument("--hours", type=float, default=0.02)
     parser.add_argument("--night-hours", type=float, default=0.0)
+    parser.add_argument("--quick", action="store_true", help="few and short recordings")
+    parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
+    if options.quick:
+        options.recordings, options.hours = 6, 0.002
     folder = Path(tempfile.mkdtemp(prefix="fleet-"))
+    figures = []
     try:
-        print(load())
         if options.recordings:
-            warm = record(folder, options.recordings, options.hours)
-            one = speed(folder, 1, warm, folder / "one")
-            two = speed(folder, 2, warm, folder / "two")
-            print(f"speed-up on two workers: {one / two:.2f}")
-            after_work(folder, folder / "two")
-            overhead()
+            figures += speeds(folder, options.recordings, options.hours)
+            figures += after_work(folder, folder / "two")
+            figures += overhead()
         if options.night_hours:
-            night(folder, options.night_hours)
+            figures += night(folder, options.night_hours)
     finally:
         shutil.rmtree(folder)
+    written(figures, options.json)
 
 
 if __name__ == "__main__":

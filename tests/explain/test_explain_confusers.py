@@ -142,3 +142,29 @@ def test_two_levels_are_not_seen_in_noise_that_hides_every_hop(bench):
     (effect,) = explain(b.record(b.noise() + b.gauss_markov(0.010, 0.04))).axes["gx"].effects
     assert effect.kind == "gauss_markov"
     assert effect.equivalent == ("random_telegraph",)
+
+
+def test_a_line_that_came_along_tells_which_axis_leaks_into_which(bench):
+    b = bench(2, 600.0)
+    source = b.noise() + 0.02 * np.sin(2 * np.pi * 6.3 * b.t)
+    result = explain(b.record(b.noise() + 0.3 * source, source))
+    assert kinds(result) == {"gx": ["cross_coupling"], "gy": ["sinusoid"]}
+    slope = result.axes["gx"].effects[0].parameters["slope"]
+    assert slope.lower < 0.3 < slope.upper
+
+
+def test_a_tone_of_even_size_whose_frequency_swings_is_no_noise_in_a_band(bench):
+    b = bench(3)
+    swing = np.sin(2 * np.pi * 8 * b.t + 30 * np.sin(2 * np.pi * b.t / 200))
+    found = explain(b.record(b.noise() + 0.015 * swing)).axes["gx"].effects
+    assert {e.kind for e in found} == {"unexplained"}
+
+
+def test_levels_held_unequally_long_have_their_own_size(bench):
+    b = bench(4)
+    held = b.rng.exponential(np.tile([30.0, 8.0], 100))
+    high = np.searchsorted(np.cumsum(held), b.t) % 2
+    (effect,) = explain(b.record(b.noise() + 0.02 * high)).axes["gx"].effects
+    assert effect.kind == "random_telegraph"
+    size = effect.parameters["amplitude"]
+    assert size.lower < 0.01 < size.upper

@@ -34,7 +34,7 @@ from allanscope.explain.effects.unexplained import (
     united,
 )
 from allanscope.explain.residual import band_scores
-from allanscope.explain.tones import sidebands, sweeps, unsteadiness
+from allanscope.explain.tones import evenness, sidebands, sweeps, unsteadiness
 from allanscope.explain.view import View
 
 __all__ = ["Budget", "close_loop"]
@@ -48,6 +48,10 @@ _FEWEST_COHERENCES = 12.0
 """Fewer coherence times in a record cannot show that a band holds noise."""
 _UNSTEADY = 6.0
 """Sigma; noise in bands of any width stayed below 2 in some hundred records."""
+_TOO_EVEN, _MISSHAPEN, _MISSED = 5.0, 6.0, 0.02
+"""Sigma of the envelope; sigma and share of the gain of what a band leaves: beyond all three it is
+a tone whose frequency moves."""
+_SUB_BANDS = 64
 _WITHIN = 3.0
 _GOOD_PART = 0.3
 """Distance in bandwidths and share of the gain of a line that may be all there is to a band."""
@@ -253,8 +257,22 @@ def _is_steady(view: View, tone: Candidate) -> bool:
         width * view.series.duration_s >= _FEWEST_COHERENCES
         and unsteadiness(view.data, rate, f0, width) < _UNSTEADY
         and not sweeps(view.data, rate, f0, width)
+        and not (evenness(view.data, rate, f0, width) > _TOO_EVEN and _is_misshapen(view, tone))
         and _removes(view, tone)
     )
+
+
+def _is_misshapen(view: View, band: Candidate) -> bool:
+    """Tell whether the spectrum within a band differs from the shape that was fitted."""
+    after = view.with_terms(view.terms + band.terms)
+    f0, width = band.shape[:2]
+    near = np.flatnonzero(np.abs(view.grid.frequency - f0) < _WITHIN * width)
+    parts = np.array_split(near, min(_SUB_BANDS, max(1, len(near) // 8)))
+    u = after.squares / after.spectrum.ordinates
+    ratio = np.array([u[part].mean() for part in parts])
+    count = np.array([len(part) for part in parts])
+    left = float(np.sum(count * (ratio - 1 - np.log(ratio)) - 1)) / 2
+    return bool(left > max(_MISSHAPEN * np.sqrt(len(parts) / 2), _MISSED * band.gain))
 
 
 def _removes(view: View, candidate: Candidate) -> bool:
@@ -265,6 +283,8 @@ def _removes(view: View, candidate: Candidate) -> bool:
     change = np.abs(np.log(after.spectrum.at(bands.frequency) / view.spectrum.at(bands.frequency)))
     weight = change * np.sqrt(bands.count)
     own = weight > 0.5 * weight.max()
+    if not own.any():
+        return False
     first = float(np.sqrt(np.mean(bands.z[own] ** 2)))
     second = float(np.sqrt(np.mean(later.z[own] ** 2)))
     return second < max(3.0, 0.5 * first)

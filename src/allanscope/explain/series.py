@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
+from allanscope.explain.spectral import grid_of
 from allanscope.history import Record
 
 __all__ = ["Series", "series_of"]
@@ -27,6 +29,10 @@ _MOST_BRIDGED = 0.1
 """With more filling than this share, the longest stretch without holes is used instead."""
 _LONG = 1 << 14
 """Rows below which any transform is quick."""
+_LOUD = 25.0
+"""Power of an ordinate over the noise around it that noise hardly has."""
+_MEDIAN = 0.4549
+"""Of a chi-square with one degree of freedom, whose mean is 1."""
 _THERMAL_S = 30.0
 """A package does not change its temperature faster: what moves faster is the converter's noise."""
 
@@ -94,6 +100,17 @@ class Series:
         """DCT-II ordinates of every axis, shape (axes, n - 1)."""
         centred = (self.values - self.values.mean(axis=0)).T
         return np.asarray(dct(centred, axis=1, norm="ortho")[:, 1:])
+
+    @cached_property
+    def loud(self) -> NDArray[np.bool_]:
+        """Ordinates that hold a line of their axis, by the median around them, (axes, n - 1)."""
+        power = self.ordinates**2
+        edges = [*grid_of(len(self), self.rate_hz).edges, power.shape[1]]
+        found = np.zeros(power.shape, bool)
+        for low, high in pairwise(edges):
+            level = np.median(power[:, low:high], axis=1, keepdims=True) / _MEDIAN
+            found[:, low:high] = power[:, low:high] > _LOUD * level
+        return found
 
 
 def series_of(record: Record) -> Series:

@@ -13,7 +13,15 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
 from allanscope.explain.view import View
 
-__all__ = ["constancy", "demodulate", "local_level", "sidebands", "sweeps", "unsteadiness"]
+__all__ = [
+    "constancy",
+    "demodulate",
+    "evenness",
+    "local_level",
+    "sidebands",
+    "sweeps",
+    "unsteadiness",
+]
 
 Array = NDArray[np.float64]
 
@@ -125,6 +133,30 @@ def unsteadiness(data: Array, rate: float, frequency: float, bandwidth: float) -
         spread = _PARTS * polygamma(1, d / 2) - _PARTS**2 * polygamma(1, _PARTS * d / 2)
         variance += d**2 * float(spread)
     return excess / np.sqrt(variance) if variance > 0 else 0.0
+
+
+def evenness(data: Array, rate: float, frequency: float, bandwidth: float) -> float:
+    r"""Return by how many sigma the envelope of a band is more even than that of noise.
+
+    The power :math:`p = |z|^2` of Gaussian noise in a band is exponentially distributed, with
+    :math:`\overline{p^2} / \bar p^2 = 2`; that of a tone of constant amplitude whose frequency
+    moves has 1. The estimate has the deviation :math:`2 / \sqrt{N}` with the
+    :math:`N = \pi w T` independent powers of a band of width w.
+
+    Parameters
+    ----------
+    data : ndarray, shape (n,)
+        The samples.
+    rate : float
+        In Hz.
+    frequency, bandwidth : float
+        Of the band in Hz.
+    """
+    duration = len(data) / rate
+    parts = int(min(len(data), max(_PARTS, 4 * bandwidth * duration)))
+    power = np.abs(demodulate(data, rate, frequency, parts)) ** 2
+    ratio = float(np.mean(power**2) / np.mean(power) ** 2)
+    return (2 - ratio) * float(np.sqrt(np.pi * bandwidth * duration)) / 2
 
 
 def sidebands(lines: list[Candidate]) -> tuple[Candidate, ...]:

@@ -133,6 +133,10 @@ class View:
         """Ordinates of another axis, as measured."""
         return np.asarray(self.series.ordinates[self.series.column(axis)])
 
+    def source_is_loud(self, axis: str) -> NDArray[np.bool_]:
+        """Tell which ordinates of another axis hold a line."""
+        return np.asarray(self.series.loud[self.series.column(axis)])
+
     def with_terms(self, terms: tuple[Term, ...]) -> View:
         """Return the view with other stationary parts, to be fitted anew."""
         return replace(self, terms=terms)

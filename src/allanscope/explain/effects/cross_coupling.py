@@ -22,7 +22,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import interleaved_signal
-from allanscope.explain.spectral import binned_power, fit_spectrum
+from allanscope.explain.spectral import Spectrum, binned_power, fit_spectrum
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -75,8 +75,8 @@ def _candidate(view: View, source: str) -> Candidate | None:
     lowest = int(_SLOWEST_HZ * 2 * view.grid.n / view.grid.rate_hz)
     white = 1 / view.spectrum.ordinates[lowest:]
     d, e = view.ordinates[lowest:], ordinates[lowest:]
-    quiet = (d * d * white < _LOUD) & view.spectrum.kept[lowest:]
-    weight = white * quiet
+    loud = view.source_is_loud(source) | (view.squares > _LOUD * view.spectrum.ordinates)
+    weight = white * (view.spectrum.kept & ~loud)[lowest:]
     normal = float(np.sum(e * e * weight))
     if normal <= 0:
         return None
@@ -119,14 +119,19 @@ def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
 
 
 def _direction(view: View, source: str, slope: float) -> float:
-    """Gain of this axis taking from the source less that of the source taking from this axis."""
-    grid, other = view.grid, view.source_ordinates(source)
+    """Gain of this axis taking from the source less that of the source taking from this axis.
 
-    def loglik(ordinates: Array) -> float:
-        return fit_spectrum(grid, binned_power(grid, ordinates**2, ())).loglik
+    Both as measured: a line that came along with the rest has one origin, and taking the right
+    share of the right axis removes it.
+    """
+    grid = view.grid
+    own, other = view.source_ordinates(view.axis), view.source_ordinates(source)
 
-    back = fit_spectrum(grid, binned_power(grid, other**2, ()))
-    weight = 1 / back.ordinates
-    reverse = float(np.sum(view.ordinates * other * weight) / np.sum(view.squares * weight))
-    forward_gain = loglik(view.ordinates - slope * other) - loglik(view.ordinates)
-    return forward_gain - (loglik(other - reverse * view.ordinates) - back.loglik)
+    def fit(ordinates: Array) -> Spectrum:
+        return fit_spectrum(grid, binned_power(grid, ordinates**2, ()))
+
+    here, there = fit(own), fit(other)
+    weight = ~(view.source_is_loud(view.axis) | view.source_is_loud(source)) / there.ordinates
+    reverse = float(np.sum(own * other * weight) / np.sum(own**2 * weight))
+    forward_gain = fit(own - slope * other).loglik - here.loglik
+    return forward_gain - (fit(other - reverse * own).loglik - there.loglik)

@@ -46,9 +46,9 @@ _LEAST = 1e-6
 """Share of the variance of the level that counts as white at the least: behind a steep filter there
 is nothing at the top."""
 _FEWEST_SWITCHES = 4
-_VISIBLE = 4.0
-"""Power of the mean over a dwell against white noise below which the path would follow the noise: a
-path that does fits it, at every sample, far better than it should."""
+_VISIBLE, _CLEAR = 4.0, 25.0
+"""Power of the mean over a dwell against white noise: below the first the path would follow the
+noise, and fit it at every sample far better than it should; above the second it misses no hop."""
 _MOVED = 16.0
 """Variance of the level over that of white noise from which slow hops are looked for."""
 
@@ -79,13 +79,13 @@ class RandomTelegraph(EffectKind):
             candidates = candidates if moved > 0 else []
         best = max((c for c in candidates if c is not None), key=lambda c: c.gain, default=None)
         if best is not None:
-            yield replace(_with_spectrum(best, twin), rivals={"gauss_markov": twin.gain})
+            yield replace(_with_spectrum(view, best, twin), rivals={"gauss_markov": twin.gain})
 
     def refine(self, view: View, candidate: Candidate) -> Candidate:
         """Find the path again."""
         again = _candidate(view, *candidate.shape)
         twin = next(iter(_TWIN.propose(view)), None)
-        return candidate if again is None or twin is None else _with_spectrum(again, twin)
+        return candidate if again is None or twin is None else _with_spectrum(view, again, twin)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the amplitude by interleaved blocks, on the path found in all of them."""
@@ -158,18 +158,28 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     )
 
 
-def _with_spectrum(candidate: Candidate, twin: Candidate) -> Candidate:
-    """Take size and dwell from the spectrum where noise breaks the path into too many pieces."""
+def _with_spectrum(view: View, candidate: Candidate, twin: Candidate) -> Candidate:
+    """Take what the spectrum says where it disagrees with the path.
+
+    Size and dwell, where noise breaks the path into too many pieces. Where both levels are seen
+    but one is held longer than the other, the path is right: the spectrum, with
+    1/Tc = 1/dwell_1 + 1/dwell_2, holds for the noise that enters the model only.
+    """
     tc, sigma = twin.parameters["correlation_time"], twin.parameters["sigma"]
     assert tc.lower is not None
     assert tc.upper is not None
-    if twin.gain < twin.price or tc.lower <= candidate.number("dwell") / 2 <= tc.upper:
+    half = candidate.number("dwell") / 2
+    if twin.gain < twin.price or tc.lower <= half <= tc.upper:
         return candidate
+    terms = (Term("random_telegraph", "adds", twin.shape, lorentzian),)
+    seen = candidate.number("amplitude") ** 2 * 2 * tc.lower
+    if half > tc.upper and seen > _CLEAR * view.spectrum.variance_of("N"):
+        return replace(candidate, terms=terms)
     found = Parameter(2 * twin.number("correlation_time"), 2 * tc.lower, 2 * tc.upper, "s")
     return replace(
         candidate,
         parameters={"amplitude": sigma, "dwell": found},
-        terms=(Term("random_telegraph", "adds", twin.shape, lorentzian),),
+        terms=terms,
         shape=(twin.number("sigma"), twin.number("correlation_time") * 2),
     )
 

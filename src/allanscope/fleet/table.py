@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from allanscope.errors import UsageError
+from allanscope.whole_file import written_whole
 
 __all__ = ["COEFFICIENT_NAMES", "rows_of", "schema", "write_table"]
 
@@ -107,18 +107,14 @@ def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> int:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    part = path.with_name(f".{path.name}.part")
     written = 0
-    try:
-        with pq.ParquetWriter(part, schema(), compression="zstd") as writer:
-            for group in _groups(rows):
-                writer.write_table(pa.Table.from_pylist(group, schema=schema()))
-                written += len(group)
-        part.replace(path)
-    except OSError as error:
-        raise UsageError(f"cannot write {path}: {error.strerror or error}") from None
-    finally:
-        part.unlink(missing_ok=True)
+    with (
+        written_whole(path) as part,
+        pq.ParquetWriter(part, schema(), compression="zstd") as writer,
+    ):
+        for group in _groups(rows):
+            writer.write_table(pa.Table.from_pylist(group, schema=schema()))
+            written += len(group)
     return written
 
 

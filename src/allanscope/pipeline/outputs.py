@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from allanscope.analysis.result import Analysis
 from allanscope.errors import UsageError
+from allanscope.whole_file import written_whole
 
 if TYPE_CHECKING:
     from allanscope.report.picture import Picture
@@ -74,16 +75,8 @@ def write_whole(path: Path, text: str) -> None:
     UsageError
         When the place cannot be written to.
     """
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with part.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise UsageError(f"cannot write {path}: {error.strerror}; choose another place") from None
+    with written_whole(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def new_session_folder(device: str) -> Path:

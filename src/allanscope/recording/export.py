@@ -16,8 +16,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.errors import InputError, UsageError
+from allanscope.errors import InputError
 from allanscope.samples import Block, Event, Gap, StreamInfo, unit_of
+from allanscope.whole_file import written_whole
 
 __all__ = ["ExportReport", "Table", "Unit", "export_csv", "tables"]
 
@@ -151,18 +152,11 @@ def export_csv(
         If the file cannot be written.
     """
     report = ExportReport(out)
-    part = out.with_name(f"{out.name}.part")
-    try:
-        with part.open("w", encoding="ascii", newline="\n") as file:
-            for table in tables(events, report, rate_hz, unit):
-                if report.rows == len(table.time_s):
-                    file.write(",".join(table.tokens(unit)) + "\n")
-                file.write(_rows(table, unit))
-        part.replace(out)
-    except OSError as error:
-        raise UsageError(f"cannot write {out}: {error.strerror}") from error
-    finally:
-        part.unlink(missing_ok=True)
+    with written_whole(out) as part, part.open("w", encoding="ascii", newline="\n") as file:
+        for table in tables(events, report, rate_hz, unit):
+            if report.rows == len(table.time_s):
+                file.write(",".join(table.tokens(unit)) + "\n")
+            file.write(_rows(table, unit))
     return report
 
 

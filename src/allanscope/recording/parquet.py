@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from allanscope.errors import UsageError
 from allanscope.recording.export import ExportReport, Table, Unit, tables
 from allanscope.samples import Event
+from allanscope.whole_file import written_whole
 
 __all__ = ["export_parquet"]
 
@@ -50,24 +52,16 @@ def export_parquet(
     except ImportError as error:
         raise UsageError("Parquet needs pyarrow: pip install pyarrow") from error
     report = ExportReport(out)
-    part = out.with_name(f"{out.name}.part")
-    writer: Any = None
-    try:
+    with written_whole(out) as part, ExitStack() as opened:
+        writer: Any = None
         for table in _batches(tables(events, report, rate_hz, unit)):
             rows = pa.table(_columns(table, unit), metadata=_facts(table, rate_hz))
             if writer is None:
                 writer = pq.ParquetWriter(part, rows.schema, compression="zstd")
+                opened.enter_context(writer)
             writer.write_table(rows.cast(writer.schema))
         if writer is None:
             raise UsageError("there are no samples to export")
-        writer.close()
-        part.replace(out)
-    except OSError as error:
-        raise UsageError(f"cannot write {out}: {error.strerror or error}") from error
-    finally:
-        if writer is not None:
-            writer.close()
-        part.unlink(missing_ok=True)
     return report
 
 

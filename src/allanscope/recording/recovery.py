@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from allanscope.recording.layout import RX, TOPICS
 from allanscope.recording.outline import Damage
 from allanscope.recording.reader import Recording
 from allanscope.recording.segment import Segment
+from allanscope.whole_file import written_whole
 
 __all__ = ["RecoveryReport", "recover"]
 
@@ -82,18 +82,11 @@ def recover(
             f"{out} exists; name a file that does not, the damaged one is kept as it is"
         )
     report = RecoveryReport(out)
-    part = out.with_name(f"{out.name}.part")
-    try:
-        part.unlink(missing_ok=True)
+    with written_whole(out) as part:
         metadata = {**recording.metadata, "recovered_from": str(damaged)}
         _copy(recording, part, metadata, report, advance)
         if not report.reads:
             raise InputError(f"{damaged} holds nothing that can be saved")
-        os.replace(part, out)
-    except OSError as error:
-        raise UsageError(f"cannot write {out}: {error.strerror}") from error
-    finally:
-        part.unlink(missing_ok=True)
     report.damage = recording.damage
     report.lost_s += sum(one.seconds or 0.0 for one in report.damage if one.what.startswith("torn"))
     return report

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from allanscope.analysis.result import Analysis
+from allanscope.analysis.result import Analysis, Rate
+from allanscope.analysis.sampling import sampling_remarks
+from allanscope.parts import PARTS
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
 
@@ -45,6 +48,31 @@ def test_a_sensor_that_is_faster_than_its_reader_is_skipped(tmp_path: Path) -> N
     (told,) = [remark for remark in analysis.remarks if "slower than the sensor" in remark]
     assert "sees one sample in 2.08" in told
     assert not [remark for remark in analysis.remarks if "repeat" in remark]
+
+
+def test_a_sensor_that_is_little_faster_than_its_reader_is_skipped(tmp_path: Path) -> None:
+    """Set to 52 Hz and read 50 times a second: every 26th sample is never seen."""
+    analysis = polled(tmp_path / "a.csv", 52.0, 50.0, 52.0)
+    (told,) = [remark for remark in analysis.remarks if "rows come" in remark]
+    assert told.startswith("50.00 rows come in a second, in step with a timer of 20 ms")
+    assert "about 3.8 % of the samples of a sensor set to 52.00 Hz are never sent (skipped)" in told
+
+
+def test_an_oscillator_that_is_off_as_much_is_none_of_a_timer(tmp_path: Path) -> None:
+    analysis = polled(tmp_path / "a.csv", 50.1, 50.1, 52.0)
+    assert not [remark for remark in analysis.remarks if "rows come" in remark]
+
+
+def test_stock_firmware_is_known_to_read_by_a_timer() -> None:
+    """DataLog says no rate; 50 rows a second are no setting of its sensor."""
+    rate = Rate(50.0, measured_hz=49.999, uncertainty_ppm=30.0)
+    offered = PARTS["LSM6DSM"].rates_hz
+    (told,) = sampling_remarks({}, rate, offered)
+    assert "a pace that the sensor cannot be set to" in told
+    assert "about 3.8 % of the samples of a sensor set to 52.00 Hz" in told
+    assert sampling_remarks({}, rate) == ()
+    assert sampling_remarks({}, replace(rate, uncertainty_ppm=300.0), offered) == ()
+    assert sampling_remarks({}, Rate(52.0, measured_hz=52.0, uncertainty_ppm=1.0), offered) == ()
 
 
 @pytest.mark.parametrize("sensor_hz", [50.0, 51.7])

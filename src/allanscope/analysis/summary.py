@@ -41,6 +41,9 @@ FULL_KINDS = (
 )
 TENTHS = 10
 
+POLLED_WIRES, POLLED_PART = ("datalog", "datalog11"), "LSM6DSM"
+"""Stock firmware that reads its sensor by a timer, and the sensor of the board that it is for."""
+
 
 def summarise(
     analyser: Analyser,
@@ -76,9 +79,11 @@ def summarise(
     rate_hz = rate.best_hz or 1.0
     look = look_of(state)
     axes = _axes(state, look, rate, depth, settings, known)
+    part = settings.part or state.info.part
+    offered = PARTS[part or POLLED_PART].rates_hz if state.info.wire in POLLED_WIRES else ()
     return Analysis(
         input=dict(input_facts),
-        part=settings.part or state.info.part,
+        part=part,
         duration_s=state.samples / rate_hz,
         samples=state.samples,
         lost_samples=state.lost,
@@ -90,7 +95,7 @@ def summarise(
         unknown_losses=state.unknown_losses,
         temperature=state.temperature.summary(),
         marks=tuple(analyser.marks),
-        remarks=(*_remarks(analyser, state, rate), *sampling_remarks(axes, rate)),
+        remarks=(*_remarks(analyser, state, rate), *sampling_remarks(axes, rate, offered)),
         version=version("allanscope"),
         record=look.record if depth == "full" else None,
     )

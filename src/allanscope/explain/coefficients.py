@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from allanscope.explain.models import Shaped
-from allanscope.explain.regression import joint_fit, ordinates_of
+from allanscope.explain.regression import joint_fit, ramp_ordinates
 from allanscope.explain.spectral import Spectrum, Term
 from allanscope.explain.view import View
 from allanscope.noise.coefficients import Coefficient
@@ -130,7 +130,6 @@ def _ramp(view: View) -> Coefficient:
         half = (slope.upper - slope.lower) / 2
         value = abs(slope.value)
         return Coefficient(value, max(value - half, 0.0), value + half, unit, detected=True)
-    t = np.arange(view.grid.n) / view.grid.rate_hz
-    fit = joint_fit(view, ordinates_of(t)[np.newaxis, : view.grid.low])
+    fit = joint_fit(view, ramp_ordinates(view.grid, view.grid.low))
     value, error = abs(float(fit.amplitude[0])), float(np.sqrt(fit.covariance[0, 0]))
     return Coefficient(value, 0.0, value + norm.isf(0.025) * error, unit, detected=False)

@@ -14,6 +14,8 @@ that it would happen again; ``replicated`` stays None for them unless another ax
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
@@ -47,50 +49,59 @@ def interleaved(view: View, fit: Regression, columns: Array, *, recurs: bool = F
     """
     n = view.grid.n
     root = np.sqrt(fit.spectrum.ordinates)
-    white = idct(np.concatenate([[0.0], view.ordinates / root]), norm="ortho")
-    m = columns.shape[1]
-    signals = []
-    for column in columns:
-        padded = np.zeros(n)
-        padded[1 : m + 1] = column / root[:m]
-        signals.append(idct(padded, norm="ortho"))
-    design = np.column_stack(signals)
+    white = _in_time(view.ordinates / root, n)
+    signals = np.array([_in_time(column / root[: columns.shape[1]], n) for column in columns])
     block = (np.arange(n) / (_BLOCK_S * view.grid.rate_hz)).astype(np.int64)
-    gained, optimism = np.empty(n), 0.0
+    # A gain is quadratic in the amplitudes: the sums over each block are all that is needed.
+    normal = np.array([[np.bincount(block, a * b) for b in signals] for a in signals])
+    right = np.array([np.bincount(block, a * white) for a in signals])
+    gained = np.empty(right.shape[1])
     for fold in range(_FOLDS):
-        test = block % _FOLDS == fold
-        amplitude = _amplitude(design[~test], white[~test])
-        predicted = design[test] @ amplitude
-        gained[test] = white[test] * predicted - 0.5 * predicted**2
-    full = design @ _amplitude(design, white)
-    optimism = float(np.sum(white * full - 0.5 * full**2) - np.sum(gained))
-    by_block = np.bincount(block, gained)
-    error = float(np.sqrt(len(by_block)) * by_block.std())
+        test = np.arange(len(gained)) % _FOLDS == fold
+        amplitude = _amplitude(normal[:, :, ~test].sum(axis=2), right[:, ~test].sum(axis=1))
+        gained[test] = _gain(amplitude, normal[:, :, test], right[:, test])
+    whole = normal.sum(axis=2), right.sum(axis=1)
+    optimism = float(_gain(_amplitude(*whole), *whole) - gained.sum())
     return HeldOut(
         nats=fit.gain - max(optimism, 0.0),
-        error=error,
+        error=float(np.sqrt(len(gained)) * gained.std()),
         design="interleaved blocks of 1 s",
-        replicated=_replicated(design, white) if recurs else None,
+        replicated=_replicated(signals, white) if recurs else None,
     )
 
 
-def _amplitude(design: Array, white: Array) -> Array:
-    return np.asarray(np.linalg.pinv(design.T @ design, hermitian=True) @ (design.T @ white))
+def _in_time(ordinates: Array, n: int) -> Array:
+    """Return the n samples that have these first ordinates and no mean."""
+    padded = np.zeros(n)
+    padded[1 : len(ordinates) + 1] = ordinates
+    return np.asarray(idct(padded, norm="ortho", overwrite_x=True))
 
 
-def _replicated(design: Array, white: Array) -> bool:
+def _amplitude(normal: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.pinv(normal, hermitian=True) @ right)
+
+
+def _gain(amplitude: Array, normal: Array, right: Array) -> Array:
+    """Log-likelihood that signals of these amplitudes gain; the last axis, if any, is of blocks."""
+    squares = np.einsum("i,ij...,j->...", amplitude, normal, amplitude)
+    return np.asarray(np.einsum("i,i...->...", amplitude, right) - 0.5 * squares)
+
+
+def _replicated(signals: Array, white: Array) -> bool:
     """Tell whether the quarters of the record agree on the amplitudes (chi-square, 1 %)."""
-    size = design.shape[1]
+    size, n = signals.shape
     weight, weighted, parts = np.zeros((size, size)), np.zeros(size), []
-    for part in np.array_split(np.arange(len(white)), _PARTS):
-        normal = design[part].T @ design[part]
-        amplitude = _amplitude(design[part], white[part])
+    edges = [part[0] for part in np.array_split(np.arange(n), _PARTS)]
+    for first, last in pairwise([*edges, n]):
+        design = signals[:, first:last]
+        normal = design @ design.T
+        amplitude = _amplitude(normal, design @ white[first:last])
         parts.append((normal, amplitude))
         weight = weight + normal
         weighted = weighted + normal @ amplitude
     common = np.linalg.lstsq(weight, weighted, rcond=None)[0]
     distance = sum(float((a - common) @ normal @ (a - common)) for normal, a in parts)
-    freedom = design.shape[1] * (_PARTS - 1)
+    freedom = size * (_PARTS - 1)
     return bool(chi2.sf(distance, freedom) > 0.01)
 
 

@@ -16,7 +16,14 @@ from scipy.fft import dct
 from allanscope.explain.spectral import Grid, Spectrum, fit_spectrum
 from allanscope.explain.view import View
 
-__all__ = ["Regression", "exponential_ordinates", "joint_fit", "ordinates_of", "step_ordinates"]
+__all__ = [
+    "Regression",
+    "exponential_ordinates",
+    "joint_fit",
+    "ordinates_of",
+    "ramp_ordinates",
+    "step_ordinates",
+]
 
 Array = NDArray[np.float64]
 
@@ -63,6 +70,14 @@ def exponential_ordinates(grid: Grid, tau: float, size: int) -> Array:
     last = np.exp(-grid.n / (tau * grid.rate_hz)) * np.cos(np.pi * k)
     total = np.exp(0.5j * angle) * (1 - last) / (1 - phi * np.exp(1j * angle))
     return np.asarray(np.sqrt(2 / grid.n) * total.real)
+
+
+def ramp_ordinates(grid: Grid, size: int) -> Array:
+    """First ordinates of the time in s, in closed form: only the odd ones are not zero."""
+    k = np.arange(1, size + 1)
+    half = np.pi * k / (2 * grid.n)
+    total = -np.sqrt(2 / grid.n) * np.cos(half) / (2 * np.sin(half) ** 2)
+    return np.asarray(np.where(k % 2, total, 0.0) / grid.rate_hz)
 
 
 def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:

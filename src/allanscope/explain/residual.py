@@ -71,6 +71,6 @@ def band_scores(view: View, bands: int = _BANDS) -> Bands:
 
 def excess_kurtosis(view: View) -> tuple[float, float]:
     """Kurtosis of the innovations beyond a Gaussian's, and its standard error."""
-    white = view.innovations
-    variance = float(np.mean(white**2))
-    return float(np.mean(white**4) / variance**2 - 3.0), float(np.sqrt(24 / len(white)))
+    squares = view.innovations**2
+    variance = float(np.mean(squares))
+    return float(np.mean(squares**2) / variance**2 - 3.0), float(np.sqrt(24 / len(squares)))

@@ -97,10 +97,13 @@ class Budget:
 def close_loop(view: View, budget: Budget | None = None) -> View:
     """Return the view with every effect that was accepted."""
     budget = budget or Budget()
+    settled: dict[int, View] = {}
     for _ in range(budget.passes):
         before = len(view.accepted)
         for stage in sorted({kind.stage for kind in KINDS.values()}):
-            view = _settle(view, stage, budget)
+            if settled.get(stage) is view:
+                continue  # nothing has changed since: it would find nothing again
+            view = settled[stage] = _settle(view, stage, budget)
             if stage == 2:
                 view = _audit_drift(view)
         if len(view.accepted) == before:
@@ -123,7 +126,7 @@ def _settle(view: View, stage: int, budget: Budget) -> View:
             view = _with_rivals(view, former, candidates)
         accepted = _best(view, candidates, budget.spent_nats)
         if accepted is None:
-            together = _bundle(view, kinds, budget.spent_nats) if stage == 2 else None
+            together = _bundle(view, kinds, candidates, budget.spent_nats) if stage == 2 else None
             if together is None:
                 break
             view, former = together, []
@@ -191,7 +194,9 @@ def _ranked(candidates: list[Candidate]) -> list[Candidate]:
     return ranked
 
 
-def _bundle(view: View, kinds: list[EffectKind], before: float) -> View | None:
+def _bundle(
+    view: View, kinds: list[EffectKind], candidates: list[Candidate], before: float
+) -> View | None:
     """Return the view with several slow effects that pass together, though none passes alone.
 
     While one of them is left out it keeps K high, and a high K hides the others: a warm-up and
@@ -202,10 +207,12 @@ def _bundle(view: View, kinds: list[EffectKind], before: float) -> View | None:
     first = len(view.accepted)
     trial = view
     for _ in range(_BUNDLE):
-        candidates = [c for c in _proposals(trial, slow) if c.gain > _PROMISING]
-        if not candidates:
+        if trial is not view:
+            candidates = list(_proposals(trial, slow))
+        promising = [c for c in candidates if c.kind in _SLOWLY and c.gain > _PROMISING]
+        if not promising:
             return None
-        trial = accept(trial, max(candidates, key=lambda c: c.excess))
+        trial = accept(trial, max(promising, key=lambda c: c.excess))
         missing = before + _owed(trial, first) - (trial.spectrum.loglik - view.spectrum.loglik)
         if missing > _HOPELESS:
             return None
@@ -389,4 +396,4 @@ def _with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> V
         if left < 0.5 * rival.gain:
             rivals[rival.kind] = max(rival.gain, rivals.get(rival.kind, 0.0))
     updated = replace(last, rivals=rivals)
-    return replace(view, accepted=(*view.accepted[:-1], updated))
+    return view.noting((*view.accepted[:-1], updated))

@@ -8,7 +8,6 @@ the density around it changes; `bridged` tells how much of the grid is such fill
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
+from allanscope.explain.once import once
 from allanscope.explain.spectral import grid_of
 from allanscope.history import Record
 
@@ -33,6 +33,8 @@ _LOUD = 25.0
 """Power of an ordinate over the noise around it that noise hardly has."""
 _MEDIAN = 0.4549
 """Of a chi-square with one degree of freedom, whose mean is 1."""
+_WORKERS = 2
+"""Threads for the transforms of all axes, before the axes have threads of their own."""
 _THERMAL_S = 30.0
 """A package does not change its temperature faster: what moves faster is the converter's noise."""
 
@@ -77,7 +79,7 @@ class Series:
         """Return the column of an axis."""
         return self.axes.index(axis)
 
-    @cached_property
+    @once
     def thermal(self) -> Array | None:
         """Temperature smoothed to what a package can follow, mean removed; None without one.
 
@@ -90,18 +92,25 @@ class Series:
         smooth = uniform_filter1d(self.temperature_c, min(width, len(self)), mode="nearest")
         return np.asarray(smooth - smooth.mean())
 
-    @cached_property
+    @once
+    def thermal_ordinates(self) -> Array | None:
+        """DCT-II ordinates of the smoothed temperature, shape (n - 1,); None without one."""
+        if self.thermal is None:
+            return None
+        return np.asarray(dct(self.thermal, norm="ortho")[1:])
+
+    @once
     def equal(self) -> NDArray[np.bool_]:
         """Which rows equal the row before, for every axis, shape (n - 1, axes)."""
         return np.asarray(self.values[1:] == self.values[:-1])
 
-    @cached_property
+    @once
     def ordinates(self) -> Array:
         """DCT-II ordinates of every axis, shape (axes, n - 1)."""
         centred = (self.values - self.values.mean(axis=0)).T
-        return np.asarray(dct(centred, axis=1, norm="ortho")[:, 1:])
+        return np.asarray(dct(centred, axis=1, norm="ortho", workers=_WORKERS)[:, 1:])
 
-    @cached_property
+    @once
     def loud(self) -> NDArray[np.bool_]:
         """Ordinates that hold a line of their axis, by the median around them, (axes, n - 1)."""
         power = self.ordinates**2

@@ -15,11 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+
+from allanscope.explain.nonnegative_scoring import maximise
+from allanscope.explain.once import once
 
 __all__ = ["Design", "Grid", "Spectrum", "Term", "binned_power", "fit_spectrum", "grid_of"]
 
@@ -30,7 +32,6 @@ _FLICKER_EDGE = np.array([0.774, 0.903, 0.931, 0.950, 0.959, 0.966])
 _LOW = 8192
 """Ordinates kept one by one for slow regressors: what is slow has no power beyond."""
 _BINS_PER_OCTAVE = 32
-_SCORING_STEPS = 40
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Grid:
     n: int
     rate_hz: float
 
-    @cached_property
+    @once
     def frequency(self) -> Array:
         """Frequency of every ordinate in Hz, shape (n - 1,)."""
         return np.arange(1, self.n, dtype=np.float64) * (self.rate_hz / (2 * self.n))
@@ -58,7 +59,7 @@ class Grid:
         """Number of ordinates kept one by one."""
         return min(_LOW, self.n - 1)
 
-    @cached_property
+    @once
     def edges(self) -> NDArray[np.int64]:
         """First ordinate of every bin (0 stands for k = 1), shape (bins,)."""
         ratio = 2 ** (1 / _BINS_PER_OCTAVE)
@@ -67,12 +68,12 @@ class Grid:
         ).astype(np.int64)
         return np.unique(np.concatenate([edges[:-1] - 1, [min(self.low, self.n - 2)]]))
 
-    @cached_property
+    @once
     def count(self) -> Array:
         """Ordinates in every bin."""
         return np.diff(np.append(self.edges, self.n - 1)).astype(np.float64)
 
-    @cached_property
+    @once
     def centre(self) -> Array:
         """Mean frequency of every bin in Hz."""
         return self.bin_means(self.frequency)
@@ -81,27 +82,34 @@ class Grid:
         """Average something over every bin."""
         return np.asarray(np.add.reduceat(per_ordinate, self.edges) / self.count, np.float64)
 
-    def textbook(self, which: str, frequency: Array) -> Array:
+    def textbook(self, letters: str, frequency: Array) -> dict[str, Array]:
         """Variance of an ordinate for a unit N^2, B^2, K^2 or Q^2 at given frequencies."""
         s = 2 * np.sin(np.pi * frequency / self.rate_hz)
-        if which == "N":
-            return np.full_like(s, self.rate_hz)
-        if which == "B":
-            k = np.maximum(1, np.round(frequency * 2 * self.n / self.rate_hz)).astype(np.int64)
-            edge = 1 - 0.202 / k
-            first = k <= len(_FLICKER_EDGE)
-            edge[first] = _FLICKER_EDGE[k[first] - 1]
-            return np.asarray(edge / s)
-        if which == "K":
-            return 1 / (self.rate_hz * s**2)
-        return self.rate_hz**2 * (s**2 + 4 / self.n)
+        found: dict[str, Array] = {}
+        for letter in letters:
+            if letter == "N":
+                found[letter] = np.full_like(s, self.rate_hz)
+            elif letter == "B":
+                found[letter] = self._flicker_edge(frequency) / s
+            elif letter == "K":
+                found[letter] = 1 / (self.rate_hz * s**2)
+            else:
+                found[letter] = self.rate_hz**2 * (s**2 + 4 / self.n)
+        return found
 
-    @cached_property
+    def _flicker_edge(self, frequency: Array) -> Array:
+        k = np.maximum(1.0, np.round(frequency * (2 * self.n / self.rate_hz)))
+        edge = 1 - 0.202 / k
+        first = k <= len(_FLICKER_EDGE)
+        edge[first] = _FLICKER_EDGE[k[first].astype(np.int64) - 1]
+        return np.asarray(edge)
+
+    @once
     def textbook_all(self) -> dict[str, Array]:
         """The unit variances of N, B, K, Q at every ordinate."""
-        return {w: self.textbook(w, self.frequency) for w in "NBKQ"}
+        return self.textbook("NBKQ", self.frequency)
 
-    @cached_property
+    @once
     def textbook_bins(self) -> dict[str, Array]:
         """The unit variances of N, B, K, Q averaged over the bins."""
         return {w: self.bin_means(unit) for w, unit in self.textbook_all.items()}
@@ -182,7 +190,7 @@ class Spectrum:
 
     def at(self, frequency: Array) -> Array:
         """Variance of a DCT ordinate at given frequencies (two-sided density times the rate)."""
-        return self._sum({w: self.grid.textbook(w, frequency) for w in self.base}, frequency)
+        return self._sum(self.grid.textbook(self.base, frequency), frequency)
 
     def _sum(self, units: dict[str, Array], frequency: Array) -> Array:
         total = np.full_like(frequency, self.floor)
@@ -196,17 +204,17 @@ class Spectrum:
             total += variance * term.at(self.grid, frequency)
         return total
 
-    @cached_property
+    @once
     def ordinates(self) -> Array:
         """Variance of every ordinate, shape (n - 1,)."""
         return self._sum(self.grid.textbook_all, self.grid.frequency)
 
-    @cached_property
+    @once
     def kept(self) -> NDArray[np.bool_]:
         """Ordinates that take part in the fit."""
         return _kept(self.grid, _excluding(self.terms))
 
-    @cached_property
+    @once
     def covariance(self) -> Array:
         """Covariance of the variances from the Fisher information."""
         return np.asarray(np.linalg.pinv(self.information, hermitian=True))
@@ -258,12 +266,19 @@ def _excluding(terms: tuple[Term, ...]) -> tuple[Term, ...]:
 
 
 @lru_cache(maxsize=16)
-def _kept(grid: Grid, terms: tuple[Term, ...]) -> NDArray[np.bool_]:
+def _kept(grid: Grid, excluding: tuple[Term, ...]) -> NDArray[np.bool_]:
     kept = np.ones(grid.n - 1, bool)
-    for term in terms:
-        if term.role == "excludes":
-            kept &= term.at(grid, grid.frequency) > 0
+    for term in excluding:
+        kept &= term.at(grid, grid.frequency) > 0
     return kept
+
+
+@lru_cache(maxsize=64)
+def _count(grid: Grid, excluding: tuple[Term, ...]) -> Array:
+    """Ordinates of every bin that take part in the fit."""
+    if not excluding:
+        return grid.count
+    return np.add.reduceat(_kept(grid, excluding).astype(np.float64), grid.edges)
 
 
 def _design(grid: Grid, base: str, terms: tuple[Term, ...]) -> Design:
@@ -274,19 +289,16 @@ def _design(grid: Grid, base: str, terms: tuple[Term, ...]) -> Design:
             column = column * term.at_bins(grid)
         columns.append(column)
     columns += [t.at_bins(grid) for t in terms if t.role == "adds"]
-    count = grid.count
-    if any(t.role == "excludes" for t in terms):
-        count = np.add.reduceat(_kept(grid, _excluding(terms)).astype(np.float64), grid.edges)
-    return Design(np.column_stack(columns), count)
+    return Design(np.array(columns).T, _count(grid, _excluding(terms)))
 
 
 def binned_power(grid: Grid, squares: Array, terms: tuple[Term, ...]) -> Array:
     """Mean square of the ordinates of every bin that take part in the fit."""
-    if not any(t.role == "excludes" for t in terms):
+    excluding = _excluding(terms)
+    if not excluding:
         return grid.bin_means(squares)
-    kept = _kept(grid, _excluding(terms))
-    count = np.add.reduceat(kept.astype(np.float64), grid.edges)
-    return np.add.reduceat(squares * kept, grid.edges) / np.maximum(count, 1.0)
+    total = np.add.reduceat(squares * _kept(grid, excluding), grid.edges)
+    return np.asarray(total / np.maximum(_count(grid, excluding), 1.0))
 
 
 def _loglik(power: Array, count: Array, variance: Array) -> float:
@@ -314,37 +326,6 @@ def fit_spectrum(
         Known white variance per row that no filter shapes: the rounding to the step.
     """
     design = _design(grid, base, terms)
-    fixed = design.fixed(floor)
-    count, basis = design.count, design.basis
-    theta = start if start is not None and len(start) == basis.shape[1] else None
-    if theta is None:
-        weight = np.sqrt(count / 2) / np.maximum(power, 1e-300)
-        theta = _solve(basis, power - fixed, weight)
-    smallest = 1e-9 * float(np.median(power)) + 1e-300
-    best = -np.inf
-    for _ in range(_SCORING_STEPS):
-        variance = np.maximum(fixed + basis @ theta, smallest)
-        value = _loglik(power, count, variance)
-        new = _solve(basis, power - fixed, np.sqrt(count / 2) / variance)
-        step = 1.0
-        gained = _loglik(power, count, np.maximum(fixed + basis @ new, smallest))
-        while gained < value and step > 1e-3:
-            step /= 2
-            trial = theta + step * (new - theta)
-            gained = _loglik(power, count, np.maximum(fixed + basis @ trial, smallest))
-        if gained <= value + 1e-6:
-            best = value
-            break
-        theta = theta + step * (new - theta)
-        best = gained
-    variance = np.maximum(fixed + basis @ theta, smallest)
-    scaled = basis * (np.sqrt(count / 2) / variance)[:, np.newaxis]
-    return Spectrum(grid, base, terms, floor, theta, best, scaled.T @ scaled)
-
-
-def _solve(basis: Array, target: Array, weight: Array) -> Array:
-    weighted = basis * weight[:, np.newaxis]
-    size = np.sqrt(np.sum(weighted**2, axis=0))
-    size[size == 0] = 1.0
-    solution, _ = nnls(weighted / size, target * weight)
-    return np.asarray(solution / size)
+    theta, loglik, variance = maximise(design.basis.T, power, design.count, floor, start)
+    scaled = design.basis.T * (np.sqrt(design.count / 2) / variance)
+    return Spectrum(grid, base, terms, floor, theta, loglik, scaled @ scaled.T)

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
-from allanscope.explain.spectral import Spectrum
-from allanscope.explain.view import View
+from allanscope.explain.spectral import Grid, Spectrum
 
 __all__ = ["StepScan"]
 
@@ -26,15 +25,15 @@ Ints = NDArray[np.int64]
 
 
 class StepScan:
-    """Gains in nats of steps and boxes in a view under a given noise spectrum."""
+    """Gains in nats of steps and boxes in a series of given ordinates under a noise spectrum."""
 
-    def __init__(self, view: View, spectrum: Spectrum) -> None:
-        grid = view.grid
+    def __init__(self, grid: Grid, ordinates: Array, spectrum: Spectrum) -> None:
         self.n, self.cells = grid.n, grid.low
         weight = spectrum.kept / spectrum.ordinates
-        white = np.concatenate([[0.0], view.ordinates * weight])
-        running = np.cumsum(np.asarray(idct(white, norm="ortho")))
-        self.score = np.concatenate([[0.0], -running])
+        white = np.zeros(grid.n)
+        np.multiply(ordinates, weight, out=white[1:])
+        self.score = np.zeros(grid.n + 1)
+        np.cumsum(idct(white, norm="ortho", overwrite_x=True), out=self.score[1:])
         k = np.arange(1, self.cells + 1)
         q = np.concatenate(
             [[0.0], weight[: self.cells] / (2 * np.sin(np.pi * k / (2 * grid.n))) ** 2]

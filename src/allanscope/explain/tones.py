@@ -10,12 +10,12 @@ from scipy.special import digamma, polygamma
 from scipy.stats import chi2, spearmanr
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.demodulation import demodulate
 from allanscope.explain.effect import Parameter
 from allanscope.explain.view import View
 
 __all__ = [
     "constancy",
-    "demodulate",
     "evenness",
     "local_level",
     "sidebands",
@@ -43,14 +43,6 @@ def local_level(view: View, frequency: float, ordinates: int = 400) -> float:
     half = min(ordinates, max(8, centre // 3))
     near = view.squares[max(0, centre - half) : centre + half]
     return float(np.median(near)) / 0.4549
-
-
-def demodulate(data: Array, rate: float, frequency: float, parts: int) -> NDArray[np.complex128]:
-    """Complex amplitude of a tone in each of `parts` equal parts of the data."""
-    n = len(data) // parts * parts
-    t = np.arange(n) / rate
-    mixed = (data[:n] - data[:n].mean()) * np.exp(-2j * np.pi * frequency * t)
-    return np.asarray(2 * mixed.reshape(parts, -1).mean(axis=1))
 
 
 def constancy(data: Array, rate: float, frequency: float, parts: int = _PARTS) -> float:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.once import once
 from allanscope.explain.series import Series
 from allanscope.explain.spectral import Grid, Spectrum, Term, binned_power, fit_spectrum
+from allanscope.explain.stepscan import StepScan
 from allanscope.samples import unit_of
 
 __all__ = ["Clock", "View"]
@@ -63,17 +64,19 @@ class View:
     clock: Clock | None = None
     base: str = "NBK"
 
-    @cached_property
+    @once
     def ordinates(self) -> Array:
         """DCT-II ordinates of the data without the mean, shape (n - 1,)."""
+        if all(c.signal is None for c in self.accepted):
+            return self.source_ordinates(self.axis)
         return np.asarray(dct(self.data - self.data.mean(), norm="ortho")[1:])
 
-    @cached_property
+    @once
     def squares(self) -> Array:
         """Squared ordinates."""
         return self.ordinates**2
 
-    @cached_property
+    @once
     def power(self) -> Array:
         """Mean square of every bin."""
         return binned_power(self.grid, self.squares, self.terms)
@@ -83,14 +86,14 @@ class View:
         """Variance per row that the rounding to the step adds; none where a step holds no noise."""
         return self.step**2 / 12 / self.series.stride
 
-    @cached_property
+    @once
     def spectrum(self) -> Spectrum:
         """The noise fitted to the data with the terms accepted so far."""
         return fit_spectrum(
             self.grid, self.power, base=self.base, terms=self.terms, floor=self.fitted_floor
         )
 
-    @cached_property
+    @once
     def fitted_floor(self) -> float:
         """The rounding's variance, never more than the lowest level there is.
 
@@ -100,7 +103,7 @@ class View:
         lowest = float(self.power[self.grid.count > _MANY].min(initial=np.inf))
         return self.floor if lowest > _TRUSTED * self.floor else 0.98 * lowest
 
-    @cached_property
+    @once
     def innovations(self) -> Array:
         """The data whitened by the noise model, back in time, shape (n,): unit variance.
 
@@ -110,6 +113,11 @@ class View:
         white = self.ordinates / np.sqrt(self.spectrum.ordinates * max(kept.mean(), 1e-9))
         white = np.concatenate([[0.0], white * kept])
         return np.asarray(idct(white, norm="ortho"))
+
+    @once
+    def scan(self) -> StepScan:
+        """What steps and boxes of the level gain under the fitted noise, at every instant."""
+        return StepScan(self.grid, self.ordinates, self.spectrum)
 
     @property
     def samples(self) -> Array:
@@ -140,6 +148,13 @@ class View:
     def with_terms(self, terms: tuple[Term, ...]) -> View:
         """Return the view with other stationary parts, to be fitted anew."""
         return replace(self, terms=terms)
+
+    def noting(self, accepted: tuple[Candidate, ...]) -> View:
+        """Return the view with other words about what was accepted; what is computed stays."""
+        again = replace(self, accepted=accepted)
+        computed = {k: v for k, v in self.__dict__.items() if k not in again.__dict__}
+        again.__dict__.update(computed)
+        return again
 
     @property
     def drifts(self) -> bool:

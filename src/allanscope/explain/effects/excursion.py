@@ -83,7 +83,7 @@ def _boxes(view: View) -> list[tuple[int, int]]:
     """First and last sample of the most telling boxes."""
     n, rate = view.grid.n, view.grid.rate_hz
     cell = max(1, n // view.grid.low)
-    scan = StepScan(view, view.spectrum)
+    scan = view.scan
     width, longest = max(2 * cell, int(_SHORTEST_S * rate)), int(_LONGEST * n)
     found = []
     while width <= longest:
@@ -127,7 +127,8 @@ def _candidate(view: View, first: int, last: int) -> Candidate | None:
 def _refined(view: View, candidate: Candidate) -> Candidate:
     """Move both borders in turn to where the gain is largest, and bound them."""
     first, last = (int(x) for x in candidate.shape)
-    scan = StepScan(view, joint_fit(view, _column(view, first, last)).spectrum)
+    noise = joint_fit(view, _column(view, first, last)).spectrum
+    scan = StepScan(view.grid, view.ordinates, noise)
     n, rate = view.grid.n, view.grid.rate_hz
     (a0, a1), (b0, b1) = (first, first), (last, last)
     for _ in range(_TURNS):

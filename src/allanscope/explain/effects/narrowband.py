@@ -63,8 +63,11 @@ def wandering(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Ar
 
 def _spectrum(frequency: Array, rate: float, p: complex, a: complex) -> Array:
     """Spectrum of the correlation Re(a p^|k|)."""
+    # In real numbers, which are four times as quick: this is what the search for a band repeats.
+    above, constant, factor = a * (1 - p * p), 1 + p * p, 2 * p
     cosine = np.cos(2 * np.pi * frequency / rate)
-    return np.asarray(np.maximum((a * (1 - p * p) / (1 - 2 * p * cosine + p * p)).real, 0.0))
+    x, y = constant.real - factor.real * cosine, constant.imag - factor.imag * cosine
+    return np.asarray(np.maximum((above.real * x + above.imag * y) / (x * x + y * y), 0.0))
 
 
 class Narrowband(EffectKind):

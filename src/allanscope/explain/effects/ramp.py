@@ -12,7 +12,7 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
-from allanscope.explain.regression import joint_fit, ordinates_of
+from allanscope.explain.regression import joint_fit, ramp_ordinates
 from allanscope.explain.view import View
 
 
@@ -34,7 +34,7 @@ class Ramp(EffectKind):
         """Estimate the slope."""
         del candidate
         t = np.arange(view.grid.n) / view.grid.rate_hz
-        fit = joint_fit(view, ordinates_of(t)[np.newaxis, : view.grid.low])
+        fit = joint_fit(view, ramp_ordinates(view.grid, view.grid.low))
         slope, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
         return Candidate(
             kind="ramp",

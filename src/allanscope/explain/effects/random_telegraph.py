@@ -240,7 +240,7 @@ def _parts(view: View, tc: float, f: Array) -> list[tuple[float, Array]]:
     """White noise; flicker and random walk; the process: as fitted together."""
     fit = fitted(view, tc)
     process = fit.sigma_of(fit.terms[-1])[0] ** 2
-    slow = sum(fit.variance_of(letter) * view.grid.textbook(letter, f) for letter in ("B", "K"))
+    slow = sum(fit.variance_of(w) * unit for w, unit in view.grid.textbook("BK", f).items())
     white = fit.variance_of("N") * view.grid.rate_hz + fit.floor
     return [
         (1.0, np.full_like(f, white)),

@@ -183,17 +183,21 @@ def _slow_fit(view: View, frequency: float) -> tuple[float, Regression]:
 
 @lru_cache(maxsize=256)  # every scan goes through the same frequencies
 def _slow_pair(grid: Grid, frequency: float) -> Array:
-    """First ordinates of cosine and sine in closed form (sum of two geometric series)."""
+    """First ordinates of cosine and sine in closed form.
+
+    The wave times the cosine of ordinate k is the sum of two geometric series, of n terms and the
+    ratios exp(i (w + a)) and exp(i (w - a)), a = pi k / n; exp(i n a) is 1 or -1.
+    """
     n, m = grid.n, grid.low
-    angle = np.pi * np.arange(1, m + 1) / n
+    k = np.arange(1, m + 1)
+    half = np.pi * k / (2 * n)
     w = 2 * np.pi * frequency / grid.rate_hz
-    total = np.zeros(m, np.complex128)
-    for sign in (1, -1):
-        z = w + sign * angle
-        near = np.abs(np.exp(1j * z) - 1) < 1e-12
-        z = np.where(near, 1e-9, z)
-        series = (1 - np.exp(1j * z * n)) / (1 - np.exp(1j * z))
-        total += 0.5 * np.exp(0.5j * sign * angle) * series
+    below = np.sin(w / 2 - half)
+    met = np.abs(below) < 1e-12
+    poles = 1 / np.sin(w / 2 + half) + 1 / np.where(met, 1.0, below)
+    end = np.exp(1j * w * n)
+    total = 0.25j * np.exp(-0.5j * w) * np.where(k % 2, 1 + end, 1 - end) * poles
+    total[met] = 0.5 * n * np.exp(-1j * half[met])
     total *= np.sqrt(2 / n)
     return np.vstack([total.real, total.imag])
 

@@ -53,7 +53,7 @@ class Step(EffectKind):
         at = np.arange(edge, n - edge, max(1, n // view.grid.low))
         if len(at) == 0:
             return []
-        statistic = StepScan(view, view.spectrum).step(at)
+        statistic = view.scan.step(at)
         best: Candidate | None = None
         for _ in range(_PROPOSALS):
             k = int(np.argmax(statistic))
@@ -112,7 +112,7 @@ def _refined(view: View, candidate: Candidate) -> Candidate:
     grid = view.grid
     at = int(candidate.shape[0])
     column = step_ordinates(grid, at, grid.low)[np.newaxis]
-    scan = StepScan(view, joint_fit(view, column).spectrum)
+    scan = StepScan(grid, view.ordinates, joint_fit(view, column).spectrum)
     reach = int(max(20 * grid.rate_hz, 4 * grid.n / grid.low))
     edge = int(_EDGE_S * grid.rate_hz)
     tried = np.arange(max(edge, at - reach), min(grid.n - edge, at + reach))

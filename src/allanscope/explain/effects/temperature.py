@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, ordinates_of
+from allanscope.explain.regression import joint_fit
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -63,6 +63,6 @@ class Temperature(EffectKind):
 
 
 def _column(view: View) -> Array:
-    thermal = view.series.thermal
-    assert thermal is not None
-    return ordinates_of(thermal)[np.newaxis, : view.grid.low]
+    ordinates = view.series.thermal_ordinates
+    assert ordinates is not None
+    return ordinates[np.newaxis, : view.grid.low]

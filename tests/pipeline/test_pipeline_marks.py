@@ -42,7 +42,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_session_that_is_taken_up_has_its_marks_where_they_were_set(session: Path) -> None:
     decoding = Decoding(WireSettings(), "native")
     samples, marks = 0, {}
-    for event in earlier_events(session, decoding, lambda data: None):
+    for event in earlier_events(Recording(session), decoding, lambda data: None):
         if isinstance(event, Block):
             samples += len(event)
         elif isinstance(event, Notice) and event.kind == "mark":

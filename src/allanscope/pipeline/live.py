@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Literal
@@ -30,7 +30,7 @@ from allanscope.pipeline.settings import DeviceSettings, SessionSettings, Simula
 from allanscope.pipeline.signals import stopped_by_signals
 from allanscope.pipeline.stream import device_source, nothing_heard
 from allanscope.recording import Recorder, Recording
-from allanscope.samples import Event, Notice
+from allanscope.samples import Notice
 from allanscope.sources import RecordedSource, Source
 from allanscope.view import RerunView, TerminalView
 
@@ -56,30 +56,17 @@ def run_live(
     InputError
         When what was heard is in none of the known formats.
     """
-    if resume is not None:
-        device = recorded_settings(Recording(resume), device)
+    past = None if resume is None else Recording(resume)  # before it gets another file
+    if past is not None:
+        device = recorded_settings(past, device)
     if not settings.quiet:
         tell_when_compiling()
     give_large_blocks_back()
     load_kernels(device.wire)  # before the port is opened: a board does not wait
-    decoding = Decoding(device.for_wire(), device.wire)
     source = device_source(port, device, simulated)
     news = News()
-
-    def write(data: bytes) -> None:
-        # What is sent belongs to the recording: a replay shows who said what, and when.
-        recorder.tx(data, time.monotonic_ns())
-        with suppress(DeviceError):
-            source.write(data)
-
     try:
-        earlier: Iterable[Event] = ()
-        if resume is None:
-            folder = session_folder(settings.out or new_session_folder(source.name))
-            decoding.resume(write)
-        else:
-            folder, earlier = resume, earlier_events(resume, decoding, write)
-            set_view_aside(folder)
+        folder = _folder(source, settings, resume)
         recorder = Recorder(
             folder,
             _metadata(source, device),
@@ -89,17 +76,17 @@ def run_live(
     except BaseException:
         source.close()
         raise
+    decoding = Decoding(device.for_wire(), device.wire)
     facts = {"name": source.name, "path": str(folder), **source.identity}
-    analyser = Analyser(AnalyserSettings(part=device.part))
     session = Session(
         source,
         decoding,
-        analyser,
+        Analyser(AnalyserSettings(part=device.part)),
         ledger=recorder,
         duration_s=settings.duration_s,
         input_facts=lambda: facts,
         news=news,
-        earlier=earlier,
+        earlier=earlier_events(past, decoding, _recorded_write(source, recorder)),
         watched=settings.view != "none",
     )
     try:
@@ -111,6 +98,25 @@ def run_live(
             discard_session(folder)
         raise
     return analysis
+
+
+def _folder(source: Source, settings: SessionSettings, resume: Path | None) -> Path:
+    """Return the folder of the session: a new one, or the one that goes on."""
+    if resume is None:
+        return session_folder(settings.out or new_session_folder(source.name))
+    set_view_aside(resume)
+    return resume
+
+
+def _recorded_write(source: Source, recorder: Recorder) -> Callable[[bytes], None]:
+    """Return what sends bytes to the device, and to the recording: a replay shows who said what."""
+
+    def write(data: bytes) -> None:
+        recorder.tx(data, time.monotonic_ns())
+        with suppress(DeviceError):
+            source.write(data)
+
+    return write
 
 
 def run_replay(

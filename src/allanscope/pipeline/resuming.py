@@ -18,23 +18,18 @@ __all__ = ["earlier_events", "set_view_aside"]
 
 
 def earlier_events(
-    folder: Path, decoding: Decoding, write: Callable[[bytes], None]
+    past: Recording | None, decoding: Decoding, write: Callable[[bytes], None]
 ) -> Iterator[Event]:
-    """Return the events of the files that a session has now; then `decoding` goes on live.
+    """Yield the events that a session held before, if it goes on; then `decoding` goes on live.
 
     Raises
     ------
     InputError
-        When the folder holds no session; while iterating, when its wire format is unknown.
+        When the wire format of the past is unknown.
     """
-    recording = Recording(folder)  # now: files that the session gets later are not of the past
-
-    def events() -> Iterator[Event]:
-        for buffer in recording.buffers():
-            yield from decoding.take_buffer(buffer)
-        decoding.resume(write)
-
-    return events()
+    for buffer in past.buffers() if past is not None else ():
+        yield from decoding.take_buffer(buffer)
+    decoding.resume(write)
 
 
 def set_view_aside(folder: Path) -> None:

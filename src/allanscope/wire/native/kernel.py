@@ -105,6 +105,35 @@ def _unstuff(data, start, end, frame, places):  # type: ignore[no-untyped-def]
     return start + np.intp(here)
 
 
+@njit(
+    types.boolean(types.uint8[::1], types.intp, types.uint32[:, ::1]),
+    cache=True,
+    nogil=True,
+    forceinline=True,
+)
+def _is_sound(frame, size, table):  # type: ignore[no-untyped-def]
+    """Tell whether the CRC that follows `size` bytes is theirs."""
+    sent = (
+        np.uint32(frame[size])
+        | np.uint32(frame[size + 1]) << np.uint32(8)
+        | np.uint32(frame[size + 2]) << np.uint32(16)
+        | np.uint32(frame[size + 3]) << np.uint32(24)
+    )
+    return _crc32(frame, size, table) == sent
+
+
+@njit(types.boolean(types.uint8[::1], types.intp), cache=True, nogil=True, forceinline=True)
+def _is_data(frame, size):  # type: ignore[no-untyped-def]
+    """Tell whether a sound frame of `size` bytes, without CRC, holds samples."""
+    n = frame[7]
+    return (
+        frame[0] == _DATA
+        and frame[1] >> 4 == VERSION_MAJOR
+        and 1 <= n <= MOST_SAMPLES
+        and size == _HEAD + SAMPLE_BYTES * n
+    )
+
+
 _OUT = types.uint8[::1]
 _INTS = types.int64[::1]
 
@@ -175,23 +204,11 @@ def read_frames(  # type: ignore[no-untyped-def]
             malformed += 1
             continue
         size -= CRC_BYTES
-        sent = (
-            np.uint32(frame[size])
-            | np.uint32(frame[size + 1]) << np.uint32(8)
-            | np.uint32(frame[size + 2]) << np.uint32(16)
-            | np.uint32(frame[size + 3]) << np.uint32(24)
-        )
-        if _crc32(frame, size, table) != sent:
+        if not _is_sound(frame, size, table):
             malformed += first
             crc_errors += not first
             continue
-        n = frame[7]
-        if (
-            frame[0] == _DATA
-            and frame[1] >> 4 == VERSION_MAJOR
-            and 1 <= n <= MOST_SAMPLES
-            and size == _HEAD + SAMPLE_BYTES * n
-        ):
+        if _is_data(frame, size):
             headers[rows * _HEAD : (rows + 1) * _HEAD] = frame[:_HEAD]
             samples[filled : filled + size - _HEAD] = frame[_HEAD:size]
             filled += size - _HEAD

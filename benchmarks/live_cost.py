@@ -32,7 +32,7 @@ from allanscope.analysis.analyser import Analyser
 from allanscope.pipeline.compiling import load_kernels
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.looking import Looking
-from allanscope.pipeline.memory import give_large_blocks_back, let_go_of_the_start
+from allanscope.pipeline.memory import give_large_blocks_back
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
 from allanscope.sources import open_source
@@ -157,7 +157,6 @@ def run(port: str, seconds: float, folder: Path) -> dict[str, Any]:
     viewer = RerunView(folder, "none", {"name": "benchmark"}, lambda line, level="info": None)
     session.audience = (watch, TerminalView("quiet"), viewer)
     viewer.start()
-    let_go_of_the_start()
     session.run()
     spent_s, passed_s = time.process_time() - watch.began_cpu_s, time.monotonic() - watch.began_s
     recorder.close()

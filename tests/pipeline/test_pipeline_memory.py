@@ -1,4 +1,4 @@
-"""What is let go of at the start: free memory and library pages, and nothing that was changed."""
+"""What a run lets go of: free memory and library pages, and nothing that was ever changed."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from allanscope.analysis.analyser import Analyser
+from allanscope.pipeline import session
 from allanscope.pipeline.memory import _unchanged_libraries
 
 SMAPS = """\
@@ -34,7 +36,7 @@ Anonymous:             0 kB
 PROGRAM = """
 import numpy as np
 import scipy.linalg
-from allanscope.pipeline.memory import give_large_blocks_back, let_go_of_the_start
+from allanscope.pipeline.memory import give_large_blocks_back, let_go_of_what_rests
 
 def resident(which):
     text = open("/proc/self/status").read()
@@ -43,7 +45,7 @@ def resident(which):
 give_large_blocks_back()
 data = np.random.default_rng(1).standard_normal((64, 64))
 before, known = resident("RssFile"), scipy.linalg.inv(data)
-let_go_of_the_start()
+let_go_of_what_rests()
 after = resident("RssFile")
 assert after < before / 2, (before, after)
 assert np.array_equal(scipy.linalg.inv(data), known)
@@ -63,3 +65,15 @@ def test_only_libraries_of_which_no_page_was_changed_are_let_go(tmp_path: Path) 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux is told")
 def test_memory_goes_down_and_the_libraries_go_on_working() -> None:
     subprocess.run([sys.executable, "-c", PROGRAM], check=True)
+
+
+def test_it_is_done_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[int] = []
+    done: list[int] = []
+    monkeypatch.setattr(session, "REFRESH_S", 0.0)
+    monkeypatch.setattr(session, "let_go_of_what_rests", lambda: done.append(len(shown)))
+    refresher = session._Refresher(lambda frozen: shown.append(1), share=1.0)
+    while len(shown) < 9:
+        refresher.offer(Analyser())
+    refresher.close()
+    assert done == [1, 2, 4, 8]

@@ -16,7 +16,7 @@ from allanscope.errors import AllanscopeError, DeviceError, InputError
 from allanscope.pipeline.analyse import analyse_input, recorded_settings
 from allanscope.pipeline.compiling import load_kernels, tell_when_compiling
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.memory import give_large_blocks_back, let_go_of_the_start
+from allanscope.pipeline.memory import give_large_blocks_back
 from allanscope.pipeline.outputs import (
     discard_session,
     new_session_folder,
@@ -197,7 +197,6 @@ def _run(
         try:
             try:
                 viewer.start()
-                let_go_of_the_start()
                 session.run()
             finally:
                 session.source.close()

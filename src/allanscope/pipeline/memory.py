@@ -5,8 +5,8 @@ the next ones from there too; after an hour of results, each with copies of some
 those heaps are mostly holes. Told otherwise, it gives large blocks back at once.
 
 Half of what a process holds when it has begun are pages of libraries, LLVM above all, that are
-used to load compiled code and never again. They are unchanged pages of files, so nothing is lost
-when they are let go; the few that are still needed come back by themselves.
+used to load compiled code and hardly ever again. They are unchanged pages of files, so nothing is
+lost when they are let go; the few that are still needed come back by themselves.
 
 Only Linux with its usual C library is told anything; elsewhere nothing happens.
 """
@@ -18,7 +18,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["give_large_blocks_back", "let_go_of_the_start"]
+__all__ = ["give_large_blocks_back", "let_go_of_what_rests"]
 
 _MMAP_THRESHOLD, _ARENA_MAX = -3, -8
 _LARGE_BYTES = 1 << 18
@@ -34,7 +34,7 @@ def give_large_blocks_back() -> None:
         libc.mallopt(_ARENA_MAX, _HEAPS)
 
 
-def let_go_of_the_start() -> None:
+def let_go_of_what_rests() -> None:
     """Let go of free memory, and of library pages; those that are needed again are read again."""
     if (libc := _glibc()) is None:
         return

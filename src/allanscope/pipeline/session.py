@@ -28,6 +28,7 @@ from allanscope.analysis.summary import Depth, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.inbox import Inbox, joined
 from allanscope.pipeline.looking import Looking
+from allanscope.pipeline.memory import let_go_of_what_rests
 from allanscope.quantities import duration
 from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
@@ -305,6 +306,7 @@ class _Refresher:
         self._thread.join(timeout=30.0)
 
     def _run(self) -> None:
+        results = 0
         while (frozen := self._work.get()) is not None:
             began_s, began_cpu_s = time.monotonic(), time.thread_time()
             try:
@@ -312,6 +314,9 @@ class _Refresher:
             except Exception as error:  # a result that fails must not end the recording
                 self.error = error
             del frozen  # twenty megabytes that nobody needs until the next one
+            results += 1
+            if results.bit_count() == 1:  # ever more rarely: each may have loaded code of its own
+                let_go_of_what_rests()
             spent_s = time.thread_time() - began_cpu_s
             self._next = max(began_s + REFRESH_S, time.monotonic() + spent_s / self._share)
             self._busy.clear()

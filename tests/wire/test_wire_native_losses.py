@@ -127,6 +127,17 @@ def test_the_sequence_number_goes_on_after_two_to_the_16(imu: StreamInfo, noise:
     assert decoder.stats.samples == 70_000
 
 
+def test_a_hole_at_the_turn_of_the_sequence_number_is_still_the_devices(
+    imu: StreamInfo, noise: Noise
+) -> None:
+    encoder, decoder = NativeEncoder(), NativeDecoder()
+    wire = encoder.describe(replace(imu, nominal_hz=26.0)) + encoder.encode(noise(65_535))
+    decoder.feed(wire, 0.0)
+    gap, block = decoder.feed(encoder.encode(noise(1, index=65_540)), 0.0)  # sequence number 0
+    assert gap == Gap("device", 5)
+    assert isinstance(block, Block)
+
+
 def test_a_new_epoch_starts_over_with_a_gap_of_unknown_length(
     imu: StreamInfo, noise: Noise
 ) -> None:

@@ -22,8 +22,9 @@ from scipy.fft import dct, idct
 from scipy.stats import chi2
 
 from allanscope.explain.candidate import HeldOut
+from allanscope.explain.grid import Grid, grid_of
 from allanscope.explain.regression import Regression
-from allanscope.explain.spectral import Grid, Spectrum, Term, binned_power, fit_spectrum, grid_of
+from allanscope.explain.spectral import Spectrum, Term, binned_power, fit_spectrum
 from allanscope.explain.view import View
 
 __all__ = ["halves", "interleaved", "interleaved_signal"]

@@ -16,6 +16,7 @@ from allanscope.explain.coefficients import coefficients_of
 from allanscope.explain.effect import AxisExplanation, ResidualError
 from allanscope.explain.error import error_of
 from allanscope.explain.evidence import effect_of
+from allanscope.explain.grid import grid_of
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.lattice import step_of
 from allanscope.explain.merge import merged
@@ -23,7 +24,6 @@ from allanscope.explain.models import model_of, with_ramp
 from allanscope.explain.remarks import detection_limits, hindrances, observations
 from allanscope.explain.search import Budget, accept, close_loop
 from allanscope.explain.series import Series, series_of
-from allanscope.explain.spectral import grid_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
 from allanscope.noise.model import NoiseModel

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from allanscope.explain.spectral import Grid, Spectrum, fit_spectrum
+from allanscope.explain.grid import Grid
+from allanscope.explain.spectral import Spectrum, fit_spectrum
 from allanscope.explain.view import View
 
 __all__ = [

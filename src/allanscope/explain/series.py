@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
+from allanscope.explain.grid import grid_of
 from allanscope.explain.once import once
-from allanscope.explain.spectral import grid_of
 from allanscope.history import Record
 
 __all__ = ["Series", "series_of"]

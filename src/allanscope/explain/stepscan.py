@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
-from allanscope.explain.spectral import Grid, Spectrum
+from allanscope.explain.grid import Grid
+from allanscope.explain.spectral import Spectrum
 
 __all__ = ["StepScan"]
 

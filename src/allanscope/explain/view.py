@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.grid import Grid
 from allanscope.explain.once import once
 from allanscope.explain.series import Series
-from allanscope.explain.spectral import Grid, Spectrum, Term, binned_power, fit_spectrum
+from allanscope.explain.spectral import Spectrum, Term, binned_power, fit_spectrum
 from allanscope.explain.stepscan import StepScan
 from allanscope.samples import unit_of
 

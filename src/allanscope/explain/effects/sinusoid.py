@@ -25,9 +25,9 @@ from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.grid import Grid
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
-from allanscope.explain.spectral import Grid
 from allanscope.explain.tones import constancy, local_level
 from allanscope.explain.view import View
 

@@ -14,6 +14,7 @@ from allanscope.fleet.judgement import findings, lot_verdict, reservations
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.outliers import far_units
 from allanscope.fleet.page import render_lot
+from allanscope.fleet.pictures import distribution_picture, history_picture
 from allanscope.fleet.replicates import replications
 from allanscope.fleet.shared import effects_in, shared_effects
 from allanscope.fleet.spread import log_sigma, spread_of
@@ -244,10 +245,25 @@ def test_the_page_tells_it_all_and_fetches_nothing(lot: Lot) -> None:
         "temperature (°C)",
     ):
         assert text in page
+    first_of_all = [
+        page.index(f"<td>{text}") for text in ("not found", "found again", "replicated")
+    ]
+    assert order == sorted(order)
     assert "&lt;b&gt;.mcap" in page
     assert "8 of 12" in page
     for fetched in ("<script", "src=", "<link", "@import"):
         assert fetched not in page
+
+
+def test_the_odd_unit_has_its_name_in_the_picture(lot: Lot) -> None:
+    assert ODD in distribution_picture(lot, "dps", findings(lot)).svg()
+    assert ODD not in distribution_picture(lot, "g", findings(lot)).svg()
+
+
+def test_a_history_takes_repeats(lot: Lot) -> None:
+    assert history_picture(lot, "dps") is not None
+    once = [f"/lot/unit-{number:02d}/{number % RUNS}.mcap" for number in range(UNITS)]
+    assert history_picture(lot.where(np.isin(lot["recording"].astype(str), once)), "dps") is None
 
 
 def test_a_page_of_one_recording_says_what_it_cannot_say(lot: Lot) -> None:

@@ -245,9 +245,8 @@ def test_the_page_tells_it_all_and_fetches_nothing(lot: Lot) -> None:
         "temperature (°C)",
     ):
         assert text in page
-    first_of_all = [
-        page.index(f"<td>{text}") for text in ("not found", "found again", "replicated")
-    ]
+    verdicts = ("not found again", "found again, of", "replicated")
+    order = [page.index(f"<td>{text}") for text in verdicts]
     assert order == sorted(order)
     assert "&lt;b&gt;.mcap" in page
     assert "8 of 12" in page

@@ -27,7 +27,7 @@ from typing import Any
 import blind_generator as generator
 import numpy as np
 from blind_effects import OUTSIDE, Truth
-from blind_oracle import error_over_oracle
+from blind_oracle import Errors, errors_of
 
 from allanscope.explain import explain
 from allanscope.explain.effect import Effect
@@ -44,7 +44,7 @@ class Outcome:
     truths: tuple[Truth, ...]
     axes: tuple[str, ...]
     found: dict[str, tuple[Effect, ...]]
-    ratios: dict[str, float]
+    errors: dict[str, Errors]
     seconds: float
 
 
@@ -62,7 +62,7 @@ class Score:
     false: list[str] = field(default_factory=list)
     extra: list[str] = field(default_factory=list)
     both_ways: int = 0
-    ratios: dict[Cell, list[float]] = field(default_factory=lambda: defaultdict(list))
+    errors: dict[Cell, list[Errors]] = field(default_factory=lambda: defaultdict(list))
     seconds: list[float] = field(default_factory=list)
 
 
@@ -132,13 +132,13 @@ def run(arguments: argparse.Namespace) -> Score:
                 kept.write_bytes(pickle.dumps(outcome))
         score.seconds.append(outcome.seconds)
         for truth in outcome.truths:
-            if truth.kind in outcome.ratios:
-                score.ratios[truth.kind, truth.level].append(outcome.ratios[truth.kind])
+            if truth.kind in outcome.errors:
+                score.errors[truth.kind, truth.level].append(outcome.errors[truth.kind])
         judge(outcome, score, f"#{index}")
         if not arguments.quiet:
             named = {a: [e.kind for e in es] for a, es in outcome.found.items() if es}
             hidden = [(t.kind, t.level, t.axis) for t in outcome.truths]
-            ratios = {kind: round(ratio, 3) for kind, ratio in outcome.ratios.items()}
+            ratios = {kind: round(e.loop / e.oracle, 3) for kind, e in outcome.errors.items()}
             print(
                 f"#{index} {outcome.seconds:.1f} s hidden {hidden} found {named} "
                 f"error over oracle {ratios}",
@@ -154,15 +154,15 @@ def measure(seed: int, index: int, hours: float, rate: float) -> Outcome:
     began = time.process_time()
     result = explain(blind.record, nominal_hz=blind.nominal_hz, rate_fit=blind.rate_fit)
     seconds = time.process_time() - began
-    ratios = {
-        truth.kind: error_over_oracle(blind, result, truth, seed=1000 * seed + index)
+    errors = {
+        truth.kind: errors_of(blind, result, truth, seed=1000 * seed + index)
         for truth in blind.truths
     }
     return Outcome(
         truths=tuple(replace(t, signal=None, again=None) for t in blind.truths),
         axes=blind.record.axes,
         found={axis: e.effects for axis, e in result.axes.items()},
-        ratios={kind: ratio for kind, ratio in ratios.items() if ratio is not None},
+        errors={kind: own for kind, own in errors.items() if own is not None},
         seconds=seconds,
     )
 
@@ -173,7 +173,7 @@ def table(score: Score) -> str:
     for cell in sorted(score.asked):
         n = score.asked[cell]
         answers = ", ".join(f"{k} {v}" for k, v in score.answers[cell].most_common(4))
-        own = score.ratios[cell]
+        own = [e.loop / e.oracle for e in score.errors[cell]]
         errors = f"{np.median(own):.2f} to {max(own):.2f}" if own else ""
         lines.append(
             f"{cell[0]:20s} {cell[1]:6s} {n:3d} {100 * score.right[cell] / n:5.0f}% "
@@ -217,12 +217,14 @@ def totals(score: Score) -> dict[str, Any]:
     if score.seconds:
         out["cpu_seconds_a_record"] = round(float(np.mean(score.seconds)), 1)
     for level in ("near", "above"):
-        ratios = np.array([r for c, own in score.ratios.items() if c[1] == level for r in own])
-        if len(ratios):
-            out[f"error_over_oracle_{level}_median"] = round(float(np.median(ratios)), 3)
-            out[f"error_within_5_percent_of_oracle_{level}_percent"] = round(
-                100 * float(np.mean(ratios < 1.05)), 1
-            )
+        errors = [e for cell, own in score.errors.items() if cell[1] == level for e in own]
+        for whom in ("oracle", "omniscient"):
+            ratios = np.array([e.loop / getattr(e, whom) for e in errors])
+            if len(ratios):
+                out[f"error_over_{whom}_{level}_median"] = round(float(np.median(ratios)), 3)
+                out[f"error_within_5_percent_of_{whom}_{level}_percent"] = round(
+                    100 * float(np.mean(ratios < 1.05)), 1
+                )
     return out
 
 

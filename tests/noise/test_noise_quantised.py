@@ -82,3 +82,9 @@ def test_numbers_without_a_lattice_have_no_step():
 def test_rounded_decimals_in_a_text_still_lie_on_the_lattice():
     values = np.round(8.75e-3 * rounded(3.0, 0.2), 4)
     assert on_lattice(values, 8.75e-3)
+
+
+@pytest.mark.parametrize(("step", "digits"), [(8.75e-3, 3), (4.375e-3, 4), (1.527e-4, 5)])
+def test_the_step_of_numbers_printed_with_few_digits_is_found_to_a_thousandth(step, digits):
+    values = np.round(step * rounded(3.0, 0.2), digits)
+    assert find_step(values) == pytest.approx(step, rel=2e-3)

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
+from allanscope.noise.quantised import find_step
+
 __all__ = ["noise_on_lattice", "step_of"]
 
 Array = NDArray[np.float64]
@@ -14,12 +16,6 @@ Array = NDArray[np.float64]
 _WINDOWS = 48
 _OFF = 5e-3
 """Distance from a whole count, in counts, that single precision may leave."""
-_ENOUGH = 1 << 17
-_FEWEST = 4
-"""Fewest samples a value that make a lattice."""
-_TURNS = 3
-_PRINTED = 0.3
-"""Distance from the lattice, in steps, that printing to few digits may leave."""
 
 
 def step_of(samples: Array, lsb: float) -> float:
@@ -39,28 +35,12 @@ def step_of(samples: Array, lsb: float) -> float:
     counts = (samples - samples[0]) / lsb
     whole = np.round(counts)
     if np.max(np.abs(counts - whole)) > _OFF or (not whole.any() and counts.any()):
-        return _own_step(samples[:_ENOUGH])
+        return find_step(samples)
     codes = np.unique(whole).astype(np.int64)
     common = int(np.gcd.reduce(codes))
     if common > 1 or len(codes) < 2:
         return float(max(common, 1) * lsb)
     return _uneven_step(codes) * lsb
-
-
-def _own_step(samples: Array) -> float:
-    """Return the step on which samples of unknown LSB lie, each printed to some digits."""
-    values = np.unique(samples)
-    if len(values) < 2 or len(values) > len(samples) / _FEWEST:
-        return 0.0
-    apart = np.diff(values)
-    same = apart < 1e-3 * np.quantile(apart, 0.9)  # one code, computed in two ways
-    values = values[np.concatenate([[True], ~same])]
-    slope = float(np.diff(values).min())
-    for _ in range(_TURNS):
-        index = np.concatenate([[0.0], np.cumsum(np.round(np.diff(values) / slope))])
-        slope = float(np.polyfit(index, values, 1)[0])
-    rest = values - np.polyval(np.polyfit(index, values, 1), index)
-    return slope if np.max(np.abs(rest)) < _PRINTED * slope else 0.0
 
 
 def _uneven_step(codes: NDArray[np.int64]) -> float:

@@ -24,6 +24,11 @@ LIMIT = 0.5
 _OFF = 0.01
 """Distance from a lattice, in steps, that numbers printed with few digits may have."""
 _LOOKED_AT = 1 << 16
+_FEWEST = 4
+"""Fewest samples a value that make a lattice of printed numbers."""
+_TURNS = 3
+_PRINTED = 0.3
+"""Distance from the lattice, in steps, that printing to few digits may leave."""
 
 
 def on_lattice(values: ArrayLike, step: float) -> bool:
@@ -44,12 +49,14 @@ def find_step(values: ArrayLike) -> float:
     """Return the step of a lattice that the values lie on; 0 where there is none, or one value.
 
     The smallest distance of two distinct values is the step, or a multiple of it, if all distances
-    are multiples of a common one.
+    are multiples of a common one. Where the values were printed with few digits none of that is
+    exact: the step is then the slope of a straight line through the codes that occur.
 
     >>> round(find_step([0.0, 0.14, 0.21, -0.07]), 9)
     0.07
     """
-    distinct = np.unique(_some(np.asarray(values, np.float64).ravel()))
+    samples = _some(np.asarray(values, np.float64).ravel())
+    distinct = np.unique(samples)
     gaps = np.diff(distinct)
     gaps = gaps[gaps > 1e-9 * float(np.max(np.abs(distinct), initial=0.0))]
     if len(gaps) == 0:
@@ -62,7 +69,20 @@ def find_step(values: ArrayLike) -> float:
             exact = float(np.dot(multiples, distinct - distinct[0]) / np.dot(multiples, multiples))
             # Values without a lattice have gaps far smaller than their scatter.
             return exact if np.ptp(multiples) < 1e6 else 0.0
-    return 0.0
+    return _printed_step(distinct) if len(distinct) <= len(samples) / _FEWEST else 0.0
+
+
+def _printed_step(distinct: Array) -> float:
+    """Return the step of sorted values, each printed to some digits; 0 where there is none."""
+    apart = np.diff(distinct)
+    same = apart < 1e-3 * np.quantile(apart, 0.9)  # one code, computed in two ways
+    codes = distinct[np.concatenate([[True], ~same])]
+    slope = float(np.diff(codes).min())
+    for _ in range(_TURNS):
+        index = np.concatenate([[0.0], np.cumsum(np.round(np.diff(codes) / slope))])
+        slope, start = (float(x) for x in np.polyfit(index, codes, 1))
+    rest = codes - start - slope * index
+    return slope if np.max(np.abs(rest)) < _PRINTED * slope else 0.0
 
 
 def _some(values: Array) -> Array:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from allanscope.analysis.analyser import Analyser
-from allanscope.pipeline import session
+from allanscope.pipeline import refreshing
 from allanscope.pipeline.memory import _unchanged_libraries
 
 SMAPS = """\
@@ -70,9 +70,9 @@ def test_memory_goes_down_and_the_libraries_go_on_working() -> None:
 def test_it_is_done_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[int] = []
     done: list[int] = []
-    monkeypatch.setattr(session, "REFRESH_S", 0.0)
-    monkeypatch.setattr(session, "let_go_of_what_rests", lambda: done.append(len(shown)))
-    refresher = session._Refresher(lambda frozen: shown.append(1), share=1.0)
+    monkeypatch.setattr(refreshing, "REFRESH_S", 0.0)
+    monkeypatch.setattr(refreshing, "let_go_of_what_rests", lambda: done.append(len(shown)))
+    refresher = refreshing.Refresher(lambda frozen: shown.append(1), share=1.0)
     while len(shown) < 9:
         refresher.offer(Analyser())
     refresher.close()

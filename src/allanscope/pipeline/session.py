@@ -28,7 +28,7 @@ from allanscope.analysis.summary import Depth, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.inbox import Inbox, joined
 from allanscope.pipeline.looking import Looking
-from allanscope.pipeline.memory import let_go_of_what_rests
+from allanscope.pipeline.refreshing import Refresher
 from allanscope.quantities import duration
 from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
@@ -36,10 +36,8 @@ from allanscope.sources.base import Chunk, Source
 
 __all__ = ["Audience", "Ledger", "News", "Session"]
 
-REFRESH_S = 1.0
 WATCHED_SHARE, UNWATCHED_SHARE = 0.1, 0.01
 """Refreshes take at most this share of one core: with a viewer, and with nobody to look at it."""
-
 
 SPACE_FIRST_NS, SPACE_EVERY_NS = 10_000_000_000, 60_000_000_000
 """When the room on the disk is first told, and how often."""
@@ -140,7 +138,7 @@ class Session:
         self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
         self.looking = Looking()
-        self._refresher = _Refresher(self._show, WATCHED_SHARE if watched else UNWATCHED_SHARE)
+        self._refresher = Refresher(self._show, WATCHED_SHARE if watched else UNWATCHED_SHARE)
         self._space_due_ns = 0
         self._space_told = False
 
@@ -278,45 +276,3 @@ class Session:
         for viewer in self.audience:
             viewer.snapshot(analysis)
         self.looking.offer(frozen)
-
-
-class _Refresher:
-    """Computes results in a thread of its own, as often as the machine can bear."""
-
-    def __init__(self, show: Callable[[Analyser], None], share: float) -> None:
-        self._show = show
-        self._share = share
-        self._next = 0.0
-        self._work: queue.Queue[Analyser | None] = queue.Queue(maxsize=1)
-        self._busy = threading.Event()
-        self.error: Exception | None = None
-        self._thread = threading.Thread(target=self._run, name="refresh", daemon=True)
-        self._thread.start()
-
-    def offer(self, analyser: Analyser) -> None:
-        """Take a copy of the analyser if a refresh is due and none is running."""
-        if self._busy.is_set() or time.monotonic() < self._next:
-            return
-        self._busy.set()
-        self._work.put(analyser.frozen())
-
-    def close(self) -> None:
-        """Wait for a refresh that is running, and end."""
-        self._work.put(None)
-        self._thread.join(timeout=30.0)
-
-    def _run(self) -> None:
-        results = 0
-        while (frozen := self._work.get()) is not None:
-            began_s, began_cpu_s = time.monotonic(), time.thread_time()
-            try:
-                self._show(frozen)
-            except Exception as error:  # a result that fails must not end the recording
-                self.error = error
-            del frozen  # twenty megabytes that nobody needs until the next one
-            results += 1
-            if results.bit_count() == 1:  # ever more rarely: each may have loaded code of its own
-                let_go_of_what_rests()
-            spent_s = time.thread_time() - began_cpu_s
-            self._next = max(began_s + REFRESH_S, time.monotonic() + spent_s / self._share)
-            self._busy.clear()

@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 _LEAST_BANDS = 8
 _LINE_Z = 6.0
 _NEXT_Z = 4.0
+_TURNS = 3
+_MOST_AVERAGES = 1e5
+"""A band's weight is that of so many averages at most: no filter is the model to a part in 300."""
 _NARROW = 3
 """Most neighbouring bands that a line spreads over."""
 
@@ -40,6 +43,35 @@ class _Bands:
     averages: Array
     floor: float
     rate: float
+
+
+@dataclass(frozen=True)
+class _Filter:
+    """White noise behind a low-pass of one pole or two.
+
+    Attributes
+    ----------
+    point : ndarray, shape (2,)
+        Logarithms of the level and of the cutoff in Hz.
+    poles : int
+        1 or 2.
+    """
+
+    point: Array
+    poles: int
+
+    @property
+    def cutoff(self) -> float:
+        return float(np.exp(np.clip(self.point[1], -20, 20)))
+
+    def at(self, bands: _Bands) -> Array:
+        """Return the power in the bands, the rounding included."""
+        f, rate = bands.f, bands.rate
+        if self.poles == 1:
+            passed = one_pole(f, rate, (self.cutoff,))
+        else:
+            passed = bilinear(f, rate, (min(self.cutoff, 0.499 * rate), 2.0))
+        return np.asarray(np.exp(self.point[0]) * passed + bands.floor)
 
 
 def above_the_rows(view: View, density: Density) -> View:
@@ -106,65 +138,69 @@ def _unfolded(view: View, seen: Candidate, tone: Candidate) -> Candidate | None:
 
 def _baseline(view: View, bands: _Bands) -> tuple[Array, Candidate | None]:
     """Fit white noise, flat or filtered, to the bands that no tone lifts."""
-    f, power, averages = bands.f, bands.power, bands.averages
-    floor, rate = bands.floor, bands.rate
-    weight = np.minimum(averages, 1e5)
-    quiet = np.ones(len(f), bool)
-    level = float(np.median(power))
-    flat, filtered, best = np.full_like(power, level), np.full_like(power, level), np.zeros(3)
-    for _ in range(3):
+    power = bands.power
+    weight = np.minimum(bands.averages, _MOST_AVERAGES)
+    quiet = np.ones(len(power), bool)
+    for _ in range(_TURNS):
         use = weight * quiet
-
-        def loss(p: Array, use: Array = use) -> float:
-            return float(
-                np.sum(
-                    use * (np.log(_shape(p, f, floor, rate)) + power / _shape(p, f, floor, rate))
-                )
-            )
-
-        starts = [np.array([np.log(level), np.log(c * rate), 0.0]) for c in (0.1, 0.3, 1.0)]
-        results = [
-            minimize(loss, s, method="Nelder-Mead", options={"maxiter": 800}) for s in starts
-        ]
-        result = min(results, key=lambda r: float(r.fun))
-        best = np.asarray(result.x)
-        filtered = _shape(best, f, floor, rate)
-        mean = float(np.sum(use * power) / np.sum(use))
-        flat = np.full_like(power, mean)
-        quiet = (power / filtered - 1) * np.sqrt(averages) < _NEXT_Z
+        found = _filter(bands, use)
+        filtered = found.at(bands)
+        flat = np.full_like(power, float(np.sum(use * power) / np.sum(use)))
+        quiet = (power / filtered - 1) * np.sqrt(bands.averages) < _NEXT_Z
     use = weight * quiet
     gain = _deviance(use, power, flat) - _deviance(use, power, filtered)
     price = float(np.log(30 / ALPHA))
     if gain < price or view.has("band_limit"):
         return (flat if gain < price else filtered), None
-    cutoff = float(np.exp(best[1]))
-    h = 0.01
-    losses = [
-        _deviance(use, power, _shape(best + np.array([0, d, 0]), f, floor, rate))
-        for d in (-h, 0.0, h)
-    ]
-    error = 1 / np.sqrt(max((losses[0] - 2 * losses[1] + losses[2]) / h**2, 1e-2))
     return filtered, Candidate(
         kind="band_limit",
-        parameters={"cutoff": log_interval(cutoff, float(error), "Hz")},
+        parameters={
+            "cutoff": log_interval(found.cutoff, _error_of_cutoff(bands, use, found), "Hz")
+        },
         gain=gain,
         price=price,
-        words=f"the top of the band is cut above {cutoff:.3g} Hz",
+        words=f"the top of the band is cut above {found.cutoff:.3g} Hz",
         evidence={"seen_in": "streaming spectrum"},
     )
 
 
+def _filter(bands: _Bands, use: Array) -> _Filter:
+    """Fit white noise behind one pole and behind two, and take the likelier."""
+    level = float(np.median(bands.power))
+    fits = []
+    for poles in (1, 2):
+
+        def loss(point: Array, poles: int = poles) -> float:
+            return _deviance(use, bands.power, _Filter(point, poles).at(bands))
+
+        for share in (0.1, 0.3, 1.0):
+            start = np.log([level, share * bands.rate])
+            found = minimize(loss, start, method="Nelder-Mead", options={"maxiter": 800})
+            fits.append((float(found.fun), _Filter(np.asarray(found.x), poles)))
+    return min(fits, key=lambda fit: fit[0])[1]
+
+
+def _error_of_cutoff(bands: _Bands, use: Array, found: _Filter) -> float:
+    """Return the standard error of the logarithm of the cutoff, the level not being known.
+
+    From the curvature. Far above the cutoff the level may be exchanged for it.
+    """
+    h = 0.01
+
+    def at(level: float, cutoff: float) -> float:
+        moved = replace(found, point=found.point + h * np.array([level, cutoff]))
+        return _deviance(use, bands.power, moved.at(bands))
+
+    middle = at(0, 0)
+    level = at(1, 0) - 2 * middle + at(-1, 0)
+    cutoff = at(0, 1) - 2 * middle + at(0, -1)
+    both = (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)) / 4
+    curvature = (cutoff - both**2 / max(level, 1e-300)) / h**2
+    return float(1 / np.sqrt(max(curvature, 1e-2)))
+
+
 def _deviance(weight: Array, power: Array, model: Array) -> float:
     return float(np.sum(weight * (np.log(model) + power / model)))
-
-
-def _shape(p: Array, f: Array, floor: float, rate: float) -> Array:
-    """Level times one pole (p[2] < 1/2) or two, plus the rounding."""
-    cutoff = float(np.exp(np.clip(p[1], -20, 20)))
-    one = one_pole(f, rate, (cutoff,))
-    two = bilinear(f, rate, (min(cutoff, 0.499 * rate), 2.0))
-    mix = 1 / (1 + np.exp(-40 * (np.clip(p[2], -2, 2) - 0.5)))
-    return np.asarray(np.exp(p[0]) * ((1 - mix) * one + mix * two) + floor)
 
 
 def _runs(z: Array) -> list[tuple[int, int]]:

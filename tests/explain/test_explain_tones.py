@@ -3,7 +3,9 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from allanscope.explain.tones import unsteadiness
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects.base import estimate
+from allanscope.explain.tones import sidebands, unsteadiness
 
 
 def _noise_and(tone: np.ndarray) -> np.ndarray:
@@ -19,3 +21,17 @@ def test_a_chirp_through_a_broad_band_is_unsteady_and_noise_in_it_is_not():
                    np.random.default_rng(5).normal(size=n))  # fmt: skip
     assert unsteadiness(_noise_and(chirp), rate, 10.0, 8.0) > 15
     assert abs(unsteadiness(_noise_and(band), rate, 10.0, 8.0)) < 4
+
+
+def line(frequency):
+    parameters = {
+        "frequency": estimate(frequency, 1e-5, "Hz"),
+        "amplitude": estimate(1e-3, 1e-4, "dps"),
+    }
+    return Candidate("sinusoid", parameters, gain=100.0, price=20.0)
+
+
+def test_sidebands_are_told_from_the_odd_harmonics_of_a_square_wave():
+    modulated = [line(f) for f in (8.9975, 9.0, 9.0025)]
+    assert sidebands(modulated) == tuple(modulated)
+    assert sidebands([line(f) for f in (1.4, 1.8, 2.2)]) == ()

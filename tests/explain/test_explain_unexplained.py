@@ -169,3 +169,9 @@ def test_a_long_run_of_block_means_still_sees_a_line_in_the_streaming_spectrum(b
     assert effect.parameters["frequency"].value == pytest.approx(17.0, abs=1e-3)
     assert effect.parameters["amplitude"].value == pytest.approx(0.01, rel=0.1)
     assert any("means of 4 samples" in remark for remark in found.remarks)
+
+
+def test_a_relaxation_that_is_no_exponential_is_no_warm_up(bench):
+    b = bench(5)
+    found = explain(b.record(b.noise() + 0.1 * np.log1p(b.t / 10))).axes["gx"].effects
+    assert {e.kind for e in found} == {"unexplained"}

@@ -25,10 +25,12 @@ from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.effects.unexplained import (
     DEGREE,
+    RELAXATIONS,
     beside,
     covered,
     drift_left_over,
     is_remnant,
+    relaxation_left_over,
     tone_left_over,
     tones_left_over,
     united,
@@ -363,6 +365,7 @@ def _audit_drift(view: View) -> View:
     A drift of any other form is fitted piecewise by exponentials and ramps; each piece is
     significant and none is true.
     """
+    view = _audit_relaxation(view)
     duration = view.series.duration_s
     slow = [
         c
@@ -381,6 +384,18 @@ def _audit_drift(view: View) -> View:
     better = free.gain - DEGREE > named + _CLEARLY
     unfinished = rest is not None and rest.gain > _UNFINISHED * named
     return accept(bare, free) if better or unfinished else view
+
+
+def _audit_relaxation(view: View) -> View:
+    """Replace a warm-up by `unexplained` where several exponentials do clearly better than one."""
+    warm = next((c for c in view.accepted if c.kind == "warm_up"), None)
+    if warm is None:
+        return view
+    bare = without(view, warm)
+    free = relaxation_left_over(bare, warm.shape[0])
+    named = view.spectrum.loglik - bare.spectrum.loglik
+    better = free.gain - len(RELAXATIONS) > named + _CLEARLY
+    return accept(bare, free) if better else view
 
 
 def _with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> View:

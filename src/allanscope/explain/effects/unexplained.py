@@ -18,7 +18,7 @@ from scipy.special import eval_legendre
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind
-from allanscope.explain.regression import joint_fit, ordinates_of
+from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
 from allanscope.explain.residual import band_scores, excess_kurtosis
 from allanscope.explain.spectral import Term
 from allanscope.explain.view import View
@@ -38,6 +38,8 @@ _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
 _CHANGES = "a tone between {:.5g} and {:.5g} Hz changes in frequency or amplitude"
 DEGREE = 7
+RELAXATIONS = (0.1, 0.3, 1.0, 3.0)
+"""Time constants beside that of the one exponential, relative to it."""
 DRIFT_PRICE = 20.0
 """Nats that the polynomial gains on one clean record in 1000 or fewer (by simulation)."""
 
@@ -254,14 +256,34 @@ def drift_left_over(view: View) -> Candidate | None:
     fit = joint_fit(view, _polynomials(view.grid.n, m))
     if fit.gain < DRIFT_PRICE:
         return None
-    high = (DEGREE + 0.5) * view.grid.rate_hz / (2 * view.grid.n)
     x = np.linspace(-1, 1, view.grid.n)
     drift = np.polynomial.legendre.legval(x, [0.0, *fit.amplitude])
-    found = left_over(
-        view, (0.0, high), fit.gain, float(np.var(drift) / np.var(view.data)),
-        f"a drift slower than {1 / high:.0f} s is neither exponential nor straight nor thermal",
-    )  # fmt: skip
-    # The noise that the polynomial took along is missing there: the fit must not count it as low.
+    words = "a drift slower than {:.0f} s is neither exponential nor straight nor thermal"
+    return _drift(view, drift, fit.gain, words)
+
+
+def relaxation_left_over(view: View, tau: float) -> Candidate:
+    """Return what several exponentials explain: a relaxation that is not one of them.
+
+    Logarithms, powers and stretched exponentials of the time since power-on are mixtures of
+    relaxations, fast ones first; a polynomial needs a high degree for their beginning.
+    """
+    times = [tau * factor for factor in RELAXATIONS]
+    columns = np.array([exponential_ordinates(view.grid, t, view.grid.low) for t in times])
+    fit = joint_fit(view, columns)
+    t = np.arange(view.grid.n) / view.grid.rate_hz
+    drift = np.zeros(view.grid.n)
+    for size, time in zip(fit.amplitude, times, strict=True):
+        drift += size * np.exp(-t / time)
+    words = "the level relaxes from the start of the record, but not as one exponential"
+    return _drift(view, drift, fit.gain, words)
+
+
+def _drift(view: View, drift: Array, gain: float, words: str) -> Candidate:
+    high = (DEGREE + 0.5) * view.grid.rate_hz / (2 * view.grid.n)
+    share = float(np.var(drift) / np.var(view.data))
+    found = left_over(view, (0.0, high), gain, share, words.format(1 / high))
+    # The noise that the drift took along is missing there: the fit must not count it as low.
     return replace(found, signal=drift - drift.mean(), price=DRIFT_PRICE)
 
 

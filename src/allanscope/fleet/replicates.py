@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from allanscope.fleet.lot import Lot
-from allanscope.fleet.shared import ALIKE, FoundEffect
+from allanscope.fleet.shared import FoundEffect, alike
 
 __all__ = ["Replication", "replications"]
 
@@ -81,12 +81,7 @@ def _same(effects: list[FoundEffect]) -> list[list[FoundEffect]]:
     groups: list[list[FoundEffect]] = []
     for one in effects:
         for group in groups:
-            first = group[0]
-            if np.isnan(first.frequency_hz) and np.isnan(one.frequency_hz):
-                group.append(one)
-                break
-            near = max(first.width_hz + one.width_hz, ALIKE * first.frequency_hz)
-            if abs(first.frequency_hz - one.frequency_hz) <= near:
+            if alike(one, group[0]):
                 group.append(one)
                 break
         else:

@@ -8,13 +8,14 @@ in Hz, while one above Nyquist folds to a place of its own in each and is found 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from allanscope.fleet.lot import Lot
 
-__all__ = ["FoundEffect", "SharedEffect", "effects_in", "shared_effects"]
+__all__ = ["FoundEffect", "SharedEffect", "alike", "effects_in", "shared_effects"]
 
 ALIKE = 2e-3
 MANY = 1.0 / 3.0
@@ -43,10 +44,16 @@ class FoundEffect:
         return self.parameters.get("frequency", (np.nan,))[0]
 
     @property
+    def has_frequency(self) -> bool:
+        """Whether it sits at one place of the spectrum."""
+        return not math.isnan(self.frequency_hz)
+
+    @property
     def width_hz(self) -> float:
         """How far from there it may be: its 95 % interval to one side."""
         value, lower, upper, _ = self.parameters.get("frequency", (np.nan, np.nan, np.nan, ""))
-        return float(np.nan_to_num(max(upper - value, value - lower)))
+        wide = max(upper - value, value - lower)
+        return 0.0 if math.isnan(wide) else wide
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,20 +119,21 @@ def shared_effects(effects: list[FoundEffect], units: int) -> list[SharedEffect]
 def _groups(effects: list[FoundEffect]) -> list[list[FoundEffect]]:
     """Part effects of one kind where there is a gap between their frequencies."""
     groups: list[list[FoundEffect]] = []
-    for one in sorted(effects, key=lambda one: np.nan_to_num(one.frequency_hz)):
+    for one in sorted(effects, key=lambda one: (one.has_frequency, one.frequency_hz)):
         last = groups[-1][-1] if groups else None
-        if last is not None and _alike(last, one):
+        if last is not None and alike(last, one):
             groups[-1].append(one)
         else:
             groups.append([one])
     return groups
 
 
-def _alike(one: FoundEffect, other: FoundEffect) -> bool:
+def alike(one: FoundEffect, other: FoundEffect) -> bool:
+    """Whether two effects of one kind are the same: at one frequency, or both without any."""
+    if not (one.has_frequency and other.has_frequency):
+        return one.has_frequency == other.has_frequency
     apart = abs(one.frequency_hz - other.frequency_hz)
-    if np.isnan(apart):
-        return bool(np.isnan(one.frequency_hz) and np.isnan(other.frequency_hz))
-    return bool(apart <= max(one.width_hz + other.width_hz, ALIKE * other.frequency_hz))
+    return apart <= max(one.width_hz + other.width_hz, ALIKE * other.frequency_hz)
 
 
 def _limit(value: float | None) -> float:

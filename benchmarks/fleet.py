@@ -1,6 +1,6 @@
 """What a fleet costs: speed-up, overhead of a task, memory, and the cost model of a large one.
 
-    python benchmarks/fleet.py [--recordings 50] [--hours 0.02] [--night-hours 12] [--quick]
+    python benchmarks/fleet.py [--recordings 50] [--hours 0.015] [--night-hours 12] [--quick]
 
 Records simulated boards and a file that is no recording, then measures
 
@@ -184,7 +184,7 @@ def main() -> None:
     """Measure from the command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--recordings", type=int, default=50)
-    parser.add_argument("--hours", type=float, default=0.02)
+    parser.add_argument("--hours", type=float, default=0.015)
     parser.add_argument("--night-hours", type=float, default=0.0)
     parser.add_argument("--quick", action="store_true", help="few and short recordings")
     parser.add_argument("--json", type=Path, metavar="FILE")

@@ -8,14 +8,16 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
 from distributed import Client, LocalCluster
 
 from allanscope.errors import UsageError
 from allanscope.fleet import FleetResult, FleetSettings, run_fleet
-from allanscope.fleet.cluster import connected, local_cluster
+from allanscope.fleet.cluster import connected, dashboard_line, local_cluster
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import find_places
 from allanscope.fleet.run import TASKS_PER_WORKER
@@ -105,6 +107,16 @@ def test_a_recording_in_parts_is_the_recording(cluster: LocalCluster, lot: Path)
         whole: Outcome = client.submit(analyse_place, place, DEVICE).result()
     assert outcome == whole
     assert failed.error == f"no recording: {bad.url} is not an MCAP file"
+
+
+def test_the_dashboard_answers_or_the_line_says_why_not(cluster: LocalCluster) -> None:
+    with connected(cluster.scheduler_address, None) as client:
+        line = dashboard_line(client)
+    if find_spec("bokeh") is None:
+        assert "pip install bokeh" in line
+        return
+    with urlopen(line.removeprefix("dashboard: "), timeout=60) as page:
+        assert page.status == 200
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ from allanscope.pipeline.memory import give_large_blocks_back
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
 from allanscope.sources import open_source
-from allanscope.view import RerunView, TerminalView
+from allanscope.view import RerunView, TerminalView, load_rerun
 from allanscope.wire.base import WireSettings
 
 WARM_S = 5.0
@@ -149,6 +149,7 @@ def run(port: str, seconds: float, folder: Path) -> dict[str, Any]:
     """Watch a port for some seconds and return what it cost."""
     give_large_blocks_back()
     load_kernels("")
+    load_rerun()
     watch, source = Watch(), Timed(open_source(port))
     recorder = Recorder(folder, {"name": "benchmark"})
     decoding = Decoding(WireSettings(), write=source.write)

@@ -5,8 +5,11 @@ import sys
 
 import pytest
 
+from allanscope.errors import DeviceError
+from allanscope.pipeline import live
 from allanscope.pipeline.ahead import ahead
 from allanscope.pipeline.compiling import COMPILING
+from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 
 PROGRAM = """
 import numba
@@ -32,6 +35,23 @@ def test_it_is_said_once_when_something_is_compiled_and_never_again(tmp_path):
         ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
         said.append(ran.stdout.splitlines())
     assert said == [[COMPILING], []]
+
+
+def test_all_that_takes_long_is_loaded_before_the_port_is_opened(monkeypatch):
+    """A board does not wait: what its buffer cannot hold until it is read is lost."""
+    done = []
+
+    def opened(*_):
+        done.append("port")
+        raise DeviceError("there is none")
+
+    monkeypatch.setattr(live, "load_kernels", lambda wire: done.append("kernels"))
+    monkeypatch.setattr(live, "load_rerun", lambda: done.append("rerun"))
+    monkeypatch.setattr(live, "device_source", opened)
+    quiet = SessionSettings(quiet=True, view="none")
+    with pytest.raises(DeviceError):
+        live.run_live("nowhere", DeviceSettings(), quiet, SimulatedSettings())
+    assert done == ["kernels", "rerun", "port"]
 
 
 def test_what_reads_ahead_gives_everything_in_order_and_errors_in_their_place():

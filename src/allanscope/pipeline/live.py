@@ -32,7 +32,7 @@ from allanscope.pipeline.stream import device_source, nothing_heard
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import Notice
 from allanscope.sources import RecordedSource, Source
-from allanscope.view import RerunView, TerminalView
+from allanscope.view import RerunView, TerminalView, load_rerun
 
 __all__ = ["run_live", "run_replay"]
 
@@ -62,7 +62,8 @@ def run_live(
     if not settings.quiet:
         tell_when_compiling()
     give_large_blocks_back()
-    load_kernels(device.wire)  # before the port is opened: a board does not wait
+    load_kernels(device.wire)
+    load_rerun()  # before the port is opened, like the kernels: a board does not wait
     source = device_source(port, device, simulated)
     news = News()
     try:

@@ -61,8 +61,8 @@ class SerialSource:
         Opens a link.
     clock : callable
         Host monotonic time in nanoseconds.
-    sleep : callable, optional
-        Passes that many seconds, in place of a wait that `close` can end.
+    sleep : callable
+        Passes that many seconds, 50 ms at most.
 
     Raises
     ------
@@ -80,7 +80,7 @@ class SerialSource:
         comports: Comports | None = None,
         opener: Callable[[str, int], Transport] = open_transport,
         clock: Callable[[], int] = time.monotonic_ns,
-        sleep: Callable[[float], object] | None = None,
+        sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         self._name = name
         self._settings = settings or SourceSettings()
@@ -93,7 +93,7 @@ class SerialSource:
         self._reading = threading.Lock()
         self._writing = threading.Lock()
         self._closing = threading.Event()
-        self._sleep = sleep or self._closing.wait
+        self._sleep = sleep
         self._streaming = False
         self._stalled = False
         self._pause_s = 0.0

@@ -21,14 +21,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from allanscope.view.progress import progress
-    from allanscope.view.rerun_view import RerunView
+    from allanscope.view.rerun_view import RerunView, load_rerun
     from allanscope.view.terminal import TerminalView, summary_lines
 
-__all__ = ["RerunView", "TerminalView", "progress", "summary_lines"]
+__all__ = ["RerunView", "TerminalView", "load_rerun", "progress", "summary_lines"]
 
 _HOME = {
     "RerunView": "rerun_view",
     "TerminalView": "terminal",
+    "load_rerun": "rerun_view",
     "progress": "progress",
     "summary_lines": "terminal",
 }

@@ -10,7 +10,7 @@
                                                 └─▶ session.rrd
 
 No method blocks, whatever the viewer does. Rerun takes more than a second and 90 MB to import, so
-that is left to `start`.
+that is left to `start`, or to `load_rerun` where something must not wait for it later.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,7 +36,7 @@ from allanscope.view.worker import Worker
 if TYPE_CHECKING:
     from allanscope.view.rerun_canvas import Canvas
 
-__all__ = ["RerunView", "ViewMode"]
+__all__ = ["RerunView", "ViewMode", "load_rerun"]
 
 _QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 1, 10, 1800.0
 """Rows of the series that travel together: a tenth of a second; a second after half an hour, and
@@ -55,6 +56,12 @@ _PREFIX: Mapping[str, tuple[str, Level]] = {
     "mark": ("mark: ", "warn"),
     "error": ("device error: ", "error"),
 }
+
+
+def load_rerun() -> None:
+    """Import Rerun, which would log to the terminal if it were not told before."""
+    os.environ.setdefault("RUST_LOG", "off")
+    import_module("allanscope.view.rerun_canvas")
 
 
 class RerunView:
@@ -126,7 +133,7 @@ class RerunView:
             return
         if self._mode == "none" and self._file is None:
             return
-        os.environ.setdefault("RUST_LOG", "off")  # read on import: Rerun would log to the terminal
+        load_rerun()
         from allanscope.view.rerun_canvas import Canvas
 
         serve = self._mode != "none"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import set_workers
 
 from allanscope.allan.deviation import Deviation
 from allanscope.clock.rate import RateFit
@@ -115,7 +116,8 @@ def explain(
     stopped = {axis: hindrances(series, axis) for axis in series.axes}
     open_axes = [axis for axis in series.axes if not stopped[axis]]
     if open_axes:
-        _ = series.thermal, series.ordinates, series.equal  # shared by the threads: filled once
+        with set_workers(threads):  # shared by the threads, so filled before
+            _ = series.thermal, series.ordinates, series.equal
     with ThreadPoolExecutor(threads) as pool:
         views = dict(
             zip(

@@ -33,8 +33,6 @@ _LOUD = 25.0
 """Power of an ordinate over the noise around it that noise hardly has."""
 _MEDIAN = 0.4549
 """Of a chi-square with one degree of freedom, whose mean is 1."""
-_WORKERS = 2
-"""Threads for the transforms of all axes, before the axes have threads of their own."""
 _THERMAL_S = 30.0
 """A package does not change its temperature faster: what moves faster is the converter's noise."""
 
@@ -108,7 +106,7 @@ class Series:
     def ordinates(self) -> Array:
         """DCT-II ordinates of every axis, shape (axes, n - 1)."""
         centred = (self.values - self.values.mean(axis=0)).T
-        return np.asarray(dct(centred, axis=1, norm="ortho", workers=_WORKERS)[:, 1:])
+        return np.asarray(dct(centred, axis=1, norm="ortho")[:, 1:])
 
     @once
     def loud(self) -> NDArray[np.bool_]:

@@ -33,3 +33,16 @@ def nbs14_1000():
 def nbs14_10():
     """Return the nine frequencies of the 10-point set of NBS Monograph 140."""
     return np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])
+
+
+@pytest.fixture(scope="session")
+def assert_identical():
+    """Fail unless two banks are in the same state, to the last bit."""
+
+    def check(one, other):
+        ours, theirs = one.state(), other.state()
+        assert ours.keys() == theirs.keys()
+        for name, array in ours.items():
+            np.testing.assert_array_equal(array, theirs[name], err_msg=name)
+
+    return check

@@ -25,16 +25,9 @@ def bank_of(*segments):
     return bank
 
 
-def assert_identical(one, other):
-    ours, theirs = one.state(), other.state()
-    assert ours.keys() == theirs.keys()
-    for name, array in ours.items():
-        np.testing.assert_array_equal(array, theirs[name], err_msg=name)
-
-
 @settings(max_examples=25, deadline=None)
 @given(first=st.integers(0, 20_000), second=st.integers(0, 2000), gap=st.booleans())
-def test_a_restored_bank_goes_on_to_the_same_bits(first, second, gap):
+def test_a_restored_bank_goes_on_to_the_same_bits(assert_identical, first, second, gap):
     bank = bank_of(samples(50), samples(first, 1))
     restored = AllanBank.from_state(bank.state())
     for each in (bank, restored):
@@ -48,7 +41,7 @@ def test_a_restored_bank_goes_on_to_the_same_bits(first, second, gap):
         )
 
 
-def test_a_state_travels_to_another_process_as_a_plain_npz(tmp_path):
+def test_a_state_travels_to_another_process_as_a_plain_npz(assert_identical, tmp_path):
     bank = bank_of(samples(3000))
     np.savez(tmp_path / "bank.npz", **bank.state())
     script = (
@@ -66,7 +59,7 @@ def test_a_state_travels_to_another_process_as_a_plain_npz(tmp_path):
         assert_identical(bank, AllanBank.from_state(state))
 
 
-def test_a_state_is_a_copy():
+def test_a_state_is_a_copy(assert_identical):
     bank = bank_of(samples(300))
     state = bank.state()
     bank.update(samples(300))

@@ -33,13 +33,6 @@ def bank_of(segments, axes=2):
     return bank
 
 
-def assert_identical(one, other):
-    ours, theirs = one.state(), other.state()
-    assert ours.keys() == theirs.keys()
-    for name, array in ours.items():
-        np.testing.assert_array_equal(array, theirs[name], err_msg=name)
-
-
 def assert_same_curves(one, other, rtol, kinds=KINDS):
     for kind in kinds:
         a, b = one.deviation(kind), other.deviation(kind)
@@ -50,7 +43,7 @@ def assert_same_curves(one, other, rtol, kinds=KINDS):
 
 @settings(max_examples=40, deadline=None)
 @given(n=st.integers(0, 3000), cuts=CUTS, integer=st.booleans())
-def test_any_split_into_blocks_gives_the_same_bits(n, cuts, integer):
+def test_any_split_into_blocks_gives_the_same_bits(assert_identical, n, cuts, integer):
     data = samples(n, integer=integer)
     whole = bank_of([data])
     split = AllanBank(100.0, axes=2, per_octave=2)
@@ -61,7 +54,7 @@ def test_any_split_into_blocks_gives_the_same_bits(n, cuts, integer):
     assert_identical(whole, split)
 
 
-def test_samples_one_by_one_give_the_same_bits():
+def test_samples_one_by_one_give_the_same_bits(assert_identical):
     data = samples(1100)
     split = AllanBank(100.0, axes=2, per_octave=2)
     for row in data:
@@ -69,7 +62,7 @@ def test_samples_one_by_one_give_the_same_bits():
     assert_identical(bank_of([data]), split)
 
 
-def test_blocks_longer_than_the_conversion_buffer_give_the_same_bits():
+def test_blocks_longer_than_the_conversion_buffer_give_the_same_bits(assert_identical):
     data = samples(50_000)
     split = AllanBank(100.0, axes=2, per_octave=2)
     for piece in np.array_split(data, 7):
@@ -116,7 +109,7 @@ def test_the_standard_deviation_pools_all_segments_about_one_mean(n, cuts):
                 )
 
 
-def test_gaps_that_separate_nothing_change_nothing():
+def test_gaps_that_separate_nothing_change_nothing(assert_identical):
     data = samples(500)
     bank = AllanBank(100.0, axes=2, per_octave=2)
     bank.gap()

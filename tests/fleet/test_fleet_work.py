@@ -1,0 +1,18 @@
+"""How a worker does the analysis of a single run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from allanscope.analysis.lanes import WORTH_IT
+from allanscope.fleet.work import new_analyser
+from allanscope.pipeline.analyse import full_settings
+from allanscope.pipeline.settings import DeviceSettings
+
+
+def test_a_worker_does_the_same_on_one_core() -> None:
+    mine, single = new_analyser(DeviceSettings(part="LSM6DSL")).settings, full_settings("LSM6DSL")
+    assert mine.threads == 1
+    assert mine.gathered_rows < WORTH_IT <= single.gathered_rows
+    alike = replace(mine, threads=single.threads, gathered_rows=single.gathered_rows)
+    assert alike == single

@@ -89,6 +89,28 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
         Store(tmp_path / "file" / "out", DEVICE)
 
 
+class Full:
+    """A file on a full disk."""
+
+    name = "index.jsonl"
+
+    def write(self, text: str) -> None:
+        raise OSError(28, "No space left on device")
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_full_disk_is_not_taken_for_a_scheduler_that_went_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with closing(Store(tmp_path, DEVICE)) as store:
+        store.close()
+        monkeypatch.setattr(store, "_index", Full())
+        with pytest.raises(UsageError, match=r"cannot write index.jsonl: No space left"):
+            store.note(PLACE, DONE)
+
+
 def test_packing_is_reproducible_and_refuses_what_is_no_result() -> None:
     result: dict[str, Any] = {"b": [1.5, None], "a": "µ"}
     assert unpacked(packed(result)) == result

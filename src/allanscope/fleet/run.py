@@ -92,8 +92,8 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
         store.close()
     if desk.is_deserted:
         raise DeviceError(
-            f"the Dask scheduler went away; {len(result.keys)} recordings are done, "
-            f"{result.left} left: the same command goes on"
+            f"the Dask scheduler went away; {len(result.keys)} done, {result.left} left: "
+            "the same command goes on"
         )
     return result
 

@@ -69,7 +69,13 @@ class Store:
         return place.size in self._sizes
 
     def note(self, place: Place, outcome: Outcome) -> str:
-        """Remember what file has which fingerprint; return the key of its result."""
+        """Remember what file has which fingerprint; return the key of its result.
+
+        Raises
+        ------
+        UsageError
+            If the disk does not take it.
+        """
         seen = {
             "url": place.url,
             "size": place.size,
@@ -79,8 +85,11 @@ class Store:
         }
         self._seen[place.url] = seen
         self._sizes.add(place.size)
-        self._index.write(json.dumps(seen) + "\n")
-        self._index.flush()
+        try:
+            self._index.write(json.dumps(seen) + "\n")
+            self._index.flush()
+        except OSError as error:
+            raise UsageError(f"cannot write {self._index.name}: {error.strerror}") from None
         return result_key(outcome.sha256, self._device)
 
     def put(self, key: str, result: bytes) -> None:

@@ -5,7 +5,7 @@
 Processor time of the sums (deviations, spectrum, history, clock) of int16 samples that lie in
 memory, per sample and axis; a cost that is the same from the shortest to the longest is linear. The
 rate enters as the number of samples and of frames in a second. Memory is the peak of a process of
-its own that takes so many samples without keeping them, above one that takes none.
+its own that takes so many samples without keeping them.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from allanscope.samples import AXES, Block, StreamInfo, Ticks
 
 FRAME = 16
 PIECE = 1 << 16
+RATES_HZ = (1.6, 26.0, 104.0, 833.0, 6660.0)
+"""From the slowest of the accelerometer to the fastest."""
 
 
 def analyser(axes: int, per_octave: int = 4, rate_hz: float = 6660.0) -> Analyser:
@@ -51,9 +53,19 @@ def fed(taker: Analyser, samples: int, rate_hz: float = 6660.0, piece: int = PIE
     return time.process_time() - began
 
 
-def ns(axes: int, samples: int, per_octave: int = 4, piece: int = PIECE) -> float:
+def ns(axes: int, samples: int, per_octave: int = 4) -> float:
     """Return nanoseconds per sample and axis."""
-    return 1e9 * fed(analyser(axes, per_octave), samples, piece=piece) / samples / axes
+    return 1e9 * fed(analyser(axes, per_octave), samples) / samples / axes
+
+
+def ns_framed(rate_hz: float, frames: int) -> float:
+    """Return nanoseconds per sample of six axes of a device that is read frame by frame.
+
+    A frame holds what 20 ms bring, 16 rows at most.
+    """
+    rows = max(1, min(FRAME, int(rate_hz / 50)))
+    taker = analyser(6, rate_hz=rate_hz)
+    return 1e9 * fed(taker, rows * frames, rate_hz, piece=rows) / (rows * frames) / 6
 
 
 def peak_mib(samples: int) -> float:
@@ -79,18 +91,17 @@ def main() -> None:
     lengths = {most // step: ns(6, most // step) for step in (1000, 100, 10, 1)}
     axes = {count: ns(count, most // 10) for count in (1, 2, 3, 6)}
     taus = {density: ns(6, most // 10, density) for density in (1, 2, 4, 8, 16)}
-    # In one second a device at so many Hz sends frames of what 20 ms bring, 16 rows at most.
-    rates = {
-        hz: ns(6, most // 20, piece=max(1, min(FRAME, hz // 50))) for hz in (26, 104, 833, 6660)
-    }
+    rates = {hz: ns_framed(hz, most // 200) for hz in RATES_HZ}
     memory = {most // step: peak_mib(most // step) for step in (1000, 10, 1)}
     low, high = min(lengths), max(lengths)
+    load = {hz: 1e-7 * 6 * hz * cost for hz, cost in rates.items()}  # per cent of a core
     figures = [
         Figure(f"cost at {high:.0e} over {low:.0e} samples", lengths[high] / lengths[low], "", 1.3),
         Figure("cost of an axis of six over one alone", axes[6] / axes[1], "", goal=1.3),
         Figure("cost of 16 over 1 taus an octave", taus[16] / taus[1], "", goal=16.0),
-        Figure("frame by frame, 104 Hz", rates[104], "ns/sample/axis"),
-        Figure("frame by frame, 6660 Hz", rates[6660], "ns/sample/axis"),
+        Figure("frame by frame, 104 Hz", rates[104.0], "ns/sample/axis"),
+        Figure("frame by frame, 6660 Hz", rates[6660.0], "ns/sample/axis"),
+        Figure("sums of six axes at 6660 Hz", load[6660.0], "% of a core"),
         Figure(f"peak memory, {high:.0e} samples", memory[max(memory)], "MiB", goal=400.0),
         Figure("memory beyond the first tenth", memory[most] - memory[most // 10], "MiB", 20.0),
     ]
@@ -101,6 +112,7 @@ def main() -> None:
         ns_by_axes=axes,
         ns_by_taus_per_octave=taus,
         ns_by_rate=rates,
+        percent_of_a_core_by_rate=load,
         mib_by_length=memory,
     )
 

@@ -68,7 +68,7 @@ def sampling_remarks(
             f"{rows} although the sensor is set to {number(rate.nominal_hz, 4)} Hz, and no row "
             "repeats: the setting is not what was said."
         )
-    elif not repeated and (words := _skipped(rate, offered_hz)):
+    elif _unrepeated(axes) and (words := _skipped(rate, offered_hz)):
         out.append(f"{rows}, {words}")
     return tuple(out)
 
@@ -104,6 +104,12 @@ def _skipped(rate: Rate, offered_hz: Sequence[float]) -> str:
         f"in step with a timer of {period_ms} ms, a pace that the sensor cannot be set to: about "
         f"{share} % of the samples of {setting} are never sent (skipped), more of a faster one."
     )
+
+
+def _unrepeated(axes: Mapping[str, AxisAnalysis]) -> bool:
+    """Whether repeated rows were looked for, and none found: only then may samples be skipped."""
+    looked = [axis for axis in axes.values() if axis.explanation is not None]
+    return bool(looked) and not _repeated(axes)
 
 
 def _repeated(axes: Mapping[str, AxisAnalysis]) -> float:

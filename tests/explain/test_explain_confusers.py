@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
 
@@ -168,3 +168,13 @@ def test_levels_held_unequally_long_have_their_own_size(bench):
     assert effect.kind == "random_telegraph"
     size = effect.parameters["amplitude"]
     assert size.lower < 0.01 < size.upper
+
+
+def test_noise_behind_a_band_pass_is_one_band_of_its_width(bench):
+    b = bench(7)
+    poles = butter(3, [8.0, 12.0], "band", fs=RATE)
+    noise = lfilter(*poles, b.rng.normal(0, SIGMA, len(b.t)))
+    (effect,) = explain(b.record(b.noise() + noise)).axes["gx"].effects
+    assert effect.kind == "narrowband"
+    assert effect.parameters["frequency"].value == pytest.approx(10.0, abs=0.1)
+    assert effect.parameters["bandwidth"].value == pytest.approx(4.0, rel=0.1)

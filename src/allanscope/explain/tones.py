@@ -33,8 +33,6 @@ _REACH = 2.5
 """Half of the range around a band that is looked at, in bandwidths."""
 _AGREE = 5.0
 """Standard errors within which sidebands count as equal, and as equally far from the carrier."""
-_HIGHEST = 80
-"""Twice the highest harmonic that is looked for; sidebands are much nearer to their carrier."""
 _ASIDE = 0.25
 """Farthest sideband, as a share of the carrier: beyond, lines are harmonics or strangers."""
 
@@ -166,7 +164,7 @@ def sidebands(lines: list[Candidate]) -> tuple[Candidate, ...]:
         uneven = abs(f[0] + f[2] - 2 * f[1])
         if f[2] - f[1] > _ASIDE * f[1] or uneven > 2 * _AGREE * float(np.linalg.norm(errors)):
             continue
-        if _are_harmonics(f[1], (f[2] - f[0]) / 2, float(np.linalg.norm(errors))):
+        if _is_of_a_wave(ordered, (f[2] - f[0]) / 2, float(np.linalg.norm(errors))):
             continue
         sizes = [line.number("amplitude") for line in (low, high)]
         spread = [_error(line.parameters["amplitude"]) for line in (low, high)]
@@ -175,10 +173,10 @@ def sidebands(lines: list[Candidate]) -> tuple[Candidate, ...]:
     return ()
 
 
-def _are_harmonics(carrier: float, apart: float, error: float) -> bool:
-    """Tell whether lines so far apart are harmonics, all or the odd ones, of one slower wave."""
-    order = round(2 * carrier / apart)
-    return order <= _HIGHEST and abs(order * apart / 2 - carrier) < _AGREE * order * error
+def _is_of_a_wave(lines: list[Candidate], apart: float, error: float) -> bool:
+    """Tell whether lines so far apart are harmonics, all or the odd ones, of a line there is."""
+    found = [line.number("frequency") for line in lines]
+    return any(abs(f - wave) < _AGREE * error for f in found for wave in (apart, apart / 2))
 
 
 def _error(parameter: Parameter) -> float:

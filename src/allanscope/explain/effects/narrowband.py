@@ -5,10 +5,10 @@ The correlation is that of a damped oscillation,
 .. math:: \gamma(t) = \sigma^2 e^{-\pi w |t|} \left(\cos \omega_d t +
           \frac{\pi w}{\omega_d} \sin \omega_d |t|\right)
 
-(or without the sine: a line whose amplitude and phase wander; the likelier of the two) with the
-full width at half maximum w. Spotted as a run of ordinates above the model that is wider than a
-line; f_0, w and sigma are found by Whittle likelihood on the ordinates around it. It enters the
-model as a term of the spectrum.
+(or without the sine: a line whose amplitude and phase wander; or a flat top, for noise behind a
+band-pass; the likeliest of them) with the full width at half maximum w. Spotted as a run of
+ordinates above the model that is wider than a line; f_0, w and sigma are found by Whittle
+likelihood on the ordinates around it. It enters the model as a term of the spectrum.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ _WIDEST = 0.5
 _SUB_BINS = 400
 _ROUNDS = 3
 _RESOLVED = 0.05
+_SHAPELY, _BROAD = 100.0, 500.0
+"""Nats and independent powers from which the form of a band can be told, and that it holds noise:
+any tone that moves has a flat top too."""
 _BROADEST = 0.7
 """Beyond, as a share of the frequency, no one would call the band narrow."""
 
@@ -59,6 +62,23 @@ def wandering(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Ar
     """
     f0, width = nonlinear
     return _spectrum(frequency, rate, np.exp((-np.pi * width + 2j * np.pi * f0) / rate), 1.0)
+
+
+def passed(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Variance of an ordinate of white noise behind a band-pass, with unit variance; (f0, width).
+
+    Power response of a Butterworth of two poles a side, 1 / (1 + x^4), x = 2 (f - f0) / width.
+    """
+    f0, width = nonlinear
+    x = 2 * (frequency - f0) / width
+    return np.asarray(rate / (np.pi / np.sqrt(2) * width) / (1 + x**4))
+
+
+def passed_steeply(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Return the same for four poles a side, 1 / (1 + x^8)."""
+    f0, width = nonlinear
+    x = 2 * (frequency - f0) / width
+    return np.asarray(rate / (np.pi / 4 / np.sin(np.pi / 8) * width) / (1 + x**8))
 
 
 def _spectrum(frequency: Array, rate: float, p: complex, a: complex) -> Array:
@@ -180,8 +200,12 @@ def _window(view: View, spectrum: Spectrum, f0: float, width: float, shape: Shap
 
 
 def _fit(view: View, start: int, width: int) -> Candidate | None:
-    """Return the likelier of the two shapes."""
+    """Return the likeliest shape; flat tops are looked for only where one could be seen."""
     fits = [_fit_shape(view, start, width, shape) for shape in (resonance, wandering)]
+    best = max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
+    if best is None or best.gain < _SHAPELY or best.shape[1] * view.series.duration_s < _BROAD:
+        return best
+    fits += [_fit_shape(view, start, width, shape) for shape in (passed, passed_steeply)]
     return max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
 
 

@@ -14,6 +14,8 @@ from allanscope.analysis.sampling import sampling_remarks
 from allanscope.parts import PARTS
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.samples import AXES, Block, StreamInfo, Ticks
+from allanscope.wire import format_named
 
 ROWS = 3600
 
@@ -64,8 +66,18 @@ def test_an_oscillator_that_is_off_as_much_is_none_of_a_timer(tmp_path: Path) ->
     assert not [remark for remark in analysis.remarks if "rows come" in remark]
 
 
-def test_stock_firmware_is_known_to_read_by_a_timer() -> None:
+def test_stock_firmware_skips_and_says_so(tmp_path: Path) -> None:
     """DataLog says no rate; 50 rows a second are no setting of its sensor."""
+    counts = np.random.default_rng(8).normal(0.0, 60.0, (ROWS, 6)).round().astype(np.int16)
+    encoder = format_named("datalog").encoder()
+    encoder.describe(StreamInfo(AXES, (4.375e-3,) * 3 + (0.061e-3,) * 3, 50.0))
+    (tmp_path / "a.txt").write_bytes(encoder.encode(Block(0, counts, Ticks.none())))
+    analysis = analyse_input(tmp_path / "a.txt", DeviceSettings(), quiet=True)
+    (told,) = [remark for remark in analysis.remarks if "rows come" in remark]
+    assert "a pace that the sensor cannot be set to" in told
+
+
+def test_a_pace_is_called_a_timers_only_where_all_is_known() -> None:
     rate = Rate(50.0, measured_hz=49.999, uncertainty_ppm=30.0)
     offered = PARTS["LSM6DSM"].rates_hz
     axes = {"gx": SimpleNamespace(explanation=SimpleNamespace(effects=()))}

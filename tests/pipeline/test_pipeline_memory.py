@@ -49,6 +49,8 @@ let_go_of_what_rests()
 after = resident("RssFile")
 assert after < before / 2, (before, after)
 assert np.array_equal(scipy.linalg.inv(data), known)
+large = np.ones(20 << 17)
+del large  # from here on the C library would take blocks of this size from its heap
 heap = resident("RssAnon")
 blocks = [np.ones(1 << 17) for _ in range(40)]
 kept = blocks[1::2]

@@ -140,6 +140,16 @@ def test_m_sets_a_mark_q_ends_and_the_terminal_is_as_before():
         assert "m mark" not in terminal.screen().rows[-2], "keys are gone from the last screen"
 
 
+def test_marks_of_a_session_that_is_taken_up_are_counted_on():
+    marks: list[str] = []
+    view = TerminalView("quiet", on_mark=marks.append)
+    view._mark()
+    view.snapshot(replace(demo_analysis(7200.0), marks=((1.0, "a"), (2.0, "b"), (3.0, "c"))))
+    view._mark()
+    view._mark()
+    assert marks == ["mark 1", "mark 4", "mark 5"]
+
+
 def test_the_terminal_is_restored_when_the_program_fails():
     script = WAIT.replace("while not done:", "raise SystemExit(7)\nwhile not done:")
     with Terminal(script, 80, 24) as terminal:

@@ -178,3 +178,13 @@ def test_noise_behind_a_band_pass_is_one_band_of_its_width(bench):
     assert effect.kind == "narrowband"
     assert effect.parameters["frequency"].value == pytest.approx(10.0, abs=0.1)
     assert effect.parameters["bandwidth"].value == pytest.approx(4.0, rel=0.1)
+
+
+def test_a_steep_low_pass_is_one_filter_of_its_order_up_to_nyquist(bench):
+    b = bench(8)
+    behind = lfilter(*butter(3, 18.7, fs=RATE), b.noise())
+    (effect,) = explain(b.record(behind, lsb=LSB / 32)).axes["gx"].effects
+    assert effect.kind == "band_limit"
+    assert effect.evidence["order"] == pytest.approx(3.0, rel=0.01)
+    cutoff = effect.parameters["cutoff"]
+    assert cutoff.lower < 18.7 < cutoff.upper

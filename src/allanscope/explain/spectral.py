@@ -29,6 +29,8 @@ __all__ = ["Design", "Spectrum", "Term", "binned_power", "fit_spectrum"]
 
 Array = NDArray[np.float64]
 
+_SIMPSON = np.array([1, 4, 2, 4, 1]) / 12
+
 
 @dataclass(frozen=True)
 class Term:
@@ -57,7 +59,7 @@ class Term:
     narrow: bool = False
 
     def at_bins(self, grid: Grid) -> Array:
-        """Evaluate the shape for every bin: at its centre, or averaged where it is narrow."""
+        """Evaluate the shape for every bin: its mean, or at the centre where that is as good."""
         return _at_bins(self, grid)
 
     def at(self, grid: Grid, frequency: Array) -> Array:
@@ -69,7 +71,14 @@ class Term:
 def _at_bins(term: Term, grid: Grid) -> Array:
     if term.narrow:
         return grid.bin_means(term.at(grid, grid.frequency))
-    return term.at(grid, grid.centre)
+    if term.role != "shapes":
+        return term.at(grid, grid.centre)
+    # Towards Nyquist a filter falls by orders of magnitude within a bin: Simpson's rule.
+    low = grid.frequency[grid.edges]
+    high = grid.frequency[np.append(grid.edges[1:] - 1, grid.n - 2)]
+    share = np.linspace(0, 1, len(_SIMPSON))[:, np.newaxis]
+    values = term.at(grid, (low + share * (high - low)).ravel()).reshape(len(_SIMPSON), -1)
+    return np.asarray(_SIMPSON @ values)
 
 
 @dataclass(frozen=True)

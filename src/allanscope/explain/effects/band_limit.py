@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from typing import ClassVar
 
 import numpy as np
@@ -27,6 +28,10 @@ from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
 
+_STEP = 0.01
+"""Of ln cutoff and ln order, in which the likelihood is a parabola."""
+_UNKNOWN = 10.0
+"""Standard error of ln cutoff beyond which nothing is known."""
 _CUTOFFS = (0.02, 0.05, 0.1, 0.18, 0.28, 0.38, 0.46, 0.7)
 """Cutoffs tried first, as shares of the rate."""
 
@@ -135,13 +140,7 @@ def _best(view: View, cutoffs: list[float]) -> Candidate:
 def _candidate(view: View, term: Term) -> Candidate:
     fit = _fit(view, term)
     cutoff, *order = term.nonlinear
-    h = 0.01
-
-    def at(factor: float) -> float:
-        return _fit(view, replace(term, nonlinear=(cutoff * factor, *order))).loglik
-
-    curvature = (2 * fit.loglik - at(np.exp(h)) - at(np.exp(-h))) / h**2
-    factor = float(np.exp(1.96 / np.sqrt(max(curvature, 1e-2))))
+    factor = float(np.exp(1.96 * _error(view, term, fit.loglik)))
     return Candidate(
         kind="band_limit",
         parameters={"cutoff": Parameter(cutoff, cutoff / factor, cutoff * factor, "Hz")},
@@ -152,3 +151,21 @@ def _candidate(view: View, term: Term) -> Candidate:
         words=f"the top of the band is cut above {cutoff:.3g} Hz",
         evidence={"order": order[0] if order else 1.0, "response": term.shape.__name__},
     )
+
+
+def _error(view: View, term: Term, top: float) -> float:
+    """Return the standard error of ln cutoff; the order, where it is free, goes along with it."""
+    size = len(term.nonlinear)
+    steps = _STEP * np.eye(size)
+
+    def at(offset: Array) -> float:
+        moved = np.array(term.nonlinear) * np.exp(offset)
+        return _fit(view, replace(term, nonlinear=tuple(float(v) for v in moved))).loglik
+
+    single = [at(step) + at(-step) - 2 * top for step in steps]
+    information = -np.diag(single) / _STEP**2
+    for i, j in combinations(range(size), 2):
+        both = at(steps[i] + steps[j]) + at(-steps[i] - steps[j]) - 2 * top
+        information[i, j] = information[j, i] = -(both - single[i] - single[j]) / (2 * _STEP**2)
+    variance = float(np.linalg.pinv(information, hermitian=True)[0, 0])
+    return float(np.sqrt(np.clip(variance, 0.0, _UNKNOWN**2)))

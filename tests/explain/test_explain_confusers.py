@@ -188,3 +188,12 @@ def test_a_steep_low_pass_is_one_filter_of_its_order_up_to_nyquist(bench):
     assert effect.evidence["order"] == pytest.approx(3.0, rel=0.01)
     cutoff = effect.parameters["cutoff"]
     assert cutoff.lower < 18.7 < cutoff.upper
+
+
+@pytest.mark.parametrize(("size", "dwell"), [(0.03, 2.0), (0.01, 3.0)])
+def test_hops_that_are_missed_do_not_make_the_two_levels_nearer(bench, size, dwell):
+    b = bench(9)
+    (effect,) = explain(b.record(b.noise() + b.telegraph(size, dwell))).axes["gx"].effects
+    assert effect.kind == "random_telegraph"
+    amplitude = effect.parameters["amplitude"]
+    assert amplitude.lower < size < amplitude.upper

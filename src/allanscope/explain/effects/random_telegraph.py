@@ -46,9 +46,12 @@ _LEAST = 1e-6
 """Share of the variance of the level that counts as white at the least: behind a steep filter there
 is nothing at the top."""
 _FEWEST_SWITCHES = 4
-_VISIBLE, _CLEAR = 4.0, 25.0
+_VISIBLE, _CLEAR, _SHARP = 4.0, 25.0, 60.0
 """Power of the mean over a dwell against white noise: below the first the path would follow the
-noise, and fit it at every sample far better than it should; above the second it misses no hop."""
+noise, and fit it at every sample far better than it should; above the second it misses few hops;
+above the third the size of the hops is that of the path."""
+_BLURRED = 0.01
+"""Share of the size by which missed and invented hops may then still move it."""
 _MOVED = 16.0
 """Variance of the level over that of white noise from which slow hops are looked for."""
 
@@ -138,13 +141,15 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     finer = _path(view, size, path.dwell_s, _TO_MEASURE)
     if finer is None or finer.switches < _FEWEST_SWITCHES:
         finer = path
+    measured = joint_fit(view, _column(view, finer))
+    size, error = float(measured.amplitude[0]), float(np.sqrt(measured.covariance[0, 0]))
     dwell = finer.dwell_s
     spread = 1.96 * _MISSED / np.sqrt(finer.switches)
     term = Term("random_telegraph", "adds", (dwell / 2,), lorentzian)
     return Candidate(
         kind="random_telegraph",
         parameters={
-            "amplitude": estimate(size, error, view.unit),
+            "amplitude": estimate(size, float(np.hypot(error, _BLURRED * size)), view.unit),
             "dwell": Parameter(
                 dwell, dwell * float(np.exp(-spread)), dwell * float(np.exp(spread)), "s"
             ),
@@ -159,21 +164,27 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
 
 
 def _with_spectrum(view: View, candidate: Candidate, twin: Candidate) -> Candidate:
-    """Take what the spectrum says where it disagrees with the path.
+    """Take from the spectrum what the path does not tell.
 
-    Size and dwell, where noise breaks the path into too many pieces. Where both levels are seen
-    but one is held longer than the other, the path is right: the spectrum, with
+    The size, where the path misses hops and takes noise for others, which blurs it by some per
+    cent; size and dwell, where noise breaks the path into too many pieces. Where both levels are
+    seen but one is held longer than the other, the path is right: the spectrum, with
     1/Tc = 1/dwell_1 + 1/dwell_2, holds for the noise that enters the model only.
     """
     tc, sigma = twin.parameters["correlation_time"], twin.parameters["sigma"]
     assert tc.lower is not None
     assert tc.upper is not None
     half = candidate.number("dwell") / 2
-    if twin.gain < twin.price or tc.lower <= half <= tc.upper:
+    white = max(view.spectrum.variance_of("N"), 1e-300)
+    seen = 2 * candidate.number("amplitude") ** 2 / white
+    if twin.gain < twin.price:
         return candidate
+    if tc.lower <= half <= tc.upper:
+        if seen * half > _SHARP:
+            return candidate
+        return replace(candidate, parameters={**candidate.parameters, "amplitude": sigma})
     terms = (Term("random_telegraph", "adds", twin.shape, lorentzian),)
-    seen = candidate.number("amplitude") ** 2 * 2 * tc.lower
-    if half > tc.upper and seen > _CLEAR * view.spectrum.variance_of("N"):
+    if half > tc.upper and seen * tc.lower > _CLEAR:
         return replace(candidate, terms=terms)
     found = Parameter(2 * twin.number("correlation_time"), 2 * tc.lower, 2 * tc.upper, "s")
     return replace(

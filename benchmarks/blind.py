@@ -95,13 +95,20 @@ def judge(outcome: Outcome, score: Score, tag: str) -> None:
     for axis, effects in found.items():
         if axis in touched:
             continue
-        if axis in coupled and [e.kind for e in effects] == ["cross_coupling"]:
-            score.both_ways += effects[0].parameters["source"].value == coupled[axis]
-            continue
-        score.clean_axes += 1
-        for effect in effects:
-            if effect.kind not in everywhere:
-                score.false.append(f"{tag} {axis} {effect.kind}")
+        own = [e for e in effects if e.kind not in everywhere]
+        back = [e for e in own if _is_other_way_round(e, coupled.get(axis, ""))]
+        score.both_ways += len(back)
+        score.clean_axes += not back
+        score.false += [f"{tag} {axis} {e.kind}" for e in own if e not in back]
+
+
+def _is_other_way_round(effect: Effect, coupled: str) -> bool:
+    """Tell whether an effect is a coupling that was hidden, read from its source."""
+    return (
+        effect.kind == "cross_coupling"
+        and effect.parameters["source"].value == coupled
+        and len(effect.axes) == 2
+    )
 
 
 def _parameters(truth: Truth, effect: Effect, score: Score) -> None:

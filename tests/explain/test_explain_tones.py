@@ -5,7 +5,7 @@ from scipy.signal import lfilter
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.base import estimate
-from allanscope.explain.tones import sidebands, unsteadiness
+from allanscope.explain.tones import constancy, sidebands, sweeps, unsteadiness
 
 
 def _noise_and(tone: np.ndarray) -> np.ndarray:
@@ -35,3 +35,13 @@ def test_sidebands_are_told_from_the_odd_harmonics_of_a_square_wave():
     modulated = [line(f) for f in (8.9975, 9.0, 9.0025)]
     assert sidebands(modulated) == tuple(modulated)
     assert sidebands([line(f) for f in (0.2, 1.4, 1.8, 2.2)]) == ()
+
+
+def test_a_line_of_few_waves_is_taken_to_be_one():
+    rate, n = 10.0, 36_000
+    t = np.arange(n) / rate
+    walk = np.cumsum(np.random.default_rng(6).normal(0, 0.02, n))
+    few, growing = np.sin(2 * np.pi * 5 * t / t[-1]), t / t[-1] * np.sin(2 * np.pi * t)
+    assert constancy(_noise_and(few) + walk, rate, 5 / t[-1]) == 1.0
+    assert constancy(_noise_and(growing), rate, 1.0) < 1e-5
+    assert not sweeps(100 * np.sin(2 * np.pi * t), rate, 1.0, 0.05)

@@ -26,6 +26,8 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _PARTS = 16
+_FEWEST_CYCLES = 8.0
+"""Fewer waves cannot show that they are alike: the noise beside them is of another level."""
 _IN_ORDER = 0.85
 """Rank correlation of frequency and time: reached by chance once in some 10^4 bands."""
 _CELLS = 12
@@ -48,9 +50,12 @@ def local_level(view: View, frequency: float, ordinates: int = 400) -> float:
 def constancy(data: Array, rate: float, frequency: float, parts: int = _PARTS) -> float:
     """Probability that the parts of a record would differ so much if the tone were constant.
 
-    The noise of the amplitudes comes from their neighbours in frequency, two resolutions away.
+    The noise of the amplitudes comes from their neighbours in frequency, two resolutions away. A
+    line of few cycles is taken to be one.
     """
     cycles = frequency * len(data) / rate
+    if cycles < _FEWEST_CYCLES:
+        return 1.0
     parts = int(min(parts, max(2, cycles // 4)))
     amplitude = demodulate(data, rate, frequency, parts)
     resolution = rate / (len(data) // parts)
@@ -81,6 +86,8 @@ def sweeps(data: Array, rate: float, frequency: float, bandwidth: float) -> bool
             return False
         excess = np.maximum(power[inside] - np.median(power[inside]), 0.0)
         centres.append(float(f[inside][np.argmax(excess)]))
+    if np.ptp(centres) == 0:
+        return False
     return bool(abs(spearmanr(np.arange(_PARTS), centres).statistic) > _IN_ORDER)
 
 

@@ -175,3 +175,9 @@ def test_a_relaxation_that_is_no_exponential_is_no_warm_up(bench):
     b = bench(5)
     found = explain(b.record(b.noise() + 0.1 * np.log1p(b.t / 10))).axes["gx"].effects
     assert {e.kind for e in found} == {"unexplained"}
+
+
+def test_a_slow_chirp_does_not_hop(bench):
+    b = bench(10)
+    sweep = 0.6 * SIGMA * np.sin(2 * np.pi * (0.45 * b.t + 0.035 * b.t**2 / b.t[-1]))
+    assert set(kinds(b.record(b.noise() + sweep))) == {"unexplained"}

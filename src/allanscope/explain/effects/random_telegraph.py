@@ -46,6 +46,8 @@ _LEAST = 1e-6
 """Share of the variance of the level that counts as white at the least: behind a steep filter there
 is nothing at the top."""
 _FEWEST_SWITCHES = 4
+_COUNTED, _EVEN = 16, 0.5
+"""Fewest dwells whose scatter is known, and their least deviation over their mean."""
 _VISIBLE, _CLEAR, _SHARP = 4.0, 25.0, 60.0
 """Power of the mean over a dwell against white noise: below the first the path would follow the
 noise, and fit it at every sample far better than it should; above the second it misses few hops;
@@ -132,7 +134,7 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     if amplitude**2 * dwell_s < _VISIBLE * view.spectrum.variance_of("N"):
         return None
     path = _path(view, amplitude, dwell_s, _TO_JUDGE)
-    if path is None or path.switches < _FEWEST_SWITCHES:
+    if path is None or path.switches < _FEWEST_SWITCHES or _is_regular(path):
         return None
     fit = joint_fit(view, _column(view, path))
     size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
@@ -161,6 +163,17 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
         words=f"the level hops between two values {2 * size:.3g} {view.unit} apart",
         evidence={"switches": path.switches},
     )
+
+
+def _is_regular(path: _Path) -> bool:
+    """Tell whether the dwells are too much alike: a slow tone makes a path too.
+
+    Random dwells are exponentially distributed: their deviation is as large as their mean.
+    """
+    dwells = np.diff(np.flatnonzero(np.diff(path.state)))
+    if len(dwells) < _COUNTED:
+        return False
+    return bool(np.std(dwells) < _EVEN * np.mean(dwells))
 
 
 def _with_spectrum(view: View, candidate: Candidate, twin: Candidate) -> Candidate:

@@ -62,10 +62,10 @@ class Refresher:
                 self._show(frozen)
             except Exception as error:
                 self.error = error
+            spent_s = time.thread_time() - began_cpu_s
             del frozen  # twenty megabytes that nobody needs until the next one
             results += 1
             if results.bit_count() == 1:  # ever more rarely: each may have loaded code of its own
                 let_go_of_what_rests()
-            spent_s = time.thread_time() - began_cpu_s
             self._next = max(began_s + REFRESH_S, time.monotonic() + spent_s / self._share)
             self._busy.clear()

@@ -246,7 +246,8 @@ class Session:
             take = self.decoding.take_buffer if isinstance(piece, Buffer) else self.decoding.take
             for event in take(piece):  # type: ignore[arg-type]
                 self._tell(event)
-        if self.analyser.state is not None and self.audience:
+        state = self.analyser.state
+        if state is not None and state.samples and self.audience:
             self._refresher.offer(self.analyser)
 
     def _tell(self, event: Event) -> None:

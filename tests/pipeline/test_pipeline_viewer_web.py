@@ -2,7 +2,6 @@
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import time
@@ -41,9 +40,12 @@ def live(tmp_path):
     else:
         pytest.fail(said)
     yield process, found
-    process.send_signal(signal.SIGINT)
+    process.terminate()  # where the tests run in the background, Ctrl-C is ignored
     process.stdout.close()
-    process.wait(100)
+    try:
+        process.wait(100)
+    finally:
+        process.kill()
 
 
 def listening(process):

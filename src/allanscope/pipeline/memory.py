@@ -39,18 +39,25 @@ def let_go_of_what_rests() -> None:
     if (libc := _glibc()) is None:
         return
     libc.malloc_trim(ctypes.c_size_t(0))
-    for start, length in _unchanged_libraries(Path("/proc/self/smaps")):
+    for start, length in _unchanged_libraries(Path("/proc/self")):
         libc.madvise(ctypes.c_void_p(start), ctypes.c_size_t(length), _DONTNEED)
 
 
-def _unchanged_libraries(smaps: Path) -> Iterator[tuple[int, int]]:
-    """Yield address and length of all mappings of libraries that were never written to."""
+def _unchanged_libraries(process: Path) -> Iterator[tuple[int, int]]:
+    """Yield address and length of all mappings of libraries that were never written to.
+
+    A library that another thread is just loading is mapped as a whole before its data get pages of
+    their own. Such a mapping is gone when the interpreter's lock is ours again, so that only what
+    two readings show alike is there to stay.
+    """
+    settled = set((process / "maps").read_text().splitlines())
     found: tuple[int, int] | None = None
-    for line in smaps.read_text().splitlines():
+    for line in (process / "smaps").read_text().splitlines():
         name, *fields = line.split()
         if not name.endswith(":"):
             start, stop = (int(end, 16) for end in name.split("-"))
             is_library = len(fields) > 4 and ".so" in fields[4] and "w" not in fields[0]
+            is_library &= line in settled
             found = (start, stop - start) if is_library else None
         elif name == "Anonymous:" and found is not None and fields[0] == "0":
             yield found

@@ -49,6 +49,17 @@ while not done:
 view.close()
 """
 
+LONG_UNTIL_THE_NEXT_RESULT = """
+from demo_analysis import demo_analysis
+from demo_session import INFO, blocks
+from allanscope.view.terminal import TerminalView
+now = [0.0]
+view = TerminalView("auto", clock=lambda: now[0])
+view.snapshot(demo_analysis(60.0))
+for now[0], block in zip((0.5, 1.5, 2.0), blocks(3.0)):
+    view.samples(INFO, block)
+"""
+
 
 class Clock:
     """A clock that is set by hand."""
@@ -107,6 +118,14 @@ def test_a_long_list_of_findings_leaves_room_for_the_numbers():
     reasons = reasons[reasons.index("") + 1 : reasons.index(left)]
     folded = sum(row.startswith("known does") for row in reasons)
     assert int(left.split()[1]) + len(reasons) - folded == len(verdict(many).lines)
+
+
+def test_it_is_seen_that_the_run_goes_on_while_the_next_result_is_awaited():
+    with Terminal(LONG_UNTIL_THE_NEXT_RESULT, 120, 40) as terminal:
+        assert terminal.finish() == 0
+        header = [row for row in terminal.screen().rows if row.startswith("allanscope")][-1]
+        # Half a second is not worth a redraw, and neither is the half second after one.
+        assert header.endswith("1 min + 1.5 s (13 328 samples)")
 
 
 def test_a_small_terminal_is_not_overrun():

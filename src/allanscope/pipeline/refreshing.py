@@ -19,6 +19,9 @@ REFRESH_S = 1.0
 class Refresher:
     """Computes results in a thread of its own, as often as the machine can bear.
 
+    At the beginning they come more often than their share allows, whenever the run has become
+    twice as long: the curves grow with the logarithm of time.
+
     Parameters
     ----------
     show : callable
@@ -36,6 +39,7 @@ class Refresher:
         self._show = show
         self._share = share
         self._next = 0.0
+        self._began = time.monotonic()
         self._work: queue.Queue[Analyser | None] = queue.Queue(maxsize=1)
         self._busy = threading.Event()
         self.error: Exception | None = None
@@ -67,5 +71,7 @@ class Refresher:
             results += 1
             if results.bit_count() == 1:  # ever more rarely: each may have loaded code of its own
                 let_go_of_what_rests()
-            self._next = max(began_s + REFRESH_S, time.monotonic() + spent_s / self._share)
+            now = time.monotonic()
+            pause_s = min(spent_s / self._share, now - self._began)
+            self._next = max(began_s + REFRESH_S, now + pause_s)
             self._busy.clear()

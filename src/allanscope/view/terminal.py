@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.text import Text
 
 from allanscope.analysis.result import Analysis
-from allanscope.quantities import duration
+from allanscope.quantities import count, duration
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.view.diary import Diary, Level
 from allanscope.view.gap_teller import GapTeller
@@ -29,6 +29,9 @@ __all__ = ["TerminalMode", "TerminalView", "summary_lines"]
 TerminalMode = Literal["auto", "live", "plain", "quiet"]
 
 _STATUS_EVERY_S = 60.0
+_ALIVE_EVERY_S = 1.0
+"""So often a screen that waits for the next result says what has come since the last one."""
+
 _KEYS = "m mark   q end and report      ↑ ↓ moved, = settled since half of the run"
 _STYLES: dict[Level, str] = {"info": "", "warn": "bold", "error": "bold red"}
 
@@ -72,6 +75,7 @@ class TerminalView:
         self._said_status = -_STATUS_EVERY_S
         self._diary, self._trends, self._gaps = Diary(), Trends(), GapTeller()
         self._latest: Analysis | None = None
+        self._since, self._shown_at, self._drawn_at = 0, self._began, self._began
         self._marks = 0
         self._on_mark, self._on_quit = on_mark, on_quit
         self._console = SteadyConsole(stream, soft_wrap=mode != "live")
@@ -89,7 +93,12 @@ class TerminalView:
         self.line(f"receiving: {', '.join(fact for fact in facts if fact)}")
 
     def samples(self, info: StreamInfo, block: Block) -> None:
-        """Take samples; the terminal shows only results."""
+        """Count samples: results may be far apart, and it must be seen that the run goes on."""
+        self._since += len(block)
+        if self._live is None or self._latest is None or self._whole_s:
+            return
+        if self._clock() - self._drawn_at >= _ALIVE_EVERY_S:
+            self._draw(self._latest)
 
     def gap(self, gap: Gap) -> None:
         """Take a hole."""
@@ -112,9 +121,9 @@ class TerminalView:
         for level, text in self._diary.news(analysis):
             if self._mode == "plain" or level != "info":
                 self.line(text, level)
+        self._since, self._shown_at = 0, self._clock()
         if self._live is not None:
-            keys = _KEYS if self._keys is not None and self._keys.active else ""
-            self._show(Screen(analysis, self._trends, keys, self._left(analysis)))
+            self._draw(analysis)
         elif self._mode == "plain" and self._clock() - self._said_status >= _STATUS_EVERY_S:
             self._said_status = self._clock()
             self._write(f"{status_line(analysis)}{self._left(analysis)}")
@@ -149,6 +158,13 @@ class TerminalView:
             f" of {duration(self._whole_s)}, {duration(left_s * took_s / analysis.duration_s)} left"
         )
 
+    def _waited(self) -> str:
+        """Return what has come since the result that is shown."""
+        waited_s = self._clock() - self._shown_at
+        if waited_s < _ALIVE_EVERY_S or self._whole_s:
+            return ""
+        return f" + {duration(waited_s)} ({count(self._since)} samples)"
+
     def _go_live(self) -> None:
         self._live = Live(
             Text("waiting for samples ..."),
@@ -162,10 +178,13 @@ class TerminalView:
         if self._on_mark is not None or self._on_quit is not None:
             self._keys = Keys({"m": self._mark, "q": self._quit})
 
-    def _show(self, screen: Screen) -> None:
+    def _draw(self, analysis: Analysis) -> None:
+        self._drawn_at = self._clock()
+        keys = _KEYS if self._keys is not None and self._keys.active else ""
+        after = f"{self._left(analysis)}{self._waited()}"
         try:
             if self._live is not None:
-                self._live.update(screen, refresh=True)
+                self._live.update(Screen(analysis, self._trends, keys, after), refresh=True)
         except OSError:
             self._fall_silent()
 

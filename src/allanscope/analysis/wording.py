@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from allanscope.analysis.result import Analysis, Rate
+from allanscope.analysis.result import Analysis, AxisAnalysis, Rate
 from allanscope.explain.effect import Effect, Parameter
 from allanscope.noise.coefficients import Coefficient
-from allanscope.quantities import COEFFICIENTS, count, duration, measured, number, rate, symbols
+from allanscope.quantities import (
+    COEFFICIENTS,
+    DEVIATION,
+    count,
+    duration,
+    measured,
+    number,
+    rate,
+    symbols,
+)
 
 __all__ = [
+    "best_text",
     "clock_text",
     "coefficient_text",
     "coefficient_unit",
+    "density_verdict",
     "effect_brief",
     "effect_text",
     "losses_text",
@@ -129,6 +140,21 @@ def clock_text(known: Rate) -> str:
         if value is not None and sigma is not None and abs(value) > _SURE * sigma:
             parts.append(f"{'+' if value > 0 else ''}{number(value, 2)} {unit}")
     return ", ".join(parts)
+
+
+def best_text(axis: AxisAnalysis) -> str:
+    """Return the least deviation and where it is; ``>=`` while it may still fall."""
+    best = axis.best_averaging
+    if best is None:
+        return "-"
+    value = number(best.deviation * DEVIATION[axis.unit].factor)
+    return f"{value} at {'>= ' if best.at_end else ''}{duration(best.tau)}"
+
+
+def density_verdict(axis: AxisAnalysis) -> str:
+    """Return what the datasheet says of the noise density; ``-`` if it says nothing."""
+    found = axis.datasheet.get("density")
+    return "-" if found is None else found.verdict
 
 
 def losses_text(analysis: Analysis) -> str:

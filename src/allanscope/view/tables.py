@@ -7,8 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.verdict import verdict
 from allanscope.analysis.wording import (
+    best_text,
     coefficient_text,
     coefficient_unit,
+    density_verdict,
     effect_text,
     losses_text,
     rate_text,
@@ -177,21 +179,8 @@ def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis]) -> str:
     rows = []
     for name, axis in axes.items():
         cells = [coefficient_text(unit, k, axis.coefficients.get(k)) for k in _SHOWN]
-        rows.append((name, *cells, _best_text(axis), _verdict(axis)))
+        rows.append((name, *cells, best_text(axis), density_verdict(axis)))
     return _table(head, rows)
-
-
-def _best_text(axis: AxisAnalysis) -> str:
-    best = axis.best_averaging
-    if best is None:
-        return "-"
-    value = number(best.deviation * DEVIATION[axis.unit].factor)
-    return f"{value} at {'>= ' if best.at_end else ''}{duration(best.tau)}"
-
-
-def _verdict(axis: AxisAnalysis) -> str:
-    found = axis.datasheet.get("density")
-    return "-" if found is None else found.verdict
 
 
 def _facts(axis: AxisAnalysis) -> Iterable[str]:
@@ -205,7 +194,7 @@ def _facts(axis: AxisAnalysis) -> Iterable[str]:
         yield text
     if axis.best_averaging is not None:
         yield (
-            f"least deviation {_best_text(axis)} "
+            f"least deviation {best_text(axis)} "
             f"({count(axis.best_averaging.samples)} samples averaged), "
             f"the minimum {between(axis.best_averaging.tau_lower, axis.best_averaging.tau_upper)}"
         )

@@ -11,9 +11,11 @@ from rich.text import Text
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.verdict import VerdictLine, searched, verdict
 from allanscope.analysis.wording import (
+    best_text,
     clock_text,
     coefficient_text,
     coefficient_unit,
+    density_verdict,
     losses_text,
     rate_text,
     wait_text,
@@ -117,7 +119,7 @@ class Screen:
         cells = [Text(name, style=_style(AXIS[name]))]
         cells += [self._coefficient(name, axis, letter, wide) for letter in _LETTERS]
         if wide:
-            cells += [Text(_best(axis)), Text(_verdict(axis)), Text(_residual(axis))]
+            cells += [Text(best_text(axis)), Text(density_verdict(axis)), Text(_residual(axis))]
         return cells
 
     def _coefficient(self, name: str, axis: AxisAnalysis, letter: str, wide: bool) -> Text:
@@ -151,19 +153,6 @@ def _reasons(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
         texts.append(text)
         left -= rows
     return texts
-
-
-def _best(axis: AxisAnalysis) -> str:
-    best = axis.best_averaging
-    if best is None:
-        return "-"
-    value = number(best.deviation * DEVIATION[axis.unit].factor)
-    return f"{value} at {'>= ' if best.at_end else ''}{duration(best.tau)}"
-
-
-def _verdict(axis: AxisAnalysis) -> str:
-    found = axis.datasheet.get("density")
-    return "-" if found is None else found.verdict
 
 
 def _residual(axis: AxisAnalysis) -> str:

@@ -20,7 +20,7 @@ class Refresher:
     """Computes results in a thread of its own, as often as the machine can bear.
 
     At the beginning they come more often than their share allows, whenever the run has become
-    twice as long: the curves grow with the logarithm of time.
+    three times as long: the curves grow with the logarithm of time.
 
     Parameters
     ----------
@@ -72,6 +72,6 @@ class Refresher:
             if results.bit_count() == 1:  # ever more rarely: each may have loaded code of its own
                 let_go_of_what_rests()
             now = time.monotonic()
-            pause_s = min(spent_s / self._share, now - self._began)
+            pause_s = min(spent_s / self._share, 2 * (now - self._began))
             self._next = max(began_s + REFRESH_S, now + pause_s)
             self._busy.clear()

@@ -139,6 +139,7 @@ def test_a_coarse_step_is_named_and_a_fine_one_is_not(bench):
     assert explain(b.record(b.noise(), lsb=SIGMA)).axes["gx"].effects == ()
     effect = only(explain(b.record(b.noise(), lsb=3 * SIGMA)).axes["gx"])
     assert effect.kind == "quantization"
+    assert effect.evidence["gain_nats"] is None, "it is read off the values"
     assert effect.parameters["step"].value == pytest.approx(3 * SIGMA)
 
 

@@ -20,7 +20,8 @@ def effect_of(candidate: Candidate, axis: str) -> Effect | None:
 
     ``p_value`` is that of the gain, chi-square with two degrees of freedom, times what was looked
     at; sizes of effects that were searched for are a little too large on average near the limit of
-    detection, because only those that noise lifted over it are seen (``detection_selected``).
+    detection, because only those that noise lifted over it are seen (``detection_selected``). What
+    is read off the values, such as their step, has no gain.
     """
     if candidate.kind in _SILENT:
         return None
@@ -28,7 +29,7 @@ def effect_of(candidate: Candidate, axis: str) -> Effect | None:
     p_value = float(min(1.0, looked_at * np.exp(-min(candidate.gain, 700.0))))
     evidence: dict[str, Any] = {
         "words": _words(candidate),
-        "gain_nats": float(candidate.gain),
+        "gain_nats": float(candidate.gain) if np.isfinite(candidate.gain) else None,
         "price_nats": float(candidate.price),
         "p_value": p_value,
         "detection_selected": bool(0 < candidate.excess < 10.0),

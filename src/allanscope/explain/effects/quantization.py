@@ -11,6 +11,7 @@ step is read off the values, the noise beneath it from how often neighbouring co
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
@@ -59,7 +60,7 @@ class Quantization(EffectKind):
                         view.unit,
                     )
                 },
-                gain=1e6 if sigma < _ENOUGH else 0.0,
+                gain=math.inf if sigma < _ENOUGH else 0.0,  # read off, not inferred
                 price=1.0,
                 words=f"the noise is {sigma:.2g} of the step of {view.step:.3g} {view.unit}",
                 evidence={"noise_in_steps": sigma},

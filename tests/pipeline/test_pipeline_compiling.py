@@ -54,6 +54,13 @@ def test_all_that_takes_long_is_loaded_before_the_port_is_opened(monkeypatch):
     assert done == ["kernels", "rerun", "port"]
 
 
+def test_a_port_that_is_not_there_is_told_before_anything_is_compiled(monkeypatch):
+    monkeypatch.setattr(live, "load_kernels", lambda wire: pytest.fail("compiled in vain"))
+    quiet = SessionSettings(quiet=True, view="none")
+    with pytest.raises(DeviceError, match="no port /dev/nowhere"):
+        live.run_live("/dev/nowhere", DeviceSettings(), quiet, SimulatedSettings())
+
+
 def test_what_reads_ahead_gives_everything_in_order_and_errors_in_their_place():
     def items():
         yield from range(10)

@@ -28,7 +28,7 @@ from allanscope.pipeline.resuming import earlier_events, set_view_aside
 from allanscope.pipeline.session import News, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.pipeline.signals import stopped_by_signals
-from allanscope.pipeline.stream import device_source, nothing_heard
+from allanscope.pipeline.stream import device_source, must_be_there, nothing_heard
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import Notice
 from allanscope.sources import RecordedSource, Source
@@ -59,6 +59,7 @@ def run_live(
     past = None if resume is None else Recording(resume)  # before it gets another file
     if past is not None:
         device = recorded_settings(past, device)
+    must_be_there(port)
     if not settings.quiet:
         tell_when_compiling()
     give_large_blocks_back()

@@ -23,7 +23,7 @@ from allanscope.explain.lattice import step_of
 from allanscope.explain.merge import merged
 from allanscope.explain.models import model_of, with_ramp
 from allanscope.explain.remarks import detection_limits, hindrances, observations
-from allanscope.explain.search import Budget, accept, close_loop
+from allanscope.explain.search import Budget, close_loop
 from allanscope.explain.series import Series, series_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
@@ -220,7 +220,7 @@ def _textbook(view: View) -> View:
     view = replace(view, base="NBKQ")
     for ramp in KINDS["ramp"].propose(view):
         if ramp.excess > 0:
-            view = accept(view, ramp)
+            view = view.accept(ramp)
     return view
 
 

@@ -150,6 +150,26 @@ class View:
         """Return the view with other stationary parts, to be fitted anew."""
         return replace(self, terms=terms)
 
+    def accept(self, candidate: Candidate) -> View:
+        """Return the view with one more effect."""
+        data = self.data if candidate.signal is None else self.data - candidate.signal
+        return replace(
+            self,
+            data=data,
+            terms=self.terms + candidate.terms,
+            accepted=(*self.accepted, candidate),
+        )
+
+    def without(self, candidate: Candidate) -> View:
+        """Return the view without one of its effects."""
+        data = self.data if candidate.signal is None else self.data + candidate.signal
+        return replace(
+            self,
+            data=data,
+            terms=tuple(t for t in self.terms if t not in candidate.terms),
+            accepted=tuple(c for c in self.accepted if c is not candidate),
+        )
+
     def noting(self, accepted: tuple[Candidate, ...]) -> View:
         """Return the view with other words about what was accepted; what is computed stays."""
         again = replace(self, accepted=accepted)

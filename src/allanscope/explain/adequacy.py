@@ -1,0 +1,80 @@
+"""Whether a candidate is what it says: one line all along, noise in a band, most of a residual."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects.unexplained import beside, tone_left_over
+from allanscope.explain.residual import band_scores
+from allanscope.explain.tones import evenness, sweeps, unsteadiness
+from allanscope.explain.view import View
+
+__all__ = ["CONSTANT_P", "SPECTRAL", "WITHIN", "adequate"]
+
+SPECTRAL = ("gauss_markov", "narrowband", "band_limit", "Q")
+CONSTANT_P = 1e-5
+"""Chance below which the parts of a line differ too much to be one line."""
+_FEWEST_COHERENCES = 12.0
+"""Fewer coherence times in a record cannot show that a band holds noise."""
+_UNSTEADY = 6.0
+"""Sigma; noise in bands of any width stayed below 2 in some hundred records."""
+_TOO_EVEN, _MISSHAPEN, _MISSED = 5.0, 6.0, 0.02
+"""Sigma of the envelope; sigma and share of the gain of what a band leaves: beyond all three it is
+a tone whose frequency moves."""
+_SUB_BANDS = 64
+WITHIN = 3.0
+"""Distance in bandwidths up to which a frequency belongs to a band."""
+
+
+def adequate(view: View, candidate: Candidate) -> Candidate | None:
+    """Return the candidate, `unexplained` in its place, or None."""
+    if candidate.kind in ("sinusoid", "narrowband"):
+        return candidate if _is_steady(view, candidate) else tone_left_over(view, candidate)
+    if candidate.kind in SPECTRAL and not _removes(view, candidate):
+        return None
+    return candidate
+
+
+def _is_steady(view: View, tone: Candidate) -> bool:
+    """Tell whether a line is one line all along, or a band holds noise all along."""
+    if beside(view, tone):
+        return False
+    if tone.kind == "sinusoid":
+        return bool(tone.evidence["constancy_p"] >= CONSTANT_P)
+    rate, (f0, width) = view.grid.rate_hz, tone.shape[:2]
+    return (
+        width * view.series.duration_s >= _FEWEST_COHERENCES
+        and unsteadiness(view.data, rate, f0, width) < _UNSTEADY
+        and not sweeps(view.data, rate, f0, width)
+        and not (evenness(view.data, rate, f0, width) > _TOO_EVEN and _is_misshapen(view, tone))
+        and _removes(view, tone)
+    )
+
+
+def _is_misshapen(view: View, band: Candidate) -> bool:
+    """Tell whether the spectrum within a band differs from the shape that was fitted."""
+    after = view.with_terms(view.terms + band.terms)
+    f0, width = band.shape[:2]
+    near = np.flatnonzero(np.abs(view.grid.frequency - f0) < WITHIN * width)
+    parts = np.array_split(near, min(_SUB_BANDS, max(1, len(near) // 8)))
+    u = after.squares / after.spectrum.ordinates
+    ratio = np.array([u[part].mean() for part in parts])
+    count = np.array([len(part) for part in parts])
+    left = float(np.sum(count * (ratio - 1 - np.log(ratio)) - 1)) / 2
+    return bool(left > max(_MISSHAPEN * np.sqrt(len(parts) / 2), _MISSED * band.gain))
+
+
+def _removes(view: View, candidate: Candidate) -> bool:
+    """Tell whether most of the residual is gone where the candidate changes the spectrum most."""
+    after = view.with_terms(view.terms + candidate.terms)
+    bands = band_scores(view)
+    later = band_scores(after)
+    change = np.abs(np.log(after.spectrum.at(bands.frequency) / view.spectrum.at(bands.frequency)))
+    weight = change * np.sqrt(bands.count)
+    own = weight > 0.5 * weight.max()
+    if not own.any():
+        return False
+    first = float(np.sqrt(np.mean(bands.z[own] ** 2)))
+    second = float(np.sqrt(np.mean(later.z[own] ** 2)))
+    return second < max(3.0, 0.5 * first)

@@ -1,0 +1,59 @@
+"""Whether slow effects that were named are the whole drift, or pieces of one without a name."""
+
+from __future__ import annotations
+
+from allanscope.explain.effects.unexplained import (
+    DEGREE,
+    RELAXATIONS,
+    drift_left_over,
+    relaxation_left_over,
+)
+from allanscope.explain.view import View
+
+__all__ = ["audit_drift"]
+
+_SLOW = ("warm_up", "ramp", "temperature")
+_CLEARLY = 5.0
+_UNFINISHED = 0.3
+"""Share of the gain of the named effects that a polynomial may still find behind them."""
+_FEW_WAVES = 4.0
+"""A slower line may be a piece of something else."""
+
+
+def audit_drift(view: View) -> View:
+    """Replace slow effects by `unexplained` where a free polynomial does clearly better than they.
+
+    A drift of any other form is fitted piecewise by exponentials and ramps; each piece is
+    significant and none is true.
+    """
+    view = _audit_relaxation(view)
+    duration = view.series.duration_s
+    slow = [
+        c
+        for c in view.accepted
+        if c.kind in _SLOW or (c.kind == "sinusoid" and c.shape[0] * duration < _FEW_WAVES)
+    ]
+    if not slow:
+        return view
+    bare = view
+    for candidate in slow:
+        bare = bare.without(candidate)
+    named = view.spectrum.loglik - bare.spectrum.loglik
+    free, rest = drift_left_over(bare), drift_left_over(view)
+    if free is None:
+        return view
+    better = free.gain - DEGREE > named + _CLEARLY
+    unfinished = rest is not None and rest.gain > _UNFINISHED * named
+    return bare.accept(free) if better or unfinished else view
+
+
+def _audit_relaxation(view: View) -> View:
+    """Replace a warm-up by `unexplained` where several exponentials do clearly better than one."""
+    warm = next((c for c in view.accepted if c.kind == "warm_up"), None)
+    if warm is None:
+        return view
+    bare = view.without(warm)
+    free = relaxation_left_over(bare, warm.shape[0])
+    named = view.spectrum.loglik - bare.spectrum.loglik
+    better = free.gain - len(RELAXATIONS) > named + _CLEARLY
+    return bare.accept(free) if better else view

@@ -84,8 +84,8 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
             if settled.get(stage) is view:
                 continue  # nothing has changed since: it would find nothing again
             view = settled[stage] = _settle(view, stage, budget)
-            if stage == 2:
-                view = audit_drift(view)
+            if stage == 2 and (audited := audit_drift(view)) is not view:
+                view = _delete(_refit(audited))
         if len(view.accepted) == before:
             break
     return view
@@ -226,7 +226,7 @@ def _held(view: View, members: tuple[Candidate, ...]) -> View | None:
 
 def _refit(view: View) -> View:
     """Estimate every effect again, given the others."""
-    if len([c for c in view.accepted if KINDS[c.kind].stage == 2]) < 2:
+    if len([c for c in view.accepted if KINDS[c.kind].stage >= 2]) < 2:
         return view
     for candidate in view.accepted:
         if KINDS[candidate.kind].stage != 2:

@@ -170,14 +170,16 @@ def _slow_lines(view: View) -> list[float]:
 
 def _slow_fit(view: View, frequency: float) -> tuple[float, Regression]:
     duration = view.grid.n / view.grid.rate_hz
-    spread = 0.5 / duration
+    spread, lowest = 0.5 / duration, _FEWEST_CYCLES * 0.9 / duration
+    frequency = max(frequency, lowest)  # a slower drift draws it down, a little with every fit
 
     def loss(f: float) -> float:
         return -joint_fit(view, _slow_pair(view.grid, f), rounds=4).gain
 
-    low = max(frequency - spread, _FEWEST_CYCLES * 0.9 / duration)
-    best = minimize_scalar(loss, bounds=(low, frequency + spread), method="bounded",
-                           options={"xatol": 0.01 / duration})  # fmt: skip
+    bounds = (max(frequency - spread, lowest), frequency + spread)
+    best = minimize_scalar(
+        loss, bounds=bounds, method="bounded", options={"xatol": 0.01 / duration}
+    )
     return float(best.x), joint_fit(view, _slow_pair(view.grid, float(best.x)))
 
 

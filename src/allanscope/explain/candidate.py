@@ -86,6 +86,11 @@ class Candidate:
         return self.gain - self.price
 
     @property
+    def is_drift(self) -> bool:
+        """Whether it is a slow drift without a name."""
+        return self.kind == "unexplained" and self.shape[0] == 0 < self.shape[-1]
+
+    @property
     def equivalent(self) -> tuple[str, ...]:
         """Kinds that come within 3 nats: this record cannot rule them out."""
         return tuple(k for k, g in self.rivals.items() if k != self.kind and g > self.gain - 3.0)

@@ -36,13 +36,15 @@ def audit_drift(view: View) -> View:
     if not slow:
         return view
     bare = view
-    for candidate in slow:
+    for candidate in (*slow, *(c for c in view.accepted if c.is_drift)):
         bare = bare.without(candidate)
     named = view.spectrum.loglik - bare.spectrum.loglik
     free, rest = drift_left_over(bare), drift_left_over(view)
     if free is None:
         return view
-    better = free.gain - DEGREE > named + _CLEARLY
+    # What is slow beside a drift without a name may be what the fit of that drift has left of it.
+    margin = -_CLEARLY if view.drifts else _CLEARLY
+    better = free.gain - DEGREE > named + margin
     unfinished = rest is not None and rest.gain > _UNFINISHED * named
     return bare.accept(free) if better or unfinished else view
 

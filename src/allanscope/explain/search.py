@@ -226,7 +226,7 @@ def _held(view: View, members: tuple[Candidate, ...]) -> View | None:
 
 def _refit(view: View) -> View:
     """Estimate every effect again, given the others."""
-    if len([c for c in view.accepted if KINDS[c.kind].stage >= 2]) < 2:
+    if len([c for c in view.accepted if KINDS[c.kind].stage == 2 or c.is_drift]) < 2:
         return view
     for candidate in view.accepted:
         if KINDS[candidate.kind].stage != 2:

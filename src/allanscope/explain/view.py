@@ -180,7 +180,7 @@ class View:
     @property
     def drifts(self) -> bool:
         """Whether a slow drift without a name has been accepted."""
-        return any(c.kind == "unexplained" and c.shape[0] == 0 < c.shape[-1] for c in self.accepted)
+        return any(c.is_drift for c in self.accepted)
 
     def has(self, kind: str) -> bool:
         """Tell whether an effect of this kind has been accepted."""

@@ -38,9 +38,12 @@ def test_source_gives_the_samples_of_the_sensor_at_the_highest_rate():
         stats, blocks = read_blocks(source, 30_000)
     finally:
         source.close()
-    counts = np.concatenate([block.counts for block in blocks])
-    assert np.array_equal(counts, Simulator(rate=6660.0, seed=1).read(len(counts)).counts)
-    assert stats.lost_samples == 0
+    end = blocks[-1].index + len(blocks[-1])
+    truth = Simulator(rate=6660.0, seed=1).read(end).counts
+    for block in blocks:
+        assert np.array_equal(block.counts, truth[block.index : block.index + len(block)])
+    # A busy machine may be too slow for a board without a brake; then it is told, to the sample.
+    assert sum(map(len, blocks)) + stats.lost_samples == end
 
 
 def test_source_passes_on_what_the_host_says():

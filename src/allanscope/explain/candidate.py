@@ -86,9 +86,14 @@ class Candidate:
         return self.gain - self.price
 
     @property
+    def is_range(self) -> bool:
+        """Whether it is a range of frequencies without a name; a drift is one."""
+        return self.kind == "unexplained" and len(self.shape) == 2
+
+    @property
     def is_drift(self) -> bool:
         """Whether it is a slow drift without a name."""
-        return self.kind == "unexplained" and self.shape[0] == 0 < self.shape[-1]
+        return self.is_range and self.shape[0] == 0
 
     @property
     def equivalent(self) -> tuple[str, ...]:

@@ -35,9 +35,7 @@ def audit_drift(view: View) -> View:
     ]
     if not slow:
         return view
-    bare = view
-    for candidate in (*slow, *(c for c in view.accepted if c.is_drift)):
-        bare = bare.without(candidate)
+    bare = view.without(*slow, *(c for c in view.accepted if c.is_drift))
     named = view.spectrum.loglik - bare.spectrum.loglik
     free, rest = drift_left_over(bare), drift_left_over(view)
     if free is None:

@@ -13,7 +13,8 @@ __all__ = ["SHORTEST_ROWS", "SHORTEST_S", "detection_limits", "hindrances", "obs
 Array = NDArray[np.float64]
 
 SHORTEST_ROWS = 2048
-SHORTEST_S = 60.0
+SHORTEST_S = 55.0
+"""A run of a minute, less its first seconds and a clock that is off."""
 _FULL_SCALE = 32767
 _AT_THE_RAIL = 1e-4
 

@@ -245,8 +245,7 @@ def _demodulated(view: View) -> View:
     family = sidebands([c for c in view.accepted if c.kind == "sinusoid"])
     if not family:
         return view
-    for line in family:
-        view = view.without(line)
+    view = view.without(*family)
     view, tone = united(view, tones_left_over(view, family))
     return view.accept(tone)
 

@@ -19,7 +19,7 @@ from allanscope.explain.grid import grid_of
 from allanscope.explain.once import once
 from allanscope.history import Record
 
-__all__ = ["Series", "series_of"]
+__all__ = ["CHI_SQUARE_MEDIAN", "LOUD", "Series", "series_of"]
 
 Array = NDArray[np.float64]
 
@@ -29,9 +29,9 @@ _MOST_BRIDGED = 0.1
 """With more filling than this share, the longest stretch without holes is used instead."""
 _LONG = 1 << 14
 """Rows below which any transform is quick."""
-_LOUD = 25.0
-"""Power of an ordinate over the noise around it that noise hardly has."""
-_MEDIAN = 0.4549
+LOUD = 25.0
+"""Power of an ordinate over the noise around it that noise hardly has: it holds a line."""
+CHI_SQUARE_MEDIAN = 0.4549
 """Of a chi-square with one degree of freedom, whose mean is 1."""
 _THERMAL_S = 30.0
 """A package does not change its temperature faster: what moves faster is the converter's noise."""
@@ -115,8 +115,8 @@ class Series:
         edges = [*grid_of(len(self), self.rate_hz).edges, power.shape[1]]
         found = np.zeros(power.shape, bool)
         for low, high in pairwise(edges):
-            level = np.median(power[:, low:high], axis=1, keepdims=True) / _MEDIAN
-            found[:, low:high] = power[:, low:high] > _LOUD * level
+            level = np.median(power[:, low:high], axis=1, keepdims=True) / CHI_SQUARE_MEDIAN
+            found[:, low:high] = power[:, low:high] > LOUD * level
         return found
 
 

@@ -12,6 +12,7 @@ from scipy.stats import chi2, spearmanr
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.demodulation import demodulate
 from allanscope.explain.effect import Parameter
+from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.view import View
 
 __all__ = [
@@ -44,7 +45,7 @@ def local_level(view: View, frequency: float, ordinates: int = 400) -> float:
     centre = int(frequency * 2 * view.grid.n / view.grid.rate_hz)
     half = min(ordinates, max(8, centre // 3))
     near = view.squares[max(0, centre - half) : centre + half]
-    return float(np.median(near)) / 0.4549
+    return float(np.median(near)) / CHI_SQUARE_MEDIAN
 
 
 def constancy(data: Array, rate: float, frequency: float, parts: int = _PARTS) -> float:

@@ -160,14 +160,18 @@ class View:
             accepted=(*self.accepted, candidate),
         )
 
-    def without(self, candidate: Candidate) -> View:
-        """Return the view without one of its effects."""
-        data = self.data if candidate.signal is None else self.data + candidate.signal
+    def without(self, *candidates: Candidate) -> View:
+        """Return the view without some of its effects."""
+        data, gone = self.data, set[Term]()
+        for candidate in candidates:
+            gone.update(candidate.terms)
+            if candidate.signal is not None:
+                data = data + candidate.signal
         return replace(
             self,
             data=data,
-            terms=tuple(t for t in self.terms if t not in candidate.terms),
-            accepted=tuple(c for c in self.accepted if c is not candidate),
+            terms=tuple(t for t in self.terms if t not in gone),
+            accepted=tuple(c for c in self.accepted if all(c is not one for one in candidates)),
         )
 
     def noting(self, accepted: tuple[Candidate, ...]) -> View:

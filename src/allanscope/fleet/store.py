@@ -13,7 +13,6 @@ a crash has torn is passed over; its recording is then looked at anew.
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from allanscope.errors import UsageError
 from allanscope.fleet.outcome import Outcome, result_key, unpacked
 from allanscope.fleet.places import Place
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.whole_file import written_whole
 
 __all__ = ["Store"]
 
@@ -101,16 +101,9 @@ class Store:
             If the disk does not take it.
         """
         path = self.path(key)
-        part = path.with_suffix(".part")
-        try:
+        with written_whole(path) as part:
             path.parent.mkdir(exist_ok=True)
-            with part.open("wb") as file:
-                file.write(result)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
-        except OSError as error:
-            raise UsageError(f"cannot write {path}: {error.strerror}") from None
+            part.write_bytes(result)
 
     def has(self, key: str) -> bool:
         """Whether a result is there."""

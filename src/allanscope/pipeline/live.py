@@ -28,10 +28,10 @@ from allanscope.pipeline.resuming import earlier_events, set_view_aside
 from allanscope.pipeline.session import News, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.pipeline.signals import stopped_by_signals
-from allanscope.pipeline.stream import device_source, must_be_there, nothing_heard
+from allanscope.pipeline.stream import device_source, nothing_heard
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import Notice
-from allanscope.sources import RecordedSource, Source
+from allanscope.sources import RecordedSource, Source, must_be_there
 from allanscope.view import RerunView, TerminalView, load_rerun
 
 __all__ = ["run_live", "run_replay"]
@@ -176,9 +176,8 @@ def _tell_alarm(line: str, news: News, quiet: bool) -> None:
 
 
 def _metadata(source: Source, device: DeviceSettings) -> dict[str, str]:
-    """Return what a replay needs to know, all as text; empty entries are left out."""
-    facts = {"name": source.name, **source.identity, **device.metadata()}
-    return {name: text for name, text in facts.items() if text}
+    """Return what a replay needs to know, all as text."""
+    return {"name": source.name, **source.identity, **device.metadata()}
 
 
 def _run(

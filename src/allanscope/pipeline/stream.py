@@ -6,7 +6,6 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -16,10 +15,9 @@ from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
 from allanscope.pipeline.simulate import simulator
 from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.sources import Source, open_source
-from allanscope.sources.discovery import auto_port
 from allanscope.wire.base import LinkStats
 
-__all__ = ["Stream", "device_source", "must_be_there", "nothing_heard", "open_stream"]
+__all__ = ["Stream", "device_source", "nothing_heard", "open_stream"]
 
 
 class Stream(Iterator[Block | Gap]):
@@ -187,20 +185,6 @@ def open_stream(
 def nothing_heard(source: Source) -> DeviceError:
     """Return what to say of a source that was open and never gave a sample."""
     return DeviceError(f"{source.name}: nothing was heard that holds samples; is it streaming?")
-
-
-def must_be_there(port: str) -> None:
-    """Say at once that there is no such port, and not after the kernels have been compiled.
-
-    Raises
-    ------
-    DeviceError
-        Lists what is there.
-    """
-    if port == "auto":
-        auto_port()
-    elif port.startswith("/dev/") and not Path(port).exists():
-        open_source(port).close()
 
 
 def device_source(port: str, device: DeviceSettings, simulated: SimulatedSettings) -> Source:

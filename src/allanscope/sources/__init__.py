@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     )
     from allanscope.sources.file import FileSource
     from allanscope.sources.recorded import RecordedSource
-    from allanscope.sources.registry import open_source
+    from allanscope.sources.registry import must_be_there, open_source
     from allanscope.sources.serial_port import SerialSource
     from allanscope.sources.settings import SourceSettings
 
@@ -48,6 +48,7 @@ __all__ = [
     "auto_port",
     "describe_ports",
     "find_ports",
+    "must_be_there",
     "open_source",
 ]
 
@@ -60,6 +61,7 @@ _HOMES = {
     "auto_port": "discovery",
     "describe_ports": "discovery",
     "find_ports": "discovery",
+    "must_be_there": "registry",
     "open_source": "registry",
 }
 

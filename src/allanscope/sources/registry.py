@@ -9,7 +9,7 @@ from allanscope.recording.reader import is_recording
 from allanscope.sources.base import Source
 from allanscope.sources.settings import SourceSettings
 
-__all__ = ["open_source"]
+__all__ = ["must_be_there", "open_source"]
 
 
 def _is_recording(spec: str) -> bool:
@@ -83,3 +83,19 @@ def open_source(spec: str, settings: SourceSettings | None = None) -> Source:
     """
     opener = next(opener for means, opener in _KINDS if means(spec))
     return opener(spec, settings or SourceSettings())
+
+
+def must_be_there(spec: str) -> None:
+    """Say at once that there is no such port: what comes before it is opened takes its time.
+
+    Raises
+    ------
+    DeviceError
+        Lists what is there.
+    """
+    if spec == "auto":
+        from allanscope.sources.discovery import auto_port
+
+        auto_port()
+    elif spec.startswith("/dev/") and not Path(spec).exists():
+        open_source(spec).close()

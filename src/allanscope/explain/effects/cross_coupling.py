@@ -22,6 +22,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import interleaved_signal
+from allanscope.explain.series import LOUD
 from allanscope.explain.spectral import Spectrum, binned_power, fit_spectrum
 from allanscope.explain.view import View
 
@@ -32,8 +33,6 @@ _SLOWEST_HZ = 0.1
 _BANDS = 8
 _AMBIGUOUS = 3.0
 """Nats below which the direction cannot be told: both axes then name each other."""
-_LOUD = 25.0
-"""Whitened power above which an ordinate holds a line."""
 
 
 class CrossCoupling(EffectKind):
@@ -75,7 +74,7 @@ def _candidate(view: View, source: str) -> Candidate | None:
     lowest = int(_SLOWEST_HZ * 2 * view.grid.n / view.grid.rate_hz)
     white = 1 / view.spectrum.ordinates[lowest:]
     d, e = view.ordinates[lowest:], ordinates[lowest:]
-    loud = view.source_is_loud(source) | (view.squares > _LOUD * view.spectrum.ordinates)
+    loud = view.source_is_loud(source) | (view.squares > LOUD * view.spectrum.ordinates)
     weight = white * (view.spectrum.kept & ~loud)[lowest:]
     normal = float(np.sum(e * e * weight))
     if normal <= 0:

@@ -149,11 +149,7 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
         low = min(near.shape[0], candidate.shape[0])
         high = max(near.shape[1], candidate.shape[1])
         share = near.number("share") + candidate.number("share")
-        view = replace(
-            view,
-            terms=tuple(t for t in view.terms if t not in near.terms),
-            accepted=tuple(c for c in view.accepted if c is not near),
-        )
+        view = view.without(near)
         words = _CHANGES.format(low, high)
         candidate = left_over(view, (low, high), near.gain + candidate.gain, share, words)
     return view, candidate
@@ -168,13 +164,10 @@ def beside(view: View, tone: Candidate) -> bool:
 
 def covered(view: View, candidate: Candidate) -> bool:
     """Tell whether a range without a name lies within one that is known already."""
-    if candidate.kind != "unexplained" or len(candidate.shape) != 2:
+    if not candidate.is_range:
         return False
     low, high = candidate.shape
-    return any(
-        c.kind == "unexplained" and len(c.shape) == 2 and c.shape[0] <= low and high <= c.shape[1]
-        for c in view.accepted
-    )
+    return any(c.is_range and c.shape[0] <= low and high <= c.shape[1] for c in view.accepted)
 
 
 def is_remnant(view: View, candidate: Candidate) -> bool:
@@ -192,21 +185,16 @@ def is_remnant(view: View, candidate: Candidate) -> bool:
     return any(
         distance_s * c.shape[0] < _WAVES and candidate.gain < _REMNANT * c.gain
         for c in view.accepted
-        if c.kind == "unexplained" and len(c.shape) == 2 and c.shape[0] > 0
+        if c.is_range and c.shape[0] > 0
     )
 
 
 def _touched(view: View, candidate: Candidate, room: float) -> Candidate | None:
     """Return a range of the view that the candidate touches; none where either is a drift."""
-    if candidate.kind != "unexplained" or candidate.signal is not None:
+    if not candidate.is_range or candidate.signal is not None:
         return None
     low, high = candidate.shape
-    ranges = (
-        c
-        for c in view.accepted
-        if c.kind == "unexplained" and len(c.shape) == 2 and c.signal is None
-    )
-    for near in ranges:
+    for near in (c for c in view.accepted if c.is_range and c.signal is None):
         gap = max(room, high - low, near.shape[1] - near.shape[0])
         if near.shape[0] < high + gap and low < near.shape[1] + gap:
             return near
@@ -218,7 +206,7 @@ def _bands(view: View) -> Iterable[Candidate]:
     if view.has("quantization"):
         return
     bands = band_scores(view)
-    known = [c.shape for c in view.accepted if c.kind == "unexplained" and len(c.shape) == 2]
+    known = [c.shape for c in view.accepted if c.is_range]
     worst = int(np.argmax(np.abs(bands.z)))
     z = float(bands.z[worst])
     low = high = worst

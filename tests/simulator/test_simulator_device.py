@@ -262,6 +262,40 @@ def test_a_host_that_speaks_is_answered_at_once():
     assert first_write(FakePort(b"hello")) == 0
 
 
+class BusyComputer(FakePort):
+    """A pty whose host takes all at every look, and a computer that once stands still for 3 s."""
+
+    def __init__(self):
+        super().__init__(b"start")
+        self.now, self.waiting, self.device = 0.0, 0, None
+
+    def monotonic(self):
+        return self.now
+
+    def write(self, data):
+        taken = min(len(data), 4096 - self.waiting)
+        self.waiting += taken
+        return taken
+
+    def wait(self, timeout_s):
+        self.waits += 1
+        self.waiting = 0
+        self.now += 3.0 if self.waits == 100 else timeout_s
+        if self.now > 10.0:
+            self.device._stopping.set()
+
+
+def test_a_computer_that_stands_still_costs_the_board_no_sample(monkeypatch):
+    """A real board would have gone on meanwhile; it must not overflow because it runs here."""
+    port = BusyComputer()
+    monkeypatch.setattr("allanscope.simulator.device.time", port)
+    port.device = Device(Simulator(rate=6660.0), port=port)
+    port.device.start().wait()
+    ledger = port.device.ledger
+    assert not ledger.lost
+    assert ledger.produced > 9.5 * 6400
+
+
 def test_nothing_is_left_behind():
     threads, files = threading.active_count(), len(os.listdir("/proc/self/fd"))
     device = Device(Simulator(), speed=10.0, faults=["unplug:at=2,seconds=1"]).start()

@@ -327,6 +327,18 @@ def test_bytes_gather_but_never_fill_the_buffer_of_a_tty(pace: float, reads_in_s
     assert max(sizes) < 2600
 
 
+def test_a_reader_that_was_held_up_catches_up_without_a_pause() -> None:
+    """The tty is full by then, and what a board cannot hand over fills its own memory."""
+    slept: list[float] = []
+    source = SerialSource(
+        "/dev/ttyACM0", comports=list, sleep=slept.append,
+        opener=lambda name, baud: Link([bytes(1700), bytes(4095), bytes(3500), bytes(1700), b"x"]),
+    )  # fmt: skip
+    for _ in range(5):
+        source.read()
+    assert len(slept) == 2, "after each of the reads that found no more than usual"
+
+
 def test_a_hung_device_stalls_once_and_resumes_once() -> None:
     bench = Bench()
     bench.links = [Link([b"x", b"", b"", b"", b"", b"", b"", b"y", b""])]

@@ -24,6 +24,9 @@ SHORTEST_WAIT_S = 0.002
 """Between two looks at the port: some 200 bytes at 6.66 kHz, far below what a pty holds."""
 STRIDE_S = 0.05
 """Device time that passes between two writes when the device is late or runs fast."""
+CATCH_UP = 4.0
+"""How much faster than its speed it runs when it is late because the computer was busy. What it
+owes, written at once, would overflow a ring that no real board would have filled."""
 SETTLE_S = 0.05
 """pyserial throws away what is in a port that it has just opened; nothing is sent that soon."""
 
@@ -188,9 +191,12 @@ class Device:
         if math.isinf(self._speed):
             return self._live_fast()
         target_s = (time.monotonic() - self._start_s) * self._speed
-        while firmware.now_s < target_s and not self._stopping.is_set():
-            self._pass_time(min(target_s, firmware.now_s + STRIDE_S))
+        until_s = min(target_s, firmware.now_s + STRIDE_S * max(self._speed, 1.0))
+        while firmware.now_s < until_s and not self._stopping.is_set():
+            self._pass_time(min(until_s, firmware.now_s + STRIDE_S))
         blocked = self._write()
+        if until_s < target_s:
+            return STRIDE_S / CATCH_UP
         ahead_s = (firmware.next_s - target_s) / self._speed
         longest = SHORTEST_WAIT_S if blocked else LONGEST_WAIT_S
         return min(max(ahead_s, SHORTEST_WAIT_S), longest)

@@ -42,6 +42,9 @@ GATHER_BYTES = 2048
 """Where so many would come in the longer time it is taken, but never more than is likely to bring
 half of the 4096 bytes that a tty of Linux holds for its reader."""
 
+LATE_BYTES = 3072
+"""Who finds so many is late, because the computer is busy, and reads on without a pause."""
+
 FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
 
@@ -168,7 +171,9 @@ class SerialSource:
         if not data:
             self._pause_s = 0.0
             return Chunk(now, event=self._stall(now))
-        self._pause_s = _pause(len(data) / max(1e-9 * (now - self._heard_ns), 1e-6))
+        late = len(data) >= LATE_BYTES
+        pace = len(data) / max(1e-9 * (now - self._heard_ns), 1e-6)
+        self._pause_s = 0.0 if late else _pause(pace)
         event: LinkEvent = "resumed" if self._stalled else ""
         self._streaming, self._stalled, self._heard_ns = True, False, now
         self._retry_s = FIRST_RETRY_S

@@ -8,8 +8,9 @@ import pytest
 from allanscope.errors import DeviceError
 from allanscope.pipeline import live
 from allanscope.pipeline.ahead import ahead
-from allanscope.pipeline.compiling import COMPILING
+from allanscope.pipeline.compiling import COMPILING, load_kernels
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
+from allanscope.spectrum import level
 
 PROGRAM = """
 import numba
@@ -52,6 +53,14 @@ def test_all_that_takes_long_is_loaded_before_the_port_is_opened(monkeypatch):
     with pytest.raises(DeviceError):
         live.run_live("nowhere", DeviceSettings(), quiet, SimulatedSettings())
     assert done == ["kernels", "rerun", "port"]
+
+
+def test_the_samples_that_are_taken_first_make_a_spectrum(monkeypatch):
+    """So that its kernel, too, is there before the port is opened."""
+    made = []
+    monkeypatch.setattr(level, "_add_squares", lambda spectra, power: made.append(spectra.shape))
+    load_kernels("native")
+    assert made
 
 
 def test_a_port_that_is_not_there_is_told_before_anything_is_compiled(monkeypatch):

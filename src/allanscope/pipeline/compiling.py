@@ -16,6 +16,7 @@ from importlib import import_module
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.summary import summarise
 from allanscope.simulator import Simulator
+from allanscope.spectrum.level import SEGMENT
 from allanscope.wire.base import LinkStats
 
 __all__ = ["COMPILING", "load_kernels", "tell_when_compiling"]
@@ -46,11 +47,11 @@ def tell_when_compiling(say: Callable[[str], None] = _on_stderr) -> None:
 
 
 def load_kernels(wire: str) -> None:
-    """Take a few samples through everything that live samples go through."""
+    """Take as many samples as a spectrum needs through everything that live samples go through."""
     if wire in ("", "native"):
         import_module("allanscope.wire.native.kernel")
     sensor = Simulator(rate=104.0, seed=0)
     analyser = Analyser(AnalyserSettings())
     analyser.take(sensor.info)
-    analyser.take(sensor.read(256))
+    analyser.take(sensor.read(2 * SEGMENT))
     summarise(analyser, LinkStats(), "live", {})

@@ -12,9 +12,11 @@ import pytest
 from allanscope import AXES, SCHEMA, analyse
 from allanscope.__main__ import main
 from allanscope.allan.estimators import REGISTRY
-from allanscope.analysis.summary import FULL_KINDS
+from allanscope.analysis.analyser import Analyser
+from allanscope.analysis.summary import FULL_KINDS, summarise
 from allanscope.explain.effects import KINDS
-from allanscope.parts import PARTS
+from allanscope.samples import Block, StreamInfo, Ticks
+from allanscope.wire.base import LinkStats
 
 COEFFICIENTS = {"Q", "ramp"}  # compete with the effects, reported as Q and R
 
@@ -62,7 +64,6 @@ def test_the_schema_itself_is_sound():
 def test_the_words_of_the_schema_are_those_of_the_program():
     axis = PUBLISHED["$defs"]["axis"]["properties"]
     assert set(axis["curves"]["propertyNames"]["enum"]) == set(REGISTRY) == set(FULL_KINDS)
-    assert set(PUBLISHED["properties"]["part"]["enum"]) == {"", *PARTS}
     assert set(PUBLISHED["properties"]["axes"]["propertyNames"]["enum"]) == set(AXES)
 
 
@@ -112,6 +113,23 @@ def test_the_shortest_records_have_every_key(rows):
 def test_a_constant_axis_is_no_special_case():
     result = analyse(np.ones((8000, 2)), 104.0, axes=("ax", "az")).to_dict()
     STRICT.validate(plain(result))
+
+
+def test_a_step_that_hides_the_noise():
+    counts = np.rint(np.random.default_rng(9).normal(0.3, 0.25, 8000)).astype(np.int16)
+    result = analyse({"gx": counts}, 104.0, part="LSM6DSM", gyro_fs=2000.0).to_dict()
+    STRICT.validate(plain(result))
+    assert result["axes"]["gx"]["datasheet"]["density"]["verdict"] == "hidden by the step"
+
+
+def test_a_part_of_another_name():
+    info = StreamInfo(("gx",), (8.75e-3,), 104.0, part="LSM6DSO", wire="native")
+    analyser = Analyser()
+    analyser.take(info)
+    analyser.take(Block(0, np.arange(200, dtype=np.int16)[:, np.newaxis] % 7, Ticks.none()))
+    result = summarise(analyser, LinkStats(), "full", {"name": "arrays", "wire": "native"})
+    STRICT.validate(plain(result.to_dict()))
+    assert result.part == "LSM6DSO"
 
 
 def test_what_the_schema_would_catch(live):

@@ -98,6 +98,8 @@ def _read(path: Path) -> dict[str, dict[str, dict[str, float]]]:
         for name, entry in table.items():
             for axis in groups.get(title, (title,)):
                 limits[axis][name] = _bounds(path, title, name, entry)
+    if not any(limits.values()):
+        raise InputError(f"{path} sets no limit; write e.g. N = 0.004 below [gyro]")
     return limits
 
 
@@ -107,7 +109,7 @@ def _bounds(path: Path, title: str, name: str, entry: Any) -> dict[str, float]:
         name in NAMES
         and table
         and set(table) <= {"min", "max"}
-        and all(isinstance(v, (int, float)) and v >= 0 for v in table.values())
+        and all(type(v) in (int, float) and v >= 0 for v in table.values())
     )
     if not sound:
         raise InputError(

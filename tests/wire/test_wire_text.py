@@ -416,6 +416,26 @@ def test_counts_beyond_int16_stay_within_it() -> None:
     assert block.counts[0].tolist() == [32767, -32768, 1]
 
 
+@pytest.mark.parametrize("header", ["# t[s],gx[dps]", '"t[s]","gx[dps]"', "%t[s], gx[dps]"])
+def test_a_header_in_quotes_or_behind_a_mark_of_comments_keeps_its_first_name(header: str) -> None:
+    events = _decode(header + "\n" + "".join(f"{i / 100},{i % 7}.5\n" for i in range(40)))
+    info = next(event for event in events if isinstance(event, StreamInfo))
+    assert (info.axes, info.nominal_hz) == (("gx",), 100.0)
+
+
+def test_a_number_that_no_sensor_gives_makes_no_sample() -> None:
+    rows = ["0.5", "1e300", "0.25", "-1e200", "0.75"]
+    events = _decode("gx[rad/s]\n" + "\n".join(rows) + "\n")
+    counts = np.concatenate([event.counts for event in events if isinstance(event, Block)])
+    assert (counts[:, 0] * RAD).round(3).tolist() == [0.5, 0.25, 0.75]
+
+
+def test_means_of_counts_are_not_rounded() -> None:
+    events = _decode("gx[lsb]\n" + "12.25\n-3.5\n0.75\n")
+    block = next(event for event in events if isinstance(event, Block))
+    assert block.counts[:, 0].tolist() == [12.25, -3.5, 0.75]
+
+
 def test_a_32_bit_counter_of_microseconds_may_wrap() -> None:
     rows = "".join(f"{(2**32 - 50_000 + 10_000 * i) % 2**32},1,2,3\n" for i in range(40))
     events = _decode("t[us],gx[dps],gy[dps],gz[dps]\n" + rows)

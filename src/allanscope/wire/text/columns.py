@@ -19,6 +19,7 @@ _AXIS = re.compile(
 _TIME = re.compile(r"t|ts|time|timestamp|time_stamp")
 _TEMPERATURE = re.compile(r"temp|temperature|t")
 _SEPARATORS = "\t;,|"
+_QUOTES = " \"'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +72,10 @@ def column_of(header: str) -> Column | None:
 
     >>> column_of("GyroX [mdps]")
     Column(quantity='gyro', unit='mdps', axis=0)
-    >>> column_of("time[us]").unit
-    'us'
+    >>> column_of("time[us]").unit, column_of('"az [mg]"').unit
+    ('us', 'mg')
     """
-    match = _NAME.fullmatch(header[:80])
+    match = _NAME.fullmatch(header[:80].strip(_QUOTES))
     if match is None:
         return None
     name = re.sub(r"[\s.\-]+", "", match[1].lower()).strip("_")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import cast
 
 from allanscope.samples import AXES, Event, GapReason, Notice
@@ -19,6 +20,8 @@ from allanscope.wire.text.units import Quantity
 
 __all__ = ["TextDecoder"]
 
+_COMMENT = re.compile(r"\A\s*(?:#|%|//)\s*")
+"""A mark before a header, as `numpy.savetxt` and MATLAB's users set it: no part of a name."""
 _ENOUGH_UNNAMED = 3
 _LONGEST_QUOTE = 60
 
@@ -111,7 +114,7 @@ class TextDecoder:
         if self._others > 2 * len(self._unnamed) + 2:
             self._unnamed.clear()
         if not any(numbers) and not self._spoken.chosen:
-            columns = columns_of(cells, self._bare)
+            columns = columns_of(cells_of(_COMMENT.sub("", text)), self._bare)
             if columns is not None:
                 self.named = True
                 return [] if self._doubtful(columns) else self._start_table(columns)

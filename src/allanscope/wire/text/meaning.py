@@ -75,7 +75,7 @@ class TextMeaning:
         remarks = list(self._assumed)
         units = [self._unit(AXES[i], values, remarks) for i in columns]
         self._epoch += 1
-        counted = all(unit == "lsb" for unit in units)
+        counted = all(unit == "lsb" for unit in units) and _whole(values[:, columns])
         per_second = self._time_per_second(rows, remarks)
         rows = [row._replace(device_s=row.device_s / per_second) for row in rows]
         times = [row.device_s for row in rows]

@@ -112,13 +112,18 @@ def test_json_and_toml_files_say_the_same(tmp_path):
         ("empty.json", "{}"),
         ("other.json", '{"axes": {"mx": {}}}'),
         ("binary.json", "\udcff"),
+        ("number.json", '{"axes": {"gx": 5}}'),
+        ("coefficients.json", '{"axes": {"gx": {"coefficients": [1]}}}'),
+        ("effects.json", '{"axes": {"gx": {"effects": [5]}}}'),
+        ("level.json", '{"axes": {"gx": {"level": {"mean": "high"}}}}'),
+        ("rate.json", '{"axes": {"gx": {}}, "rate": 7}'),
     ],
 )
 def test_files_that_hold_no_sensor_are_refused_in_one_line(tmp_path, name, content):
     path = tmp_path / name
     if content is not None:
         path.write_text(content, errors="surrogateescape")
-    with pytest.raises(InputError, match=r"sensor|no JSON or TOML") as caught:
+    with pytest.raises(InputError, match=r"sensor|no JSON or TOML|no result") as caught:
         Truth.load(path)
     assert "\n" not in str(caught.value)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from allanscope.errors import InputError
+from allanscope.errors import AllanscopeError, InputError
 from allanscope.parts import part_named
 from allanscope.samples import AXES
 from allanscope.simulator.effect_spec import EffectSpec, parse_effect
@@ -155,7 +155,7 @@ class Truth:
         Raises
         ------
         InputError
-            If the file cannot be read or is neither.
+            If the file cannot be read, is neither, or is not built like a result.
         """
         try:
             text = path.read_text("utf-8")
@@ -164,7 +164,12 @@ class Truth:
             raise InputError(f"{path}: no JSON or TOML that can be read: {error}") from error
         if not isinstance(content, Mapping):
             raise InputError(f"{path}: no sensor to simulate: must be a table with axes")
-        return cls.from_result(content)
+        try:
+            return cls.from_result(content)
+        except AllanscopeError:
+            raise
+        except (AttributeError, TypeError, ValueError) as error:
+            raise InputError(f"{path}: no result that could be simulated: {error}") from error
 
     def with_effects(self, effects: Iterable[EffectSpec | str]) -> Truth:
         """Return this sensor with more effects, given as they are or in words."""

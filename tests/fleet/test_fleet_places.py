@@ -19,6 +19,7 @@ from allanscope.errors import UsageError
 from allanscope.fleet.desk import Desk
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import READ_AHEAD_BYTES, find_places
+from allanscope.fleet.run import FleetSettings, run_fleet
 from allanscope.fleet.store import Store
 from allanscope.fleet.work import analyse_place, fingerprint_place
 from allanscope.pipeline.settings import DeviceSettings
@@ -157,3 +158,14 @@ def session(tmp_path: Path) -> Callable[[int], Path]:
         return folder / "session.mcap"
 
     return write
+
+
+@pytest.mark.parametrize("pattern", ["(", "unit"])
+def test_a_pattern_of_units_that_is_none_is_refused_before_any_work(
+    pattern: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"not looked at")
+    settings = FleetSettings((str(tmp_path),), tmp_path / "out", unit_pattern=pattern)
+    with pytest.raises(UsageError, match="--unit-name"):
+        run_fleet(settings, DEVICE)
+    assert not (tmp_path / "out").exists()

@@ -18,6 +18,7 @@ from allanscope.fleet.desk import Desk, FleetResult
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import Place, find_places
 from allanscope.fleet.store import Store
+from allanscope.fleet.units import UnitNames
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.signals import stopped_by_signals
 
@@ -71,14 +72,15 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     Raises
     ------
     UsageError
-        If nothing matches, the folder cannot be written to, the scheduler does not answer, or the
-        extra is not installed.
+        If nothing matches, the folder cannot be written to, the scheduler does not answer, the
+        pattern of units is none, or the extra is not installed.
     DeviceError
         If the scheduler goes away on the way; table and report are of what was done until then.
     """
     require_extra()
     from allanscope.fleet.writing import write_lot
 
+    UnitNames((), settings.unit_pattern)  # refused now, not when a night's work is done
     places = find_places(settings.patterns)
     store = Store(settings.out, device)
     try:

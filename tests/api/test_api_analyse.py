@@ -142,6 +142,7 @@ def test_times_tell_the_rate_and_what_is_missing():
         (small(), {"rate": 0.0}, "a sample rate of 0 Hz makes no sense"),
         (small(8).reshape(2, 4), {"rate": 1.0}, r"shape \(2, 4\) needs axes"),
         (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx"]}, "1 axis names do not fit"),
+        (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx", "gx", "gy"]}, "gx comes twice"),
         (small(8).reshape(2, 2, 2), {"rate": 1.0}, r"not \(2, 2, 2\)"),
         (small(0), {"rate": 1.0}, "hold no samples"),
         ({"gx": [0.0, np.inf]}, {"rate": 1.0}, "sample 1 of gx is inf"),

@@ -161,9 +161,9 @@ def _streamed(
     from allanscope.allan.bank import AllanBank
 
     per_octave = 1 if isinstance(taus, str) and taus == "octave" else taus
-    if not isinstance(per_octave, int):
+    if not isinstance(per_octave, int | np.integer):
         raise ValueError("a bank keeps its own taus: exact=False needs octave or a number for taus")
-    bank = AllanBank(rate, axes=1, per_octave=per_octave)
+    bank = AllanBank(rate, axes=1, per_octave=int(per_octave))
     bank.update(np.diff(phase))
     curve = bank.deviation(
         kind, level, bias_corrected=bias_corrected, hadamard_factor=hadamard_factor

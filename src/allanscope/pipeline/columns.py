@@ -72,6 +72,9 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None) -> Columns:
         raise ValueError(f"an array of samples has shape (n,) or (n, axes), not {values.shape}")
     if axes is None:
         axes = _usual_axes(values.shape)
+    twice = [name for i, name in enumerate(axes) if name in axes[:i]]
+    if twice:
+        raise ValueError(f"{twice[0]} comes twice among the names of the axes")
     if len(axes) != values.shape[1]:
         raise ValueError(f"{len(axes)} axis names do not fit an array of shape {values.shape}")
     return columns_of_mapping(dict(zip(axes, values.T, strict=True)))

@@ -1,6 +1,9 @@
 """Coefficients leave for Kalibr, ROS, VINS and MATLAB by one command."""
 
+import json
+
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from allanscope.__main__ import main
@@ -49,6 +52,31 @@ def test_ros_is_given_the_variance_of_a_sample(log, tmp_path):
     text = (tmp_path / "ros.yaml").read_text()
     first = float(text.partition("angular_velocity_covariance: [")[2].partition(",")[0])
     assert first == pytest.approx((SIGMA * DEGREE) ** 2, rel=0.2)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_samples_leave_at_the_measured_rate(tmp_path, ending):
+    night, table = tmp_path / "night.mcap", tmp_path / f"night.{ending}"
+    fast = ["--hours", "0.02", "--effect", "clock_error:relative=0.04"]
+    assert main(["simulate", str(night), "--quiet", *fast]) == 0
+    assert main(["export", str(night), str(table), "--quiet"]) == 0
+    if ending == "csv":
+        times = np.loadtxt(table, delimiter=",", skiprows=1, usecols=0)
+    else:
+        read = pq.read_table(table)
+        times = read["t[s]"].to_numpy()
+        facts = json.loads(read.schema.metadata[b"allanscope"])
+        assert facts["measured"]
+        assert facts["rate_hz"] == pytest.approx(1.04 * 104.0, rel=1e-3)
+    assert 1.0 / np.diff(times).mean() == pytest.approx(1.04 * 104.0, rel=1e-3)
+
+
+def test_a_recording_without_samples_makes_no_table(tmp_path, capsys):
+    night, table = tmp_path / "night.mcap", tmp_path / "night.csv"
+    assert main(["simulate", str(night), "--quiet", "--hours", "1e-7"]) == 0
+    assert main(["export", str(night), str(table), "--quiet"]) == 3
+    assert "holds no samples" in capsys.readouterr().err
+    assert not table.exists()
 
 
 def test_a_missing_sensor_is_one_line(tmp_path, capsys):

@@ -9,6 +9,7 @@ from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.analyse import analyse_input, recorded_settings
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.extent import Extent
+from allanscope.pipeline.measured_rates import at_rates, measured_rates
 from allanscope.pipeline.outputs import write_whole
 from allanscope.pipeline.replaying import events_of
 from allanscope.pipeline.settings import DeviceSettings
@@ -34,8 +35,11 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
     Raises
     ------
     InputError
-        When it holds no samples that could be read.
+        When it holds no samples that could be read, or is a recording already.
     """
+    if is_recording(source):
+        Recording(source)  # a damaged one says so itself
+        raise InputError(f"{source} is a recording already; analyse and export take it as it is")
     decoding = Decoding(device.for_wire(), device.wire)
     for _ in events_of(source, decoding, quiet, "reading"):
         pass
@@ -60,6 +64,8 @@ def export_recording(
 ) -> None:
     """Write samples as CSV or Parquet, or coefficients for Kalibr, ROS, VINS or MATLAB.
 
+    The times of samples are at the measured rate: whoever reads the table takes them for true.
+
     Parameters
     ----------
     layout : {'kalibr', 'ros', 'vins'}
@@ -70,7 +76,7 @@ def export_recording(
     UsageError
         When the ending of `out` is none of .csv, .parquet, .yaml and .m.
     InputError
-        When a sensor is missing whose coefficients are asked for.
+        When there are no samples, or a sensor is missing whose coefficients are asked for.
     """
     if out.suffix in (".yaml", ".m"):
         _export_coefficients(source, out, device, quiet, "matlab" if out.suffix == ".m" else layout)
@@ -81,8 +87,12 @@ def export_recording(
     if source.is_dir() or is_recording(source):
         device = recorded_settings(Recording(source), device)
     decoding = Decoding(device.for_wire(), device.wire)
-    events = events_of(source, decoding, quiet, "exporting")
-    written = writers[out.suffix](events, out, rate_hz=device.rate_hz)
+    rates = measured_rates(events_of(source, decoding, quiet, "measuring the rate"))
+    if not decoding.stats.samples:
+        raise InputError(f"{source} holds no samples; nothing to export")
+    again = Decoding(device.for_wire(), decoding.wire)
+    events = at_rates(events_of(source, again, quiet, "exporting"), rates)
+    written = writers[out.suffix](events, out)
     if not quiet:
         print(written)
 

@@ -102,7 +102,7 @@ def _facts(table: Table, rate_hz: float | None) -> dict[str, str]:
         "axes": info.axes,
         "scale": info.scale,
         "rate_hz": rate_hz or info.nominal_hz,
-        "measured": rate_hz is not None,
+        "measured": rate_hz is not None or not info.rate_claimed,
         "part": info.part,
         "wire": info.wire,
     }

@@ -19,6 +19,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.memory import give_large_blocks_back
 from allanscope.pipeline.outputs import (
     discard_session,
+    made_folder,
     new_session_folder,
     session_folder,
     write_json,
@@ -142,8 +143,7 @@ def run_replay(
     analyser = Analyser(AnalyserSettings(part=device.part))
     folder = None
     if settings.out is not None:
-        folder = settings.out
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = made_folder(settings.out)
     facts = {"name": path.name, "path": str(path), "sha256": recording.sha256()}
     session = Session(
         source,

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "discard_session",
+    "made_folder",
     "new_session_folder",
     "report_sessions",
     "session_folder",
@@ -97,6 +98,17 @@ def session_folder(path: Path) -> Path:
         raise UsageError(
             f"{path} holds a session already; choose another folder, or --resume {path}"
         )
+    return made_folder(path)
+
+
+def made_folder(path: Path) -> Path:
+    """Make a folder where there is none yet.
+
+    Raises
+    ------
+    UsageError
+        When it cannot be made.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

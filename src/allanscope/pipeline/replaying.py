@@ -19,12 +19,13 @@ from pathlib import Path
 import numpy as np
 
 from allanscope.analysis.analyser import Analyser
+from allanscope.errors import InputError
 from allanscope.pipeline.ahead import ahead
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.extent import Extent
-from allanscope.recording import Buffer
+from allanscope.recording import Buffer, is_recording
 from allanscope.samples import Event
-from allanscope.sources import RecordedSource, Source, open_source
+from allanscope.sources import FileSource, RecordedSource, Source
 from allanscope.view.progress import progress
 
 __all__ = ["analysed", "buffers_of", "events_from", "events_of"]
@@ -68,7 +69,7 @@ def events_of(
     InputError
         When the file cannot be read or no wire format fits it.
     """
-    source = open_source(str(path))
+    source = _file_source(path)
     extent = Extent.of(source, path)
 
     def decoded(buffers: Iterable[Buffer]) -> Iterator[tuple[float, list[Event]]]:
@@ -85,6 +86,15 @@ def events_of(
                 advance(size)
     finally:
         source.close()
+
+
+def _file_source(path: Path) -> Source:
+    """Open a file by its path: one that is called sim or auto is neither, and a port has no end."""
+    if path.is_dir() or is_recording(path):
+        return RecordedSource(path)
+    if path.is_char_device():
+        raise InputError(f"{path} is no file; a port is read by allanscope live {path}")
+    return FileSource(path)
 
 
 def analysed(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 
 from allanscope.cli import parser
@@ -20,8 +21,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(arguments.command(arguments))
     except AllanscopeError as error:
         if arguments.debug:
-            raise
-        print(f"allanscope: {visible(str(error))}", file=sys.stderr)
+            traceback.print_exc()
+        else:
+            print(f"allanscope: {visible(str(error))}", file=sys.stderr)
         return int(error.exit_code)
     except KeyboardInterrupt:
         return ExitCode.DONE

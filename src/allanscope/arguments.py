@@ -62,7 +62,7 @@ def simulate(one: ArgumentParser) -> None:
     one.add_argument("out", help="the recording to write")
     one.add_argument("--hours", type=float, default=1.0, help="length of the record")
     _device_arguments(one)
-    _simulated_arguments(one)
+    _simulated_arguments(one, with_line=False)
 
 
 def device(one: ArgumentParser) -> None:
@@ -89,7 +89,7 @@ def import_data(one: ArgumentParser) -> None:
 
 def export_data(one: ArgumentParser) -> None:
     """Take what an export needs."""
-    one.add_argument("recording")
+    one.add_argument("recording", help="a recording, the folder of a session, a capture or text")
     one.add_argument("out", help="a name that ends in .csv, .parquet, .yaml or (MATLAB's) .m")
     one.add_argument(
         "--layout", default="kalibr", choices=["kalibr", "ros", "vins"], help="whose .yaml"
@@ -105,7 +105,7 @@ def recover(one: ArgumentParser) -> None:
 
 def check(one: ArgumentParser) -> None:
     """Take what a gate needs."""
-    one.add_argument("recording")
+    one.add_argument("recording", help="a recording, the folder of a session, a capture or text")
     one.add_argument("--against", required=True, metavar="SPEC.toml", help="limits per axis")
     _device_arguments(one)
 
@@ -156,12 +156,16 @@ def _device_arguments(one: ArgumentParser) -> None:
     )
 
 
-def _simulated_arguments(one: ArgumentParser) -> None:
+def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None:
     group = one.add_argument_group("the simulated SensorTile")
     group.add_argument("--seed", type=int, default=0, help="seed of its noise")
     group.add_argument(
         "--effect", action="append", default=[], metavar="KIND:param=value,...", help="an effect"
     )
+    group.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")
+    if not with_line:  # nothing can fail on it
+        one.set_defaults(fault=[])
+        return
     group.add_argument(
         "--fault",
         action="append",
@@ -170,7 +174,6 @@ def _simulated_arguments(one: ArgumentParser) -> None:
         help="bit_flip, byte_loss, byte_repeat, garbage, stall, unplug or reset, "
         "e.g. bit_flip:rate=1e-5 (per byte) or unplug:at=5,seconds=2",
     )
-    group.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")
 
 
 def _session_arguments(one: ArgumentParser) -> None:

@@ -11,10 +11,11 @@ import json
 import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from allanscope import arguments
 from allanscope.errors import ExitCode
+from allanscope.visible import visible
 
 if TYPE_CHECKING:
     from allanscope.analysis.result import Analysis
@@ -193,7 +194,7 @@ def ports(options: Namespace) -> int:
 
 def parser() -> ArgumentParser:
     """Return the parser of the whole command line."""
-    top = ArgumentParser(
+    top = _Parser(
         prog="allanscope",
         description="Live Allan-variance monitor for LSM6DS3H / LSM6DSL / LSM6DSM sensors.",
         epilog="Without a device: allanscope live sim",
@@ -226,6 +227,14 @@ _COMMANDS = {
     "fleet": (fleet, arguments.fleet, "fleet 'lot/**/*.mcap' --out lot-result"),
     "ports": (ports, arguments.nothing, "ports"),
 }
+
+
+class _Parser(ArgumentParser):
+    """A parser that complains in one line; those of the commands are of the same class."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong with the call and where to look, as every other error is said."""
+        self.exit(ExitCode.USAGE, f"allanscope: {visible(message)}; see {self.prog} --help\n")
 
 
 class _Version(argparse.Action):

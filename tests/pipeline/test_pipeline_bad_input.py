@@ -26,7 +26,10 @@ def complaint(tmp_path, monkeypatch, capsys):
 
     def run(*arguments):
         before = sorted(tmp_path.rglob("*"))
-        code = main([str(argument) for argument in arguments])
+        try:
+            code = main([str(argument) for argument in arguments])
+        except SystemExit as end:  # the parser's
+            code = end.code
         said = capsys.readouterr()
         assert said.err.count("\n") == 1, said.err
         assert said.err.startswith("allanscope: ")
@@ -118,10 +121,18 @@ def test_what_is_no_port(complaint, place):
         (("live", "sim", "--effect", "gremlins:n=1"), ("gremlins", "sinusoid")),
         (("device", "--fault", "stall:seconds=2"), ("stall:at=",)),
         (("simulate", "x.mcap", "--hours", "0"), ("hours",)),
+        (("simulate", "x.mcap", "--fault", "bit_flip:rate=1e-3"), ("--fault",)),
+        (("live", "sim", "--view", "cinema"), ("cinema", "window", "live --help")),
+        (("live", "sim", "--for", "soon"), ("soon", "10m")),
+        (("live", "sim", "--seed", "-1"), ("seed", "-1")),
+        (("live", "sim", "--unit", "gyro=furlong"), ("furlong", "mdps")),
+        (("replay",), ("recording",)),
+        (("watch",), ("watch", "analyse")),
+        ((), ("COMMAND", "--help")),
     ],
 )
 def test_what_does_not_exist_is_refused_before_anything_is_made(complaint, arguments, words):
-    extra = LIVE if arguments[0] == "live" else ()
+    extra = LIVE if arguments[:1] == ("live",) else ()
     code, line = complaint(*arguments, *extra)
     assert code == 2
     assert all(word in line for word in words)
@@ -182,6 +193,33 @@ def test_a_few_unreadable_rows_are_left_out_and_the_first_is_told(tmp_path):
     told = json.loads(result.read_text())
     assert (told["samples"], told["lost_samples"]) == (599, 1)
     assert any("line 101 is no row" in remark for remark in told["remarks"])
+
+
+def test_a_traceback_is_shown_on_request_and_changes_no_exit_code(capsys):
+    assert main(["analyse", "missing.csv", "--debug"]) == 3
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["missing", "sim", "auto", "/dev/null"])
+@pytest.mark.parametrize("command", ["analyse", "import", "export"])
+def test_a_file_is_a_file_whatever_it_is_called(complaint, command, name):
+    code, line = complaint(command, name, *(["out.csv"] if command != "analyse" else []))
+    assert code == 3
+    assert name in line
+
+
+def test_a_recording_is_not_imported_once_more(complaint, tmp_path):
+    assert main(["simulate", str(tmp_path / "a.mcap"), "--hours", "0.001", "--quiet"]) == 0
+    code, line = complaint("import", "a.mcap", "b.mcap")
+    assert code == 3
+    assert "a.mcap is a recording already" in line
+
+
+def test_a_replay_cannot_be_kept_in_a_file(complaint, tmp_path):
+    assert main(["simulate", str(tmp_path / "a.mcap"), "--hours", "0.001", "--quiet"]) == 0
+    code, line = complaint("replay", "a.mcap", "--view", "none", "--out", "a.mcap")
+    assert code == 2
+    assert "cannot make the folder a.mcap" in line
 
 
 def test_a_folder_that_is_no_session(complaint, tmp_path):

@@ -11,6 +11,7 @@ from allanscope.errors import UsageError
 from allanscope.parts import part_named
 from allanscope.wire import format_named
 from allanscope.wire.base import WireSettings
+from allanscope.wire.text.units import quantity_named
 
 __all__ = ["DeviceSettings", "SessionSettings", "SimulatedSettings", "ViewMode"]
 
@@ -24,7 +25,7 @@ class DeviceSettings:
     Raises
     ------
     UsageError
-        For a part, a full scale, a rate or a wire format that does not exist.
+        For a part, a full scale, a rate, a wire format or a unit that does not exist.
     """
 
     part: str = ""
@@ -46,6 +47,8 @@ class DeviceSettings:
             part.accel_scale(self.accel_fs)
         if self.wire:
             format_named(self.wire)
+        for group, unit in self.units:
+            quantity_named(group, unit)
 
     def for_wire(self) -> WireSettings:
         """Return the part of it that decoders need."""

@@ -11,6 +11,8 @@ from zlib import crc32
 
 from numpy.random import SFC64, Generator, SeedSequence
 
+from allanscope.errors import UsageError
+
 __all__ = ["stream"]
 
 
@@ -19,7 +21,7 @@ def stream(seed: int, *name: str) -> Generator:
 
     Raises
     ------
-    ValueError
+    UsageError
         If the seed is negative.
 
     Examples
@@ -30,5 +32,5 @@ def stream(seed: int, *name: str) -> Generator:
     False
     """
     if seed < 0:
-        raise ValueError(f"a seed is 0 or more, got {seed}")
+        raise UsageError(f"a seed is 0 or more, not {seed}")
     return Generator(SFC64(SeedSequence([seed, *(crc32(word.encode()) for word in name)])))

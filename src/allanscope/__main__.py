@@ -31,6 +31,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of our output (head, less) has gone: nothing is left to say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.DONE
+    except Exception as error:
+        if arguments.debug:
+            raise
+        what = visible(f"{type(error).__name__}: {error}")
+        print(f"allanscope: unexpected {what}; --debug shows where", file=sys.stderr)
+        return 1
 
 
 if __name__ == "__main__":

@@ -84,6 +84,10 @@ def events_of(
             for size, events in ahead(decoded(buffers_of(source))):
                 yield from events
                 advance(size)
+    except InputError as error:
+        if str(path) in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from None
     finally:
         source.close()
 

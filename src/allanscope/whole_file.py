@@ -17,7 +17,8 @@ def written_whole(path: Path) -> Iterator[Path]:
     """Yield the name of a file to write beside `path`, which takes its place when all went well.
 
     Whatever was at `path` stays until then, and for good when the block raises; the other file is
-    gone in every case. What is there afterwards survives a power cut.
+    gone in every case. What is there afterwards survives a power cut. A link stays a link. A pipe
+    or a device, as ``/dev/stdout``, is written to as it is: nothing may take its place.
 
     Raises
     ------
@@ -29,6 +30,19 @@ def written_whole(path: Path) -> Iterator[Path]:
     >>> with written_whole(Path("curve.csv")) as part:  # doctest: +SKIP
     ...     part.write_text("tau,deviation")
     """
+    try:
+        if path.is_fifo() or path.is_char_device():
+            yield path
+        else:
+            with _replaced(path.resolve() if path.is_symlink() else path) as part:
+                yield part
+    except OSError as error:
+        why = error.strerror or error
+        raise UsageError(f"cannot write {path}: {why}; choose another place") from error
+
+
+@contextmanager
+def _replaced(path: Path) -> Iterator[Path]:
     part = path.with_name(f".{path.name}.part")
     try:
         part.unlink(missing_ok=True)
@@ -36,8 +50,5 @@ def written_whole(path: Path) -> Iterator[Path]:
         with part.open("r+b") as file:
             os.fsync(file.fileno())
         part.replace(path)
-    except OSError as error:
-        why = error.strerror or error
-        raise UsageError(f"cannot write {path}: {why}; choose another place") from error
     finally:
         part.unlink(missing_ok=True)

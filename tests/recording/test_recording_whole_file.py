@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,30 @@ def test_what_a_killed_process_left_is_no_obstacle(tmp_path: Path) -> None:
         part.write_text("new")
     assert out.read_text() == "new"
     assert list(tmp_path.iterdir()) == [out]
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    out, link = tmp_path / "curve.csv", tmp_path / "newest.csv"
+    out.write_text("old")
+    link.symlink_to(out)
+    with written_whole(link) as part:
+        part.write_text("new")
+    assert link.is_symlink()
+    assert out.read_text() == "new"
+    assert sorted(tmp_path.iterdir()) == [out, link]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
+def test_nothing_takes_the_place_of_a_pipe_or_a_device(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    with written_whole(pipe) as part:
+        part.write_text("new")
+    assert os.read(reader, 10) == b"new"
+    os.close(reader)
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]
 
 
 def test_a_folder_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:

@@ -39,6 +39,14 @@ def test_samples_must_have_a_column_for_each_axis(shape):
         AllanBank(1.0, axes=2).update(np.zeros(shape))
 
 
+def test_masked_samples_are_refused():
+    bank = AllanBank(1.0, axes=1)
+    with pytest.raises(ValueError, match="masked"):
+        bank.update(np.ma.masked_equal(np.arange(9), 4))
+    bank.update(np.ma.masked_equal(np.arange(9), 40))  # an array that could have a mask
+    assert bank.samples == 9
+
+
 @pytest.mark.parametrize("dtype", [np.complex128, np.bool_, np.longdouble, "U3", object])
 def test_samples_must_be_numbers_that_a_double_holds(dtype):
     with pytest.raises(ValueError, match="integers or float64"):

@@ -124,6 +124,7 @@ def test_the_bank_keeps_its_own_taus():
         ({"data": np.zeros(88), "kind": "theobr"}, "theobr needs at least 89 samples, got 88"),
         ({"data": np.zeros((10, 2))}, r"one dimension, got shape \(10, 2\)"),
         ({"data": ["a", "b", "c"]}, "integers or floats, got <U1"),
+        ({"data": np.ma.masked_equal(np.arange(9), 4)}, "masked samples"),
         ({"data": np.zeros(9, complex)}, "integers or floats, got complex128"),
         ({"data": [True, False, True]}, "integers or floats, got bool"),
         ({"data_kind": "frequency"}, "unknown data_kind 'frequency'; choose rate or phase"),

@@ -135,6 +135,12 @@ def test_times_tell_the_rate_and_what_is_missing():
     assert result.rate.measured_hz == pytest.approx(100.0, rel=1e-6)
 
 
+def test_a_temperature_may_be_missing_for_a_while():
+    warmth = np.where(np.arange(3000) % 3, np.nan, 25.0)
+    result = analyse({"gx": small(), "T[degC]": warmth}, 100.0)
+    assert result.temperature["last"] == 25.0
+
+
 @pytest.mark.parametrize(
     ("arrays", "arguments", "message"),
     [
@@ -146,6 +152,7 @@ def test_times_tell_the_rate_and_what_is_missing():
         (small(8).reshape(2, 2, 2), {"rate": 1.0}, r"not \(2, 2, 2\)"),
         (small(0), {"rate": 1.0}, "hold no samples"),
         ({"gx": [0.0, np.inf]}, {"rate": 1.0}, "sample 1 of gx is inf"),
+        (np.ma.masked_greater(small(), 0.1), {"rate": 1.0}, "gx has masked samples"),
         ({"gx": ["a"]}, {"rate": 1.0}, "column gx must hold integers or floats"),
         ({"gx": [1.0], "gy": [1.0, 2.0]}, {"rate": 1.0}, r"columns differ in length: \[1, 2\]"),
         ({"gx": [1.0], "gx[dps]": [1.0]}, {"rate": 1.0}, r"'gx\[dps\]' comes twice"),

@@ -334,6 +334,8 @@ class AllanBank:
 
     def _checked(self, samples: ArrayLike) -> NDArray[Any]:
         """Return samples of shape (n, axes), all finite and of a type that doubles hold exactly."""
+        if np.ma.is_masked(samples):
+            raise ValueError("samples are masked; leave them out and call gap() instead")
         data = np.asarray(samples)
         if data.ndim == 1 and self.axes == 1:
             data = data[:, np.newaxis]

@@ -54,6 +54,8 @@ def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDAr
         raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
     if data_kind not in ("rate", "phase"):
         raise ValueError(f"unknown data_kind {data_kind!r}; choose rate or phase")
+    if np.ma.is_masked(data):
+        raise ValueError("data has masked samples; cut the record at them")
     values = np.asarray(data)
     if values.ndim != 1:
         raise ValueError(f"data must have one dimension, got shape {values.shape}")

@@ -63,7 +63,7 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None) -> Columns:
     >>> list(columns_of_array(np.zeros((5, 3)), None).axes)
     ['gx', 'gy', 'gz']
     """
-    values = np.asarray(data)
+    values = np.asanyarray(data)
     if values.dtype.names:
         return columns_of_mapping({name: values[name] for name in axes or values.dtype.names})
     if values.ndim == 1:
@@ -103,7 +103,7 @@ def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
         plain = AXES[column.axis] if column.axis >= 0 else column.quantity
         if plain in found:
             raise ValueError(f"column {name!r} comes twice")
-        found[plain] = (column, _column(str(name), values))
+        found[plain] = (column, _column(str(name), values, column.quantity == "temperature"))
     axes = {axis: found[axis][1] for axis in AXES if axis in found}
     if not axes:
         raise ValueError(f"no axis among the columns {list(data)}; axes are {' '.join(AXES)}")
@@ -146,7 +146,12 @@ def quantity_of(name: str) -> Quantity:
     return cast("Quantity", name)
 
 
-def _column(name: str, values: ArrayLike) -> NDArray[Any]:
+def _column(name: str, values: ArrayLike, gaps_allowed: bool) -> NDArray[Any]:
+    if np.ma.is_masked(values):
+        raise ValueError(
+            f"{name} has masked samples; "
+            "leave such rows out and give the times of the others as a column t"
+        )
     column = np.asarray(values)
     if column.ndim != 1:
         raise ValueError(f"column {name} must have shape (n,), got {column.shape}")
@@ -155,7 +160,7 @@ def _column(name: str, values: ArrayLike) -> NDArray[Any]:
     if column.dtype.kind == "f":
         column = column.astype(np.float64)
         bad = np.flatnonzero(~np.isfinite(column))
-        if bad.size and not name.lower().startswith("temp"):
+        if bad.size and not gaps_allowed:
             raise ValueError(
                 f"sample {bad[0]} of {name} is {column[bad[0]]} (one of {bad.size} not finite); "
                 "leave such rows out and give the times of the others as a column t"

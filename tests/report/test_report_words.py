@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from allanscope.analysis.result import Level
+from allanscope.analysis.result import AxisAnalysis, Level
 from allanscope.explain.effect import Effect, Parameter
 from allanscope.noise.coefficients import Coefficient
+from allanscope.noise.datasheet import compare
+from allanscope.parts import part_named
 from allanscope.report import words
 
 
@@ -50,6 +52,26 @@ def test_best_averaging_names_samples_time_and_deviation(analysis):
     best = analysis.axes["gx"].best_averaging
     assert text.startswith(f"{best.samples:,}".replace(",", " ") + " samples (")
     assert "the minimum lies " in text
+
+
+def test_a_floor_from_which_the_curve_has_not_risen_is_not_called_falling(analysis):
+    axis = analysis.axes["gx"]
+    best = replace(axis.best_averaging, at_end=True)
+    text = facts(words.axis_facts(replace(axis, best_averaging=best)))["best averaging"]
+    assert text.endswith("the curve has not clearly risen from it, so a longer run may do better")
+
+
+def test_the_datasheet_is_explained_as_print_sets_it():
+    white = Coefficient(2.7e-3, 2.6e-3, 2.8e-3, "dps/sqrt(Hz)", True)
+    found = compare(part_named("LSM6DSM"), "gx", white, rate_hz=104.0, full_scale=125.0)
+    text = facts(words.axis_facts(AxisAnalysis("dps", {}, datasheet=found)))["datasheet: density"]
+    assert text.startswith("typical: one-sided density √2 N = 3.82 mdps/√Hz against 3.8 typical")
+    assert "ARW √time: 0.162° after one hour" in text
+
+
+@pytest.mark.parametrize(("segments", "said"), [(1, "in one piece"), (3, "in 3 pieces")])
+def test_the_pieces_of_a_run_are_counted(analysis, segments, said):
+    assert said in facts(words.quality(replace(analysis, segments=segments)))["samples"]
 
 
 def test_the_zero_g_level_is_what_the_length_of_the_mean_tells(analysis):

@@ -49,7 +49,8 @@ class BestAveraging:
         Averaging times in s between which the true minimum lies; `tau_upper` is infinite where the
         run is too short to say.
     at_end : bool
-        True when the curve still falls at its end: the true minimum lies further out.
+        True when the curve has not risen out of the interval by the end of what can be trusted:
+        the true minimum may lie further out.
     """
 
     tau: float

@@ -145,11 +145,14 @@ def axis_facts(axis: AxisAnalysis) -> list[Fact]:
             f"; the minimum lies {between(best.tau_lower, best.tau_upper)}"
         )
         if best.at_end:
-            text += "; the curve still falls at the end of the run, so a longer run may do better"
+            text += "; the curve has not clearly risen from it, so a longer run may do better"
         facts.append(Fact("best averaging", text))
     for name, found in axis.datasheet.items():
-        words = symbols(found.explanation)
-        facts.append(Fact(f"datasheet: {name}", f"{found.verdict}. {words}".strip()))
+        words = symbols(found.explanation).replace(" ° ", "° ")
+        for plain, root in (("sqrt(2)", "√2"), ("sqrt(time)", "√time")):
+            words = words.replace(plain, root)
+        text = f"{found.verdict}: {words}" if words else found.verdict
+        facts.append(Fact(f"datasheet: {name}", text))
     return facts
 
 
@@ -269,7 +272,7 @@ def quality(analysis: Analysis) -> list[Fact]:
     link = analysis.link
     facts = [
         Fact("duration", duration(analysis.duration_s)),
-        Fact("samples", f"{count(analysis.samples)} on each axis, {analysis.segments} segments"),
+        Fact("samples", f"{count(analysis.samples)} on each axis, {_segments(analysis)}"),
         Fact("lost samples", losses_text(analysis)),
         Fact("rate", rate_text),
         Fact(
@@ -289,6 +292,11 @@ def quality(analysis: Analysis) -> list[Fact]:
             )
         )
     return facts
+
+
+def _segments(analysis: Analysis) -> str:
+    one = analysis.segments == 1
+    return "in one piece" if one else f"in {analysis.segments} pieces without a hole"
 
 
 def provenance(analysis: Analysis, command: str) -> list[Fact]:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from allanscope.analysis.analyser import Analyser
+from allanscope.analysis.summary import summarise
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.live import run_replay
 from allanscope.pipeline.resuming import earlier_events
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings
 from allanscope.recording import Recorder, Recording
-from allanscope.samples import Block, Notice
+from allanscope.samples import Block, Gap, Notice, StreamInfo, Ticks
 from allanscope.simulator import Simulator
 from allanscope.sources import Chunk
 from allanscope.wire import format_named
-from allanscope.wire.base import WireSettings
+from allanscope.wire.base import LinkStats, WireSettings
 
 RATE = 104.0
 SECONDS = 6
@@ -57,6 +60,30 @@ def test_a_replay_and_an_analysis_have_them_too(session: Path) -> None:
     for analysis in (replayed, analysed):
         assert [text for _, text in analysis.marks] == list(MARKED.values())
         assert [time_s for time_s, _ in analysis.marks] == expected
+
+
+def test_a_mark_stands_where_the_series_has_that_moment() -> None:
+    """On the axis of the rows: at the true rate, 6 % slow here, and with the hole counted."""
+    analyser, true_hz, unknown = Analyser(), RATE / 1.06, np.full(1, np.nan)
+    analyser.take(Notice("mark", "before the first sample"))
+    analyser.take(StreamInfo(("gx",), (1e-3,), RATE))
+    counts = np.random.default_rng(1).integers(-50, 50, (22000, 1)).astype(np.int16)
+    for first in [*range(0, 6000, 100), *range(16000, 22000, 100)]:
+        if first == 16000:
+            analyser.take(Gap("link", 10000))
+        at_s = np.array([(first + 99) / true_hz])
+        analyser.take(
+            Block(first, counts[first : first + 100], Ticks(np.array([99]), unknown, at_s, unknown))
+        )
+    analyser.take(Notice("mark", "at the end"))
+    found = summarise(analyser, LinkStats(), "live", {})
+    assert found.rate.measured_hz == pytest.approx(true_hz, rel=1e-4)
+    assert [text for _, text in found.marks] == ["before the first sample", "at the end"]
+    times = [time_s for time_s, _ in found.marks]
+    assert times == pytest.approx([0.0, 22000 / true_hz], rel=1e-4)
+    assert analyser.state is not None
+    rows = analyser.state.history.record(found.rate.best_hz, ("gx",), (1e-3,))
+    assert times[1] == pytest.approx(rows.start_s[-1], abs=2.0 / true_hz)
 
 
 def test_a_mark_is_no_part_of_what_was_measured(session: Path, tmp_path: Path) -> None:

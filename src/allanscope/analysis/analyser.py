@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from allanscope.analysis.state import StreamState
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 
-__all__ = ["Analyser", "AnalyserSettings", "same_counts"]
+__all__ = ["Analyser", "AnalyserSettings", "Mark", "same_counts"]
 
 MOST_CONFIGURATIONS = 8
 MOST_ERRORS = 16
@@ -43,6 +43,26 @@ class AnalyserSettings:
     threads: int = 2
 
 
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A remark of the user.
+
+    Attributes
+    ----------
+    position : int
+        Samples from the start of the configuration, those that are known to be lost among them:
+        when that was is known only with the true rate.
+    nominal_hz : float
+        Rate that the configuration claimed.
+    text : str
+        What the user said.
+    """
+
+    position: int
+    nominal_hz: float
+    text: str
+
+
 class Analyser:
     """Take the events of one session, in order.
 
@@ -55,7 +75,7 @@ class Analyser:
     def __init__(self, settings: AnalyserSettings | None = None) -> None:
         self.settings = settings or AnalyserSettings()
         self.configurations: list[StreamState] = []
-        self.marks: list[tuple[float, str]] = []
+        self.marks: list[Mark] = []
         self.errors: list[str] = []
 
     @property
@@ -77,22 +97,17 @@ class Analyser:
             case Notice(kind="mark"):
                 self.mark(event.text)
             case Notice(kind="error"):
-                self._remember(event.text)
+                self.errors = _with(self.errors, event.text)
 
     def mark(self, text: str) -> None:
         """Remember a remark at the present moment of the run."""
-        samples, rate_hz = (
-            (self.state.samples, self.state.info.nominal_hz) if self.state else (0, 0)
-        )
-        self.marks.append((samples / rate_hz if rate_hz else 0.0, text))
+        state = self.state
+        position = state.samples + state.lost if state else 0
+        self.marks.append(Mark(position, state.info.nominal_hz if state else 0.0, text))
 
     def frozen(self) -> Analyser:
         """Return a copy that later events do not change, to be summarised in another thread."""
         return copy.deepcopy(self)
-
-    def _remember(self, error: str) -> None:
-        """Keep the latest errors, each once: a night may bring the same one a thousand times."""
-        self.errors = [*(one for one in self.errors if one != error), error][-MOST_ERRORS:]
 
     def _configure(self, info: StreamInfo) -> None:
         known = next((one for one in self.configurations if same_counts(one.info, info)), None)
@@ -106,6 +121,11 @@ class Analyser:
         if len(self.configurations) > MOST_CONFIGURATIONS:
             least = min(self.configurations[:-1], key=lambda one: one.samples)
             self.configurations.remove(least)
+
+
+def _with(lines: list[str], line: str) -> list[str]:
+    """Return the latest lines, each once: a night may bring the same one a thousand times."""
+    return [*(one for one in lines if one != line), line][-MOST_ERRORS:]
 
 
 def same_counts(one: StreamInfo, other: StreamInfo) -> bool:

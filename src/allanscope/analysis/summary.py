@@ -94,7 +94,7 @@ def summarise(
         reconnects=reconnects,
         unknown_losses=state.unknown_losses,
         temperature=state.temperature.summary(),
-        marks=tuple(analyser.marks),
+        marks=_marks(analyser, state, rate_hz),
         remarks=(*_remarks(analyser, state, rate), *sampling_remarks(axes, rate, offered)),
         version=version("allanscope"),
         record=look.record if depth == "full" else None,
@@ -116,6 +116,15 @@ def _empty(
         axes={},
         reconnects=reconnects,
         version=version("allanscope"),
+    )
+
+
+def _marks(analyser: Analyser, state: StreamState, rate_hz: float) -> tuple[tuple[float, str], ...]:
+    """Return when marks were set: on the axis of the series, at the true rate, holes included."""
+    same = (0.0, state.info.nominal_hz)
+    return tuple(
+        (mark.position / (rate_hz if mark.nominal_hz in same else mark.nominal_hz), mark.text)
+        for mark in analyser.marks
     )
 
 

@@ -107,6 +107,12 @@ def test_losses_count_against_a_run_when_they_are_many(analysis, lost, grade):
     assert known.grade == ("bad" if grade == "bad" else "good")
 
 
+def test_why_there_is_no_verdict_against_a_datasheet_is_said(analysis):
+    unknown = changed(analysis, datasheet={})
+    for part, why in (("", "--part names it"), ("LSM6DSM", "full scale"), ("LSM6DSO", "LSM6DSO")):
+        assert why in heads(replace(unknown, part=part))["Gyroscope"].text
+
+
 def test_a_remark_that_all_axes_share_is_said_once(analysis):
     known = verdict(changed(clean(analysis), remarks=("saturated",)))
     assert [line.text for line in known.lines].count("saturated") == 1

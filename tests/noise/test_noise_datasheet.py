@@ -31,6 +31,13 @@ def test_the_one_sided_density_is_compared(one_sided, verdict):
     assert "sqrt(2) N" in density.explanation
 
 
+def test_a_gyro_is_compared_at_whatever_full_scale_and_an_accelerometer_is_not():
+    """The gyro's noise does not depend on it, and a log in dps does not tell it."""
+    found = compare(DSM, "gx", white(2.7e-3), rate_hz=104.0, full_scale=None)
+    assert found == compare(DSM, "gx", white(2.7e-3), rate_hz=104.0, full_scale=250.0)
+    assert compare(DSM, "ax", white(6e-5), rate_hz=104.0, full_scale=None) == {}
+
+
 def test_both_readings_and_the_angle_after_an_hour_are_given():
     details = compare(DSM, "gz", white(4e-3), rate_hz=104.0, full_scale=125.0)["density"].details
     assert details["dt0064_density"] == 4e-3

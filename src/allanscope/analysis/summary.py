@@ -277,15 +277,12 @@ def _datasheet(
 ) -> dict[str, DatasheetVerdict]:
     if part not in PARTS:
         return {}
-    full_scale = full_scale_of(name, lsb)
-    if full_scale is None:
-        return {}
     return compare(
         PARTS[part],
         name,
         coefficients.get("N"),
         rate_hz=rate.best_hz,
-        full_scale=full_scale,
+        full_scale=full_scale_of(name, lsb),
         rms=rms_of(density),
         step_limited=step_limited,
     )
@@ -294,8 +291,10 @@ def _datasheet(
 def _axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:
     out = []
     if state.samples and state.lowest[column] == state.highest[column]:
-        words = advice(unit_of(state.info.axes[column]), state.info.scale[column], constant=True)
-        out.append(f"every sample is {state.lowest[column]:g} counts: {words}")
+        unit = unit_of(state.info.axes[column])
+        words = advice(unit, state.info.scale[column], constant=True)
+        held = "counts" if state.counted else unit
+        out.append(f"every sample is {state.lowest[column]:g} {held}: {words}")
     if state.saturated[column]:
         out.append(f"saturated: {state.saturated[column]} samples at the end of the range")
     return tuple(out)

@@ -14,6 +14,7 @@ from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.wording import effect_brief, losses_text, wait_text
 from allanscope.explain.effect import AxisExplanation
 from allanscope.noise.coefficients import DatasheetVerdict
+from allanscope.parts import PARTS
 from allanscope.quantities import DENSITY, DEVIATION, number, symbols
 
 __all__ = ["Grade", "Verdict", "VerdictLine", "searched", "verdict"]
@@ -108,8 +109,7 @@ def _noise_lines(analysis: Analysis, unit: str) -> list[VerdictLine]:
     sheets = {name: _sheet(axis) for name, axis in axes.items()}
     known = {k: v for k, v in sheets.items() if v is not None and v.measured is not None}
     if not any(sheets.values()):
-        why = "no datasheet for it" if analysis.part else "the part is not named: --part names it"
-        return [VerdictLine("note", _SENSORS[unit], why)]
+        return [VerdictLine("note", _SENSORS[unit], _why_no_sheet(analysis.part))]
     if not known:
         return [VerdictLine("note", _SENSORS[unit], "the white noise is not known yet")]
     if any(one.limit is None for one in known.values()):
@@ -129,6 +129,14 @@ def _noise_lines(analysis: Analysis, unit: str) -> list[VerdictLine]:
     if late:
         text += f" on {' '.join(known)}; {' '.join(late)} not known yet"
     return [VerdictLine("good", _SENSORS[unit], text)]
+
+
+def _why_no_sheet(part: str) -> str:
+    if not part:
+        return "the part is not named: --part names it"
+    if part not in PARTS:
+        return f"no datasheet of {part} is known here"
+    return "no verdict: the datasheet's noise depends on the full scale, which only counts tell"
 
 
 def _worse(axes: Mapping[str, AxisAnalysis]) -> list[str]:

@@ -41,7 +41,7 @@ def compare(
     white: Coefficient | None,
     *,
     rate_hz: float,
-    full_scale: float,
+    full_scale: float | None,
     rms: float | None = None,
     step_limited: bool = False,
 ) -> dict[str, DatasheetVerdict]:
@@ -57,8 +57,9 @@ def compare(
         N of that axis; None before the first fit.
     rate_hz : float
         Sample rate.
-    full_scale : float
-        In dps or g.
+    full_scale : float or None
+        In dps or g; None where it is not known, and then there is nothing to compare an
+        accelerometer with, whose noise depends on it.
     rms : float, optional
         Standard deviation of the samples without drifts, as from `rms_of`.
     step_limited : bool
@@ -67,8 +68,11 @@ def compare(
     Returns
     -------
     dict
-        ``density``, for high-performance mode; ``rms`` where the rate allows a slower mode.
+        ``density``, for high-performance mode; ``rms`` where the rate allows a slower mode. Empty
+        where the full scale decides and is not known.
     """
+    if full_scale is None and unit_of(axis) == "g":
+        return {}
     verdicts = {"density": _density(part, axis, white, full_scale)}
     mode = part.mode(rate_hz, high_performance=False)
     if mode != "high-performance":
@@ -95,7 +99,7 @@ def rms_of(density: Density) -> float | None:
     return float(np.sqrt(np.sum(density.density[fast] * density.width[fast])))
 
 
-def published_density(part: Part, axis: str, full_scale: float) -> float | None:
+def published_density(part: Part, axis: str, full_scale: float | None) -> float | None:
     """Return the one-sided density of the datasheet in unit/sqrt(Hz), None where there is none.
 
     Examples
@@ -109,19 +113,19 @@ def published_density(part: Part, axis: str, full_scale: float) -> float | None:
     return _at(part.accel_density, full_scale)
 
 
-def published_rms(part: Part, axis: str, full_scale: float) -> float | None:
+def published_rms(part: Part, axis: str, full_scale: float | None) -> float | None:
     """Return the rms noise in normal and low-power mode in dps or g, None where there is none."""
     if axis.startswith("g"):
         return part.gyro_rms
     return _at(part.accel_rms, full_scale)
 
 
-def _at(table: Mapping[float, float] | None, full_scale: float) -> float | None:
-    return None if table is None else table.get(full_scale)
+def _at(table: Mapping[float, float] | None, full_scale: float | None) -> float | None:
+    return None if table is None or full_scale is None else table.get(full_scale)
 
 
 def _density(
-    part: Part, axis: str, white: Coefficient | None, full_scale: float
+    part: Part, axis: str, white: Coefficient | None, full_scale: float | None
 ) -> DatasheetVerdict:
     base = unit_of(axis)
     unit = f"{base}/sqrt(Hz)"
@@ -164,7 +168,12 @@ def _one_sided(white: Coefficient, base: str) -> tuple[float, dict[str, float]]:
 
 
 def _rms(
-    part: Part, axis: str, full_scale: float, rms: float | None, rate_hz: float, mode: Mode
+    part: Part,
+    axis: str,
+    full_scale: float | None,
+    rms: float | None,
+    rate_hz: float,
+    mode: Mode,
 ) -> DatasheetVerdict:
     unit = unit_of(axis)
     limit = published_rms(part, axis, full_scale)

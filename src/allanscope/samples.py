@@ -181,7 +181,8 @@ class Notice:
         One printable line; control characters have been removed.
     fields : mapping
         Numbers that came with it, e.g. ``produced``, ``sent`` and ``dropped`` of a status; ``host``
-        where it is no remark of the device but this program's own.
+        where it is no remark of the device but this program's own, and ``assumed`` where that is
+        what a stream did not say and the result rests on.
     """
 
     kind: Literal["status", "reply", "text", "error", "mark"]

@@ -14,6 +14,8 @@ import serial
 from serial.tools import list_ports
 
 from allanscope.__main__ import main
+from allanscope.pipeline.analyse import analyse_input
+from allanscope.pipeline.settings import DeviceSettings
 
 HEADER = "t[s],gx[dps],gy[dps],gz[dps]\n"
 ROWS = "".join(f"{i / 104:.6f},0.1,0.2,0.{i % 7}\n" for i in range(600))
@@ -248,3 +250,13 @@ def test_a_session_is_never_overwritten(complaint, tmp_path):
     assert code == 2
     assert "holds a session already" in line
     assert (tmp_path / "session" / "session.mcap").read_bytes() == b"precious"
+
+
+def test_what_a_table_did_not_say_stands_in_the_result(tmp_path):
+    """Whoever reads N must know that its scale was a guess."""
+    counts = np.random.default_rng(1).integers(-9, 9, (600, 3))
+    np.savetxt(tmp_path / "bare.txt", counts, "%d", ",")
+    result = analyse_input(tmp_path / "bare.txt", DeviceSettings(rate_hz=104.0), quiet=True)
+    said = " ".join(result.remarks)
+    for assumed in ("3 columns are taken as gx gy gz", "taken as lsb", "taken as 250 dps"):
+        assert assumed in said

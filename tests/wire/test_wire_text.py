@@ -246,6 +246,23 @@ def test_what_was_assumed_is_said() -> None:
     assert not _remarks(_decode("gx[dps],gy[dps],gz[dps]\n" + "1,2,3\n" * 5))
 
 
+def test_a_column_in_a_unit_that_nobody_knows_is_left_out_and_said() -> None:
+    info, *events = _decode("gx[furlong],ay[g],mx[mG]\n" + "1,0.5,7\n" * 5)
+    assert isinstance(info, StreamInfo)
+    assert info.axes == ("ay",)
+    assert _remarks(events) == ["the unit of gx[furlong] is not known: that column is left out"]
+
+
+def test_a_row_that_no_sensor_can_have_measured_is_left_out() -> None:
+    """Its square would spoil every sum; the stamps say that a sample is missing there."""
+    rows = [f"{0.01 * i:.2f},{'1e30' if i == 60 else '0.5'}\n" for i in range(100)]
+    events = _decode("t[s],gx[dps]\n" + "".join(rows))
+    blocks = [event for event in events if isinstance(event, Block)]
+    assert np.concatenate([block.counts for block in blocks]).max() == 0.5
+    assert sum(len(block) for block in blocks) == 99
+    assert [event.lost for event in events if isinstance(event, Gap)] == [1]
+
+
 @pytest.mark.parametrize(
     ("step", "unit", "seconds"), [(10, "ms", 0.01), (9600, "us", 0.0096), (0.0096, "s", 0.0096)]
 )

@@ -77,6 +77,7 @@ class Analyser:
         self.configurations: list[StreamState] = []
         self.marks: list[Mark] = []
         self.errors: list[str] = []
+        self.assumptions: list[str] = []
 
     @property
     def state(self) -> StreamState | None:
@@ -98,6 +99,8 @@ class Analyser:
                 self.mark(event.text)
             case Notice(kind="error"):
                 self.errors = _with(self.errors, event.text)
+            case Notice(fields=fields) if "assumed" in fields:
+                self.assumptions = _with(self.assumptions, event.text)
 
     def mark(self, text: str) -> None:
         """Remember a remark at the present moment of the run."""

@@ -310,4 +310,4 @@ def _remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str, .
         )
     if rate.measured_hz is None:
         out.append("The true sample rate is not known: averaging times use the nominal rate.")
-    return (*out, *dict.fromkeys(analyser.errors[-5:]))
+    return (*out, *analyser.assumptions, *dict.fromkeys(analyser.errors[-5:]))

@@ -18,9 +18,6 @@ __all__ = ["HELD", "Convert", "Meaning", "Row", "Values", "nominal_rate", "ticks
 HELD = 25
 """Rows that are looked at before it is decided what they mean."""
 
-LARGEST = 1e30
-"""No sensor gives more, in any unit; the squares of sums of what is larger could overflow."""
-
 Values = NDArray[np.float64]
 Convert = Callable[[Values], tuple[NDArray[np.generic], NDArray[np.bool_]]]
 
@@ -100,7 +97,7 @@ def whole(rows: list[Row], meaning: Meaning) -> list[Row]:
     if not needed:
         return rows
     values = np.array([row.values for row in rows], np.float64)
-    there = np.asarray((np.abs(values[:, needed]) < LARGEST).all(axis=1)).tolist()
+    there = np.asarray(np.isfinite(values[:, needed]).all(axis=1)).tolist()
     if all(there):
         return rows
     kept: list[Row] = []

@@ -113,7 +113,8 @@ class Rows:
         self._continuity.interrupt("restarted")
         self._continuity.learn(times, self._meaning.info.time_resolution_s)
         events.append(self._meaning.info)
-        events += [Notice("status", remark) for remark in self._meaning.remarks]
+        assumed = {"host": 1, "assumed": 1}
+        events += [Notice("text", remark, assumed) for remark in self._meaning.remarks]
 
     def _rescale(self, time_per_second: float) -> None:
         if time_per_second != self._time_per_second:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from allanscope.samples import AXES
 from allanscope.wire.text.units import DIVISORS, Quantity, unit_of_text
 
-__all__ = ["Column", "Columns", "cells_of", "column_of", "columns_of", "unnamed"]
+__all__ = ["Column", "Columns", "cells_of", "column_of", "columns_of", "in_unknown_unit", "unnamed"]
 
 _NAME = re.compile(r"\s*([^\[\](){}]*?)\s*(?:[\[({]([^\])}]*)[\])}])?\s*")
 _AXIS = re.compile(
@@ -87,6 +87,19 @@ def column_of(header: str) -> Column | None:
         if any(last in units for units in DIVISORS.values()):
             found = _named(name, last)
     return found
+
+
+def in_unknown_unit(header: str) -> bool:
+    """Return whether a header names an axis in a unit that nobody knows, so that it is not taken.
+
+    >>> in_unknown_unit("gx[furlong]"), in_unknown_unit("gx[dps]"), in_unknown_unit("mx[mG]")
+    (True, False, False)
+    """
+    match = _NAME.fullmatch(header[:80])
+    if match is None or not match[2] or column_of(header) is not None:
+        return False
+    column = column_of(match[1])
+    return column is not None and column.axis >= 0
 
 
 def _named(name: str, unit: str) -> Column | None:

@@ -11,7 +11,7 @@ from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.lines import Lines
 from allanscope.wire.printable import plain_line, without_escapes
 from allanscope.wire.rows import Rows
-from allanscope.wire.text.columns import Columns, cells_of, columns_of, unnamed
+from allanscope.wire.text.columns import Columns, cells_of, columns_of, in_unknown_unit, unnamed
 from allanscope.wire.text.labelled import read_labelled
 from allanscope.wire.text.meaning import TextMeaning
 from allanscope.wire.text.spoken import Spoken, SpokenRow
@@ -117,7 +117,12 @@ class TextDecoder:
             columns = columns_of(cells_of(_COMMENT.sub("", text)), self._bare)
             if columns is not None:
                 self.named = True
-                return [] if self._doubtful(columns) else self._start_table(columns)
+                left_out = tuple(
+                    f"the unit of {cell} is not known: that column is left out"
+                    for cell in cells
+                    if in_unknown_unit(cell)
+                )
+                return [] if self._doubtful(columns) else self._start_table(columns, left_out)
         if self._table is not None and 2 * sum(numbers) >= len(numbers):
             return self._bad_row(text)
         self._words(text, len(cells))

@@ -19,6 +19,8 @@ __all__ = ["TextMeaning"]
 _USUAL = {"gyro": "dps", "accel": "g"}
 _LONGEST_MS = 150
 """Whole numbers that go up by less are ms (above 7 Hz), by more are us (up to 6.7 kHz)."""
+_LARGEST = 1e9
+"""In dps or g: no sensor, in whatever unit it was taken for. Its square would spoil every sum."""
 _AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
 """Full scales that these parts have until somebody writes to their registers."""
 
@@ -103,7 +105,7 @@ class TextMeaning:
         )
         return Meaning(
             info,
-            lambda new: (_convert(new[:, columns], divisors, counted), np.full(len(new), True)),
+            lambda new: _converted(new[:, columns], divisors, counted),
             needed=tuple(columns.tolist()),
             time_per_second=per_second,
             remarks=tuple(dict.fromkeys(remarks)),
@@ -152,9 +154,13 @@ def _whole(values: Values) -> bool:
     return bool(len(there)) and bool((there == np.trunc(there)).all())
 
 
-def _convert(
+def _converted(
     values: Values, divisors: NDArray[np.float64], counted: bool
-) -> NDArray[np.int16] | NDArray[np.float64]:
+) -> tuple[NDArray[np.int16] | NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the samples, and which rows can be such: a digit too many makes no acceleration."""
     if counted:
-        return np.clip(np.rint(values), -32768, 32767).astype(np.int16)
-    return np.asarray(values / divisors, np.float64)
+        clipped = np.clip(np.rint(values), -32768, 32767).astype(np.int16)
+        return clipped, np.full(len(values), True)
+    samples = np.asarray(values / divisors, np.float64)
+    possible = ~(np.abs(samples) > _LARGEST).any(axis=1)
+    return samples, np.asarray(possible, np.bool_)

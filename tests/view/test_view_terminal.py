@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from demo_analysis import demo_analysis
-from demo_session import INFO
+from demo_session import INFO, blocks
 from rich.console import Console
 from terminal_double import Terminal
 
@@ -225,6 +225,17 @@ def test_a_replay_says_how_much_is_left():
     view.snapshot(replace(demo_analysis(60.0), duration_s=1800.0))
     # A quarter took 10 s, so the rest takes 30 s.
     assert out.getvalue().splitlines()[-1].endswith(" of 2 h, 30 s left")
+
+
+def test_what_happens_between_two_results_has_its_own_time():
+    """Results are minutes apart in a night; a hole is not where the last of them was."""
+    out = io.StringIO()
+    view = TerminalView("plain", stream=out)
+    view.snapshot(demo_analysis(60.0))
+    for block in blocks(3.0):
+        view.samples(INFO, block)
+    view.gap(Gap("disconnected", 324))
+    assert "1 min 3 s  gap (disconnected): 324 samples lost" in out.getvalue()
 
 
 def test_quiet_says_nothing(capsys):

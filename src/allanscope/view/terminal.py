@@ -130,8 +130,7 @@ class TerminalView:
 
     def line(self, text: str, level: Level = "info") -> None:
         """Write one line, with the time of the run, above the screen."""
-        elapsed = duration(self._latest.duration_s if self._latest else self._clock() - self._began)
-        self._write(f"{elapsed:>11}  {printable(text)}", _STYLES[level])
+        self._write(f"{duration(self._elapsed_s()):>11}  {printable(text)}", _STYLES[level])
 
     def close(self) -> None:
         """Leave the last screen standing, or a summary, and the terminal as it was."""
@@ -147,6 +146,13 @@ class TerminalView:
             for row in ("", *summary_lines(self._latest)):
                 self._write(row)
         self._mode = "quiet"
+
+    def _elapsed_s(self) -> float:
+        """Return the time of the run: results may be far apart, what happens between is not."""
+        if self._latest is None:
+            return self._clock() - self._began
+        rate_hz = self._latest.rate.best_hz
+        return self._latest.duration_s + (self._since / rate_hz if rate_hz else 0.0)
 
     def _left(self, analysis: Analysis) -> str:
         """Return how much of a recording is left, and how long that takes."""

@@ -88,7 +88,7 @@ class Screen:
         lost = known.lost_samples or known.unknown_losses
         line.append(f"lost {losses_text(known)}", style="bold" if lost else "")
         if known.reconnects:
-            line.append(f"   {known.reconnects} reconnections")
+            line.append(f"   {known.reconnects} reconnection{'s' * (known.reconnects > 1)}")
         if known.temperature:
             line.append(f"   {known.temperature['last']:.1f} °C")
         clock = clock_text(known.rate)

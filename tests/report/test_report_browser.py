@@ -1,6 +1,7 @@
 """The page in a browser: light, dark, and printed."""
 
 import re
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -35,6 +36,22 @@ def test_the_verdict_is_on_the_first_screen_and_the_curve_below_it(file, tmp_pat
     curve = np.flatnonzero(near(picture, MEASURED, 20).any(axis=1))
     assert curve[-1] > verdict[-1] + 200
     assert picture[:, -8:].reshape(-1, 3).std(axis=0).max() < 1.0, "nothing sticks out to the right"
+
+
+def test_the_words_above_a_wide_table_fit_a_phone(tmp_path):
+    """The table is scrolled to the side; what it is about must be read without that."""
+    folder = files("allanscope.report") / "templates"
+    row = "<td style='white-space: nowrap'>0.123 (0.101 ... 0.145)</td>" * 9
+    caption = f"<caption style='color: rgb(0, 114, 178)'>{'what it is about ' * 20}</caption>"
+    page = tmp_path / "wide.html"
+    page.write_text(
+        f"<!DOCTYPE html><style>{(folder / 'page.css').read_text('utf-8')}</style>"
+        f"<div class='scroll'><table>{caption}<tr>{row}</tr></table></div>",
+        encoding="utf-8",
+    )
+    picture = picture_of(page, tmp_path, "500,500")
+    lines = np.flatnonzero(near(picture, MEASURED, 20).any(axis=1))
+    assert np.ptp(lines) > 120, "320 letters take six lines; fewer are cut off"
 
 
 def test_the_page_can_be_printed(file, tmp_path):

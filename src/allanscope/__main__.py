@@ -26,6 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"allanscope: {visible(str(error))}", file=sys.stderr)
         return int(error.exit_code)
     except KeyboardInterrupt:
+        # A session ends in order and does not come here; whatever else was stopped is not done.
+        print("allanscope: stopped before it was done", file=sys.stderr)
         return ExitCode.DONE
     except BrokenPipeError:
         # The reader of our output (head, less) has gone: nothing is left to say to it.

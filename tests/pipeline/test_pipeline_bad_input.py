@@ -252,6 +252,17 @@ def test_a_session_is_never_overwritten(complaint, tmp_path):
     assert (tmp_path / "session" / "session.mcap").read_bytes() == b"precious"
 
 
+def test_what_is_stopped_before_its_end_says_so(complaint, monkeypatch):
+    """Its exit code is that of a session that was ended; no result must be taken for granted."""
+
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("allanscope.pipeline.analyse.analyse_input", stopped)
+    code, line = complaint("analyse", "night.mcap")
+    assert (code, line) == (0, "allanscope: stopped before it was done\n")
+
+
 def test_what_a_table_did_not_say_stands_in_the_result(tmp_path):
     """Whoever reads N must know that its scale was a guess."""
     counts = np.random.default_rng(1).integers(-9, 9, (600, 3))

@@ -188,6 +188,14 @@ def test_recovery_saves_what_can_be_read_and_says_what_cannot(
     assert "lost 10 reads" in str(report)
 
 
+def test_recovery_of_a_sound_recording_says_that_nothing_was_lost(
+    session: Session, tmp_path: Path
+) -> None:
+    path, _ = session(SECONDS)
+    report = recover(path, tmp_path / "saved.mcap")
+    assert str(report).endswith("bytes; nothing was lost")
+
+
 def test_recovery_keeps_commands_remarks_and_link_events(tmp_path: Path) -> None:
     writer = SessionWriter(tmp_path / "a.mcap", {})
     writer.tx(b"start", 1)

@@ -47,6 +47,8 @@ class RecoveryReport:
 
     def __str__(self) -> str:
         saved = f"{self.out}: saved {self.reads} reads, {self.bytes} bytes"
+        if not self.lost_reads and not self.damage:
+            return f"{saved}; nothing was lost"
         lost = f"lost {self.lost_reads} reads in at most {self.lost_s:.3f} s between them"
         unreadable = f"{sum(one.length for one in self.damage)} bytes of the file not readable"
         return "\n".join([saved, f"{lost}; {unreadable}", *(f"  {one}" for one in self.damage)])

@@ -246,6 +246,19 @@ def test_what_was_assumed_is_said() -> None:
     assert not _remarks(_decode("gx[dps],gy[dps],gz[dps]\n" + "1,2,3\n" * 5))
 
 
+@pytest.mark.parametrize("numbers", [False, True], ids=["header", "all"])
+def test_quotation_marks_are_no_part_of_a_cell(numbers: bool) -> None:
+    """As spreadsheets and pandas write them; and an order that must not be taken for the usual."""
+    row = ["-0.5", "1.25", ""]
+    cells = [f'"{cell}"' for cell in row] if numbers else row
+    info, block, *rest = _decode('"az[g]","gx[dps]","comment"\n' + f"{','.join(cells)}\n" * 30)
+    assert isinstance(info, StreamInfo)
+    assert isinstance(block, Block)
+    assert info.axes == ("gx", "az")
+    assert block.counts[0].tolist() == [1.25, -0.5]
+    assert rest == []
+
+
 def test_a_column_in_a_unit_that_nobody_knows_is_left_out_and_said() -> None:
     info, *events = _decode("gx[furlong],ay[g],mx[mG]\n" + "1,0.5,7\n" * 5)
     assert isinstance(info, StreamInfo)

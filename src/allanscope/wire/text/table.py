@@ -100,7 +100,8 @@ class Table:
 
 
 def _number(cell: bytes) -> float:
-    """Return the number in a cell, NaN for an empty one; a decimal comma is understood."""
+    """Return the number in a cell, NaN for an empty one; quoted, or with a decimal comma."""
+    cell = cell.strip(b' "')
     try:
         return float(cell)
     except ValueError:

@@ -252,6 +252,14 @@ def test_a_session_is_never_overwritten(complaint, tmp_path):
     assert (tmp_path / "session" / "session.mcap").read_bytes() == b"precious"
 
 
+def test_times_that_go_down_are_not_called_missing(complaint, tmp_path):
+    backwards = "".join(reversed(ROWS.splitlines(keepends=True)))
+    (tmp_path / "backwards.csv").write_text(HEADER + backwards)
+    code, line = complaint("analyse", "backwards.csv", "--quiet")
+    assert code == 2
+    assert "or none that go up" in line
+
+
 def test_what_is_stopped_before_its_end_says_so(complaint, monkeypatch):
     """Its exit code is that of a session that was ended; no result must be taken for granted."""
 

@@ -84,7 +84,7 @@ def _refuse_without_rate(path: Path, analyser: Analyser) -> None:
     state = max(analyser.configurations, key=lambda one: one.samples)
     if not state.info.nominal_hz and not state.clock.rate().is_measured:
         raise UsageError(
-            f"{path} has no times from which its sample rate could be known; give it: --rate HZ"
+            f"{path} has no times that tell its sample rate (or none that go up); give --rate HZ"
         )
 
 

@@ -10,8 +10,10 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
+from allanscope.errors import InputError
 from allanscope.pipeline.live import run_live
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.recording import Recording
@@ -21,9 +23,10 @@ def announce(folder: Path) -> None:
     """Wait until a second of samples is on the disk."""
     while True:
         time.sleep(0.1)
-        if folder.exists() and sum(len(c.data) for c in Recording(folder).chunks()) > 3000:
-            print("watching", flush=True)
-            return
+        with suppress(InputError):  # the folder is there a moment before the recording
+            if folder.exists() and sum(len(c.data) for c in Recording(folder).chunks()) > 3000:
+                print("watching", flush=True)
+                return
 
 
 def main() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
@@ -36,6 +38,24 @@ def test_clean_noise_is_given_no_effect(bench, seed):
         assert axis.after.chi2_per_dof < 3
         assert axis.coefficients_after["N"].lower < 4e-3 * 1.01
         assert axis.coefficients_after["N"].upper > 4e-3 * 0.99
+
+
+def test_a_hole_in_counts_makes_no_rows_that_repeat(bench):
+    """What bridges it lies on no lattice; neighbours that are equal by chance still are by chance.
+
+    One row in twenty-three equals the row before where the noise is 6.6 counts.
+    """
+    b = bench(31, 140.0)
+    whole = b.record(*(b.noise() for _ in range(3)))
+    left = np.r_[0:3000, 3030 : len(whole.values)]
+    holed = replace(
+        whole,
+        values=whole.values[left],
+        temperature_c=whole.temperature_c[left],
+        start_s=whole.start_s[left],
+        segments=np.array([[0, 3000], [3000, len(left)]]),
+    )
+    assert all(axis.effects == () for axis in explain(holed).axes.values())
 
 
 @pytest.mark.parametrize(("frequency", "amplitude"), [(25.2, 3e-3), (0.011, 8e-3)])

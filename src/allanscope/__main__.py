@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         # A session ends in order and does not come here; whatever else was stopped is not done.
         print("allanscope: stopped before it was done", file=sys.stderr)
-        return ExitCode.DONE
+        return ExitCode.STOPPED
     except BrokenPipeError:
         # The reader of our output (head, less) has gone: nothing is left to say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

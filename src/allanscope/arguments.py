@@ -115,6 +115,7 @@ def report(one: ArgumentParser) -> None:
     one.add_argument("sessions", nargs="+", help="folders of sessions, or recordings")
     one.add_argument("--out", default="report.html", metavar="FILE.html")
     _figures_argument(one)
+    _device_arguments(one)
 
 
 def fleet(one: ArgumentParser) -> None:
@@ -160,7 +161,12 @@ def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None
     group = one.add_argument_group("the simulated SensorTile")
     group.add_argument("--seed", type=int, default=0, help="seed of its noise")
     group.add_argument(
-        "--effect", action="append", default=[], metavar="KIND:param=value,...", help="an effect"
+        "--effect",
+        action="append",
+        default=[],
+        metavar="KIND:param=value,...",
+        help="what it is to have that the model lacks, e.g. step:size=0.1,time=600,axis=gx; "
+        "a wrong kind lists all, a kind alone what it takes",
     )
     group.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")
     if not with_line:  # nothing can fail on it

@@ -58,7 +58,11 @@ def analyse(options: Namespace) -> int:
     """Analyse a recording, a raw capture or a text file to the end."""
     from allanscope.pipeline.analyse import analyse_input
     from allanscope.pipeline.outputs import write_json, write_report
+    from allanscope.whole_file import refuse_place
 
+    for name in (options.report, options.json):
+        if name and name != "-":
+            refuse_place(Path(name))
     analysis = analyse_input(Path(options.input), _device_settings(options), options.quiet)
     if options.report or options.figures:
         page, figures = (Path(x) if x else None for x in (options.report, options.figures))
@@ -156,7 +160,11 @@ def report(options: Namespace) -> int:
 
     paths, figures = [Path(path) for path in options.sessions], options.figures
     page = report_sessions(
-        paths, Path(options.out), options.quiet, Path(figures) if figures else None
+        paths,
+        Path(options.out),
+        _device_settings(options),
+        options.quiet,
+        Path(figures) if figures else None,
     )
     print(page)
     return ExitCode.DONE

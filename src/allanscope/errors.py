@@ -26,6 +26,7 @@ class ExitCode(IntEnum):
     INPUT = 3
     DEVICE = 4
     CHECK_FAILED = 5
+    STOPPED = 130
 
 
 class AllanscopeError(Exception):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +10,27 @@ from pathlib import Path
 
 from allanscope.errors import UsageError
 
-__all__ = ["written_whole"]
+__all__ = ["refuse_place", "written_whole"]
+
+
+def refuse_place(path: Path) -> None:
+    """Say before long work is begun that its result could not be written there.
+
+    Raises
+    ------
+    UsageError
+        When the place is a folder, or lies in none that could be written to.
+    """
+    folder = path.resolve().parent
+    if path.is_dir():
+        why = errno.EISDIR
+    elif not folder.is_dir():
+        why = errno.ENOENT
+    elif not os.access(folder, os.W_OK) and not path.exists():
+        why = errno.EACCES
+    else:
+        return
+    raise UsageError(f"cannot write {path}: {os.strerror(why)}; choose another place")
 
 
 @contextmanager

@@ -252,6 +252,15 @@ def test_a_session_is_never_overwritten(complaint, tmp_path):
     assert (tmp_path / "session" / "session.mcap").read_bytes() == b"precious"
 
 
+def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(complaint, monkeypatch):
+    monkeypatch.setattr("allanscope.pipeline.analyse.analyse_input", lambda *_: pytest.fail("late"))
+    for call in (["analyse", "a.mcap", "--json", "no/x.json"], ["report", "S", "--out", "."]):
+        code, line = complaint(*call)
+        assert code == 2
+        assert line.startswith("allanscope: cannot write ")
+        assert line.endswith("; choose another place\n")
+
+
 def test_times_that_go_down_are_not_called_missing(complaint, tmp_path):
     backwards = "".join(reversed(ROWS.splitlines(keepends=True)))
     (tmp_path / "backwards.csv").write_text(HEADER + backwards)
@@ -261,14 +270,14 @@ def test_times_that_go_down_are_not_called_missing(complaint, tmp_path):
 
 
 def test_what_is_stopped_before_its_end_says_so(complaint, monkeypatch):
-    """Its exit code is that of a session that was ended; no result must be taken for granted."""
+    """A session that is ended leaves its result, all else leaves none: no gate may take it so."""
 
     def stopped(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("allanscope.pipeline.analyse.analyse_input", stopped)
     code, line = complaint("analyse", "night.mcap")
-    assert (code, line) == (0, "allanscope: stopped before it was done\n")
+    assert (code, line) == (130, "allanscope: stopped before it was done\n")
 
 
 def test_what_a_table_did_not_say_stands_in_the_result(tmp_path):

@@ -75,6 +75,6 @@ def test_the_files_of_a_session_are_analysed_as_one(whole_and_pieces: tuple[Path
 def test_the_files_of_a_session_are_reported_as_one(
     whole_and_pieces: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    report = report_sessions([whole_and_pieces[1]], tmp_path / "report.html")
+    report = report_sessions([whole_and_pieces[1]], tmp_path / "report.html", DeviceSettings())
     text = report.read_text()
     assert "1 segments" in text or "1 segment" in text

@@ -31,6 +31,8 @@ __all__ = [
 ]
 
 
+_EXACT_S = 1e-6
+"""No clock stamps arrivals better."""
 _SURE = 3.0
 """A drift of fewer standard deviations is not told."""
 
@@ -123,6 +125,8 @@ def rate_text(known: Rate) -> str:
 def clock_text(known: Rate) -> str:
     """Return how even the samples come, and how the rate moves where that is beyond doubt.
 
+    The times of a file may be computed: then there is nothing to say of arrivals.
+
     >>> clock_text(Rate(104.0, 107.2, 3.0, residual_s=3.1e-4))
     'arrivals ±0.31 ms'
     >>> clock_text(Rate(104.0, 107.2, 3.0, residual_s=3.1e-4, drift_ppm_per_h=-41.3,
@@ -130,7 +134,7 @@ def clock_text(known: Rate) -> str:
     'arrivals ±0.31 ms, -41 ppm/h, +20 ppm/°C'
     """
     parts = []
-    if known.residual_s is not None:
+    if known.residual_s is not None and known.residual_s > _EXACT_S:
         parts.append(f"arrivals ±{number(1e3 * known.residual_s, 2)} ms")
     moves = (
         (known.drift_ppm_per_h, known.drift_uncertainty_ppm_per_h, "ppm/h"),

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 from allanscope.analysis.result import Analysis
 from allanscope.errors import UsageError
-from allanscope.whole_file import written_whole
+from allanscope.whole_file import refuse_place, written_whole
 
 if TYPE_CHECKING:
+    from allanscope.pipeline.settings import DeviceSettings
     from allanscope.report.picture import Picture
 
 __all__ = [
@@ -125,15 +126,19 @@ def discard_session(path: Path) -> None:
 
 
 def report_sessions(
-    paths: list[Path], out: Path, quiet: bool = True, figures: Path | None = None
+    paths: list[Path],
+    out: Path,
+    device: DeviceSettings,
+    quiet: bool = True,
+    figures: Path | None = None,
 ) -> Path:
     """Write the report of one session, or one that compares several; return its path."""
     from allanscope.pipeline.analyse import analyse_input
-    from allanscope.pipeline.settings import DeviceSettings
     from allanscope.report.compare import comparing_pictures, render_comparison
 
+    refuse_place(out)
     sessions = {
-        name: analyse_input(path, DeviceSettings(), quiet)
+        name: analyse_input(path, device, quiet)
         for name, path in zip(_short_names(paths), paths, strict=True)
     }
     if len(sessions) == 1:

@@ -162,7 +162,7 @@ def _signals(view: View) -> dict[str, Array]:
 def _view(series: Series, axis: str, clock: Clock | None) -> View:
     column = series.column(axis)
     samples = np.ascontiguousarray(series.values[:, column])
-    measured = samples[~series.bridged]  # what bridges a hole lies on no lattice
+    measured = samples[~series.bridged]  # filling lies on no lattice
     step = step_of(measured * series.stride, series.lsb[column])  # of the sums behind the means
     return View(series, grid_of(len(series), series.rate_hz), axis, samples, step, clock=clock)
 

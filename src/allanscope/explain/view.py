@@ -24,6 +24,8 @@ _MANY = 400
 """Ordinates in a bin whose mean is known to a few per cent."""
 _TRUSTED = 0.9
 """Below this part of q^2/12 the rounding is not white noise of its own."""
+_HELD = 0.1
+"""Share of repeated rows from which the rounding is as little white as what they repeat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +101,11 @@ class View:
         """The rounding's variance, never more than the lowest level there is.
 
         Behind a low-pass the rounding is all that is left at the top; where the noise hardly
-        leaves one code, it is less than q^2/12.
+        leaves one code, it is less than q^2/12. Rows that are held hold their rounding as well: it
+        is part of the white noise then.
         """
+        if any(t.kind == "repeated_samples" and t.nonlinear[0] > _HELD for t in self.terms):
+            return 0.0
         lowest = float(self.power[self.grid.count > _MANY].min(initial=np.inf))
         return self.floor if lowest > _TRUSTED * self.floor else 0.98 * lowest
 

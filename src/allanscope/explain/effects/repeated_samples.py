@@ -7,7 +7,9 @@ frequencies follow a Gaussian whatever filter came before. White noise held with
 
 .. math:: S(f) = N^2 (1 - d^2) / (1 - 2 d \cos 2\pi f/f_s + d^2),
 
-which enters the model as a factor on the white part.
+which enters the model as a factor on the white part. Where the repeats come in a pattern (a reader
+at twice the rate of the sensor: every second row) the chance :math:`r_j` that j rows in a row are
+repeats is not d^j, and the factor is :math:`1 + 2 \sum_j r_j \cos 2\pi j f/f_s`.
 """
 
 from __future__ import annotations
@@ -29,6 +31,14 @@ Array = NDArray[np.float64]
 
 _BEYOND = 1.05
 """Less excess over chance than this may come from rates of chance that change together."""
+_LONGEST_RUN, _RARE = 16, 1e-3
+"""Rows in a row that are looked at, and the chance of such a run below which it changes nothing."""
+_PATTERN = 0.2
+"""Relative difference from chance of two repeats in a row from which they come in a pattern."""
+_FEW = 10.0
+"""Runs that are so many times as rare as rows that are equal by chance come from those."""
+_DARKEST = 1e-5
+"""Least factor: rows held in pairs have no power at Nyquist but what leaks there."""
 _FINEST = 0.8
 """Least noise in steps at which a single axis can be judged."""
 
@@ -38,6 +48,14 @@ def held(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
     d = nonlinear[0]
     s = np.sin(np.pi * frequency / rate)
     return np.asarray((1 - d * d) / ((1 - d) ** 2 + 4 * d * s**2))
+
+
+def held_in_a_pattern(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Return the same for chances r_1, r_2, ... that so many rows in a row are repeats."""
+    total = np.ones_like(frequency)
+    for j, chance in enumerate(nonlinear, start=1):
+        total += 2 * chance * np.cos(2 * np.pi * j / rate * frequency)
+    return np.asarray(np.maximum(total, _DARKEST))
 
 
 class RepeatedSamples(EffectKind):
@@ -85,11 +103,29 @@ class RepeatedSamples(EffectKind):
                 },
                 gain=gain,
                 price=float(np.log(2 / ALPHA)),
-                terms=(Term(self.kind, "shapes", (min(fraction, 0.95),), held),),
+                terms=(_term(equal[:, [view.series.column(a) for a in axes]], fraction),),
                 words=f"{100 * fraction:.3g} % of the rows repeat the row before",
                 axes=axes,
             )
         ]
+
+
+def _term(equal: NDArray[np.bool_], fraction: float) -> Term:
+    """Return the factor on the white part, by the pattern of the repeats where it is seen."""
+    repeat: NDArray[np.bool_] = np.logical_and.reduce(equal, axis=1)
+    chances = []
+    runs = repeat
+    for j in range(1, _LONGEST_RUN + 1):
+        chances.append(float(runs.mean()))
+        if chances[-1] < _RARE:
+            break
+        runs = runs[:-1] & repeat[j:]
+    seen = abs(chances[0] - fraction) < _RARE and len(chances) > 1
+    if seen and abs(chances[1] - fraction**2) > _PATTERN * fraction**2:
+        by_chance = _FEW * (chances[0] - fraction) / (1 - fraction)
+        pattern = tuple(r * fraction / chances[0] for r in chances[:-1] if r > by_chance)
+        return Term(RepeatedSamples.kind, "shapes", pattern, held_in_a_pattern)
+    return Term(RepeatedSamples.kind, "shapes", (min(fraction, 0.95),), held)
 
 
 def _together(equal: NDArray[np.bool_]) -> tuple[float, float, float]:
@@ -134,10 +170,13 @@ def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] |
         design * weight[:, np.newaxis], np.log(counts[1:] / 2) * weight, rcond=None
     )
     sigma2 = float(np.linalg.inv((design * weight[:, np.newaxis] ** 2).T @ design)[0, 0])
+    # Where no Gaussian goes through the others, it tells as little about 0 as it is off there.
+    off = (np.log(counts[1:] / 2) - design @ solution) * weight
+    sigma2 *= max(1.0, float(off @ off) / (reach - 2))
     expected = float(np.exp(solution[0]))
     excess = float(counts[0]) - expected
     variance = expected + expected**2 * sigma2
     z = max(0.0, excess) / np.sqrt(variance)
-    fraction = max(0.0, excess / n) / (1 - expected / n)
+    fraction = max(0.0, excess / n)
     factor = float(np.sqrt(variance + max(excess, 0.0)) / np.sqrt(max(excess, 1.0)))
     return fraction, float(z * z / 2), factor

@@ -27,6 +27,8 @@ _NEIGHBOURS = 25
 """Samples on each side that give the level."""
 _BLOCK = 1024
 _BULK = 3.5
+_OWN = 0.6
+"""Share of its distance from the mean around it that a sample must be away from both its sides."""
 _MOST = 0.002
 """More than this share of outliers is a distribution."""
 
@@ -53,7 +55,7 @@ class Outliers(EffectKind):
         z, level = deviations(view.data)
         rounding = 0.5 * view.step / max(float(np.median(np.abs(view.data - level))) * 1.48, 1e-300)
         at = np.flatnonzero(np.abs(z) > limit + rounding)
-        at = at[_isolated(view.data, z, at)]
+        at = at[_isolated(view.data, level, at)]
         if len(at) == 0:
             return []
         between = int(np.count_nonzero((np.abs(z) > _BULK) & (np.abs(z) < limit)))
@@ -101,8 +103,11 @@ def deviations(data: Array) -> tuple[Array, Array]:
     return rest / smooth, level
 
 
-def _isolated(data: Array, z: Array, at: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell which of the samples stand alone: back on the level of both sides at once."""
+def _isolated(data: Array, level: Array, at: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Tell which of the samples stand alone: back on the level of both sides at once.
+
+    Within a neighbourhood of a jump the mean is on neither level, and every sample is far from it.
+    """
     keep = np.ones(len(at), bool)
     for i, k in enumerate(at):
         left = data[max(0, k - 12) : max(0, k - 1)]
@@ -111,5 +116,5 @@ def _isolated(data: Array, z: Array, at: NDArray[np.int64]) -> NDArray[np.bool_]
             continue
         jump = abs(np.median(right) - np.median(left))
         size = abs(data[k] - 0.5 * (np.median(left) + np.median(right)))
-        keep[i] = size > 1.5 * jump and size > 0.6 * abs(z[k]) * size / max(abs(z[k]), 1e-300)
+        keep[i] = size > 1.5 * jump and size > _OWN * abs(data[k] - level[k])
     return keep

@@ -147,7 +147,7 @@ def _refined(view: View, candidate: Candidate) -> Candidate:
 
 
 def _best(tried: NDArray[np.int64], gains: Array) -> tuple[int, int, int]:
-    """Return the most likely sample and the range that covers it with 95 %."""
+    """Return the most likely sample and the range that covers the jump before it with 95 %."""
     top = int(np.argmax(gains))
     near = tried[gains > gains[top] - _INTERVAL_NATS]
-    return int(tried[top]), int(near[0]), int(near[-1])
+    return int(tried[top]), int(near[0]) - 1, int(near[-1])

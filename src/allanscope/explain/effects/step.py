@@ -122,7 +122,7 @@ def _refined(view: View, candidate: Candidate) -> Candidate:
     refined = _candidate(view, int(tried[best]))
     time = Parameter(
         float(tried[best] / grid.rate_hz),
-        float((near[0] - 0.5) / grid.rate_hz),
+        float((near[0] - 1) / grid.rate_hz),  # after the last sample of the old level
         float((near[-1] + 0.5) / grid.rate_hz),
         "s",
     )

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct, prev_fast_len
+from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
 from allanscope.explain.grid import grid_of
@@ -35,6 +35,10 @@ CHI_SQUARE_MEDIAN = 0.4549
 """Of a chi-square with one degree of freedom, whose mean is 1."""
 _THERMAL_S = 30.0
 """A package does not change its temperature faster: what moves faster is the converter's noise."""
+_THERMAL_DECADE = 10.0
+"""So far beyond the package's own frequencies the noise is measured."""
+_HALF_AN_OCTAVE = 17
+"""Bins over which the power of the temperature is averaged."""
 
 
 @dataclass(frozen=True)
@@ -79,23 +83,33 @@ class Series:
 
     @once
     def thermal(self) -> Array | None:
-        """Temperature smoothed to what a package can follow, mean removed; None without one.
-
-        The converter's noise would attenuate a regression on it (errors in variables): whitening
-        weighs high frequencies most, where the measured temperature is noise alone.
-        """
-        if self.temperature_c is None:
+        """Temperature less the converter's noise, mean removed; None without one."""
+        if self.thermal_ordinates is None:
             return None
-        width = max(1, round(_THERMAL_S * self.rate_hz))
-        smooth = uniform_filter1d(self.temperature_c, min(width, len(self)), mode="nearest")
-        return np.asarray(smooth - smooth.mean())
+        return np.asarray(idct(np.concatenate([[0.0], self.thermal_ordinates]), norm="ortho"))
 
     @once
     def thermal_ordinates(self) -> Array | None:
-        """DCT-II ordinates of the smoothed temperature, shape (n - 1,); None without one."""
-        if self.thermal is None:
+        """DCT-II ordinates of the temperature as far as it is known, shape (n - 1,).
+
+        The converter's noise would attenuate a regression on it (errors in variables): whitening
+        weighs high frequencies most, where the measured temperature is noise alone. What moves
+        faster than a package can tells the power of that noise; of every slower ordinate the share
+        beyond it is kept (Wiener), which is what may be expected of the true temperature, so the
+        slope is neither drawn down by the noise nor drawn up by smoothing away what is not noise.
+        """
+        if self.temperature_c is None:
             return None
-        return np.asarray(dct(self.thermal, norm="ortho")[1:])
+        ordinates = np.asarray(dct(self.temperature_c, norm="ortho")[1:])
+        grid = grid_of(len(self), self.rate_hz)
+        fastest = 1 / _THERMAL_S
+        beyond = (grid.frequency >= fastest) & (grid.frequency < _THERMAL_DECADE * fastest)
+        noise = (
+            float(np.median(ordinates[beyond] ** 2)) / CHI_SQUARE_MEDIAN if beyond.any() else 0.0
+        )
+        around = uniform_filter1d(grid.bin_means(ordinates**2), _HALF_AN_OCTAVE, mode="nearest")
+        share = np.clip(1 - noise / np.maximum(around, 1e-300), 0.0, 1.0)
+        return ordinates * np.repeat(share, grid.count.astype(int)) * (grid.frequency < fastest)
 
     @once
     def equal(self) -> NDArray[np.bool_]:

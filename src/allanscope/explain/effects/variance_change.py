@@ -139,10 +139,12 @@ def _intervals(power: Array, freedom: float) -> list[tuple[float, int, int, floa
         gain, first, last = _best(power, freedom)
         if gain < price:
             break
+        if last - first > n * _LONGEST:
+            if first > 0 and last < n:
+                break
+            first, last = (last, n) if first == 0 else (0, first)  # the same seen from the rest
         inside = float(power[first:last].mean())
         outside = float((power.sum() - power[first:last].sum()) / (n - last + first))
-        if last - first > n * _LONGEST:
-            break
         found.append((gain, first, last, inside / outside))
         power[first:last] *= outside / inside
     return found

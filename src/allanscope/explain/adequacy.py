@@ -29,11 +29,24 @@ WITHIN = 3.0
 
 def adequate(view: View, candidate: Candidate) -> Candidate | None:
     """Return the candidate, `unexplained` in its place, or None."""
+    if candidate.kind == "sinusoid" and _is_unresolved(view, candidate):
+        return None
     if candidate.kind in ("sinusoid", "narrowband"):
         return candidate if _is_steady(view, candidate) else tone_left_over(view, candidate)
     if candidate.kind in SPECTRAL and not _removes(view, candidate):
         return None
     return candidate
+
+
+def _is_unresolved(view: View, line: Candidate) -> bool:
+    """Tell whether a line is nearer to one there is than the record resolves.
+
+    Two such lines of opposite phase are any slow bend at all: they cancel except at the ends.
+    """
+    near = 1 / view.series.duration_s
+    return any(
+        c.kind == "sinusoid" and abs(c.shape[0] - line.shape[0]) < near for c in view.accepted
+    )
 
 
 def _is_steady(view: View, tone: Candidate) -> bool:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.unexplained import (
     DEGREE,
     RELAXATIONS,
@@ -13,6 +16,8 @@ from allanscope.explain.view import View
 __all__ = ["audit_drift"]
 
 _SLOW = ("warm_up", "ramp", "temperature")
+_PIECES = ("ramp", "step", "excursion")
+"""What a relaxation that is taken for one exponential leaves is fitted by these."""
 _CLEARLY = 5.0
 _UNFINISHED = 0.3
 """Share of the gain of the named effects that a polynomial may still find behind them."""
@@ -27,12 +32,7 @@ def audit_drift(view: View) -> View:
     significant and none is true.
     """
     view = _audit_relaxation(view)
-    duration = view.series.duration_s
-    slow = [
-        c
-        for c in view.accepted
-        if c.kind in _SLOW or (c.kind == "sinusoid" and c.shape[0] * duration < _FEW_WAVES)
-    ]
+    slow = [c for c in view.accepted if c.kind in _SLOW or _is_slow_line(view, c)]
     if not slow:
         return view
     bare = view.without(*slow, *(c for c in view.accepted if c.is_drift))
@@ -56,4 +56,24 @@ def _audit_relaxation(view: View) -> View:
     free = relaxation_left_over(bare, warm.shape[0])
     named = view.spectrum.loglik - bare.spectrum.loglik
     better = free.gain - len(RELAXATIONS) > named + _CLEARLY
-    return bare.accept(free) if better else view
+    return _without_pieces(bare.accept(free), free, warm.shape[0]) if better else view
+
+
+def _without_pieces(view: View, free: Candidate, tau: float) -> View:
+    """Drop what stood beside the one exponential only because it was not enough.
+
+    The relaxation is fitted again without each; what is worth its price beside that was no piece.
+    """
+    slow = [c for c in view.accepted if c.kind in _PIECES or _is_slow_line(view, c)]
+    for piece in sorted(slow, key=lambda c: c.excess):
+        bare = view.without(piece, free)
+        again = relaxation_left_over(bare, tau)
+        trial = bare.accept(again)
+        if view.spectrum.loglik - trial.spectrum.loglik < piece.price:
+            view, free = trial, again
+    return view
+
+
+def _is_slow_line(view: View, candidate: Candidate) -> bool:
+    waves = candidate.shape[0] * view.series.duration_s if candidate.kind == "sinusoid" else np.inf
+    return waves < _FEW_WAVES

@@ -245,9 +245,12 @@ def _demodulated(view: View) -> View:
     family = sidebands([c for c in view.accepted if c.kind == "sinusoid"])
     if not family:
         return view
-    view = view.without(*family)
-    view, tone = united(view, tones_left_over(view, family))
-    return view.accept(tone)
+    bare = view.without(*family)
+    whole = tones_left_over(bare, family)
+    if whole is None:
+        return view
+    bare, tone = united(bare, whole)
+    return bare.accept(tone)
 
 
 def _delete(view: View) -> View:

@@ -163,7 +163,8 @@ def sidebands(lines: list[Candidate]) -> tuple[Candidate, ...]:
     """Return a carrier with two equal lines at equal distances beside it, if there is one.
 
     A tone whose amplitude or phase is modulated steadily is exactly three (or more) constant lines.
-    Three names for one thing would be three wrong names.
+    Three names for one thing would be three wrong names. Where a swinging frequency leaves nothing
+    at the carrier itself, two such pairs about one centre show it.
     """
     ordered = sorted(lines, key=lambda line: line.number("frequency"))
     for low, carrier, high in combinations(ordered, 3):
@@ -174,11 +175,30 @@ def sidebands(lines: list[Candidate]) -> tuple[Candidate, ...]:
             continue
         if _is_of_a_wave(ordered, (f[2] - f[0]) / 2, float(np.linalg.norm(errors))):
             continue
-        sizes = [line.number("amplitude") for line in (low, high)]
-        spread = [_error(line.parameters["amplitude"]) for line in (low, high)]
-        if abs(sizes[0] - sizes[1]) < _AGREE * float(np.linalg.norm(spread)):
+        if _are_equal(low, high):
             return low, carrier, high
+    return _without_carrier(ordered)
+
+
+def _without_carrier(ordered: list[Candidate]) -> tuple[Candidate, ...]:
+    """Return two pairs of equal lines about one centre, if there are such."""
+    for family in combinations(ordered, 4):
+        f = [line.number("frequency") for line in family]
+        error = float(np.linalg.norm([_error(line.parameters["frequency"]) for line in family]))
+        if f[3] - f[0] > _ASIDE * f[0] or abs(f[0] + f[3] - f[1] - f[2]) > _AGREE * error:
+            continue
+        if any(_is_of_a_wave(ordered, apart, error) for apart in (f[1] - f[0], f[2] - f[1])):
+            continue
+        if _are_equal(family[0], family[3]) and _are_equal(family[1], family[2]):
+            return family
     return ()
+
+
+def _are_equal(first: Candidate, second: Candidate) -> bool:
+    """Tell whether two lines have the same size."""
+    spread = [_error(line.parameters["amplitude"]) for line in (first, second)]
+    apart = first.number("amplitude") - second.number("amplitude")
+    return bool(abs(apart) < _AGREE * float(np.linalg.norm(spread)))
 
 
 def _is_of_a_wave(lines: list[Candidate], apart: float, error: float) -> bool:

@@ -28,17 +28,22 @@ Array = NDArray[np.float64]
 _BAND_Z = 5.0
 _NEIGHBOUR_Z = 3.0
 _TAIL_Z = 6.0
+_COARSE = 0.12
+"""Share of the rounding in the power, at 0.75 of a step of noise, from which it is not Gaussian."""
+_HIDDEN_BY = ("variance_change", "quantization", "random_telegraph", "repeated_samples")
+"""With these the innovations are no Gaussian's in any case."""
 _TURNS = 4
 _WAVES = 5.0
 _REMNANT = 0.1
 """Waves of a cut tone from an end of the record, and share of its gain, of what it may leave."""
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
+_MOST = 0.5
 _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
 _CHANGES = "a tone between {:.5g} and {:.5g} Hz changes in frequency or amplitude"
 DEGREE = 7
-RELAXATIONS = (0.1, 0.3, 1.0, 3.0)
+RELAXATIONS = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Time constants beside that of the one exponential, relative to it."""
 DRIFT_PRICE = 20.0
 """Nats that the polynomial gains on one clean record in 1000 or fewer (by simulation)."""
@@ -88,8 +93,12 @@ def left_over(
     )
 
 
-def tone_left_over(view: View, candidate: Candidate) -> Candidate:
-    """Return the range that a tone or band covers which is not what its name would say."""
+def tone_left_over(view: View, candidate: Candidate) -> Candidate | None:
+    """Return the range that a tone or band covers which is not what its name would say.
+
+    None where it has no end: what covers most of the spectrum is no tone, but a model of the rest
+    that does not fit, and with all of it cut out there would be nothing left to fit.
+    """
     f0 = candidate.shape[0]
     unit = view.grid.rate_hz / (2 * view.grid.n)
     reach = max(candidate.shape[1] if candidate.kind == "narrowband" else 0.0, 8 * unit)
@@ -100,6 +109,8 @@ def tone_left_over(view: View, candidate: Candidate) -> Candidate:
         low, high = _extent(cut.squares / cut.spectrum.ordinates, low, high, unit)
         if (low, high) == before:
             break
+        if high - low > _MOST * view.grid.rate_hz / 2:
+            return None
         term = Term("unexplained", "excludes", (low, high), outside)
         cut = view.with_terms((*view.terms, term))
     inside = view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1]
@@ -107,9 +118,11 @@ def tone_left_over(view: View, candidate: Candidate) -> Candidate:
     return left_over(view, (low, high), candidate.gain, share, _CHANGES.format(low, high))
 
 
-def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate:
+def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate | None:
     """Return the range that several lines cover which are one modulated tone."""
-    ranges = [tone_left_over(view, line) for line in lines]
+    ranges = [found for line in lines if (found := tone_left_over(view, line)) is not None]
+    if not ranges:
+        return None
     low, high = min(r.shape[0] for r in ranges), max(r.shape[1] for r in ranges)
     share = sum(r.number("share") for r in ranges)
     gain = sum(line.gain for line in lines)
@@ -277,20 +290,23 @@ def _drift(view: View, drift: Array, gain: float, words: str) -> Candidate:
 
 def _tails(view: View) -> Iterable[Candidate]:
     kurtosis, error = excess_kurtosis(view)
-    hidden = any(view.has(k) for k in ("variance_change", "quantization", "random_telegraph"))
-    if kurtosis < _TAIL_Z * error or hidden:
+    # The rounding's part of the power: what it adds is flat, with an excess kurtosis of -1.2.
+    rounding = view.floor / float(np.median(view.spectrum.ordinates))
+    hidden = rounding > _COARSE or any(view.has(kind) for kind in _HIDDEN_BY)
+    if hidden or abs(kurtosis + 1.2 * rounding**2) < _TAIL_Z * error:
         return
     top = view.grid.rate_hz / 2
+    tails = "heavier" if kurtosis > 0 else "lighter"
     yield Candidate(
         kind="unexplained",
         parameters={
             "frequency_low": Parameter(0.0, unit="Hz"),
             "frequency_high": Parameter(top, unit="Hz"),
-            "share": Parameter(kurtosis / (3 + kurtosis)),
+            "share": Parameter(abs(kurtosis) / (3 + kurtosis)),
         },
         gain=(kurtosis / error) ** 2 / 2,
         price=float(np.log(1 / ALPHA)),
         shape=(0.0,),
-        words=f"the samples have heavier tails than a Gaussian (excess kurtosis {kurtosis:.2g})",
+        words=f"the samples have {tails} tails than a Gaussian (excess kurtosis {kurtosis:.2g})",
         evidence={"excess_kurtosis": kurtosis},
     )

@@ -190,6 +190,16 @@ def test_a_steep_low_pass_is_one_filter_of_its_order_up_to_nyquist(bench):
     assert cutoff.lower < 18.7 < cutoff.upper
 
 
+@pytest.mark.parametrize(("size", "dwell"), [(0.3, 5.0), (1.0, 20.0)])
+def test_large_hops_in_slow_noise_keep_their_size(bench, size, dwell):
+    """The doubt when they were takes nothing away from it; the slow noise makes that matter."""
+    b = bench(12)
+    walk = np.cumsum(b.rng.normal(0, 3e-3 / 52**0.5, len(b.t)))
+    (effect,) = explain(b.record(b.noise() + walk + b.telegraph(size, dwell))).axes["gx"].effects
+    assert effect.kind == "random_telegraph"
+    assert effect.parameters["amplitude"].value == pytest.approx(size, rel=5e-3)
+
+
 @pytest.mark.parametrize(("size", "dwell"), [(0.03, 2.0), (0.01, 3.0)])
 def test_hops_that_are_missed_do_not_make_the_two_levels_nearer(bench, size, dwell):
     b = bench(9)

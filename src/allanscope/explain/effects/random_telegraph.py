@@ -35,7 +35,8 @@ Array = NDArray[np.float64]
 _BLOCKS = 16384
 _MOST_BLOCKS = 1 << 17
 _TO_JUDGE, _TO_MEASURE = 12.0, 50.0
-"""Blocks in a mean dwell. Few make the path probable; many miss no double switches."""
+"""Blocks in a mean dwell. Few make the path probable; many miss no double switches, and tell when a
+hop was: half a block of doubt at each makes the hops seem smaller, the more so in flicker noise."""
 _SETTLED = 3e-3
 _MISSED = 1.2
 """Factor on the error of the dwell for switches that noise hides."""
@@ -140,7 +141,9 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
     if size <= 0:
         return None
-    finer = _path(view, size, path.dwell_s, _TO_MEASURE)
+    # When a hop was is known to a block in whose mean the white noise is half as large as the size.
+    known = size**2 * path.dwell_s / max(4 * view.spectrum.variance_of("N"), 1e-300)
+    finer = _path(view, size, path.dwell_s, max(_TO_MEASURE, known))
     if finer is None or finer.switches < _FEWEST_SWITCHES:
         finer = path
     measured = joint_fit(view, _column(view, finer))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.series import Series
 from allanscope.explain.view import View
+from allanscope.quantities import duration
 
 __all__ = ["SHORTEST_ROWS", "SHORTEST_S", "detection_limits", "hindrances", "observations"]
 
@@ -28,9 +29,10 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
         return (f"the channel is constant{value}: it carries no noise to analyse",)
     needed = max(SHORTEST_S, SHORTEST_ROWS / series.rate_hz)
     if n < SHORTEST_ROWS or series.duration_s < SHORTEST_S:
+        missing = duration(np.ceil(needed - series.duration_s))
         return (
-            f"too short to search for effects: {series.duration_s:.0f} s of the {needed:.0f} s "
-            f"that it takes; run at least {np.ceil(needed - series.duration_s):.0f} s longer",
+            f"too short to search for effects: {duration(series.duration_s)} of the "
+            f"{duration(needed)} that it takes; run at least {missing} longer",
         )
     if (
         np.unique(samples[:: max(1, n // 4096)]).size < 2
@@ -69,7 +71,6 @@ def observations(series: Series, axis: str) -> tuple[str, ...]:
 
 def detection_limits(view: View) -> tuple[str, ...]:
     """Return what could have hidden: the sizes of a line and a step that would have been found."""
-    duration = view.series.duration_s
     spectrum = view.spectrum
     n = view.grid.n
     top = float(spectrum.at(np.array([view.grid.rate_hz / 8]))[0])
@@ -78,7 +79,7 @@ def detection_limits(view: View) -> tuple[str, ...]:
     shape = np.sin(np.pi * k / 2) ** 2 / (2 * np.sin(np.pi * k / (2 * n))) ** 2 * 2 / n
     step = 6.3 / np.sqrt(np.sum(shape / spectrum.first(view.grid.low)))
     return (
-        f"in {duration:.0f} s a line above {line:.2g} {view.unit} (at "
+        f"in {duration(view.series.duration_s)} a line above {line:.2g} {view.unit} (at "
         f"{view.grid.rate_hz / 8:.3g} Hz) or a step above {step:.2g} {view.unit} would have been "
         "found",
     )

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -23,14 +23,6 @@ COUNT = 6
 
 def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "allanscope", "fleet", *map(str, arguments)]
-
-
-@pytest.fixture
-def ctrl_c() -> Iterator[None]:
-    """Let processes hear Ctrl-C, which a shell keeps from what it starts in the background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +67,6 @@ def test_the_table_is_that_of_single_runs_byte_for_byte(
     assert set(pq.read_table(fleet).column("unit").to_pylist()) == {"0001", "0002"}
 
 
-@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_ends_in_order_and_the_same_command_goes_on(
     board: Callable[..., Path], tmp_path: Path
 ) -> None:

@@ -23,7 +23,7 @@ error). `allanscope --version` prints the version, `allanscope COMMAND --help` w
 
 | exit code | meaning |
 |---|---|
-| 0 | done; also after Ctrl-C in `live`, `replay` and `device`, which ends a run cleanly: files closed, report written |
+| 0 | done; also a run that Ctrl-C ended cleanly: files closed, report written |
 | 1 | what nobody thought of: `--debug` shows where, please report it |
 | 2 | usage: something in the call does not exist |
 | 3 | input that cannot be read |

@@ -8,6 +8,7 @@ what was told. The exact number of the moment is in the result and in the report
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -47,18 +48,13 @@ class Diary:
             for effect in axis.explanation.effects if axis.explanation else ():
                 same = sum(key[0] == name and key[1].startswith(effect.kind) for key in found)
                 found[name, f"{effect.kind} {same}"] = effect_text(effect)
-        lines: list[Entry] = [
-            ("warn", f"{key[0]}: found {text}")
-            for key, text in found.items()
-            if key not in self._effects
-        ]
-        lines += [
-            ("info", f"{key[0]}: no longer found {text}")
-            for key, text in self._effects.items()
-            if key not in found
-        ]
+        new = {key: text for key, text in found.items() if key not in self._effects}
+        gone = {key: text for key, text in self._effects.items() if key not in found}
         self._effects = found
-        return lines
+        return [
+            *(("warn", f"{axes}: found {text}") for axes, text in _together(new)),
+            *(("info", f"{axes}: no longer found {text}") for axes, text in _together(gone)),
+        ]
 
     def _new_values(self, analysis: Analysis) -> list[Entry]:
         lines: list[Entry] = []
@@ -91,3 +87,12 @@ class Diary:
             return False
         self._remarks[words] = numbers
         return True
+
+
+def _together(effects: Mapping[tuple[str, str], str]) -> Iterator[tuple[str, str]]:
+    """Yield what is said of effects with all axes of which it is said: a clock is that of all."""
+    axes: dict[str, list[str]] = {}
+    for (axis, _), text in effects.items():
+        axes.setdefault(text, []).append(axis)
+    for text, names in axes.items():
+        yield " ".join(names), text

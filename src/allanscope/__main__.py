@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 
 from allanscope.cli import parser
@@ -21,6 +20,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(arguments.command(arguments))
     except AllanscopeError as error:
         if arguments.debug:
+            import traceback  # loaded only where it is shown
+
             traceback.print_exc()
         else:
             print(f"allanscope: {visible(str(error))}", file=sys.stderr)
@@ -38,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         what = visible(f"{type(error).__name__}: {error}")
         print(f"allanscope: unexpected {what}; --debug shows where", file=sys.stderr)
-        return 1
+        return ExitCode.UNEXPECTED
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ class ExitCode(IntEnum):
     """What the exit status of a command means."""
 
     DONE = 0
+    UNEXPECTED = 1
     USAGE = 2
     INPUT = 3
     DEVICE = 4

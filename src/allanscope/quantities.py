@@ -113,21 +113,29 @@ COEFFICIENT_NAMES: Mapping[str, str] = {
 
 
 def symbols(unit: str) -> str:
-    """Return an ASCII unit the way it is printed.
+    """Return an ASCII unit, or a text with units, the way it is printed.
 
     Examples
     --------
     >>> symbols("deg/sqrt(h)"), symbols("ug/sqrt(Hz)"), symbols("m/s^2/sqrt(Hz)"), symbols("degC")
     ('°/√h', 'µg/√Hz', 'm/s²/√Hz', '°C')
     """
-    for name in ("Hz", "h", "s"):
+    for name in ("Hz", "h", "s", "2", "time"):
         unit = unit.replace(f"sqrt({name})", f"√{name}")
     for plain, set_in_print in _SYMBOLS:
         unit = unit.replace(plain, set_in_print)
     return f"µ{unit[1:]}" if unit.startswith(("ug", "um", "u°")) else unit
 
 
-_SYMBOLS = (("degC", "°C"), ("deg", "°"), ("^2", "²"), ("^3", "³"), ("*", "·"), ("+-", "±"))
+_SYMBOLS = (
+    ("degC", "°C"),
+    (" deg ", "° "),
+    ("deg", "°"),
+    ("^2", "²"),
+    ("^3", "³"),
+    ("*", "·"),
+    ("+-", "±"),
+)
 
 
 def number(value: float | None, digits: int = 3) -> str:

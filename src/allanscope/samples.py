@@ -81,6 +81,11 @@ class StreamInfo:
     details: Mapping[str, str] = field(default_factory=dict)
     rate_claimed: bool = True
 
+    @property
+    def configuration(self) -> tuple[tuple[str, ...], tuple[float, ...], float]:
+        """Axes, scales and nominal rate: counts may be added as long as these are the same."""
+        return self.axes, self.scale, self.nominal_hz
+
     def __post_init__(self) -> None:
         unknown = [axis for axis in self.axes if axis not in AXES]
         if unknown:

@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -40,7 +41,7 @@ def live(tmp_path):
     else:
         pytest.fail(said)
     yield process, found
-    process.terminate()  # where the tests run in the background, Ctrl-C is ignored
+    process.send_signal(signal.SIGINT)
     process.stdout.close()
     try:
         process.wait(100)

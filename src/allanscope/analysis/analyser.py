@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from allanscope.analysis.state import StreamState
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 
-__all__ = ["Analyser", "AnalyserSettings", "Mark", "same_counts"]
+__all__ = ["Analyser", "AnalyserSettings", "Mark"]
 
 MOST_CONFIGURATIONS = 8
 MOST_ERRORS = 16
@@ -113,7 +113,8 @@ class Analyser:
         return copy.deepcopy(self)
 
     def _configure(self, info: StreamInfo) -> None:
-        known = next((one for one in self.configurations if same_counts(one.info, info)), None)
+        same = (one for one in self.configurations if one.info.configuration == info.configuration)
+        known = next(same, None)
         if known is None:
             asked = self.settings
             known = StreamState(info, asked.per_octave, asked.history_rows, asked.gathered_rows)
@@ -129,10 +130,3 @@ class Analyser:
 def _with(lines: list[str], line: str) -> list[str]:
     """Return the latest lines, each once: a night may bring the same one a thousand times."""
     return [*(one for one in lines if one != line), line][-MOST_ERRORS:]
-
-
-def same_counts(one: StreamInfo, other: StreamInfo) -> bool:
-    """Whether counts of the two streams may be added: same axes, same scales, same nominal rate."""
-    return (
-        one.axes == other.axes and one.scale == other.scale and one.nominal_hz == other.nominal_hz
-    )

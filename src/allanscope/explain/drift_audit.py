@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.unexplained import (
     DEGREE,
@@ -75,5 +73,5 @@ def _without_pieces(view: View, free: Candidate, tau: float) -> View:
 
 
 def _is_slow_line(view: View, candidate: Candidate) -> bool:
-    waves = candidate.shape[0] * view.series.duration_s if candidate.kind == "sinusoid" else np.inf
-    return waves < _FEW_WAVES
+    is_line = candidate.kind == "sinusoid"
+    return is_line and candidate.shape[0] * view.series.duration_s < _FEW_WAVES

@@ -117,7 +117,7 @@ def explain(
     open_axes = [axis for axis in series.axes if not stopped[axis]]
     if open_axes:
         with set_workers(threads):  # shared by the threads, so filled before
-            _ = series.thermal_ordinates, series.equal, series.loud
+            _ = series.thermal, series.equal, series.loud
     with ThreadPoolExecutor(threads) as pool:
         views = dict(
             zip(

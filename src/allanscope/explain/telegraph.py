@@ -41,7 +41,9 @@ def posterior(
 
 
 @njit(cache=True, nogil=True)
-def _posterior(data, size, rate, variance):  # type: ignore[no-untyped-def]
+def _posterior(
+    data: Array, size: float, rate: float, variance: float
+) -> tuple[Array, Array, float, float, float]:
     density = _log_densities(data, size, variance)
     forward, scale, log_z = _filtered(density, rate)
     mean, switches = _smoothed(density, forward, scale, rate)
@@ -50,7 +52,7 @@ def _posterior(data, size, rate, variance):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _log_densities(data, size, variance):  # type: ignore[no-untyped-def]
+def _log_densities(data: Array, size: float, variance: float) -> Array:
     """Logarithm of how probable every sample is at -size and at +size, less their common factor."""
     density = np.empty((data.size, 2))
     for k in range(data.size):
@@ -60,7 +62,7 @@ def _log_densities(data, size, variance):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _filtered(density, rate):  # type: ignore[no-untyped-def]
+def _filtered(density: Array, rate: float) -> tuple[Array, Array, float]:
     """Go forward: probability of each state given the samples up to it, and of all samples."""
     n = len(density)
     forward, scale = np.empty((n, 2)), np.empty(n)
@@ -81,7 +83,7 @@ def _filtered(density, rate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _smoothed(density, forward, scale, rate):  # type: ignore[no-untyped-def]
+def _smoothed(density: Array, forward: Array, scale: Array, rate: float) -> tuple[Array, float]:
     """Go back: mean of each state given all samples, and the expected number of switches."""
     n = len(density)
     stay, leave = 1.0 - rate, rate
@@ -101,7 +103,7 @@ def _smoothed(density, forward, scale, rate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _most_probable(density, rate):  # type: ignore[no-untyped-def]
+def _most_probable(density: Array, rate: float) -> tuple[Array, float]:
     """Find the most probable path and its joint probability with the data (Viterbi)."""
     n = len(density)
     log_stay, log_leave = np.log(1.0 - rate), np.log(rate)

@@ -21,7 +21,7 @@ import subprocess
 import sys
 import threading
 
-from allanscope.analysis.analyser import Analyser, same_counts
+from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.look import Look, look_of
 from allanscope.explain import Explanation, LiveLoop
 from allanscope.samples import StreamInfo
@@ -74,7 +74,7 @@ class Looking:
         state = frozen.state
         if state is None or self.busy or self._closed:
             return
-        if self._info is None or not same_counts(self._info, state.info):
+        if self._info is None or self._info.configuration != state.info.configuration:
             self._loop = LiveLoop(self._first_s, nominal_hz=state.info.nominal_hz or None)
             self._info, self._due_s = state.info, self._first_s
         if state.samples < self._due_s * state.info.nominal_hz:

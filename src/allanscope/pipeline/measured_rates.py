@@ -11,7 +11,7 @@ from allanscope.samples import Block, Event, Gap, StreamInfo
 __all__ = ["at_rates", "measured_rates"]
 
 Configuration = tuple[tuple[str, ...], tuple[float, ...], float]
-"""Axes, scales and claimed rate: what is the same as long as counts may be added."""
+"""As `StreamInfo.configuration` has it."""
 
 
 def measured_rates(events: Iterable[Event]) -> dict[Configuration, float]:
@@ -39,7 +39,7 @@ def measured_rates(events: Iterable[Event]) -> dict[Configuration, float]:
     clock: Clock | None = None
     for event in events:
         if isinstance(event, StreamInfo):
-            clock = clocks.setdefault(_configuration(event), Clock.of(event))
+            clock = clocks.setdefault(event.configuration, Clock.of(event))
         elif isinstance(event, Gap) and clock is not None:
             clock.gap(event)
         elif isinstance(event, Block) and clock is not None:
@@ -51,12 +51,7 @@ def measured_rates(events: Iterable[Event]) -> dict[Configuration, float]:
 def at_rates(events: Iterable[Event], rates: Mapping[Configuration, float]) -> Iterator[Event]:
     """Yield the same stream with the measured rate, which nobody claims, where there is one."""
     for event in events:
-        if isinstance(event, StreamInfo) and _configuration(event) in rates:
-            rate_hz = rates[_configuration(event)]
-            yield replace(event, nominal_hz=rate_hz, rate_claimed=False)
+        if isinstance(event, StreamInfo) and event.configuration in rates:
+            yield replace(event, nominal_hz=rates[event.configuration], rate_claimed=False)
         else:
             yield event
-
-
-def _configuration(info: StreamInfo) -> Configuration:
-    return info.axes, info.scale, info.nominal_hz

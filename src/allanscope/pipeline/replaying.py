@@ -23,9 +23,9 @@ from allanscope.errors import InputError
 from allanscope.pipeline.ahead import ahead
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.extent import Extent
-from allanscope.recording import Buffer, is_recording
+from allanscope.recording import Buffer
 from allanscope.samples import Event
-from allanscope.sources import FileSource, RecordedSource, Source
+from allanscope.sources import RecordedSource, Source, open_file
 from allanscope.view.progress import progress
 
 __all__ = ["analysed", "buffers_of", "events_from", "events_of"]
@@ -69,7 +69,7 @@ def events_of(
     InputError
         When the file cannot be read or no wire format fits it.
     """
-    source = _file_source(path)
+    source = open_file(path)
     extent = Extent.of(source, path)
 
     def decoded(buffers: Iterable[Buffer]) -> Iterator[tuple[float, list[Event]]]:
@@ -90,15 +90,6 @@ def events_of(
         raise InputError(f"{path}: {error}") from None
     finally:
         source.close()
-
-
-def _file_source(path: Path) -> Source:
-    """Open a file by its path: one that is called sim or auto is neither, and a port has no end."""
-    if path.is_dir() or is_recording(path):
-        return RecordedSource(path)
-    if path.is_char_device():
-        raise InputError(f"{path} is no file; a port is read by allanscope live {path}")
-    return FileSource(path)
 
 
 def analysed(

@@ -148,9 +148,7 @@ def axis_facts(axis: AxisAnalysis) -> list[Fact]:
             text += "; the curve has not clearly risen from it, so a longer run may do better"
         facts.append(Fact("best averaging", text))
     for name, found in axis.datasheet.items():
-        words = symbols(found.explanation).replace(" ° ", "° ")
-        for plain, root in (("sqrt(2)", "√2"), ("sqrt(time)", "√time")):
-            words = words.replace(plain, root)
+        words = symbols(found.explanation)
         text = f"{found.verdict}: {words}" if words else found.verdict
         facts.append(Fact(f"datasheet: {name}", text))
     return facts

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     )
     from allanscope.sources.file import FileSource
     from allanscope.sources.recorded import RecordedSource
-    from allanscope.sources.registry import must_be_there, open_source
+    from allanscope.sources.registry import must_be_there, open_file, open_source
     from allanscope.sources.serial_port import SerialSource
     from allanscope.sources.settings import SourceSettings
 
@@ -49,6 +49,7 @@ __all__ = [
     "describe_ports",
     "find_ports",
     "must_be_there",
+    "open_file",
     "open_source",
 ]
 
@@ -62,6 +63,7 @@ _HOMES = {
     "describe_ports": "discovery",
     "find_ports": "discovery",
     "must_be_there": "registry",
+    "open_file": "registry",
     "open_source": "registry",
 }
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from allanscope.errors import InputError
 from allanscope.recording.reader import is_recording
 from allanscope.sources.base import Source
 from allanscope.sources.settings import SourceSettings
 
-__all__ = ["must_be_there", "open_source"]
+__all__ = ["must_be_there", "open_file", "open_source"]
 
 
 def _is_recording(spec: str) -> bool:
@@ -83,6 +84,20 @@ def open_source(spec: str, settings: SourceSettings | None = None) -> Source:
     """
     opener = next(opener for means, opener in _KINDS if means(spec))
     return opener(spec, settings or SourceSettings())
+
+
+def open_file(path: Path) -> Source:
+    """Open a recording or a capture: a file that is called sim or auto is neither of these.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is a port, which has no end.
+    """
+    if path.is_char_device():
+        raise InputError(f"{path} is no file; a port is read by allanscope live {path}")
+    means_it = _open_recording if _is_recording(str(path)) else _open_file
+    return means_it(str(path), SourceSettings())
 
 
 def must_be_there(spec: str) -> None:

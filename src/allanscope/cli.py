@@ -75,7 +75,7 @@ def analyse(options: Namespace) -> int:
         from allanscope.view.terminal import summary_lines
 
         print("\n".join(summary_lines(analysis)))
-    return ExitCode.DONE
+    return _exit_code(analysis)
 
 
 def simulate(options: Namespace) -> int:
@@ -297,4 +297,13 @@ def _print_json(analysis: Analysis, wanted: bool) -> int:
     if wanted:
         json.dump(analysis.to_dict(), sys.stdout, indent=1, allow_nan=False)
         print()
-    return ExitCode.DONE
+    return _exit_code(analysis)
+
+
+def _exit_code(analysis: Analysis) -> int:
+    """Return how a command ends whose result is written: an axis that failed is no success."""
+    failed = {name: axis.failure for name, axis in analysis.axes.items() if axis.failure}
+    for name, why in failed.items():
+        line = f"the analysis of {name} failed: {why}; the other axes are complete"
+        print(f"allanscope: {visible(line)}", file=sys.stderr)
+    return ExitCode.UNEXPECTED if failed else ExitCode.DONE

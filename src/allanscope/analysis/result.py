@@ -115,6 +115,9 @@ class AxisAnalysis:
         Measured one-sided density.
     density_model : ModelCurve or None
         Density of the final model at the frequencies of `density`.
+    failure : str
+        What went wrong in the analysis of this axis, empty when nothing did: then only what is
+        independent of it is here.
     """
 
     unit: str
@@ -129,6 +132,7 @@ class AxisAnalysis:
     density_model: ModelCurve | None = None
     explanation: AxisExplanation | None = None
     remarks: tuple[str, ...] = ()
+    failure: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +151,9 @@ class Analysis:
         ``first``, ``last``, ``lowest``, ``highest`` in degC; empty when there is none.
     marks : tuple of (seconds, text)
         Set by the user during the run.
+    assumptions : tuple of str
+        What the input did not say and the result rests on: units, scales, columns that were taken
+        for something. They stand at the top of whatever shows the result.
     remarks : tuple of str
         What the reader must know about the run as a whole, one sentence each.
     record : Record or None
@@ -167,6 +174,7 @@ class Analysis:
     temperature: Mapping[str, float] = field(default_factory=dict)
     marks: tuple[tuple[float, str], ...] = ()
     remarks: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
     version: str = ""
     record: Record | None = None
 
@@ -193,6 +201,7 @@ class Analysis:
             },
             "temperature": dict(self.temperature),
             "marks": [{"time_s": time_s, "text": text} for time_s, text in self.marks],
+            "assumptions": list(self.assumptions),
             "remarks": list(self.remarks),
             "axes": {name: _axis_dict(axis) for name, axis in self.axes.items()},
         }
@@ -215,6 +224,7 @@ def _axis_dict(axis: AxisAnalysis) -> dict[str, Any]:
         "datasheet": {k: asdict(v) for k, v in axis.datasheet.items()}
         or {"density": {**_NOT_COMPARED, "unit": f"{axis.unit}/sqrt(Hz)"}},
         **_explanation_dict(axis.explanation or _NOT_SEARCHED),
+        "failure": axis.failure or None,
         "remarks": list(axis.remarks),
     }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from allanscope.analysis.result import Analysis, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
 from allanscope.analysis.state import StreamState
 from allanscope.explain import explain
+from allanscope.explain.failure import failed, failure_text
 from allanscope.explain.loop import Explanation
 from allanscope.history import Record
 from allanscope.noise import find_best_averaging, fit_noise
@@ -95,6 +96,7 @@ def summarise(
         unknown_losses=state.unknown_losses,
         temperature=state.temperature.summary(),
         marks=_marks(analyser, state, rate_hz),
+        assumptions=tuple(analyser.assumptions),
         remarks=(*_remarks(analyser, state, rate), *sampling_remarks(axes, rate, offered)),
         version=version("allanscope"),
         record=look.record if depth == "full" else None,
@@ -163,7 +165,7 @@ def _axes(
     curves = _curves(state, depth, rate_hz, settings.level)
     loop = _loop(look, settings.threads) if depth == "full" else known
     return {
-        name: _axis(
+        name: _axis_or_failure(
             state,
             look.record,
             name,
@@ -175,6 +177,26 @@ def _axes(
         )
         for name in state.info.axes
     }
+
+
+def _axis_or_failure(
+    state: StreamState, record: Record, name: str, *, curves: dict[str, Deviation], **known: Any
+) -> AxisAnalysis:
+    """Return everything about one axis; what fails there must not take the others along."""
+    loop: Explanation | None = known["loop"]
+    explanation = loop.axes.get(name) if loop else None
+    try:
+        axis = _axis(state, record, name, curves=curves, **known)
+        failure = explanation.failure if explanation is not None else ""
+    except Exception as error:
+        failure = failure_text(error)
+        axis = AxisAnalysis(
+            unit_of(name), curves, explanation=failed(error), density=known["density"]
+        )
+    if not failure:
+        return axis
+    remark = f"the analysis of this axis failed ({failure}); please report it"
+    return replace(axis, failure=failure, remarks=(remark, *axis.remarks))
 
 
 def _curves(
@@ -194,13 +216,16 @@ def _curves(
 def _loop(look: Look, threads: int) -> Explanation | None:
     if len(look.record.values) < FEWEST_ROWS:
         return None
-    return explain(
-        look.record,
-        look.densities,
-        nominal_hz=look.nominal_hz,
-        rate_fit=look.rate_fit,
-        threads=threads,
-    )
+    try:
+        return explain(
+            look.record,
+            look.densities,
+            nominal_hz=look.nominal_hz,
+            rate_fit=look.rate_fit,
+            threads=threads,
+        )
+    except Exception as error:  # curves and noise are known all the same
+        return Explanation({axis: failed(error) for axis in look.record.axes})
 
 
 def _axis(
@@ -310,4 +335,4 @@ def _remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str, .
         )
     if rate.measured_hz is None:
         out.append("The true sample rate is not known: averaging times use the nominal rate.")
-    return (*out, *analyser.assumptions, *dict.fromkeys(analyser.errors[-5:]))
+    return (*out, *dict.fromkeys(analyser.errors[-5:]))

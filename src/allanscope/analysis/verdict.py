@@ -17,12 +17,15 @@ from allanscope.noise.coefficients import DatasheetVerdict
 from allanscope.parts import PARTS
 from allanscope.quantities import DENSITY, DEVIATION, number, symbols
 
-__all__ = ["Grade", "Verdict", "VerdictLine", "searched", "verdict"]
+__all__ = ["ASSUMED", "Grade", "Verdict", "VerdictLine", "searched", "verdict"]
 
 Grade = Literal["good", "bad", "note"]
 
 _SENSORS = {"dps": "Gyroscope", "g": "Accelerometer"}
 _LETTERS = ("N", "B", "K")
+ASSUMED = "Assumed"
+"""Head of the lines on what the input did not say: they come first."""
+
 _NOTICEABLE_LOSS = 1e-3
 """Share of the samples that may be missing before it counts against the run."""
 
@@ -60,13 +63,17 @@ def verdict(analysis: Analysis) -> Verdict:
     noise = [line for unit in _SENSORS for line in _noise_lines(analysis, unit)]
     found = _effect_lines(analysis.axes)
     losses = _loss_lines(analysis)
-    lines = (*noise, *found, *losses, *_wait_lines(analysis.axes), *_remark_lines(analysis))
-    grades = [line.grade for line in (*noise, *found, *losses)]
+    assumed = [VerdictLine("note", ASSUMED, text) for text in analysis.assumptions]
+    failed = _failure_lines(analysis.axes)
+    first = (*assumed, *failed, *noise, *found, *losses)
+    lines = (*first, *_wait_lines(analysis.axes), *_remark_lines(analysis))
+    grades = [line.grade for line in (*failed, *noise, *found, *losses)]
     if "bad" in grades:
         grade: Grade = "bad"
     else:
         grade = "good" if any(line.grade == "good" for line in noise) else "note"
-    return Verdict(grade, _title(analysis.axes, noise, found, losses), lines)
+    title = _title(analysis.axes, noise, found, losses)
+    return Verdict(grade, f"{title}; an axis failed" if failed else title, lines)
 
 
 def searched(explanation: AxisExplanation) -> bool:
@@ -177,10 +184,20 @@ def _reading(of: DatasheetVerdict) -> tuple[float, str]:
 # --- what is beyond the noise -------------------------------------------------------------------
 
 
+def _failure_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
+    """Return a line for each axis whose analysis went wrong; the others are whole."""
+    return [
+        VerdictLine("bad", f"Failed: {name}", f"{axis.failure}; the other axes are complete")
+        for name, axis in axes.items()
+        if axis.failure
+    ]
+
+
 def _effect_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
-    looked = {n: a.explanation for n, a in axes.items() if a.explanation is not None}
+    sound = {name: axis for name, axis in axes.items() if not axis.failure}
+    looked = {n: a.explanation for n, a in sound.items() if a.explanation is not None}
     open_axes = {name: one for name, one in looked.items() if searched(one)}
-    if axes and not looked:
+    if sound and not looked:
         return [VerdictLine("note", "Effects", "not searched for yet")]
     lines = []
     phrases: dict[str, list[str]] = {}
@@ -253,7 +270,7 @@ def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
 def _remark_lines(analysis: Analysis) -> list[VerdictLine]:
     remarks: dict[str, list[str]] = {}
     for name, axis in analysis.axes.items():
-        for remark in axis.remarks:
+        for remark in axis.remarks[bool(axis.failure) :]:
             remarks.setdefault(remark, []).append(name)
     lines = [VerdictLine("note", "Run", remark) for remark in analysis.remarks]
     return lines + [

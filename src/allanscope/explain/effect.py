@@ -89,6 +89,8 @@ class AxisExplanation:
         to do; empty when it was. Then the errors are NaN and the coefficients empty.
     remarks : tuple of str
         What the reader must know: too short, constant channel, saturated, detection limits.
+    failure : str
+        The error that ended the search of this axis; empty when there was none.
     """
 
     effects: tuple[Effect, ...]
@@ -101,3 +103,4 @@ class AxisExplanation:
     explained: bool
     remarks: tuple[str, ...] = ()
     hindrance: str = ""
+    failure: str = ""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from allanscope.explain.coefficients import coefficients_of
 from allanscope.explain.effect import AxisExplanation, ResidualError
 from allanscope.explain.error import error_of
 from allanscope.explain.evidence import effect_of
+from allanscope.explain.failure import failed
 from allanscope.explain.grid import grid_of
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.lattice import step_of
@@ -33,6 +35,7 @@ from allanscope.spectrum.density import Density
 __all__ = ["Explanation", "explain"]
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 _NOTHING = ResidualError(*[float("nan")] * 5)
 THREADS = 2
@@ -47,7 +50,7 @@ class Explanation:
     Attributes
     ----------
     axes : mapping
-        Axis name to `AxisExplanation`.
+        Axis name to `AxisExplanation`. Of an axis on which the search failed it holds the error.
     models_before, models_after : mapping
         Axis name to the textbook model, and to the final one. An axis that could not be searched
         is missing.
@@ -116,28 +119,36 @@ def explain(
     stopped = {axis: hindrances(series, axis) for axis in series.axes}
     open_axes = [axis for axis in series.axes if not stopped[axis]]
     if open_axes:
-        with set_workers(threads):  # shared by the threads, so filled before
+        # Shared by the threads, so filled before; an axis that fails on it will say so.
+        with set_workers(threads), suppress(Exception):
             _ = series.thermal, series.equal, series.loud
+    failures: dict[str, Exception] = {}
     with ThreadPoolExecutor(threads) as pool:
-        views = dict(
-            zip(
-                open_axes,
-                pool.map(lambda axis: close_loop(_view(series, axis, clock), budget), open_axes),
-                strict=True,
-            )
-        )
+
+        def each(names: Sequence[str], work: Callable[[str], T]) -> dict[str, T]:
+            """Do the same for several axes; one that fails is noted, and the others go on."""
+
+            def guarded(axis: str) -> T | None:
+                try:
+                    return work(axis)
+                except Exception as error:
+                    failures[axis] = error
+                    return None
+
+            done = dict(zip(names, pool.map(guarded, names), strict=True))
+            return {axis: found for axis, found in done.items() if found is not None}
+
+        views = each(open_axes, lambda axis: close_loop(_view(series, axis, clock), budget))
         if densities and series.stride > 1:
-            views = {axis: _with_high_band(view, densities) for axis, view in views.items()}
+            views = each(list(views), lambda axis: _with_high_band(views[axis], densities))
         views = merged(views)
-        parts = dict(
-            zip(
-                open_axes,
-                pool.map(lambda axis: _explained(series, axis, views[axis], clock), open_axes),
-                strict=True,
-            )
-        )
+        parts = each(list(views), lambda axis: _explained(series, axis, views[axis], clock))
     axes = {
-        axis: parts[axis][0] if axis in parts else _unsearched(series, axis, stopped[axis])
+        axis: parts[axis][0]
+        if axis in parts
+        else failed(failures[axis])
+        if axis in failures
+        else _unsearched(series, axis, stopped[axis])
         for axis in series.axes
     }
     return Explanation(

@@ -15,7 +15,7 @@ from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Fingerprint, Recording, is_recording
 from allanscope.view.progress import progress
 
-__all__ = ["analyse_input", "full_settings", "recorded_settings"]
+__all__ = ["analyse_input", "full_settings", "recorded_settings", "too_few"]
 
 FULL_ROWS = 1 << 21
 """Rows of history that an analysis to the end keeps: 5.6 h at 104 Hz sample by sample."""
@@ -39,7 +39,7 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     Raises
     ------
     InputError
-        When it cannot be read, or holds no samples.
+        When it cannot be read, or holds no samples, or too few for any curve.
     UsageError
         When its sample rate cannot be known from it and was not given.
     """
@@ -61,7 +61,23 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     if fingerprint is not None:
         facts["sha256"] = fingerprint.hexdigest()
     with progress(None, "closing the loop", quiet=quiet):
-        return summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
+        analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
+    why = too_few(analysis)
+    if why:
+        raise InputError(f"{path}: {why}")
+    return analysis
+
+
+def too_few(analysis: Analysis) -> str:
+    """Return why there is no curve at all on any axis; empty where there is one.
+
+    A curve begins with tau of one sample, which takes three of them without a hole between.
+    """
+    if any(axis.curves for axis in analysis.axes.values()):
+        return ""
+    samples = f"{analysis.samples} sample{'s' * (analysis.samples != 1)}"
+    pieces = f" in {analysis.segments} pieces" if analysis.segments > 1 else ""
+    return f"{samples}{pieces} are too few for any curve; record for longer"
 
 
 def full_settings(part: str, one_thread: bool = False) -> AnalyserSettings:

@@ -53,6 +53,10 @@ def compare(
     met: list[str] = []
     missed: list[str] = []
     for axis in AXES:
+        failure = analysis.axes[axis].failure if axis in analysis.axes else ""
+        if failure and limits.get(axis):
+            missed.append(f"{axis}: the analysis of this axis failed ({failure})")
+            continue
         for name, bounds in limits.get(axis, {}).items():
             if axis not in analysis.axes:
                 missed.append(f"{axis} {name}: the recording does not have this axis")

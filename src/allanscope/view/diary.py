@@ -71,7 +71,7 @@ class Diary:
         return lines
 
     def _new(self, analysis: Analysis) -> list[Entry]:
-        remarks = [*analysis.remarks]
+        remarks = [*analysis.assumptions, *analysis.remarks]
         for name, axis in analysis.axes.items():
             remarks += [f"{name}: {remark}" for remark in axis.remarks]
         return [("warn", remark) for remark in remarks if self._is_new(remark)]

@@ -162,6 +162,7 @@ def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
 
 
 def _remarks(analysis: Analysis) -> Iterable[str]:
+    yield from (f"assumed: {remark}" for remark in analysis.assumptions)
     yield from analysis.remarks
     for name, axis in analysis.axes.items():
         yield from (f"{name}: {remark}" for remark in axis.remarks)

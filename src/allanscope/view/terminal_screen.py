@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.analysis.verdict import VerdictLine, searched, verdict
+from allanscope.analysis.verdict import ASSUMED, VerdictLine, searched, verdict
 from allanscope.analysis.wording import (
     best_text,
     clock_text,
@@ -65,8 +65,12 @@ class Screen:
         known = verdict(self._analysis)
         title = Text(known.title, style=_style(GRADE[known.grade]))
         title.no_wrap, title.overflow = True, "ellipsis"
-        top: list[Text | Table] = [self._header(), self._run(), title, Text()]
-        yield Group(*top, self._axes(wide), Text(), *_reasons(known.lines, room, options.max_width))
+        assumed = [line for line in known.lines if line.head == ASSUMED]
+        guesses = _reasons(assumed, max(1, room // 2), options.max_width) if assumed else []
+        room = max(3, room - sum(1 + (text.cell_len > options.max_width) for text in guesses))
+        reasons = [line for line in known.lines if line.head != ASSUMED]
+        top: list[Text | Table] = [self._header(), self._run(), title, *guesses, Text()]
+        yield Group(*top, self._axes(wide), Text(), *_reasons(reasons, room, options.max_width))
         if self._keys:
             yield Text(self._keys, style="dim", no_wrap=True, overflow="ellipsis")
 

@@ -75,7 +75,8 @@ class Decoder(Protocol):
     """Bytes to events. Never raises on any input, and keeps no more of it than it must.
 
     That is a partial frame or line; frames of an epoch without a descriptor, two seconds of them;
-    and for formats without one the first 25 rows, which show what they mean.
+    and for formats without one the first 25 rows, which show what they mean (1024 of a file whose
+    times come unevenly).
     """
 
     stats: LinkStats

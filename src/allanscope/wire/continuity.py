@@ -36,15 +36,22 @@ class Continuity:
         self._checked = checked
         self._times: list[float] = []
         self._resolution_s = 0.0
+        self._farthest_s: float | None = None
         self._pacer: Pacer | None = None
         self._standstill = Standstill()
         self._due: GapReason | None = None
         self._discarded = False
 
-    def learn(self, times: list[float], resolution_s: float) -> None:
-        """Take the times of some rows, and the step of their clock, to see how they are paced."""
+    def learn(
+        self, times: list[float], resolution_s: float, farthest_s: float | None = None
+    ) -> None:
+        """Take the times of some rows, and the step of their clock, to see how they are paced.
+
+        Where `farthest_s` is given the times do not tell single losses, only steps above it.
+        """
         self._times = times
         self._resolution_s = resolution_s
+        self._farthest_s = farthest_s
         self._start_over()
 
     def interrupt(self, reason: GapReason) -> None:
@@ -99,5 +106,8 @@ class Continuity:
         return self._pacer is not None and not math.isnan(row.device_s)
 
     def _start_over(self) -> None:
+        if self._farthest_s is not None:
+            self._pacer, self._standstill = None, Standstill(self._farthest_s)
+            return
         self._pacer = Pacer.of(self._times, self._resolution_s)
         self._standstill = Standstill.of(self._times, self._resolution_s)

@@ -20,8 +20,9 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["Pacer", "period_of", "resolution_of"]
+__all__ = ["Pacer", "mean_rate", "period_of", "resolution_of", "rows_come_in_bursts"]
 
 _MEMORY = 8192
 _PULL = 1 / 8
@@ -30,6 +31,11 @@ _FIRST_TRUST = 16
 _LEAST_SCATTER = 0.02
 _NEARBY = 8.5
 _FINEST = 1e-6
+_BURSTY = 1.25
+"""Mean step over median step from which rows may come in bursts."""
+_FEWEST_BURSTS, _LONGEST_BURST = 4, 64
+_REGULAR = 0.5
+"""Relative scatter of the time from burst to burst; that between random losses is 1."""
 
 
 def period_of(times: Sequence[float]) -> float | None:
@@ -55,6 +61,59 @@ def period_of(times: Sequence[float]) -> float | None:
     # Short steps stay in: coarse stamps have some, and the mean is right only with them.
     near = whole | (np.abs(steps) < 0.5 * median)
     return float(np.round(steps[near].mean(), 12))
+
+
+def mean_rate(times: Sequence[float] | NDArray[np.float64]) -> float:
+    """Return rows over time, in Hz; 0 where the times are too few or do not go on.
+
+    The median over a few parts of the record of the time that a row takes, weighted so that one
+    wrong stamp does not matter.
+
+    >>> mean_rate([0.0, 0.002, 0.004, 0.02, 0.022, 0.024, 0.04])
+    150.0
+    """
+    stamps = np.asarray(times, np.float64)
+    stamps = stamps[np.isfinite(stamps)]
+    n = len(stamps)
+    if n < 2:
+        return 0.0
+    span = float(stamps[-1] - stamps[0])
+    if n >= 4 * _LONGEST_BURST:
+        # Theil's slope over half of the record: neither one stamp nor one hole carries it.
+        half = n // 2
+        span = float(np.median(stamps[half:] - stamps[:-half])) * (n - 1) / half
+    return float(f"{(n - 1) / span:.10g}") if span > 0.0 else 0.0
+
+
+def rows_come_in_bursts(times: Sequence[float] | NDArray[np.float64]) -> bool:
+    """Return whether stamps tell when rows were passed on, some at a time, not when they were made.
+
+    Then the steps within a burst are far shorter than the period, and those between bursts are no
+    losses. Bursts follow each other regularly, and rows over time is the same everywhere. Where
+    samples are lost at random, or a reader stops now and then, neither is so.
+
+    >>> rows_come_in_bursts([0.05 * (i // 5) + 0.002 * (i % 5) for i in range(100)])
+    True
+    >>> rows_come_in_bursts([0.01 * i for i in range(100)])
+    False
+    """
+    stamps = np.asarray(times, np.float64)
+    stamps = stamps[np.isfinite(stamps)]
+    steps = np.diff(stamps)
+    if len(steps) < 2 * _FEWEST_BURSTS or steps.min() < 0.0:
+        return False
+    median = float(np.median(steps))
+    if median <= 0.0 or steps.mean() < _BURSTY * median:
+        return False
+    ends = np.flatnonzero(steps > 1.5 * median)
+    if len(ends) < _FEWEST_BURSTS or len(steps) > _LONGEST_BURST * len(ends):
+        return False
+    cycles = np.diff(stamps[ends])
+    if len(cycles) < _FEWEST_BURSTS - 1 or cycles.std() > _REGULAR * cycles.mean():
+        return False
+    number = np.arange(len(stamps))
+    off = stamps - np.polyval(np.polyfit(number, stamps - stamps[0], 1), number) - stamps[0]
+    return bool(np.ptp(off) <= 2.0 * steps.max() + cycles.mean())
 
 
 def resolution_of(times: Sequence[float]) -> float:

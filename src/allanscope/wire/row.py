@@ -63,7 +63,10 @@ class Meaning:
         Columns without which a row is no sample: where devices print several rates in one table,
         most rows have empty cells.
     time_per_second : float
-        By what to divide the times of the rows, where only now their unit is known.
+        By what to divide the times of the rows, where only now their unit is known; NaN where
+        they are not to be used.
+    farthest_s : float or None
+        Where the times do not tell single losses: a step above which rows are missing all the same.
     remarks : tuple of str
         What the user should know of how it was decided.
     """
@@ -73,6 +76,7 @@ class Meaning:
     mistaken: Callable[[Values], bool] = lambda _: False
     needed: tuple[int, ...] = ()
     time_per_second: float = 1.0
+    farthest_s: float | None = None
     remarks: tuple[str, ...] = ()
 
 

@@ -1,8 +1,8 @@
 """Records that carry a time at best, and no number: rows to events.
 
 Text and stock firmware send rows of values. What they mean (which axes, which scale) shows in the
-first few of them, so the first 25 are held back until a format has decided; then come the
-StreamInfo and the Blocks. Losses are told by the time stamps where there are any (`pacing`); where
+first few of them, so the first 25 are held back until a format has decided (of a file up to 1024
+where their times come unevenly); then come the StreamInfo and the Blocks. Losses are told by the time stamps where there are any (`pacing`); where
 there are none, a damaged row leaves a hole of unknown length.
 """
 
@@ -33,9 +33,12 @@ class Rows:
     stats : LinkStats
         Counters to keep.
     decide : callable
-        Says what a list of rows, at most `HELD`, means.
+        Says what a list of rows means: the first `HELD`, or `patience`.
     checked : bool
         Whether rows come with a checksum, so that a damaged one rarely passes for a sound one.
+    patience : int
+        Rows of a file, for which nobody waits, that are looked at where the times of the first few
+        come unevenly.
     """
 
     def __init__(
@@ -43,9 +46,11 @@ class Rows:
         stats: LinkStats,
         decide: Callable[[list[Row]], Meaning | None],
         checked: bool = False,
+        patience: int = HELD,
     ) -> None:
         self._stats = stats
         self._decide = decide
+        self._patience = patience
         self._pending: list[Row] = []
         self._meaning: Meaning | None = None
         self._time_per_second = 1.0
@@ -91,18 +96,29 @@ class Rows:
         events: list[Event] = []
         while self._pending:
             if self._meaning is None:
-                if len(self._pending) < HELD and not final:
+                held = self._held()
+                if len(self._pending) < held and not final:
                     break
-                self._settle(events)
+                self._settle(events, held)
             elif not self._deliver(self._meaning, events):
                 break
         if final:
             self._pending.clear()
         return events
 
-    def _settle(self, events: list[Event]) -> None:
+    def _held(self) -> int:
+        """Return how many rows to look at before it is decided what they mean."""
+        first = self._pending[: 4 * HELD]
+        if self._patience == HELD or not math.isnan(first[0].host_s) or len(first) < HELD:
+            return HELD
+        times = [row.device_s for row in first]
+        if math.isnan(times[0]) or (len(first) == 4 * HELD and _even(times)):
+            return HELD
+        return self._patience
+
+    def _settle(self, events: list[Event], held: int) -> None:
         """Decide what the rows mean; throw them away when they mean nothing."""
-        first = self._pending[:HELD]
+        first = self._pending[:held]
         self._meaning = self._decide(first)
         if self._meaning is None:
             self._stats.unknown += len(first)
@@ -111,7 +127,9 @@ class Rows:
         self._rescale(self._meaning.time_per_second)
         times = [row.device_s for row in whole(self._pending[:HELD], self._meaning)]
         self._continuity.interrupt("restarted")
-        self._continuity.learn(times, self._meaning.info.time_resolution_s)
+        self._continuity.learn(
+            times, self._meaning.info.time_resolution_s, self._meaning.farthest_s
+        )
         events.append(self._meaning.info)
         assumed = {"host": 1, "assumed": 1}
         events += [Notice("text", remark, assumed) for remark in self._meaning.remarks]
@@ -182,3 +200,10 @@ class Rows:
         events.append(Block(self._index, counts, ticks_of(rows)))
         self._index += len(rows)
         self._stats.samples += len(rows)
+
+
+def _even(times: list[float]) -> bool:
+    """Return whether all steps are alike: these are no bursts."""
+    steps = np.diff(np.asarray(times, np.float64))
+    middle = float(np.median(steps)) if np.isfinite(steps).all() else math.nan
+    return bool(middle > 0.0 and np.abs(steps - middle).max() < 0.5 * middle)

@@ -13,10 +13,12 @@ __all__ = ["Column", "Columns", "cells_of", "column_of", "columns_of", "in_unkno
 
 _NAME = re.compile(r"\s*([^\[\](){}]*?)\s*(?:[\[({]([^\])}]*)[\])}])?\s*")
 _AXIS = re.compile(
-    r"(?:(a|acc|accel|accelerometer|acceleration)|(?:g|gyr|gyro|gyroscope|angularrate|w|omega))"
-    r"_?(?:l_)?([xyz])"
+    r"(?:field)?(?:(a|acc|accel|accelerometer|acceleration|linear_?acceleration)"
+    r"|(?:g|gyr|gyro|gyroscope|angularrate|angular_?velocity|w|omega))"
+    r"_?(?:l_|rs_s_)?([xyz])"
 )
-_TIME = re.compile(r"t|ts|time|timestamp|time_stamp")
+"""The axis of a name; `w_RS_S_x` is EuRoC's, `field.angular_velocity.x` comes from ROS."""
+_TIME = re.compile(r"t|ts|time|timestamp|time_stamp|fieldheaderstamp")
 _TEMPERATURE = re.compile(r"temp|temperature|t")
 _SEPARATORS = "\t;,|"
 _QUOTES = " \"'"
@@ -82,10 +84,12 @@ def column_of(header: str) -> Column | None:
     unit = unit_of_text(match[2] or "")
     found = _named(name, unit)
     if found is None and not unit and "_" in name:
-        # "gx_dps": the unit as a part of the name.
-        name, _, last = name.rpartition("_")
-        if any(last in units for units in DIVISORS.values()):
-            found = _named(name, last)
+        # "gx_dps", "gx_rad_s": the unit as a part of the name.
+        parts = name.split("_")
+        for size in (1, 2):
+            unit = unit_of_text("_".join(parts[-size:]))
+            if found is None and any(unit in units for units in DIVISORS.values()):
+                found = _named("_".join(parts[:-size]), unit)
     return found
 
 

@@ -6,11 +6,13 @@ import math
 import re
 from typing import cast
 
-from allanscope.samples import AXES, Event, GapReason, Notice
+from allanscope.samples import Event, GapReason, Notice
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.lines import Lines
 from allanscope.wire.printable import plain_line, without_escapes
 from allanscope.wire.rows import Rows
+from allanscope.wire.text.alignment import realigned
+from allanscope.wire.text.clock_times import is_clock_time, joined_dates
 from allanscope.wire.text.columns import Columns, cells_of, columns_of, in_unknown_unit, unnamed
 from allanscope.wire.text.labelled import read_labelled
 from allanscope.wire.text.meaning import TextMeaning
@@ -23,7 +25,10 @@ __all__ = ["TextDecoder"]
 _COMMENT = re.compile(r"\A\s*(?:#|%|//)\s*")
 """A mark before a header, as `numpy.savetxt` and MATLAB's users set it: no part of a name."""
 _ENOUGH_UNNAMED = 3
+_ENOUGH_MISALIGNED = 3
 _LONGEST_QUOTE = 60
+PATIENCE = 1024
+"""Rows of a file that are looked at where their times come unevenly."""
 
 
 class TextDecoder:
@@ -52,11 +57,14 @@ class TextDecoder:
         self.named = False
         self._lines = Lines()
         self._meaning = TextMeaning(settings)
-        self._rows = Rows(self.stats, self._meaning.decide)
+        self._rows = Rows(self.stats, self._meaning.decide, patience=PATIENCE)
         self._table: Table | None = None
         self._doubted: Columns = ()
         self._spoken = Spoken(self._meaning.temperature_lsb_per_c)
         self._unnamed: list[bytes] = []
+        self._misaligned: list[tuple[bytes, int]] = []
+        self._given_up = False
+        self._left_out: tuple[str, ...] = ()
         self._others = 0
         self._heading = 0
         self._host_s = math.nan
@@ -84,19 +92,19 @@ class TextDecoder:
 
     def finish(self) -> list[Event]:
         """Return what the end of the stream completes: a last line, rows that were held back."""
-        events = self._line(self._lines.rest())
+        events = self._line(self._lines.rest()) + self._give_up()
         if self._table is None and not self._spoken.chosen:
             self._say(self._spoken.settle())
         return events + self._rows.take(final=True)
 
     def _line(self, line: bytes) -> list[Event]:
-        line = without_escapes(line)
+        line = joined_dates(without_escapes(line))
         joining, self._joining = self._joining, False
         if joining and not math.isnan(self._host_s) and _only_numbers(line):
             # From a port the first line may be the tail of one; a file begins with its beginning.
             return []
         if self._table is not None and self._row(self._table, line):
-            return []
+            return self._give_up() if self._misaligned else []
         if self._doubted and Table(self._doubted).row(line) is not None:
             return self._start_table(self._doubted) + self._line(line)
         return self._no_row(line)
@@ -122,7 +130,12 @@ class TextDecoder:
                     for cell in cells
                     if in_unknown_unit(cell)
                 )
-                return [] if self._doubtful(columns) else self._start_table(columns, left_out)
+                if self._doubtful(columns):
+                    return []
+                self._left_out = left_out
+                names = [cell.lower() for cell in cells_of(_COMMENT.sub("", text))]
+                bare = "no sensor is named" if names == ["x", "y", "z"] else ""
+                return self._start_table(columns, left_out, bare)
         if self._table is not None and 2 * sum(numbers) >= len(numbers):
             return self._bad_row(text)
         self._words(text, len(cells))
@@ -146,7 +159,8 @@ class TextDecoder:
     def _numbers(self, line: bytes, text: str, count: int) -> list[Event]:
         """Take a line of nothing but numbers that is no row of the table."""
         if self._table is not None:
-            return self._bad_row(text)
+            held = self._misfit(self._table, line)
+            return self._bad_row(text) if held is None else held
         if self._spoken.chosen or count == self._heading or unnamed(count) is None:
             self.stats.unknown += 1
             return []
@@ -156,12 +170,36 @@ class TextDecoder:
         self._unnamed.append(line)
         return self._adopt(count) if len(self._unnamed) >= _ENOUGH_UNNAMED else []
 
+    def _misfit(self, table: Table, line: bytes) -> list[Event] | None:
+        """Hold a row that may have one cell more or fewer than the header, before any has fitted.
+
+        Returns None for one that is simply damaged.
+        """
+        if table.rows or self._doubted or self._given_up:
+            return None
+        self._misaligned.append((line, self._lines.number))
+        if len(self._misaligned) < _ENOUGH_MISALIGNED:
+            return []
+        lines = [one for one, _ in self._misaligned]
+        found = realigned(table.columns, [cells_of(plain_line(one)) for one in lines])
+        if found is None:
+            return self._give_up()
+        self._misaligned.clear()
+        columns, said = found
+        self._start_table(columns, (*self._left_out, said))
+        return [event for one in lines for event in self._line(one)]
+
+    def _give_up(self) -> list[Event]:
+        """Take rows that were held because they do not fit the header for damaged ones."""
+        held, self._misaligned = self._misaligned, []
+        self._given_up = True
+        return [event for line, number in held for event in self._bad_row(plain_line(line), number)]
+
     def _adopt(self, count: int) -> list[Event]:
         """Take a table without a header for what its number of columns suggests."""
         columns = unnamed(count)
         assert columns is not None
-        names = " ".join(AXES[c.axis] if c and c.axis >= 0 else "t" for c in columns)
-        self._start_table(columns, (f"no header: {count} columns are taken as {names}",))
+        self._start_table(columns, by_position="no header")
         lines, self._unnamed = self._unnamed, []
         return [event for line in lines for event in self._line(line)]
 
@@ -179,13 +217,17 @@ class TextDecoder:
         self.stats.resyncs += 1
         return True
 
-    def _start_table(self, columns: Columns, assumed: tuple[str, ...] = ()) -> list[Event]:
+    def _start_table(
+        self, columns: Columns, assumed: tuple[str, ...] = (), by_position: str = ""
+    ) -> list[Event]:
         if self._table is not None and self._table.columns == columns:
             return []
         self._doubted = ()
+        self._misaligned.clear()
+        self._given_up = False
         events = self._rows.change() if self._table is not None else []
         self._table = Table(columns, self._meaning.given.get("time", ""))
-        self._meaning.expect(self._table.units, assumed, self._table.time_unit_missing)
+        self._meaning.expect(self._table.units, assumed, self._table, by_position)
         return events
 
     def _words(self, text: str, count: int) -> None:
@@ -208,7 +250,7 @@ class TextDecoder:
             self.stats.frames += 1
             self._rows.add(values, math.nan, self._host_s, degrees)
 
-    def _bad_row(self, text: str) -> list[Event]:
+    def _bad_row(self, text: str, number: int = 0) -> list[Event]:
         """Leave out a line that should be a row; of a file, say which one is the first."""
         self._damage()
         if self._complained or not math.isnan(self._host_s):
@@ -216,7 +258,8 @@ class TextDecoder:
         self._complained = True
         said = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"
         line = (
-            f"line {self._lines.number} is no row of the table: {said!r}; such lines are left out"
+            f"line {number or self._lines.number} is no row of the table: {said!r}; "
+            "such lines are left out"
         )
         return [Notice("error", line)]
 
@@ -233,5 +276,5 @@ def _is_number(cell: str) -> bool:
     try:
         float(cell.replace(",", ".", 1))
     except ValueError:
-        return False
+        return is_clock_time(cell)
     return True

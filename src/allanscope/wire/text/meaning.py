@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,19 +12,45 @@ from numpy.typing import NDArray
 from allanscope.parts import PARTS, part_named
 from allanscope.samples import AXES, StreamInfo
 from allanscope.wire.base import WireSettings
-from allanscope.wire.pacing import resolution_of
+from allanscope.wire.pacing import mean_rate, period_of, resolution_of, rows_come_in_bursts
 from allanscope.wire.row import Meaning, Row, Values, nominal_rate
+from allanscope.wire.text.by_value import accel_comes_first, unit_by_gravity
+from allanscope.wire.text.table import Table
 from allanscope.wire.text.units import DIVISORS, Quantity, quantity_named
 
 __all__ = ["TextMeaning"]
 
+_SHORT = {"time": "t", "temperature": "temp"}
 _USUAL = {"gyro": "dps", "accel": "g"}
 _LONGEST_MS = 150
-"""Whole numbers that go up by less are ms (above 7 Hz), by more are us (up to 6.7 kHz)."""
+"""Whole numbers that go up by less are ms (above 7 Hz), by more are us (up to 6.7 kHz), and by more
+than as many thousands ns."""
+_AGREES = 0.1
+"""Relative difference of a given rate and the times' that a sensor's own clock may make."""
+_FARTHEST = 2.5
+"""So many times the longest step between bursts is a hole all the same."""
 _LARGEST = 1e9
 """In dps or g: no sensor, in whatever unit it was taken for. Its square would spoil every sum."""
 _AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
 """Full scales that these parts have until somebody writes to their registers."""
+
+
+class _Pace(NamedTuple):
+    """What the times of rows are good for.
+
+    Attributes
+    ----------
+    per_second : float
+        How many of their unit make a second; NaN where they are not to be used.
+    hz : float
+        Rate that they show; 0 when they do not.
+    farthest_s : float or None
+        Where they come in bursts: a step above which rows are missing all the same.
+    """
+
+    per_second: float
+    hz: float
+    farthest_s: float | None = None
 
 
 class TextMeaning:
@@ -49,7 +77,8 @@ class TextMeaning:
         self._scale_of_counts("accel")
         self._said: dict[Quantity, str] = {}
         self._assumed: tuple[str, ...] = ()
-        self._time_unit_missing = False
+        self._table: Table | None = None
+        self._by_position = ""
         self._epoch = 0
 
     @property
@@ -61,12 +90,27 @@ class TextMeaning:
         self,
         units: Mapping[Quantity, str],
         assumed: tuple[str, ...] = (),
-        time_unit_missing: bool = False,
+        table: Table | None = None,
+        by_position: str = "",
     ) -> None:
-        """Take note of the units that the text states, and of what had to be assumed so far."""
+        """Take note of the units that the text states, and of what had to be assumed so far.
+
+        Parameters
+        ----------
+        units : mapping
+            Quantity to its unit.
+        assumed : tuple of str
+            Remarks.
+        table : Table, optional
+            The table whose rows are to be understood.
+        by_position : str
+            Why it is only by their place that its columns are a gyroscope or an accelerometer;
+            empty where they have names.
+        """
         self._said = dict(units)
         self._assumed = assumed
-        self._time_unit_missing = time_unit_missing
+        self._table = table
+        self._by_position = by_position
 
     def decide(self, rows: list[Row]) -> Meaning | None:
         """Return what rows mean; None when no axis ever has a value."""
@@ -75,20 +119,26 @@ class TextMeaning:
         if len(columns) == 0:
             return None
         remarks = list(self._assumed)
-        units = [self._unit(AXES[i], values, remarks) for i in columns]
+        turned = 3 if self._by_position and self._turned(values) else 0
+        places = sorted(((i + turned) % len(AXES), i) for i in columns.tolist())
+        axes = tuple(AXES[axis] for axis, _ in places)
+        columns = np.array([column for _, column in places])
+        if self._by_position:
+            remarks.append(self._place_remark(turned))
+        units = self._units(axes, values[:, columns], remarks)
         self._epoch += 1
         counted = all(unit == "lsb" for unit in units) and _whole(values[:, columns])
-        per_second = self._time_per_second(rows, remarks)
-        rows = [row._replace(device_s=row.device_s / per_second) for row in rows]
+        pace = self._pace(rows, columns, remarks)
+        rows = [row._replace(device_s=row.device_s / pace.per_second) for row in rows]
         times = [row.device_s for row in rows]
         timed = bool(np.isfinite(times).any())
         info = StreamInfo(
-            axes=tuple(AXES[i] for i in columns),
+            axes=axes,
             scale=tuple(
-                self._scale_of_counts(_sensor(AXES[i])) if unit == "lsb" else 1.0
-                for i, unit in zip(columns, units, strict=True)
+                self._scale_of_counts(_sensor(axis)) if unit == "lsb" else 1.0
+                for axis, unit in zip(axes, units, strict=True)
             ),
-            nominal_hz=self._settings.rate_hz or nominal_rate(rows),
+            nominal_hz=self._settings.rate_hz or pace.hz,
             rate_claimed=bool(self._settings.rate_hz),
             part=self._settings.part,
             wire="text",
@@ -101,35 +151,91 @@ class TextMeaning:
             ),
         )
         divisors = np.array(
-            [DIVISORS[_sensor(AXES[i])][unit] for i, unit in zip(columns, units, strict=True)]
+            [DIVISORS[_sensor(axis)][unit] for axis, unit in zip(axes, units, strict=True)]
         )
         return Meaning(
             info,
             lambda new: _converted(new[:, columns], divisors, counted),
             needed=tuple(columns.tolist()),
-            time_per_second=per_second,
+            time_per_second=pace.per_second,
+            farthest_s=pace.farthest_s,
             remarks=tuple(dict.fromkeys(remarks)),
         )
 
+    def _turned(self, values: Values) -> bool:
+        """Return whether columns that are a gyroscope by their place hold gravity."""
+        return "gyro" not in self.given and accel_comes_first(values)
+
+    def _place_remark(self, turned: int) -> str:
+        """Return what columns without names were taken for, and by what."""
+        assert self._table is not None
+        columns = [column for column in self._table.columns if column is not None]
+        names = " ".join(
+            AXES[(c.axis + turned) % len(AXES)] if c.axis >= 0 else _SHORT[c.quantity]
+            for c in columns
+        )
+        why = ", because gravity is in the first three" if turned else ""
+        count = len(self._table.columns)
+        return f"{self._by_position}: {count} columns are taken as {names}{why}"
+
+    def _pace(self, rows: list[Row], columns: NDArray[np.intp], remarks: list[str]) -> _Pace:
+        """Return what the times are good for: a rate that the user gave has the last word."""
+        per_second = self._time_per_second(rows, remarks)
+        given = self._settings.rate_hz
+        scaled = [row._replace(device_s=row.device_s / per_second) for row in rows]
+        whole = [row.device_s for row in scaled if np.isfinite(np.take(row.values, columns)).all()]
+        mean = mean_rate(whole)
+        if rows_come_in_bursts(whole):
+            words = f"the times come in bursts, {mean:.4g} rows in a second on average"
+            if given:
+                remarks.append(f"{words}: they are not used, the rate is the given {given:g} Hz")
+                return _Pace(math.nan, given)
+            remarks.append(
+                f"{words}, which is taken as the rate; single losses do not show in them"
+            )
+            farthest = _FARTHEST * float(np.diff([t for t in whole if math.isfinite(t)]).max())
+            return _Pace(per_second, float(f"{mean:.4g}"), farthest)
+        period = period_of(whole)
+        shown = 1.0 / period if period else mean
+        if given and shown and abs(shown / given - 1.0) > _AGREES:
+            remarks.append(
+                f"the times show {shown:.4g} rows in a second and not the given {given:g} Hz: "
+                "they are not used"
+            )
+            return _Pace(math.nan, given)
+        return _Pace(per_second, nominal_rate(scaled))
+
     def _time_per_second(self, rows: list[Row], remarks: list[str]) -> float:
         """Return by what to divide the times of the rows."""
-        if not self._time_unit_missing:
+        if self._table is None or not self._table.time_unit_missing:
             return 1.0
         times = np.array([row.device_s for row in rows])
         steps = np.abs(np.diff(times[np.isfinite(times)]))
         unit = "s"
         if _whole(times) and len(steps):
-            unit = "ms" if np.median(steps) < _LONGEST_MS else "us"
+            step = float(np.median(steps))
+            unit = "ms" if step < _LONGEST_MS else "us" if step < 1e3 * _LONGEST_MS else "ns"
         remarks.append(f"the text does not say the unit of its time: taken as {unit}")
         return DIVISORS["time"][unit]
 
-    def _unit(self, axis: str, values: Values, remarks: list[str]) -> str:
-        sensor = _sensor(axis)
+    def _units(self, axes: tuple[str, ...], values: Values, remarks: list[str]) -> list[str]:
+        """Return the unit of every axis; what is not said goes by the values of its sensor."""
+        units = []
+        for axis in axes:
+            sensor = _sensor(axis)
+            own = values[:, [_sensor(other) == sensor for other in axes]]
+            units.append(self._unit(sensor, own, remarks))
+        return units
+
+    def _unit(self, sensor: Quantity, values: Values, remarks: list[str]) -> str:
         unit = self.given.get(sensor) or self._said.get(sensor, "")
         if not unit:
-            columns = slice(0, 3) if sensor == "gyro" else slice(3, 6)
-            unit = "lsb" if _whole(values[:, columns]) else _USUAL[sensor]
-            remarks.append(f"the text does not say the unit of {sensor}: taken as {unit}")
+            by_gravity = unit_by_gravity(values) if sensor == "accel" else ""
+            unit = by_gravity or ("lsb" if _whole(values) else _USUAL[sensor])
+            why = ", as gravity has that size" if by_gravity else ""
+            remarks.append(
+                f"the text does not say the unit of {sensor}: taken as {_spelt(unit)}{why}"
+            )
         full_scale = self._settings.gyro_fs if sensor == "gyro" else self._settings.accel_fs
         if unit == "lsb" and full_scale is None:
             name = "dps" if sensor == "gyro" else "g"
@@ -146,6 +252,10 @@ class TextMeaning:
 
 def _sensor(axis: str) -> Quantity:
     return "gyro" if axis[0] == "g" else "accel"
+
+
+def _spelt(unit: str) -> str:
+    return unit.replace("m/s2", "m/s^2")
 
 
 def _whole(values: Values) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from allanscope.wire.text.clock_times import ClockTimes, is_clock_time
 from allanscope.wire.text.columns import Columns
 from allanscope.wire.text.units import DIVISORS, Quantity
 
@@ -14,6 +15,8 @@ TableRow = tuple[tuple[float, ...], float, float]
 
 _SEPARATORS = (b"\t", b";", b",", b"|")
 _LATEST_S = 1e12
+_EXACT, _LONGEST_NUMBER = 2.0**53, 1e21
+"""Whole numbers between these, nanoseconds since 1970 for instance, lose digits as float64."""
 
 
 class Table:
@@ -25,6 +28,11 @@ class Table:
         What the header says, or what is taken for granted without one.
     time_unit : str
         Unit of the time where the user gave one; empty to go by the header.
+
+    Attributes
+    ----------
+    rows : int
+        Rows read so far.
     """
 
     def __init__(self, columns: Columns, time_unit: str = "") -> None:
@@ -46,11 +54,14 @@ class Table:
         self._time_unit = time_unit or (stated.unit if stated else "")
         self._last_time = -math.inf
         self._wrapped = 0.0
+        self._origin = 0
+        self._clock: ClockTimes | None = None
+        self.rows = 0
 
     @property
     def time_unit_missing(self) -> bool:
         """Whether there is a time whose unit nobody gave."""
-        return self._time is not None and not self._time_unit
+        return self._time is not None and not self._time_unit and self._clock is None
 
     @property
     def units(self) -> dict[Quantity, str]:
@@ -71,13 +82,14 @@ class Table:
             numbers = [float(cell) if (cell := cells[i]) else math.nan for i in self._places]
         except ValueError:
             try:
-                numbers = [_number(cells[place]) for place in self._places]
+                numbers = self._slowly(cells)
             except ValueError:
                 return None
-        time_s = self._time_of(numbers[-2]) if self._time is not None else math.nan
+        time_s = self._time_of(numbers[-2], cells) if self._time is not None else math.nan
         if abs(time_s) > _LATEST_S:
             return None
         self._separated = True
+        self.rows += 1
         degrees = numbers[-1] if self._temperature is not None else math.nan
         if self._all_axes:
             return tuple(numbers[:6]), time_s, degrees
@@ -90,13 +102,44 @@ class Table:
         places = [i for i, c in enumerate(self.columns) if c is not None and c.quantity == quantity]
         return places[0] if places else None
 
-    def _time_of(self, value: float) -> float:
+    def _slowly(self, cells: list[bytes]) -> list[float]:
+        """Return the numbers of a row of which one is quoted, a time of day, or has a comma."""
+        numbers = []
+        for number, place in enumerate(self._places):
+            if place == self._time and number == len(self._places) - 2:
+                numbers.append(self._written_time(cells[place]))
+            else:
+                numbers.append(_number(cells[place]))
+        return numbers
+
+    def _written_time(self, cell: bytes) -> float:
+        text = cell.strip(b" \"'").decode("ascii", "replace")
+        if not is_clock_time(text):
+            return _number(cell)
+        self._clock = self._clock or ClockTimes()
+        return self._clock.seconds(text)
+
+    def _time_of(self, value: float, cells: list[bytes]) -> float:
+        if self._clock is not None:
+            return value
+        if self._origin or (self.rows == 0 and _EXACT < abs(value) < _LONGEST_NUMBER):
+            value = self._from_origin(value, cells)
         back = self._last_time - value
         if back > 2**31 and self._last_time < 2**32 and self._time_unit != "s":
             self._wrapped += 2.0**32  # a 32-bit counter of the device has wrapped
         if not math.isnan(value):
             self._last_time = value
         return (value + self._wrapped) / DIVISORS["time"].get(self._time_unit, 1.0)
+
+    def _from_origin(self, value: float, cells: list[bytes]) -> float:
+        """Return a long whole number less the first of its kind, to the last digit."""
+        assert self._time is not None
+        try:
+            whole = int(cells[self._time].strip(b" \"'"))
+        except ValueError:
+            return value - self._origin
+        self._origin = self._origin or whole
+        return float(whole - self._origin) if abs(whole) < _LONGEST_NUMBER else value
 
 
 def _number(cell: bytes) -> float:

@@ -21,6 +21,19 @@ DIVISORS: Mapping[Quantity, Mapping[str, float]] = {
 }
 """For each quantity, how many of a unit make one dps, g, s or degC; `lsb` are counts."""
 
+_WRITTEN = (
+    *(("µ", "u"), ("μ", "u"), ("²", "2"), ("°", "deg"), ("⁻", "-"), ("¹", "1")),
+    *(("−", "-"), ("·", " "), ("*", " ")),
+)
+_INVERSE_SECONDS = re.compile(r"[\s.]*s(?:ec)?\s*\^?[({]?\s*-\s*([12])[)}]?")
+_OTHER_SPELLINGS = {
+    **dict.fromkeys(("rad/sec", "radian/s", "radians/s", "rads", "radps"), "rad/s"),
+    **dict.fromkeys(("deg/sec", "degree/s", "degrees/s", "degps"), "deg/s"),
+    **dict.fromkeys(("m/s/s", "m/sec2", "ms2"), "m/s2"),
+    **dict.fromkeys(("seconds", "second"), "s"),
+}
+"""Units that are often written otherwise, by what is left of them without blanks and signs."""
+
 _GROUPS: Mapping[str, Quantity] = {
     "gyro": "gyro",
     "gyr": "gyro",
@@ -40,11 +53,15 @@ def unit_of_text(text: str) -> str:
 
     >>> [unit_of_text(unit) for unit in ("µs", "m/s^2", "°C", "DPS", "m/s²")]
     ['us', 'm/s2', 'degc', 'dps', 'm/s2']
+    >>> [unit_of_text(unit) for unit in ("rad s^-1", "m s^-2", "rad/sec", "rads", "m/s/s")]
+    ['rad/s', 'm/s2', 'rad/s', 'rad/s', 'm/s2']
     """
     text = text.strip().lower()
-    for written, plain in (("µ", "u"), ("μ", "u"), ("²", "2"), ("°", "deg")):
+    for written, plain in _WRITTEN:
         text = text.replace(written, plain)
-    return re.sub(r"[^a-z0-9/]", "", text)
+    text = _INVERSE_SECONDS.sub(lambda match: "/s" + match[1].replace("1", ""), text)
+    plain = re.sub(r"[^a-z0-9/]", "", text)
+    return _OTHER_SPELLINGS.get(plain, plain)
 
 
 def quantity_named(group: str, unit: str) -> tuple[Quantity, str]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.summary import summarise
 from allanscope.errors import InputError, UsageError
+from allanscope.pipeline.columns import with_units
 from allanscope.pipeline.compiling import tell_when_compiling
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.recording import Fingerprint, Recording, is_recording
 from allanscope.view.progress import progress
 
@@ -19,6 +22,9 @@ __all__ = ["analyse_input", "full_settings", "recorded_settings", "too_few"]
 
 FULL_ROWS = 1 << 21
 """Rows of history that an analysis to the end keeps: 5.6 h at 104 Hz sample by sample."""
+
+FEWEST = 5
+"""Samples that two averaging times take."""
 
 FULL_GATHERED = 1 << 17
 """Rows that it sums up at a time: 20 ms of work for each of two cores."""
@@ -44,6 +50,8 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
         When its sample rate cannot be known from it and was not given.
     """
     facts = {"name": path.name, "path": str(path)}
+    if path.is_file() and is_table_file(path):
+        return _analyse_table(path, device, facts, quiet)
     fingerprint = None
     if path.is_dir() or is_recording(path):
         fingerprint = Fingerprint()
@@ -71,13 +79,18 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
 def too_few(analysis: Analysis) -> str:
     """Return why there is no curve at all on any axis; empty where there is one.
 
-    A curve begins with tau of one sample, which takes three of them without a hole between.
+    One averaging time is no curve: two of them take five samples without a hole between.
     """
-    if any(axis.curves for axis in analysis.axes.values()):
+    curves = [axis.curves["oadev"] for axis in analysis.axes.values() if "oadev" in axis.curves]
+    if any(len(curve.tau) > 1 for curve in curves):
         return ""
-    samples = f"{analysis.samples} sample{'s' * (analysis.samples != 1)}"
-    pieces = f" in {analysis.segments} pieces" if analysis.segments > 1 else ""
-    return f"{samples}{pieces} are too few for any curve; record for longer"
+    return _too_few(analysis.samples, analysis.segments)
+
+
+def _too_few(samples: int, segments: int) -> str:
+    pieces = f" in {segments} pieces" if segments > 1 else ""
+    known = f"{samples} sample{'s' * (samples != 1)}{pieces} {'are' if samples != 1 else 'is'}"
+    return f"{known} too few for any curve; record for longer"
 
 
 def full_settings(part: str, one_thread: bool = False) -> AnalyserSettings:
@@ -95,9 +108,35 @@ def full_settings(part: str, one_thread: bool = False) -> AnalyserSettings:
     return AnalyserSettings(part, history_rows=FULL_ROWS, gathered_rows=FULL_GATHERED)
 
 
+def _analyse_table(
+    path: Path, device: DeviceSettings, facts: dict[str, str], quiet: bool
+) -> Analysis:
+    """Return the result of a file of arrays."""
+    from allanscope.pipeline.column_analysis import analyse_columns
+
+    found = table_of_file(path)
+    if not quiet:
+        tell_when_compiling()
+    device = replace(
+        device, part=device.part or found.part, rate_hz=device.rate_hz or found.rate_hz
+    )
+    if not device.rate_hz and found.columns.time_s is None:
+        raise UsageError(f"{path} has no times that tell its sample rate; give --rate HZ")
+    try:
+        columns = with_units(found.columns, dict(device.units))
+        with progress(None, "closing the loop", quiet=quiet):
+            return analyse_columns(columns, device, {**facts, "wire": found.kind})
+    except UsageError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
 def _refuse_without_rate(path: Path, analyser: Analyser) -> None:
     """Refuse samples without times or a rate: nobody could say what tau is."""
     state = max(analyser.configurations, key=lambda one: one.samples)
+    if state.samples < FEWEST:
+        raise InputError(f"{path}: {_too_few(state.samples, state.segments)}")
     if not state.info.nominal_hz and not state.clock.rate().is_measured:
         raise UsageError(
             f"{path} has no times that tell its sample rate (or none that go up); give --rate HZ"

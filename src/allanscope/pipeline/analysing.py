@@ -10,20 +10,16 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.result import Analysis
-from allanscope.analysis.summary import summarise
-from allanscope.pipeline.analyse import analyse_input, full_settings
-from allanscope.pipeline.arrays import events_of_columns, words_of
+from allanscope.pipeline.analyse import analyse_input
+from allanscope.pipeline.column_analysis import analyse_columns
 from allanscope.pipeline.columns import (
-    Columns,
     columns_of_array,
     columns_of_mapping,
     with_units,
 )
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Recording
-from allanscope.wire.base import LinkStats
 
 __all__ = ["analyse"]
 
@@ -105,16 +101,4 @@ def analyse(
         columns = columns_of_mapping({str(name): source[name] for name in names})
     else:
         columns = columns_of_array(source, axes)
-    return _analyse_columns(with_units(columns, units), device)
-
-
-def _analyse_columns(columns: Columns, device: DeviceSettings) -> Analysis:
-    analyser = Analyser(full_settings(device.part))
-    for event in events_of_columns(columns, device):
-        analyser.take(event)
-    state = analyser.state
-    if state is None or not state.samples:
-        raise ValueError("the arrays hold no samples; nothing to analyse")
-    facts = {"name": "arrays", "wire": state.info.wire, "units": words_of(columns, state.info)}
-    link = LinkStats(samples=state.samples, lost_samples=state.lost)
-    return summarise(analyser, link, "full", facts)
+    return analyse_columns(with_units(columns, units), device, {"name": "arrays"})

@@ -7,8 +7,9 @@ closed loop.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,20 @@ from numpy.typing import NDArray
 from allanscope.parts import PARTS, part_named
 from allanscope.pipeline.columns import Columns, quantity_of
 from allanscope.pipeline.settings import DeviceSettings
-from allanscope.samples import Block, Event, Gap, StreamInfo, Ticks, unit_of
-from allanscope.wire.pacing import period_of, resolution_of
+from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks, unit_of
+from allanscope.wire.pacing import mean_rate, period_of, resolution_of, rows_come_in_bursts
 from allanscope.wire.text.units import DIVISORS
 
 __all__ = ["events_of_columns", "words_of"]
 
 ROWS = 1 << 16
 """Rows of one Block."""
+
+LOOKED_AT = 1 << 14
+"""Rows by whose times it is told how they are paced."""
+
+AGREES = 0.1
+"""Relative difference of a given rate and the times' that a sensor's own clock may make."""
 
 LONG_STEP = 1.5
 """Times that lie farther apart than this many periods have samples missing between them."""
@@ -53,10 +60,14 @@ def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Even
         For a sample that is not finite, times that do not go up, or a rate that neither the caller
         nor the times tell.
     """
-    info, counts = _described(columns, device)
+    pace = _pace(columns.time_s, device.rate_hz)
+    columns = replace(columns, time_s=columns.time_s if pace.used else None)
+    info, counts = _described(columns, device, pace.hz)
     yield info
+    for remark in (*columns.assumed, *_scale_remarks(columns, device), *pace.remarks):
+        yield Notice("text", remark, {"host": 1, "assumed": 1})
     n = len(counts)
-    holes = _holes(columns.time_s)
+    holes = pace.holes
     bounds = [0, *holes, n]
     index = 0
     for start, stop in pairwise(bounds):
@@ -70,7 +81,64 @@ def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Even
             index += len(counts[rows])
 
 
-def _described(columns: Columns, device: DeviceSettings) -> tuple[StreamInfo, NDArray[Any]]:
+class _Pace(NamedTuple):
+    """What times are good for: whether they are used, the rate, and the holes that they show."""
+
+    used: bool
+    hz: float
+    holes: dict[int, int]
+    remarks: tuple[str, ...] = ()
+
+
+def _pace(times: NDArray[np.float64] | None, given: float | None) -> _Pace:
+    """Return what the times tell; a rate that the user gave has the last word.
+
+    Raises
+    ------
+    ValueError
+        For times that do not go up, or without any rate.
+    """
+    if times is None or len(times) < 3:
+        return _Pace(times is not None, given or _rate_of(times), {})
+    holes = _holes(times)
+    mean = mean_rate(times)
+    if rows_come_in_bursts(times[:LOOKED_AT]):
+        words = f"the times come in bursts, {mean:.4g} rows in a second on average"
+        if given:
+            words += f": they are not used, the rate is the given {given:g} Hz"
+            return _Pace(False, given, {}, (words,))
+        words += ", which is taken as the rate; single losses do not show"
+        return _Pace(True, float(f"{mean:.4g}"), {}, (words,))
+    period = period_of(cast("Any", times[:LOOKED_AT]))
+    shown = 1.0 / period if period else mean
+    if given and shown and abs(shown / given - 1.0) > AGREES:
+        words = (
+            f"the times show {shown:.4g} rows in a second and not the given {given:g} Hz: "
+            "they are not used"
+        )
+        return _Pace(False, given, {}, (words,))
+    return _Pace(True, given or _rate_of(times), holes)
+
+
+def _scale_remarks(columns: Columns, device: DeviceSettings) -> list[str]:
+    """Return which full scales had to be assumed."""
+    given = {"gyro": device.gyro_fs, "accel": device.accel_fs}
+    counted = {
+        quantity_of(axis): None
+        for axis in columns.axes
+        if columns.unit(axis) == "lsb" and axis not in columns.scales
+    }
+    return [
+        f"counts of {sensor} without a full scale: taken as {AFTER_RESET[sensor]:g} "
+        + ("dps" if sensor == "gyro" else "g")
+        for sensor in counted
+        if given[sensor] is None
+    ]
+
+
+def _described(
+    columns: Columns, device: DeviceSettings, rate_hz: float
+) -> tuple[StreamInfo, NDArray[Any]]:
     """Return what the samples mean, and the samples as counts of that."""
     part = part_named(device.part) if device.part else PARTS["LSM6DSM"]
     scale_of_counts = {
@@ -81,12 +149,13 @@ def _described(columns: Columns, device: DeviceSettings) -> tuple[StreamInfo, ND
     for axis, column in columns.axes.items():
         unit = columns.unit(axis)
         values.append(column if unit == "lsb" else column / DIVISORS[quantity_of(axis)][unit])
-        scales.append(scale_of_counts[quantity_of(axis)] if unit == "lsb" else 1.0)
+        counted = columns.scales.get(axis, scale_of_counts[quantity_of(axis)])
+        scales.append(counted if unit == "lsb" else 1.0)
     times = columns.time_s
     info = StreamInfo(
         axes=tuple(columns.axes),
         scale=tuple(scales),
-        nominal_hz=device.rate_hz or _rate_of(times),
+        nominal_hz=rate_hz,
         rate_claimed=bool(device.rate_hz),
         part=device.part,
         wire="arrays",

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.samples import AXES, unit_of
+from allanscope.wire.text.by_value import accel_comes_first, unit_by_gravity
 from allanscope.wire.text.columns import Column, column_of
 from allanscope.wire.text.units import DIVISORS, Quantity, quantity_named
 
-__all__ = ["Columns", "columns_of_array", "columns_of_mapping", "quantity_of", "with_units"]
+__all__ = [
+    "Columns",
+    "columns_of_array",
+    "columns_of_mapping",
+    "quantity_of",
+    "with_guesses",
+    "with_units",
+]
+
+LOOKED_AT = 1024
+"""Rows by whose values a unit or a sensor is told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +39,18 @@ class Columns:
         Axis to its unit, empty where it is not known yet.
     time_s, temperature_c : ndarray of float64, shape (n,), or None
         Time and temperature of each row.
+    scales : mapping
+        Axis to its scale in dps or g per count, where the source of the counts told it.
+    assumed : tuple of str
+        What the source did not say and was assumed of it.
     """
 
     axes: Mapping[str, NDArray[Any]]
     units: Mapping[str, str]
     time_s: NDArray[np.float64] | None = None
     temperature_c: NDArray[np.float64] | None = None
+    scales: Mapping[str, float] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
 
     def unit(self, axis: str) -> str:
         """Return the unit of an axis; without one integers are counts, floats dps or g."""
@@ -51,7 +68,8 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None) -> Columns:
         Samples.
     axes : sequence of str, optional
         Name of each column. Without it one column is gx, three are the gyroscope, six both sensors,
-        as in text without a header; and a structured array says it itself.
+        one more in front a time, as in text without a header; where gravity is in the first three
+        these are the accelerometer. A structured array says it itself.
 
     Raises
     ------
@@ -70,14 +88,18 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None) -> Columns:
         values = values[:, np.newaxis]
     if values.ndim != 2:
         raise ValueError(f"an array of samples has shape (n,) or (n, axes), not {values.shape}")
+    assumed: tuple[str, ...] = ()
     if axes is None:
-        axes = _usual_axes(values.shape)
+        axes = _usual_axes(values)
+        assumed = (f"no names: {len(axes)} columns are taken as {' '.join(axes)}",)
+        assumed = assumed if len(axes) > 1 else ()
     twice = [name for i, name in enumerate(axes) if name in axes[:i]]
     if twice:
         raise ValueError(f"{twice[0]} comes twice among the names of the axes")
     if len(axes) != values.shape[1]:
         raise ValueError(f"{len(axes)} axis names do not fit an array of shape {values.shape}")
-    return columns_of_mapping(dict(zip(axes, values.T, strict=True)))
+    columns = columns_of_mapping(dict(zip(axes, values.T, strict=True)))
+    return replace(columns, assumed=assumed)
 
 
 def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
@@ -139,6 +161,23 @@ def with_units(columns: Columns, units: Mapping[str, str] | str | None) -> Colum
     return replace(columns, units=given)
 
 
+def with_guesses(columns: Columns) -> Columns:
+    """Return the columns with a unit for each axis, and with a remark on each that is a guess."""
+    units, said = dict(columns.units), list(columns.assumed)
+    for sensor in ("gyro", "accel"):
+        silent = [a for a in columns.axes if quantity_of(a) == sensor and not columns.units[a]]
+        if not silent:
+            continue
+        rows = np.column_stack([columns.axes[axis][:LOOKED_AT] for axis in silent])
+        by_gravity = unit_by_gravity(rows) if sensor == "accel" else ""
+        for axis in silent:
+            units[axis] = by_gravity or columns.unit(axis)
+        words = " and ".join(dict.fromkeys(units[axis] for axis in silent))
+        why = ", as gravity has that size" if by_gravity else ""
+        said.append(f"the unit of {sensor} is not said: taken as {words}{why}")
+    return replace(columns, units=units, assumed=tuple(said))
+
+
 def quantity_of(name: str) -> Quantity:
     """Return the quantity of an axis, or the name itself where it is no axis."""
     if name in AXES:
@@ -175,8 +214,19 @@ def _converted(found: tuple[Column, NDArray[Any]] | None, unit: str) -> NDArray[
     return np.asarray(values / DIVISORS[column.quantity][column.unit or unit], np.float64)
 
 
-def _usual_axes(shape: tuple[int, ...]) -> tuple[str, ...]:
-    columns = {1: AXES[:1], 3: AXES[:3], 6: AXES}.get(shape[1])
-    if columns is None:
-        raise ValueError(f"an array of shape {shape} needs axes: a name for each column")
-    return columns
+def _usual_axes(values: NDArray[Any]) -> tuple[str, ...]:
+    """Return what columns are taken for by their number, and by where gravity is."""
+    front, both = {1: ((), 1), 3: ((), 3), 4: (("t",), 3), 6: ((), 6), 7: (("t",), 6)}.get(
+        values.shape[1], ((), 0)
+    )
+    if values.shape[1] == 8:
+        return (*_usual_axes(values[:, :7]), "temp")
+    if not both:
+        raise ValueError(f"an array of shape {values.shape} needs axes: a name for each column")
+    sensors = values[:LOOKED_AT, len(front) :]
+    if both >= 3 and values.dtype.kind in "iuf":
+        padded = np.full((len(sensors), len(AXES)), np.nan)
+        padded[:, :both] = sensors
+        if accel_comes_first(padded):
+            return (*front, *(AXES[3:] + AXES[:3])[:both])
+    return (*front, *AXES[:both])

@@ -12,7 +12,8 @@ from allanscope.parts import ACCEL_SCALES
 __all__ = ["accel_comes_first", "unit_by_gravity"]
 
 _GRAVITY = {"m/s2": 9.80665, "g": 1.0, "mg": 1000.0}
-"""Size of gravity in the units that accelerations come in. Whole numbers of size 1 are counts."""
+"""Size of gravity in the units that accelerations come in. Whole numbers of size 1 are counts,
+and so are those of size 1000 of a single axis."""
 _OFF = 0.05
 """Scale and offset errors of these parts at rest: 40 mg of zero-g level, and a tilted part adds."""
 _STEADY = 0.02
@@ -47,9 +48,9 @@ def unit_by_gravity(values: NDArray[Any], *, counts: bool = False) -> str:
         return ""
     if float(np.median(np.abs(norm - size))) > _STEADY * size:
         return ""
-    whole = bool((rows == np.trunc(rows)).all())
+    whole, complete = bool((rows == np.trunc(rows)).all()), rows.shape[1] == 3
     for unit, gravity in _GRAVITY.items():
-        if abs(size / gravity - 1.0) < _OFF and (unit == "mg" or not whole):
+        if abs(size / gravity - 1.0) < _OFF and (not whole or (unit == "mg" and complete)):
             return unit
     if counts and whole and any(abs(size * s - 1.0) < _OFF for s in ACCEL_SCALES.values()):
         return "lsb"

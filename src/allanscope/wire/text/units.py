@@ -31,6 +31,7 @@ _OTHER_SPELLINGS = {
     **dict.fromkeys(("deg/sec", "degree/s", "degrees/s", "degps"), "deg/s"),
     **dict.fromkeys(("m/s/s", "m/sec2", "ms2"), "m/s2"),
     **dict.fromkeys(("seconds", "second"), "s"),
+    **dict.fromkeys(("count", "counts", "raw", "digit", "digits"), "lsb"),
 }
 """Units that are often written otherwise, by what is left of them without blanks and signs."""
 

@@ -42,6 +42,9 @@ FULL_KINDS = (
 )
 TENTHS = 10
 
+TIMED = ("text", "arrays")
+"""Sources whose nominal rate, where nobody gave one, is what their times show."""
+
 POLLED_WIRES, POLLED_PART = ("datalog", "datalog11"), "LSM6DSM"
 """Stock firmware that reads its sensor by a timer, and the sensor of the board that it is for."""
 
@@ -97,10 +100,19 @@ def summarise(
         temperature=state.temperature.summary(),
         marks=_marks(analyser, state, rate_hz),
         assumptions=tuple(analyser.assumptions),
-        remarks=(*_remarks(analyser, state, rate), *sampling_remarks(axes, rate, offered)),
+        remarks=(
+            *_remarks(analyser, state, rate),
+            *sampling_remarks(axes, _claimed(state, rate), offered),
+        ),
         version=version("allanscope"),
         record=look.record if depth == "full" else None,
     )
+
+
+def _claimed(state: StreamState, rate: Rate) -> Rate:
+    """Return the rate as it may be compared: what was read off the times is nobody's setting."""
+    off_the_times = state.info.wire in TIMED and not state.info.rate_claimed
+    return replace(rate, nominal_hz=0.0) if off_the_times else rate
 
 
 def _empty(

@@ -17,6 +17,7 @@ from allanscope.samples import Event, Notice, StreamInfo
 from allanscope.sources.base import Chunk
 from allanscope.wire import WireFormat, feed_chunks, format_named, formats, sniff
 from allanscope.wire.base import Decoder, LinkStats, WireSettings
+from allanscope.wire.text.refusal import why_no_rows
 
 __all__ = ["Decoding"]
 
@@ -207,9 +208,10 @@ class Decoding:
             if not last:
                 return []
             if found.name is None:
+                why = why_no_rows(sample)
                 raise InputError(
-                    f"none of the formats {', '.join(formats())} fits what was heard: "
-                    f"{found.excerpt}"
+                    f"none of the formats {', '.join(formats())} fits "
+                    f"{f'({why}) ' if why else ''}what was heard: {found.excerpt}"
                 )
         self._choose(found.name)
         assert self._decoder is not None

@@ -1,0 +1,108 @@
+"""Why text is no table that can be read: which line, which column, what stands there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from allanscope.samples import AXES
+from allanscope.wire.lines import Lines
+from allanscope.wire.printable import plain_line, text_of
+from allanscope.wire.text.clock_times import is_clock_time, joined_dates
+from allanscope.wire.text.columns import (
+    Columns,
+    cells_of,
+    column_of,
+    columns_of,
+    in_unknown_unit,
+    unnamed,
+)
+from allanscope.wire.text.table import Table
+
+__all__ = ["why_no_rows"]
+
+_SHOWN = 3
+_LOOKED_AT = 1 << 14
+_LONGEST_CELL = 24
+_MOSTLY = 0.9
+_MARKS = "#%/ "
+
+
+def why_no_rows(sample: bytes) -> str:
+    r"""Return why the first lines of a text are no rows; empty where it is no text at all.
+
+    Parameters
+    ----------
+    sample : bytes
+        The beginning of what was heard.
+
+    Examples
+    --------
+    >>> why_no_rows(b"gx[dps],gy[dps]\n0.1,abc\n")
+    "line 2, column 2: 'abc' is no number"
+    >>> why_no_rows(b"p,q\n1,2\n")
+    "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp"
+    """
+    sample = sample[:_LOOKED_AT]
+    readable = sum(byte in b"\t\r\n\x1b" or 0x20 <= byte < 0x7F for byte in sample)
+    if not sample or readable < _MOSTLY * len(sample):
+        return ""
+    return "; ".join(found for found, _ in zip(_reasons(sample), range(_SHOWN), strict=False))
+
+
+def _reasons(sample: bytes) -> Iterator[str]:
+    """Yield what is wrong with each line."""
+    lines = Lines()
+    columns: Columns | None = None
+    for line in (*lines.feed(sample), lines.rest()):
+        cells = cells_of(plain_line(joined_dates(line)))
+        where = f"line {lines.number}"
+        numbers = [_is_number(cell) for cell in cells]
+        if not cells:
+            continue
+        if not any(numbers):
+            named = columns_of([cell.lstrip(_MARKS) for cell in cells])
+            if named is not None:
+                columns = named
+            elif columns is None:
+                yield f"{where}: {_no_axis(cells)}"
+        elif columns is not None:
+            yield from _why_no_row(columns, line, cells, where)
+        elif not all(numbers):
+            yield f"{where}: {_shown(cells[numbers.index(False)])} is no number"
+        elif unnamed(len(cells)) is None:
+            yield (
+                f"{where}: {len(cells)} numbers without a header; "
+                "3, 4, 6, 7 or 8 columns are understood without one"
+            )
+
+
+def _why_no_row(columns: Columns, line: bytes, cells: list[str], where: str) -> Iterator[str]:
+    if Table(columns).row(line) is not None:
+        return
+    if len(cells) != len(columns):
+        yield f"{where}: {len(cells)} cells where the header names {len(columns)} columns"
+        return
+    for number, (column, cell) in enumerate(zip(columns, cells, strict=True), start=1):
+        if column is not None and cell and not _is_number(cell):
+            yield f"{where}, column {number}: {_shown(cell)} is no number"
+            return
+
+
+def _no_axis(cells: list[str]) -> str:
+    strange = [cell for cell in cells if in_unknown_unit(cell)]
+    if strange:
+        return f"the unit of {_shown(strange[0])} is not known"
+    named = ", ".join(_shown(cell) for cell in cells[:4] if column_of(cell) is None)
+    return f"no axis among {named}; names are t {' '.join(AXES)} temp"
+
+
+def _shown(cell: str) -> str:
+    return repr(text_of(cell.encode(), _LONGEST_CELL))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", ".", 1))
+    except ValueError:
+        return is_clock_time(cell)
+    return True

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.series import Series
 from allanscope.explain.view import View
+from allanscope.parts import full_scale_of
 from allanscope.quantities import duration
 
 __all__ = ["SHORTEST_ROWS", "SHORTEST_S", "detection_limits", "hindrances", "observations"]
@@ -50,7 +51,7 @@ def observations(series: Series, axis: str) -> tuple[str, ...]:
     column = series.column(axis)
     samples, lsb = series.values[:, column], series.lsb[column]
     found = list(series.remarks)
-    if lsb > 0:
+    if full_scale_of(axis, lsb) is not None:  # else nobody knows where the range ends
         rail = float(np.mean(np.abs(samples) >= (_FULL_SCALE - 1) * lsb))
         if rail > _AT_THE_RAIL:
             found.append(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
+from allanscope.explain.coincidence import Coincidence
 from allanscope.explain.grid import grid_of
 from allanscope.explain.once import once
 from allanscope.history import Record
@@ -115,6 +116,11 @@ class Series:
     def equal(self) -> NDArray[np.bool_]:
         """Which rows equal the row before, for every axis, shape (n - 1, axes)."""
         return np.asarray(self.values[1:] == self.values[:-1])
+
+    @once
+    def coincidence(self) -> Coincidence:
+        """How often rows are equal by chance."""
+        return Coincidence.of(self.values, self.equal)
 
     @once
     def ordinates(self) -> Array:

@@ -157,11 +157,11 @@ def _array(file: IO[bytes], size: int) -> NDArray[Any] | None:
     ValueError
         For a header that claims more than there is.
     """
-    version = npy.read_magic(file)  # type: ignore[no-untyped-call]
+    version = npy.read_magic(file)
     readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     if version not in readers:
         raise ValueError(f"arrays of format {version[0]}.{version[1]} are not known")
-    shape, fortran, dtype = readers[version](file)  # type: ignore[no-untyped-call]
+    shape, fortran, dtype = readers[version](file)
     if dtype.hasobject or dtype.kind not in "iufUV" or (dtype.kind == "V" and not dtype.names):
         return None
     count = math.prod(shape)

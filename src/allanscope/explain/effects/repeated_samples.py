@@ -1,9 +1,13 @@
 r"""Rows that repeat the row before: a reader faster than the sensor, a stuck bus, a filled hole.
 
 Two neighbours may be equal by chance, the more so on a coarse lattice or behind a low-pass. With
-several axes: all of them repeat at once far more often than the product of their own chances.
+several axes: all of them repeat at once far more often than the product of their own chances, times
+what rows far from each other show of their dependence (`coincidence`).
 With one: differences of 0 are more frequent than those of +-1, +-2, +-3 steps let expect, whose
-frequencies follow a Gaussian whatever filter came before. White noise held with probability d has
+frequencies follow a Gaussian whatever filter came before; by as much as they are among rows far
+from each other this is the shape of the distribution. On a lattice too fine for that, or without
+one, it is the share of zeros among small differences that is compared with that of far rows.
+White noise held with probability d has
 
 .. math:: S(f) = N^2 (1 - d^2) / (1 - 2 d \cos 2\pi f/f_s + d^2),
 
@@ -22,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.coincidence import Coincidence, beyond_runs, typical_and_limit
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind
 from allanscope.explain.spectral import Term
@@ -41,6 +46,14 @@ _DARKEST = 1e-5
 """Least factor: rows held in pairs have no power at Nyquist but what leaks there."""
 _FINEST = 0.8
 """Least noise in steps at which a single axis can be judged."""
+_FEWEST = 30
+"""Differences of each size that a Gaussian can be put through."""
+_SMALL = 0.25
+"""A difference is small below this share of the median."""
+_UNSEEN = 3.0
+"""Upper 95 % limit of what was expected where nothing was seen."""
+_LOOKED_AT, _PIECES = 1 << 17, 16
+"""Rows of a long record that tell how its far rows differ, and pieces that they come from."""
 
 
 def held(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
@@ -76,12 +89,13 @@ class RepeatedSamples(EffectKind):
             return []
         column = view.series.column(view.axis)
         equal = view.series.equal
-        moving = [c for c in range(len(view.series.axes)) if equal[:, c].mean() < 0.9]
+        coincidence = view.series.coincidence
+        moving = list(coincidence.moving)
         if column not in moving:
             return []
         found = _alone(view, equal[:, column])
         if len(moving) > 1:
-            together = _together(equal[:, moving])
+            together = _together(equal[:, moving], coincidence)
             if found is None or together[1] >= found[1] or found[0] < 3 * together[0]:
                 found = together
                 axes = tuple(view.series.axes[c] for c in moving)
@@ -128,40 +142,66 @@ def _term(equal: NDArray[np.bool_], fraction: float) -> Term:
     return Term(RepeatedSamples.kind, "shapes", (min(fraction, 0.95),), held)
 
 
-def _together(equal: NDArray[np.bool_]) -> tuple[float, float, float]:
+def _together(equal: NDArray[np.bool_], by_chance: Coincidence) -> tuple[float, float, float]:
     """Return fraction, gain and error factor from all axes repeating at once.
 
     With a share d of repeated rows, axis i repeats with P_i = d + (1 - d) p_i and all of them with
-    P = d + (1 - d) prod p_i; without any, P = prod P_i.
+    P = d + (1 - d) c prod p_i, where c is their `dependence`; without any, P = c prod P_i.
     """
     n, axes = equal.shape
     each, share = equal.mean(axis=0), float(equal.all(axis=1).mean())
-    chance = float(np.prod(each))
+    dependence = by_chance.dependence
+    chance = by_chance.limit * float(np.prod(each))
     if share * n < 3 or share < _BEYOND * chance:
         return 0.0, 0.0, 1.0
 
     def excess(d: float) -> float:
-        return float(d + np.prod(each - d) / (1 - d) ** (axes - 1) - share)
+        return float(d + dependence * np.prod(each - d) / (1 - d) ** (axes - 1) - share)
 
     top = float(each.min())
-    fraction = float(brentq(excess, 0.0, top)) if excess(top) > 0 else share
-    floor = max(chance * n, 0.05)
+    fraction = float(brentq(excess, 0.0, top)) if excess(top) > 0 > excess(0.0) else share
+    floor = max(chance * n, by_chance.far * n, 0.05)
+    if share * n <= floor:
+        return 0.0, 0.0, 1.0
     return fraction, share * n * float(np.log(share * n / floor)) - (share * n - floor), 1.0
 
 
 def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] | None:
-    """Return the same from one axis: zero differences beyond a Gaussian through the others.
-
-    Without a step no two samples are equal by chance.
-    """
+    """Return the same from one axis, by the differences of neighbours and of far rows."""
+    samples = _some(view.samples)
+    lags = beyond_runs(equal)
     if view.step <= 0:
-        share, rows = float(equal.mean()), len(equal)
-        return share, share * rows * max(np.log(max(share * rows, 1.0) / 0.05) - 1, 0.0), 1.0
+        return _among_small(view.samples, samples, lags)
     codes = np.round(np.diff(view.samples) / view.step)
-    n = len(codes)
+    if np.std(codes) / np.sqrt(2) < _FINEST:
+        return None
     reach = int(np.clip(np.std(codes), 3, 12))
+    fit = _zeros(codes, reach)
+    if fit is None:
+        return _among_small(view.samples, samples, lags)
+    zeros, expected, sigma2 = fit
+    far = [_zeros(np.round((samples[lag:] - samples[:-lag]) / view.step), reach) for lag in lags]
+    known = [one for one in far if one is not None]
+    typical, limit = typical_and_limit(
+        np.array([one[0] / one[1] for one in known]),
+        np.array([np.sqrt(1 / max(one[0], 1.0) + one[2]) for one in known]),
+    )
+    n = len(codes)
+    excess = zeros - expected * max(1.0, typical)
+    variance = expected + expected**2 * sigma2
+    z = max(0.0, zeros - expected * max(1.0, limit)) / np.sqrt(variance)
+    fraction = max(0.0, excess / n)
+    factor = float(np.sqrt(variance + max(excess, 0.0)) / np.sqrt(max(excess, 1.0)))
+    return fraction, float(z * z / 2), factor
+
+
+def _zeros(codes: Array, reach: int) -> tuple[float, float, float] | None:
+    """Return differences of 0, how many a Gaussian through the others expects, and its variance.
+
+    The variance is relative. None where the others are too few to tell.
+    """
     counts = np.array([np.count_nonzero(np.abs(codes) == j) for j in range(reach + 1)], float)
-    if np.std(codes) / np.sqrt(2) < _FINEST or counts[1:].min() < 30:
+    if counts[1:].min() < _FEWEST:
         return None
     j = np.arange(1, reach + 1)
     design = np.column_stack([np.ones(reach), -(j**2.0)])
@@ -173,10 +213,35 @@ def _alone(view: View, equal: NDArray[np.bool_]) -> tuple[float, float, float] |
     # Where no Gaussian goes through the others, it tells as little about 0 as it is off there.
     off = (np.log(counts[1:] / 2) - design @ solution) * weight
     sigma2 *= max(1.0, float(off @ off) / (reach - 2))
-    expected = float(np.exp(solution[0]))
-    excess = float(counts[0]) - expected
-    variance = expected + expected**2 * sigma2
-    z = max(0.0, excess) / np.sqrt(variance)
-    fraction = max(0.0, excess / n)
-    factor = float(np.sqrt(variance + max(excess, 0.0)) / np.sqrt(max(excess, 1.0)))
-    return fraction, float(z * z / 2), factor
+    return float(counts[0]), float(np.exp(solution[0])), sigma2
+
+
+def _among_small(samples: Array, some: Array, lags: range) -> tuple[float, float, float] | None:
+    """Return the same where there is no lattice to count on: zeros among small differences."""
+    steps = np.abs(np.diff(samples))
+    far = [np.abs(some[lag:] - some[:-lag]) for lag in lags]
+    if not far:
+        return None
+    small = _SMALL * float(np.median(np.concatenate(far)))
+    near = float(np.count_nonzero((steps > 0) & (steps <= small)))
+    others = np.array([np.count_nonzero((one > 0) & (one <= small)) for one in far], float)
+    zeros = np.array([np.count_nonzero(one == 0) for one in far], float)
+    if not others.min() > 0:
+        return None
+    # Where far rows are never equal, three in all of them could have been and were not seen.
+    relative = np.full(len(far), 1.0 / np.sqrt(max(float(zeros.mean()), 1.0)))
+    typical, limit = typical_and_limit(zeros / others, relative)
+    rows, equal = len(steps), float(np.count_nonzero(steps == 0))
+    chance = max(near * max(limit, _UNSEEN / float(others.sum())), 0.05)
+    if equal <= _BEYOND * chance:
+        return 0.0, 0.0, 1.0
+    gain = equal * float(np.log(equal / chance)) - (equal - chance)
+    return (equal - near * typical) / rows, gain, 1.0
+
+
+def _some(samples: Array) -> Array:
+    """Return evenly spread pieces of a long record: enough to know its distribution."""
+    if len(samples) <= _LOOKED_AT:
+        return samples
+    starts = np.linspace(0, len(samples) - _LOOKED_AT // _PIECES, _PIECES).astype(int)
+    return np.concatenate([samples[at : at + _LOOKED_AT // _PIECES] for at in starts])

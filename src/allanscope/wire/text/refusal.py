@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from allanscope.samples import AXES
-from allanscope.wire.lines import Lines
 from allanscope.wire.printable import plain_line, text_of
 from allanscope.wire.text.clock_times import is_clock_time, joined_dates
 from allanscope.wire.text.columns import (
@@ -24,6 +24,7 @@ _SHOWN = 3
 _LOOKED_AT = 1 << 14
 _LONGEST_CELL = 24
 _MOSTLY = 0.9
+_ENDS = re.compile(rb"\r\n|\n\r|\n|\r")
 _MARKS = "#%/ "
 
 
@@ -51,11 +52,10 @@ def why_no_rows(sample: bytes) -> str:
 
 def _reasons(sample: bytes) -> Iterator[str]:
     """Yield what is wrong with each line."""
-    lines = Lines()
     columns: Columns | None = None
-    for line in (*lines.feed(sample), lines.rest()):
+    for count, line in enumerate(_ENDS.split(sample), start=1):
         cells = cells_of(plain_line(joined_dates(line)))
-        where = f"line {lines.number}"
+        where = f"line {count}"
         numbers = [_is_number(cell) for cell in cells]
         if not cells:
             continue
@@ -74,6 +74,7 @@ def _reasons(sample: bytes) -> Iterator[str]:
                 f"{where}: {len(cells)} numbers without a header; "
                 "3, 4, 6, 7 or 8 columns are understood without one"
             )
+            return
 
 
 def _why_no_row(columns: Columns, line: bytes, cells: list[str], where: str) -> Iterator[str]:

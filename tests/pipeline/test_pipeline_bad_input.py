@@ -14,6 +14,7 @@ import serial
 from serial.tools import list_ports
 
 from allanscope.__main__ import main
+from allanscope.analysis.verdict import verdict
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
 
@@ -285,6 +286,55 @@ def test_what_a_table_did_not_say_stands_in_the_result(tmp_path):
     counts = np.random.default_rng(1).integers(-9, 9, (600, 3))
     np.savetxt(tmp_path / "bare.txt", counts, "%d", ",")
     result = analyse_input(tmp_path / "bare.txt", DeviceSettings(rate_hz=104.0), quiet=True)
-    said = " ".join(result.remarks)
+    said = " ".join(result.assumptions)
+    assert [line.head for line in verdict(result).lines[:3]] == ["Assumed"] * 3
+    assert result.to_dict()["assumptions"] == list(result.assumptions)
+    assert not set(result.assumptions) & set(result.remarks)
     for assumed in ("3 columns are taken as gx gy gz", "taken as lsb", "taken as 250 dps"):
         assert assumed in said
+
+
+@pytest.mark.parametrize("rate", [(), ("--rate", 104)])
+def test_too_few_samples_for_any_curve_are_input_that_cannot_be_used(complaint, tmp_path, rate):
+    (tmp_path / "three.csv").write_text(HEADER + "0,1,2,3\n0,1,2,4\n-1,2,2,2\n")
+    code, line = complaint("analyse", "three.csv", *rate)
+    assert code == 3
+    assert "3 samples are too few for any curve; record for longer" in line
+
+
+def test_text_that_fits_no_format_is_named_by_line_and_column(complaint, tmp_path):
+    (tmp_path / "odd.csv").write_text(HEADER + "0,0.1,none,0.2\n" * 9)
+    code, line = complaint("analyse", "odd.csv")
+    assert code == 3
+    assert "line 2, column 3: 'none' is no number; line 3, column 3" in line
+
+
+def test_an_axis_that_fails_leaves_the_others_whole(tmp_path, monkeypatch, capsys):
+    """Result and report are written; code and remark say that one axis is missing."""
+    from allanscope.explain import loop
+
+    search = loop.close_loop
+
+    def failing(view, budget):
+        if view.axis == "gy":
+            np.average([], weights=[])
+        return search(view, budget)
+
+    monkeypatch.setattr(loop, "close_loop", failing)
+    rows = np.random.default_rng(5).normal(0, 0.04, (6000, 3))
+    np.savetxt(tmp_path / "a.csv", rows, "%.6f", ",", header="gx[dps],gy[dps],gz[dps]", comments="")
+    monkeypatch.chdir(tmp_path)
+    arguments = ("--json", "a.json", "--report", "a.html", "--rate", "104", "--quiet")
+    code = main(["analyse", "a.csv", *arguments])
+    assert code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("allanscope: the analysis of gy failed: ZeroDivisionError")
+    axes = json.loads((tmp_path / "a.json").read_text())["axes"]
+    assert [axis["failure"] is None for axis in axes.values()] == [True, False, True]
+    assert axes["gy"]["residual"]["explained"] is False
+    assert axes["gy"]["curves"]["oadev"]["tau"] == axes["gx"]["curves"]["oadev"]["tau"]
+    assert axes["gx"]["residual"]["explained"] is axes["gz"]["residual"]["explained"] is True
+    assert any("ZeroDivisionError" in remark for remark in axes["gy"]["remarks"])
+    page = (tmp_path / "a.html").read_text()
+    assert "Failed: gy" in page
+    assert "an axis failed" in page

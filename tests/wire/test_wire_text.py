@@ -16,6 +16,7 @@ from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.text.columns import cells_of, column_of, columns_of
 from allanscope.wire.text.labelled import read_labelled
+from allanscope.wire.text.refusal import why_no_rows
 from allanscope.wire.text.units import unit_of_text
 
 GYRO, ACCEL = ("gx", "gy", "gz"), ("ax", "ay", "az")
@@ -227,9 +228,9 @@ def test_a_text_is_understood(
     assert (counts.dtype == np.int16) == ("[lsb]" in case.text or "Raw" in case.text)
 
 
-def _decode(text: str, **said: Any) -> list[Event]:
+def _decode(text: str, host_s: float = 0.0, **said: Any) -> list[Event]:
     decoder = format_named("text").decoder(WireSettings(**said))
-    return decoder.feed(text.encode(), 0.0) + decoder.finish()
+    return decoder.feed(text.encode(), host_s) + decoder.finish()
 
 
 def _remarks(events: list[Event]) -> list[str]:
@@ -559,3 +560,204 @@ def test_a_long_line_costs_no_more_than_its_length(line: str) -> None:
     for _ in range(30):
         decoder.feed(line.encode() + b"\n", 0.0)
     assert decoder.stats.samples == 0
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        *(("rad s^-1", "rad/s"), ("rad*s^-1", "rad/s"), ("rad·s⁻¹", "rad/s"), ("rad/sec", "rad/s")),
+        *(("m s^-2", "m/s2"), ("m/s/s", "m/s2"), ("ns", "ns"), ("counts", "lsb"), ("mg", "mg")),
+    ],
+)
+def test_a_unit_is_known_however_it_is_written(written: str, meant: str) -> None:
+    assert unit_of_text(written) == meant
+
+
+EUROC = (
+    "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+    "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
+)
+
+
+def test_a_table_of_euroc_is_read_with_its_nanoseconds() -> None:
+    """As float64 the stamps would be 256 ns apart; the steps are kept to the last digit."""
+    stamps = [1403636579758555392 + 5_000_001 * i for i in range(60)]
+    row = ",".join(["0.1", "0", "0", "0", "0", "9.80665"])
+    info, block = _decode(EUROC + "".join(f"{stamp},{row}\n" for stamp in stamps))
+    assert isinstance(info, StreamInfo)
+    assert isinstance(block, Block)
+    assert info.axes == BOTH
+    assert block.counts[0] == pytest.approx([0.1 / RAD, 0, 0, 0, 0, 1.0])
+    assert np.diff(block.ticks.device_s) == pytest.approx(np.full(59, 5.000001e-3), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        lambda i: f"23:59:{59 + 0.02 * i:05.2f}" if i < 50 else f"00:00:{0.02 * i - 1:05.2f}",
+        lambda i: (
+            f"2024-02-{28 + (i >= 50)}T"
+            + (f"23:59:{59 + 0.02 * i:06.3f}Z" if i < 50 else f"00:00:{0.02 * i - 1:06.3f}Z")
+        ),
+        lambda i: (
+            f"2024-02-{28 + (i >= 50)} "
+            + (f"23:59:{59 + 0.02 * i:06.3f}" if i < 50 else f"00:00:{0.02 * i - 1:06.3f}")
+        ),
+    ],
+    ids=["time of day", "ISO", "ISO with a blank"],
+)
+@pytest.mark.parametrize("separator", [",", " ", "\t"])
+@pytest.mark.parametrize("header", [True, False], ids=["header", "no header"])
+def test_times_that_people_read_go_on_over_midnight(
+    stamp: Callable[[int], str], separator: str, header: bool
+) -> None:
+    names = separator.join(["time", "gx[dps]", "gy[dps]", "gz[dps]"]) + "\n"
+    rows = [separator.join([stamp(i), "0.5", "0.1", "0.25"]) + "\n" for i in range(100)]
+    info, *rest = _decode(names * header + "".join(rows), math.nan)
+    (block,) = [event for event in rest if isinstance(event, Block)]
+    assert isinstance(info, StreamInfo)
+    assert info.nominal_hz == 50.0
+    assert block.counts[0].tolist() == [0.5, 0.1, 0.25]
+    assert np.diff(block.ticks.device_s) == pytest.approx(np.full(99, 0.02), abs=1e-6)
+    assert "unit of its time" not in " ".join(_remarks(rest))
+
+
+G3 = "0.5,-0.25,0.125"
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "said"),
+    [
+        ("gx[dps],gy[dps],gz[dps]", "{n}," + G3, "taken as a row number"),
+        ("gx[dps],gy[dps],gz[dps]", "{t:.2f}," + G3, "taken as the time"),
+        ("t[s],gx[dps],gy[dps],gz[dps]", "{t:.2f}," + G3 + ",7", "the last cell of each row"),
+        ("t[s],gx[dps],gy[dps],gz[dps],temp", "{t:.2f}," + G3, "the last name is left out"),
+        ("index,t[s],gx[dps],gy[dps],gz[dps]", "{t:.2f}," + G3, "the first name is left out"),
+    ],
+)
+def test_a_header_with_one_name_more_or_fewer_is_set_right(
+    header: str, row: str, said: str
+) -> None:
+    rows = "".join(row.format(n=i, t=0.02 * i) + "\n" for i in range(40))
+    info, *rest = _decode(f"{header}\n{rows}", math.nan)
+    blocks = [event for event in rest if isinstance(event, Block)]
+    assert isinstance(info, StreamInfo)
+    assert info.axes == GYRO
+    assert sum(len(block) for block in blocks) == 40, "no row is lost over it"
+    assert blocks[0].counts[0].tolist() == HALF
+    assert any(said in remark for remark in _remarks(rest))
+    assert info.nominal_hz == (50.0 if "{t" in row else 0.0)
+
+
+def test_damaged_rows_behind_a_header_do_not_turn_the_columns() -> None:
+    text = "gx[dps],gy[dps],gz[dps]\n1,2\n" + f"{G3}\n" * 40 + "1,2,3,4\n" * 5
+    error, info, *rest = _decode(text, math.nan)
+    assert isinstance(info, StreamInfo)
+    assert info.axes == GYRO
+    assert not _remarks(rest)
+    assert isinstance(error, Notice)
+    assert error.text.startswith("line 2 is no row of the table: '1,2'")
+
+
+A3 = {"m/s^2": [0.1, -0.2, 9.79], "g": [0.01, -0.02, 1.001], "mg": [12.0, -21.0, 1003.5]}
+
+
+@pytest.mark.parametrize("unit", A3)
+@pytest.mark.parametrize("names", ["ax,ay,az,gx,gy,gz", "", "az"])
+def test_an_accelerometer_is_known_by_gravity(unit: str, names: str) -> None:
+    """Also where it comes first without a name; and the guess is said."""
+    values = A3[unit][2:] if names == "az" else [*A3[unit], 0.3, 0.02, -0.1]
+    line = ",".join(map(repr, values))
+    info, *rest = _decode((names + "\n") * bool(names) + f"{line}\n" * 40)
+    block = next(event for event in rest if isinstance(event, Block))
+    assert isinstance(info, StreamInfo)
+    assert block.counts[0][info.axes.index("az")] == pytest.approx(1.0, rel=0.01)
+    if names != "az":
+        assert block.counts[0][:3].tolist() == [0.3, 0.02, -0.1]
+    assert any(f"accel: taken as {unit}" in remark for remark in _remarks(rest))
+    if not names:
+        assert any("taken as ax ay az gx gy gz" in remark for remark in _remarks(rest))
+
+
+def test_three_columns_of_one_g_are_an_accelerometer() -> None:
+    info, *rest = _decode("x,y,z\n" + "0.02,-0.01,0.999\n" * 40)
+    assert isinstance(info, StreamInfo)
+    assert info.axes == ACCEL
+    assert any("because gravity is in the first three" in remark for remark in _remarks(rest))
+
+
+def test_what_the_user_or_the_header_says_of_units_is_above_gravity() -> None:
+    (said, *_) = _decode("ax[g],ay[g],az[g]\n" + "0,0.1,9.81\n" * 40)[1:]
+    assert isinstance(said, Block)
+    assert said.counts[0, 2] == 9.81
+    (given, *_) = _decode("ax,ay,az\n" + "0,0.1,9.81\n" * 40, units={"accel": "g"})[1:]
+    assert isinstance(given, Block)
+    assert given.counts[0, 2] == 9.81
+
+
+def _bursts(rows: int, burst: int, seed: int) -> list[float]:
+    """Return stamps of rows that are 10 ms apart and passed on some at a time."""
+    jitter = np.random.default_rng(seed).uniform(0, 2e-4, rows)
+    return [0.01 * burst * (i // burst) + 0.002 * (i % burst) + jitter[i] for i in range(rows)]
+
+
+@pytest.mark.parametrize("burst", [3, 5, 18, 40])
+def test_bursts_are_no_losses_and_the_rate_is_rows_over_time(burst: int) -> None:
+    text = "t[s],gx[dps],gy[dps],gz[dps]\n"
+    text += "".join(f"{t:.6f},{G3}\n" for t in _bursts(3000, burst, burst))
+    info, *rest = _decode(text, math.nan)
+    assert isinstance(info, StreamInfo)
+    assert info.nominal_hz == pytest.approx(100.0, rel=0.002)
+    assert not [event for event in rest if isinstance(event, Gap)]
+    assert any("in bursts" in remark for remark in _remarks(rest))
+
+
+def test_a_hole_among_bursts_is_one() -> None:
+    times = [t + (5.0 if i >= 1500 else 0.0) for i, t in enumerate(_bursts(3000, 5, 1))]
+    rows = "".join(f"{t:.6f},{G3}\n" for t in times)
+    events = _decode("t[s],gx[dps],gy[dps],gz[dps]\n" + rows, math.nan)
+    assert [event.lost for event in events if isinstance(event, Gap)] == [None]
+
+
+def test_losses_are_no_bursts() -> None:
+    keep = np.random.default_rng(3).random(3000) > 0.05
+    rows = "".join(f"{0.01 * i:.2f},{G3}\n" for i in np.flatnonzero(keep))
+    events = _decode("t[s],gx[dps],gy[dps],gz[dps]\n" + rows, math.nan)
+    lost = sum(event.lost or 0 for event in events if isinstance(event, Gap))
+    assert lost == pytest.approx(np.count_nonzero(~keep), rel=0.1)
+
+
+@pytest.mark.parametrize(("times", "used"), [("bursts", False), ("others", False), ("same", True)])
+def test_a_given_rate_is_above_times_that_disagree(times: str, used: bool) -> None:
+    stamps = {
+        "bursts": _bursts(400, 5, 2),
+        "others": [0.002 * i for i in range(400)],
+        "same": [0.00985 * i for i in range(400)],
+    }[times]
+    rows = "".join(f"{t:.6f},{G3}\n" for t in stamps)
+    info, *rest = _decode("t[s],gx[dps],gy[dps],gz[dps]\n" + rows, math.nan, rate_hz=100.0)
+    assert isinstance(info, StreamInfo)
+    assert info.nominal_hz == 100.0
+    assert info.device_clock is used
+    assert any("not used" in remark for remark in _remarks(rest)) is not used
+    (block,) = [event for event in rest if isinstance(event, Block)]
+    assert bool(len(block.ticks.offset)) is used
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (
+            "gx[dps],gy[dps]\n0.1,abc\n0.1,2,3,4\n",
+            "line 2, column 2: 'abc' is no number; line 3: 4",
+        ),
+        ("p,q\n1,2\n", "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp"),
+        ("gx[furlong],q\n1,2\n", "line 1: the unit of 'gx[furlong]' is not known"),
+        ("1,2\n3,4\n", "line 1: 2 numbers without a header"),
+        ("\x00\x01\xff\xfe" * 50, ""),
+    ],
+)
+def test_why_a_text_is_no_table_names_line_and_column(text: str, why: str) -> None:
+    said = why_no_rows(text.encode("latin-1"))
+    assert said.startswith(why)
+    assert bool(said) is bool(why)

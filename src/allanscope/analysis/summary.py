@@ -329,7 +329,8 @@ def _axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:
     out = []
     if state.samples and state.lowest[column] == state.highest[column]:
         unit = unit_of(state.info.axes[column])
-        words = advice(unit, state.info.scale[column], constant=True)
+        step = state.info.scale[column] if state.counted else 0.0
+        words = advice(unit, step, constant=True)
         held = "counts" if state.counted else unit
         out.append(f"every sample is {state.lowest[column]:g} {held}: {words}")
     if state.saturated[column]:

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 SHORTEST_ROWS = 2048
 SHORTEST_S = 55.0
 """A run of a minute, less its first seconds and a clock that is off."""
+_LONGEST_PERIOD = 256
+"""Rows after which a pattern may begin anew: noise never does."""
 _FULL_SCALE = 32767
 _AT_THE_RAIL = 1e-4
 
@@ -28,6 +30,12 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
     if n == 0 or np.all(samples == samples[0]):
         value = f" at {samples[0]:.6g}" if n else ""
         return (f"the channel is constant{value}: it carries no noise to analyse",)
+    period = _period(samples)
+    if period:
+        return (
+            f"the samples repeat every {period} rows to the last digit: a test pattern or a loop "
+            "of the sender, no noise to analyse",
+        )
     needed = max(SHORTEST_S, SHORTEST_ROWS / series.rate_hz)
     if n < SHORTEST_ROWS or series.duration_s < SHORTEST_S:
         missing = duration(np.ceil(needed - series.duration_s))
@@ -44,6 +52,14 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
             "choose a smaller full scale",
         )
     return ()
+
+
+def _period(samples: Array) -> int:
+    """Return after how many rows all samples come again exactly, 0 where they do not."""
+    for period in range(2, min(_LONGEST_PERIOD, len(samples) // 4) + 1):
+        if samples[period] == samples[0] and np.array_equal(samples[period:], samples[:-period]):
+            return period
+    return 0
 
 
 def observations(series: Series, axis: str) -> tuple[str, ...]:

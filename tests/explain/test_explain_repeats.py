@@ -1,0 +1,131 @@
+"""Rows that repeat are told from rows that are equal by chance, whatever the values are like."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from allanscope.explain import explain
+from allanscope.explain.effects.repeated_samples import RepeatedSamples
+from allanscope.explain.loop import _view
+from allanscope.explain.series import series_of
+from allanscope.history import Record
+from allanscope.noise.quantised import find_step
+
+N = 30_000
+RATE = 100.0
+SEEDS = 3
+
+
+def _record(values: np.ndarray) -> Record:
+    n, columns = values.shape
+    return Record(
+        rate_hz=RATE,
+        stride=1,
+        axes=("gx", "gy", "gz", "ax", "ay", "az")[:columns],
+        values=values,
+        lsb=tuple(find_step(column) for column in values.T),
+        temperature_c=np.full(n, np.nan),
+        start_s=np.arange(n) / RATE,
+        segments=np.array([[0, n]], np.int64),
+    )
+
+
+def _proposed(values: np.ndarray) -> float:
+    """Return the share of repeats that passes the test, 0 for none."""
+    view = _view(series_of(_record(values)), "gx", None)
+    found = [c for c in RepeatedSamples().propose(view) if c.excess > 0]
+    return float(found[0].parameters["fraction"].value) if found else 0.0
+
+
+def _rounded(values: np.ndarray, step: float) -> np.ndarray:
+    return np.round(values / step) * step
+
+
+def _filtered(values: np.ndarray) -> np.ndarray:
+    return 3 * lfilter(*butter(2, 0.15), values, axis=0)
+
+
+BY_CHANCE = {
+    "white": lambda r, k: r.normal(size=(N, k)),
+    "in bursts": lambda r, k: (
+        r.normal(size=(N, k)) * np.where(np.arange(N) % 4000 < 1200, 3, 1)[:, np.newaxis]
+    ),
+    "with a common walk": lambda r, k: (
+        r.normal(size=(N, k)) + np.cumsum(r.normal(0, 0.03, (N, 1)), axis=0)
+    ),
+    "with a common vibration": lambda r, k: (
+        0.6 * r.normal(size=(N, k)) + 0.8 * r.normal(size=(N, 1))
+    ),
+    "with a tone": lambda r, k: (
+        r.normal(size=(N, k)) + 3 * np.sin(0.086 * np.arange(N))[:, np.newaxis]
+    ),
+    "behind a low-pass": lambda r, k: _filtered(r.normal(size=(N, k)) + r.normal(size=(N, 1))),
+    "heavy tails": lambda r, k: r.standard_t(3, size=(N, k)),
+}
+
+
+@pytest.mark.parametrize("kind", BY_CHANCE)
+def test_values_that_are_coarse_are_equal_by_chance(kind: str) -> None:
+    """None of 72 on each: seven kinds of noise, four steps, one and three axes, three seeds."""
+    false = []
+    for seed in range(SEEDS):
+        for step in (0.5, 1.0, 2.0, 4.0):
+            for axes in (1, 3):
+                rng = np.random.default_rng([seed, axes, 11])
+                values = _rounded(BY_CHANCE[kind](rng, axes), step)
+                if share := _proposed(values):
+                    false.append((seed, step, axes, share))
+    assert not false
+
+
+@pytest.mark.parametrize("digits", [1, 2, 3])
+@pytest.mark.parametrize("axes", [1, 3])
+def test_decimal_numbers_are_equal_by_chance(digits: int, axes: int) -> None:
+    """Of a lattice of 8.75 mdps, printed to so many places behind the point."""
+    for seed in range(SEEDS):
+        noise = np.random.default_rng([seed, 12]).normal(0, 0.06, (N, axes))
+        assert _proposed(np.round(_rounded(noise, 8.75e-3), digits)) == 0.0
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize(
+    ("share", "step"), [(0.01, 0.01), (0.02, 0.3), (0.05, 0.5), (0.3, 0.8), (0.002, 1e-9)]
+)
+def test_rows_that_repeat_are_found_all_the_same(axes: int, share: float, step: float) -> None:
+    for seed in range(SEEDS):
+        rng = np.random.default_rng([seed, 13])
+        rows = np.arange(N)
+        rows[rng.random(N) < share] = 0
+        values = _rounded(rng.normal(size=(N, axes)), step)[np.maximum.accumulate(rows)]
+        assert _proposed(values) == pytest.approx(share, rel=0.25)
+
+
+def test_numbers_without_a_lattice_are_equal_by_chance_too() -> None:
+    """Printed to so few digits that some are equal, on a step that is not even."""
+    rng = np.random.default_rng(14)
+    uneven = np.cumsum(rng.uniform(0.5, 1.5, 4000)) * 5e-3
+    index = np.clip(np.round(rng.normal(2000, 300, N)), 0, 3999).astype(int)
+    assert _proposed(uneven[index][:, np.newaxis]) == 0.0
+
+
+def test_what_repeats_every_few_rows_is_a_pattern_and_no_noise() -> None:
+    values = np.tile([[0.1, 0.2], [0.2, 0.2], [0.3, 0.1], [0.2, 0.1]], (N // 4, 1))
+    for axis in explain(_record(values)).axes.values():
+        assert axis.effects == ()
+        assert axis.hindrance.startswith("the samples repeat every 4 rows")
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_only_a_range_that_is_known_can_be_left(known: bool) -> None:
+    """A step of 0.03 mg of decimal numbers would end at -0.983 g; 0.061 mg is of 2 g."""
+    step = 0.061e-3 if known else 0.03e-3
+    rng = np.random.default_rng(15)
+    level = -32767 * step
+    values = np.maximum(level, _rounded(level + rng.normal(0, 2e-4, (N, 1)), step))
+    record = replace(_record(values), axes=("az",), lsb=(step,))
+    told = [r for r in explain(record).axes["az"].remarks if "saturated" in r]
+    assert bool(told) is known

@@ -1,0 +1,138 @@
+"""Arrays and tables in binary files are read as text is; what they claim harms nobody."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.lib import format as npy
+
+from allanscope.__main__ import main
+from allanscope.errors import InputError
+from allanscope.pipeline.analyse import analyse_input
+from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline.table_files import table_of_file
+
+N = 400
+T = np.arange(N) / 100.0
+RNG = np.random.default_rng(9)
+GYRO = RNG.normal(0, 0.05, (N, 3))
+ACCEL = RNG.normal(0, 0.01, (N, 3)) + np.array([0.0, 0.0, 9.81])
+
+
+@pytest.mark.parametrize(
+    ("arrays", "options", "assumed"),
+    [
+        (
+            {"t": T, "gz": GYRO[:, 2], "az[m/s^2]": ACCEL[:, 2]},
+            (),
+            "gyro is not said: taken as dps",
+        ),
+        ({"gyro_dps": GYRO, "acc_mps2": ACCEL, "rate": 100.0}, (), ""),
+        ({"gyro": GYRO, "accel": ACCEL, "mag": GYRO}, ("--rate", "100"), "left out"),
+        ({"data": np.hstack([ACCEL, GYRO])}, ("--rate", "100"), "taken as ax ay az gx gy gz"),
+        ({"data": np.column_stack([T, GYRO, ACCEL])}, (), "taken as t gx gy gz ax ay az"),
+        (
+            {
+                "d": np.column_stack([GYRO[:, 2], T, ACCEL[:, 2]]),
+                "columns": np.array(["gz[dps]", "t[s]", "az"]),
+            },
+            (),
+            "accel is not said: taken as m/s2, as gravity has that size",
+        ),
+        ({"t": T, "data": np.hstack([GYRO, ACCEL])}, (), "taken as gx gy gz ax ay az"),
+    ],
+)
+def test_arrays_of_numpy_are_analysed(tmp_path, arrays, options, assumed):
+    np.savez(tmp_path / "a.npz", **arrays)
+    out = tmp_path / "a.json"
+    assert main(["analyse", str(tmp_path / "a.npz"), "--json", str(out), "--quiet", *options]) == 0
+    result = json.loads(out.read_text())
+    assert result["samples"] == N
+    assert result["rate"]["nominal_hz"] == pytest.approx(100.0)
+    assert result["axes"]["az"]["level"]["mean"] == pytest.approx(1.0, abs=0.01)
+    assert result["axes"]["gz"]["level"]["mean"] == pytest.approx(GYRO[:, 2].mean(), rel=1e-6)
+    assert result["input"]["wire"] == "npz"
+    assert assumed in "; ".join(result["assumptions"])
+    assert bool(assumed) is bool(result["assumptions"])
+
+
+def test_a_single_array_is_analysed(tmp_path):
+    np.save(tmp_path / "a.npy", np.column_stack([T, GYRO]))
+    assert list(table_of_file(tmp_path / "a.npy").columns.axes) == ["gx", "gy", "gz"]
+
+
+@pytest.mark.parametrize("unit", ["physical", "lsb"])
+def test_its_own_parquet_comes_back(tmp_path, unit):
+    """Counts with the scale that the file states, whatever the full scale after a reset is."""
+    from allanscope.recording import export_parquet
+    from allanscope.samples import Block, StreamInfo, Ticks
+
+    counts = RNG.integers(-40, 40, (N, 2)).astype(np.int16)
+    info = StreamInfo(("gx", "az"), (70e-3, 0.488e-3), 104.0, part="LSM6DSL")
+    export_parquet([info, Block(0, counts, Ticks.none())], tmp_path / "a.parquet", unit=unit)
+    out = tmp_path / "a.json"
+    assert main(["analyse", str(tmp_path / "a.parquet"), "--json", str(out), "--quiet"]) == 0
+    result = json.loads(out.read_text())
+    levels = {name: axis["level"]["mean"] for name, axis in result["axes"].items()}
+    assert levels == pytest.approx(
+        {"gx": counts[:, 0].mean() * 70e-3, "az": counts[:, 1].mean() * 0.488e-3}
+    )
+    assert result["rate"]["nominal_hz"] == pytest.approx(104.0)
+    assert result["part"] == "LSM6DSL"
+    assert result["assumptions"] == []
+
+
+def test_a_full_circle_over_parquet_keeps_holes(tmp_path):
+    rows = [f"{T[i]:.2f},{GYRO[i, 0]:.5f}\n" for i in range(N) if i != 100]
+    text = "t[s],gx[dps]\n" + "".join(rows)
+    (tmp_path / "a.csv").write_text(text)
+    main(["export", str(tmp_path / "a.csv"), str(tmp_path / "a.parquet"), "--quiet"])
+    out = tmp_path / "a.json"
+    assert main(["analyse", str(tmp_path / "a.parquet"), "--json", str(out), "--quiet"]) == 0
+    assert json.loads(out.read_text())["lost_samples"] == 1
+
+
+def _header(shape: tuple[int, ...], descr: str = "<f8") -> bytes:
+    file = io.BytesIO()
+    npy.write_array_header_1_0(file, {"shape": shape, "fortran_order": False, "descr": descr})
+    return file.getvalue()
+
+
+def _zip(path: Path, members: dict[str, bytes]) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+
+
+@pytest.mark.parametrize("kind", ["large", "pickle", "cut", "many", "no arrays", "bomb", "nan"])
+def test_nothing_that_a_file_claims_is_believed(tmp_path, kind, monkeypatch):
+    path = tmp_path / "bad.npz"
+    if kind == "large":
+        _zip(path, {"gx.npy": _header((10**13,)) + bytes(64)})
+    elif kind == "pickle":
+        np.savez(path, gx=np.array([print, print], dtype=object), allow_pickle=True)
+    elif kind == "cut":
+        np.savez(path, gx=GYRO[:, 0])
+        path.write_bytes(path.read_bytes()[:-40])
+    elif kind == "many":
+        _zip(path, {f"{i}.npy": _header((0,)) for i in range(999)})
+    elif kind == "no arrays":
+        _zip(path, {"xl/workbook.xml": b"<x/>"})
+    elif kind == "bomb":
+        monkeypatch.setattr("allanscope.pipeline.table_files.MOST_BYTES", 1 << 16)
+        _zip(path, {"gx.npy": _header((10**6,)) + bytes(8 * 10**6)})
+    else:
+        np.savez(path, gx=np.full(N, np.nan), rate=100.0)
+    with pytest.raises(InputError, match=r"bad\.npz"):
+        analyse_input(path, DeviceSettings(rate_hz=100.0), quiet=True)
+
+
+def test_damaged_parquet_is_one_clear_line(tmp_path, capsys):
+    (tmp_path / "bad.parquet").write_bytes(b"PAR1" + bytes(500) + b"PAR1")
+    assert main(["analyse", str(tmp_path / "bad.parquet"), "--rate", "100"]) == 3
+    assert capsys.readouterr().err.count("\n") == 1

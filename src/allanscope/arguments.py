@@ -50,7 +50,9 @@ def replay(one: ArgumentParser) -> None:
 
 def analyse(one: ArgumentParser) -> None:
     """Take what an analysis needs."""
-    one.add_argument("input", help="a recording, a raw serial capture, or delimited text")
+    one.add_argument(
+        "input", help="a recording, a raw serial capture, delimited text, .npz, .npy or Parquet"
+    )
     one.add_argument("--json", metavar="FILE", help="write the result; - for standard output")
     one.add_argument("--report", metavar="FILE.html", help="write the report")
     _figures_argument(one)

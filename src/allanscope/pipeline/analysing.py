@@ -41,17 +41,21 @@ def analyse(
     Parameters
     ----------
     recording_or_arrays
-        A path (a recording, the folder of a session, a raw capture, delimited text); a `Recording`;
+        A path (a recording, the folder of a session, a raw capture, delimited text, a file of
+        arrays: .npz, .npy, Parquet); a `Recording`;
         an array of shape (n,) or (n, axes), integers or floats; or a mapping of column names to
         arrays of shape (n,): t, gx gy gz, ax ay az, temp, each alone or with its unit as in
         ``"gx[mdps]"`` (a pandas table and an ``.npz`` file will do as well).
     rate : float, optional
-        Nominal sample rate in Hz. Needed where neither the stream nor a column t tells it.
+        Nominal sample rate in Hz. Needed where neither the stream nor a column t tells it, and
+        above times that disagree with it.
     axes : sequence of str, optional
-        Name of each column of an array; without it one is gx, three the gyro, six both sensors.
+        Name of each column of an array; without it one is gx, three the gyro, six both sensors, one
+        more in front the time; where gravity is in the first three these are the accelerometer.
     units : mapping or str, optional
         Unit by axis (``gx``), by sensor (``gyro``, ``accel``) or of all: dps mdps rad/s, g mg
-        m/s^2, lsb. Without it integers are counts, floats dps and g.
+        m/s^2, lsb. Without it integers are counts, floats dps and g; an accelerometer that reads
+        9.81 or 1000 at rest is in m/s^2 or mg. `Analysis.assumptions` says so.
     part : str
         LSM6DS3H, LSM6DSL or LSM6DSM: whose datasheet the noise is compared with.
     gyro_fs, accel_fs : float, optional
@@ -70,7 +74,7 @@ def analyse(
     Raises
     ------
     ValueError
-        For arrays that make no sense: the message says which column, and why.
+        For arrays that make no sense, the message says which column, and why; for too few samples.
     UsageError
         For a part, a full scale, a unit or a wire format that does not exist.
     InputError

@@ -13,6 +13,7 @@ from allanscope.pipeline.measured_rates import at_rates, measured_rates
 from allanscope.pipeline.outputs import write_whole
 from allanscope.pipeline.replaying import events_of
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline.table_files import is_table_file
 from allanscope.recording import (
     Chunk,
     Recording,
@@ -40,6 +41,8 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
     if is_recording(source):
         Recording(source)  # a damaged one says so itself
         raise InputError(f"{source} is a recording already; analyse and export take it as it is")
+    if is_table_file(source):
+        raise InputError(f"{source} is a file of arrays: analyse reads it as it is")
     decoding = Decoding(device.for_wire(), device.wire)
     for _ in events_of(source, decoding, quiet, "reading"):
         pass

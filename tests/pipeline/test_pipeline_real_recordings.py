@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from allanscope.__main__ import main
+from allanscope.pipeline.table_files import table_of_file
 
 RECORDINGS = Path(__file__).parents[3] / "shared" / "recordings"
 pytestmark = pytest.mark.skipif(
@@ -84,8 +86,25 @@ def test_samples_without_times_ask_for_the_rate(name, tmp_path, capsys):
     assert "--rate HZ" in said
 
 
+@pytest.mark.parametrize("path", sorted(RECORDINGS.glob("*/*.npz")), ids=lambda p: p.name)
+def test_arrays_of_numpy_are_read_by_their_names(path, tmp_path, capsys):
+    code, _ = analysed(path, tmp_path / "result.json")
+    assert code == 2, "their time is in a unit that is not known, or there is none"
+    assert capsys.readouterr().err.count("\n") == 1
+    columns = table_of_file(path).columns
+    if "gx_counts" in np.load(path):
+        assert dict(columns.units) == {"gx": "lsb"}
+        return
+    assert set(columns.units.values()) == {"rad/s", "mps2"}
+    assert "left out, as their names are not known: ts_19p2MHz" in columns.assumed
+    gravity = np.linalg.norm([np.mean(columns.axes[a]) for a in ("ax", "ay", "az")])
+    assert gravity == pytest.approx(9.8, abs=0.1)
+
+
 @pytest.mark.parametrize(
-    "path", sorted(p for p in RECORDINGS.glob("*/*") if p.suffix != ".gz"), ids=lambda p: p.name
+    "path",
+    sorted(p for p in RECORDINGS.glob("*/*") if p.suffix not in (".gz", ".npz")),
+    ids=lambda p: p.name,
 )
 def test_what_holds_no_samples_that_can_be_read_is_one_line(path, tmp_path, capsys):
     code, result = analysed(path, tmp_path / "result.json")

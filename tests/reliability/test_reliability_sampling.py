@@ -47,9 +47,19 @@ def test_a_sensor_that_is_slower_than_its_reader_repeats_rows(tmp_path: Path) ->
 
 def test_a_sensor_that_is_faster_than_its_reader_is_skipped(tmp_path: Path) -> None:
     """Set to 104 Hz and read 50 times a second: every second sample is never seen."""
-    analysis = polled(tmp_path / "a.csv", 104.0, 50.0, 104.0)
-    (told,) = [remark for remark in analysis.remarks if "slower than the sensor" in remark]
+    rate = Rate(104.0, measured_hz=50.0, uncertainty_ppm=20.0)
+    (told,) = sampling_remarks({}, rate)
+    assert "slower than the sensor" in told
     assert "sees one sample in 2.08" in told
+
+
+def test_a_rate_that_the_user_gave_is_above_times_that_disagree(tmp_path: Path) -> None:
+    """Whose rate is right nobody can tell but the user: both are said, first of all."""
+    analysis = polled(tmp_path / "a.csv", 104.0, 50.0, 104.0)
+    assert analysis.rate.best_hz == 104.0
+    assert analysis.rate.measured_hz is None
+    (told,) = analysis.assumptions
+    assert told.startswith("the times show 50 rows in a second and not the given 104 Hz")
     assert not [remark for remark in analysis.remarks if "repeat" in remark]
 
 

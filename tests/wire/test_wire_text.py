@@ -749,7 +749,7 @@ def test_a_given_rate_is_above_times_that_disagree(times: str, used: bool) -> No
     [
         (
             "gx[dps],gy[dps]\n0.1,abc\n0.1,2,3,4\n",
-            "line 2, column 2: 'abc' is no number; line 3: 4",
+            "line 2, column 2: 'abc' is no number; line 3: 4 cells",
         ),
         ("p,q\n1,2\n", "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp"),
         ("gx[furlong],q\n1,2\n", "line 1: the unit of 'gx[furlong]' is not known"),

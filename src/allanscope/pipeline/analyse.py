@@ -18,7 +18,7 @@ from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.recording import Fingerprint, Recording, is_recording
 from allanscope.view.progress import progress
 
-__all__ = ["analyse_input", "full_settings", "recorded_settings", "too_few"]
+__all__ = ["analyse_input", "full_settings", "recorded_settings"]
 
 FULL_ROWS = 1 << 21
 """Rows of history that an analysis to the end keeps: 5.6 h at 104 Hz sample by sample."""
@@ -70,21 +70,18 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
         facts["sha256"] = fingerprint.hexdigest()
     with progress(None, "closing the loop", quiet=quiet):
         analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
-    why = too_few(analysis)
-    if why:
-        raise InputError(f"{path}: {why}")
-    return analysis
+    return _with_a_curve(path, analysis)
 
 
-def too_few(analysis: Analysis) -> str:
-    """Return why there is no curve at all on any axis; empty where there is one.
+def _with_a_curve(path: Path, analysis: Analysis) -> Analysis:
+    """Return a result if it has a curve on any axis.
 
     One averaging time is no curve: two of them take five samples without a hole between.
     """
     curves = [axis.curves["oadev"] for axis in analysis.axes.values() if "oadev" in axis.curves]
-    if any(len(curve.tau) > 1 for curve in curves):
-        return ""
-    return _too_few(analysis.samples, analysis.segments)
+    if not any(len(curve.tau) > 1 for curve in curves):
+        raise InputError(f"{path}: {_too_few(analysis.samples, analysis.segments)}")
+    return analysis
 
 
 def _too_few(samples: int, segments: int) -> str:
@@ -125,11 +122,12 @@ def _analyse_table(
     try:
         columns = with_units(found.columns, dict(device.units))
         with progress(None, "closing the loop", quiet=quiet):
-            return analyse_columns(columns, device, {**facts, "wire": found.kind})
+            analysis = analyse_columns(columns, device, {**facts, "wire": found.kind})
     except UsageError:
         raise
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
+    return _with_a_curve(path, analysis)
 
 
 def _refuse_without_rate(path: Path, analyser: Analyser) -> None:

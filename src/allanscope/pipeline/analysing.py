@@ -50,8 +50,8 @@ def analyse(
         Nominal sample rate in Hz. Needed where neither the stream nor a column t tells it, and
         above times that disagree with it.
     axes : sequence of str, optional
-        Name of each column of an array; without it one is gx, three the gyro, six both sensors, one
-        more in front the time; where gravity is in the first three these are the accelerometer.
+        Name of each column of an array; without it one is gx, three the gyro, six both sensors;
+        where gravity is in the first three these are the accelerometer.
     units : mapping or str, optional
         Unit by axis (``gx``), by sensor (``gyro``, ``accel``) or of all: dps mdps rad/s, g mg
         m/s^2, lsb. Without it integers are counts, floats dps and g; an accelerometer that reads
@@ -74,7 +74,7 @@ def analyse(
     Raises
     ------
     ValueError
-        For arrays that make no sense, the message says which column, and why; for too few samples.
+        For arrays that make no sense: the message says which column, and why.
     UsageError
         For a part, a full scale, a unit or a wire format that does not exist.
     InputError

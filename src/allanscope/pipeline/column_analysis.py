@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.summary import summarise
-from allanscope.pipeline.analyse import full_settings, too_few
+from allanscope.pipeline.analyse import full_settings
 from allanscope.pipeline.arrays import events_of_columns, words_of
 from allanscope.pipeline.columns import Columns, with_guesses
 from allanscope.pipeline.settings import DeviceSettings
@@ -31,7 +31,7 @@ def analyse_columns(columns: Columns, device: DeviceSettings, facts: Mapping[str
     Raises
     ------
     ValueError
-        For samples that make no sense, or too few of them for any curve.
+        For samples that make no sense.
     """
     columns = with_guesses(columns)
     analyser = Analyser(full_settings(device.part))
@@ -42,8 +42,4 @@ def analyse_columns(columns: Columns, device: DeviceSettings, facts: Mapping[str
         raise ValueError("the arrays hold no samples; nothing to analyse")
     known = {"wire": state.info.wire, **facts, "units": words_of(columns, state.info)}
     link = LinkStats(samples=state.samples, lost_samples=state.lost)
-    analysis = summarise(analyser, link, "full", known)
-    why = too_few(analysis)
-    if why:
-        raise ValueError(why)
-    return analysis
+    return summarise(analyser, link, "full", known)

@@ -59,7 +59,7 @@ class Columns:
         return "lsb" if self.axes[axis].dtype.kind in "iu" else unit_of(axis)
 
 
-def columns_of_array(data: ArrayLike, axes: Sequence[str] | None) -> Columns:
+def columns_of_array(data: ArrayLike, axes: Sequence[str] | None, timed: bool = False) -> Columns:
     """Return the columns of an array of shape (n,) or (n, k).
 
     Parameters
@@ -68,8 +68,10 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None) -> Columns:
         Samples.
     axes : sequence of str, optional
         Name of each column. Without it one column is gx, three are the gyroscope, six both sensors,
-        one more in front a time, as in text without a header; where gravity is in the first three
-        these are the accelerometer. A structured array says it itself.
+        as in text without a header; where gravity is in the first three these are the
+        accelerometer. A structured array says it itself.
+    timed : bool
+        Whether one column more in front may be a time, and an eighth at the end a temperature.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None) -> Columns:
         raise ValueError(f"an array of samples has shape (n,) or (n, axes), not {values.shape}")
     assumed: tuple[str, ...] = ()
     if axes is None:
-        axes = _usual_axes(values)
+        axes = _usual_axes(values, timed)
         assumed = (f"no names: {len(axes)} columns are taken as {' '.join(axes)}",)
         assumed = assumed if len(axes) > 1 else ()
     twice = [name for i, name in enumerate(axes) if name in axes[:i]]
@@ -214,19 +216,17 @@ def _converted(found: tuple[Column, NDArray[Any]] | None, unit: str) -> NDArray[
     return np.asarray(values / DIVISORS[column.quantity][column.unit or unit], np.float64)
 
 
-def _usual_axes(values: NDArray[Any]) -> tuple[str, ...]:
+def _usual_axes(values: NDArray[Any], timed: bool) -> tuple[str, ...]:
     """Return what columns are taken for by their number, and by where gravity is."""
-    front, both = {1: ((), 1), 3: ((), 3), 4: (("t",), 3), 6: ((), 6), 7: (("t",), 6)}.get(
-        values.shape[1], ((), 0)
-    )
-    if values.shape[1] == 8:
-        return (*_usual_axes(values[:, :7]), "temp")
-    if not both:
+    known = {1: 0, 3: 0, 6: 0} | ({4: 1, 7: 1, 8: 1} if timed else {})
+    count = values.shape[1]
+    if count not in known:
         raise ValueError(f"an array of shape {values.shape} needs axes: a name for each column")
-    sensors = values[:LOOKED_AT, len(front) :]
-    if both >= 3 and values.dtype.kind in "iuf":
-        padded = np.full((len(sensors), len(AXES)), np.nan)
-        padded[:, :both] = sensors
+    time, temperature = ("t",) * known[count], ("temp",) * (count == 8)
+    axes = AXES[: count - len(time) - len(temperature)]
+    if len(axes) >= 3 and values.dtype.kind in "iuf":
+        padded = np.full((min(len(values), LOOKED_AT), len(AXES)), np.nan)
+        padded[:, : len(axes)] = values[:LOOKED_AT, len(time) : len(time) + len(axes)]
         if accel_comes_first(padded):
-            return (*front, *(AXES[3:] + AXES[:3])[:both])
-    return (*front, *AXES[:both])
+            axes = (AXES[3:] + AXES[:3])[: len(axes)]
+    return (*time, *axes, *temperature)

@@ -17,6 +17,7 @@ from allanscope.samples import Event, Notice, StreamInfo
 from allanscope.sources.base import Chunk
 from allanscope.wire import WireFormat, feed_chunks, format_named, formats, sniff
 from allanscope.wire.base import Decoder, LinkStats, WireSettings
+from allanscope.wire.printable import excerpt
 from allanscope.wire.text.refusal import why_no_rows
 
 __all__ = ["Decoding"]
@@ -209,9 +210,9 @@ class Decoding:
                 return []
             if found.name is None:
                 why = why_no_rows(sample)
+                said = f"{why}; it begins {excerpt(sample, 40)}" if why else found.excerpt
                 raise InputError(
-                    f"none of the formats {', '.join(formats())} fits "
-                    f"{f'({why}) ' if why else ''}what was heard: {found.excerpt}"
+                    f"none of the formats {', '.join(formats())} fits what was heard: {said}"
                 )
         self._choose(found.name)
         assert self._decoder is not None

@@ -247,7 +247,7 @@ def _table(array: NDArray[Any], names: tuple[str, ...]) -> Columns:
     if array.ndim == 2 and len(names) == array.shape[1]:
         known = [name for name in names if column_of(name) is not None]
         return columns_of_mapping({name: array[:, names.index(name)] for name in known})
-    return columns_of_array(array, None)
+    return columns_of_array(array, None, timed=True)
 
 
 def _length(columns: Columns) -> int:

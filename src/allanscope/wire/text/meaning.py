@@ -13,7 +13,7 @@ from allanscope.parts import PARTS, part_named
 from allanscope.samples import AXES, StreamInfo
 from allanscope.wire.base import WireSettings
 from allanscope.wire.pacing import mean_rate, period_of, resolution_of, rows_come_in_bursts
-from allanscope.wire.row import Meaning, Row, Values, nominal_rate
+from allanscope.wire.row import HELD, Meaning, Row, Values, nominal_rate
 from allanscope.wire.text.by_value import accel_comes_first, unit_by_gravity
 from allanscope.wire.text.table import Table
 from allanscope.wire.text.units import DIVISORS, Quantity, quantity_named
@@ -196,7 +196,8 @@ class TextMeaning:
             farthest = _FARTHEST * float(np.diff([t for t in whole if math.isfinite(t)]).max())
             return _Pace(per_second, float(f"{mean:.4g}"), farthest)
         period = period_of(whole)
-        shown = 1.0 / period if period else mean
+        # Of few rows of a clock that stands still for several, rows over time says little.
+        shown = 1.0 / period if period else mean if len(whole) > 4 * HELD else 0.0
         if given and shown and abs(shown / given - 1.0) > _AGREES:
             remarks.append(
                 f"the times show {shown:.4g} rows in a second and not the given {given:g} Hz: "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import islice
 
 from allanscope.samples import AXES
 from allanscope.wire.printable import plain_line, text_of
@@ -22,7 +23,7 @@ __all__ = ["why_no_rows"]
 
 _SHOWN = 3
 _LOOKED_AT = 1 << 14
-_LONGEST_CELL = 24
+_LONGEST_CELL, _LONGEST = 16, 220
 _MOSTLY = 0.9
 _ENDS = re.compile(rb"\r\n|\n\r|\n|\r")
 _MARKS = "#%/ "
@@ -47,12 +48,13 @@ def why_no_rows(sample: bytes) -> str:
     readable = sum(byte in b"\t\r\n\x1b" or 0x20 <= byte < 0x7F for byte in sample)
     if not sample or readable < _MOSTLY * len(sample):
         return ""
-    return "; ".join(found for found, _ in zip(_reasons(sample), range(_SHOWN), strict=False))
+    return text_of("; ".join(islice(_reasons(sample), _SHOWN)).encode(), _LONGEST)
 
 
 def _reasons(sample: bytes) -> Iterator[str]:
     """Yield what is wrong with each line."""
     columns: Columns | None = None
+    worded = False
     for count, line in enumerate(_ENDS.split(sample), start=1):
         cells = cells_of(plain_line(joined_dates(line)))
         where = f"line {count}"
@@ -64,7 +66,9 @@ def _reasons(sample: bytes) -> Iterator[str]:
             if named is not None:
                 columns = named
             elif columns is None:
-                yield f"{where}: {_no_axis(cells)}"
+                if not worded:
+                    yield f"{where}: {_no_axis(cells)}"
+                worded = True
         elif columns is not None:
             yield from _why_no_row(columns, line, cells, where)
         elif not all(numbers):
@@ -93,7 +97,7 @@ def _no_axis(cells: list[str]) -> str:
     strange = [cell for cell in cells if in_unknown_unit(cell)]
     if strange:
         return f"the unit of {_shown(strange[0])} is not known"
-    named = ", ".join(_shown(cell) for cell in cells[:4] if column_of(cell) is None)
+    named = ", ".join(_shown(cell) for cell in cells[:3] if column_of(cell) is None)
     return f"no axis among {named}; names are t {' '.join(AXES)} temp"
 
 

@@ -72,7 +72,7 @@ class Coincidence:
             together = np.count_nonzero(np.logical_and.reduce(same, axis=0))
             counts.append(together)
             found.append(together / same.shape[1] / apart if together * single >= _FEWEST else 0.0)
-        count = float(np.mean(counts or [0]))
+        count = float(sum(counts)) / max(len(counts), 1)
         relative = np.full(len(found), 1.0 / np.sqrt(max(count * single, 1.0)))
         typical, limit = typical_and_limit(np.array(found), relative)
         return cls(moving, max(1.0, typical), max(1.0, limit), count / len(values))

@@ -125,7 +125,9 @@ def fleet(one: ArgumentParser) -> None:
     one.add_argument(
         "recordings", nargs="+", help="recordings, folders or quoted globs; also URLs of fsspec"
     )
-    one.add_argument("--out", required=True, metavar="DIR", help="results; gone on with if there")
+    one.add_argument(
+        "--out", required=True, metavar="DIR", help="results, or a URL; gone on with if there"
+    )
     one.add_argument(
         "--scheduler", default="", metavar="tcp://HOST:PORT", help="an existing Dask cluster"
     )

@@ -172,20 +172,22 @@ def report(options: Namespace) -> int:
 
 def fleet(options: Namespace) -> int:
     """Analyse many recordings on Dask, into one table and a report of the lot."""
-    from allanscope.fleet import FleetSettings, run_fleet, summary_lines
+    from allanscope.fleet import FleetSettings, complaint_lines, run_fleet, summary_lines
 
     settings = FleetSettings(
         patterns=tuple(options.recordings),
-        out=Path(options.out),
+        out=options.out,
         scheduler=options.scheduler,
         workers=options.workers,
         unit_pattern=options.unit_name,
         quiet=options.quiet,
     )
     result = run_fleet(settings, _device_settings(options))
-    for line in result.failures.values():
-        print(f"allanscope: {line}", file=sys.stderr)
-    print("\n".join(summary_lines(result)))
+    for line in complaint_lines(result):
+        print(f"allanscope: {visible(line)}", file=sys.stderr)
+    print("\n".join(map(visible, summary_lines(result))))
+    if result.left:
+        return ExitCode.STOPPED
     return ExitCode.INPUT if result.failures else ExitCode.DONE
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +14,9 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+
+from allanscope.errors import ExitCode
+from allanscope.recording import Recording, write_recording
 
 pytestmark = pytest.mark.timeout(300)
 """Processes are started, and a busy machine takes its time for that."""
@@ -82,8 +87,9 @@ def test_ctrl_c_ends_in_order_and_the_same_command_goes_on(
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
     said, complained = process.communicate(timeout=200)
-    assert process.returncode == 0, complained
+    assert process.returncode == ExitCode.STOPPED, complained
     assert "left: the same command goes on" in said
+    assert "allanscope: stopped before it was done" in complained
     assert "Traceback" not in complained
     done = {path: path.stat().st_mtime_ns for path in out.glob("results/*/*.json.gz")}
     assert 1 <= len(done) < COUNT
@@ -92,3 +98,28 @@ def test_ctrl_c_ends_in_order_and_the_same_command_goes_on(
     assert again.returncode == 0, again.stderr
     assert f"{COUNT} recordings analysed, {len(done)} of them before" in again.stdout
     assert {path: path.stat().st_mtime_ns for path in done} == done
+
+
+def test_copies_and_lost_samples_are_named(lot: Path, tmp_path: Path) -> None:
+    """One recording under three names, and one of which half of the reads are missing."""
+    mine, out = tmp_path / "lot", tmp_path / "out"
+    for unit in ("one", "two", "three"):
+        (mine / unit).mkdir(parents=True)
+        shutil.copy(lot / "one" / "a.mcap", mine / unit / f"{unit}.mcap")
+    whole = Recording(lot / "two" / "a.mcap")
+    kept = [chunk for number, chunk in enumerate(whole.chunks()) if number < 6 or number % 4 < 2]
+    half = write_recording(mine / "half.mcap", kept, whole.metadata)
+    call = command(mine, "--out", out, "--workers", 1)
+    ended = subprocess.run(call, capture_output=True, text=True, timeout=200, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.startswith("4 recordings analysed, ")
+    assert "2 of them copies; 1 incomplete" in ended.stdout
+    first, *others = (str(mine / unit / f"{unit}.mcap") for unit in ("one", "three", "two"))
+    for one in others:
+        assert f"allanscope: {one} is a copy of {first}: left out of the lot" in ended.stderr
+        assert one in (out / "lot.html").read_text()
+    [lost] = [line for line in ended.stderr.splitlines() if str(half) in line]
+    assert re.search(r"samples lost \((4|5)\d %\)", lost), lost
+    table = pq.read_table(out / "lot.parquet")
+    assert set(table.column("recording").to_pylist()) == {first, str(half)}
+    assert "lost samples" in (out / "lot.html").read_text()

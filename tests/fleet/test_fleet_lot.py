@@ -8,17 +8,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.stats import t
 
 from allanscope.fleet.drift import drifts_of
 from allanscope.fleet.judgement import findings, lot_verdict, reservations
 from allanscope.fleet.lot import Lot
-from allanscope.fleet.outliers import far_units
+from allanscope.fleet.outliers import Outlier, far_units, far_values
 from allanscope.fleet.page import render_lot
 from allanscope.fleet.pictures import distribution_picture, history_picture
 from allanscope.fleet.replicates import replications
 from allanscope.fleet.shared import effects_in, shared_effects
 from allanscope.fleet.spread import log_sigma, spread_of
 from allanscope.fleet.table import schema, write_table
+from allanscope.fleet.typical import typical_of
+from allanscope.fleet.unit_estimates import unit_estimates
+
+Floats = NDArray[np.float64]
 
 UNITS, RUNS = 12, 3
 N_TYPICAL = {"gx": 0.0038, "az": 9e-5}
@@ -105,6 +111,21 @@ def lot(tmp_path_factory: pytest.TempPathFactory) -> Lot:
     return Lot.read(table)
 
 
+def runs(values: Floats, sigma: Floats, units: NDArray[np.str_], name: str = "N") -> Lot:
+    """Return rows with well-known coefficients: errors of their logarithms are given."""
+    wide = np.exp(1.959964 * sigma)
+    columns = {"value": values, "lower": values / wide, "upper": values * wide}
+    columns |= {"detected": np.ones(len(values))}
+    named = {f"{name}_{part}": column for part, column in columns.items()}
+    return Lot({"unit": units.astype(object), "axis": units.astype(object), **named})
+
+
+def far(values: Floats, sigma: Floats, units: NDArray[np.str_], comparisons: int) -> list[Outlier]:
+    known = unit_estimates(runs(values, sigma, units), "N")
+    assert known is not None
+    return far_units(known, comparisons)
+
+
 def test_spread_is_parted_into_units_and_repeats() -> None:
     rng = np.random.default_rng(1)
     units = np.repeat([f"{u:03}" for u in range(200)], rng.integers(1, 5, 200))
@@ -112,10 +133,13 @@ def test_spread_is_parted_into_units_and_repeats() -> None:
     logs = np.array([own[u] for u in units]) + WITHIN * rng.standard_normal(len(units))
     one = spread_of(np.exp(logs), np.full(len(units), WITHIN), units)
     assert one is not None
-    assert one.between == pytest.approx(BETWEEN, rel=0.15)
     assert one.within == pytest.approx(WITHIN, rel=0.15)
-    assert (one.units, one.sampling) == (200, pytest.approx(WITHIN))
+    assert one.sampling == pytest.approx(WITHIN)
     assert one.p_alike < 1e-6
+    known = unit_estimates(runs(np.exp(logs), np.full(len(units), WITHIN), units), "N")
+    assert known is not None
+    assert len(known.names) == 200
+    assert typical_of(known).scatter == pytest.approx(BETWEEN, rel=0.15)
 
 
 def test_units_that_are_alike_are_not_said_to_differ() -> None:
@@ -139,10 +163,12 @@ def test_without_repeats_the_scatter_of_single_runs_is_taken_off() -> None:
     one = spread_of(values, np.full(400, 0.1), units)
     assert one is not None
     assert np.isnan(one.within)
-    assert one.between == pytest.approx(0.05, rel=0.4)
-    single = spread_of(np.array([1.0, 2.0]), np.full(2, 0.1), np.array(["a", "a"]))
+    known = unit_estimates(runs(values, np.full(400, 0.1), units), "N")
+    assert known is not None
+    assert typical_of(known).scatter == pytest.approx(0.05, rel=0.4)
+    single = unit_estimates(runs(np.array([1.0, 2.0]), np.full(2, 0.1), np.array(["a", "a"])), "N")
     assert single is not None
-    assert np.isnan(single.between)
+    assert np.isnan(typical_of(single).scatter)
 
 
 def test_an_interval_is_a_standard_error_of_the_logarithm() -> None:
@@ -156,7 +182,7 @@ def test_clean_lots_have_no_outliers(count: int) -> None:
     rng = np.random.default_rng(count)
     names = np.array([f"{u:03}" for u in range(count)])
     alarms = sum(
-        bool(far_units(np.exp(0.1 * rng.standard_normal(count)), np.zeros(count), names, 1))
+        bool(far(np.exp(0.1 * rng.standard_normal(count)), np.zeros(count), names, 1))
         for _ in range(400)
     )
     assert alarms <= 12  # 1 % of 400 are 4; more than 12 happen once in 3000
@@ -167,10 +193,101 @@ def test_two_bad_units_do_not_hide_each_other() -> None:
     values = np.exp(0.05 * rng.standard_normal(12))
     values[[3, 8]] *= 2.0
     names = np.array([f"{u:02}" for u in range(12)])
-    assert {one.unit for one in far_units(values, np.zeros(12), names, 6)} == {"03", "08"}
+    assert {one.unit for one in far(values, np.zeros(12), names, 6)} == {"03", "08"}
     unsure = np.zeros(12)
     unsure[3] = 0.5  # a run too short to say so
-    assert {one.unit for one in far_units(values, unsure, names, 6)} == {"08"}
+    assert {one.unit for one in far(values, unsure, names, 6)} == {"08"}
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.02, 0.1])
+def test_short_runs_among_long_ones_are_no_outliers(scatter: float) -> None:
+    """180 long runs and 20 short ones, which are 50 times less sure."""
+    rng = np.random.default_rng(int(100 * scatter))
+    sigma = np.r_[np.full(180, 0.001), np.full(20, 0.05)]
+    names = np.array([f"{u:03}" for u in range(200)])
+    alarms = sum(
+        bool(far(np.exp(np.hypot(scatter, sigma) * rng.standard_normal(200)), sigma, names, 1))
+        for _ in range(80)
+    )
+    assert alarms <= 4  # 1 % of 80 are 0.8; more than 4 happen once in 700
+    # A long run that is off by as much as the short ones scatter is told from them.
+    values = np.exp(np.hypot(scatter, sigma) * rng.standard_normal(200))
+    values[7] = np.exp(max(8.0 * scatter, 0.05))
+    assert {one.unit for one in far(values, sigma, names, 18)} == {"007"}
+
+
+def test_adjusted_p_values_are_students_where_errors_are_equal() -> None:
+    rng = np.random.default_rng(6)
+    values = rng.standard_normal(12)
+    values[4] = 8.0
+    rest = np.delete(values, 4)
+    distance = (8.0 - rest.mean()) / (rest.std(ddof=1) * np.sqrt(1.0 + 1.0 / 11.0))
+    [one] = far_values(values, np.zeros(12), np.arange(12).astype(str), 5)
+    assert one.p_value == pytest.approx(5 * 12 * 2.0 * t.sf(distance, 10), rel=1e-6)
+
+
+def planted(
+    rng: np.random.Generator, count: int, sigma: float, scatter: float
+) -> tuple[Lot, float]:
+    """Return runs with B about 3.6, detected above three sigma, and the median of those."""
+    truth = 3.6 * np.exp(scatter * rng.standard_normal(count))
+    value = np.maximum(truth + sigma * rng.standard_normal(count), 0.0)
+    seen = value > 3.0 * sigma
+    columns = {
+        "value": value,
+        "lower": np.where(seen, value - 1.96 * sigma, 0.0),
+        "upper": value + 1.96 * sigma,
+        "detected": seen.astype(float),
+    }
+    units = np.array([f"{u:03}" for u in range(count)])
+    named = {f"B_{part}": column for part, column in columns.items()}
+    lot = Lot({"unit": units.astype(object), "axis": units.astype(object), **named})
+    return lot, float(np.median(value[seen]))
+
+
+def test_what_is_typical_takes_runs_that_give_only_a_limit_into_account() -> None:
+    rng = np.random.default_rng(8)
+    held = 0
+    for _ in range(60):
+        lot, of_detected = planted(rng, 40, 1.4, 0.15)
+        units = unit_estimates(lot, "B")
+        assert units is not None
+        one = typical_of(units)
+        assert of_detected > 4.2  # those detected only are the large ones
+        assert one.value == pytest.approx(3.6, rel=0.25)
+        held += one.lower <= 3.6 <= one.upper
+    assert held >= 51  # 95 % of 60 are 57; fewer than 51 happen once in 100
+
+
+def test_a_lot_that_shows_nothing_has_an_upper_limit() -> None:
+    columns = {"value": np.full(10, np.nan), "lower": np.zeros(10), "upper": np.full(10, 2.0)}
+    columns |= {"detected": np.zeros(10)}
+    units = np.arange(10).astype(str).astype(object)
+    named = {f"K_{part}": column for part, column in columns.items()}
+    known = unit_estimates(Lot({"unit": units, "axis": units, **named}), "K")
+    assert known is not None
+    one = typical_of(known)
+    assert np.isnan(one.value)
+    assert one.lower == 0.0
+    assert 0.4 < one.upper < 2.0
+    assert far_units(known, 1) == []
+
+
+def test_level_and_rate_are_judged_as_well(lot: Lot) -> None:
+    levels, rates = lot["level_mean"].copy(), np.full(len(lot), 104.0)
+    rates += 0.1 * np.repeat(np.random.default_rng(9).standard_normal(UNITS), 2 * RUNS)
+    levels[(lot.units == "unit-03") & (lot["axis"] == "gx")] = 25.0
+    rates[lot.units == "unit-05"] = 98.0
+    more = {"level_mean": levels, "measured_hz": rates, "nominal_hz": np.full(len(lot), 104.0)}
+    more |= {"rate_uncertainty_ppm": np.full(len(lot), 1.0)}
+    named = findings(Lot({**lot.columns, **more}))
+    assert {(one.unit, one.axis) for one in named} == {
+        (ODD, "gx"),
+        ("unit-03", "gx"),
+        ("unit-05", "all"),
+    }
+    [level] = [one for one in named if one.unit == "unit-03"]
+    assert level.reason.startswith("level is 25000 mdps, that of the others 1")
 
 
 def test_the_odd_unit_is_named_with_its_reason(lot: Lot) -> None:

@@ -14,8 +14,15 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from distributed import Client
 
 from allanscope.__main__ import main
+from allanscope.errors import ExitCode
+from allanscope.fleet.desk import Desk
+from allanscope.fleet.outcome import Outcome, result_key
+from allanscope.fleet.places import Place
+from allanscope.fleet.store import Store
+from allanscope.pipeline.settings import DeviceSettings
 
 pytestmark = pytest.mark.timeout(300)
 """Processes are started, and a busy machine takes its time for that."""
@@ -24,9 +31,10 @@ COUNT = 6
 
 
 @contextmanager
-def dask(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+def dask(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
     call = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
-    with subprocess.Popen(call, stderr=subprocess.PIPE, text=True) as process:
+    env = {**os.environ, **environment}
+    with subprocess.Popen(call, stderr=subprocess.PIPE, text=True, env=env) as process:
         try:
             yield process
         finally:
@@ -72,3 +80,54 @@ def test_a_scheduler_that_dies_is_one_line_and_what_is_done_is_kept(
     ]
     assert pq.read_table(out / "lot.parquet").num_rows == 6 * done
     assert os.path.getsize(out / "lot.html") > 0
+
+
+@contextmanager
+def worker_of(version: str, address: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run a worker where the metadata of allanscope say another version."""
+    metadata = folder / f"allanscope-{version}.dist-info" / "METADATA"
+    metadata.parent.mkdir(parents=True)
+    metadata.write_text(f"Metadata-Version: 2.1\nName: allanscope\nVersion: {version}\n")
+    path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+    with dask("worker", address, "--nthreads", "1", "--no-nanny", PYTHONPATH=path) as process:
+        threading.Thread(target=process.stderr.read, daemon=True).start()  # type: ignore[union-attr]
+        yield process
+
+
+def await_workers(address: str, count: int) -> None:
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(count, timeout=200)
+
+
+def test_a_worker_of_another_version_is_refused(
+    board: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(3):
+        board(tmp_path / "lot" / f"{number}.mcap", 60 + number)
+    out = tmp_path / "out"
+    with dask("scheduler", "--port", "0") as scheduler:
+        address = address_of(scheduler)
+        call = ["fleet", f"{tmp_path}/lot", "--out", str(out), "--scheduler", address]
+        with worker_of("9.9", address, tmp_path / "other"):
+            await_workers(address, 1)
+            assert main(call) == ExitCode.USAGE
+            said = capsys.readouterr().err
+            assert "has allanscope 9.9, this is" in said
+            assert "no worker has allanscope" in said
+            assert list(out.glob("results/*/*.json.gz")) == []
+            with dask("worker", address, "--nthreads", "1", "--no-nanny"):
+                await_workers(address, 2)
+                assert main(call) == 0
+    assert "it gets no recordings" in capsys.readouterr().err
+    assert len(list(out.glob("results/*/*.json.gz"))) == 3
+
+
+def test_a_result_of_another_version_is_not_kept(tmp_path: Path) -> None:
+    place = Place("/lot/a.mcap", 100, "yesterday")
+    store = Store(tmp_path, DeviceSettings())
+    desk = Desk(store, [place])
+    desk.todo.clear()
+    assert not desk.take(place, Outcome(place.url, "00", ("a.mcap",), b"result", version="9.9"))
+    assert list(desk.todo) == [place]
+    assert not store.has(result_key("00", DeviceSettings()))
+    store.close()

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from distributed import Client, Future, LocalCluster
+from distributed import Future, LocalCluster
 
 from allanscope.fleet import FleetSettings, desk, run_fleet, split
+from allanscope.fleet.crew import Crew
 from allanscope.fleet.places import Place, find_places
 from allanscope.fleet.split import Survey, join, submit_split, sum_part, survey
 from allanscope.fleet.work import analyse_place
@@ -77,9 +78,9 @@ def test_a_large_recording_is_split_by_itself_through_to_the_report(
     whole = written(tmp_path / "whole")
     parts: list[int] = []
 
-    def handed_out(client: Client, place: Place, device: DeviceSettings, count: int) -> Future:
+    def handed_out(crew: Crew, place: Place, device: DeviceSettings, count: int) -> Future:
         parts.append(count)
-        return submit_split(client, place, device, count)
+        return submit_split(crew, place, device, count)
 
     monkeypatch.setattr(split, "_is_splittable", lambda analyser: True)
     monkeypatch.setattr(split, "submit_split", handed_out)

@@ -13,7 +13,7 @@
 The engine is Dask's, from the optional extra ``allanscope[fleet]``: a cluster on this machine
 (`cluster`), or a scheduler that is there already. A task is one recording, read where it lies with
 fsspec, through the same decoder, sums and closed loop as a single run. Only whoever started the
-fleet writes; workers need to read the recordings and nothing else.
+fleet writes; workers need to read the recordings, and this version of allanscope (`crew`).
 
 One recording that is large while workers are idle is split in time: see `split`.
 
@@ -32,13 +32,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from allanscope.fleet.desk import FleetResult
     from allanscope.fleet.run import FleetSettings, run_fleet
-    from allanscope.fleet.wording import summary_lines
+    from allanscope.fleet.wording import complaint_lines, summary_lines
 
-__all__ = ["FleetResult", "FleetSettings", "run_fleet", "summary_lines"]
+__all__ = ["FleetResult", "FleetSettings", "complaint_lines", "run_fleet", "summary_lines"]
 
 _HOMES = {
     "FleetResult": "desk",
     "FleetSettings": "run",
+    "complaint_lines": "wording",
     "run_fleet": "run",
     "summary_lines": "wording",
 }

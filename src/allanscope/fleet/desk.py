@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from allanscope.fleet.losses import Loss
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import Place
+from allanscope.fleet.result_folder import Folder
 from allanscope.fleet.store import Store
 from allanscope.pipeline.settings import DeviceSettings
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Future
+
+    from allanscope.fleet.crew import Crew
 
 __all__ = ["Desk", "FleetResult"]
 
@@ -36,7 +39,11 @@ class FleetResult:
         Path of each recording without a result, and one line why.
     left : int
         Recordings that were not looked at because the run was stopped.
-    table, report : Path or None
+    copies : dict of str to str
+        Path of each recording that is left out of the lot, and of the one that it is a copy of.
+    losses : list of Loss
+        Recordings that are not complete, those that lost most first.
+    table, report : Path, RemotePath or None
         What was written.
     """
 
@@ -44,8 +51,10 @@ class FleetResult:
     done: int = 0
     failures: dict[str, str] = field(default_factory=dict)
     left: int = 0
-    table: Path | None = None
-    report: Path | None = None
+    copies: dict[str, str] = field(default_factory=dict)
+    losses: list[Loss] = field(default_factory=list)
+    table: Folder | None = None
+    report: Folder | None = None
 
 
 class Desk:
@@ -60,7 +69,7 @@ class Desk:
         for place in places:
             self._consider(place)
 
-    def submit(self, client: Client, place: Place, device: DeviceSettings, idle: int) -> Future:
+    def submit(self, crew: Crew, place: Place, device: DeviceSettings, idle: int) -> Future:
         """Hand out one recording while so many workers are idle.
 
         One that may be known is only looked at; a large one is split among workers that no other
@@ -70,14 +79,17 @@ class Desk:
         from allanscope.fleet.work import analyse_place, fingerprint_place
 
         if self._store.may_know(place) and place.url not in self._looked_up:
-            return client.submit(fingerprint_place, place, pure=False)
+            return crew.submit(fingerprint_place, place, pure=False)
         parts = self._parts(place, idle)
         if parts > 1:
-            return submit_split(client, place, device, parts)
-        return client.submit(analyse_place, place, device, pure=False)
+            return submit_split(crew, place, device, parts)
+        return crew.submit(analyse_place, place, device, pure=False)
 
     def take(self, place: Place, outcome: Outcome) -> bool:
         """Keep what came back; return whether the recording is done with."""
+        if not outcome.is_of_this_version:
+            self.todo.append(place)
+            return False
         if outcome.error:
             self.result.failures[place.url] = outcome.error
             self.todo.extend(place.later)

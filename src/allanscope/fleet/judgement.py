@@ -9,12 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.analysis.verdict import Verdict, VerdictLine
+from allanscope.analysis.verdict import Grade, Verdict, VerdictLine
 from allanscope.fleet.lot import Lot
-from allanscope.fleet.outliers import FALSE_ALARMS, far_units
+from allanscope.fleet.outliers import FALSE_ALARMS, Outlier, far_units, far_values
 from allanscope.fleet.shared import SharedEffect
-from allanscope.fleet.spread import log_sigma
-from allanscope.quantities import number
+from allanscope.fleet.unit_estimates import (
+    TWO_SIDED_95,
+    excess_of_repeats,
+    unit_estimates,
+    unit_means,
+)
+from allanscope.quantities import LEVEL, number, symbols
 
 __all__ = ["NAMES", "Finding", "findings", "lot_verdict", "reservations"]
 
@@ -22,6 +27,9 @@ NAMES = ("N", "B", "K")
 
 MODEL_LEVEL = 0.01
 """Probability at which a single run says that the model does not explain it."""
+
+_NOTICEABLE_LOSS = 1e-3
+"""Share of the samples that may be missing before it counts, as for a single run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,21 +44,58 @@ class Finding:
 
 def findings(lot: Lot) -> list[Finding]:
     """Return the units that stand out, each with the reason, those farthest out first."""
-    comparisons = len(lot.axes) * len(NAMES)
+    gyros = [axis for axis in lot.axes if axis.startswith("g")]
+    comparisons = len(lot.axes) * len(NAMES) + len(gyros) + 1
     far = []
     for axis in lot.axes:
         for name in NAMES:
-            here = lot.of_axis(axis).detected(name)
-            sigma = log_sigma(here[f"{name}_lower"], here[f"{name}_upper"])
-            for one in far_units(here[f"{name}_value"], sigma, here.units, comparisons):
-                reason = (
-                    f"{name} is {number(one.ratio)} times the median of the others, "
-                    f"{number(abs(one.score))} standard deviations of the lot away"
-                )
-                far.append((abs(one.score), Finding(one.unit, axis, reason, name)))
-    ordered = [found for _, found in sorted(far, key=lambda pair: -pair[0])]
+            units = unit_estimates(lot.of_axis(axis), name)
+            for one in far_units(units, comparisons) if units is not None else []:
+                reason = f"{name} is {number(one.value / one.usual)} times that of the others"
+                far.append((one, Finding(one.unit, axis, _with_odds(reason, one), name)))
+    # The level of an accelerometer is the way it lies.
+    for axis in gyros:
+        for one in far_values(*_levels(lot.of_axis(axis)), comparisons):
+            reading = LEVEL[lot.of_axis(axis)["sensor_unit"][0]]
+            value, usual = (number(x * reading.factor) for x in (one.value, one.usual))
+            reason = f"level is {value} {symbols(reading.unit)}, that of the others {usual}"
+            far.append((one, Finding(one.unit, axis, _with_odds(reason, one))))
+    for one in far_values(*_rates(lot), comparisons):
+        reason = f"rate is {number(one.value, 6)} Hz, that of the others {number(one.usual, 6)}"
+        far.append((one, Finding(one.unit, "all", _with_odds(reason, one))))
+    ordered = [found for _, found in sorted(far, key=lambda pair: -abs(pair[0].score))]
     dead = "no noise could be fitted: dead, saturated or too short"
     return [*ordered, *_in_runs(lot, ~np.isfinite(lot["N_value"]), dead)]
+
+
+def _with_odds(reason: str, one: Outlier) -> str:
+    chance = "less than 0.0001" if one.p_value < 1e-4 else number(one.p_value, 2)
+    return f"{reason}, {number(abs(one.score))} standard deviations away (by chance: {chance})"
+
+
+def _levels(lot: Lot) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]:
+    """Return the levels of units, with what their repeats differ by as errors, and names."""
+    here = lot.where(np.isfinite(lot["level_mean"]))
+    return _of_units(here["level_mean"], np.zeros(len(here)), here.units)
+
+
+def _rates(lot: Lot) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]:
+    """Return the sample rates of units of the lot's nominal rate, errors and names."""
+    _, first = np.unique(lot["recording"].astype(np.str_), return_index=True)
+    nominal = lot["nominal_hz"][first]
+    rate, error = lot["measured_hz"][first], lot["rate_uncertainty_ppm"][first] * 1e-6
+    known = np.isfinite(rate) & np.isfinite(nominal) & np.isfinite(error)
+    if known.any():
+        rates, counts = np.unique(nominal[known], return_counts=True)
+        known &= nominal == rates[counts.argmax()]
+    return _of_units(rate[known], (rate * error)[known] / TWO_SIDED_95, lot.units[first][known])
+
+
+def _of_units(
+    values: NDArray[np.float64], errors: NDArray[np.float64], units: NDArray[np.str_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]:
+    names, mean, error = unit_means(values, errors, units, excess_of_repeats(values, errors, units))
+    return mean, error, names
 
 
 def reservations(lot: Lot) -> list[Finding]:
@@ -98,6 +143,7 @@ def lot_verdict(
             f"{len(bad)} of {units} stand out: {_some(bad)}" if bad else "none stands out",
         ),
         *_run_lines(lot),
+        *_loss_lines(lot),
         *_rack_lines(shared, units),
     ]
     if failures:
@@ -124,6 +170,22 @@ def _run_lines(lot: Lot) -> list[VerdictLine]:
         )
         lines.append(VerdictLine("note", "model", text))
     return lines
+
+
+def _loss_lines(lot: Lot) -> list[VerdictLine]:
+    """Return how many recordings lost samples, and which lost most."""
+    names, first = np.unique(lot["recording"].astype(np.str_), return_index=True)
+    lost = lot["lost_samples"][first]
+    if not (lost > 0).any():
+        return []
+    share = lost / (lot["samples"][first] + lost)
+    most = int(np.nanargmax(share))
+    text = (
+        f"{np.count_nonzero(lost > 0)} of {len(names)} recordings; most in {names[most]} "
+        f"({number(100.0 * share[most], 2)} %)"
+    )
+    grade: Grade = "bad" if share[most] > _NOTICEABLE_LOSS else "note"
+    return [VerdictLine(grade, "lost samples", text)]
 
 
 def _rack_lines(shared: list[SharedEffect], units: int) -> list[VerdictLine]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from typing import Any
 
@@ -33,6 +33,8 @@ class Outcome:
         The result as compressed JSON (see `packed`); empty without one.
     error : str
         One line, for a recording without a result.
+    version : str
+        Of the allanscope that made this, where it was made.
     """
 
     url: str
@@ -40,6 +42,13 @@ class Outcome:
     files: tuple[str, ...] = ()
     result: bytes = b""
     error: str = ""
+    version: str = field(default_factory=lambda: version("allanscope"))
+
+    @property
+    def is_of_this_version(self) -> bool:
+        """Whether it was made by the allanscope that asks; that of a worker may be another."""
+        # What an older one pickled has no version at all.
+        return getattr(self, "version", "") == version("allanscope")
 
 
 def result_key(sha256: str, device: DeviceSettings) -> str:

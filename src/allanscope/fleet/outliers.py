@@ -1,36 +1,30 @@
-"""Units that do not belong to the lot, each with the reason.
+"""Units that do not belong to the lot.
 
-A unit's value is the mean logarithm of its runs. Whether some units are too far from the rest is
-asked with Rosner's generalised extreme studentised deviate (Technometrics 25, 1983): the farthest
-is taken away, mean and scatter are formed anew, and so on; the largest number of units whose last
-one is significant are outliers, so that two bad boards cannot hide each other. The level is 1 % for
-the whole lot, shared among all that is compared. A unit must also be far by its own standard error.
+Coefficients are compared as logarithms, levels and rates as they are. The level is 1 % for the
+whole lot, shared among all that is compared (`random_effects` for the test).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FALSE_ALARMS", "FEWEST_UNITS", "Outlier", "far_units"]
+from allanscope.fleet.random_effects import Extreme, extremes, restricted
+from allanscope.fleet.unit_estimates import UnitEstimates
+
+__all__ = ["FALSE_ALARMS", "FEWEST_UNITS", "Outlier", "far_units", "far_values"]
 
 Floats = NDArray[np.float64]
+Names = NDArray[np.str_]
 
 FEWEST_UNITS = 6
 """With fewer there is no saying what is usual."""
 
 FALSE_ALARMS = 0.01
 """Probability of a false name in a lot without outliers, all comparisons together."""
-
-_LARGEST_SHARE = 4
-"""At most a quarter of the units can be outliers: beyond, there are two lots."""
-
-_MOST = 200
-"""Nor more than this, which nobody would read."""
-
-_OWN_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,74 +35,78 @@ class Outlier:
     ----------
     unit : str
         Its name.
-    ratio : float
-        Its value over the median of the others.
+    value, usual : float
+        Of the unit, and the centre of the others.
     score : float
-        Distance in standard deviations of the lot.
+        Distance in the standard deviations that scatter and its own error allow.
+    p_value : float
+        Probability of any such unit in a lot without outliers, all comparisons considered.
     """
 
     unit: str
-    ratio: float
+    value: float
+    usual: float
     score: float
+    p_value: float
 
 
-def far_units(
-    values: Floats, sigma: Floats, units: NDArray[np.str_], comparisons: int
-) -> list[Outlier]:
-    """Return the units that stand out, the farthest first.
+def far_units(units: UnitEstimates, comparisons: int) -> list[Outlier]:
+    """Return the units whose coefficient is far from the others', the farthest first.
 
     Parameters
     ----------
-    values, sigma : ndarray, shape (n,)
-        Positive values of the runs and standard errors of their logarithms.
-    units : ndarray of str, shape (n,)
-        Of which unit each run is.
+    units : UnitEstimates
+        One coefficient of a lot.
     comparisons : int
         Quantities that are looked at in the whole lot.
 
     Examples
     --------
-    >>> values = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.97, 4.0])
-    >>> [one] = far_units(values, np.full(8, 0.02), np.array(list("abcdefgh")), 1)
-    >>> one.unit, round(one.ratio, 1)
-    ('h', 4.0)
+    >>> value = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.97, 4.0])
+    >>> units = UnitEstimates(np.array(list("abcdefgh")), value, 0.02 * value, value > 0, 0.0)
+    >>> [one] = far_units(units, 1)
+    >>> one.unit, round(one.value / one.usual, 1), one.p_value < 1e-4
+    ('h', 4.0, True)
     """
-    names, of, repeats = np.unique(units, return_inverse=True, return_counts=True)
-    if len(names) < FEWEST_UNITS:
+    if len(units.names) < FEWEST_UNITS or not (units.value > 0.0).any():
         return []
-    means = np.bincount(of, np.log(values)) / repeats
-    error = np.sqrt(np.bincount(of, np.nan_to_num(sigma) ** 2)) / repeats
-    far = _extreme(means, FALSE_ALARMS / comparisons)
-    usual = np.delete(means, far)
-    centre, scatter = float(np.median(usual)), float(usual.std(ddof=1))
+    logs, errors = units.logarithms(_weighted_median(units.value, units.sigma))
+    found = far_values(logs, errors, units.names, comparisons)
+    return [
+        Outlier(
+            one.unit, float(np.exp(one.value)), float(np.exp(one.usual)), one.score, one.p_value
+        )
+        for one in found
+    ]
+
+
+def far_values(values: Floats, errors: Floats, names: Names, comparisons: int) -> list[Outlier]:
+    """Return the units whose values with these standard errors are far from the others'."""
+    if len(values) < FEWEST_UNITS:
+        return []
+    far = extremes(values, errors, FALSE_ALARMS / comparisons)
+    usual, scatter = _usual(values, errors, far)
     found = [
         Outlier(
-            str(names[index]),
-            float(np.exp(means[index] - centre)),
-            float((means[index] - centre) / max(scatter, 1e-12)),
+            str(names[one.index]),
+            float(values[one.index]),
+            usual,
+            float((values[one.index] - usual) / max(np.hypot(scatter, errors[one.index]), 1e-12)),
+            min(one.p_value * comparisons, 1.0),
         )
-        for index in far
-        if abs(means[index] - centre) > _OWN_SIGMAS * error[index]
+        for one in far
     ]
     return sorted(found, key=lambda one: -abs(one.score))
 
 
-def _extreme(values: Floats, level: float) -> list[int]:
-    """Return the places of the values that are too far from the rest."""
-    from scipy.stats import t
+def _usual(values: Floats, errors: Floats, far: Sequence[Extreme]) -> tuple[float, float]:
+    without = [one.index for one in far]
+    return restricted(np.delete(values, without), np.delete(errors, without))
 
-    left = list(range(len(values)))
-    removed: list[int] = []
-    significant = 0
-    most = min(len(values) // _LARGEST_SHARE, _MOST)
-    for n in range(len(values), len(values) - most, -1):
-        rest = values[left]
-        scatter = rest.std(ddof=1)
-        distance = np.abs(rest - rest.mean())
-        at = int(distance.argmax())
-        quantile = float(t.isf(level / (2 * n), n - 2))
-        critical = (n - 1) * quantile / np.sqrt((n - 2 + quantile**2) * n)
-        removed.append(left.pop(at))
-        if distance[at] > critical * scatter > 0.0:
-            significant = len(removed)
-    return removed[:significant]
+
+def _weighted_median(values: Floats, errors: Floats) -> float:
+    """Return the median by what is known: many poor ones must not move it."""
+    order = np.argsort(values)
+    smallest = 1e-3 * (float(errors.max()) or 1.0)
+    weight = np.cumsum(np.hypot(errors, smallest)[order] ** -2.0)
+    return float(values[order][np.searchsorted(weight, 0.5 * weight[-1])])

@@ -17,7 +17,9 @@ from allanscope.fleet.pictures import distribution_picture, history_picture
 from allanscope.fleet.replicates import Replication, replications
 from allanscope.fleet.shared import SharedEffect, effects_in, shared_effects
 from allanscope.fleet.spread import Spread, log_sigma, spread_of
-from allanscope.quantities import COEFFICIENTS, LEVEL, compact, duration, number, symbols
+from allanscope.fleet.typical import Typical, typical_of
+from allanscope.fleet.unit_estimates import unit_estimates
+from allanscope.quantities import COEFFICIENTS, LEVEL, Reading, compact, duration, number, symbols
 from allanscope.report.page import template
 from allanscope.samples import AXES
 
@@ -26,10 +28,15 @@ __all__ = ["render_lot"]
 MOST_ROWS = 500
 """Lines of a list; the table has them all."""
 
+_NINETY_PERCENT = 1.644854
+"""Standard deviations to either side that hold 90 % of the units."""
+
 _SENSORS = {"dps": "gyroscope", "g": "accelerometer"}
 
 
-def render_lot(lot: Lot, failures: Mapping[str, str]) -> str:
+def render_lot(
+    lot: Lot, failures: Mapping[str, str], copies: Mapping[str, str] | None = None
+) -> str:
     """Return the page.
 
     Parameters
@@ -38,6 +45,8 @@ def render_lot(lot: Lot, failures: Mapping[str, str]) -> str:
         At least one row.
     failures : mapping
         Recordings without a result, and why.
+    copies : mapping, optional
+        Recordings that are left out, and the ones that they are copies of.
     """
     effects = effects_in(lot)
     units = np.unique(lot.units)
@@ -58,6 +67,7 @@ def render_lot(lot: Lot, failures: Mapping[str, str]) -> str:
         repeated=_repeated(lot),
         units=[_unit(lot, unit) for unit in units[:MOST_ROWS].tolist()],
         failures=sorted(failures.values()),
+        copies=sorted((copies or {}).items()),
         footer=f"allanscope {version('allanscope')}",
     )
 
@@ -83,31 +93,51 @@ def _sensor(lot: Lot, sensor_unit: str, named: list[Finding]) -> dict[str, Any]:
         "name": _SENSORS[sensor_unit],
         "svg": distribution_picture(lot, sensor_unit, named).svg(),
         "history": history.svg() if history is not None else "",
-        "rows": [_row(here.of_axis(axis), axis, name) for axis in here.axes for name in NAMES],
+        "rows": [
+            _row(here.of_axis(axis), axis, name, named) for axis in here.axes for name in NAMES
+        ],
         "datasheet": _datasheet(here),
     }
 
 
-def _row(lot: Lot, axis: str, name: str) -> dict[str, str]:
+def _row(lot: Lot, axis: str, name: str, named: list[Finding]) -> dict[str, str]:
     reading = COEFFICIENTS[lot["sensor_unit"][0], name][0]
     here = lot.detected(name)
     sigma = log_sigma(here[f"{name}_lower"], here[f"{name}_upper"])
     spread = spread_of(here[f"{name}_value"], sigma, here.units)
+    belongs = ~np.isin(lot.units, _named_in(named, axis, name))
+    units = unit_estimates(lot.where(belongs), name)
     return {
         "axis": axis,
         "name": f"{name} ({symbols(reading.unit)})",
         "detected": f"{len(here)} of {len(lot)}",
-        **_spread_cells(spread, reading.factor),
+        **_typical_cells(None if units is None else typical_of(units), reading),
+        **_spread_cells(spread),
     }
 
 
-def _spread_cells(spread: Spread | None, factor: float) -> dict[str, str]:
-    if spread is None:
-        return dict.fromkeys(("median", "range", "between", "alike", "within", "sampling"), "–")
+def _named_in(named: list[Finding], axis: str, name: str) -> list[str]:
+    return [one.unit for one in named if (one.axis, one.quantity) == (axis, name)]
+
+
+def _typical_cells(typical: Typical | None, reading: Reading) -> dict[str, str]:
+    if typical is None:
+        return dict.fromkeys(("median", "range", "between"), "–")
+    if math.isnan(typical.value):
+        return {"median": reading.limit(typical.upper), "range": "–", "between": "–"}
+    wide = math.exp(_NINETY_PERCENT * np.nan_to_num(typical.scatter))
+    low, high = (number(reading.factor * x) for x in (typical.value / wide, typical.value * wide))
     return {
-        "median": number(spread.median * factor),
-        "range": f"{number(spread.low * factor)} … {number(spread.high * factor)}",
-        "between": _percent(spread.between),
+        "median": reading.interval(typical.value, typical.lower, typical.upper),
+        "range": f"{low} … {high}" if math.isfinite(typical.scatter) else "–",
+        "between": _percent(typical.scatter),
+    }
+
+
+def _spread_cells(spread: Spread | None) -> dict[str, str]:
+    if spread is None:
+        return dict.fromkeys(("alike", "within", "sampling"), "–")
+    return {
         "alike": _probability(spread.p_alike),
         "within": _percent(spread.within),
         "sampling": _percent(spread.sampling),

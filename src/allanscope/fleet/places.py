@@ -1,8 +1,8 @@
 """Where recordings lie: on this machine, or wherever fsspec reaches (s3, gs, https, sftp, memory).
 
 A recording is read by seeking in its file, a chunk at a time, so a remote one is neither copied to
-the disk nor held whole in memory. `RemotePath` is as much of a `pathlib.Path` as the recording room
-asks for; files of this machine stay plain paths.
+the disk nor held whole in memory. `RemotePath` is as much of a `pathlib.Path` as that takes; files
+of this machine stay plain paths.
 
 A night may lie in several files, ``session.mcap``, ``session-001.mcap``, ... Names alone do not
 tell whether a numbered file goes on with another, only the files do. A `Place` therefore keeps the
@@ -13,19 +13,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
-from typing import IO, Any, cast
+from typing import Any, cast
 
 from allanscope.errors import UsageError
+from allanscope.fleet.remote_path import RemotePath
 from allanscope.recording.layout import segment_number
 
-__all__ = ["Place", "RemotePath", "find_places"]
+__all__ = ["Place", "find_places", "is_of_this_machine"]
 
-READ_AHEAD_BYTES = 1 << 20
-"""Fetched at a time from a remote file."""
-
-_STAMPS = ("mtime", "LastModified", "last_modified", "updated", "created", "ETag", "etag")
+_STAMPS = ("ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
+"""What tells that a file has changed, the best first: an ETag goes with the content, a time may be
+in whole seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,99 +71,6 @@ class Place:
         return cast(Path, RemotePath(self.url, names))
 
 
-class RemotePath:
-    """A file that fsspec reaches, with the part of `pathlib.Path` that reading a recording needs.
-
-    Parameters
-    ----------
-    url : str
-        E.g. ``s3://bench/night.mcap``.
-    beside : tuple of str
-        Names of files in the same folder; nothing else is ever looked for there, so that a folder
-        of a hundred thousand objects is listed once and not once for each of them.
-    """
-
-    def __init__(self, url: str, beside: tuple[str, ...] = ()) -> None:
-        self.url = url
-        self._beside = beside
-
-    @property
-    def name(self) -> str:
-        """The last part."""
-        return PurePosixPath(self.url).name
-
-    @property
-    def stem(self) -> str:
-        """The last part without its suffix."""
-        return PurePosixPath(self.url).stem
-
-    @property
-    def suffix(self) -> str:
-        """E.g. ``.mcap``."""
-        return PurePosixPath(self.url).suffix
-
-    @property
-    def parent(self) -> RemotePath:
-        """The folder; knows the same files."""
-        return RemotePath(self.url.rpartition("/")[0], self._beside)
-
-    def with_name(self, name: str) -> RemotePath:
-        """Return a file of the same folder."""
-        return RemotePath(f"{self.parent.url}/{name}", self._beside)
-
-    def glob(self, pattern: str) -> Iterator[RemotePath]:
-        """Yield the known files of this folder whose names fit."""
-        for name in self._beside:
-            if fnmatchcase(name, pattern):
-                yield RemotePath(f"{self.url}/{name}", self._beside)
-
-    def is_dir(self) -> bool:
-        """Return False: a place is a file."""
-        return False
-
-    def open(self, mode: str = "rb") -> IO[Any]:
-        """Open for reading, with a window that moves through the file.
-
-        Raises
-        ------
-        OSError
-            If it is not there, or the other side fails: whatever a file system throws is turned
-            into this, which the recording room knows.
-        """
-        import fsspec
-
-        try:
-            return cast("IO[Any]", fsspec.open(self.url, mode, block_size=READ_AHEAD_BYTES).open())
-        except OSError:
-            raise
-        except Exception as error:
-            raise OSError(0, str(error) or type(error).__name__) from error
-
-    def stat(self) -> _Size:
-        """Return the size."""
-        import fsspec
-
-        filesystem, inside = fsspec.core.url_to_fs(self.url)
-        return _Size(int(filesystem.size(inside)))
-
-    def __str__(self) -> str:
-        return self.url
-
-    def __repr__(self) -> str:
-        return f"RemotePath({self.url!r})"
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, RemotePath) and self.url == other.url
-
-    def __hash__(self) -> int:
-        return hash(self.url)
-
-
-@dataclass(frozen=True, slots=True)
-class _Size:
-    st_size: int
-
-
 def find_places(patterns: Iterable[str]) -> list[Place]:
     """Return the recordings that the patterns match, each once, sorted by name.
 
@@ -195,12 +101,14 @@ def _matches(pattern: str) -> Iterator[Place]:
 
     try:
         filesystem, inside = fsspec.core.url_to_fs(pattern)
+        filesystem.invalidate_cache()  # of what was there when this process last looked
         if filesystem.isdir(inside):
             inside = f"{inside.rstrip('/')}/**/*.mcap"
         details = filesystem.glob(inside, detail=True)
     except Exception as error:
-        raise UsageError(f"cannot look for {pattern}: {error}") from error
-    here = "file" in _protocols(filesystem)
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise UsageError(f"cannot look for {pattern}: {why}") from error
+    here = is_of_this_machine(filesystem)
     for path, info in details.items():
         if info.get("type") != "file":
             continue
@@ -210,9 +118,10 @@ def _matches(pattern: str) -> Iterator[Place]:
         yield Place(url, int(info.get("size") or 0), stamp)
 
 
-def _protocols(filesystem: Any) -> tuple[str, ...]:
+def is_of_this_machine(filesystem: Any) -> bool:
+    """Whether a file system of fsspec is that of this machine."""
     protocol = filesystem.protocol
-    return (protocol,) if isinstance(protocol, str) else tuple(protocol)
+    return "file" in ((protocol,) if isinstance(protocol, str) else protocol)
 
 
 def _sessions(files: list[Place]) -> list[Place]:

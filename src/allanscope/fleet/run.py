@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import sys
 import threading
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from allanscope.errors import DeviceError
 from allanscope.fleet.cluster import connected, dashboard_line, require_extra
+from allanscope.fleet.crew import MOST_STRANDED, Crew
 from allanscope.fleet.desk import Desk, FleetResult
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import Place, find_places
@@ -25,7 +27,7 @@ from allanscope.pipeline.signals import stopped_by_signals
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from distributed import Client, Future
+    from distributed import Future
 
 __all__ = ["FleetResult", "FleetSettings", "run_fleet"]
 
@@ -33,6 +35,8 @@ TASKS_PER_WORKER = 3
 """One that runs and two that wait: a worker is never idle for want of a message."""
 
 LOOK_AGAIN_S = 0.5
+
+_WORKERS_DIED = "its worker died again and again; too little memory?"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +47,8 @@ class FleetSettings:
     ----------
     patterns : tuple of str
         Files, folders or globs, on this machine or at a URL of fsspec.
-    out : Path
-        Folder of the results; a folder with results is gone on with.
+    out : Path or str
+        Folder of the results, or text that is its URL; a folder with results is gone on with.
     scheduler : str
         Address of a Dask scheduler; empty for a cluster on this machine.
     workers : int or None
@@ -57,7 +61,7 @@ class FleetSettings:
     """
 
     patterns: tuple[str, ...]
-    out: Path
+    out: Path | str
     scheduler: str = ""
     workers: int | None = None
     unit_pattern: str = ""
@@ -113,12 +117,12 @@ def _work_off(desk: Desk, settings: FleetSettings, device: DeviceSettings) -> No
         with progress(
             float(len(desk.todo)), "fleet", unit="recordings", quiet=settings.quiet
         ) as advance:
-            _hand_out(desk, client, device, advance, stopped)
+            _hand_out(desk, Crew(client, _complain), device, advance, stopped)
 
 
 def _hand_out(
     desk: Desk,
-    client: Client,
+    crew: Crew,
     device: DeviceSettings,
     advance: Callable[[float], None],
     stopped: threading.Event,
@@ -127,9 +131,12 @@ def _hand_out(
     from distributed.client import FuturesCancelledError
 
     running: dict[Future, Place] = {}
+    stranded: Counter[str] = Counter()
     try:
         while (desk.todo or running) and not stopped.is_set():
-            _fill_up(desk, client, device, running)
+            crew.look()
+            _take_back(desk, crew, running, stranded)
+            _fill_up(desk, crew, device, running)
             for future, place in _finished(running):
                 del running[future]
                 advance(float(desk.take(place, _outcome(future, place))))
@@ -141,14 +148,25 @@ def _hand_out(
     desk.todo.extend(running.values())
 
 
-def _fill_up(
-    desk: Desk, client: Client, device: DeviceSettings, running: dict[Future, Place]
+def _take_back(
+    desk: Desk, crew: Crew, running: dict[Future, Place], stranded: Counter[str]
 ) -> None:
+    """Take back what was given to workers that are gone; one that outlives none has failed."""
+    for future in crew.stranded(running):
+        place = running.pop(future)
+        future.cancel()
+        stranded[place.url] += 1
+        if stranded[place.url] > MOST_STRANDED:
+            desk.take(place, Outcome(place.url, error=f"{place.url}: {_WORKERS_DIED}"))
+        else:
+            desk.todo.append(place)
+
+
+def _fill_up(desk: Desk, crew: Crew, device: DeviceSettings, running: dict[Future, Place]) -> None:
     """Hand out as much as keeps every worker busy until the next look."""
-    workers = sum(client.nthreads().values())
-    while desk.todo and len(running) < max(TASKS_PER_WORKER * workers, 1):
+    while desk.todo and len(running) < max(TASKS_PER_WORKER * crew.threads, 1):
         place = desk.todo.popleft()
-        running[desk.submit(client, place, device, idle=workers - len(running))] = place
+        running[desk.submit(crew, place, device, idle=crew.threads - len(running))] = place
 
 
 def _finished(running: dict[Future, Place]) -> list[tuple[Future, Place]]:
@@ -167,12 +185,15 @@ def _outcome(future: Future, place: Place) -> Outcome:
     try:
         outcome: Any = future.result()
     except Exception as error:
-        lost = "its worker died again and again; too little memory?"
         died = type(error).__name__ == "KilledWorker"
-        text = lost if died else f"{type(error).__name__}: {error}"
+        text = _WORKERS_DIED if died else f"{type(error).__name__}: {error}"
         return Outcome(place.url, error=f"{place.url}: {' '.join(text.split())}")
     assert isinstance(outcome, Outcome)
     return outcome
+
+
+def _complain(line: str) -> None:
+    print(f"allanscope: {line}", file=sys.stderr, flush=True)
 
 
 def _say(settings: FleetSettings, line: str) -> None:

@@ -45,6 +45,8 @@ from allanscope.spectrum.bank import SpectrumBank
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+    from allanscope.fleet.crew import Crew
+
 __all__ = ["Cut", "Survey", "join", "submit_split", "sum_part", "survey"]
 
 
@@ -95,7 +97,7 @@ class Survey:
     sha256: str = ""
 
 
-def submit_split(client: Client, place: Place, device: DeviceSettings, parts: int) -> Future:
+def submit_split(client: Client | Crew, place: Place, device: DeviceSettings, parts: int) -> Future:
     """Hand out one recording in parts; the future is an `Outcome`, as of a whole one."""
     seen = client.submit(survey, place, device, parts, pure=False)
     sums = [

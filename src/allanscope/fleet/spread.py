@@ -1,16 +1,10 @@
-"""Spread between units against spread between repeats of one unit.
+"""Repeats of one unit: by how much they differ, and whether units differ by more.
 
-Coefficients of noise are positive and scatter by factors, so their logarithms are taken. The value
-of run j of unit i is
-
-    ln c_ij = mu + u_i + e_ij,
-
-with variances of u (between units) and e (between repeats) from the mean squares of the one-way
-layout; unequal numbers of repeats enter by n0 = (N - sum n_i^2 / N) / (k - 1) (Searle, Casella and
-McCulloch, Variance Components, 1992, section 3.6). A repeat differs from the one before because the
-unit did, or because a finite record does not tell better: what the intervals of the single runs
-allow is put beside it. Whether the units differ at all is asked with the ratio of the mean squares,
-which has an F distribution with k - 1 and N - k degrees of freedom where they do not.
+Coefficients of noise are positive and scatter by factors, so their logarithms are taken. A repeat
+differs from the one before because the unit did, or because a finite record does not tell better:
+what the intervals of the single runs allow is put beside it. Whether units differ at all is asked
+with the ratio of the mean squares of the one-way layout, runs weighted by what is known of each; it
+has an F distribution with k - 1 and n - k degrees of freedom where they do not.
 """
 
 from __future__ import annotations
@@ -20,43 +14,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.fleet.unit_estimates import TWO_SIDED_95, excess_of_repeats
+
 __all__ = ["Spread", "log_sigma", "spread_of"]
 
 Floats = NDArray[np.float64]
 Names = NDArray[np.str_]
 
-TWO_SIDED_95 = 1.959964
-
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The distribution of one coefficient over a lot.
+    """How the runs of a lot scatter that show one coefficient.
 
     Attributes
     ----------
-    median, low, high : float
-        Median, 5th and 95th percentile of the runs, in the unit of the coefficient.
-    between, within : float
-        Standard deviation of the logarithm between units and between repeats of one unit; NaN
-        where nothing tells: `within` without repeats, `between` with one unit.
+    within : float
+        Standard deviation of the logarithm between repeats of one unit; NaN without repeats.
     p_alike : float
         Probability that repeats of units that are all alike differ by unit as much as these; NaN
         without repeats.
     sampling : float
         Rms standard error of the logarithm of single runs.
-    runs, units : int
-        That the term was detected in.
     """
 
-    median: float
-    low: float
-    high: float
-    between: float
     within: float
     p_alike: float
     sampling: float
-    runs: int
-    units: int
 
 
 def log_sigma(lower: Floats, upper: Floats) -> Floats:
@@ -71,48 +54,37 @@ def spread_of(values: Floats, sigma: Floats, units: Names) -> Spread | None:
 
     Examples
     --------
-    Two units a factor e apart, whose repeats agree:
+    Two units a factor e apart, whose repeats agree to a part in a thousand:
 
     >>> units = np.array(["a", "a", "b", "b"])
-    >>> one = spread_of(np.exp([0.0, 0.0, 1.0, 1.0]), np.full(4, 0.01), units)
-    >>> round(one.between, 3), one.within, one.units
-    (0.707, 0.0, 2)
+    >>> one = spread_of(np.exp([0.0, 0.001, 1.0, 1.001]), np.full(4, 0.01), units)
+    >>> round(one.within, 5), one.p_alike < 1e-5
+    (0.00071, True)
     """
     if len(values) == 0:
         return None
     logs = np.log(values)
-    low, median, high = np.percentile(values, [5.0, 50.0, 95.0])
-    between, within, p_alike = _components(logs, units)
     known = sigma[np.isfinite(sigma)]
     sampling = float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
-    if np.isnan(within) and np.isfinite(between):
-        # Without repeats the scatter of single runs is part of what units seem to differ by.
-        between = float(np.sqrt(max(between**2 - np.nan_to_num(sampling) ** 2, 0.0)))
-    return Spread(
-        median=float(median),
-        low=float(low),
-        high=float(high),
-        between=between,
-        within=within,
-        p_alike=p_alike,
-        sampling=sampling,
-        runs=len(values),
-        units=len(np.unique(units)),
-    )
-
-
-def _components(logs: Floats, units: Names) -> tuple[float, float, float]:
-    """Return the standard deviations between and within units, and how likely they are alike."""
-    from scipy.stats import f
-
     _, of, repeats = np.unique(units, return_inverse=True, return_counts=True)
     means = np.bincount(of, logs) / repeats
-    n, k = len(logs), len(repeats)
-    within = float(np.sum((logs - means[of]) ** 2)) / (n - k) if n > k else np.nan
-    if k < 2:
-        return np.nan, float(np.sqrt(within)), np.nan
-    mean_square = float(repeats @ (means - logs.mean()) ** 2) / (k - 1)
-    each = (n - float(repeats @ repeats) / n) / (k - 1)
-    between = (mean_square - np.nan_to_num(within)) / each
-    p_alike = float(f.sf(mean_square / within, k - 1, n - k)) if within > 0.0 else np.nan
-    return float(np.sqrt(max(between, 0.0))), float(np.sqrt(within)), p_alike
+    freedom = len(logs) - len(repeats)
+    within = float(np.sqrt(np.sum((logs - means[of]) ** 2) / freedom)) if freedom else np.nan
+    return Spread(within, _p_alike(logs, np.nan_to_num(sigma), units), sampling)
+
+
+def _p_alike(logs: Floats, errors: Floats, units: Names) -> float:
+    from scipy.stats import f
+
+    _, of = np.unique(units, return_inverse=True)
+    k, n = int(of.max()) + 1, len(logs)
+    variance = errors**2 + excess_of_repeats(logs, errors, units) ** 2
+    if k < 2 or n == k or not (variance > 0.0).all():
+        return np.nan
+    weight = 1.0 / variance
+    total = np.bincount(of, weight)
+    means = np.bincount(of, weight * logs) / total
+    within = float(weight @ (logs - means[of]) ** 2) / (n - k)
+    centre = float(total @ means) / float(total.sum())
+    between = float(total @ (means - centre) ** 2) / (k - 1)
+    return float(f.sf(between / within, k - 1, n - k)) if within > 0.0 else np.nan

@@ -77,7 +77,8 @@ class AllanBank:
     samples; see `allanscope.allan.curves` for what comes after.
 
     Samples of float64 are summed in doubles: their relative error is about 1e-16 times
-    (distance from the anchor / deviation). Integer samples have none below 2^53.
+    (distance from the anchor / deviation). Integer samples have none below 2^53, wherever the
+    first one lies: the mean is taken off as the run goes on, and put back where it counts.
 
     Examples
     --------

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan.cascade import Cascade
-from allanscope.allan.kernels import BATCH, Ladder, advance
+from allanscope.allan.kernels import BATCH, Ladder, advance, offset_near
 from allanscope.allan.stretches import stretches_of
 
 __all__ = ["ALIGNED", "LEVELS", "STRETCH", "Piece"]
@@ -89,6 +89,8 @@ class Piece:
             if halo.shape != (ALIGNED, axes):
                 raise ValueError(f"a halo has shape {(ALIGNED, axes)}, got {halo.shape}")
             self.end -= ALIGNED
+            for axis, level in enumerate(halo.mean(axis=0) - anchor):
+                self.cascade.offsets[axis] = offset_near(0.0, float(np.round(level)), 1.0)
             self._advance(halo)
             self.cascade.sums[:] = 0.0
             self.cascade.heads[:] = 0.0
@@ -108,7 +110,7 @@ class Piece:
     def _advance(self, samples: NDArray[np.generic]) -> list[NDArray[np.float64]]:
         """Feed the low rungs; return the samples less the anchor, shape (axes, n) each."""
         low = self.cascade
-        ladder = Ladder(low.rungs, low.heads, low.lags, low.first, low.sums)
+        ladder = Ladder(low.rungs, low.heads, low.lags, low.first, low.sums, low.offsets)
         taken = []
         for begin in range(0, len(samples), _SLICE):
             one = np.subtract(

@@ -22,11 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 from allanscope.allan import bank_state
 from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
-from allanscope.allan.confidence import HadamardFactor, assemble, wait_seconds
+from allanscope.allan.confidence import HadamardFactor, assemble
 from allanscope.allan.curves import Curves
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import Sums, estimator_named
 from allanscope.allan.piece import STRETCH, Piece
+from allanscope.allan.waiting import samples_to_value
 from allanscope.samples import Block
 
 __all__ = ["AllanBank"]
@@ -221,14 +222,16 @@ class AllanBank:
         kind : str
             As in `deviation`.
         tau : float
-            Averaging time in s; the nearest averaging factor is meant.
+            Averaging time in s; the one of the bank that is nearest to it is meant.
         rate : float, optional
             Measured sample rate in Hz instead of the bank's.
 
         Returns
         -------
         float
-            In s; 0 when every axis has a value.
+            In s; 0 exactly when `deviation` has a value there on every axis. Infinite where no
+            run of any length has one: at a tau shorter than those that the bank keeps for so long
+            a run, or for a record of one level that has no ratio.
 
         Raises
         ------
@@ -236,15 +239,10 @@ class AllanBank:
             For an unknown kind, or a rate or tau that is not positive.
         """
         rate = _positive(self.rate if rate is None else rate)
-        estimator = estimator_named(kind)
+        estimator_named(kind)
         if not (np.isfinite(tau) and tau > 0):
             raise ValueError(f"tau must be positive and finite, got {tau!r} s")
-        step = 2 if estimator.even else 1
-        m = max(step * round(tau * rate / (step * estimator.tau_factor)), step)
-        sums = self._settled_curves().sums(kind)
-        if (sums.terms[:, sums.m >= m] >= estimator.min_terms).all(axis=0).any():
-            return 0.0
-        return wait_seconds(kind, m, self._cascade.taken, rate)
+        return samples_to_value(kind, tau * rate, self._cascade, self._archive) / rate
 
     def merge(self, other: AllanBank) -> None:
         """Add another bank's run behind a gap: as if its samples had come here.

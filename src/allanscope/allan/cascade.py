@@ -121,6 +121,33 @@ class Cascade:
         """Averaging factors in samples, shape (taus,)."""
         return self.lags * self.stride
 
+    def factors_near(self, m: float) -> NDArray[np.int64]:
+        """Return the averaging factors around `m`, whether they are reached yet or not."""
+        level = max(int(np.log2(max(m, 1.0) / 32.0)), 0)
+        near = [lags_of_level(i, self.per_octave) << i for i in range(max(level - 1, 0), level + 2)]
+        return np.concatenate(near)
+
+    def missing(self, kind: str, m: int, terms: int) -> int:
+        """Return how many samples more of the open segment bring the terms at `m` to a number.
+
+        Parameters
+        ----------
+        kind : str
+            One of `COLUMNS`.
+        m : int
+            One of the averaging factors.
+        terms : int
+            Of all segments together.
+        """
+        level = max((m >> 5).bit_length() - 1, 0)
+        k = m >> level
+        index = np.flatnonzero(self.m == m)
+        wanted = terms - int(self.counts[index, 0, COLUMNS.index(kind)].sum())
+        if wanted <= 0:
+            return 0
+        entries = _entries_with(kind, wanted, k, first=level == 0)
+        return max((entries << level) - self.taken, 0)
+
     def extend(self, samples: NDArray[np.float64]) -> None:
         """Take in the next samples, shape (axes, n), less the anchor of each axis."""
         taken = self.taken + samples.shape[1]
@@ -284,6 +311,22 @@ class Cascade:
         }
         terms: NDArray[np.int64] = np.column_stack([counts[kind] for kind in COLUMNS])
         return np.maximum(terms, 0)
+
+
+def _entries_with(kind: str, terms: int, k: int, *, first: bool) -> int:
+    """Return how many entries of a rung have so many terms: see `_terms_of_segment`."""
+    entries = {
+        "ostdev": terms + k - 1,
+        "oadev": terms + 2 * k - 1,
+        "ohdev": terms + 3 * k - 1,
+        "mdev": terms + 3 * k - 1 - first,
+        "pdev": terms + 2 * k - 1,
+        "stdev": terms * k,
+        "adev": (terms + 1) * k,
+        "hdev": (terms + 2) * k,
+        "totdev": max(terms + 1, k),
+    }
+    return entries[kind]
 
 
 def _moments(sums: NDArray[np.float64], kind: str) -> tuple[Pair, Pair]:

@@ -79,7 +79,9 @@ class Piece:
     ) -> None:
         if start % ALIGNED or (start > 0) != (halo is not None):
             raise ValueError(f"a piece starts at multiples of {ALIGNED}, with a halo; got {start}")
-        self.anchor = anchor
+        self.anchor = np.array(anchor, np.float64)
+        if self.anchor.shape != (axes,):
+            raise ValueError(f"a piece of {axes} axes has as many anchors, got {anchor!r}")
         self.start = start
         self.end = start
         self.cascade = Cascade(axes, per_octave)
@@ -102,8 +104,11 @@ class Piece:
 
     def extend(self, samples: NDArray[np.generic]) -> None:
         """Take in the next samples, shape (n, axes), n a multiple of `ALIGNED`."""
-        if len(samples) % ALIGNED:
-            raise ValueError(f"a piece takes multiples of {ALIGNED} samples, got {len(samples)}")
+        if samples.shape[1:] != (self.cascade.axes,) or len(samples) % ALIGNED:
+            raise ValueError(
+                f"a piece takes multiples of {ALIGNED} samples of {self.cascade.axes} axes, "
+                f"got shape {samples.shape}"
+            )
         for slice_ in self._advance(samples):
             self._stretches.append(stretches_of(slice_, STRETCH))
 

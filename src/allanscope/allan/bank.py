@@ -372,7 +372,9 @@ class AllanBank:
 
 
 def _is_count(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        return False
+    return int(value) >= 1
 
 
 def _empty(kind: str, sums: Sums, level: float) -> Deviation:

@@ -148,7 +148,7 @@ def to_junit(verdicts: list[Verdict], recording: Path, specification: Path) -> s
         else:
             ElementTree.SubElement(case, "system-out").text = str(v)
     ElementTree.indent(suites, " ")
-    text = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
+    text: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
     return text.decode() + "\n"
 
 

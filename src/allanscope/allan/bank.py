@@ -249,7 +249,10 @@ class AllanBank:
         estimator_named(kind)
         if not (np.ndim(tau) == 0 and np.isfinite(tau) and tau > 0):
             raise ValueError(f"tau must be positive and finite, got {tau!r} s")
-        return samples_to_value(kind, tau * rate, self._cascade, self._archive) / rate
+        return (
+            samples_to_value(kind, tau * rate, self._settled_curves(), self._cascade, self._archive)
+            / rate
+        )
 
     def merge(self, other: AllanBank) -> None:
         """Add another bank's run behind a gap: as if its samples had come here.

@@ -24,7 +24,9 @@ _SHORTEST = math.sqrt(0.5)
 """An averaging time below this part of the shortest one of the bank is none of its own."""
 
 
-def samples_to_value(kind: str, tau: float, cascade: Cascade, archive: Archive) -> float:
+def samples_to_value(
+    kind: str, tau: float, curves: Curves, cascade: Cascade, archive: Archive
+) -> float:
     """Return how many samples more give every axis a value; inf where none is to come.
 
     Parameters
@@ -33,10 +35,11 @@ def samples_to_value(kind: str, tau: float, cascade: Cascade, archive: Archive) 
         Name in `REGISTRY`.
     tau : float
         Averaging time in samples.
+    curves : Curves
+        Values there are.
     cascade, archive : Cascade, Archive
         What the bank holds. No gap is foreseen.
     """
-    curves = Curves(cascade.settled(), archive)
     if kind != "theoh":
         return _to_part(kind, tau, curves, cascade, archive)[0]
     # Two curves in one, which meet at a tenth of the run, and that grows while one waits.
@@ -60,7 +63,7 @@ def _to_part(
         return (cascade.missing(name, m, estimator.min_terms) if m else math.inf), m
     stride, rows = archive.stride, archive.rows.shape[2]
     closed = np.diff(archive.starts)
-    taken = (archive.used - archive.starts[-1]) * stride + archive.filled
+    taken = since = (archive.used - archive.starts[-1]) * stride + archive.filled
     while m := stride * _nearest(
         factors_of_rows(estimator, stride, rows, cascade.per_octave), window / stride
     ):
@@ -69,12 +72,12 @@ def _to_part(
         # Now there is one as soon as the open segment has the rows, unless no room is left then.
         # Averaged phases are one fewer than picked ones, once a row is more than a sample.
         needed = estimator.needed(m // stride) + (name == "mtotdev" and stride > 1)
-        until = max(taken, needed * stride)
+        until = since if (closed >= needed).any() else max(since, needed * stride)
         full = (rows - int(closed.sum()) + 1) * stride
         if until < full:
-            # A segment that has the rows and no value is of one level: no run has a value there.
+            # A segment that has the rows and no value is of one level, as may be all to come.
             return (until - taken or math.inf), m
-        closed, stride = closed // 2, 2 * stride
+        closed, stride, since = closed // 2, 2 * stride, full
     return math.inf, 0
 
 

@@ -96,6 +96,13 @@ def export_data(one: ArgumentParser) -> None:
     one.add_argument(
         "--layout", default="kalibr", choices=["kalibr", "ros", "vins"], help="whose .yaml"
     )
+    one.add_argument(
+        "--upper-limits",
+        default="refuse",
+        choices=["include", "zero", "refuse"],
+        help="what a coefficient that was not detected becomes in a .yaml or .m: its upper limit, "
+        "0, or (by default) a line that says what is missing, and no file",
+    )
     _device_arguments(one)
 
 
@@ -109,6 +116,8 @@ def check(one: ArgumentParser) -> None:
     """Take what a gate needs."""
     one.add_argument("recording", help="a recording, the folder of a session, a capture or text")
     one.add_argument("--against", required=True, metavar="SPEC.toml", help="limits per axis")
+    one.add_argument("--junit", metavar="FILE.xml", help="also write a JUnit report")
+    one.add_argument("--json", metavar="FILE", help="also write the verdicts as JSON; - prints it")
     _device_arguments(one)
 
 

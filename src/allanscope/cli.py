@@ -126,6 +126,7 @@ def export_data(options: Namespace) -> int:
         _device_settings(options),
         options.quiet,
         options.layout,
+        options.upper_limits,
     )
     return ExitCode.DONE
 
@@ -146,11 +147,26 @@ def recover(options: Namespace) -> int:
 
 def check(options: Namespace) -> int:
     """Compare a recording's coefficients with the limits of a specification."""
-    from allanscope.pipeline.check import check_against
+    from allanscope.pipeline.check import check_against, failure, to_json, to_junit
+    from allanscope.pipeline.outputs import write_whole
+    from allanscope.whole_file import refuse_place
 
-    recording, specification = Path(options.recording), Path(options.against)
-    for line in check_against(recording, specification, _device_settings(options)):
-        print(line)
+    asked = Path(options.recording), Path(options.against)
+    for name in (options.junit, options.json):
+        if name and name != "-":
+            refuse_place(Path(name))
+    verdicts = check_against(*asked, _device_settings(options))
+    if options.junit:
+        write_whole(Path(options.junit), to_junit(verdicts, *asked))
+    if options.json == "-":
+        print(to_json(verdicts, *asked), end="")
+    else:
+        print("\n".join(str(verdict) for verdict in verdicts))
+    if options.json and options.json != "-":
+        write_whole(Path(options.json), to_json(verdicts, *asked))
+    failed = failure(verdicts)
+    if failed is not None:
+        raise failed
     return ExitCode.DONE
 
 

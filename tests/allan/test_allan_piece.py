@@ -17,7 +17,7 @@ from allanscope.spectrum.piece import SpectrumPiece
 
 N = 4_400_000  # more than 8192 rows of half a stretch
 EXACT = ("adev", "oadev", "hdev", "ohdev", "totdev", "mtotdev", "theo1")
-ROUNDED = {"stdev": 1e-11, "ostdev": 1e-11, "mdev": 1e-14, "pdev": 1e-10}
+ROUNDED = {"stdev": 1e-14, "ostdev": 1e-14, "mdev": 1e-14, "pdev": 1e-10}
 
 
 @pytest.fixture(scope="module")

@@ -190,3 +190,17 @@ def test_one_exact_segment_is_not_diluted_by_a_gap():
             alone.deviation[:, long],
             rtol=0.05,  # the noise type, hence the bias, may be told differently
         )
+
+
+@pytest.mark.parametrize("period", [2, 4, 8, 64])
+@pytest.mark.parametrize("kind", ["theo1", "theobr", "theoh"])
+def test_a_periodic_record_divides_by_no_zero(kind, period):
+    """Rows a whole number of periods apart differ by nothing: log2 of 0 warned."""
+    bank = AllanBank(1.0, axes=1)
+    bank.update(np.tile(np.arange(period), 40_000 // period))
+    curve = bank.deviation(kind)
+    assert not np.isinf(curve.deviation).any()
+    phase = np.tile([0.0, 1.0, 3.0, 1.0], 60)
+    variance, windows = thinned_theo1_variance(phase, 32, 4)
+    assert np.isfinite(variance)
+    assert windows == phase.size - 32

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from allanscope.allan import deviation
 from allanscope.allan.bank import AllanBank
 from allanscope.allan.estimators import REGISTRY
 
@@ -100,3 +101,66 @@ def test_all_types_that_fit_give_the_same(dtype):
     np.testing.assert_array_equal(
         bank.deviation("oadev").deviation, expected.deviation("oadev").deviation
     )
+
+
+@pytest.mark.parametrize(
+    "anchor",
+    [[1.0], [1.0, 2.0, 3.0], 1.0, [[1.0, 2.0]], [0.0, np.nan], [np.inf, 0.0], [0.0, 1e200]],
+)
+def test_an_anchor_is_a_finite_number_for_each_axis(anchor):
+    """A wider one wrote past the end of the rungs."""
+    with pytest.raises(ValueError, match="2 axes need as many finite anchors"):
+        AllanBank(1.0, axes=2, anchor=anchor)
+
+
+def test_the_caller_keeps_his_anchor():
+    anchor = np.array([5, 7])
+    bank = AllanBank(1.0, axes=2, anchor=anchor)
+    anchor[:] = 0
+    bank.update(np.arange(20.0).reshape(10, 2))
+    np.testing.assert_array_equal(bank.state()["anchor"], [5.0, 7.0])
+
+
+@pytest.mark.parametrize("bad", [True, "2", None, 1.5, np.array([1, 2]), 0, -1])
+def test_axes_and_taus_an_octave_are_whole_numbers(bad):
+    for name in ("axes", "per_octave"):
+        with pytest.raises(ValueError, match="whole axes"):
+            AllanBank(1.0, **{"axes": 1, name: bad})
+
+
+@pytest.mark.parametrize("rate", [None, "100", 1j, [100.0], np.array([1.0, 2.0])])
+def test_a_rate_is_one_number(rate):
+    with pytest.raises(ValueError, match="rate must be positive"):
+        AllanBank(rate)
+    with pytest.raises(ValueError, match="rate must be positive"):
+        deviation(np.arange(9.0) % 2, rate)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "bad"),
+    [(np.uint64, 2**53 + 1), (np.uint64, 2**64 - 1), (np.int64, 2**53 + 1), (np.int64, -(2**63))],
+)
+def test_integers_that_no_double_holds_are_refused_by_name(dtype, bad):
+    """They were rounded without a word: a record of 2^63, 2^63 + 1, ... had no deviation at all."""
+    bank = AllanBank(1.0, axes=2)
+    data = np.zeros((9, 2), dtype)
+    data[4, 1] = bad
+    with pytest.raises(ValueError, match=rf"sample 4 of axis 1 is {bad}, beyond 2\^53.*subtract"):
+        bank.update(data)
+    assert bank.samples == 0
+    data[4, 1] = min(abs(bad), 2**53)
+    bank.update(data)
+    assert bank.samples == 9
+
+
+def test_banks_of_different_rates_are_not_merged():
+    one, other = AllanBank(100.0, axes=1), AllanBank(104.0, axes=1)
+    for bank in (one, other):
+        bank.update(np.arange(9.0))
+    with pytest.raises(ValueError, match="rate"):
+        one.merge(other)
+    with pytest.raises(ValueError, match="rate"):
+        one + other
+    other.rate = 100.0
+    one.merge(other)
+    assert one.samples == 18

@@ -103,9 +103,9 @@ def test_what_is_no_state_is_refused(foreign):
 def test_a_later_version_is_refused_by_name():
     state = bank_of(samples(10)).state()
     header = json.loads(state["header"].tobytes())
-    header["version"] = 2
+    header["version"] = 3
     state["header"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
-    with pytest.raises(ValueError, match="version 2"):
+    with pytest.raises(ValueError, match="version 3"):
         AllanBank.from_state(state)
 
 

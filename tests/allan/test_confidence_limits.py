@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 from allanscope.allan import deviation
-from allanscope.allan.confidence import assemble, chi_square_limits, wait_seconds
+from allanscope.allan.confidence import assemble, chi_square_limits
 from allanscope.allan.estimators import REGISTRY, Sums
 
 
@@ -177,13 +177,3 @@ def test_the_theo_family_is_trusted_to_three_quarters():
 def test_a_rate_is_positive(rate):
     with pytest.raises(ValueError, match="rate must be positive and finite"):
         assemble("oadev", sums([1.0] * 3), rate)
-
-
-@pytest.mark.parametrize("kind", sorted(REGISTRY))
-def test_waiting_ends_when_there_is_a_value(kind):
-    estimator = REGISTRY[kind]
-    seconds = wait_seconds(kind, 40, 30, 10.0)
-    assert seconds == pytest.approx((estimator.needed(40) - 30) / 10.0)
-    assert wait_seconds(kind, 40, 30 + round(10 * seconds), 10.0) == 0.0
-    x = np.append(0.0, np.cumsum(np.random.default_rng(1).standard_normal(estimator.needed(40))))
-    assert np.isfinite(estimator.exact(x, 40)[0])

@@ -124,3 +124,35 @@ def test_thinned_windows_are_every_so_many_of_all(stride):
     variance, windows = theo1_variance(x, 20, stride)
     assert windows == len(expected)
     assert variance == pytest.approx(np.mean(expected), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["rate", "phase"])
+@pytest.mark.parametrize("offset", [2**63 - 30, 2**63 + 10**6, 2**64 - 100])
+def test_unsigned_integers_beyond_the_signed_range_are_exact(kind, offset, counts):
+    """Around 2^63 a record was torn in two: half of it became negative."""
+    expected = to_phase(counts + 50, 4.0, kind)
+    data = (counts + 20).astype(np.uint64) + np.uint64(offset - 20)
+    np.testing.assert_array_equal(np.diff(to_phase(data, 4.0, kind), 2), np.diff(expected, 2))
+
+
+def test_the_widest_integers_keep_the_digits_of_their_distances():
+    """Too wide to be summed in 64 bits: less their least one, then as floats."""
+    rng = np.random.default_rng(6)
+    small = rng.integers(0, 2**50, 9000)
+    data = small.astype(np.uint64) + np.uint64(2**63)
+    expected = deviation(small.astype(np.float64), 1.0).deviation
+    np.testing.assert_allclose(deviation(data, 1.0).deviation, expected, rtol=1e-13)
+    full = np.array([-(2**63), 2**63 - 1] * 20, np.int64)
+    assert deviation(full, 1.0, taus=[1.0]).deviation[0] == pytest.approx(2**64 / np.sqrt(2))
+
+
+@pytest.mark.parametrize("kind", ["rate", "phase"])
+@pytest.mark.parametrize("data", [[[1, 2], [3]], ["1", "2", "3"], [1j, 2, 3], [True, False, True]])
+def test_what_is_no_array_of_numbers_is_refused(data, kind):
+    with pytest.raises(ValueError, match="data"):
+        to_phase(data, 1.0, kind)
+
+
+def test_floats_that_cannot_be_squared_are_refused():
+    with pytest.raises(ValueError, match="sample 2 is -1e\\+300"):
+        to_phase([0.0, 1.0, -1e300, 5.0], 1.0)

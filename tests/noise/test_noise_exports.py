@@ -8,6 +8,7 @@ import pytest
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.exports import (
     LAYOUTS,
+    NotDetected,
     kalibr_yaml,
     matlab_imu_sensor,
     ros_covariance_yaml,
@@ -43,7 +44,7 @@ def numbers(text):
 
 
 def test_kalibr_gets_its_six_keys_in_si_and_continuous_time():
-    text = kalibr_yaml(AXES, RATE, rostopic="/imu", source="LSM6DSM")
+    text = kalibr_yaml(AXES, RATE, rostopic="/imu", source="LSM6DSM", upper_limits="include")
     keys = re.findall(r"^(\w+):", text, re.MULTILINE)
     assert keys == [
         "accelerometer_noise_density",
@@ -63,14 +64,45 @@ def test_kalibr_gets_its_six_keys_in_si_and_continuous_time():
     assert "LSM6DSM" in text
 
 
-def test_a_limit_stands_in_for_a_walk_that_was_not_detected():
-    text = kalibr_yaml(AXES, RATE)
+@pytest.mark.parametrize("layout", sorted(set(LAYOUTS) - {"ros"}))
+def test_an_upper_limit_is_never_written_unasked(layout):
+    with pytest.raises(NotDetected, match="K on gy"):
+        LAYOUTS[layout](AXES, RATE)
+    for choice in ("include", "zero"):
+        assert "Not detected: " in LAYOUTS[layout](AXES, RATE, upper_limits=choice)
+    with pytest.raises(ValueError, match="choose refuse, include or zero"):
+        LAYOUTS[layout](AXES, RATE, upper_limits="keep")
+
+
+def test_a_limit_stands_in_for_a_walk_that_was_not_detected_when_asked_to():
+    text = kalibr_yaml(AXES, RATE, upper_limits="include")
     assert numbers(text)["gyroscope_random_walk"] == pytest.approx(3e-4 * DEGREE)
-    assert "not detected on gy" in text
+    assert "# Not detected: K on gy; its upper limit was taken there." in text
+    text = kalibr_yaml(AXES, RATE, upper_limits="zero")
+    assert numbers(text)["gyroscope_random_walk"] == pytest.approx(2e-4 * DEGREE)
+    assert "# Not detected: K on gy; 0 was taken there." in text
+
+
+@pytest.mark.parametrize("choice", ["refuse", "include", "zero"])
+def test_a_limit_below_what_another_axis_has_changes_nothing(choice):
+    axes = {**AXES, "gy": {**AXES["gy"], "K": limited(1.5e-4)}}
+    text = kalibr_yaml(axes, RATE, upper_limits=choice)
+    assert numbers(text)["gyroscope_random_walk"] == pytest.approx(2e-4 * DEGREE)
+    assert "Not detected" not in text
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_white_noise_that_was_not_detected_is_treated_alike(layout):
+    axes = {axis: {name: known(1e-4) for name in "NBK"} for axis in AXES}
+    axes["az"] = {**axes["az"], "N": limited(2e-4)}
+    assert "Not detected" not in LAYOUTS[layout]({**axes, "az": axes["ay"]}, RATE)
+    with pytest.raises(NotDetected, match="N on az"):
+        LAYOUTS[layout](axes, RATE)
+    assert "N on az" in LAYOUTS[layout](axes, RATE, upper_limits="include")
 
 
 def test_vins_gets_discrete_values():
-    text = vins_yaml(AXES, RATE)
+    text = vins_yaml(AXES, RATE, upper_limits="include")
     values = numbers(text)
     assert values["gyr_n"] == pytest.approx(5e-3 * DEGREE * np.sqrt(RATE))
     assert values["acc_w"] == pytest.approx(7e-6 * G * np.sqrt(RATE))
@@ -88,7 +120,7 @@ def test_ros_gets_the_variance_of_one_sample_on_the_diagonal():
 
 
 def test_matlab_gets_double_sided_densities_axis_by_axis():
-    text = matlab_imu_sensor(AXES, RATE)
+    text = matlab_imu_sensor(AXES, RATE, upper_limits="zero")
     row = re.search(r"imu\.Gyroscope\.NoiseDensity = \[(.*)\];", text).group(1)
     np.testing.assert_allclose(
         [float(v) for v in row.split()], np.array([4e-3, 5e-3, 3e-3]) * DEGREE
@@ -101,7 +133,7 @@ def test_matlab_gets_double_sided_densities_axis_by_axis():
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_every_layout_says_what_it_is_and_keeps_a_name_in_its_comment(layout):
-    text = LAYOUTS[layout](AXES, RATE, source="night\nupdate_rate: 1")
+    text = LAYOUTS[layout](AXES, RATE, source="night\nupdate_rate: 1", upper_limits="include")
     assert "ontinuous" in text or "iscrete" in text
     assert "Source: night?update_rate: 1" in text
     assert not re.search("^update_rate: 1$", text, re.MULTILINE)
@@ -109,11 +141,13 @@ def test_every_layout_says_what_it_is_and_keeps_a_name_in_its_comment(layout):
 
 def test_an_axis_without_coefficients_is_no_axis():
     partly = {**AXES, "gy": {}, "ay": {}}
-    assert numbers(kalibr_yaml(partly, RATE))["gyroscope_noise_density"] == pytest.approx(
-        4e-3 * DEGREE
-    )
+    assert numbers(kalibr_yaml(partly, RATE, upper_limits="zero"))[
+        "gyroscope_noise_density"
+    ] == pytest.approx(4e-3 * DEGREE)
     assert "[0.000000e+00" not in ros_covariance_yaml(partly, RATE)
-    row = re.search(r"Gyroscope\.NoiseDensity = \[(.*)\];", matlab_imu_sensor(partly, RATE))
+    row = re.search(
+        r"Gyroscope\.NoiseDensity = \[(.*)\];", matlab_imu_sensor(partly, RATE, upper_limits="zero")
+    )
     assert float(row.group(1).split()[1]) == 0.0
     with pytest.raises(ValueError, match="no gyro axis was measured for long enough"):
         kalibr_yaml({name: {} for name in AXES}, RATE)

@@ -40,7 +40,7 @@ def export(*arguments):
     ],
 )
 def test_white_noise_arrives_in_the_units_of_each(log, tmp_path, name, layout, key, times):
-    assert export(log, tmp_path / name, *layout) == 0
+    assert export(log, tmp_path / name, *layout, "--upper-limits", "zero") == 0
     text = (tmp_path / name).read_text()
     number = float(text.partition(key)[2].split()[0])
     assert number == pytest.approx(SIGMA * times, rel=0.1)
@@ -52,6 +52,34 @@ def test_ros_is_given_the_variance_of_a_sample(log, tmp_path):
     text = (tmp_path / "ros.yaml").read_text()
     first = float(text.partition("angular_velocity_covariance: [")[2].partition(",")[0])
     assert first == pytest.approx((SIGMA * DEGREE) ** 2, rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["imu.yaml", "vins.yaml", "imu.m"])
+def test_an_upper_limit_is_written_only_when_asked_for(log, tmp_path, capsys, name):
+    """Fifteen seconds of white noise have no K: its limit is no estimate of it."""
+    out, layout = tmp_path / name, ["--layout", "vins"] if name.startswith("vins") else []
+    assert export(log, out, *layout) == 3
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "K on gx ax" in said
+    assert "--upper-limits include" in said
+    assert not out.exists()
+    written = {}
+    for choice in ("include", "zero"):
+        assert export(log, out, *layout, "--upper-limits", choice) == 0
+        written[choice] = out.read_text()
+        assert "Not detected: " in written[choice]
+    key = {"imu.yaml": "gyroscope_random_walk: ", "vins.yaml": "gyr_w: "}.get(
+        name, "imu.Gyroscope.RandomWalk = ["
+    )
+    limit, zero = (float(t.partition(key)[2].split()[0]) for t in written.values())
+    assert limit > 0.0
+    assert zero == 0.0
+
+
+def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(tmp_path, capsys):
+    assert export("nothing.mcap", tmp_path / "no" / "imu.yaml") == 2
+    assert "cannot write" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])

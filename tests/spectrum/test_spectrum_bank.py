@@ -207,6 +207,11 @@ def test_bad_banks_are_refused():
         SpectrumBank(1.0, 0)
     with pytest.raises(ValueError, match="cannot merge"):
         SpectrumBank(1.0, 1).merge(SpectrumBank(1.0, 2))
+    with pytest.raises(ValueError, match="2 Hz"):
+        SpectrumBank(1.0, 1).merge(SpectrumBank(2.0, 1))
+    for anchor in ([1.0, 2.0], 1.0, [np.nan]):
+        with pytest.raises(ValueError, match="finite anchors"):
+            SpectrumBank(1.0, 1, anchor=anchor)
 
 
 def test_the_low_pass_is_flat_where_it_is_read_and_closed_where_that_folds_from():

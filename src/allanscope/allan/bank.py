@@ -22,11 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 from allanscope.allan import bank_state
 from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
-from allanscope.allan.confidence import HadamardFactor, assemble, wait_seconds
+from allanscope.allan.confidence import HadamardFactor, assemble
 from allanscope.allan.curves import Curves
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import Sums, estimator_named
+from allanscope.allan.phase import LARGEST, positive_rate
 from allanscope.allan.piece import STRETCH, Piece
+from allanscope.allan.waiting import samples_to_value
 from allanscope.samples import Block
 
 __all__ = ["AllanBank"]
@@ -34,8 +36,8 @@ __all__ = ["AllanBank"]
 _SLICE = 1 << 14
 """Samples converted to float64 at a time: what fits in the second-level cache."""
 
-_LARGEST = 1e100
-"""No float beyond is taken for a measurement: the squares of its sums would overflow."""
+_EXACT = 2**53
+"""No integer beyond is taken: a double would not hold it."""
 
 
 class AllanBank:
@@ -54,7 +56,7 @@ class AllanBank:
         Averaging times in each octave.
     scale : array_like, shape (axes,), optional
         Physical unit per count; deviations are then in that unit instead of counts.
-    anchor : ndarray, shape (axes,), optional
+    anchor : array_like, shape (axes,), optional
         Subtracted from every sample; the first sample if not given. Banks that are to be joined
         share one.
 
@@ -68,7 +70,7 @@ class AllanBank:
     Raises
     ------
     ValueError
-        For a rate that is not positive, no axis, or a scale of another shape.
+        For a rate that is not positive, no axis, or a scale or anchor of another shape.
 
     Notes
     -----
@@ -77,7 +79,8 @@ class AllanBank:
     samples; see `allanscope.allan.curves` for what comes after.
 
     Samples of float64 are summed in doubles: their relative error is about 1e-16 times
-    (distance from the anchor / deviation). Integer samples have none below 2^53.
+    (distance from the anchor / deviation). Integer samples have none below 2^53, wherever the
+    first one lies: the mean is taken off as the run goes on, and put back where it counts.
 
     Examples
     --------
@@ -103,17 +106,23 @@ class AllanBank:
         per_octave: int = 4,
         scale: ArrayLike | None = None,
         *,
-        anchor: NDArray[np.float64] | None = None,
+        anchor: ArrayLike | None = None,
     ) -> None:
-        if axes < 1 or per_octave < 1:
-            raise ValueError(f"need axes >= 1 and per_octave >= 1, got {axes} and {per_octave}")
-        self.rate = _positive(rate)
+        if not (_is_count(axes) and _is_count(per_octave)):
+            raise ValueError(
+                f"need whole axes >= 1 and per_octave >= 1, got {axes!r} and {per_octave!r}"
+            )
+        self.rate = positive_rate(rate)
         self.axes = axes
         self.per_octave = per_octave
         self.scale = np.ones(axes) if scale is None else np.array(scale, np.float64)
         if self.scale.shape != (axes,) or not np.isfinite(self.scale).all():
             raise ValueError(f"{axes} axes need as many finite scales, got {self.scale}")
-        self._anchor = anchor
+        self._anchor = None if anchor is None else np.array(anchor, np.float64)
+        if self._anchor is not None and not (
+            self._anchor.shape == (axes,) and (np.abs(self._anchor) < LARGEST).all()
+        ):
+            raise ValueError(f"{axes} axes need as many finite anchors, got {anchor!r}")
         self._cascade = Cascade(axes, per_octave)
         self._archive = Archive(axes)
         self._curves: Curves | None = None
@@ -134,13 +143,13 @@ class AllanBank:
         Parameters
         ----------
         samples : Block or array_like, shape (n, axes), or (n,) for one axis
-            Integers (below 2^53) or floats of at most 64 bits.
+            Integers up to 2^53 or floats of at most 64 bits.
 
         Raises
         ------
         ValueError
-            For another shape or type, or a sample that is not finite or beyond 1e100. Nothing is
-            taken in then.
+            For another shape or type, or a sample that is not finite, beyond 1e100, or an integer
+            beyond 2^53. Nothing is taken in then.
         """
         data = self._checked(samples.counts if isinstance(samples, Block) else samples)
         if len(data) == 0:
@@ -194,7 +203,7 @@ class AllanBank:
         ValueError
             For an unknown kind, a rate that is not positive, or a level outside (0, 1).
         """
-        rate = _positive(self.rate if rate is None else rate)
+        rate = positive_rate(self.rate if rate is None else rate)
         if not 0.0 < level < 1.0:
             raise ValueError(f"level must lie between 0 and 1, got {level!r}")
         curves = self._settled_curves()
@@ -220,30 +229,30 @@ class AllanBank:
         kind : str
             As in `deviation`.
         tau : float
-            Averaging time in s; the nearest averaging factor is meant.
+            Averaging time in s; the one of the bank that is nearest to it is meant.
         rate : float, optional
             Measured sample rate in Hz instead of the bank's.
 
         Returns
         -------
         float
-            In s; 0 when every axis has a value.
+            In s; 0 exactly when `deviation` has a value there on every axis. Infinite where no
+            run of any length has one: at a tau shorter than those that the bank keeps for so long
+            a run, or for a record of one level that has no ratio.
 
         Raises
         ------
         ValueError
             For an unknown kind, or a rate or tau that is not positive.
         """
-        rate = _positive(self.rate if rate is None else rate)
-        estimator = estimator_named(kind)
-        if not (np.isfinite(tau) and tau > 0):
+        rate = positive_rate(self.rate if rate is None else rate)
+        estimator_named(kind)
+        if not (np.ndim(tau) == 0 and np.isfinite(tau) and tau > 0):
             raise ValueError(f"tau must be positive and finite, got {tau!r} s")
-        step = 2 if estimator.even else 1
-        m = max(step * round(tau * rate / (step * estimator.tau_factor)), step)
-        sums = self._settled_curves().sums(kind)
-        if (sums.terms[:, sums.m >= m] >= estimator.min_terms).all(axis=0).any():
-            return 0.0
-        return wait_seconds(kind, m, self._cascade.taken, rate)
+        return (
+            samples_to_value(kind, tau * rate, self._settled_curves(), self._cascade, self._archive)
+            / rate
+        )
 
     def merge(self, other: AllanBank) -> None:
         """Add another bank's run behind a gap: as if its samples had come here.
@@ -251,13 +260,14 @@ class AllanBank:
         Raises
         ------
         ValueError
-            When axes, averaging times or scales differ.
+            When axes, averaging times, scales or rates differ.
         """
-        same = (self.axes, self.per_octave, self.scale.tolist())
-        if same != (other.axes, other.per_octave, other.scale.tolist()):
+        same = (self.axes, self.per_octave, self.scale.tolist(), self.rate)
+        theirs = (other.axes, other.per_octave, other.scale.tolist(), other.rate)
+        if same != theirs:
             raise ValueError(
-                "banks differ in axes, per_octave or scale and cannot be merged: "
-                f"{same} and {(other.axes, other.per_octave, other.scale.tolist())}"
+                "banks differ in axes, per_octave, scale or rate and cannot be merged: "
+                f"{same} and {theirs}"
             )
         if other._anchor is None:
             return
@@ -279,10 +289,12 @@ class AllanBank:
         ValueError
             When the piece is of another run, or does not begin where the open segment ends.
         """
-        if self._anchor is None:
-            self._anchor = piece.anchor.copy()
-        if self.per_octave != piece.cascade.per_octave or np.any(self._anchor != piece.anchor):
-            raise ValueError("the piece has another anchor or other averaging times")
+        if (self.axes, self.per_octave) != (
+            piece.cascade.axes,
+            piece.cascade.per_octave,
+        ) or (self._anchor is not None and np.any(self._anchor != piece.anchor)):
+            raise ValueError("the piece has other axes, another anchor or other averaging times")
+        self._anchor = piece.anchor.copy()
         self._curves = None
         stretches = piece.stretches
         self._cascade.join(piece.cascade, stretches, piece.start)
@@ -343,20 +355,29 @@ class AllanBank:
             raise ValueError(f"samples must have shape (n, {self.axes}), got {data.shape}")
         if not np.can_cast(data.dtype, np.float64, "safe") or data.dtype.kind not in "iuf":
             raise ValueError(f"samples must be integers or float64, got {data.dtype}")
-        measured = np.abs(data, dtype=np.float64) < _LARGEST if data.dtype.kind == "f" else np.True_
-        if not measured.all():
-            row, column = np.argwhere(~measured)[0]
-            raise ValueError(
-                f"sample {self.samples + row} of axis {column} is {data[row, column]}; "
-                "leave it out and call gap() instead"
+        whole = data.dtype.kind != "f"
+        if whole and data.dtype.itemsize < 8:
+            return data
+        if whole:
+            fit = (data <= _EXACT) & (data >= (-_EXACT if data.dtype.kind == "i" else 0))
+        else:
+            fit = np.abs(data, dtype=np.float64) < LARGEST
+        if not fit.all():
+            row, column = np.argwhere(~fit)[0]
+            remedy = (
+                "beyond 2^53, which float64 does not hold; subtract an offset first"
+                if whole
+                else "leave it out and call gap() instead"
             )
+            where = f"sample {self.samples + row} of axis {column} is {data[row, column]}"
+            raise ValueError(f"{where}{', ' if whole else '; '}{remedy}")
         return data
 
 
-def _positive(rate: float) -> float:
-    if not (np.isfinite(rate) and rate > 0):
-        raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
-    return float(rate)
+def _is_count(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        return False
+    return int(value) >= 1
 
 
 def _empty(kind: str, sums: Sums, level: float) -> Deviation:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["pack", "unpack"]
 
 _FORMAT = "allanscope bank"
-_VERSION = 1
+_VERSION = 2
 
 State = dict[str, NDArray[Any]]
 

@@ -14,12 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan.estimators.base import Sums
-from allanscope.allan.kernels import BATCH, COLUMNS, HEAD, Ladder, advance, settle
+from allanscope.allan.kernels import (
+    BATCH,
+    COLUMNS,
+    HEAD,
+    MOMENTS,
+    WIDTH,
+    Ladder,
+    advance,
+    put_all_back,
+    settle,
+)
+from allanscope.allan.moments import Pair, sample_variance, shifted, two_sum
 from allanscope.allan.stretches import hand_up
 
 __all__ = ["Cascade", "lags_of_level"]
-
-_OSTDEV_MEAN, _STDEV_MEAN = len(COLUMNS), len(COLUMNS) + 1
 
 _MOST_LEVELS = 56
 """More would bring averaging factors that no int64 holds."""
@@ -82,7 +91,8 @@ class Cascade:
         self.first = np.zeros(1, np.int64)
         self.rungs = np.zeros((axes, 0, 3, 2 * BATCH))
         self.heads = np.zeros((axes, 0, HEAD))
-        self.sums = np.zeros((axes, 0, len(COLUMNS) + 2))
+        self.sums = np.zeros((axes, 0, WIDTH))
+        self.offsets = np.zeros((axes, 0))
         self.counts = np.zeros((0, 3, len(COLUMNS)), np.int64)
         self.grow(1)
 
@@ -97,6 +107,7 @@ class Cascade:
         self.levels += missing
         self.rungs = _extended(self.rungs, missing, axis=1)
         self.heads = _extended(self.heads, missing, axis=1)
+        self.offsets = _extended(self.offsets, missing, axis=1)
         self.sums = _extended(self.sums, taus, axis=1)
         self.counts = _extended(self.counts, taus, axis=0)
 
@@ -109,6 +120,33 @@ class Cascade:
     def m(self) -> NDArray[np.int64]:
         """Averaging factors in samples, shape (taus,)."""
         return self.lags * self.stride
+
+    def factors_near(self, m: float) -> NDArray[np.int64]:
+        """Return the averaging factors around `m`, whether they are reached yet or not."""
+        level = max(int(np.log2(max(m, 1.0) / 32.0)), 0)
+        near = [lags_of_level(i, self.per_octave) << i for i in range(max(level - 1, 0), level + 2)]
+        return np.concatenate(near)
+
+    def missing(self, kind: str, m: int, terms: int) -> int:
+        """Return how many samples more of the open segment bring the terms at `m` to a number.
+
+        Parameters
+        ----------
+        kind : str
+            One of `COLUMNS`.
+        m : int
+            One of the averaging factors.
+        terms : int
+            Of all segments together.
+        """
+        level = max((m >> 5).bit_length() - 1, 0)
+        k = m >> level
+        index = np.flatnonzero(self.m == m)
+        wanted = terms - int(self.counts[index, 0, COLUMNS.index(kind)].sum())
+        if wanted <= 0:
+            return 0
+        entries = _entries_with(kind, wanted, k, first=level == 0)
+        return max((entries << level) - self.taken, 0)
 
     def extend(self, samples: NDArray[np.float64]) -> None:
         """Take in the next samples, shape (axes, n), less the anchor of each axis."""
@@ -134,6 +172,7 @@ class Cascade:
         copy.__dict__.update(self.__dict__)
         copy.rungs, copy.heads = self.rungs.copy(), self.heads.copy()
         copy.sums, copy.counts = self.sums.copy(), self.counts.copy()
+        copy.offsets = self.offsets.copy()
         copy.close()
         return copy
 
@@ -144,11 +183,10 @@ class Cascade:
         taus = other.lags.size
         theirs, terms = other.sums.copy(), other.counts[:, 0]
         step = shift[:, np.newaxis] * other.m
-        for square, mean in (("ostdev", _OSTDEV_MEAN), ("stdev", _STDEV_MEAN)):
-            column = COLUMNS.index(square)
-            theirs[..., column] += step * (2.0 * theirs[..., mean] + step * terms[:, column])
-            theirs[..., mean] += step * terms[:, column]
-        self.sums[:, :taus] += theirs
+        for kind in MOMENTS:
+            number = terms[:, COLUMNS.index(kind)].astype(np.float64)
+            _set_moments(theirs, kind, *shifted(number, *_moments(theirs, kind), step))
+        self._add(theirs)
         self.counts[:taus] += other.counts
         self.samples += other.samples
 
@@ -168,10 +206,13 @@ class Cascade:
             raise ValueError(f"the piece begins at {start}, {self.taken} samples are here")
         count = stretches.shape[1] << low.levels
         self.grow(((start + count) // 32).bit_length())
+        put_all_back(self._ladder())
+        put_all_back(low._ladder())
         self.rungs[:, : low.levels] = low.rungs
+        self.offsets[:, : low.levels] = low.offsets
         if start == 0:
             self.heads[:, : low.levels] = low.heads
-        self.sums[:, : low.lags.size] += low.sums
+        self._add(low.sums)
         hand_up(stretches, low.levels, start >> low.levels, self._ladder())
         self.samples += count
         self.taken += count
@@ -183,6 +224,7 @@ class Cascade:
             "rungs": self.rungs,
             "heads": self.heads,
             "sums": self.sums,
+            "offsets": self.offsets,
             "counts": self.counts,
         }
 
@@ -198,6 +240,7 @@ class Cascade:
         self.samples, self.taken = samples, taken
         self.rungs, self.heads = arrays["rungs"], arrays["heads"]
         self.sums, self.counts = arrays["sums"], arrays["counts"]
+        self.offsets = arrays["offsets"]
 
     def variances(self, kind: str) -> Sums:
         """Return the variances of one of `COLUMNS` for tau0 = 1, where they have a term at all.
@@ -211,9 +254,7 @@ class Cascade:
         squares = sums[..., column]
         match kind:
             case "stdev" | "ostdev":
-                mean = sums[..., _STDEV_MEAN if kind == "stdev" else _OSTDEV_MEAN] / terms
-                one_less = np.where(terms > 1, terms - 1, np.nan)
-                variance = np.maximum(squares - terms * mean**2, 0.0) / one_less / m**2
+                variance = sample_variance(terms.astype(np.float64), *_moments(sums, kind)) / m**2
             case "adev" | "oadev":
                 variance = squares / terms / (2.0 * m**2)
             case "totdev":
@@ -239,7 +280,19 @@ class Cascade:
         )
 
     def _ladder(self) -> Ladder:
-        return Ladder(self.rungs, self.heads, self.lags, self.first, self.sums)
+        return Ladder(self.rungs, self.heads, self.lags, self.first, self.sums, self.offsets)
+
+    def _add(self, theirs: NDArray[np.float64]) -> None:
+        """Add sums at the first taus, those of w without losing a digit."""
+        ours = self.sums[:, : theirs.shape[1]]
+        moments = {kind: (_moments(ours, kind), _moments(theirs, kind)) for kind in MOMENTS}
+        ours += theirs
+        for kind, (mine, other) in moments.items():
+            pairs = []
+            for one, more in zip(mine, other, strict=True):
+                high, low = two_sum(one[0], more[0])
+                pairs.append((high, low + (one[1] + more[1])))
+            _set_moments(ours, kind, *pairs)
 
     def _terms_of_segment(self) -> NDArray[np.int64]:
         """Return how many terms of each of `COLUMNS` the open segment has, shape (taus, 9)."""
@@ -258,6 +311,32 @@ class Cascade:
         }
         terms: NDArray[np.int64] = np.column_stack([counts[kind] for kind in COLUMNS])
         return np.maximum(terms, 0)
+
+
+def _entries_with(kind: str, terms: int, k: int, *, first: bool) -> int:
+    """Return how many entries of a rung have so many terms: see `_terms_of_segment`."""
+    entries = {
+        "ostdev": terms + k - 1,
+        "oadev": terms + 2 * k - 1,
+        "ohdev": terms + 3 * k - 1,
+        "mdev": terms + 3 * k - 1 - first,
+        "pdev": terms + 2 * k - 1,
+        "stdev": terms * k,
+        "adev": (terms + 1) * k,
+        "hdev": (terms + 2) * k,
+        "totdev": max(terms + 1, k),
+    }
+    return entries[kind]
+
+
+def _moments(sums: NDArray[np.float64], kind: str) -> tuple[Pair, Pair]:
+    """Return the sum of w and that of its squares, shape (axes, taus) each."""
+    a, b, c, d = np.moveaxis(sums[..., MOMENTS[kind] + 2 : MOMENTS[kind] + 6], -1, 0).copy()
+    return (a, b), (c, d)
+
+
+def _set_moments(sums: NDArray[np.float64], kind: str, first: Pair, second: Pair) -> None:
+    sums[..., MOMENTS[kind] + 2 : MOMENTS[kind] + 6] = np.stack([*first, *second], axis=-1)
 
 
 def _extended(array: NDArray[Any], count: int, axis: int) -> NDArray[Any]:

@@ -21,7 +21,7 @@ from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import Sums, estimator_named
 from allanscope.allan.noise_type import NAMES
 
-__all__ = ["HadamardFactor", "assemble", "chi_square_limits", "wait_seconds"]
+__all__ = ["HadamardFactor", "assemble", "chi_square_limits"]
 
 HadamardFactor = Literal["sp1065", "dt0064"]
 
@@ -143,19 +143,6 @@ def chi_square_limits(
     largest = 2.0 * gammaincinv(edf / 2.0, 1.0 - tail)
     deviation = np.asarray(deviation, np.float64)
     return deviation * np.sqrt(edf / largest), deviation * np.sqrt(edf / smallest)
-
-
-def wait_seconds(kind: str, m: int, n: int, rate: float) -> float:
-    """Return how many seconds more a run of `n` samples needs until `m` has a value; 0 if none.
-
-    Examples
-    --------
-    OADEV over 100 samples has its first two terms after 201:
-
-    >>> wait_seconds("oadev", m=100, n=101, rate=10.0)
-    10.0
-    """
-    return max(estimator_named(kind).needed(m) - n, 0) / rate
 
 
 def _unit_factor(hadamard: bool, factor: str) -> float:

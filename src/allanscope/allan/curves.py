@@ -30,7 +30,7 @@ from allanscope.allan.kernels import COLUMNS
 from allanscope.allan.noise_type import at_factors, identify
 from allanscope.allan.thinned_theo1 import thinned_theo1_variance
 
-__all__ = ["Curves"]
+__all__ = ["Curves", "factors_of_rows"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -125,7 +125,7 @@ class Curves:
 
     def _from_archive(self, estimator: Estimator) -> Sums:
         archive = self._archive
-        factors = self._factors(estimator)
+        factors = factors_of_rows(estimator, archive.stride, archive.used, self._cascade.per_octave)
         few = archive.stride == 1 and archive.used <= _ALL_WINDOWS
         every = few or estimator.name not in ("mtotdev", "htotdev")
         step = np.ones_like(factors) if every else np.maximum(factors // _WINDOWS_PER_TAU, 1)
@@ -159,16 +159,16 @@ class Curves:
                     pooled[:, t] += variance * windows, windows, 1, covered
         return pooled
 
-    def _factors(self, estimator: Estimator) -> Ints:
-        """Return averaging factors in rows."""
-        archive, per_octave = self._archive, self._cascade.per_octave
-        octaves = np.arange(per_octave * np.log2(max(archive.used, 1)) + 1)
-        factors = np.round(2.0 ** (octaves / per_octave)).astype(np.int64)
-        fewest = 1 if archive.stride == 1 else _FEWEST_ROWS
-        if estimator.even:
-            factors = 2 * np.round(factors / 2).astype(np.int64)
-            fewest = max(fewest, _FEWEST_PHASES)
-        return np.unique(factors[factors >= fewest])
+
+def factors_of_rows(estimator: Estimator, stride: int, used: int, per_octave: int) -> Ints:
+    """Return the averaging factors that `used` rows of an archive serve, in rows, ascending."""
+    octaves = np.arange(per_octave * np.log2(max(used, 1)) + 1)
+    factors = np.round(2.0 ** (octaves / per_octave)).astype(np.int64)
+    fewest = 1 if stride == 1 else _FEWEST_ROWS
+    if estimator.even:
+        factors = 2 * np.round(factors / 2).astype(np.int64)
+        fewest = max(fewest, _FEWEST_PHASES)
+    return np.unique(factors[factors >= fewest])
 
 
 def _windows(

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["DataKind", "to_phase"]
+__all__ = ["LARGEST", "DataKind", "positive_rate", "to_phase"]
 
 DataKind = Literal["rate", "phase"]
+
+LARGEST = 1e100
+"""No float beyond is taken for a measurement: the squares of its sums would overflow."""
 
 _ROOM = 2**62
 """Sums of integers below this fit in int64, with one bit to spare."""
@@ -39,7 +43,7 @@ def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDAr
     ------
     ValueError
         For a rate that is not positive, another kind, another shape, a sample that is no finite
-        real number, or fewer than two rates (three phases).
+        real number or beyond 1e100, or fewer than two rates (three phases).
 
     Examples
     --------
@@ -50,13 +54,15 @@ def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDAr
     >>> to_phase([0, 10**15, 3 * 10**15], rate=1.0, data_kind="phase")
     array([ 0.e+00, -5.e+14,  0.e+00])
     """
-    if not (math.isfinite(rate) and rate > 0):
-        raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
+    rate = positive_rate(rate)
     if data_kind not in ("rate", "phase"):
         raise ValueError(f"unknown data_kind {data_kind!r}; choose rate or phase")
     if np.ma.is_masked(data):
         raise ValueError("data has masked samples; cut the record at them")
-    values = np.asarray(data)
+    try:
+        values = np.asarray(data)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"data is no array of numbers: {error}") from None
     if values.ndim != 1:
         raise ValueError(f"data must have one dimension, got shape {values.shape}")
     if values.dtype.kind not in "iuf":
@@ -69,10 +75,21 @@ def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDAr
     return _from_integers(values, rate, data_kind)
 
 
+def positive_rate(rate: float) -> float:
+    """Return a sample rate in Hz; ValueError for what is no positive, finite number."""
+    number = isinstance(rate, Real) or (isinstance(rate, np.ndarray) and rate.ndim == 0)
+    if not (number and math.isfinite(rate) and rate > 0):
+        raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
+    return float(rate)
+
+
 def _from_floats(values: NDArray[np.float64], rate: float, data_kind: str) -> NDArray[np.float64]:
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         raise ValueError(f"sample {bad[0]} is {values[bad[0]]} (one of {bad.size} not finite)")
+    if values.max(initial=0.0) > LARGEST or values.min(initial=0.0) < -LARGEST:
+        far = int(np.argmax(np.abs(values)))
+        raise ValueError(f"sample {far} is {values[far]}: too large to be squared")
     if data_kind == "phase":
         phase: NDArray[np.float64] = (values - values[0]) * rate
         return phase
@@ -81,10 +98,13 @@ def _from_floats(values: NDArray[np.float64], rate: float, data_kind: str) -> ND
 
 
 def _from_integers(values: NDArray[np.generic], rate: float, data_kind: str) -> NDArray[np.float64]:
-    span = int(values.max()) - int(values.min())
+    least = int(values.min())
+    span = int(values.max()) - least
+    # From the least one up, modulo 2^64: no integer of any type is out of reach.
+    from_least = values.astype(np.uint64) - np.uint64(least % 2**64)
     if span * (values.size if data_kind == "rate" else 2) >= _ROOM:
-        return _from_floats(values.astype(np.float64), rate, data_kind)
-    counts = values.astype(np.int64)
+        return _from_floats(from_least.astype(np.float64), rate, data_kind)
+    counts = from_least.astype(np.int64)
     if data_kind == "phase":
         mean_rate = (int(counts[-1]) - int(counts[0])) // (counts.size - 1)
         phase: NDArray[np.float64] = rate * (

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan.cascade import Cascade
-from allanscope.allan.kernels import BATCH, Ladder, advance
+from allanscope.allan.kernels import BATCH, Ladder, advance, offset_near
 from allanscope.allan.stretches import stretches_of
 
 __all__ = ["ALIGNED", "LEVELS", "STRETCH", "Piece"]
@@ -79,7 +79,9 @@ class Piece:
     ) -> None:
         if start % ALIGNED or (start > 0) != (halo is not None):
             raise ValueError(f"a piece starts at multiples of {ALIGNED}, with a halo; got {start}")
-        self.anchor = anchor
+        self.anchor = np.array(anchor, np.float64)
+        if self.anchor.shape != (axes,):
+            raise ValueError(f"a piece of {axes} axes has as many anchors, got {anchor!r}")
         self.start = start
         self.end = start
         self.cascade = Cascade(axes, per_octave)
@@ -89,6 +91,8 @@ class Piece:
             if halo.shape != (ALIGNED, axes):
                 raise ValueError(f"a halo has shape {(ALIGNED, axes)}, got {halo.shape}")
             self.end -= ALIGNED
+            for axis, level in enumerate(halo.mean(axis=0) - anchor):
+                self.cascade.offsets[axis] = offset_near(0.0, float(np.round(level)), 1.0)
             self._advance(halo)
             self.cascade.sums[:] = 0.0
             self.cascade.heads[:] = 0.0
@@ -100,15 +104,18 @@ class Piece:
 
     def extend(self, samples: NDArray[np.generic]) -> None:
         """Take in the next samples, shape (n, axes), n a multiple of `ALIGNED`."""
-        if len(samples) % ALIGNED:
-            raise ValueError(f"a piece takes multiples of {ALIGNED} samples, got {len(samples)}")
+        if samples.shape[1:] != (self.cascade.axes,) or len(samples) % ALIGNED:
+            raise ValueError(
+                f"a piece takes multiples of {ALIGNED} samples of {self.cascade.axes} axes, "
+                f"got shape {samples.shape}"
+            )
         for slice_ in self._advance(samples):
             self._stretches.append(stretches_of(slice_, STRETCH))
 
     def _advance(self, samples: NDArray[np.generic]) -> list[NDArray[np.float64]]:
         """Feed the low rungs; return the samples less the anchor, shape (axes, n) each."""
         low = self.cascade
-        ladder = Ladder(low.rungs, low.heads, low.lags, low.first, low.sums)
+        ladder = Ladder(low.rungs, low.heads, low.lags, low.first, low.sums, low.offsets)
         taken = []
         for begin in range(0, len(samples), _SLICE):
             one = np.subtract(

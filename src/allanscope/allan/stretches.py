@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from allanscope.allan.kernels import BATCH, Ladder, spend_batches
+from allanscope.allan.kernels import BATCH, Ladder, offset_near, spend_batches, with_offset
 
 __all__ = ["add_rows", "hand_up", "stretches_of"]
 
@@ -57,12 +57,18 @@ def hand_up(stretches: Floats, level: int, taken: int, ladder: Ladder) -> None:
     for axis in range(stretches.shape[0]):
         rung = ladder.rungs[axis, level]
         done, count = 0, taken
+        if taken == 0 and stretches.shape[1] > 0:
+            rise = stretches[axis, :, 0].sum()
+            ladder.offsets[axis, level] = offset_near(0.0, rise, s * stretches.shape[1])
         while done < stretches.shape[1]:
             at = BATCH + count % BATCH
             size = min(2 * BATCH - at, stretches.shape[1] - done)
             x, z, q = rung[0, at - 1], rung[1, at - 1], rung[2, at - 1]
+            own = stretches[axis, done : done + size].copy()
             for j in range(size):
-                more = stretches[axis, done + j]
+                with_offset(own[j].reshape(3, 1), 1, s, -ladder.offsets[axis, level])
+            for j in range(size):
+                more = own[j]
                 q += s * z + half * x + more[2]
                 z += s * x + more[1]
                 x += more[0]

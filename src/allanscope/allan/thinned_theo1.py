@@ -58,7 +58,9 @@ def thinned_theo1_variance(picked: NDArray[np.float64], k: int, s: int) -> tuple
     weight = 1.0 / np.arange(1, k // 2 + 1)
     weight[-1] *= 0.5 * (1.0 + 1.0 / s)
     if profile[0] > 0:
-        power = float(np.clip(np.log2(profile[1] / profile[0]), 0.0, 2.0))
+        # No growth, as for white PM, also where rows that are a period apart differ by nothing.
+        growth = max(float(profile[1] / profile[0]), 1.0)
+        power = min(float(np.log2(growth)), 2.0)
         weight[0] = _sum_of_powers(1.5 * s, power - 1.0) / s**power
     return float(weight @ profile) / (0.75 * (k * s) ** 2), windows
 

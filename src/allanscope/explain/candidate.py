@@ -58,6 +58,9 @@ class Candidate:
         Numbers from which `EffectKind.refine` starts.
     rivals : mapping
         Log-likelihood gains of other kinds for the same symptom, in nats.
+    log_alternatives : float or None
+        Log of the number of alternatives looked at, where `price` does not tell it: a range without
+        a name has no price of its own.
     """
 
     kind: str
@@ -72,6 +75,7 @@ class Candidate:
     rivals: Mapping[str, float] = field(default_factory=dict)
     held_out: HeldOut | None = None
     axes: tuple[str, ...] = ()
+    log_alternatives: float | None = None
 
     def number(self, name: str) -> float:
         """Return the value of a parameter that is a number."""
@@ -84,6 +88,12 @@ class Candidate:
     def excess(self) -> float:
         """Gain above the price: what candidates are ranked by."""
         return self.gain - self.price
+
+    def log_looked_at(self, alpha: float) -> float:
+        """Return the log of the number of alternatives, at the false-alarm rate of the price."""
+        if self.log_alternatives is not None:
+            return self.log_alternatives
+        return self.price + float(np.log(alpha))
 
     @property
     def is_range(self) -> bool:

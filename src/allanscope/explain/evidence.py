@@ -8,6 +8,7 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Effect, Parameter
+from allanscope.explain.effects.base import ALPHA
 
 __all__ = ["effect_of"]
 
@@ -25,8 +26,8 @@ def effect_of(candidate: Candidate, axis: str) -> Effect | None:
     """
     if candidate.kind in _SILENT:
         return None
-    looked_at = np.exp(min(candidate.price + np.log(1e-3), 50.0))
-    p_value = float(min(1.0, looked_at * np.exp(-min(candidate.gain, 700.0))))
+    log_p = candidate.log_looked_at(ALPHA) - min(candidate.gain, 700.0)
+    p_value = float(np.exp(np.clip(log_p, -700.0, 0.0)))
     evidence: dict[str, Any] = {
         "words": _words(candidate),
         "gain_nats": float(candidate.gain) if np.isfinite(candidate.gain) else None,

@@ -81,6 +81,7 @@ class Partial:
             if isinstance(one, _Run):
                 one.join_to(bank, spectrum)
             else:
+                one[0].rate, one[1].rate = bank.rate, spectrum.rate
                 bank.merge(one[0])
                 spectrum.merge(one[1])
 

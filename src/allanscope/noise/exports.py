@@ -8,20 +8,36 @@ per sample or per root hertz, and whose units. Every file says so in comments::
                  and K sqrt(rate) the way VINS puts it into its filter
 
 One number stands for three axes: that of the worst axis, since a filter that believes in too little
-noise diverges. Where K was not detected, its upper limit is written.
+noise diverges.
+
+A short record gives only an upper limit of K, and often of B. A limit is no estimate, and a file
+has no way to tell the two apart. So whoever asks for one says what is to be written:
+``upper_limits="include"`` the limits, ``"zero"`` 0 for what was not detected. The default is to
+refuse.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from allanscope.noise.coefficients import Coefficient
 from allanscope.quantities import GRAVITY
 
-__all__ = ["LAYOUTS", "kalibr_yaml", "matlab_imu_sensor", "ros_covariance_yaml", "vins_yaml"]
+__all__ = [
+    "LAYOUTS",
+    "NotDetected",
+    "UpperLimits",
+    "kalibr_yaml",
+    "matlab_imu_sensor",
+    "ros_covariance_yaml",
+    "vins_yaml",
+]
+
+UpperLimits = Literal["refuse", "include", "zero"]
+"""What is written for a coefficient of which only an upper limit is known."""
 
 Coefficients = Mapping[str, Mapping[str, Coefficient]]
 """Axis name to coefficient name to coefficient, as in an Analysis."""
@@ -31,7 +47,12 @@ _SI = {"g": "rad/s", "a": "m/s^2"}
 
 
 def kalibr_yaml(
-    axes: Coefficients, rate_hz: float, *, rostopic: str = "/imu0", source: str = ""
+    axes: Coefficients,
+    rate_hz: float,
+    *,
+    rostopic: str = "/imu0",
+    source: str = "",
+    upper_limits: UpperLimits = "refuse",
 ) -> str:
     """Return an ``imu.yaml`` for Kalibr, with the six keys that it wants.
 
@@ -45,24 +66,30 @@ def kalibr_yaml(
         Topic of the bag.
     source : str
         What was measured, for a comment.
+    upper_limits : {'refuse', 'include', 'zero'}
+        What is written where only an upper limit is known.
 
     Raises
     ------
+    NotDetected
+        If an upper limit would be written and `upper_limits` does not allow it.
     ValueError
         If there is no gyro or no accelerometer axis.
     """
-    gyro, accel = _worst(axes, "g"), _worst(axes, "a")
+    chosen = _Chosen(axes, upper_limits)
+    gyro_n, gyro_k = chosen.worst("g", "N"), chosen.worst("g", "K")
+    accel_n, accel_k = chosen.worst("a", "N"), chosen.worst("a", "K")
     return "\n".join(
         [
             "# Noise of an IMU for Kalibr, estimated by allanscope." + _of(source),
             "# Continuous-time values: white noise is N, the two-sided density of IEEE 952",
             "# (half of a datasheet's one-sided power density), random walk is K.",
             "# Each value is that of the worst axis.",
-            *_remarks(gyro, accel),
-            f"accelerometer_noise_density: {accel.white:.6e}   # m/s^2/sqrt(Hz)",
-            f"accelerometer_random_walk: {accel.walk:.6e}   # m/s^3/sqrt(Hz)",
-            f"gyroscope_noise_density: {gyro.white:.6e}   # rad/s/sqrt(Hz)",
-            f"gyroscope_random_walk: {gyro.walk:.6e}   # rad/s^2/sqrt(Hz)",
+            *chosen.remarks("#"),
+            f"accelerometer_noise_density: {accel_n:.6e}   # m/s^2/sqrt(Hz)",
+            f"accelerometer_random_walk: {accel_k:.6e}   # m/s^3/sqrt(Hz)",
+            f"gyroscope_noise_density: {gyro_n:.6e}   # rad/s/sqrt(Hz)",
+            f"gyroscope_random_walk: {gyro_k:.6e}   # rad/s^2/sqrt(Hz)",
             f"rostopic: {rostopic}",
             f"update_rate: {rate_hz:.6g}   # Hz",
             "",
@@ -70,71 +97,91 @@ def kalibr_yaml(
     )
 
 
-def ros_covariance_yaml(axes: Coefficients, rate_hz: float, *, source: str = "") -> str:
+def ros_covariance_yaml(
+    axes: Coefficients,
+    rate_hz: float,
+    *,
+    source: str = "",
+    upper_limits: UpperLimits = "refuse",
+) -> str:
     """Return the covariances of a ROS ``sensor_msgs/Imu`` message, one variance an axis.
 
     Discrete: the variance of one sample, N^2 rate. With a low-pass in the sensor it is smaller;
     the value here is the one that, used once a sample, integrates correctly.
     """
+    chosen = _Chosen(axes, upper_limits)
     rows = [
         "# Covariances of sensor_msgs/Imu, estimated by allanscope." + _of(source),
         f"# Discrete: variance of one sample at {rate_hz:.6g} Hz, N^2 times the rate, row by row.",
     ]
     for kind, name in (("g", "angular_velocity"), ("a", "linear_acceleration")):
-        variances = [
-            (axes[axis]["N"].value * _TO_SI[kind]) ** 2 * rate_hz if axes.get(axis) else 0.0
-            for axis in (f"{kind}{letter}" for letter in "xyz")
-        ]
+        variances = np.square(chosen.each(kind, "N")) * rate_hz
         matrix = ", ".join(f"{value:.6e}" for value in np.diag(variances).ravel())
         rows.append(f"{name}_covariance: [{matrix}]   # ({_SI[kind]})^2")
-    return "\n".join([*rows, ""])
+    return "\n".join([*rows[:2], *chosen.remarks("#"), *rows[2:], ""])
 
 
-def vins_yaml(axes: Coefficients, rate_hz: float, *, source: str = "") -> str:
+def vins_yaml(
+    axes: Coefficients,
+    rate_hz: float,
+    *,
+    source: str = "",
+    upper_limits: UpperLimits = "refuse",
+) -> str:
     """Return the IMU block of a VINS-Mono or VINS-Fusion configuration.
 
     Its integration multiplies these numbers by the time step and not by its root, so that they are
     discrete: N sqrt(rate) and K sqrt(rate).
     """
-    gyro, accel = _worst(axes, "g"), _worst(axes, "a")
+    chosen = _Chosen(axes, upper_limits)
     root = float(np.sqrt(rate_hz))
+    gyro_n, gyro_k = (chosen.worst("g", name) * root for name in "NK")
+    accel_n, accel_k = (chosen.worst("a", name) * root for name in "NK")
     return "\n".join(
         [
             "# IMU noise for VINS-Mono and VINS-Fusion, estimated by allanscope." + _of(source),
             f"# Discrete values at {rate_hz:.6g} Hz: continuous-time N and K times sqrt(rate).",
             "# Each value is that of the worst axis.",
-            *_remarks(gyro, accel),
-            f"acc_n: {accel.white * root:.6e}   # m/s^2",
-            f"gyr_n: {gyro.white * root:.6e}   # rad/s",
-            f"acc_w: {accel.walk * root:.6e}   # m/s^3",
-            f"gyr_w: {gyro.walk * root:.6e}   # rad/s^2",
+            *chosen.remarks("#"),
+            f"acc_n: {accel_n:.6e}   # m/s^2",
+            f"gyr_n: {gyro_n:.6e}   # rad/s",
+            f"acc_w: {accel_k:.6e}   # m/s^3",
+            f"gyr_w: {gyro_k:.6e}   # rad/s^2",
             f"g_norm: {GRAVITY}   # m/s^2",
             "",
         ]
     )
 
 
-def matlab_imu_sensor(axes: Coefficients, rate_hz: float, *, source: str = "") -> str:
+def matlab_imu_sensor(
+    axes: Coefficients,
+    rate_hz: float,
+    *,
+    source: str = "",
+    upper_limits: UpperLimits = "refuse",
+) -> str:
     """Return a MATLAB script that makes an ``imuSensor`` with this noise, axis by axis.
 
     Continuous-time and double-sided: `NoiseDensity` is N, `BiasInstability` is B (the floor of the
     Allan deviation over 0.664), `RandomWalk` is K.
     """
-    lines = [
+    chosen = _Chosen(axes, upper_limits)
+    about = [
         "% Noise of an IMU for imuSensor, estimated by allanscope." + _of(source),
         "% Continuous-time, double-sided densities (IEEE 952); B is the floor of ADEV over 0.664.",
-        "% What was not detected is 0.",
+    ]
+    lines = [
         f"imu = imuSensor('accel-gyro', 'SampleRate', {rate_hz:.9g});",
     ]
     for kind, params in (("g", "Gyroscope"), ("a", "Accelerometer")):
         unit = _SI[kind]
         lines += [
             f"imu.{params}.NoiseType = 'double-sided';",
-            f"imu.{params}.NoiseDensity = {_row(axes, kind, 'N')};   % ({unit})/sqrt(Hz)",
-            f"imu.{params}.BiasInstability = {_row(axes, kind, 'B')};   % {unit}",
-            f"imu.{params}.RandomWalk = {_row(axes, kind, 'K')};   % ({unit})*sqrt(Hz)",
+            f"imu.{params}.NoiseDensity = {_row(chosen, kind, 'N')};   % ({unit})/sqrt(Hz)",
+            f"imu.{params}.BiasInstability = {_row(chosen, kind, 'B')};   % {unit}",
+            f"imu.{params}.RandomWalk = {_row(chosen, kind, 'K')};   % ({unit})*sqrt(Hz)",
         ]
-    return "\n".join([*lines, ""])
+    return "\n".join([*about, *chosen.remarks("%"), *lines, ""])
 
 
 LAYOUTS: Mapping[str, Callable[..., str]] = {
@@ -143,47 +190,79 @@ LAYOUTS: Mapping[str, Callable[..., str]] = {
     "vins": vins_yaml,
     "matlab": matlab_imu_sensor,
 }
-"""Every file by whose it is: from axes, rate and ``source=`` to its text."""
+"""Every file by whose it is: from axes, rate, ``source=`` and ``upper_limits=`` to its text."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Worst:
-    """White noise and random walk of the worst axis of one sensor, in SI."""
-
-    white: float
-    walk: float
-    limits: tuple[str, ...]
+class NotDetected(ValueError):
+    """A file would state an upper limit as if it were the coefficient."""
 
 
-def _worst(axes: Coefficients, kind: str) -> _Worst:
-    mine = {name: found for name, found in axes.items() if name.startswith(kind) and found}
-    if not mine:
-        sensor = "gyro" if kind == "g" else "accelerometer"
-        raise ValueError(f"no {sensor} axis was measured for long enough")
-    return _Worst(
-        white=_TO_SI[kind] * max(found["N"].value for found in mine.values()),
-        walk=_TO_SI[kind] * max(_or_limit(found["K"]) for found in mine.values()),
-        limits=tuple(sorted(name for name, found in mine.items() if not found["K"].detected)),
-    )
+class _Chosen:
+    """The numbers that a file gets, in SI, and which of them are upper limits."""
+
+    def __init__(self, axes: Coefficients, upper_limits: UpperLimits) -> None:
+        if upper_limits not in ("refuse", "include", "zero"):
+            raise ValueError(
+                f"unknown upper_limits {upper_limits!r}; choose refuse, include or zero"
+            )
+        self._axes = axes
+        self._upper_limits = upper_limits
+        self._limited: dict[str, list[str]] = {}
+
+    def each(self, kind: str, name: str) -> list[float]:
+        """Return a coefficient of the three axes of a sensor; 0 for an axis without any."""
+        numbers = []
+        for axis in (f"{kind}{letter}" for letter in "xyz"):
+            found = self._axes.get(axis)
+            if not found:
+                numbers.append(0.0)
+                continue
+            if not found[name].detected:
+                self._limited.setdefault(name, []).append(axis)
+            numbers.append(_TO_SI[kind] * self._number(found[name]))
+        return numbers
+
+    def worst(self, kind: str, name: str) -> float:
+        """Return the coefficient of the worst axis of a sensor.
+
+        An upper limit below what another axis is known to have changes nothing.
+        """
+        mine = {
+            axis: found[name] for axis, found in self._axes.items() if axis[0] == kind and found
+        }
+        if not mine:
+            sensor = "gyro" if kind == "g" else "accelerometer"
+            raise ValueError(f"no {sensor} axis was measured for long enough")
+        known = max((found.value for found in mine.values() if found.detected), default=0.0)
+        for axis, found in sorted(mine.items()):
+            if not found.detected and found.upper > known:
+                self._limited.setdefault(name, []).append(axis)
+        return _TO_SI[kind] * max(known, *(self._number(found) for found in mine.values()))
+
+    def remarks(self, comment: str) -> list[str]:
+        """Return a line of comment on what was not detected.
+
+        Raises
+        ------
+        NotDetected
+            Where that is something, and it is to be refused.
+        """
+        if not self._limited:
+            return []
+        what = ", ".join(f"{name} on {' '.join(on)}" for name, on in self._limited.items())
+        if self._upper_limits == "refuse":
+            raise NotDetected(f"not detected, only limited from above: {what}")
+        number = "its upper limit" if self._upper_limits == "include" else "0"
+        return [f"{comment} Not detected: {what}; {number} was taken there."]
+
+    def _number(self, found: Coefficient) -> float:
+        if found.detected:
+            return found.value
+        return 0.0 if self._upper_limits == "zero" else found.upper
 
 
-def _or_limit(coefficient: Coefficient) -> float:
-    return coefficient.value if coefficient.detected else coefficient.upper
-
-
-def _row(axes: Coefficients, kind: str, name: str) -> str:
-    values = []
-    for letter in "xyz":
-        found = axes.get(f"{kind}{letter}")
-        values.append(found[name].value * _TO_SI[kind] if found and found[name].detected else 0.0)
-    return "[" + " ".join(f"{value:.6e}" for value in values) + "]"
-
-
-def _remarks(*sensors: _Worst) -> list[str]:
-    names = [name for sensor in sensors for name in sensor.limits]
-    if not names:
-        return []
-    return [f"# Random walk not detected on {' '.join(names)}: its upper limit was taken there."]
+def _row(chosen: _Chosen, kind: str, name: str) -> str:
+    return "[" + " ".join(f"{value:.6e}" for value in chosen.each(kind, name)) + "]"
 
 
 def _of(source: str) -> str:

@@ -12,78 +12,188 @@ sensor, and the largest value allowed, in dps, g and s::
 
 from __future__ import annotations
 
+import json
 import tomllib
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from allanscope.analysis.result import Analysis
 from allanscope.errors import CheckFailed, InputError
-from allanscope.noise.coefficients import Coefficient
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.quantities import limit as upper_limit
 from allanscope.quantities import number
 from allanscope.samples import AXES
+from allanscope.visible import visible
 
-__all__ = ["check_against", "compare"]
+__all__ = ["Verdict", "check_against", "compare", "failure", "to_json", "to_junit"]
 
 NAMES = ("Q", "N", "B", "K", "R")
 
+Limits = dict[str, dict[str, dict[str, float]]]
 
-def check_against(recording: Path, specification: Path, device: DeviceSettings) -> list[str]:
-    """Return a line for each limit that is met.
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One coefficient against its limit.
+
+    Attributes
+    ----------
+    axis, coefficient : str
+        E.g. ``gx`` and ``N``.
+    value, lower, upper : float or None
+        What was measured, with its 95 % interval, in `unit`; None where nothing was. Where
+        `detected` is false only `upper` is known.
+    unit : str
+    detected : bool
+    minimum, maximum : float or None
+        The limits.
+    reason : str
+        Why it failed; empty when it passed.
+    """
+
+    axis: str
+    coefficient: str
+    value: float | None
+    lower: float | None
+    upper: float | None
+    unit: str
+    detected: bool
+    minimum: float | None
+    maximum: float | None
+    reason: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether the limit is met."""
+        return not self.reason
+
+    @property
+    def shown(self) -> str:
+        """The value as people read it; an upper limit where that is all there is."""
+        if self.value is None or self.upper is None:
+            return "-"
+        text = number(self.value) if self.detected else upper_limit(self.upper)
+        return f"{text} {self.unit}"
+
+    @property
+    def limit(self) -> str:
+        """The limits as people read them."""
+        low, high = (None if x is None else number(x) for x in (self.minimum, self.maximum))
+        if low is None:
+            return f"max {high}"
+        return f"min {low}" if high is None else f"{low} to {high}"
+
+    def __str__(self) -> str:
+        verdict = "PASS" if self.passed else f"FAIL  {self.reason}"
+        return f"{self.axis} {self.coefficient}  {self.shown:<24}  {self.limit:<20}  {verdict}"
+
+
+def check_against(recording: Path, specification: Path, device: DeviceSettings) -> list[Verdict]:
+    """Return a verdict for each limit of a specification.
 
     Raises
     ------
-    CheckFailed
-        When one is missed; the message names all that are.
     InputError
         When the specification or the recording cannot be read.
     """
     limits = _read(specification)
-    lines, missed = compare(analyse_input(recording, device, quiet=True), limits)
-    if missed:
-        raise CheckFailed("; ".join(missed))
-    return lines
+    return compare(analyse_input(recording, device, quiet=True), limits)
 
 
-def compare(
-    analysis: Analysis, limits: dict[str, dict[str, dict[str, float]]]
-) -> tuple[list[str], list[str]]:
-    """Return a line for each limit that is met, and one for each that is missed."""
-    met: list[str] = []
-    missed: list[str] = []
-    for axis in AXES:
-        failure = analysis.axes[axis].failure if axis in analysis.axes else ""
-        if failure and limits.get(axis):
-            missed.append(f"{axis}: the analysis of this axis failed ({failure})")
-            continue
-        for name, bounds in limits.get(axis, {}).items():
-            if axis not in analysis.axes:
-                missed.append(f"{axis} {name}: the recording does not have this axis")
-                continue
-            found = analysis.axes[axis].coefficients.get(name)
-            good, line = _judge(axis, name, found, bounds)
-            (met if good else missed).append(line)
-    return met, missed
+def compare(analysis: Analysis, limits: Limits) -> list[Verdict]:
+    """Return a verdict for each limit, axis by axis."""
+    return [
+        _judged(analysis, axis, name, bounds)
+        for axis in AXES
+        for name, bounds in limits.get(axis, {}).items()
+    ]
 
 
-def _judge(
-    axis: str, name: str, found: Coefficient | None, bounds: dict[str, float]
-) -> tuple[bool, str]:
-    if found is None:
-        return False, f"{axis} {name}: the recording is too short to tell"
-    # An undetected term is as large as its upper limit allows: that is what a gate has to assume.
-    value = found.value if found.detected else found.upper
-    sign = "" if found.detected else "below "
-    text = f"{axis} {name} is {sign}{number(value)} {found.unit}"
-    if value > bounds.get("max", float("inf")):
-        return False, f"{text}, more than {number(bounds['max'])}"
-    if value < bounds.get("min", 0.0):
-        return False, f"{text}, less than {number(bounds['min'])}"
-    return True, text
+def failure(verdicts: list[Verdict]) -> CheckFailed | None:
+    """Return the error of a check that missed limits, None when all are met."""
+    missed = [v for v in verdicts if not v.passed]
+    if not missed:
+        return None
+    named = "; ".join(f"{v.axis} {v.coefficient}: {v.reason}" for v in missed)
+    return CheckFailed(f"{len(missed)} of {len(verdicts)} limits missed: {named}")
 
 
-def _read(path: Path) -> dict[str, dict[str, dict[str, float]]]:
+def to_json(verdicts: list[Verdict], recording: Path, specification: Path) -> str:
+    """Return the verdicts as JSON, schema ``allanscope-check/1``."""
+    document = {
+        "schema": "allanscope-check/1",
+        "recording": str(recording),
+        "specification": str(specification),
+        "passed": all(v.passed for v in verdicts),
+        "verdicts": [{**asdict(v), "verdict": "PASS" if v.passed else "FAIL"} for v in verdicts],
+    }
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def to_junit(verdicts: list[Verdict], recording: Path, specification: Path) -> str:
+    """Return the verdicts as JUnit XML: a test case for each limit, a class for each axis."""
+    failed = str(sum(not v.passed for v in verdicts))
+    counts = {"tests": str(len(verdicts)), "failures": failed, "errors": "0", "skipped": "0"}
+    suites = ElementTree.Element("testsuites", counts)
+    name = visible(f"allanscope check {recording} --against {specification}")
+    suite = ElementTree.SubElement(suites, "testsuite", {"name": name, **counts})
+    for v in verdicts:
+        about = {"classname": f"allanscope.{v.axis}", "name": v.coefficient}
+        case = ElementTree.SubElement(suite, "testcase", about)
+        if not v.passed:
+            ElementTree.SubElement(case, "failure", {"message": v.reason}).text = str(v)
+        else:
+            ElementTree.SubElement(case, "system-out").text = str(v)
+    ElementTree.indent(suites, " ")
+    text: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
+    return text.decode() + "\n"
+
+
+def _judged(analysis: Analysis, axis: str, name: str, bounds: dict[str, float]) -> Verdict:
+    minimum, maximum = bounds.get("min"), bounds.get("max")
+    there = analysis.axes.get(axis)
+    found = there.coefficients.get(name) if there is not None else None
+    if there is None or there.failure or found is None:
+        reason = "the recording is too short to tell"
+        if there is None:
+            reason = "the recording does not have this axis"
+        elif there.failure:
+            reason = f"the analysis of this axis failed ({there.failure})"
+        return Verdict(axis, name, None, None, None, "", False, minimum, maximum, reason)
+    # What was not detected may be as large as its upper limit, or nothing at all: a gate has to
+    # assume the worse of the two.
+    text = number(found.value) if found.detected else number(found.upper, 2)
+    reason = ""
+    if maximum is not None and (found.value if found.detected else found.upper) > maximum:
+        reason = f"{text} {found.unit} is more than {number(maximum)}"
+        if not found.detected:
+            reason = (
+                f"not detected, and may be up to {text} {found.unit}, more than {number(maximum)}"
+            )
+    elif minimum and (found.value if found.detected else 0.0) < minimum:
+        reason = f"{text} {found.unit} is less than {number(minimum)}"
+        if not found.detected:
+            reason = (
+                f"not detected, below {text} {found.unit}; at least {number(minimum)} is asked for"
+            )
+    return Verdict(
+        axis,
+        name,
+        found.value,
+        found.lower,
+        found.upper,
+        found.unit,
+        found.detected,
+        minimum,
+        maximum,
+        reason,
+    )
+
+
+def _read(path: Path) -> Limits:
     try:
         with path.open("rb") as file:
             tables = tomllib.load(file)
@@ -92,7 +202,7 @@ def _read(path: Path) -> dict[str, dict[str, dict[str, float]]]:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path} is no TOML file: {error}") from None
     groups = {"gyro": AXES[:3], "accel": AXES[3:]}
-    limits: dict[str, dict[str, dict[str, float]]] = {axis: {} for axis in AXES}
+    limits: Limits = {axis: {} for axis in AXES}
     # Groups first, so that an axis of its own overrules its group wherever it stands in the file.
     for title, table in sorted(tables.items(), key=lambda item: item[0] not in groups):
         if title not in (*groups, *AXES) or not isinstance(table, dict):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.analyse import analyse_input, recorded_settings
@@ -24,6 +25,10 @@ from allanscope.recording import (
 )
 from allanscope.sources import FileSource
 from allanscope.view.progress import progress
+from allanscope.whole_file import refuse_place
+
+if TYPE_CHECKING:
+    from allanscope.noise.exports import UpperLimits
 
 __all__ = ["export_recording", "import_capture"]
 
@@ -63,7 +68,12 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
 
 
 def export_recording(
-    source: Path, out: Path, device: DeviceSettings, quiet: bool, layout: str = "kalibr"
+    source: Path,
+    out: Path,
+    device: DeviceSettings,
+    quiet: bool,
+    layout: str = "kalibr",
+    upper_limits: UpperLimits = "refuse",
 ) -> None:
     """Write samples as CSV or Parquet, or coefficients for Kalibr, ROS, VINS or MATLAB.
 
@@ -73,16 +83,20 @@ def export_recording(
     ----------
     layout : {'kalibr', 'ros', 'vins'}
         Whose .yaml; a .m is MATLAB's.
+    upper_limits : {'refuse', 'include', 'zero'}
+        What is written for a coefficient that was not detected.
 
     Raises
     ------
     UsageError
         When the ending of `out` is none of .csv, .parquet, .yaml and .m.
     InputError
-        When there are no samples, or a sensor is missing whose coefficients are asked for.
+        When there are no samples, a sensor is missing whose coefficients are asked for, or one
+        would be written of which only an upper limit is known.
     """
     if out.suffix in (".yaml", ".m"):
-        _export_coefficients(source, out, device, quiet, "matlab" if out.suffix == ".m" else layout)
+        layout = "matlab" if out.suffix == ".m" else layout
+        _export_coefficients(source, out, device, quiet, layout, upper_limits)
         return
     writers = {".csv": export_csv, ".parquet": export_parquet}
     if out.suffix not in writers:
@@ -101,16 +115,29 @@ def export_recording(
 
 
 def _export_coefficients(
-    source: Path, out: Path, device: DeviceSettings, quiet: bool, layout: str
+    source: Path,
+    out: Path,
+    device: DeviceSettings,
+    quiet: bool,
+    layout: str,
+    upper_limits: UpperLimits,
 ) -> None:
-    from allanscope.noise.exports import LAYOUTS
+    from allanscope.noise.exports import LAYOUTS, NotDetected
 
+    refuse_place(out)
     analysis = analyse_input(source, device, quiet)
     coefficients = {name: axis.coefficients for name, axis in analysis.axes.items()}
     part = f", {analysis.part}" if analysis.part else ""
     facts = f"{source.name}{part}, {analysis.duration_s / 3600:.3g} h"
     try:
-        text = LAYOUTS[layout](coefficients, analysis.rate.best_hz, source=facts)
+        text = LAYOUTS[layout](
+            coefficients, analysis.rate.best_hz, source=facts, upper_limits=upper_limits
+        )
+    except NotDetected as error:
+        raise InputError(
+            f"{source}: {error}; record longer, or choose what {out.name} gets there: "
+            "--upper-limits include (the limits) or --upper-limits zero"
+        ) from None
     except ValueError as error:
         raise InputError(f"{source}: {error}; {layout} cannot be given its numbers") from None
     write_whole(out, text)

@@ -41,7 +41,7 @@ class SpectrumBank:
         Samples per second; only scales the result and can be replaced when it is read.
     axes : int
         Number of columns.
-    anchor : ndarray, shape (axes,), optional
+    anchor : array_like, shape (axes,), optional
         Subtracted from every sample; the first sample if not given. Banks that are to be joined
         share one.
 
@@ -56,9 +56,7 @@ class SpectrumBank:
     0.02
     """
 
-    def __init__(
-        self, rate: float, axes: int = 6, *, anchor: NDArray[np.float64] | None = None
-    ) -> None:
+    def __init__(self, rate: float, axes: int = 6, *, anchor: ArrayLike | None = None) -> None:
         if not (np.isfinite(rate) and rate > 0):
             raise ValueError(f"the rate must be a positive number of Hz, got {rate!r}")
         if axes < 1:
@@ -66,7 +64,11 @@ class SpectrumBank:
         self.rate = float(rate)
         self.axes = axes
         self.samples = 0
-        self._anchor = anchor
+        self._anchor = None if anchor is None else np.array(anchor, np.float64)
+        if self._anchor is not None and not (
+            self._anchor.shape == (axes,) and np.isfinite(self._anchor).all()
+        ):
+            raise ValueError(f"{axes} axes need as many finite anchors, got {anchor!r}")
         self._ladder = Ladder(axes)
 
     def update(self, samples: Block | ArrayLike) -> None:
@@ -98,8 +100,11 @@ class SpectrumBank:
 
     def merge(self, other: SpectrumBank) -> None:
         """Add what another bank has averaged, as if it had followed after a gap."""
-        if other.axes != self.axes:
-            raise ValueError(f"cannot merge {other.axes} axes into {self.axes}")
+        if (other.axes, other.rate) != (self.axes, self.rate):
+            raise ValueError(
+                f"cannot merge {other.axes} axes at {other.rate:g} Hz into {self.axes} at "
+                f"{self.rate:g} Hz"
+            )
         self._ladder.merge(other._ladder)
         self.samples += other.samples
 

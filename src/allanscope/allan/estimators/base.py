@@ -174,6 +174,6 @@ def estimator_named(name: str) -> Estimator:
     """Return an estimator by name; ValueError, with all names, when there is none."""
     try:
         return REGISTRY[name]
-    except KeyError:
+    except (KeyError, TypeError):
         choices = " ".join(sorted(REGISTRY))
         raise ValueError(f"unknown estimator {name!r}; choose one of {choices}") from None

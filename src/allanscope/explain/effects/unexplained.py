@@ -73,9 +73,17 @@ class Unexplained(EffectKind):
 
 
 def left_over(
-    view: View, band: tuple[float, float], gain: float, share: float, words: str
+    view: View,
+    band: tuple[float, float],
+    gain: float,
+    share: float,
+    words: str,
+    log_alternatives: float = 0.0,
 ) -> Candidate:
-    """Return an unexplained range of frequencies, which is cut out of the fit."""
+    """Return an unexplained range of frequencies, which is cut out of the fit.
+
+    It has no price: what it was searched for with was paid, or it is looked at once at the end.
+    """
     top = view.grid.rate_hz / 2
     low, high = max(band[0], 0.0), min(band[1], top)
     return Candidate(
@@ -90,6 +98,7 @@ def left_over(
         terms=(Term("unexplained", "excludes", (low, high), outside),),
         shape=(low, high),
         words=words,
+        log_alternatives=log_alternatives,
     )
 
 
@@ -115,7 +124,8 @@ def tone_left_over(view: View, candidate: Candidate) -> Candidate | None:
         cut = view.with_terms((*view.terms, term))
     inside = view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1]
     share = float(inside.sum() / view.squares.sum())
-    return left_over(view, (low, high), candidate.gain, share, _CHANGES.format(low, high))
+    words, searched = _CHANGES.format(low, high), candidate.log_looked_at(ALPHA)
+    return left_over(view, (low, high), candidate.gain, share, words, searched)
 
 
 def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate | None:
@@ -126,7 +136,8 @@ def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate | Non
     low, high = min(r.shape[0] for r in ranges), max(r.shape[1] for r in ranges)
     share = sum(r.number("share") for r in ranges)
     gain = sum(line.gain for line in lines)
-    return left_over(view, (low, high), gain, share, _CHANGES.format(low, high))
+    searched = sum(line.log_looked_at(ALPHA) for line in lines)
+    return left_over(view, (low, high), gain, share, _CHANGES.format(low, high), searched)
 
 
 def _extent(u: Array, low_hz: float, high_hz: float, unit: float) -> tuple[float, float]:
@@ -164,7 +175,11 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
         share = near.number("share") + candidate.number("share")
         view = view.without(near)
         words = _CHANGES.format(low, high)
-        candidate = left_over(view, (low, high), near.gain + candidate.gain, share, words)
+        gain, searched = (
+            near.gain + candidate.gain,
+            near.log_looked_at(ALPHA) + candidate.log_looked_at(ALPHA),
+        )
+        candidate = left_over(view, (low, high), gain, share, words, searched)
     return view, candidate
 
 
@@ -236,6 +251,7 @@ def _bands(view: View) -> Iterable[Candidate]:
         view, (first, last), z**2 / 2, share,
         f"{100 * abs(share):.2g} % {side} power than the model between {first:.3g} and "
         f"{last:.3g} Hz (z = {z:.1f})",
+        float(np.log(len(bands.z))),
     )  # fmt: skip
 
 
@@ -285,7 +301,7 @@ def _drift(view: View, drift: Array, gain: float, words: str) -> Candidate:
     share = float(np.var(drift) / np.var(view.data))
     found = left_over(view, (0.0, high), gain, share, words.format(1 / high))
     # The noise that the drift took along is missing there: the fit must not count it as low.
-    return replace(found, signal=drift - drift.mean(), price=DRIFT_PRICE)
+    return replace(found, signal=drift - drift.mean(), price=DRIFT_PRICE, log_alternatives=None)
 
 
 def _tails(view: View) -> Iterable[Candidate]:

@@ -12,6 +12,7 @@ starts a new segment, because counts before it have another scale or clock.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -92,6 +93,9 @@ class StreamInfo:
             raise ValueError(f"unknown axis {unknown[0]!r}; axes are {' '.join(AXES)}")
         if len(self.scale) != len(self.axes):
             raise ValueError(f"{len(self.axes)} axes need as many scales, got {len(self.scale)}")
+        # NaN never equals itself: a stream that is described again would be another one each time.
+        if not all(map(math.isfinite, (*self.scale, self.nominal_hz))):
+            raise ValueError("scales and rate must be finite numbers")
 
 
 @dataclass(frozen=True, slots=True)

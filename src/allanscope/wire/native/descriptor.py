@@ -51,8 +51,11 @@ class Descriptor:
         What drives the MCU time; without one the sensor timestamp is the device time.
     tick_ns : int
         Step of the sensor timestamp.
-    temperature_lsb_per_c, temperature_zero_c : float
-        Counts per degree, and the temperature at zero counts.
+    temperature_lsb_per_c : float or None
+        Counts per degree; None when the device does not say. Never NaN, because descriptors are
+        compared: one that came again must equal itself.
+    temperature_zero_c : float
+        The temperature at zero counts.
     """
 
     info: StreamInfo
@@ -60,7 +63,7 @@ class Descriptor:
     valid: int
     clock: Clock
     tick_ns: int
-    temperature_lsb_per_c: float
+    temperature_lsb_per_c: float | None
     temperature_zero_c: float
 
 
@@ -153,7 +156,7 @@ def read(body: bytes, epoch: int) -> Descriptor | None:
         valid=valid_flags(channels[0]),
         clock=clock,
         tick_ns=tick_ns,
-        temperature_lsb_per_c=tlv.read_float32(temperature[:4]) or float("nan"),
+        temperature_lsb_per_c=tlv.read_float32(temperature[:4]) or None,
         temperature_zero_c=tlv.read_float32(temperature[4:8]) or 0.0,
     )
 

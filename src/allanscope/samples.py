@@ -20,10 +20,25 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AXES", "Block", "Event", "Gap", "Notice", "StreamInfo", "Ticks", "unit_of"]
+__all__ = [
+    "AXES",
+    "Block",
+    "Event",
+    "Gap",
+    "Notice",
+    "Origin",
+    "StreamInfo",
+    "Ticks",
+    "unit_of",
+]
 
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
 """All axes in the order in which every table, chart and file lists them."""
+
+
+Origin = Literal["", "measured", "synthetic", "emulated"]
+"""Where samples come from: a physical part, a program that computes them, an emulated device; empty
+where nothing says so."""
 
 
 def unit_of(axis: str) -> str:
@@ -68,6 +83,8 @@ class StreamInfo:
     details : mapping
         Anything else the device said about itself (firmware, unique id, registers): shown and
         recorded, never interpreted.
+    origin : {'', 'measured', 'synthetic', 'emulated'}
+        Where the samples come from, as the device says.
     """
 
     axes: tuple[str, ...]
@@ -81,6 +98,7 @@ class StreamInfo:
     truncated: tuple[bool, ...] = ()
     details: Mapping[str, str] = field(default_factory=dict)
     rate_claimed: bool = True
+    origin: Origin = ""
 
     @property
     def configuration(self) -> tuple[tuple[str, ...], tuple[float, ...], float]:

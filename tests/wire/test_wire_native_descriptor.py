@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from allanscope.samples import Block, Gap, StreamInfo
-from allanscope.wire.native import NativeDecoder, descriptor, tlv
+from allanscope.simulator import Simulator
+from allanscope.wire.native import NativeDecoder, NativeEncoder, descriptor, tlv
 
 Wire = Callable[..., bytes]
 
@@ -76,3 +77,56 @@ def test_a_stream_is_not_described_by_what_never_equals_itself() -> None:
         StreamInfo(("gx",), (float("nan"),))
     with pytest.raises(ValueError, match="must be finite"):
         StreamInfo(("gx",), (1.0,), nominal_hz=float("nan"))
+
+
+@pytest.mark.parametrize(
+    ("source", "origin"),
+    [
+        ((), ""),
+        (((0x12, b"\1"),), "measured"),
+        (((0x12, b"\2"),), "synthetic"),
+        (((0x12, b"\3"),), "emulated"),
+        (((0x12, b"\x09"),), ""),
+        (((0x12, b""),), ""),
+    ],
+)
+def test_the_source_is_what_the_device_says_and_unknown_where_it_says_nothing(
+    source: tuple[tuple[int, bytes], ...], origin: str
+) -> None:
+    known = descriptor.read(body(*source), 7)
+    assert known is not None
+    assert known.info.origin == origin
+
+
+@pytest.mark.parametrize(
+    ("clock", "word", "comparable"),
+    [
+        (b"\0", "none", False),
+        (b"\1", "crystal", True),
+        (b"\2", "RC oscillator", False),
+        (b"\3", "emulated", True),
+        (b"\x09", "RC oscillator", False),
+    ],
+)
+def test_the_clock_is_called_what_it_is(clock: bytes, word: str, comparable: bool) -> None:
+    known = descriptor.read(body((0x0D, clock)), 7)
+    assert known is not None
+    assert (known.info.details["clock"], known.info.device_clock) == (word, comparable)
+
+
+def test_a_simulated_device_says_that_it_is_one(fed: Callable[..., list[object]]) -> None:
+    sensor = Simulator(rate=104.0, seed=1)
+    encoder = NativeEncoder()
+    wire = encoder.describe(sensor.info) + encoder.encode(sensor.read(50))
+    info = fed(NativeDecoder(), wire)[0]
+    assert isinstance(info, StreamInfo)
+    assert (info.origin, info.details["clock"]) == ("synthetic", "emulated")
+
+
+def test_a_device_of_version_1_0_is_read_as_before(sealed: Wire, data_frame: Wire) -> None:
+    said = body()
+    wire = sealed(said, 2, seq=0, n=len(said), version=0x10) + data_frame(1, 0, version=0x10)
+    info, block = NativeDecoder().feed(wire, 0.0)
+    assert isinstance(info, StreamInfo)
+    assert info.origin == ""
+    assert isinstance(block, Block)

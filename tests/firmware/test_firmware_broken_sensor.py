@@ -1,4 +1,4 @@
-"""A sensor whose bus is stuck or whose supply breaks down: noticed, said, mended, never invented."""
+"""A sensor whose bus is stuck or whose supply breaks down: said, mended, and no sample invented."""
 
 import ctypes as c
 import os

@@ -106,6 +106,7 @@ def summarise(
         ),
         version=version("allanscope"),
         record=look.record if depth == "full" else None,
+        origin=state.info.origin,
     )
 
 
@@ -144,8 +145,9 @@ def _marks(analyser: Analyser, state: StreamState, rate_hz: float) -> tuple[tupl
 
 def _rate(state: StreamState) -> Rate:
     fit = state.clock.rate()
+    device_clock = state.info.details.get("clock")
     if not fit.is_measured:
-        return Rate(state.info.nominal_hz)
+        return Rate(state.info.nominal_hz, device_clock=device_clock)
     against_host = fit.device_against_host
     return Rate(
         state.info.nominal_hz,
@@ -160,6 +162,7 @@ def _rate(state: StreamState) -> Rate:
         ppm_per_degc=fit.ppm_per_degc,
         ppm_per_degc_uncertainty=fit.ppm_per_degc_uncertainty,
         device_against_host_ppm=None if against_host is None else 1e6 * against_host,
+        device_clock=device_clock,
     )
 
 

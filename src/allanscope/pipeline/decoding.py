@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -179,9 +180,10 @@ class Decoding:
 
     def _look_at(self, events: list[Event]) -> None:
         """Note whether samples are numbered or timed; ask the device for what the decoder needs."""
-        for event in events:
+        for at, event in enumerate(events):
             if isinstance(event, StreamInfo):
                 self._numbered = event.wire == "native" or event.time_resolution_s > 0.0
+                events[at] = replace(event, origin=event.origin or self._settings.origin)
         if self._write is None or self._format is None:
             return
         if any(isinstance(e, Notice) and "wanted" in e.fields for e in events):

@@ -48,7 +48,7 @@ class Ticking:
 
 
 def _temperature_c(counts: NDArray[np.int16], known: Descriptor) -> NDArray[np.float64]:
-    """Return the temperature of each frame in degC, NaN where none was sent or none is described."""
+    """Return temperatures in degC; NaN where none was sent, or the device does not scale them."""
     if known.temperature_lsb_per_c is None:
         return np.full(len(counts), np.nan)
     degrees = counts / known.temperature_lsb_per_c + known.temperature_zero_c

@@ -73,8 +73,8 @@ class StreamInfo:
     time_resolution_s : float
         Step of the device time in `Ticks.device_s`; 0.0 when there is no device time.
     device_clock : bool
-        True when the device time is a crystal's (worth comparing with the host's), False when it
-        is the sensor's own oscillator or is absent.
+        True when the device time is a clock of its own, such as a crystal (worth comparing with the
+        host's), False when it is the sensor's own oscillator, an RC oscillator or is absent.
     epoch : int
         Changes with every restart or new configuration of the device.
     truncated : tuple of bool

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -41,7 +40,6 @@ def written(path: Path, *, late: int = -1, **options: object) -> Path:
     with path.open("wb") as file:
         writer = Writer(file, **options)  # type: ignore[arg-type]
         writer.start(profile="allanscope")
-        writer.add_metadata("allanscope", {"part": "LSM6DSM"})
         channel = writer.register_channel("/serial/rx", "", 0)
         for number, data in enumerate(reads()):
             at = 1_000_000_000 + number * 38_461_538
@@ -91,6 +89,9 @@ def test_chunks_that_are_packed_in_another_way_are_said(
     assert "'lz4', which is not supported" in said
 
 
+HEAD = b"\x89MCAP0\r\n" + struct.pack("<BQI10sI", 1, 18, 10, b"allanscope", 0)
+
+
 def chunk(records: bytes, name: bytes = b"zstd") -> bytes:
     """Return a chunk record by hand."""
     packed = zstandard.compress(records) if name == b"zstd" else records
@@ -102,31 +103,30 @@ def chunk(records: bytes, name: bytes = b"zstd") -> bytes:
 def test_a_chunk_of_an_unknown_packing_is_said_without_a_library_for_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = written(tmp_path / "a.mcap", compression=CompressionType.NONE)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: whole.index(b"\x06", 60)] + chunk(b"\0" * 64, b"lz4"))
+    path = tmp_path / "a.mcap"
+    path.write_bytes(HEAD + chunk(b"\0" * 64, b"lz4"))
     status, said, _ = analysed(path, capsys)
     assert status == 3
     assert "'lz4', which is not supported" in said
 
 
-def test_millions_of_empty_messages_cost_no_memory_to_speak_of(
+def test_a_chunk_of_more_empty_messages_than_ours_can_hold_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one = struct.pack("<BQHIQQ", 5, 22, 1, 0, 0, 1)
-    path = written(tmp_path / "a.mcap", compression=CompressionType.NONE)
-    head = path.read_bytes()
-    head = head[: head.index(b"\x06", 60)]
-    path.write_bytes(head + chunk(one * 2_000_000))
+    path = tmp_path / "a.mcap"
+    path.write_bytes(HEAD + chunk(one * 2_000_000))
     assert path.stat().st_size < 100_000
-    tracemalloc.start()
-    (damage, *_) = Recording(path).damage
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert f"more than {MOST_MESSAGES} messages" in str(damage)
-    assert peak < 300e6
-    path.write_bytes(head + chunk(one * 200_000) * 8)
-    assert max(len(buffer.offset) for buffer in Recording(path).buffers()) <= 2 * MOST_MESSAGES
     status, said, _ = analysed(path, capsys)
     assert status == 3
+    assert f"more than {MOST_MESSAGES} messages" in said
     assert said.count("\n") == 1
+
+
+def test_empty_messages_of_many_chunks_are_not_gathered_without_end(tmp_path: Path) -> None:
+    one = struct.pack("<BQHIQQ", 5, 22, 1, 0, 0, 1)
+    path = tmp_path / "a.mcap"
+    path.write_bytes(HEAD + chunk(one * 200_000) * 4)
+    longest = [len(buffer.offset) for buffer in Recording(path).buffers()]
+    assert sum(longest) == 800_000
+    assert max(longest) <= MOST_MESSAGES

@@ -93,13 +93,14 @@ def events_of(
 
 
 def _damage_of(source: Source) -> list[Event]:
-    """Return what of a recording could not be read, once it has been read: the first place."""
+    """Return what of a recording could not be read, once it has been read: the largest part."""
     if not isinstance(source, RecordedSource):
         return []
     found = [damage for damage in source.recording.damage if damage.length]
     if not found:
         return []
-    text = f"the recording is damaged: {found[0]}"
+    worst = max(found, key=lambda damage: damage.length)
+    text = f"part of the recording cannot be read: {worst}"
     if len(found) > 1:
         text += f", and {len(found) - 1} more places; allanscope recover names them"
     return [Notice("error", text, {"host": 1})]

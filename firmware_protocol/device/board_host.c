@@ -32,6 +32,16 @@ void board_kick(void)
     }
 }
 
+enum as_clock board_clock(void)
+{
+    return AS_CLOCK_EMULATED;
+}
+
+bool board_emulated(void)
+{
+    return true;
+}
+
 int board_receive(void)
 {
     return -1;

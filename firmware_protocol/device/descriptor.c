@@ -5,7 +5,7 @@
 
 enum { DESCRIPTOR_VERSION = 1, ALL_CHANNELS = 0x3F, SENSOR_TICK_NS = 25000, REGISTER_BYTES = 40 };
 
-static const char firmware_version[] = "1.0.0";
+static const char firmware_version[] = "1.1.0";
 
 static uint8_t *put_text(uint8_t *at, uint8_t tag, const char *text)
 {
@@ -44,6 +44,7 @@ uint32_t descriptor_write(imu *sensor, const imu_config *config, uint8_t clock, 
     at = as_put32(as_put8(as_put8(at, AS_TAG_SENSOR_TICK), 4), SENSOR_TICK_NS);
     at = put_byte(at, AS_TAG_CHANNELS, ALL_CHANNELS);
     at = put_byte(at, AS_TAG_CLOCK, clock);
+    at = put_byte(at, AS_TAG_SOURCE, sensor->source);
     at = put_byte(at, AS_TAG_MOST_SAMPLES, AS_USUAL_SAMPLES);
     uint8_t pairs[REGISTER_BYTES];
     const uint8_t n = sensor->registers(sensor, pairs, sizeof pairs);

@@ -3,7 +3,14 @@
 #include "as_bytes.h"
 #include "descriptor.h"
 
-enum { PERIOD_US = 1000000, LONGEST_WAIT_MS = 20 };
+enum {
+    PERIOD_US = 1000000,
+    LONGEST_WAIT_MS = 20,
+    RETRY_US = 20000,         /* so often a sensor that does not answer is tried again */
+    COUNTABLE_US = 300000000, /* after a longer silence its time stamp, 24 bits of 25 us, may have
+                                 wrapped unseen: what is missing cannot be counted */
+    MOST_DRAINED = 256        /* samples in one go; the FIFO holds 227 */
+};
 
 uint8_t device_frame_samples(float rate_hz)
 {
@@ -18,9 +25,7 @@ static uint64_t samples_us(const device *self, uint32_t samples)
 
 static void send_descriptor(device *self)
 {
-    uint8_t body[AS_BODY_MAX];
-    const uint32_t n = descriptor_write(self->sensor, &self->config, self->clock, body);
-    (void)as_send_body(&self->sender, AS_DESCRIPTOR, body, n);
+    (void)as_send_body(&self->sender, AS_DESCRIPTOR, self->descriptor, self->descriptor_size);
 }
 
 /* A new epoch: the descriptor goes into the queue before any data of it. */
@@ -30,7 +35,14 @@ static void begin(device *self, uint64_t now_us)
     self->began_us = now_us;
     self->next_read_us = now_us + samples_us(self, device_frame_samples(self->config.rate_hz));
     self->next_periodic_us = now_us + PERIOD_US;
+    self->descriptor_size =
+        descriptor_write(self->sensor, &self->config, self->clock, self->descriptor);
     send_descriptor(self);
+}
+
+static void tell(device *self, uint64_t now_us, uint8_t level, const char *text)
+{
+    (void)as_send_event(&self->sender, now_us, level, text);
 }
 
 void device_init(device *self, imu *sensor, as_ring *ring, const imu_config *config, uint8_t clock,
@@ -39,10 +51,14 @@ void device_init(device *self, imu *sensor, as_ring *ring, const imu_config *con
     self->sensor = sensor;
     self->config = *config;
     self->clock = clock;
-    self->answering = sensor->configure(sensor, &self->config);
+    self->health = sensor->configure(sensor, &self->config) ? IMU_WELL : IMU_SILENT;
+    self->silent_since_us = now_us;
     as_sender_init(&self->sender, ring, epoch);
     as_receiver_init(&self->receiver);
     begin(self, now_us);
+    if (self->health != IMU_WELL) {
+        tell(self, now_us, 2, "the sensor does not answer");
+    }
 }
 
 /* --- commands ---------------------------------------------------------------------------- */
@@ -182,14 +198,43 @@ void device_receive(device *self, uint8_t byte, uint64_t now_us)
 
 /* --- data -------------------------------------------------------------------------------- */
 
-/* Say once when the sensor stops answering, and once when it answers again. */
-static void note_answer(device *self, bool answers, uint64_t now_us)
+/* The sensor has lost its settings, or has been silent for so long that nobody can tell what is
+ * missing: set it up anew. What follows is a new epoch. */
+static bool set_up_again(device *self, uint64_t now_us)
 {
-    if (answers != self->answering) {
-        (void)as_send_event(&self->sender, now_us, answers ? 0 : 2,
-                            answers ? "the sensor answers again" : "the sensor does not answer");
-        self->answering = answers;
+    if (!self->sensor->configure(self->sensor, &self->config)) {
+        return false;
     }
+    as_new_epoch(&self->sender);
+    begin(self, now_us);
+    tell(self, now_us, 2, "the sensor was reset and has been set up again: samples are missing");
+    return true;
+}
+
+/* Take note of how the sensor is; returns whether what was read from it is to be sent. */
+static bool well(device *self, imu_health found, uint64_t now_us)
+{
+    const bool silent = self->health == IMU_SILENT;
+    if (found == IMU_WELL && !silent) {
+        return true;
+    }
+    const bool lost = found == IMU_RESET ||
+                      (found == IMU_WELL && now_us - self->silent_since_us > COUNTABLE_US);
+    if (lost && set_up_again(self, now_us)) {
+        self->health = IMU_WELL;
+        return false;
+    }
+    if (found == IMU_WELL && !lost) {
+        tell(self, now_us, 0, "the sensor answers again");
+        self->health = IMU_WELL;
+        return true;
+    }
+    if (!silent) {
+        tell(self, now_us, 2, "the sensor does not answer");
+        self->silent_since_us = now_us;
+        self->health = IMU_SILENT;
+    }
+    return false;
 }
 
 static void send_batch(device *self, const imu_batch *batch, uint64_t now_us)
@@ -220,18 +265,21 @@ void device_poll(device *self, uint64_t now_us)
     }
     if (now_us >= self->next_read_us) {
         const uint8_t usual = device_frame_samples(self->config.rate_hz);
+        uint32_t drained = 0;
         imu_batch batch;
         do {
-            const bool answers = self->sensor->read(self->sensor, usual, &batch);
-            note_answer(self, answers, now_us);
-            if (!answers) {
+            if (!well(self, self->sensor->read(self->sensor, usual, &batch), now_us)) {
                 break;
             }
             send_batch(self, &batch, now_us);
-        } while (batch.n == usual);
+            drained += batch.n;
+        } while (batch.n == usual && drained < MOST_DRAINED);
         self->next_read_us += samples_us(self, usual);
         if (self->next_read_us <= now_us) {
             self->next_read_us = now_us + samples_us(self, usual);
+        }
+        if (self->health != IMU_WELL) {
+            self->next_read_us = now_us + RETRY_US;
         }
     }
     if (now_us >= self->next_periodic_us) {

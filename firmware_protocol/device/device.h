@@ -16,11 +16,14 @@ typedef struct {
     imu *sensor;
     imu_config config;
     uint8_t clock;    /* enum as_clock: what drives the time that device_poll is given */
-    bool answering;   /* whether the sensor answered the last time */
+    imu_health health; /* of the sensor, when it was read the last time */
+    uint64_t silent_since_us; /* since when it does not answer */
     bool streaming;
     uint64_t began_us;         /* when the epoch began */
     uint64_t next_read_us;     /* when a frame's worth of samples will have gathered */
     uint64_t next_periodic_us; /* when descriptor and status are due */
+    uint32_t descriptor_size;
+    uint8_t descriptor[AS_BODY_MAX]; /* of this epoch: it does not change, whatever the sensor does */
 } device;
 
 /* Start streaming from boot, without being asked. */

@@ -25,20 +25,28 @@ typedef struct {
     int16_t samples[AS_MOST_SAMPLES][AS_AXES];
 } imu_batch;
 
+/* How the sensor is. */
+typedef enum {
+    IMU_WELL,
+    IMU_SILENT, /* nothing comes, or what a dead bus gives */
+    IMU_RESET   /* it answers, but no longer has the settings that it was given */
+} imu_health;
+
 typedef struct imu imu;
 struct imu {
     /* Set the sensor up; `config` is changed to what it really does. False: not possible, and
      * nothing was changed. */
     bool (*configure)(imu *self, imu_config *config);
 
-    /* Read at most `most` samples; false when the sensor does not answer. */
-    bool (*read)(imu *self, uint8_t most, imu_batch *batch);
+    /* Read at most `most` samples; none unless the sensor is well. */
+    imu_health (*read)(imu *self, uint8_t most, imu_batch *batch);
 
     /* Register contents worth telling the host, as pairs of address and content; returns bytes. */
     uint8_t (*registers)(imu *self, uint8_t *pairs, uint8_t room);
 
     const char *part;
     uint8_t who_am_i;
+    uint8_t source; /* enum as_source: where the samples come from */
 };
 
 /* Sensitivities of the family, dps and g a count; 0 for a full scale that does not exist. */

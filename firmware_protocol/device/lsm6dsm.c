@@ -25,6 +25,7 @@ enum {
     SW_RESET = 0x01,
     BDU = 0x40,
     IF_INC = 0x04,
+    SIM = 0x08, /* SPI with one data line */
     DRDY_MASK = 0x08,
     TIMER_EN = 0x20,
     TIMER_HR = 0x10,       /* 25 us instead of 6.4 ms */
@@ -90,17 +91,63 @@ static bool put(lsm6dsm *self, uint8_t reg, uint8_t value)
     return self->bus.write(self->bus.context, reg, value);
 }
 
-static bool reset(lsm6dsm *self)
+static bool put4(lsm6dsm *self, uint8_t reg, const uint8_t *values)
+{
+    for (uint8_t i = 0; i < 4; i++) {
+        if (!put(self, (uint8_t)(reg + i), values[i])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* CTRL3_C as it is while the part works. */
+static uint8_t interface(const lsm6dsm *self)
+{
+    return (uint8_t)(BDU | IF_INC | (self->bus.one_data_line ? SIM : 0));
+}
+
+static bool identified(lsm6dsm *self)
 {
     uint8_t identity = 0;
-    if (!get(self, WHO_AM_I, &identity, 1) || identity != IDENTITY) {
+    if (self->bus.one_data_line && !put(self, CTRL3_C, interface(self))) {
         return false;
     }
-    if (!put(self, CTRL3_C, SW_RESET)) {
+    return get(self, WHO_AM_I, &identity, 1) && identity == IDENTITY;
+}
+
+static bool reset(lsm6dsm *self)
+{
+    if (!identified(self) || !put(self, CTRL3_C, SW_RESET)) {
         return false;
     }
     self->bus.wait_ms(self->bus.context, RESET_MS);
     return true;
+}
+
+static bool holds(lsm6dsm *self, uint8_t reg, const uint8_t *expected)
+{
+    uint8_t found[4];
+    if (!get(self, reg, found, 4)) {
+        return false;
+    }
+    for (uint8_t i = 0; i < 4; i++) {
+        if (found[i] != expected[i]) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Compare the settings. FIFO_CTRL5 and CTRL1_XL are neither 0x00 nor 0xFF nor their reset values,
+ * so that neither a dead bus nor a part that was reset can have them. */
+static imu_health health(lsm6dsm *self)
+{
+    const bool configured = self->fifo[3] != FIFO_BYPASS;
+    if (configured && holds(self, FIFO_CTRL2, self->fifo) && holds(self, CTRL1_XL, self->control)) {
+        return IMU_WELL;
+    }
+    return identified(self) ? IMU_RESET : IMU_SILENT;
 }
 
 static bool configure(imu *base, imu_config *config)
@@ -113,16 +160,27 @@ static bool configure(imu *base, imu_config *config)
     }
     config->rate_hz = wanted->rate_hz;
     const uint8_t rate_bits = (uint8_t)(wanted->code << 4);
+    const uint8_t control[4] = {
+        (uint8_t)(rate_bits | accel_bits(config->accel_full_scale)),
+        (uint8_t)(rate_bits | gyro_bits(config->gyro_full_scale)),
+        interface(self),
+        DRDY_MASK,
+    };
+    const uint8_t fifo[4] = {
+        TIMER_FIFO_EN,
+        NO_DECIMATION << 3 | NO_DECIMATION,
+        NO_DECIMATION << 3,
+        (uint8_t)(wanted->code << 3 | FIFO_CONTINUOUS),
+    };
+    for (uint8_t i = 0; i < 4; i++) {
+        self->control[i] = control[i];
+        self->fifo[i] = fifo[i];
+    }
     /* The FIFO goes on last and is emptied by bypass before, so that its first set is a whole one. */
-    const bool done =
-        reset(self) && put(self, CTRL3_C, BDU | IF_INC) && put(self, CTRL4_C, DRDY_MASK) &&
-        put(self, WAKE_UP_DUR, TIMER_HR) && put(self, CTRL10_C, TIMER_EN) &&
-        put(self, CTRL1_XL, (uint8_t)(rate_bits | accel_bits(config->accel_full_scale))) &&
-        put(self, CTRL2_G, (uint8_t)(rate_bits | gyro_bits(config->gyro_full_scale))) &&
-        put(self, FIFO_CTRL5, FIFO_BYPASS) && put(self, FIFO_CTRL2, TIMER_FIFO_EN) &&
-        put(self, FIFO_CTRL3, NO_DECIMATION << 3 | NO_DECIMATION) &&
-        put(self, FIFO_CTRL4, NO_DECIMATION << 3) &&
-        put(self, FIFO_CTRL5, (uint8_t)(wanted->code << 3 | FIFO_CONTINUOUS));
+    const bool done = reset(self) && put(self, CTRL3_C, interface(self)) &&
+                      put(self, WAKE_UP_DUR, TIMER_HR) && put(self, CTRL10_C, TIMER_EN) &&
+                      put4(self, CTRL1_XL, control) && put(self, FIFO_CTRL5, FIFO_BYPASS) &&
+                      put4(self, FIFO_CTRL2, fifo) && health(self) == IMU_WELL;
     self->settling = (uint8_t)(wanted->settling + 1); /* the first after a change of mode is void */
     self->has_last = false;
     self->period_ticks_q8 = (uint32_t)(TICKS_PER_S * 256.0f / wanted->rate_hz);
@@ -169,6 +227,20 @@ static uint32_t missing(const lsm6dsm *self, uint32_t ticks)
     return periods > 1 ? periods - 1 : 0;
 }
 
+/* Whether all bytes of a set are 0x00 or all are 0xFF: what a bus gives on which nobody speaks. */
+static bool is_level(const uint8_t *set)
+{
+    if (set[0] != 0x00 && set[0] != 0xFF) {
+        return false;
+    }
+    for (uint8_t i = 1; i < 2 * SET_WORDS; i++) {
+        if (set[i] != set[0]) {
+            return false;
+        }
+    }
+    return true;
+}
+
 static void take(imu_batch *batch, const uint8_t *set)
 {
     for (uint8_t axis = 0; axis < AS_AXES; axis++) {
@@ -177,14 +249,11 @@ static void take(imu_batch *batch, const uint8_t *set)
     batch->n++;
 }
 
-static bool read(imu *base, uint8_t most, imu_batch *batch)
+/* Read what the FIFO holds; false when the bus fails. */
+static bool drain(lsm6dsm *self, uint8_t most, imu_batch *batch)
 {
-    lsm6dsm *self = (lsm6dsm *)base;
     uint8_t status[4];
     uint8_t temperature[2];
-    batch->n = 0;
-    batch->lost_before = 0;
-    batch->sensor_time = AS_NO_SENSOR_TIME;
     if (!get(self, FIFO_STATUS1, status, 4) || !get(self, OUT_TEMP_L, temperature, 2)) {
         return false;
     }
@@ -203,6 +272,9 @@ static bool read(imu *base, uint8_t most, imu_batch *batch)
             return false;
         }
         words -= SET_WORDS;
+        if (is_level(set)) {
+            return false;
+        }
         const uint32_t ticks = unwrapped(self, stamp_of(set));
         if (self->settling > 0) {
             self->settling--;
@@ -217,6 +289,26 @@ static bool read(imu *base, uint8_t most, imu_batch *batch)
         self->has_last = true;
     }
     return true;
+}
+
+static imu_health read(imu *base, uint8_t most, imu_batch *batch)
+{
+    lsm6dsm *self = (lsm6dsm *)base;
+    const uint32_t last_ticks = self->last_ticks;
+    const bool had_last = self->has_last;
+    batch->n = 0;
+    batch->lost_before = 0;
+    batch->sensor_time = AS_NO_SENSOR_TIME;
+    const bool drained = drain(self, most, batch);
+    const imu_health found = health(self); /* after the reading: so it vouches for what was read */
+    if (drained && found == IMU_WELL) {
+        return IMU_WELL;
+    }
+    batch->n = 0;
+    batch->lost_before = 0;
+    self->last_ticks = last_ticks; /* what is thrown away counts as missing */
+    self->has_last = had_last;
+    return found == IMU_WELL ? IMU_SILENT : found;
 }
 
 static uint8_t registers(imu *base, uint8_t *pairs, uint8_t room)
@@ -242,7 +334,9 @@ void lsm6dsm_init(lsm6dsm *self, const char *part, const lsm6_bus *bus)
     self->base.registers = registers;
     self->base.part = part;
     self->base.who_am_i = IDENTITY;
+    self->base.source = AS_SOURCE_PART;
     self->bus = *bus;
     self->has_last = false;
     self->settling = 0;
+    self->fifo[3] = FIFO_BYPASS;
 }

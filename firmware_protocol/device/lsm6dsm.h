@@ -1,19 +1,25 @@
 /* The LSM6DSM, LSM6DSL and LSM6DS3TR-C at register level, over any bus.
  *
  * Gyro, accelerometer and the part's own time stamp go through its FIFO, so that a sample is never
- * read twice or torn, and a loss is known from the time stamps to the sample. Registers are those
+ * read twice or torn, and a loss is known from the time stamps to the sample. No sample is believed
+ * unless the part still has the settings that it was given: a dead bus reads as all ones or all
+ * zeros, and a part whose supply broke down answers again without measuring. Registers are those
  * of ST's datasheets DocID028475 (LSM6DSL) and DocID028165 (LSM6DSM). */
 #ifndef LSM6DSM_H
 #define LSM6DSM_H
 
 #include "imu.h"
 
-/* Two functions and a clock are all that a board must give. */
+/* Two functions and a clock are all that a board must give.
+ *
+ * one_data_line: SPI with one line for both directions. The part begins with two and has to be told,
+ * after every reset, before it can be read. */
 typedef struct {
     void *context;
     bool (*read)(void *context, uint8_t reg, uint8_t *to, uint16_t n);
     bool (*write)(void *context, uint8_t reg, uint8_t value);
     void (*wait_ms)(void *context, uint32_t ms);
+    bool one_data_line;
 } lsm6_bus;
 
 typedef struct {
@@ -22,6 +28,8 @@ typedef struct {
     uint32_t period_ticks_q8; /* 25 us ticks between samples, times 256 */
     uint32_t last_ticks;      /* unwrapped time stamp of the last sample that was delivered */
     bool has_last;
+    uint8_t fifo[4]; /* what FIFO_CTRL2 to 5 and CTRL1_XL to CTRL4_C were set to */
+    uint8_t control[4];
     uint8_t settling; /* samples still to be thrown away after a change */
 } lsm6dsm;
 

@@ -39,10 +39,13 @@ int main(void)
     static const imu_config config = {START_RATE_HZ, 250.0f, 2.0f};
     as_ring_init(&ring, ring_bytes, RING_SIZE, RING_RESERVE);
     synthetic_init(&sensor);
+    if (board_emulated()) {
+        sensor.base.source = AS_SOURCE_EMULATED;
+    }
     board_init(&ring);
 #ifdef VIRTUAL_CLOCK
     uint64_t now_us = 0;
-    device_init(&board_device, &sensor.base, &ring, &config, AS_CLOCK_CRYSTAL, FIRST_EPOCH, 0);
+    device_init(&board_device, &sensor.base, &ring, &config, AS_CLOCK_EMULATED, FIRST_EPOCH, 0);
     for (;;) {
         take_commands(now_us);
         if (board_device.streaming && as_ring_room(&ring, AS_ROOM_DATA) > AS_WIRE_MAX) {
@@ -55,7 +58,7 @@ int main(void)
         board_kick();
     }
 #else
-    device_init(&board_device, &sensor.base, &ring, &config, AS_CLOCK_CRYSTAL, FIRST_EPOCH,
+    device_init(&board_device, &sensor.base, &ring, &config, (uint8_t)board_clock(), FIRST_EPOCH,
                 board_time_us());
     for (;;) {
         const uint64_t now_us = board_time_us();

@@ -36,7 +36,7 @@ static bool configure(imu *base, imu_config *config)
     return true;
 }
 
-static bool read(imu *base, uint8_t most, imu_batch *batch)
+static imu_health read(imu *base, uint8_t most, imu_batch *batch)
 {
     synthetic_imu *self = (synthetic_imu *)base;
     const float sensitivity = imu_accel_sensitivity(self->config.accel_full_scale);
@@ -51,7 +51,7 @@ static bool read(imu *base, uint8_t most, imu_batch *batch)
         }
         self->index++;
     }
-    return true;
+    return IMU_WELL;
 }
 
 static uint8_t registers(imu *base, uint8_t *pairs, uint8_t room)
@@ -69,6 +69,7 @@ void synthetic_init(synthetic_imu *self)
     self->base.registers = registers;
     self->base.part = "LSM6DSM";
     self->base.who_am_i = 0x6A;
+    self->base.source = AS_SOURCE_SYNTHETIC;
     self->index = 0;
     self->due = 0;
 }

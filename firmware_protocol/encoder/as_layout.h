@@ -4,7 +4,7 @@
 #define AS_LAYOUT_H
 
 enum {
-    AS_VERSION = 0x10, /* major 1, minor 0 */
+    AS_VERSION = 0x11, /* major 1, minor 1 */
     AS_AXES = 6,       /* gx gy gz ax ay az */
 
     /* sections 1, 2, 4: sizes in bytes */
@@ -70,10 +70,13 @@ enum as_tag {
     AS_TAG_REGISTERS = 0x0E,
     AS_TAG_AXIS_MAP = 0x0F,
     AS_TAG_MOST_SAMPLES = 0x10,
-    AS_TAG_BOARD = 0x11
+    AS_TAG_BOARD = 0x11,
+    AS_TAG_SOURCE = 0x12
 };
 
-enum as_clock { AS_CLOCK_NONE = 0, AS_CLOCK_CRYSTAL = 1, AS_CLOCK_RC = 2 };
+enum as_clock { AS_CLOCK_NONE = 0, AS_CLOCK_CRYSTAL = 1, AS_CLOCK_RC = 2, AS_CLOCK_EMULATED = 3 };
+
+enum as_source { AS_SOURCE_PART = 1, AS_SOURCE_SYNTHETIC = 2, AS_SOURCE_EMULATED = 3 };
 
 /* section 7 */
 enum as_result {

@@ -12,6 +12,7 @@ starts a new segment, because counts before it have another scale or clock.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -19,10 +20,25 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AXES", "Block", "Event", "Gap", "Notice", "StreamInfo", "Ticks", "unit_of"]
+__all__ = [
+    "AXES",
+    "Block",
+    "Event",
+    "Gap",
+    "Notice",
+    "Origin",
+    "StreamInfo",
+    "Ticks",
+    "unit_of",
+]
 
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
 """All axes in the order in which every table, chart and file lists them."""
+
+
+Origin = Literal["", "measured", "synthetic", "emulated"]
+"""Where samples come from: a physical part, a program that computes them, an emulated device; empty
+where nothing says so."""
 
 
 def unit_of(axis: str) -> str:
@@ -57,8 +73,8 @@ class StreamInfo:
     time_resolution_s : float
         Step of the device time in `Ticks.device_s`; 0.0 when there is no device time.
     device_clock : bool
-        True when the device time is a crystal's (worth comparing with the host's), False when it
-        is the sensor's own oscillator or is absent.
+        True when the device time is a clock of its own, such as a crystal (worth comparing with the
+        host's), False when it is the sensor's own oscillator, an RC oscillator or is absent.
     epoch : int
         Changes with every restart or new configuration of the device.
     truncated : tuple of bool
@@ -67,6 +83,8 @@ class StreamInfo:
     details : mapping
         Anything else the device said about itself (firmware, unique id, registers): shown and
         recorded, never interpreted.
+    origin : {'', 'measured', 'synthetic', 'emulated'}
+        Where the samples come from, as the device says.
     """
 
     axes: tuple[str, ...]
@@ -80,6 +98,7 @@ class StreamInfo:
     truncated: tuple[bool, ...] = ()
     details: Mapping[str, str] = field(default_factory=dict)
     rate_claimed: bool = True
+    origin: Origin = ""
 
     @property
     def configuration(self) -> tuple[tuple[str, ...], tuple[float, ...], float]:
@@ -92,6 +111,9 @@ class StreamInfo:
             raise ValueError(f"unknown axis {unknown[0]!r}; axes are {' '.join(AXES)}")
         if len(self.scale) != len(self.axes):
             raise ValueError(f"{len(self.axes)} axes need as many scales, got {len(self.scale)}")
+        # NaN never equals itself: a stream that is described again would be another one each time.
+        if not all(map(math.isfinite, (*self.scale, self.nominal_hz))):
+            raise ValueError("scales and rate must be finite numbers")
 
 
 @dataclass(frozen=True, slots=True)

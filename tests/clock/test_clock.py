@@ -283,3 +283,29 @@ def test_no_ticks_make_it_fail(index: np.ndarray, data: st.DataObject, nominal_h
     rate = clock.rate()
     assert np.isfinite(rate.hz)
     assert rate.uncertainty_ppm > 0.0
+
+
+@pytest.mark.parametrize("catching_up_hz", [500.0, 736.0])
+def test_a_crystal_is_believed_against_a_host_that_read_late(catching_up_hz):
+    """Ten seconds in time, thirty of silence, and what had waited comes in a rush."""
+    number = np.arange(0, 12_000, 9)
+    device_s = number / 416.0
+    caught = 40.0 + (device_s - 10.0) * 416.0 / catching_up_hz
+    host_s = np.where(device_s < 10.0, device_s, np.maximum(caught, device_s))
+    unknown = np.full(len(number), np.nan)
+    rates = {}
+    for crystal in (False, True):
+        clock = Clock(416.0, True, 1e-6, crystal)
+        clock.update(0, Ticks(number, device_s, host_s, unknown))
+        rates[crystal] = clock.rate()
+    assert abs(rates[False].hz / 416.0 - 1.0) > 1e-3, "the case is one"
+    assert rates[True].source == "device"
+    assert rates[True].hz == pytest.approx(416.0, rel=1e-5)
+
+
+def test_a_host_that_differs_by_what_crystals_do_stays_the_truth():
+    number = np.arange(0, 200_000, 9)
+    unknown = np.full(len(number), np.nan)
+    clock = Clock(416.0, True, 1e-6, crystal=True)
+    clock.update(0, Ticks(number, number / 416.0, number / 416.0 * (1.0 + 90e-6), unknown))
+    assert clock.rate().source == "host"

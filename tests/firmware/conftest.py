@@ -1,6 +1,7 @@
 """Builds of the C encoder: as a library to call, and with sanitizers to run."""
 
 import ctypes
+import os
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,9 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 from emulator import Boards
+
+SANITIZE = "ALLANSCOPE_SANITIZE"
+"""Name of the variable that holds more flags for the library."""
 
 ENCODER = Path(__file__).parents[2] / "firmware_protocol" / "encoder"
 STRICT = [
@@ -48,6 +52,18 @@ def encoder(compiler, tmp_path_factory):
     loaded.as_crc32.restype = ctypes.c_uint32
     loaded.as_crc32.argtypes = [ctypes.c_char_p, ctypes.c_size_t]
     return loaded
+
+
+@pytest.fixture(scope="session")
+def library(compiler, tmp_path_factory):
+    """Return the driver of the real part and the device around it; sanitized when asked to be."""
+    out = tmp_path_factory.mktemp("driver") / "driver.so"
+    device = ENCODER.parent / "device"
+    names = ("lsm6dsm", "imu", "device", "descriptor")
+    sources = [*(device / f"{name}.c" for name in names), *ENCODER.glob("*.c")]
+    flags = [*STRICT, f"-I{ENCODER}", "-fPIC", "-shared", *os.environ.get(SANITIZE, "").split()]
+    subprocess.run([compiler, *flags, "-o", str(out), *map(str, sources)], check=True)
+    return ctypes.CDLL(str(out))
 
 
 @pytest.fixture(scope="session")

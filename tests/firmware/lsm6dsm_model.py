@@ -3,7 +3,8 @@
 Registers that the driver uses behave as the datasheet says: reset values, self-clearing software
 reset, power-down until an ODR is set, the FIFO with its pattern of data sets (gyro, accelerometer,
 time stamp), its status, overwriting of the oldest word when it is full, and the 24-bit time stamp
-of 25 us that shares the oscillator with the ODR.
+of 25 us that shares the oscillator with the ODR. The bus can be stuck at a level, and the supply
+can break down.
 """
 
 from collections import deque
@@ -25,11 +26,17 @@ class Lsm6dsm:
         Relative error of the part's oscillator.
     answers : bool
         Whether it acknowledges on the bus.
+    stuck : int or None
+        What every byte reads as, and then nothing that is written arrives: 0x00 or 0xFF.
+    one_data_line : bool
+        Whether it is wired by SPI with one data line: then only writing works until SIM is set.
     """
 
-    def __init__(self, off_nominal=0.0):
+    def __init__(self, off_nominal=0.0, one_data_line=False):
         self.off_nominal = off_nominal
+        self.one_data_line = one_data_line
         self.answers = True
+        self.stuck = None
         self.writes = []
         self._reset()
 
@@ -41,6 +48,10 @@ class Lsm6dsm:
         self.produced = 0
         self._phase = 0.0
         self._ticks = 0.0
+
+    def brown_out(self):
+        """Break down and come back: everything as after power-up, identity included."""
+        self._reset()
 
     # --- time -----------------------------------------------------------------------------
 
@@ -88,6 +99,8 @@ class Lsm6dsm:
         """Write one register; returns whether it was acknowledged."""
         if not self.answers:
             return False
+        if self.stuck is not None:
+            return True
         self.writes.append((register, value))
         if register == 0x12 and value & 1:
             self._reset()
@@ -103,6 +116,10 @@ class Lsm6dsm:
         """Read n bytes from a register on; None when it is not acknowledged."""
         if not self.answers:
             return None
+        if self.stuck is not None:
+            return bytes([self.stuck]) * n
+        if self.one_data_line and not self.registers.get(0x12, 0) & 0x08:
+            return b"\xff" * n
         if register == 0x3E:
             return bytes(byte for _ in range(n // 2) for byte in self._pop())
         return bytes(self._value(register + i) for i in range(n))

@@ -13,7 +13,7 @@ from allanscope.wire.native.framing import stuff
 
 ROOT = Path(__file__).parents[2] / "firmware_protocol"
 LENGTH = 60_000
-SHA256 = "7ed63b0ab7daf25613fbe1d42560bf8bbed38c62144630e1ac2d735a6bd20ffe"
+SHA256 = "f0e692f444bf49a5da5a920171f81b7d6953f53654fa29f3ddc260039d18bbb7"
 RATE, FRAME = 104.0, 3
 PERIOD_US = 1_000_000
 F = np.float32
@@ -43,7 +43,7 @@ def frames():
 
     def frame(kind, flags, n, body):
         nonlocal seq
-        plain = struct.pack("<BBHHBB", kind, 0x10, seq, 0x4C41, flags, n) + body
+        plain = struct.pack("<BBHHBB", kind, 0x11, seq, 0x4C41, flags, n) + body
         seq += 1
         return stuff(plain + zlib.crc32(plain).to_bytes(4, "little")) + b"\0"
 
@@ -76,10 +76,12 @@ def descriptor():
 
     return b"".join(
         [
-            b"\x01\x01\x07LSM6DSM\x02\x01\x6a\x03\x051.0.0",
+            b"\x01\x01\x07LSM6DSM\x02\x01\x6a\x03\x051.1.0",
             entry(5, 250.0) + entry(6, 8.75e-3) + entry(7, 2.0) + entry(8, 0.061e-3),
             entry(9, 256.0, 25.0) + entry(10, RATE),
-            b"\x0b\x04" + struct.pack("<I", 25000) + b"\x0c\x01\x3f\x0d\x01\x01\x10\x01\x10",
+            b"\x0b\x04"
+            + struct.pack("<I", 25000)
+            + b"\x0c\x01\x3f\x0d\x01\x03\x12\x01\x03\x10\x01\x10",
         ]
     )
 

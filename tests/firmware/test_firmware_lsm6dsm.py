@@ -1,7 +1,6 @@
 """The driver of the real part, against a register-accurate model of it."""
 
 import ctypes as c
-import subprocess
 import sys
 from pathlib import Path
 
@@ -11,14 +10,20 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from lsm6dsm_model import Lsm6dsm
 
-DEVICE = Path(__file__).parents[2] / "firmware_protocol" / "device"
 READ = c.CFUNCTYPE(c.c_bool, c.c_void_p, c.c_uint8, c.POINTER(c.c_uint8), c.c_uint16)
 WRITE = c.CFUNCTYPE(c.c_bool, c.c_void_p, c.c_uint8, c.c_uint8)
 WAIT = c.CFUNCTYPE(None, c.c_void_p, c.c_uint32)
+WELL, SILENT, RESET = range(3)
 
 
 class Bus(c.Structure):
-    _fields_ = (("context", c.c_void_p), ("read", READ), ("write", WRITE), ("wait_ms", WAIT))
+    _fields_ = (
+        ("context", c.c_void_p),
+        ("read", READ),
+        ("write", WRITE),
+        ("wait_ms", WAIT),
+        ("one_data_line", c.c_bool),
+    )
 
 
 class Config(c.Structure):
@@ -40,22 +45,13 @@ class Imu(c.Structure):
 
     _fields_ = (
         ("configure", c.CFUNCTYPE(c.c_bool, c.c_void_p, c.POINTER(Config))),
-        ("read", c.CFUNCTYPE(c.c_bool, c.c_void_p, c.c_uint8, c.POINTER(Batch))),
+        ("read", c.CFUNCTYPE(c.c_int, c.c_void_p, c.c_uint8, c.POINTER(Batch))),
         ("registers", c.CFUNCTYPE(c.c_uint8, c.c_void_p, c.POINTER(c.c_uint8), c.c_uint8)),
         ("part", c.c_char_p),
         ("who_am_i", c.c_uint8),
+        ("source", c.c_uint8),
         ("rest", c.c_uint8 * 256),
     )
-
-
-@pytest.fixture(scope="module")
-def library(compiler, tmp_path_factory):
-    out = tmp_path_factory.mktemp("driver") / "driver.so"
-    sources = [str(DEVICE / name) for name in ("lsm6dsm.c", "imu.c")]
-    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
-    include = f"-I{DEVICE.parent / 'encoder'}"
-    subprocess.run([compiler, *flags, include, "-fPIC", "-shared", "-o", out, *sources], check=True)
-    return c.CDLL(str(out))
 
 
 class Driver:
@@ -63,9 +59,10 @@ class Driver:
 
     def __init__(self, library, part):
         self.part = part
-        self._bus = Bus(None, READ(self._read), WRITE(self._write), WAIT(lambda *_: None))
-        self._imu = Imu()
-        library.lsm6dsm_init(c.byref(self._imu), b"LSM6DSM", c.byref(self._bus))
+        functions = READ(self._read), WRITE(self._write), WAIT(lambda *_: None)
+        self._bus = Bus(None, *functions, part.one_data_line)
+        self.imu = Imu()
+        library.lsm6dsm_init(c.byref(self.imu), b"LSM6DSM", c.byref(self._bus))
 
     def _read(self, _, register, to, n):
         data = self.part.read(register, n)
@@ -79,16 +76,16 @@ class Driver:
 
     def configure(self, rate=104.0, gyro_fs=250.0, accel_fs=2.0):
         self.config = Config(rate, gyro_fs, accel_fs)
-        return self._imu.configure(c.addressof(self._imu), c.byref(self.config))
+        return self.imu.configure(c.addressof(self.imu), c.byref(self.config))
 
     def read(self, most=16):
         batch = Batch()
-        answered = self._imu.read(c.addressof(self._imu), most, c.byref(batch))
-        return answered, batch
+        health = self.imu.read(c.addressof(self.imu), most, c.byref(batch))
+        return health == WELL, batch
 
     def registers(self):
         pairs = (c.c_uint8 * 64)()
-        n = self._imu.registers(c.addressof(self._imu), pairs, 64)
+        n = self.imu.registers(c.addressof(self.imu), pairs, 64)
         return dict(zip(pairs[0:n:2], pairs[1:n:2], strict=True))
 
 

@@ -77,7 +77,7 @@ def _said(frame: bytes) -> dict[str, Any]:
     """Read a frame by the tables of the norm alone."""
     kind, version, seq, epoch, flags, n = struct.unpack_from("<BBHHBB", frame)
     body = frame[8:]
-    assert version == 0x10
+    assert version == 0x11
     assert kind == 1 or (n == len(body) and flags == 0)
     said: dict[str, Any] = {"type": kind, "seq": seq, "epoch": epoch}
     if kind == 0x01:
@@ -156,7 +156,8 @@ def test_the_decoder_reads_the_examples_in_a_row() -> None:
     assert (info.part, info.nominal_hz, info.epoch) == ("LSM6DSM", 416.0, 0x1234)
     assert info.scale == (8.75e-3, 8.75e-3, 8.75e-3, 6.1e-5, 6.1e-5, 6.1e-5)
     assert info.details["registers"] == "10:60 11:60"
-    assert info.details["firmware"] == "1.0.0 abc1234"
+    assert info.details["firmware"] == "1.1.0 abc1234"
+    assert (info.origin, info.details["clock"], info.device_clock) == ("measured", "crystal", True)
     assert isinstance(first, Block)
     assert first.counts.tolist() == [[0, 1, -1, 32767, -32768, 256]]
     assert first.ticks.device_s.tolist() == [5.0]

@@ -14,6 +14,7 @@ from allanscope.allan.deviation import Deviation
 from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
 from allanscope.history import Record
 from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
+from allanscope.samples import Origin
 from allanscope.spectrum.density import Density
 from allanscope.wire.base import LinkStats
 
@@ -44,6 +45,9 @@ class Rate:
         Change of the rate per degC, had all of it followed the temperature.
     device_against_host_ppm : float or None
         By how much the crystal of the device differs from the clock of the computer.
+    device_clock : str or None
+        What counts the time of the device, as it says itself: ``crystal``, ``RC oscillator``,
+        ``emulated``, ``none``; None when it does not say.
     """
 
     nominal_hz: float
@@ -58,6 +62,7 @@ class Rate:
     ppm_per_degc: float | None = None
     ppm_per_degc_uncertainty: float | None = None
     device_against_host_ppm: float | None = None
+    device_clock: str | None = None
 
     @property
     def best_hz(self) -> float:
@@ -158,6 +163,8 @@ class Analysis:
         What the reader must know about the run as a whole, one sentence each.
     record : Record or None
         The kept time series, for figures; not part of the JSON.
+    origin : {'', 'measured', 'synthetic', 'emulated'}
+        Whether a physical part measured the samples, as the device says; empty when it does not.
     """
 
     input: Mapping[str, str]
@@ -177,6 +184,7 @@ class Analysis:
     assumptions: tuple[str, ...] = ()
     version: str = ""
     record: Record | None = None
+    origin: Origin = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in the schema ``allanscope/1``: plain numbers, null for what is not."""
@@ -185,6 +193,7 @@ class Analysis:
             "allanscope": self.version,
             "input": dict(self.input),
             "part": self.part,
+            "origin": self.origin or None,
             "duration_s": self.duration_s,
             "samples": self.samples,
             "lost_samples": self.lost_samples,

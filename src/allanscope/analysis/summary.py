@@ -16,6 +16,7 @@ from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.result import Analysis, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
 from allanscope.analysis.state import StreamState
+from allanscope.clock.rate import DISAGREEMENT
 from allanscope.explain import explain
 from allanscope.explain.failure import failed, failure_text
 from allanscope.explain.loop import Explanation
@@ -26,6 +27,7 @@ from allanscope.noise.datasheet import compare, rms_of
 from allanscope.noise.fit import NoiseFit
 from allanscope.noise.quantised import advice
 from allanscope.parts import PARTS, full_scale_of
+from allanscope.quantities import number
 from allanscope.samples import unit_of
 from allanscope.spectrum.density import Density
 from allanscope.wire.base import LinkStats
@@ -106,6 +108,7 @@ def summarise(
         ),
         version=version("allanscope"),
         record=look.record if depth == "full" else None,
+        origin=state.info.origin,
     )
 
 
@@ -144,8 +147,9 @@ def _marks(analyser: Analyser, state: StreamState, rate_hz: float) -> tuple[tupl
 
 def _rate(state: StreamState) -> Rate:
     fit = state.clock.rate()
+    device_clock = state.info.details.get("clock")
     if not fit.is_measured:
-        return Rate(state.info.nominal_hz)
+        return Rate(state.info.nominal_hz, device_clock=device_clock)
     against_host = fit.device_against_host
     return Rate(
         state.info.nominal_hz,
@@ -160,6 +164,7 @@ def _rate(state: StreamState) -> Rate:
         ppm_per_degc=fit.ppm_per_degc,
         ppm_per_degc_uncertainty=fit.ppm_per_degc_uncertainty,
         device_against_host_ppm=None if against_host is None else 1e6 * against_host,
+        device_clock=device_clock,
     )
 
 
@@ -348,4 +353,10 @@ def _remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str, .
         )
     if rate.measured_hz is None:
         out.append("The true sample rate is not known: averaging times use the nominal rate.")
+    apart_ppm = rate.device_against_host_ppm
+    if rate.source == "device" and apart_ppm is not None and abs(apart_ppm) > 1e6 * DISAGREEMENT:
+        out.append(
+            f"The clocks of the device and the computer differ by {number(abs(apart_ppm), 2)} ppm, "
+            "as when the computer reads late: the rate is by the device's clock."
+        )
     return (*out, *dict.fromkeys(analyser.errors[-5:]))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.analysis.wording import effect_brief, losses_text, wait_text
+from allanscope.analysis.wording import effect_brief, losses_text, not_measured, wait_text
 from allanscope.explain.effect import AxisExplanation
 from allanscope.noise.coefficients import DatasheetVerdict
 from allanscope.parts import PARTS
@@ -51,11 +51,14 @@ class Verdict:
         One phrase.
     lines : tuple of VerdictLine
         What is behind it, the most important first.
+    banner : str
+        What must stand above everything else, in red; empty for samples that a part measured.
     """
 
     grade: Grade
     title: str
     lines: tuple[VerdictLine, ...]
+    banner: str = ""
 
 
 def verdict(analysis: Analysis) -> Verdict:
@@ -73,7 +76,12 @@ def verdict(analysis: Analysis) -> Verdict:
     else:
         grade = "good" if any(line.grade == "good" for line in noise) else "note"
     title = _title(analysis.axes, noise, found, losses)
-    return Verdict(grade, f"{title}; an axis failed" if failed else title, lines)
+    title = f"{title}; an axis failed" if failed else title
+    simulated = not_measured(analysis.origin)
+    if simulated is not None:
+        lines = (VerdictLine("bad", *simulated), *lines)
+        title = f"{simulated[0]}: {title[:1].lower()}{title[1:]}"
+    return Verdict(grade, title, lines, simulated[0] if simulated else "")
 
 
 def searched(explanation: AxisExplanation) -> bool:

@@ -15,6 +15,7 @@ from allanscope.quantities import (
     rate,
     symbols,
 )
+from allanscope.samples import Origin
 
 __all__ = [
     "best_text",
@@ -25,6 +26,7 @@ __all__ = [
     "effect_brief",
     "effect_text",
     "losses_text",
+    "not_measured",
     "parameter_text",
     "rate_text",
     "wait_text",
@@ -170,6 +172,23 @@ def losses_text(analysis: Analysis) -> str:
         plural = "s" if analysis.unknown_losses > 1 else ""
         parts.append(f"{analysis.unknown_losses} gap{plural} of unknown length")
     return " + ".join(parts) or "none"
+
+
+def not_measured(origin: Origin) -> tuple[str, str] | None:
+    """Return what stands above every result whose samples no part measured, and why; else None.
+
+    >>> not_measured("synthetic")
+    ('Simulated data', 'a program computed the samples: no part was measured')
+    >>> not_measured("measured") is None
+    True
+    """
+    match origin:
+        case "synthetic":
+            return "Simulated data", "a program computed the samples: no part was measured"
+        case "emulated":
+            return "Simulated data", "the device is emulated: no part was measured"
+        case _:
+            return None
 
 
 def parameter_text(parameter: Parameter, intervals: bool = True) -> str:

@@ -23,6 +23,11 @@ KNOWN_BELOW = 0.01
 one: these parts are off by several per cent at most."""
 
 
+DISAGREEMENT = 1e-3
+"""Crystals are off by less than a tenth of this. A host that sees the device's crystal off by more
+has read late: what had waited while it was held up came in a rush, and looks like a high rate."""
+
+
 @dataclass(frozen=True, slots=True)
 class ClockError:
     """True rate over nominal rate, minus one, with its 95 % interval."""
@@ -117,6 +122,8 @@ class Clock:
         oscillator is not: it is off by as much as the rate is.
     device_resolution_s : float
         Step of the device's time.
+    crystal : bool
+        Whether the device's clock is known to be a crystal, which is believed against the host.
 
     Examples
     --------
@@ -132,17 +139,24 @@ class Clock:
     """
 
     def __init__(
-        self, nominal_hz: float = 0.0, device_clock: bool = True, device_resolution_s: float = 0.0
+        self,
+        nominal_hz: float = 0.0,
+        device_clock: bool = True,
+        device_resolution_s: float = 0.0,
+        crystal: bool = False,
     ) -> None:
         self.nominal_hz = nominal_hz
         self._device_clock = device_clock
+        self._crystal = crystal
         self._device_resolution_s = device_resolution_s
         self.restart()
 
     @classmethod
     def of(cls, info: StreamInfo) -> Clock:
         """Return the clock of a stream that describes itself."""
-        return cls(info.nominal_hz, info.device_clock, info.time_resolution_s)
+        # The times of a table may be anybody's; a device that frames its samples has a clock.
+        crystal = info.device_clock and info.wire not in ("text", "arrays")
+        return cls(info.nominal_hz, info.device_clock, info.time_resolution_s, crystal)
 
     def update(self, index: int, ticks: Ticks) -> None:
         """Take the ticks of a block whose first sample has the number `index`."""
@@ -165,9 +179,15 @@ class Clock:
         self._device = Envelope(max(self._device_resolution_s, ROUNDING_S), self.nominal_hz)
 
     def rate(self) -> RateFit:
-        """Return the best rate that is known now: host before device before nominal."""
+        """Return the best rate that is known now: host before device before nominal.
+
+        Where the two disagree by more than crystals do, a crystal comes before the host.
+        """
         host, device = self._host.fit(), self._device.fit()
-        for source, fit in (("host", host), ("device", device)):
+        candidates = [("host", host), ("device", device)]
+        if self._crystal and host is not None and device is not None and _apart(host, device):
+            candidates.reverse()
+        for source, fit in candidates:
             if fit is not None and fit.relative_sigma < KNOWN_BELOW:
                 return RateFit(
                     self.nominal_hz,
@@ -185,3 +205,9 @@ class Clock:
                     device,
                 )
         return RateFit(self.nominal_hz, self.nominal_hz, "nominal", host=host, device=device)
+
+
+def _apart(host: LineFit, device: LineFit) -> bool:
+    """Return whether two clocks disagree by more than crystals do, and more than by chance."""
+    sigma = math.hypot(host.relative_sigma, device.relative_sigma)
+    return abs(host.hz / device.hz - 1.0) > DISAGREEMENT + 3.0 * sigma

@@ -157,6 +157,7 @@ def recorded_settings(recording: Recording, device: DeviceSettings) -> DeviceSet
             accel_fs=device.accel_fs or number("accel_fs"),
             wire=device.wire or known.get("wire", ""),
             units=device.units or units,  # type: ignore[arg-type]
+            origin="synthetic" if known.get("origin") == "synthetic" else device.origin,
         )
     except ValueError:
         raise InputError("the recording's own settings are damaged; give them again") from None

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allanscope.errors import InputError
+from allanscope.pipeline.fruitless import Fruitless
 from allanscope.recording import Buffer
-from allanscope.samples import Event, Notice, StreamInfo
+from allanscope.samples import Event, Gap, Notice, StreamInfo
 from allanscope.sources.base import Chunk
 from allanscope.wire import WireFormat, feed_chunks, format_named, formats, sniff
 from allanscope.wire.base import Decoder, LinkStats, WireSettings
@@ -68,6 +71,7 @@ class Decoding:
         self._heard_bytes = 0
         self.reconnects = 0
         self._numbered = True
+        self._fruitless = Fruitless()
         self._begin()
         if wire:
             self._choose(wire)
@@ -121,9 +125,9 @@ class Decoding:
             return events
         if self._decoder is not None:
             self._first_byte_ns = self._first_byte_ns or chunk.host_ns
-            events += self._decoder.feed(chunk.data, _seconds(chunk))
-            self._look_at(events)
-            return events
+            found = self._decoder.feed(chunk.data, _seconds(chunk))
+            self._look_at(found)
+            return events + found + self._watch(found, np.array([chunk.host_ns]))
         return events + self._listen(chunk)
 
     def take_buffer(self, buffer: Buffer) -> list[Event]:
@@ -152,8 +156,9 @@ class Decoding:
             host_ns = buffer.host_ns[taken:]
             host_s = np.where(host_ns != 0, host_ns * 1e-9, np.nan)
             data = buffer.data[begin:] if begin else buffer.data
-            events += feed_chunks(self._decoder, data, ends[taken:] - begin, host_s)
-            self._look_at(events)
+            found = feed_chunks(self._decoder, data, ends[taken:] - begin, host_s)
+            self._look_at(found)
+            events += found + self._watch(found, host_ns)
         return events
 
     def finish(self) -> list[Event]:
@@ -169,6 +174,9 @@ class Decoding:
             events += self._decide(last=True)
         if self._decoder is not None:
             events += self._decoder.finish()
+            if self._fruitless.told and self.stats.samples:
+                self.stats.unknown_losses += 1
+                events.append(Gap("link", None))
         return events
 
     def stop_device(self) -> None:
@@ -179,14 +187,24 @@ class Decoding:
 
     def _look_at(self, events: list[Event]) -> None:
         """Note whether samples are numbered or timed; ask the device for what the decoder needs."""
-        for event in events:
+        for at, event in enumerate(events):
             if isinstance(event, StreamInfo):
                 self._numbered = event.wire == "native" or event.time_resolution_s > 0.0
+                events[at] = replace(event, origin=event.origin or self._settings.origin)
         if self._write is None or self._format is None:
             return
         if any(isinstance(e, Notice) and "wanted" in e.fields for e in events):
             for message in self._format.describe():
                 self._write(message)
+
+    def _watch(self, events: list[Event], read_ns: NDArray[np.int64]) -> list[Event]:
+        """Say when bytes come and no samples: garbage, or a stream that never describes itself."""
+        assert self._decoder is not None
+        text = self._fruitless.watch(events, read_ns, self._decoder.stats, self.wire == "native")
+        if not text:
+            return []
+        missing = [] if self._numbered else self._decoder.interrupt("stalled")
+        return [*missing, Notice("error", text, OURS)]
 
     def _choose(self, name: str) -> None:
         self._format = format_named(name)
@@ -237,6 +255,7 @@ class Decoding:
         return [Notice("error", text, OURS)]
 
     def _link_event(self, chunk: Chunk) -> list[Event]:
+        self._fruitless.restart()
         if chunk.event == "reconnected":
             self.reconnects += 1
             self._send_start()

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -60,6 +61,8 @@ def run_live(
     past = None if resume is None else Recording(resume)  # before it gets another file
     if past is not None:
         device = recorded_settings(past, device)
+    if port == "sim":
+        device = replace(device, origin="synthetic")
     must_be_there(port)
     if not settings.quiet:
         tell_when_compiling()

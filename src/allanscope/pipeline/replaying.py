@@ -24,7 +24,7 @@ from allanscope.pipeline.ahead import ahead
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.extent import Extent
 from allanscope.recording import Buffer
-from allanscope.samples import Event
+from allanscope.samples import Event, Notice
 from allanscope.sources import RecordedSource, Source, open_file
 from allanscope.view.progress import progress
 
@@ -77,7 +77,7 @@ def events_of(
             if seen is not None:
                 seen(buffer)
             yield extent.of_buffer(buffer), decoding.take_buffer(buffer)
-        yield 0.0, decoding.finish()
+        yield 0.0, [*decoding.finish(), *_damage_of(source)]
 
     try:
         with progress(extent.total, doing, unit=extent.unit, quiet=quiet) as advance:
@@ -90,6 +90,20 @@ def events_of(
         raise InputError(f"{path}: {error}") from None
     finally:
         source.close()
+
+
+def _damage_of(source: Source) -> list[Event]:
+    """Return what of a recording could not be read, once it has been read: the largest part."""
+    if not isinstance(source, RecordedSource):
+        return []
+    found = [damage for damage in source.recording.damage if damage.length]
+    if not found:
+        return []
+    worst = max(found, key=lambda damage: damage.length)
+    text = f"part of the recording cannot be read: {worst}"
+    if len(found) > 1:
+        text += f", and {len(found) - 1} more places; allanscope recover names them"
+    return [Notice("error", text, {"host": 1})]
 
 
 def analysed(

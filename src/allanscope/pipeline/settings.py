@@ -9,6 +9,7 @@ from typing import Literal
 
 from allanscope.errors import UsageError
 from allanscope.parts import part_named
+from allanscope.samples import Origin
 from allanscope.wire import format_named
 from allanscope.wire.base import WireSettings
 from allanscope.wire.text.units import quantity_named
@@ -34,6 +35,7 @@ class DeviceSettings:
     accel_fs: float | None = None
     wire: str = ""
     units: Sequence[tuple[str, str]] = field(default_factory=tuple)
+    origin: Origin = ""
 
     def __post_init__(self) -> None:
         part = part_named(self.part or "LSM6DSM")
@@ -58,6 +60,7 @@ class DeviceSettings:
             gyro_fs=self.gyro_fs,
             accel_fs=self.accel_fs,
             units=dict(self.units),
+            origin=self.origin,
         )
 
     def metadata(self) -> dict[str, str]:
@@ -69,6 +72,7 @@ class DeviceSettings:
             "accel_fs": "" if self.accel_fs is None else repr(self.accel_fs),
             "wire": self.wire,
             "units": " ".join(f"{sensor}={unit}" for sensor, unit in self.units),
+            "origin": self.origin,
         }
         return {name: text for name, text in facts.items() if text}
 

@@ -58,7 +58,9 @@ def simulate_recording(
                 before = host_ns
                 yield Chunk(host_ns, data)
 
-        write_recording(out, chunks(), {"name": "simulated", "wire": wire})
+        write_recording(
+            out, chunks(), {"name": "simulated", "wire": wire, "origin": sensor.info.origin}
+        )
 
 
 def run_virtual_device(

@@ -113,6 +113,7 @@ class _Walk:
         self.file = file
         self.size = file.seek(0, 2)
         self.outline = Outline()
+        self._loose: list[int] = []
         self._records()
 
     def _records(self) -> None:
@@ -120,6 +121,10 @@ class _Walk:
         while position < self.size and not self.outline.finished:
             length = self._take(position)
             position = self._resume_after(position) if length is None else position + length
+        if self._loose:
+            first, end, count = self._loose
+            text = f"{count} messages outside of chunks, which are not read"
+            self._report(first, end - first, text)
         if not self.outline.finished and position <= self.size:
             self._report(self.size, 0, "never closed: up to a second at its end may be missing")
 
@@ -146,6 +151,10 @@ class _Walk:
             if record is None:
                 return None
             self.outline.chunks.append(record)
+        elif opcode == Opcode.MESSAGE:
+            end = position + HEADER.size + int(length)
+            first, count = (self._loose[0], self._loose[2]) if self._loose else (position, 0)
+            self._loose = [first, end, count + 1]
         elif opcode == Opcode.METADATA:
             if not self._take_metadata(position, length):
                 return None

@@ -26,7 +26,13 @@ from allanscope.recording.layout import (
     session_files,
 )
 from allanscope.recording.outline import Damage, Outline, outline_of
-from allanscope.recording.unpack import Message, RottenChunkError, messages_of, unpacked
+from allanscope.recording.unpack import (
+    MOST_MESSAGES,
+    Message,
+    RottenChunkError,
+    messages_of,
+    unpacked,
+)
 
 __all__ = ["Buffer", "Recording", "is_recording"]
 
@@ -159,7 +165,7 @@ class Recording:
                     if sequence != expected and expected and sequence:
                         yield from gathered.taken()
                         gathered = _Gathering("hole", host_ns)
-                    elif gathered.length >= size:
+                    elif gathered.length >= size or gathered.reads >= MOST_MESSAGES:
                         yield from gathered.taken()
                         gathered = _Gathering()
                     expected = sequence + 1 & 0xFFFFFFFF
@@ -246,6 +252,11 @@ class _Gathering:
         self._parts: list[bytes] = []
         self._offsets: list[int] = []
         self._times: list[int] = []
+
+    @property
+    def reads(self) -> int:
+        """How many: they cost memory, even those without bytes."""
+        return len(self._times)
 
     def add(self, data: bytes, host_ns: int) -> None:
         self._parts.append(data)

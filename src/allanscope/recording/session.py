@@ -24,6 +24,7 @@ from allanscope.recording.layout import (
 from allanscope.recording.metadata import circumstances
 from allanscope.recording.outline import outline_of
 from allanscope.recording.segment import Segment
+from allanscope.recording.unpack import MOST_MESSAGES
 
 __all__ = ["SessionWriter", "write_recording"]
 
@@ -212,10 +213,10 @@ def write_recording(path: Path, chunks: Iterable[Chunk], metadata: Mapping[str, 
     waiting = 0
     try:
         with closing(session):
-            for chunk in chunks:
+            for number, chunk in enumerate(chunks, 1):
                 session.chunk(chunk)
                 waiting += len(chunk.data)
-                if waiting > COMMIT_BYTES:
+                if waiting > COMMIT_BYTES or number % MOST_MESSAGES == 0:
                     session.commit()
                     waiting = 0
     except OSError as error:

@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 
 from allanscope.recording.records import MAX_CHUNK_BYTES, ChunkRecord
 
-__all__ = ["Message", "RottenChunkError", "messages_of", "unpacked"]
+__all__ = ["MOST_MESSAGES", "Message", "RottenChunkError", "messages_of", "unpacked"]
 
 
 class RottenChunkError(Exception):
@@ -54,7 +54,8 @@ def messages_of(data: bytes, topics: dict[int, str]) -> list[Message]:
     Raises
     ------
     RottenChunkError
-        If the records do not fill the chunk exactly.
+        If the records do not fill the chunk exactly, are more than a chunk of ours can hold, or
+        have times that no clock shows.
     """
     found: list[Message] = []
     position, end = 0, len(data)
@@ -63,6 +64,10 @@ def messages_of(data: bytes, topics: dict[int, str]) -> list[Message]:
         opcode, length, channel, sequence, epoch_ns, host_ns = _MESSAGE(padded, position)
         body, position = position + _HEADER_BYTES, position + _HEADER_BYTES + length
         if opcode == Opcode.MESSAGE and length >= _MESSAGE_BYTES:
+            if host_ns > _LAST_NS:
+                raise RottenChunkError("a chunk has a message of a time that no clock shows")
+            if len(found) == MOST_MESSAGES:
+                raise RottenChunkError(f"a chunk holds more than {MOST_MESSAGES} messages")
             topic, start = topics.get(channel, ""), body + _MESSAGE_BYTES
             found.append((topic, sequence, epoch_ns, host_ns, start, position))
         elif opcode == Opcode.CHANNEL:
@@ -71,6 +76,11 @@ def messages_of(data: bytes, topics: dict[int, str]) -> list[Message]:
         raise RottenChunkError("the records of a chunk do not fill it")
     return found
 
+
+MOST_MESSAGES = 1 << 18
+"""Ours hold a second of reads; empty messages pack to nothing, but each costs memory here."""
+
+_LAST_NS = (1 << 63) - 1
 
 _MESSAGE = struct.Struct("<BQHIQQ").unpack_from  # opcode, length, channel, number, two times
 _HEADER_BYTES = 9

@@ -121,6 +121,7 @@ class Simulator:
             time_resolution_s=1e-6,
             device_clock=True,
             details={"firmware": "allanscope simulator", "board": "simulated SensorTile"},
+            origin="synthetic",
         )
         self.index = 0
         self._chunk = _Rows(np.empty((0, len(axes)), np.int16), np.empty(0), np.empty(0))

@@ -13,6 +13,7 @@ from rich.live import Live
 from rich.text import Text
 
 from allanscope.analysis.result import Analysis
+from allanscope.analysis.wording import not_measured
 from allanscope.quantities import count, duration
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.view.diary import Diary, Level
@@ -91,6 +92,9 @@ class TerminalView:
         rate = f"{info.nominal_hz:g} Hz" if info.nominal_hz else "rate unknown"
         facts = (info.part, info.wire, rate, " ".join(info.axes))
         self.line(f"receiving: {', '.join(fact for fact in facts if fact)}")
+        simulated = not_measured(info.origin)
+        if simulated is not None:
+            self.line(": ".join(simulated), "error")
 
     def samples(self, info: StreamInfo, block: Block) -> None:
         """Count samples: results may be far apart, and it must be seen that the run goes on."""

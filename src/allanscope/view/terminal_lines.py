@@ -7,7 +7,7 @@ import io
 from rich.console import Console
 
 from allanscope.analysis.result import Analysis
-from allanscope.analysis.wording import losses_text, rate_text
+from allanscope.analysis.wording import losses_text, not_measured, rate_text
 from allanscope.quantities import COEFFICIENTS, count, duration, number, symbols
 from allanscope.view.terminal_screen import Screen
 from allanscope.view.trend import Trends
@@ -36,6 +36,9 @@ def status_line(analysis: Analysis) -> str:
         ]
         if known:
             parts.append(f"N {' '.join(known)} {symbols(reading.unit)}")
+    simulated = not_measured(analysis.origin)
+    if simulated is not None:
+        parts.append(simulated[0].lower())
     return ", ".join(parts)
 
 

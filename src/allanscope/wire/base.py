@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, Protocol
 
-from allanscope.samples import Block, Event, StreamInfo
+from allanscope.samples import Block, Event, Origin, StreamInfo
 
 __all__ = ["Command", "Decoder", "Encoder", "LinkStats", "WireFormat", "WireSettings"]
 
@@ -62,6 +62,8 @@ class WireSettings:
         Full scales in dps and g.
     units : dict
         Unit of a group of columns of delimited text, e.g. ``{"gyro": "dps"}``.
+    origin : str
+        Where the samples come from, for formats in which the device cannot say it.
     """
 
     part: str = ""
@@ -69,6 +71,7 @@ class WireSettings:
     gyro_fs: float | None = None
     accel_fs: float | None = None
     units: dict[str, str] = field(default_factory=dict)
+    origin: Origin = ""
 
 
 class Decoder(Protocol):

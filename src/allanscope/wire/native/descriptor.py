@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, PARTS
-from allanscope.samples import AXES, StreamInfo
+from allanscope.samples import AXES, Origin, StreamInfo
 from allanscope.wire.native import tlv
 from allanscope.wire.native.layout import (
     CHANNELS_ACCEL,
@@ -15,6 +15,7 @@ from allanscope.wire.native.layout import (
     MOST_SAMPLES,
     Clock,
     Flag,
+    SourceCode,
     Tag,
 )
 from allanscope.wire.printable import text_of
@@ -31,6 +32,17 @@ __all__ = [
 ]
 
 DESCRIPTOR_VERSION = 1
+_ORIGINS: Mapping[int, Origin] = {
+    SourceCode.PART: "measured",
+    SourceCode.SYNTHETIC: "synthetic",
+    SourceCode.EMULATED: "emulated",
+}
+_CLOCKS: Mapping[Clock, str] = {
+    Clock.NONE: "none",
+    Clock.CRYSTAL: "crystal",
+    Clock.RC: "RC oscillator",
+    Clock.EMULATED: "emulated",
+}
 _DEFAULT_TICK_NS = 25_000
 ZERO_COUNTS_C = 25.0
 
@@ -51,8 +63,11 @@ class Descriptor:
         What drives the MCU time; without one the sensor timestamp is the device time.
     tick_ns : int
         Step of the sensor timestamp.
-    temperature_lsb_per_c, temperature_zero_c : float
-        Counts per degree, and the temperature at zero counts.
+    temperature_lsb_per_c : float or None
+        Counts per degree; None when the device does not say. Never NaN, because descriptors are
+        compared: one that came again must equal itself.
+    temperature_zero_c : float
+        The temperature at zero counts.
     """
 
     info: StreamInfo
@@ -60,7 +75,7 @@ class Descriptor:
     valid: int
     clock: Clock
     tick_ns: int
-    temperature_lsb_per_c: float
+    temperature_lsb_per_c: float | None
     temperature_zero_c: float
 
 
@@ -106,8 +121,11 @@ def write(info: StreamInfo) -> bytes:
         (Tag.TEMPERATURE, tlv.float32(counts_per_degree(info.part)) + tlv.float32(ZERO_COUNTS_C)),
         (Tag.RATE, tlv.float32(info.nominal_hz)),
         (Tag.SENSOR_TICK, struct.pack("<I", _DEFAULT_TICK_NS)),
-        (Tag.CLOCK, bytes((Clock.CRYSTAL,))),
+        (Tag.CLOCK, bytes((_clock_of(info),))),
         (Tag.MOST_SAMPLES, bytes((MOST_SAMPLES,))),
+    ]
+    entries += [
+        (Tag.SOURCE, bytes((code,))) for code, one in _ORIGINS.items() if one == info.origin
     ]
     entries += [
         (tag, info.details[name].encode("utf-8")[:40])
@@ -144,16 +162,18 @@ def read(body: bytes, epoch: int) -> Descriptor | None:
             part=text_of(entries.get(Tag.PART, b""), 40),
             wire="native",
             time_resolution_s=1e-6 if clock is not Clock.NONE else tick_ns * 1e-9,
-            device_clock=clock is Clock.CRYSTAL,
+            # An emulated clock is that of the emulated world, in which the samples are made.
+            device_clock=clock in (Clock.CRYSTAL, Clock.EMULATED),
             epoch=epoch,
             truncated=(False,) * len(axes),
             details=_details(entries),
+            origin=_ORIGINS.get(int.from_bytes(entries.get(Tag.SOURCE, b""), "little"), ""),
         ),
         columns=columns,
         valid=valid_flags(channels[0]),
         clock=clock,
         tick_ns=tick_ns,
-        temperature_lsb_per_c=tlv.read_float32(temperature[:4]) or float("nan"),
+        temperature_lsb_per_c=tlv.read_float32(temperature[:4]) or None,
         temperature_zero_c=tlv.read_float32(temperature[4:8]) or 0.0,
     )
 
@@ -161,6 +181,13 @@ def read(body: bytes, epoch: int) -> Descriptor | None:
 def _clock(value: bytes | None) -> Clock:
     known = value is not None and len(value) == 1 and value[0] in set(Clock)
     return Clock(value[0]) if known and value else Clock.RC
+
+
+def _clock_of(info: StreamInfo) -> Clock:
+    """Return what drives the device time of a stream that is to be described."""
+    if info.origin in ("synthetic", "emulated"):
+        return Clock.EMULATED
+    return Clock.CRYSTAL if info.device_clock else Clock.RC
 
 
 def _full_scale(table: Mapping[float, float], scale: float) -> float:
@@ -179,6 +206,8 @@ def _details(known: Mapping[int, bytes]) -> dict[str, str]:
         for tag, name in ((Tag.UNIQUE_ID, "unique_id"), (Tag.AXIS_MAP, "axis_map"))
         if tag in known
     }
+    if Tag.CLOCK in known:
+        details["clock"] = _CLOCKS[_clock(known[Tag.CLOCK])]
     if Tag.WHO_AM_I in known:
         details["who_am_i"] = "0x" + known[Tag.WHO_AM_I].hex()
     if Tag.REGISTERS in known:

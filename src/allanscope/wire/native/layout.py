@@ -24,11 +24,12 @@ __all__ = [
     "Flag",
     "FrameType",
     "Result",
+    "SourceCode",
     "Tag",
 ]
 
 VERSION_MAJOR = 1
-VERSION = VERSION_MAJOR << 4 | 0
+VERSION = VERSION_MAJOR << 4 | 1
 
 HEADER_BYTES = 8
 """Type, version, sequence, epoch, flags, n: the same in every frame."""
@@ -109,6 +110,7 @@ class Tag(IntEnum):
     AXIS_MAP = 0x0F
     MOST_SAMPLES = 0x10
     BOARD = 0x11
+    SOURCE = 0x12
 
 
 class Clock(IntEnum):
@@ -117,6 +119,15 @@ class Clock(IntEnum):
     NONE = 0
     CRYSTAL = 1
     RC = 2
+    EMULATED = 3
+
+
+class SourceCode(IntEnum):
+    """Where the samples come from."""
+
+    PART = 1
+    SYNTHETIC = 2
+    EMULATED = 3
 
 
 class Result(IntEnum):

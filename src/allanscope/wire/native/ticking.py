@@ -24,14 +24,12 @@ class Ticking:
     def ticks(self, run: Run, known: Descriptor) -> Ticks:
         """Return the ticks of a run."""
         headers = run.headers
-        counts = headers["temperature"]
-        temperature = counts / known.temperature_lsb_per_c + known.temperature_zero_c
         crystal = known.clock is not Clock.NONE
         return Ticks(
             offset=np.cumsum(headers["n"], dtype=np.int64) - headers["n"],
             device_s=headers["mcu_us"] / 1e6 if crystal else self._sensor_time(run, known),
             host_s=run.host_s,
-            temperature_c=np.where(counts == NO_TEMPERATURE, np.nan, temperature),
+            temperature_c=_temperature_c(headers["temperature"], known),
         )
 
     def _sensor_time(self, run: Run, known: Descriptor) -> NDArray[np.float64]:
@@ -47,3 +45,11 @@ class Ticking:
             self._last = int(seen[-1]), int(totals[-1])
             seconds[present] = totals * (known.tick_ns * 1e-9)
         return seconds
+
+
+def _temperature_c(counts: NDArray[np.int16], known: Descriptor) -> NDArray[np.float64]:
+    """Return temperatures in degC; NaN where none was sent, or the device does not scale them."""
+    if known.temperature_lsb_per_c is None:
+        return np.full(len(counts), np.nan)
+    degrees = counts / known.temperature_lsb_per_c + known.temperature_zero_c
+    return np.where(counts == NO_TEMPERATURE, np.nan, degrees)

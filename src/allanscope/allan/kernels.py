@@ -48,8 +48,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from allanscope.compiled import njit
 
 __all__ = ["BATCH", "COLUMNS", "HEAD", "Ladder", "advance", "settle", "spend_batches"]
 

@@ -61,6 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return NOT_OURS
     os.environ.setdefault("RUST_LOG", "off")
     from allanscope.errors import AllanscopeError
+    from allanscope.spelled import spell_out_standard_streams
+
+    spell_out_standard_streams()
 
     try:
         _show(options.file, options.application_id, options.recording_id)

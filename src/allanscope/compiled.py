@@ -49,9 +49,13 @@ def njit(*signatures: Any, **options: Any) -> Callable[[Callable[..., Any]], Any
 
 
 def _use_temporary_folder() -> None:
-    """Let numba keep its code in a temporary folder, in this process and in its children."""
+    """Let numba keep its code in a temporary folder, in this process and in its children.
+
+    Matplotlib keeps its list of fonts there as well, or it would make one at every start.
+    """
     folder = str(_private_folder())
     _CONFIG.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"] = folder
+    os.environ.setdefault("MPLCONFIGDIR", os.path.join(folder, "matplotlib"))
     print(
         f"allanscope: compiled code is kept in {folder}, because neither the package nor a home "
         "folder can be written to; set NUMBA_CACHE_DIR to choose another folder",

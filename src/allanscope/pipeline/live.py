@@ -237,13 +237,15 @@ def _run(
     viewer = RerunView(folder, settings.view, named, terminal.line, settings.view_port)
     session.audience = (terminal, viewer)
     final: Analysis | None = None
+    complete = False
 
     def stay() -> None:
-        if stays and not stopped.is_set():
+        if final is None or not complete:
+            return
+        if stays and viewer.serves_page and not stopped.is_set():
             terminal.line("the page of the charts stays until Ctrl-C")
         terminal.close()
-        if final is not None:
-            done(final)
+        done(final)
         while stays and viewer.serves_page and not stopped.wait(_LOOK_EVERY_S):
             pass
 
@@ -271,6 +273,7 @@ def _run(
                 kept = (*(("session.mcap",) if recorder else ()), *_KEPT)
                 terminal.line(f"wrote {', '.join(kept)} in {folder}")
                 terminal.line(f"to see the charts again: allanscope open {folder}")
+            complete = True
         finally:
             viewer.close(final, stay=stay)
             terminal.close()

@@ -15,6 +15,7 @@ import http.client
 import re
 import threading
 import time
+from contextlib import closing
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from allanscope.errors import UsageError
@@ -25,7 +26,8 @@ LOOPBACK = "127.0.0.1"
 
 _PIECE = 1 << 16
 _STARTS_WITHIN_S = 20.0
-_PASSED_ON = ("Content-Type", "Content-Encoding", "Content-Length", "rerun-final-length")
+_LENGTHS = ("Content-Length", "rerun-final-length")
+_PASSED_ON = ("Content-Type", "Content-Encoding", *_LENGTHS)
 _LINK = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>", re.IGNORECASE)
 
 
@@ -112,42 +114,41 @@ class _Handler(BaseHTTPRequestHandler):
         """Answer with the page, or with a file that belongs to it."""
         try:
             self._pass_on()
-        except OSError:
+        except (OSError, http.client.HTTPException):
             self.close_connection = True  # the browser has gone, or the viewer has ended
 
     def log_message(self, *_: object) -> None:
         """Say nothing: the terminal belongs to the measurement."""
 
     def _pass_on(self) -> None:
-        encodings = self.headers.get("Accept-Encoding", "identity")
         is_page = self.path.partition("?")[0] in ("/", "/index.html")
-        answer = self._fetched("identity" if is_page else encodings)
-        self.send_response(answer.status)
-        self.send_header("Content-Security-Policy", self.allowed)
-        self.send_header("Referrer-Policy", "no-referrer")
-        page = without_links(answer.read()) if is_page else None
-        lengths = {} if page is None else {"Content-Length": str(len(page))}
-        for name in _PASSED_ON:
-            if page is not None and name == "rerun-final-length":
-                continue
-            if (value := lengths.get(name) or answer.headers.get(name)) is not None:
+        encodings = "identity" if is_page else self.headers.get("Accept-Encoding", "identity")
+        with closing(self._asked(encodings)) as connection:
+            answer = connection.getresponse()
+            headers = {name: answer.headers[name] for name in _PASSED_ON if name in answer.headers}
+            first = without_links(answer.read()) if is_page else b""
+            if is_page:
+                headers |= dict.fromkeys(_LENGTHS, str(len(first)))
+            self.send_response(answer.status)
+            self.send_header("Content-Security-Policy", self.allowed)
+            self.send_header("Referrer-Policy", "no-referrer")
+            for name, value in headers.items():
                 self.send_header(name, value)
-        self.end_headers()
-        if page is not None:
-            self.wfile.write(page)
-        while piece := answer.read(_PIECE):
-            self.wfile.write(piece)
+            self.end_headers()
+            self.wfile.write(first)
+            while piece := answer.read(_PIECE):
+                self.wfile.write(piece)
 
-    def _fetched(self, encodings: str) -> http.client.HTTPResponse:
-        """Return the answer of Rerun's server, which takes a moment to start."""
+    def _asked(self, encodings: str) -> http.client.HTTPConnection:
+        """Return a connection to Rerun's server, which takes a moment to start, that was asked."""
         end = time.monotonic() + _STARTS_WITHIN_S
         while True:
             connection = http.client.HTTPConnection(LOOPBACK, self.rerun, timeout=_STARTS_WITHIN_S)
             try:
                 connection.request("GET", self.path, headers={"Accept-Encoding": encodings})
-                return connection.getresponse()
             except ConnectionRefusedError:
-                connection.close()
                 if time.monotonic() > end:
                     raise
                 time.sleep(0.1)
+            else:
+                return connection

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from allanscope.cli import parser
 from allanscope.errors import AllanscopeError, ExitCode
+from allanscope.spelled import spell_out_standard_streams
 from allanscope.visible import visible
 
 __all__ = ["main"]
@@ -15,6 +16,7 @@ __all__ = ["main"]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
+    spell_out_standard_streams()
     arguments = parser().parse_args(argv)
     try:
         return int(arguments.command(arguments))

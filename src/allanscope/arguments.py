@@ -7,6 +7,7 @@ heavy is imported: a word that names a part or an effect is checked when the com
 from __future__ import annotations
 
 import argparse
+import re
 from argparse import ArgumentParser
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "import_data",
     "live",
     "nothing",
+    "open_view",
     "recover",
     "replay",
     "report",
@@ -46,6 +48,20 @@ def replay(one: ArgumentParser) -> None:
     one.add_argument("--speed", default="max", type=_speed, help="1, 10 or max (default)")
     _session_arguments(one)
     _device_arguments(one)
+
+
+def open_view(one: ArgumentParser) -> None:
+    """Take what opening the charts of a session needs."""
+    one.add_argument(
+        "session", help="the folder of a session, its .rrd, or the address that a live run prints"
+    )
+    one.add_argument(
+        "--view",
+        default="auto",
+        choices=["auto", "window", "web"],
+        help="where to show; auto (default) is a window where there is a display, else web",
+    )
+    _view_port_argument(one)
 
 
 def analyse(one: ArgumentParser) -> None:
@@ -203,7 +219,19 @@ def _session_arguments(one: ArgumentParser) -> None:
         choices=["auto", "window", "web", "none"],
         help="where to draw; auto (default) is a window where there is a display, else web",
     )
+    _view_port_argument(one)
     one.add_argument("--json", action="store_true", help="print the result at the end")
+
+
+def _view_port_argument(one: ArgumentParser) -> None:
+    one.add_argument(
+        "--port",
+        dest="view_port",
+        type=_view_port,
+        metavar="N",
+        help="serve the page of the web viewer at 127.0.0.1:N and its data at N+1 (default: any "
+        "free ports)",
+    )
 
 
 def _figures_argument(one: ArgumentParser) -> None:
@@ -218,21 +246,36 @@ def _duration_argument(one: ArgumentParser) -> None:
         dest="duration",
         type=_duration,
         metavar="TIME",
-        help="stop after e.g. 90s, 10m or 12h",
+        help="stop after e.g. 90s, 10m or 1h30m",
     )
 
 
 def _duration(text: str) -> float:
-    """Seconds from `90`, `90s`, `10m`, `12h` or `2d`."""
-    units = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
-    number, unit = (text[:-1], text[-1]) if text and text[-1] in units else (text, "s")
-    try:
-        seconds = float(number) * units[unit]
-    except ValueError:
-        seconds = 0.0
-    if not 0.0 < seconds < 1e9:
-        raise argparse.ArgumentTypeError(f"{text!r} is no time; write e.g. 90s, 10m or 12h")
+    """Seconds from `90`, `90s`, `1.5h`, `1h30m` or `2d`."""
+    seconds, end = 0.0, 0
+    for found in _PART_OF_TIME.finditer(text):
+        if found.start() != end:
+            break
+        seconds += float(found["number"]) * _SECONDS[found["unit"]]
+        end = found.end()
+    if end == 0 and text.replace(".", "", 1).isascii() and text.replace(".", "", 1).isdecimal():
+        seconds, end = float(text), len(text)
+    if end != len(text) or not 0.0 < seconds < 1e9:
+        raise argparse.ArgumentTypeError(f"{text!r} is no time; write e.g. 90s, 10m or 1h30m")
     return seconds
+
+
+_SECONDS = {"d": 86400.0, "h": 3600.0, "m": 60.0, "s": 1.0}
+_PART_OF_TIME = re.compile(r"(?P<number>[0-9]+(\.[0-9]*)?|\.[0-9]+)(?P<unit>[dhms])")
+
+
+def _view_port(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 0 < int(text) < 65535):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no network port for the viewer; write e.g. 9876 (a serial port stands "
+            "without --port)"
+        )
+    return int(text)
 
 
 def _workers(text: str) -> int:

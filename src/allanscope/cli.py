@@ -38,7 +38,8 @@ def live(options: Namespace) -> int:
         _simulated_settings(options),
         resume=Path(options.resume) if options.resume else None,
     )
-    return _print_json(analysis, options.json)
+    _print_json(analysis, options.json)
+    return _exit_code(analysis)
 
 
 def replay(options: Namespace) -> int:
@@ -50,8 +51,20 @@ def replay(options: Namespace) -> int:
         options.speed,
         _device_settings(options),
         _session_settings(options, None),
+        lambda analysis: _print_json(analysis, options.json),
     )
-    return _print_json(analysis, options.json)
+    return _exit_code(analysis)
+
+
+def open_view(options: Namespace) -> int:
+    """Show the charts of a session again, in a window or in the browser."""
+    from allanscope.pipeline.opening import open_charts
+
+    def say(line: str) -> None:
+        print(visible(line), flush=True)
+
+    open_charts(options.session, options.view, options.view_port, say)
+    return ExitCode.DONE
 
 
 def analyse(options: Namespace) -> int:
@@ -68,13 +81,14 @@ def analyse(options: Namespace) -> int:
         page, figures = (Path(x) if x else None for x in (options.report, options.figures))
         write_report(analysis, page, figures)
     if options.json == "-":
-        return _print_json(analysis, True)
-    if options.json:
+        _print_json(analysis, True)
+    elif options.json:
         write_json(analysis, Path(options.json))
-    if not options.quiet:
+    if not options.quiet and options.json != "-":
         from allanscope.view.terminal import summary_lines
 
         print("\n".join(summary_lines(analysis)))
+    _name_outputs(options, options.report, options.figures, options.json)
     return _exit_code(analysis)
 
 
@@ -89,6 +103,7 @@ def simulate(options: Namespace) -> int:
         _simulated_settings(options),
         options.quiet,
     )
+    _name_outputs(options, options.out)
     return ExitCode.DONE
 
 
@@ -113,6 +128,7 @@ def import_data(options: Namespace) -> int:
     from allanscope.pipeline.convert import import_capture
 
     import_capture(Path(options.input), Path(options.out), _device_settings(options), options.quiet)
+    _name_outputs(options, options.out)
     return ExitCode.DONE
 
 
@@ -183,6 +199,7 @@ def report(options: Namespace) -> int:
         Path(figures) if figures else None,
     )
     print(page)
+    _name_outputs(options, figures)
     return ExitCode.DONE
 
 
@@ -226,7 +243,8 @@ def parser() -> ArgumentParser:
         epilog="Without a device: allanscope live sim",
     )
     top.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
-    commands = top.add_subparsers(required=True, metavar="COMMAND")
+    top.set_defaults(command=lambda _: _help(top), debug=False)
+    commands = top.add_subparsers(metavar="COMMAND")
     for name, (run, takes, example) in _COMMANDS.items():
         summary = (run.__doc__ or "").splitlines()[0]
         one = commands.add_parser(
@@ -242,6 +260,7 @@ def parser() -> ArgumentParser:
 _COMMANDS = {
     "live": (live, arguments.live, "live            # finds the board by itself"),
     "replay": (replay, arguments.replay, "replay session.mcap --speed max"),
+    "open": (open_view, arguments.open_view, "open session-folder"),
     "analyse": (analyse, arguments.analyse, "analyse log.csv --rate 104 --report log.html"),
     "simulate": (simulate, arguments.simulate, "simulate night.mcap --hours 12 --rate 104"),
     "device": (device, arguments.device, "device --wire tmsg --rate 104"),
@@ -253,6 +272,12 @@ _COMMANDS = {
     "fleet": (fleet, arguments.fleet, "fleet 'lot/**/*.mcap' --out lot-result"),
     "ports": (ports, arguments.nothing, "ports"),
 }
+
+
+def _help(top: ArgumentParser) -> int:
+    """Say what there is to do, to whoever names no command."""
+    top.print_help()
+    return ExitCode.DONE
 
 
 class _Parser(ArgumentParser):
@@ -297,6 +322,7 @@ def _session_settings(options: Namespace, duration_s: float | None) -> SessionSe
         view=options.view,
         quiet=options.quiet or options.json,
         duration_s=duration_s,
+        view_port=options.view_port,
     )
 
 
@@ -311,11 +337,19 @@ def _simulated_settings(options: Namespace) -> SimulatedSettings:
     )
 
 
-def _print_json(analysis: Analysis, wanted: bool) -> int:
+def _name_outputs(options: Namespace, *names: str | None) -> None:
+    """Say which files and folders a command has written; not what went to a pipe or a device."""
+    # Standard output may be the result itself, which others read.
+    stream = sys.stderr if getattr(options, "json", None) == "-" else sys.stdout
+    for name in names:
+        if name and not options.quiet and (Path(name).is_file() or Path(name).is_dir()):
+            print(f"wrote {name}", file=stream)
+
+
+def _print_json(analysis: Analysis, wanted: bool) -> None:
     if wanted:
         json.dump(analysis.to_dict(), sys.stdout, indent=1, allow_nan=False)
         print()
-    return _exit_code(analysis)
 
 
 def _exit_code(analysis: Analysis) -> int:

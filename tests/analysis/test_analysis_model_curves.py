@@ -65,3 +65,20 @@ def test_rounding_of_rows_is_spread_over_their_samples():
     np.testing.assert_allclose(
         of_samples.deviation("oadev", [400]), of_rows.deviation("oadev", [100])
     )
+
+
+def test_only_what_was_detected_is_drawn():
+    """White noise has no flicker and no walk, and the lines of their likeliest values mislead."""
+    counts = np.rint(0.04 * np.random.default_rng(8).standard_normal(SAMPLES) / LSB)
+    analyser = Analyser(AnalyserSettings())
+    analyser.take(StreamInfo(("gx",), (LSB,), RATE_HZ))
+    analyser.take(Block(0, counts.astype(np.int16)[:, np.newaxis], Ticks.none()))
+    found = summarise(analyser, LinkStats(), "full", {}).axes["gx"]
+    detected = {name for name, known in found.coefficients.items() if known.detected}
+    assert detected == {"N"}
+    for model in (found.model, found.model_before):
+        assert set(model.components) <= {"N", "rounding"}
+        parts = np.sqrt(sum(part**2 for part in model.components.values()))
+        np.testing.assert_allclose(model.total, parts)
+    one_sided = 2.0 * found.coefficients["N"].value ** 2
+    np.testing.assert_allclose(found.density_model.total, one_sided, rtol=0.01)

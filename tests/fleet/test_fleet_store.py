@@ -127,4 +127,4 @@ def test_without_the_extra_one_line_says_what_to_install(
     assert main(["fleet", "x.mcap", "--out", str(tmp_path)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "pip install 'allanscope[fleet]'" in said
+    assert "pip install '.[fleet]'" in said

@@ -131,7 +131,8 @@ def test_what_is_no_port(complaint, place):
         (("live", "sim", "--unit", "gyro=furlong"), ("furlong", "mdps")),
         (("replay",), ("recording",)),
         (("watch",), ("watch", "analyse")),
-        ((), ("COMMAND", "--help")),
+        (("live", "sim", "--for", "1m30"), ("1m30", "1h30m")),
+        (("live", "sim", "--port", "/dev/ttyACM0"), ("/dev/ttyACM0", "serial port")),
     ],
 )
 def test_what_does_not_exist_is_refused_before_anything_is_made(complaint, arguments, words):

@@ -1,10 +1,15 @@
 """The line that says that kernels are being compiled, and the thread that reads ahead."""
 
+import os
+import shutil
+import stat
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+import allanscope
 from allanscope.errors import DeviceError
 from allanscope.pipeline import live
 from allanscope.pipeline.ahead import ahead
@@ -93,3 +98,68 @@ def test_what_reads_ahead_stays_no_more_than_its_depth_ahead_and_ends_when_nobod
     assert next(few) == 0
     few.close()
     assert len(made) <= 5
+
+
+DEVIATION = """
+import allanscope, numpy
+print(allanscope.deviation(numpy.arange(64.0), 1.0, "oadev").deviation[0])
+"""
+
+
+def _without_a_place(tmp_path):
+    """Return an environment in which numba can write neither beside the package nor at home.
+
+    Files stand where the folders would have to be, which stops the superuser as well.
+    """
+    package = tmp_path / "site" / "allanscope"
+    shutil.copytree(
+        Path(allanscope.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
+    )
+    for folder in [package, *(path for path in package.rglob("*") if path.is_dir())]:
+        (folder / "__pycache__").touch()
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    unset = ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "PYTHONPATH")
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    home = {"HOME": os.devnull, "TMPDIR": str(temporary), "PYTHONPATH": str(package.parent)}
+    return environment | home, temporary
+
+
+def test_without_a_writable_package_or_home_compiled_code_is_kept_in_a_temporary_folder(tmp_path):
+    environment, temporary = _without_a_place(tmp_path)
+    command, said, compiled = [sys.executable, "-c", DEVIATION], [], []
+    for _ in range(2):
+        ran = subprocess.run(
+            command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert ran.returncode == 0, ran.stderr
+        assert float(ran.stdout) == pytest.approx(0.5**0.5)
+        (line,) = ran.stderr.splitlines()
+        assert line.startswith("allanscope: compiled code is kept in ")
+        said.append(line)
+        compiled.append({file: file.stat().st_mtime_ns for file in temporary.rglob("*.nbc")})
+    (folder,) = temporary.iterdir()
+    assert str(folder) in said[0]
+    assert compiled[0], "what was compiled lies there"
+    assert compiled[0] == compiled[1], "and is found by the second start"
+    if os.name == "posix":
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+@pytest.mark.skipif(os.name != "posix", reason="other systems have a temporary folder per user")
+def test_a_folder_that_others_may_write_to_is_not_trusted_with_code(tmp_path):
+    environment, temporary = _without_a_place(tmp_path)
+    planted = temporary / f"allanscope-compiled-{os.getuid()}"
+    planted.mkdir()
+    planted.chmod(0o777)
+    ran = subprocess.run(
+        [sys.executable, "-c", DEVIATION],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert not list(planted.iterdir())

@@ -91,8 +91,8 @@ def _axis(axis: str, duration_s: float, rng: np.random.Generator, kinds) -> Axis
             )
         },
         density=density,
-        model=model,
-        model_before=_deviation_model(axis, tau, effects=False),
+        model=_detected(model, coefficients),
+        model_before=_detected(_deviation_model(axis, tau, effects=False), coefficients),
         density_model=density_model,
         explanation=_explanation(axis, coefficients),
     )
@@ -119,6 +119,16 @@ def _deviation_model(axis: str, tau: Curve, effects: bool = True) -> ModelCurve:
         parts["sinusoid"] = LINE_DPS * np.sin(phase) ** 2 / phase
     total = np.sqrt(sum(part**2 for part in parts.values()))
     return ModelCurve(tau, total, parts)
+
+
+def _detected(model: ModelCurve, coefficients: dict[str, Coefficient]) -> ModelCurve:
+    """Return the sum of what was detected, as the analysis has it drawn."""
+    parts = {
+        name: part
+        for name, part in model.components.items()
+        if name not in coefficients or coefficients[name].detected
+    }
+    return ModelCurve(model.x, np.sqrt(sum(part**2 for part in parts.values())), parts)
 
 
 def _curve(

@@ -34,7 +34,7 @@ def written(tmp_path):
 
 def _drawing(strips=(), dots=(), words=()):
     drawing = Drawing()
-    drawing.line(list(strips), (1, 2, 3), width=3.0, alpha=99)
+    drawing.line(list(strips), (1, 2, 3), width=3.0)
     drawing.dot(np.array(dots, np.float32).reshape(-1, 2), ["text"] * len(dots), (4, 5, 6))
     for at, text in words:
         drawing.word(at, text, (7, 8, 9))
@@ -45,7 +45,7 @@ def test_a_strip_keeps_its_place_colour_and_width(written):
     rows = written(_drawing(LINE))
     row = rows["/a/curve"][0]
     np.testing.assert_array_equal(row.strips(), LINE)
-    assert row.values["LineStrips2D:colors"] == [(1 << 24) | (2 << 16) | (3 << 8) | 99]
+    assert row.values["LineStrips2D:colors"] == [(1 << 24) | (2 << 16) | (3 << 8) | 255]
     assert row.values["LineStrips2D:radii"] == [-1.5], "in points of the screen"
     assert "/a/curve/words" not in rows
 

@@ -57,3 +57,18 @@ def test_a_sensor_that_is_not_there_has_no_charts():
     origins = {view.origin for tab in tabs.values() for view in _views(tab)}
     assert not [origin for origin in origins if "accel" in origin or origin.startswith("/a")]
     assert "/gz/allan" in origins
+
+
+def test_every_axis_has_time_series_of_its_own():
+    gyro, accel = _tabs()["time series"].contents
+    for grid, axes, origin in (
+        (gyro, AXES[:3], "/samples/gyro"),
+        (accel, AXES[3:], "/samples/accel"),
+    ):
+        views = _views(grid)
+        assert [view.name[:2] for view in views] == [axis for axis in axes for _ in range(3)]
+        for view in views:
+            style = view.visualizer_overrides[origin]
+            shown = style.visible_series.as_arrow_array().to_pylist()
+            drawn = {axes[place % 3] for place, visible in enumerate(shown) if visible}
+            assert drawn == {view.name[:2]}, view.name

@@ -11,6 +11,7 @@ from demo_session import INFO, LEVELS, blocks, perform
 from readback import read_back
 
 from allanscope.noise.coefficients import Coefficient
+from allanscope.quantities import COEFFICIENTS
 from allanscope.samples import Gap, Notice
 from allanscope.view.frames import Frames
 from allanscope.view.rerun_view import RerunView
@@ -133,6 +134,25 @@ def test_coefficients_are_plotted_with_their_standard_error(session):
     assert sigma == pytest.approx(1e3 * (known.upper - known.lower) / 3.92)
     k = session["/coefficients/gyro/K"][-1].values["Measurements:values"]
     assert np.isnan(k).all(), "not detected, not plotted"
+
+
+def test_what_was_not_detected_is_plotted_by_its_upper_limit(tmp_path):
+    """As marks from the first minute on: a plot of nothing would run from -1 to 1."""
+    view = RerunView(tmp_path, "none")
+    view.start()
+    for seconds in (30.0, 61.0, 62.0, 300.0):
+        view.snapshot(demo_analysis(seconds))
+        assert view.settle(60.0)
+    view.close()
+    rows = read_back(tmp_path / "session.rrd")
+    marks = [row for row in rows["/coefficients/gyro/K/limit"] if row.elapsed_s is not None]
+    assert [row.elapsed_s for row in marks] == [61.0, 300.0]
+    known = demo_analysis(300.0).axes
+    reading = COEFFICIENTS["dps", "K"][0]
+    limits = [known[name].coefficients["K"].upper * reading.factor for name in ("gx", "gy", "gz")]
+    assert marks[-1].values["Scalars:scalars"] == pytest.approx(limits)
+    of_n = [row for row in rows["/coefficients/gyro/N/limit"] if row.elapsed_s is not None]
+    assert not of_n, "N is plotted itself"
 
 
 def test_the_rate_is_plotted_in_ppm_of_the_nominal_one(session):

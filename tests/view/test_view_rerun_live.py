@@ -29,7 +29,7 @@ class NoViewer:
     address = ""
     exit_code = None
 
-    def __init__(self, uri, web):
+    def __init__(self, uri, web, port=None):
         self.uri, self.web = uri, web
 
     def running(self):
@@ -188,7 +188,9 @@ def test_that_the_viewer_was_closed_is_said_once(monkeypatch):
     view.snapshot(demo_analysis(1.0))
     view.snapshot(demo_analysis(2.0))
     view.close()
-    assert said[1:] == [f"viewer closed, still measuring; to open it again: rerun {view.address}"]
+    assert said[1:] == [
+        f"viewer closed, still measuring; to open it again: allanscope open {view.address}"
+    ]
 
 
 def test_a_window_that_cannot_live_is_replaced_by_the_web_viewer(monkeypatch):

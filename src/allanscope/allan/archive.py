@@ -18,10 +18,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from allanscope.allan.stretches import add_rows
+from allanscope.compiled import njit
 
 __all__ = ["ROWS", "Archive"]
 

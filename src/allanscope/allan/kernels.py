@@ -56,10 +56,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from allanscope.allan.moments import add_batch
+from allanscope.compiled import njit
 
 __all__ = [
     "BATCH",

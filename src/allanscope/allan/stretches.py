@@ -11,10 +11,10 @@ go on with the rungs whose stride is s and above. Integers below 2^53 stay exact
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from allanscope.allan.kernels import BATCH, Ladder, offset_near, spend_batches, with_offset
+from allanscope.compiled import njit
 
 __all__ = ["add_rows", "hand_up", "stretches_of"]
 

@@ -14,8 +14,9 @@ points show, from 0 (white PM) over 1 (white FM) to 2 (random walk).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from allanscope.compiled import njit
 
 __all__ = ["thinned_theo1_variance"]
 

@@ -19,6 +19,7 @@ from allanscope.allan.deviation import Deviation
 from allanscope.analysis.result import ModelCurve
 from allanscope.explain.effect import Effect
 from allanscope.explain.loop import Explanation
+from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import Rounding, Sinusoid
 from allanscope.noise.model import NoiseModel
 from allanscope.spectrum.density import Density
@@ -44,8 +45,12 @@ def draw_models(
     curve: Deviation | None,
     density: Density,
     rate_hz: float,
+    coefficients: Mapping[str, Coefficient],
 ) -> DrawnModels:
     """Return the models of one axis at the times and frequencies that were measured.
+
+    They are the sum of what was detected. The most likely value of a coefficient that was not is no
+    finding, and its line would be taken for one.
 
     Parameters
     ----------
@@ -61,10 +66,13 @@ def draw_models(
         As measured.
     rate_hz : float
         Samples per second.
+    coefficients : mapping
+        Those that are told of this axis.
     """
     before = loop.models_before.get(axis) if loop else None
     after = loop.models_after.get(axis) if loop else None
     final = at_samples(after, 1.0 / rate_hz) if after is not None else fitted
+    final = _detected(final, coefficients)
     spectrum = None
     if final is not None and len(density.frequency):
         spectrum = ModelCurve(density.frequency, np.asarray(final.density(density.frequency)))
@@ -72,6 +80,8 @@ def draw_models(
         return DrawnModels(density=spectrum)
     signals = _signal_variances(axis, loop, curve, 1.0 / rate_hz) if loop and after else {}
     textbook = at_samples(before, 1.0 / rate_hz) if before is not None else None
+    if loop is not None and axis in loop.axes:
+        textbook = _detected(textbook, loop.axes[axis].coefficients_before)
     return DrawnModels(
         model=_curve(final, curve, signals),
         before=_curve(textbook, curve, {}),
@@ -91,6 +101,17 @@ def at_samples(model: NoiseModel, dt: float) -> NoiseModel:
         for part in model.components
     )
     return NoiseModel(tuple(parts), dt)
+
+
+def _detected(
+    model: NoiseModel | None, coefficients: Mapping[str, Coefficient]
+) -> NoiseModel | None:
+    """Return a model without the coefficients that were not detected; None if nothing is left."""
+    absent = {name for name, known in coefficients.items() if not known.detected}
+    if model is None:
+        return None
+    parts = tuple(part for part in model.components if part.symbol not in absent)
+    return NoiseModel(parts, model.dt) if parts else None
 
 
 def _curve(

@@ -260,10 +260,11 @@ def _axis(
     fit = _fit(record, name, density, part)
     explanation = loop.axes.get(name) if loop else None
     curve = curves.get("oadev")
-    drawn = draw_models(name, loop, fit.model if fit else None, curve, density, rate.best_hz)
     coefficients = dict(fit.coefficients) if fit else {}
     if explanation is not None and explanation.effects and explanation.coefficients_after:
         coefficients = dict(explanation.coefficients_after)
+    model = fit.model if fit else None
+    drawn = draw_models(name, loop, model, curve, density, rate.best_hz, coefficients)
     return AxisAnalysis(
         unit=unit_of(name),
         curves=curves,

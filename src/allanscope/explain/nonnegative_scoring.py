@@ -16,8 +16,9 @@ by the active sets of Lawson and Hanson (*Solving Least Squares Problems*, 1974,
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from allanscope.compiled import njit
 
 __all__ = ["maximise"]
 

@@ -10,7 +10,7 @@
                            ▼
                  lot      OUT/lot.parquet (a row for each recording and axis), OUT/lot.html
 
-The engine is Dask's, from the optional extra ``allanscope[fleet]``: a cluster on this machine
+The engine is Dask's, from the optional extra ``fleet``: a cluster on this machine
 (`cluster`), or a scheduler that is there already. A task is one recording, read where it lies with
 fsspec, through the same decoder, sums and closed loop as a single run. Only whoever started the
 fleet writes; workers need to read the recordings, and this version of allanscope (`crew`).

@@ -35,7 +35,10 @@ def require_extra() -> None:
     """
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
-        raise UsageError(f"a fleet needs {', '.join(missing)}: pip install 'allanscope[fleet]'")
+        raise UsageError(
+            f"a fleet needs {', '.join(missing)}: pip install '.[fleet]' in the folder of the "
+            "sources"
+        )
 
 
 @contextmanager

@@ -36,8 +36,9 @@ class Lot:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        names = [name for name in pq.read_schema(table).names if name not in _UNREAD]
-        read = pq.read_table(table, columns=names)
+        with table.open("rb") as file:  # by us: Arrow takes no names that are not UTF-8
+            names = [name for name in pq.read_schema(file).names if name not in _UNREAD]
+            read = pq.read_table(file, columns=names)
         columns: dict[str, NDArray[Any]] = {}
         for name in names:
             column = read.column(name)

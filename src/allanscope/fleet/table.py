@@ -76,8 +76,8 @@ def rows_of(recording: str, unit: str, result: Mapping[str, Any]) -> Iterator[di
     """
     analysis, facts = result["analysis"], result["circumstances"]
     common = {
-        "recording": recording,
-        "unit": unit,
+        "recording": _encodable(recording),
+        "unit": _encodable(unit),
         "part": analysis["part"],
         "sha256": analysis["input"]["sha256"],
         "allanscope": analysis["allanscope"],
@@ -110,7 +110,8 @@ def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> int:
     written = 0
     with (
         written_whole(path) as part,
-        pq.ParquetWriter(part, schema(), compression="zstd") as writer,
+        part.open("wb") as file,  # by us: Arrow takes no names that are not UTF-8
+        pq.ParquetWriter(file, schema(), compression="zstd") as writer,
     ):
         for group in _groups(rows):
             writer.write_table(pa.Table.from_pylist(group, schema=schema()))
@@ -127,6 +128,11 @@ def _groups(rows: Iterable[Mapping[str, Any]]) -> Iterator[list[Mapping[str, Any
             group = []
     if group:
         yield group
+
+
+def _encodable(name: str) -> str:
+    """Return a name without the bytes of a path that stand for no character."""
+    return name.encode("utf-8", "replace").decode("utf-8")
 
 
 def _axis(axis: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:

@@ -110,7 +110,7 @@ def export_recording(
     again = Decoding(device.for_wire(), decoding.wire)
     events = at_rates(events_of(source, again, quiet, "exporting"), rates)
     written = writers[out.suffix](events, out)
-    if not quiet:
+    if not quiet and out.is_file():
         print(written)
 
 
@@ -141,3 +141,5 @@ def _export_coefficients(
     except ValueError as error:
         raise InputError(f"{source}: {error}; {layout} cannot be given its numbers") from None
     write_whole(out, text)
+    if not quiet and out.is_file():
+        print(f"{out}: coefficients of {len(coefficients)} axes")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -37,6 +38,9 @@ from allanscope.sources import RecordedSource, Source, must_be_there
 from allanscope.view import RerunView, TerminalView, load_rerun
 
 __all__ = ["run_live", "run_replay"]
+
+_KEPT = ("session.rrd", "result.json", "report.html")
+_LOOK_EVERY_S = 0.2
 
 
 def run_live(
@@ -126,9 +130,29 @@ def _recorded_write(source: Source, recorder: Recorder) -> Callable[[bytes], Non
 
 
 def run_replay(
-    path: Path, speed: float, device: DeviceSettings, settings: SessionSettings
+    path: Path,
+    speed: float,
+    device: DeviceSettings,
+    settings: SessionSettings,
+    done: Callable[[Analysis], object] = lambda _: None,
 ) -> Analysis:
     """Run a recording through the same path as a live device; return the result.
+
+    The page of the web viewer then stays until it is ended by Ctrl-C, where it was asked for or
+    somebody sits at a terminal; a script that did not ask for it is not held up.
+
+    Parameters
+    ----------
+    path : Path
+        A recording, or the folder of a session.
+    speed : float
+        A multiple of real time; infinity for as fast as it can be read.
+    device : DeviceSettings
+        What the recording does not say by itself.
+    settings : SessionSettings
+        How it is shown and kept.
+    done : callable
+        Called with the result as soon as it is there, before the page stays.
 
     Raises
     ------
@@ -136,7 +160,9 @@ def run_replay(
         When there is no recording, or it holds no samples.
     """
     if math.isinf(speed) and settings.view == "none" and settings.out is None:
-        return _replayed_unseen(path, device, settings)
+        final = _replayed_unseen(path, device, settings)
+        done(final)
+        return final
     recording = Recording(path)
     device = recorded_settings(recording, device)
     if not settings.quiet:
@@ -155,10 +181,15 @@ def run_replay(
         input_facts=lambda: facts,
         watched=settings.view != "none",
     )
-    analysis = _run(session, settings, folder, facts, whole_s=recording.duration_s)
-    if not analysis.samples:
-        raise InputError(f"{path} holds no samples; nothing to replay")
-    return analysis
+
+    def finished(analysis: Analysis) -> None:
+        if not analysis.samples:
+            raise InputError(f"{path} holds no samples; nothing to replay")
+        done(analysis)
+
+    stays = settings.view == "web" or sys.stdout.isatty()
+    whole_s = recording.duration_s
+    return _run(session, settings, folder, facts, None, whole_s, finished, stays)
 
 
 def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettings) -> Analysis:
@@ -190,14 +221,38 @@ def _run(
     facts: dict[str, str],
     recorder: Recorder | None = None,
     whole_s: float | None = None,
+    done: Callable[[Analysis], None] = lambda _: None,
+    stays: bool = False,
 ) -> Analysis:
-    """Run one session with its audience, and leave its result in the folder."""
+    """Run one session with its audience, and leave its result in the folder.
+
+    The result is handed to `done`; then the page of the web viewer may stay until it is ended.
+    """
     mode: Literal["quiet", "auto"] = "quiet" if settings.quiet else "auto"
-    terminal = TerminalView(mode, session.mark, session.stop, whole_s=whole_s)
-    viewer = RerunView(folder, settings.view, {**facts, "name": facts["name"]}, terminal.line)
+    stopped = threading.Event()
+
+    def stop() -> None:
+        stopped.set()
+        session.stop()
+
+    terminal = TerminalView(mode, session.mark, stop, whole_s=whole_s)
+    named = {**facts, "name": facts["name"]}
+    viewer = RerunView(folder, settings.view, named, terminal.line, settings.view_port)
     session.audience = (terminal, viewer)
     final: Analysis | None = None
-    with stopped_by_signals(session.stop):
+    complete = False
+
+    def stay() -> None:
+        if final is None or not complete:
+            return
+        if stays and viewer.serves_page and not stopped.is_set():
+            terminal.line("the page of the charts stays until Ctrl-C")
+        terminal.close()
+        done(final)
+        while stays and viewer.serves_page and not stopped.wait(_LOOK_EVERY_S):
+            pass
+
+    with stopped_by_signals(stop):
         try:
             try:
                 viewer.start()
@@ -218,8 +273,11 @@ def _run(
             if folder is not None and final.samples:
                 write_json(final, folder / "result.json")
                 write_report(final, folder / "report.html")
-                terminal.line(f"kept in {folder}: see report.html")
+                kept = (*(("session.mcap",) if recorder else ()), *_KEPT)
+                terminal.line(f"wrote {', '.join(kept)} in {folder}")
+                terminal.line(f"to see the charts again: allanscope open {folder}")
+            complete = True
         finally:
-            viewer.close(final)
+            viewer.close(final, stay=stay)
             terminal.close()
     return final

@@ -50,9 +50,9 @@ def _unchanged_libraries(process: Path) -> Iterator[tuple[int, int]]:
     their own. Such a mapping is gone when the interpreter's lock is ours again, so that only what
     two readings show alike is there to stay.
     """
-    settled = set((process / "maps").read_text().splitlines())
+    settled = set((process / "maps").read_text("utf-8", "replace").splitlines())
     found: tuple[int, int] | None = None
-    for line in (process / "smaps").read_text().splitlines():
+    for line in (process / "smaps").read_text("utf-8", "replace").splitlines():
         name, *fields = line.split()
         if not name.endswith(":"):
             start, stop = (int(end, 16) for end in name.split("-"))

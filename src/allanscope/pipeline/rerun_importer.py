@@ -8,8 +8,8 @@ live session, and what a live viewer would have been shown is written to standar
 The viewer (0.41) asks nobody about a name that ends in ``.mcap``: its own reader takes it and shows
 bytes. Give the file another name, or pipe it::
 
-    ln -s session.mcap session.allanscope && rerun session.allanscope
-    rerun-importer-allanscope session.mcap | rerun -
+    ln -s session.mcap session.allanscope && rerun --bind 127.0.0.1 session.allanscope
+    rerun-importer-allanscope session.mcap | rerun --bind 127.0.0.1 -
 """
 
 from __future__ import annotations
@@ -61,6 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return NOT_OURS
     os.environ.setdefault("RUST_LOG", "off")
     from allanscope.errors import AllanscopeError
+    from allanscope.spelled import spell_out_standard_streams
+
+    spell_out_standard_streams()
 
     try:
         _show(options.file, options.application_id, options.recording_id)

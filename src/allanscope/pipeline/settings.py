@@ -91,12 +91,15 @@ class SessionSettings:
         Say nothing but errors on the terminal.
     duration_s : float or None
         Stop this long after the first byte; None for never.
+    view_port : int or None
+        Of the page of the web viewer, with the data at the one after it; None for any free ones.
     """
 
     out: Path | None = None
     view: ViewMode = "auto"
     quiet: bool = False
     duration_s: float | None = None
+    view_port: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

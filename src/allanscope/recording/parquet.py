@@ -57,7 +57,9 @@ def export_parquet(
         for table in _batches(tables(events, report, rate_hz, unit)):
             rows = pa.table(_columns(table, unit), metadata=_facts(table, rate_hz))
             if writer is None:
-                writer = pq.ParquetWriter(part, rows.schema, compression="zstd")
+                # Opened by us: Arrow takes no names that are not UTF-8.
+                file = opened.enter_context(part.open("wb"))
+                writer = pq.ParquetWriter(file, rows.schema, compression="zstd")
                 opened.enter_context(writer)
             writer.write_table(rows.cast(writer.schema))
         if writer is None:

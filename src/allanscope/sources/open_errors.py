@@ -92,7 +92,8 @@ def _holders(name: str) -> str:
         try:
             if os.path.realpath(link) == target:
                 process = link.parent.parent
-                found.add(f"{(process / 'comm').read_text().strip()} (pid {process.name})")
+                name = (process / "comm").read_text("utf-8", "replace").strip()
+                found.add(f"{name} (pid {process.name})")
         except OSError:
             continue
     if found:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import rfft
 
+from allanscope.compiled import njit
 from allanscope.spectrum.window import hann
 
 __all__ = ["SEGMENT", "Level"]

@@ -13,11 +13,11 @@ from allanscope.noise.coefficients import DatasheetVerdict
 from allanscope.quantities import Reading, number, symbols
 from allanscope.view.chart import HEIGHT, WIDTH, Chart, Points
 from allanscope.view.drawing import Drawing
-from allanscope.view.palette import EFFECT, MODEL, REFERENCE, Colour
+from allanscope.view.palette import EFFECT, MODEL, REFERENCE, Colour, muted
 
 __all__ = ["draw_curve", "draw_datasheet", "draw_model", "draw_textbook"]
 
-_HATCH = 4.0
+_HATCH = 8.0
 _NOISE_TERMS = ("Q", "N", "B", "K", "R", "rounding")
 
 
@@ -43,20 +43,20 @@ def draw_curve(
     value, lower, upper = (
         reading.factor * np.asarray(part) for part in (curve.deviation, curve.lower, curve.upper)
     )
-    drawing.hatch(chart.band(curve.tau, lower, upper, _HATCH), colour, _HATCH, alpha=26)
-    drawing.line(chart.whiskers(curve.tau, lower, upper), colour, width=1.0, alpha=90)
+    drawing.line(chart.band(curve.tau, lower, upper, _HATCH), muted(colour), width=0.6)
+    drawing.line(chart.whiskers(curve.tau, lower, upper), muted(colour), width=1.0)
     for trusted, run in _runs(curve.trusted):
         strips = chart.line(curve.tau[run], value[run])
         if trusted:
             drawing.line(strips, colour, width=1.6)
         else:
-            drawing.dashes(strips, colour, width=1.6, alpha=150)
+            drawing.dashes(strips, muted(colour), width=1.6)
     points = chart.points(curve.tau, value)
     shown = _on(points)
     texts = _texts(curve, value, lower, upper, symbols(reading.unit))
-    for trusted, alpha in ((True, 255), (False, 110)):
+    for trusted, of_dots in ((True, colour), (False, muted(colour))):
         chosen = np.flatnonzero(shown & (curve.trusted == trusted))
-        drawing.dot(points[chosen], [texts[i] for i in chosen], colour, size=3.6, alpha=alpha)
+        drawing.dot(points[chosen], [texts[i] for i in chosen], of_dots, size=3.6)
     if named:
         _name(drawing, points[shown & curve.trusted], curve.kind, colour)
     return drawing
@@ -68,12 +68,12 @@ def draw_model(chart: Chart, model: ModelCurve, reading: Reading) -> Drawing:
     for name, part in model.components.items():
         colour = MODEL if name in _NOISE_TERMS else EFFECT
         value = reading.factor * part
-        drawing.dashes(chart.line(model.x, value), colour, width=1.4, alpha=190)
+        drawing.dashes(chart.line(model.x, value), colour, width=1.4)
         at = _tag(chart, model.x, value, reading.factor * model.total, name in _NOISE_TERMS)
         if at is not None:
             drawing.word(at, name.replace("_", " "), colour)
     # Broad and pale, beneath the measured line: it shows beside the line wherever the two differ.
-    drawing.line(chart.line(model.x, reading.factor * model.total), MODEL, width=5.0, alpha=130)
+    drawing.line(chart.line(model.x, reading.factor * model.total), muted(MODEL), width=5.0)
     return drawing
 
 

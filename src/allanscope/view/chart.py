@@ -26,6 +26,7 @@ MARGIN = {"left": 110.0, "right": 45.0, "top": 70.0, "bottom": 75.0}
 """Room around the rectangle for labels, in world units."""
 
 _RAISE = 22.0
+_TICK = 10.0
 _SMALLEST = 3.0
 
 Points = NDArray[np.float32]
@@ -82,7 +83,7 @@ class Chart:
     def band(self, x: ArrayLike, lower: ArrayLike, upper: ArrayLike, pitch: float) -> Strips:
         """Return upright strips, `pitch` world units apart, that hatch between two curves.
 
-        Drawn with a width of one pitch they fill the area: the viewer has no filled polygons.
+        What lies behind shows between them: the viewer fills no polygon, and none is translucent.
         """
         low, high = self.points(x, lower), self.points(x, upper)
         known = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
@@ -97,15 +98,20 @@ class Chart:
         return list(ends[ends[:, 0, 1] - ends[:, 1, 1] > _SMALLEST])
 
     def grid(self) -> tuple[Strips, Strips]:
-        """Return the major and the minor grid lines."""
+        """Return the major grid lines, and the minor ones as ticks at the edges.
+
+        Lines that are faint on a dark and on a light background alike cannot be drawn.
+        """
         major: Strips = []
         minor: Strips = []
         for place, label in self.x.ticks():
             x = WIDTH * place
-            (major if label else minor).append(_strip((x, 0.0), (x, HEIGHT)))
+            top = 0.0 if label else HEIGHT - _TICK
+            (major if label else minor).append(_strip((x, top), (x, HEIGHT)))
         for place, label in self.y.ticks():
             y = HEIGHT * (1.0 - place)
-            (major if label else minor).append(_strip((0.0, y), (WIDTH, y)))
+            right = WIDTH if label else _TICK
+            (major if label else minor).append(_strip((0.0, y), (right, y)))
         return major, minor
 
     def labels(self) -> list[tuple[tuple[float, float], str]]:

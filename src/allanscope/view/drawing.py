@@ -10,8 +10,6 @@ from allanscope.view.palette import GRID, TEXT, Colour
 
 __all__ = ["Drawing", "draw_grid"]
 
-_Rgba = tuple[int, int, int, int]
-
 
 @dataclass(slots=True)
 class Drawing:
@@ -21,25 +19,21 @@ class Drawing:
     """
 
     strips: Strips = field(default_factory=list)
-    strip_colours: list[_Rgba] = field(default_factory=list)
+    strip_colours: list[Colour] = field(default_factory=list)
     strip_radii: list[float] = field(default_factory=list)
     dots: list[Points] = field(default_factory=list)
-    dot_colours: list[_Rgba] = field(default_factory=list)
+    dot_colours: list[Colour] = field(default_factory=list)
     dot_radii: list[float] = field(default_factory=list)
     dot_texts: list[str] = field(default_factory=list)
     words: list[tuple[tuple[float, float], str, Colour]] = field(default_factory=list)
 
-    def line(self, strips: Strips, colour: Colour, width: float = 2.0, alpha: int = 255) -> None:
+    def line(self, strips: Strips, colour: Colour, width: float = 2.0) -> None:
         """Add polylines `width` points of the screen wide."""
-        self._add(strips, (*colour, alpha), -width / 2)
+        self._add(strips, colour, -width / 2)
 
-    def dashes(self, strips: Strips, colour: Colour, width: float = 1.4, alpha: int = 255) -> None:
+    def dashes(self, strips: Strips, colour: Colour, width: float = 1.4) -> None:
         """Add polylines as dashes."""
-        self._add(dashed(strips), (*colour, alpha), -width / 2)
-
-    def hatch(self, strips: Strips, colour: Colour, pitch: float, alpha: int) -> None:
-        """Add strips `pitch` world units wide, so that neighbours touch and fill an area."""
-        self._add(strips, (*colour, alpha), pitch / 2)
+        self._add(dashed(strips), colour, -width / 2)
 
     def dot(
         self,
@@ -47,11 +41,10 @@ class Drawing:
         texts: Sequence[str],
         colour: Colour,
         size: float = 4.0,
-        alpha: int = 255,
     ) -> None:
         """Add dots `size` points of the screen across that say their text when pointed at."""
         self.dots += list(points)
-        self.dot_colours += [(*colour, alpha)] * len(points)
+        self.dot_colours += [colour] * len(points)
         self.dot_radii += [-size / 2] * len(points)
         self.dot_texts += texts
 
@@ -59,7 +52,7 @@ class Drawing:
         """Add a word, centred."""
         self.words.append((at, text, colour))
 
-    def _add(self, strips: Strips, colour: _Rgba, radius: float) -> None:
+    def _add(self, strips: Strips, colour: Colour, radius: float) -> None:
         self.strips += strips
         self.strip_colours += [colour] * len(strips)
         self.strip_radii += [radius] * len(strips)
@@ -69,8 +62,7 @@ def draw_grid(chart: Chart) -> Drawing:
     """Return the grid of a chart with its labels; grey that reads on either theme."""
     drawing = Drawing()
     major, minor = chart.grid()
-    drawing.line(minor, GRID, width=1.0, alpha=24)
-    drawing.line(major, GRID, width=1.2, alpha=90)
+    drawing.line([*minor, *major], GRID, width=0.5)
     for at, text in chart.labels():
         drawing.word(at, text, TEXT)
     return drawing

@@ -3,7 +3,9 @@
 One meaning has one colour in every chart: x, y and z of either sensor; the model; what was found
 beyond the model; the datasheet. Estimators other than the default one take a colour by family and
 carry their name at the end of the curve, because seventeen colours can be told apart by nobody.
-All of them are readable on the dark and on the light theme.
+All of them are readable on the dark and on the light theme. None is translucent: the viewer draws
+every strip opaque, and what was meant to be faint comes out nearly black. What is to be faint is
+`muted`, a mixture with the grey that lies between both themes.
 """
 
 from __future__ import annotations
@@ -19,14 +21,28 @@ __all__ = [
     "REFERENCE",
     "TEXT",
     "Colour",
+    "muted",
 ]
 
 Colour = tuple[int, int, int]
 
+
+def muted(colour: Colour, strength: float = 0.5) -> Colour:
+    """Return a colour that stands back: so much of it, and grey for the rest.
+
+    Examples
+    --------
+    >>> muted((228, 128, 28))
+    (178, 128, 78)
+    """
+    red, green, blue = (round(strength * c + (1.0 - strength) * 128) for c in colour)
+    return red, green, blue
+
+
 _ORANGE = (230, 159, 0)
 _SKY_BLUE = (86, 180, 233)
 _GREEN = (0, 158, 115)
-_YELLOW = (240, 228, 66)
+_DARK_YELLOW = (168, 152, 0)
 _BLUE = (0, 114, 178)
 _VERMILLION = (213, 94, 0)
 _PURPLE = (204, 121, 167)
@@ -47,22 +63,23 @@ MODEL = _PURPLE
 EFFECT = _ORANGE
 """What was found beyond the textbook model."""
 
-REFERENCE = (150, 150, 150)
+REFERENCE = (130, 130, 130)
 """What is there to compare with: the datasheet, the textbook model."""
 
 GRADE: dict[str, Colour] = {"good": _GREEN, "bad": _VERMILLION, "note": _ORANGE}
 """How good a thing is."""
 
 GRID = (128, 128, 128)
-TEXT = (150, 150, 150)
+TEXT = (122, 122, 122)
+"""As far from the black of the dark theme as from the white of the light one."""
 
 LINK: dict[str, Colour] = {"streaming": _GREEN, "gap": _VERMILLION, "restarted": _ORANGE}
 """What the link is doing."""
 
 _FAMILIES: dict[Colour, tuple[str, ...]] = {
-    (190, 190, 190): ("stdev", "ostdev", "adev", "totdev", "pdev"),
+    (150, 150, 150): ("stdev", "ostdev", "adev", "totdev", "pdev"),
     _BLUE: ("mdev", "mtotdev", "tdev", "ttotdev"),
-    _YELLOW: ("hdev", "ohdev", "htotdev"),
+    _DARK_YELLOW: ("hdev", "ohdev", "htotdev"),
     _ORANGE: ("theo1", "theobr", "theoh"),
 }
 

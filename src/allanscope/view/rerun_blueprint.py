@@ -60,7 +60,7 @@ def layout(axes: Sequence[str], estimators: Sequence[str], active_tab: int = 0) 
         rrb.Tabs(*[_estimator(axes, kind) for kind in estimators]),
         _charts(axes, [_chart(f"/{axis}/spectrum", axis) for axis in axes]),
         rrb.Tabs(*[_loop(unit, axes) for unit in _units(axes)]),
-        _time_series(axes),
+        rrb.Tabs(*[_time_series(unit, axes) for unit in _units(axes)]),
         rrb.Vertical(
             _plot("/samples/temperature", "temperature, °C"),
             _plot("/rate", "measured over nominal rate, ppm (± 1 σ)"),
@@ -122,11 +122,11 @@ def _estimator(axes: Sequence[str], kind: str) -> rrb.Grid:
 
 def _axis(axis: str, others: Sequence[str]) -> rrb.Horizontal:
     hidden = ["textbook", *(kind for kind in others if kind not in TIME_DEVIATIONS)]
-    sensor = SENSORS[unit_of(axis)]
+    sensor, about = SENSORS[unit_of(axis)], "x y z (± 1 σ; ▼ upper limit)"
     trends = [
         _plot(
             f"/coefficients/{sensor}/{letter}",
-            f"{letter}, {coefficient_unit(unit_of(axis), letter)}, of {sensor} x y z (± 1 σ)",
+            f"{letter}, {coefficient_unit(unit_of(axis), letter)}, of {sensor} {about}",
             legend=False,
         )
         for letter in SHOWN_COEFFICIENTS
@@ -157,22 +157,25 @@ def _loop(unit: str, axes: Sequence[str]) -> rrb.Vertical:
     )
 
 
-def _time_series(axes: Sequence[str]) -> rrb.Grid:
-    """Return drift, spikes and the last minute of each sensor, all from the same entity."""
+def _time_series(unit: str, axes: Sequence[str]) -> rrb.Grid:
+    """Return drift, spikes and the last minute of a sensor, an axis a row, from the same entity.
+
+    Three axes in one plot hide each other.
+    """
+    origin = f"/samples/{SENSORS[unit]}"
+    chosen = [axis for axis in axes if unit_of(axis) == unit]
+    level = symbols(LEVEL[unit].unit)
     views = []
-    for unit in _units(axes):
-        origin = f"/samples/{SENSORS[unit]}"
-        number = sum(unit_of(axis) == unit for axis in axes)
-        sensor = f"{_SENSOR_TITLES[unit]}, {symbols(LEVEL[unit].unit)} since the start"
-        mean, extremes = [True] * number, [True] * 2 * number
-        for name, shown, last_s in (
-            ("means of 0.1 s", mean + [False] * 2 * number, None),
-            ("least and largest", [False] * number + extremes, None),
-            ("the last minute", mean + extremes, 60.0),
+    for axis in chosen:
+        for name, parts, last_s in (
+            (f"{axis}, {level} since the start: means", (0,), None),
+            (f"{axis}: least and largest", (1, 2), None),
+            (f"{axis}: the last minute", (0, 1, 2), 60.0),
         ):
+            shown = [part in parts and other == axis for part in range(3) for other in chosen]
             style = rr.SeriesLines.from_fields(visible_series=shown)
-            views.append(_plot(origin, f"{sensor}: {name}", last_s, {origin: style}, False))
-    return rrb.Grid(*views, grid_columns=3)
+            views.append(_plot(origin, name, last_s, {origin: style}, False))
+    return rrb.Grid(*views, grid_columns=3, name=_SENSOR_TITLES[unit])
 
 
 def _link() -> rrb.Vertical:

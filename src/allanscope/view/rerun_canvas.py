@@ -61,11 +61,11 @@ class Canvas:
 
     @classmethod
     def open(
-        cls, session: Mapping[str, object], file: Path | None, serve: bool
+        cls, session: Mapping[str, object], file: Path | None, serve: bool, port: int | None = None
     ) -> tuple[Canvas, str]:
         """Return a canvas, and the address from which viewers can fetch it."""
         name = printable(session.get("name", "allanscope"))
-        recording, address = open_stream(name, file, serve)
+        recording, address = open_stream(name, file, serve, port)
         return cls(recording, session), address
 
     @classmethod

@@ -14,7 +14,7 @@ from allanscope.noise.coefficients import Coefficient
 from allanscope.quantities import COEFFICIENTS, LEVEL, symbols
 from allanscope.samples import unit_of
 from allanscope.view.decimator import Rows
-from allanscope.view.palette import AXIS, LINK, REFERENCE
+from allanscope.view.palette import AXIS, LINK, REFERENCE, muted
 
 __all__ = ["SENSORS", "SHOWN_COEFFICIENTS", "Series"]
 
@@ -24,7 +24,11 @@ SHOWN_COEFFICIENTS = ("N", "B", "K")
 _SIGMAS_OF_95_PERCENT = 2.0 * 1.96
 _TEMPERATURE_EVERY_S = 5.0
 _LARGEST_ERROR = 0.3
-"""Coefficients are plotted once their relative error is below this."""
+"""Coefficients are plotted once their relative error is below this; until then their limit is."""
+
+_FIRST_LIMIT_S, _LIMIT_SPACING = 60.0, 1.25
+"""The limits of the first minute are so high that they would hide all others. Later ones are
+plotted each time that the run has grown by the factor: as marks, which are told from a line."""
 
 
 class Series:
@@ -44,6 +48,7 @@ class Series:
         self._level: dict[str, NDArray[np.float64]] = {}
         self._last_bytes = (0.0, 0)
         self._last_temperature_s = -math.inf
+        self._limits_due_s = _FIRST_LIMIT_S
 
     def now(self, elapsed_s: float) -> None:
         """Set the time of what is logged next."""
@@ -58,18 +63,28 @@ class Series:
             if not names:
                 continue
             colours = [AXIS[axis] for axis in names]
-            faint = [(*colour, 90) for colour in colours]
+            faint = [muted(colour) for colour in colours]
             self._static(
                 f"/samples/{sensor}",
                 rr.SeriesLines(
                     names=[
                         f"{name}{part}" for part in ("", " least", " largest") for name in names
                     ],
-                    colors=[*((*c, 255) for c in colours), *faint, *faint],
+                    colors=[*colours, *faint, *faint],
                     widths=[1.6] * len(names) + [0.8] * 2 * len(names),
                     aggregation_policy="MinMax",
                 ),
             )
+            for letter in SHOWN_COEFFICIENTS:
+                self._static(
+                    f"/coefficients/{sensor}/{letter}/limit",
+                    rr.SeriesPoints(
+                        names=[f"{name} {letter}, upper limit" for name in names],
+                        colors=colours,
+                        markers=["down"] * len(names),
+                        marker_sizes=[3.5] * len(names),
+                    ),
+                )
         self._static("/samples/temperature", rr.SeriesLines(names="°C", colors=REFERENCE))
         self._static(
             "/link/errors",
@@ -112,11 +127,15 @@ class Series:
 
     def result(self, analysis: Analysis) -> None:
         """Log the coefficients so far, the measured rate, and the counters of the link."""
+        limits_too = analysis.duration_s >= self._limits_due_s
+        if limits_too:
+            self._limits_due_s = _LIMIT_SPACING * analysis.duration_s
         for unit, sensor in SENSORS.items():
             axes = [name for name, axis in analysis.axes.items() if axis.unit == unit]
             for letter in SHOWN_COEFFICIENTS:
                 if axes:
-                    self._coefficient(f"/coefficients/{sensor}/{letter}", unit, letter, analysis)
+                    path = f"/coefficients/{sensor}/{letter}"
+                    self._coefficient(path, unit, letter, analysis, limits_too)
         self._rate(analysis)
         link = analysis.link
         self._scalars("/link/errors", [link.crc_errors, link.resyncs, analysis.reconnects])
@@ -137,15 +156,19 @@ class Series:
         """Log what the link does from now on: ``streaming``, ``gap`` or ``restarted``."""
         self._recording.log("/link/state", rr.StateChange(state=state))
 
-    def _coefficient(self, path: str, unit: str, letter: str, analysis: Analysis) -> None:
+    def _coefficient(
+        self, path: str, unit: str, letter: str, analysis: Analysis, limits_too: bool
+    ) -> None:
         reading = COEFFICIENTS[unit, letter][0]
         axes = [name for name, axis in analysis.axes.items() if axis.unit == unit]
-        values, variances = [], []
+        values, variances, limits = [], [], []
         for name in axes:
             known = analysis.axes[name].coefficients.get(letter)
             value, sigma = (math.nan, math.nan) if known is None else _worth_drawing(known)
             values.append(value * reading.factor)
             variances.append((sigma * reading.factor) ** 2)
+            is_limit = known is not None and math.isnan(value)
+            limits.append(known.upper * reading.factor if known and is_limit else math.nan)
         self._recording.log(
             path,
             rr.Measurements(
@@ -156,6 +179,9 @@ class Series:
                 names=[f"{name} {letter}" for name in axes],
             ),
         )
+
+        if limits_too and any(map(math.isfinite, limits)):
+            self._scalars(f"{path}/limit", limits)
 
     def _rate(self, analysis: Analysis) -> None:
         rate = analysis.rate

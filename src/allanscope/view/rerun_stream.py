@@ -12,7 +12,7 @@ from pathlib import Path
 import rerun as rr
 
 from allanscope.errors import DeviceError
-from allanscope.view.viewer_process import LOOPBACK, free_port
+from allanscope.view.viewer_process import LOOPBACK, free_port, refuse_taken
 
 __all__ = ["APPLICATION", "SERVER_MEMORY", "open_output", "open_stream"]
 
@@ -24,7 +24,9 @@ _ATTEMPTS = 5
 _FLUSH_S = 5.0
 
 
-def open_stream(name: str, file: Path | None, serve: bool) -> tuple[rr.RecordingStream, str]:
+def open_stream(
+    name: str, file: Path | None, serve: bool, port: int | None = None
+) -> tuple[rr.RecordingStream, str]:
     """Return a recording, and the address of its server or an empty text.
 
     Parameters
@@ -35,16 +37,22 @@ def open_stream(name: str, file: Path | None, serve: bool) -> tuple[rr.Recording
         Also written to this file; without the footer, whose index would grow in memory all night.
     serve : bool
         Also served to viewers.
+    port : int, optional
+        Where it is served; any free port if not given.
 
     Raises
     ------
     DeviceError
         When no port of the loopback interface can be had.
+    UsageError
+        When the port that was given is taken.
     """
+    if serve and port is not None:
+        refuse_taken(port)
     for _ in range(_ATTEMPTS):
         recording = rr.RecordingStream(APPLICATION)
         recording.set_log_time_enabled(False)
-        server = _server() if serve else None
+        server = _server(port or free_port()) if serve else None
         sinks: list[rr.GrpcServerSink | rr.FileSink] = [] if server is None else [server]
         if file is not None:
             sinks.append(rr.FileSink(str(file), write_footer=False))
@@ -77,5 +85,5 @@ def open_output(name: str, application: str = "", identity: str = "") -> rr.Reco
     return recording
 
 
-def _server() -> rr.GrpcServerSink:
-    return rr.GrpcServerSink(bind_ip=LOOPBACK, port=free_port(), server_memory_limit=SERVER_MEMORY)
+def _server(port: int) -> rr.GrpcServerSink:
+    return rr.GrpcServerSink(bind_ip=LOOPBACK, port=port, server_memory_limit=SERVER_MEMORY)

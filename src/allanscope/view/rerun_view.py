@@ -30,7 +30,7 @@ from allanscope.view.diary import Level
 from allanscope.view.gap_teller import GapTeller
 from allanscope.view.pace import Pace
 from allanscope.view.viewer_keeper import ViewerKeeper, ViewMode
-from allanscope.view.viewer_process import optimise
+from allanscope.view.viewer_process import DATA_PORT_AFTER_PAGE, optimise
 from allanscope.view.worker import Worker
 
 if TYPE_CHECKING:
@@ -78,12 +78,14 @@ class RerunView:
         ``started_unix_s``, the wall-clock time of the start, adds the timeline ``clock``.
     say : callable, optional
         Called with a line for the user, e.g. the address of the web viewer.
+    port : int, optional
+        Of the page of the web viewer; the data are served at the one after it.
 
     Attributes
     ----------
     address : str
         Address from which any Rerun viewer on this machine can fetch the data:
-        ``rerun ADDRESS``. Empty when nothing is served.
+        ``allanscope open ADDRESS``. Empty when nothing is served.
     viewer : ViewerKeeper or None
         The viewer that was started; ``viewer.process.address`` is that of the web viewer's page.
 
@@ -99,12 +101,13 @@ class RerunView:
         mode: ViewMode = "auto",
         session: Mapping[str, object] | None = None,
         say: Callable[[str], None] | None = None,
+        port: int | None = None,
     ) -> None:
         if mode not in ("window", "web", "none", "auto"):
             raise ValueError(f"no view {mode!r}; choose one of auto window web none")
         self.address = ""
         self.viewer: ViewerKeeper | None = None
-        self._mode = mode
+        self._mode, self._port = mode, port
         self._file = None if out_dir is None else Path(out_dir) / "session.rrd"
         self._session = dict(session or {})
         self._say = say or (lambda line: None)
@@ -137,15 +140,21 @@ class RerunView:
         from allanscope.view.rerun_canvas import Canvas
 
         serve = self._mode != "none"
-        self._canvas, self.address = Canvas.open(self._session, self._file, serve)
+        data = None if self._port is None else self._port + DATA_PORT_AFTER_PAGE
+        self._canvas, self.address = Canvas.open(self._session, self._file, serve, data)
         self._worker = Worker("rerun-view")
         if serve:
-            self.viewer = ViewerKeeper(self.address, self._mode, self._say)
+            self.viewer = ViewerKeeper(self.address, self._mode, self._say, self._port)
 
     @property
     def dropped(self) -> int:
         """Updates that were not drawn because the machine could not keep up."""
         return self._rows_lost + (0 if self._worker is None else self._worker.dropped)
+
+    @property
+    def serves_page(self) -> bool:
+        """Whether the page of the web viewer is there to be looked at."""
+        return self.viewer is not None and self.viewer.is_web
 
     def info(self, info: StreamInfo) -> None:
         """Take what the samples that follow mean."""
@@ -210,7 +219,12 @@ class RerunView:
         """Wait until all that was told so far is drawn; return False when that takes longer."""
         return self._worker is None or self._worker.settle(timeout_s)
 
-    def close(self, final: Analysis | None = None, timeout_s: float = 10.0) -> None:
+    def close(
+        self,
+        final: Analysis | None = None,
+        timeout_s: float = 10.0,
+        stay: Callable[[], None] | None = None,
+    ) -> None:
         """Draw the last result in full, end the recording, make its file small.
 
         A window stays open; the page of the web viewer, once loaded, keeps what it shows.
@@ -221,14 +235,24 @@ class RerunView:
             The result at the end, where it is more than the last snapshot.
         timeout_s : float
             Longest wait for what is still to be drawn.
+        stay : callable, optional
+            Called when all is drawn, before the page of a web viewer ends.
         """
+        stay = stay or (lambda: None)
         worker, canvas, self._worker = self._worker, self._canvas, None
         if worker is None or canvas is None:
+            stay()
             return
         self._latest = final or self._latest
-        ended = worker.close(partial(self._finish, canvas), timeout_s)
-        if self.viewer is not None:
-            self.viewer.close()
+        page = self.serves_page
+        ended = worker.close(partial(self._finish, canvas, not page), timeout_s)
+        try:
+            stay()
+        finally:
+            if page and ended:
+                canvas.close()
+            if self.viewer is not None:
+                self.viewer.close()
         if ended and self._file is not None:
             if self._file.stat().st_size > _LARGE_FILE:
                 self._say(f"making {self._file.name} smaller, this takes a moment")
@@ -250,11 +274,14 @@ class RerunView:
         if self._latest is not None:
             canvas.result(self._latest, everything)
 
-    def _finish(self, canvas: Canvas) -> None:
+    def _finish(self, canvas: Canvas, close: bool) -> None:
         self._everything = True
         self._draw_rows(canvas)
         self._draw_latest(canvas)
-        canvas.close()
+        if close:
+            canvas.close()
+        else:
+            canvas.flush()
 
     # --- tasks ----------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from allanscope.view.palette import REFERENCE, Colour
 
 __all__ = ["draw_residual", "percent_of_model"]
 
-_HATCH = 4.0
+_HATCH = 8.0
 
 
 def draw_residual(
@@ -29,7 +29,7 @@ def draw_residual(
     """
     drawing = Drawing()
     low, high = (100.0 * (limit / curve.deviation - 1.0) for limit in (curve.lower, curve.upper))
-    drawing.hatch(chart.band(curve.tau, low, high, _HATCH), REFERENCE, _HATCH, alpha=44)
+    drawing.line(chart.band(curve.tau, low, high, _HATCH), REFERENCE, width=0.6)
     drawing.line(chart.line(chart.x.read([0.0, 1.0]), np.zeros(2)), REFERENCE, width=1.2)
     if before is not None:
         drawing.dashes(chart.line(curve.tau, percent_of_model(curve, before)), REFERENCE, 2.0)

@@ -12,11 +12,11 @@ from allanscope.quantities import Reading, number
 from allanscope.spectrum.density import Density
 from allanscope.view.chart import HEIGHT, WIDTH, Chart
 from allanscope.view.drawing import Drawing
-from allanscope.view.palette import EFFECT, MODEL, REFERENCE, Colour
+from allanscope.view.palette import EFFECT, MODEL, REFERENCE, Colour, muted
 
 __all__ = ["draw_density", "draw_density_limit", "draw_density_model", "draw_found"]
 
-_HATCH = 4.0
+_HATCH = 8.0
 
 
 def draw_density(chart: Chart, density: Density, reading: Reading, colour: Colour) -> Drawing:
@@ -30,7 +30,7 @@ def draw_density(chart: Chart, density: Density, reading: Reading, colour: Colou
     # chdtri(v, p) is the chi-square value that is exceeded with probability p
     lower, upper = (density.density * dof / special.chdtri(dof, p) for p in (0.025, 0.975))
     value, low, high = (reading.factor * np.sqrt(s) for s in (density.density, lower, upper))
-    drawing.hatch(chart.band(density.frequency, low, high, _HATCH), colour, _HATCH, alpha=36)
+    drawing.line(chart.band(density.frequency, low, high, _HATCH), muted(colour), width=0.6)
     drawing.line(chart.line(density.frequency, value), colour, width=1.6)
     return drawing
 
@@ -39,7 +39,7 @@ def draw_density_model(chart: Chart, model: ModelCurve, reading: Reading) -> Dra
     """Draw the density of the fitted model."""
     drawing = Drawing()
     total = reading.factor * np.sqrt(model.total)
-    drawing.line(chart.line(model.x, total), MODEL, width=5.0, alpha=130)
+    drawing.line(chart.line(model.x, total), muted(MODEL), width=5.0)
     return drawing
 
 

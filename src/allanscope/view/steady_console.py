@@ -2,34 +2,14 @@
 
 from __future__ import annotations
 
-import codecs
-import io
 import os
 from typing import TextIO
 
 from rich.console import Console
 
-__all__ = ["SteadyConsole"]
+from allanscope.spelled import spell_out
 
-_SPELLED = {
-    "√": "sqrt ",
-    "°": "deg ",
-    "µ": "u",
-    "±": "+-",
-    "²": "^2",
-    "³": "^3",
-    "·": "*",
-    "χ": "chi",
-    "τ": "tau",
-    "σ": "sigma",
-    "…": "...",
-    "↑": "^",
-    "↓": "v",
-    "→": "->",
-    "━": "-",
-    "╸": "-",
-    "╺": "-",
-}
+__all__ = ["SteadyConsole"]
 
 
 class SteadyConsole(Console):
@@ -47,8 +27,7 @@ class SteadyConsole(Console):
     """
 
     def __init__(self, stream: TextIO, soft_wrap: bool = False) -> None:
-        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
-            stream.reconfigure(errors=_HANDLER)
+        spell_out(stream)
         super().__init__(file=stream, highlight=False, markup=False, soft_wrap=soft_wrap)
 
     def on_broken_pipe(self) -> None:
@@ -62,14 +41,3 @@ class SteadyConsole(Console):
             pass
         finally:
             os.close(nowhere)
-
-
-def _spell(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    text = error.object[error.start : error.end]
-    return "".join(_SPELLED.get(character, "?") for character in text), error.end
-
-
-_HANDLER = "allanscope.spell"
-codecs.register_error(_HANDLER, _spell)

@@ -42,7 +42,7 @@ __all__ = [
 
 _SENSORS = {"dps": "Gyroscope", "g": "Accelerometer"}
 _KEY = (
-    "*Line: measured. Shade: 95 % interval. Dashed end: not trusted. Broad line: the model; dashed "
+    "*Line: measured. Hatch: 95 % interval. Dashed end: not trusted. Broad line: the model; dashed "
     "letters: its parts. Grey: what the datasheet promises.*"
 )
 _SHOWN = ("N", "B", "K")

@@ -24,6 +24,8 @@ class ViewerKeeper:
         ``auto`` is a window where there is a display, else the web viewer.
     say : callable
         Called with a line for the user.
+    port : int, optional
+        Of the page of the web viewer, or of the window's own server.
 
     Attributes
     ----------
@@ -33,12 +35,23 @@ class ViewerKeeper:
 
     process: ViewerProcess
 
-    def __init__(self, address: str, mode: ViewMode, say: Callable[[str], None]) -> None:
-        self._address = address
+    def __init__(
+        self,
+        address: str,
+        mode: ViewMode,
+        say: Callable[[str], None],
+        port: int | None = None,
+    ) -> None:
+        self._address, self._port = address, port
         self._mode = mode
         self._say = say
         self._told = False
         self._open(web=mode == "web" or (mode == "auto" and not has_display()))
+
+    @property
+    def is_web(self) -> bool:
+        """Whether the page of the web viewer is served now."""
+        return bool(self.process.address) and self.process.running()
 
     def watch(self) -> None:
         """Say once that the viewer is gone; where no window can live, fall back to the web."""
@@ -49,17 +62,21 @@ class ViewerKeeper:
             self._open(web=True)
             return
         self._told = True
-        self._say(f"viewer closed, still measuring; to open it again: rerun {self._address}")
+        self._say(f"viewer closed, still measuring; to open it again: {self._again}")
 
     def close(self) -> None:
         """Stop serving the page of the web viewer; a window stays, to look at the last charts."""
         if self.process.address:
             self.process.stop()
 
+    @property
+    def _again(self) -> str:
+        return f"allanscope open {self._address}"
+
     def _open(self, web: bool) -> None:
-        self.process = ViewerProcess(self._address, web)
+        self.process = ViewerProcess(self._address, web, self._port)
         if not web:
-            self._say(f"viewer opened; for another: rerun {self._address}")
+            self._say(f"viewer opened; for another: {self._again}")
             return
         self._say(f"charts: {self.process.address}")
         if has_display():

@@ -1,8 +1,9 @@
 """The viewer is a process of its own, which may be closed, killed or never appear.
 
 It is told the address of the server that the measuring process runs on the loopback interface, and
-connects to it like anyone else. A window outlives the measurement, so that the last charts can be
-looked at; the server of the web page ends with it.
+connects to it like anyone else; or it is given a file. A window outlives the measurement, so that
+the last charts can be looked at; the server of the web page ends with it. Whatever listens listens
+on the loopback interface only, and no use is reported to anyone.
 """
 
 from __future__ import annotations
@@ -12,15 +13,30 @@ import os
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit
 
-from allanscope.errors import DeviceError
+from allanscope.errors import DeviceError, UsageError
+from allanscope.view.web_page import WebPage
 
-__all__ = ["ViewerProcess", "free_port", "has_display", "optimise", "rerun_binary"]
+__all__ = [
+    "DATA_PORT_AFTER_PAGE",
+    "ViewerProcess",
+    "free_port",
+    "has_display",
+    "optimise",
+    "refuse_taken",
+    "rerun_binary",
+]
 
 LOOPBACK = "127.0.0.1"
 MEMORY_LIMIT = "1GiB"
+
+_NO_PROXY_THERE = f"http://{LOOPBACK}:9"  # the port of the discard protocol, which nobody serves
+
+DATA_PORT_AFTER_PAGE = 1
+"""Where the port is given, it is that of the page; that of the data comes after it."""
 
 
 def rerun_binary() -> Path:
@@ -51,6 +67,26 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def refuse_taken(port: int) -> None:
+    """Refuse a port of the user's choice that something else listens on.
+
+    Raises
+    ------
+    UsageError
+        When the port cannot be bound.
+    """
+    with socket.socket() as probe:
+        # As servers do: a port whose last connection is just closed is not taken.
+        if os.name == "posix":
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((LOOPBACK, port))
+        except OSError as error:
+            raise UsageError(
+                f"port {port} of {LOOPBACK} cannot be had: {error.strerror}; choose another --port"
+            ) from None
+
+
 def has_display() -> bool:
     """Tell whether a window could be shown here."""
     if sys.platform in ("darwin", "win32"):
@@ -63,24 +99,33 @@ class ViewerProcess:
 
     Parameters
     ----------
-    uri : str
-        Address of the data, ``rerun+http://127.0.0.1:PORT/proxy``.
+    source : str
+        Address of the data, ``rerun+http://127.0.0.1:PORT/proxy``, or a file.
     web : bool
         Serve the page instead of opening a window.
+    port : int, optional
+        Of the page, or of the window's own server; any free one if not given. The data of a file
+        are served to the page `DATA_PORT_AFTER_PAGE`.
+
+    Raises
+    ------
+    UsageError
+        When the port is taken.
     """
 
-    def __init__(self, uri: str, web: bool) -> None:
+    def __init__(self, source: str, web: bool, port: int | None = None) -> None:
         self.address = ""
         """Address of the page; empty for a window."""
+        self._page: WebPage | None = None
         command = [str(rerun_binary()), "--bind", LOOPBACK]
         if web:
-            port = free_port()
-            command += ["--serve-web", "--web-viewer-port", str(port), uri]
-            query = f"url={quote(uri, safe='')}&hide_welcome_screen=1"
-            self.address = f"http://{LOOPBACK}:{port}/?{query}"
+            command += self._web(source, port)
         else:
-            command += ["--port", str(free_port()), "--hide-welcome-screen"]
-            command += ["--memory-limit", MEMORY_LIMIT, "--connect", uri]
+            if port is not None:
+                refuse_taken(port)
+            command += ["--port", str(port or free_port()), "--hide-welcome-screen"]
+            command += ["--memory-limit", MEMORY_LIMIT]
+            command += ["--connect", source] if _is_address(source) else [source]
         self._process = subprocess.Popen(
             command,
             env=_environment(),
@@ -89,6 +134,22 @@ class ViewerProcess:
             stderr=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C in the terminal ends the measurement, not the window
         )
+
+    def _web(self, source: str, port: int | None) -> list[str]:
+        """Serve the page, and return how to start what it is fetched from."""
+        data, command = source, ["--serve-web"]
+        if not _is_address(source):
+            after = None if port is None else port + DATA_PORT_AFTER_PAGE
+            if after is not None:
+                refuse_taken(after)
+            after = after or free_port()
+            command += ["--port", str(after)]
+            data = f"rerun+http://{LOOPBACK}:{after}/proxy"
+        original = free_port()
+        self._page = WebPage(port or 0, original, urlsplit(data).port or 0)
+        query = f"url={quote(data, safe='')}&hide_welcome_screen=1"
+        self.address = f"http://{LOOPBACK}:{self._page.port}/?{query}"
+        return [*command, "--web-viewer-port", str(original), source]
 
     @property
     def pid(self) -> int:
@@ -99,12 +160,20 @@ class ViewerProcess:
         """Tell whether the process is still there."""
         return self._process.poll() is None
 
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for its end; return whether it came."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout_s)
+        return not self.running()
+
     def failed(self) -> bool:
         """Tell whether it ended by itself with an error, as without a graphics driver."""
         return bool(self._process.poll())
 
     def stop(self) -> None:
-        """End the process."""
+        """End the process, and the page."""
+        if self._page is not None:
+            self._page.close()
         self._process.terminate()
         try:
             self._process.wait(3.0)
@@ -139,10 +208,19 @@ def optimise(path: Path, timeout_s: float = 300.0) -> bool:
     return True
 
 
+def _is_address(source: str) -> bool:
+    return source.startswith("rerun+http://")
+
+
 def _environment() -> dict[str, str]:
-    """Return the environment of the viewer: quiet, and without telemetry.
+    """Return the environment of the viewer: quiet, and with no way to other hosts.
 
     The viewer reports its use to its makers unless it believes to run in a continuous-integration
-    job. A laboratory computer has no business to talk to anyone.
+    job, and asks for its latest release in any case, but through a proxy where one is named: here
+    one that is not there. A laboratory computer has no business to talk to anyone.
     """
-    return {**os.environ, "CI": "true", "RUST_LOG": "off"}
+    proxies = dict.fromkeys(("ALL_PROXY", "HTTPS_PROXY", "HTTP_PROXY"), _NO_PROXY_THERE)
+    direct = {"NO_PROXY": f"{LOOPBACK},localhost"}
+    ways = proxies | direct
+    lower = {name.lower(): way for name, way in ways.items()}
+    return {**os.environ, **ways, **lower, "CI": "true", "RUST_LOG": "off"}

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import difference_edf
 from allanscope.allan.estimators.base import Estimator, register
+from allanscope.compiled import njit
 
 __all__ = ["Mdev"]
 

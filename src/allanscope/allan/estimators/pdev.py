@@ -6,13 +6,13 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.autocovariance import phase_autocovariance
 from allanscope.allan.edf import LagSums, difference_edf, sum_lags
 from allanscope.allan.estimators.base import Estimator, register
 from allanscope.allan.estimators.differences import mean_square_second
+from allanscope.compiled import njit
 
 __all__ = ["Pdev"]
 

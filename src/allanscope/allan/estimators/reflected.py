@@ -16,8 +16,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from allanscope.compiled import njit
 
 __all__ = ["reflected_edf", "reflected_expectation", "reflected_mean_square"]
 

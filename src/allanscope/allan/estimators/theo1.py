@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.estimators.base import Estimator, register
+from allanscope.compiled import njit
 
 __all__ = ["Theo1", "theo1_variance"]
 

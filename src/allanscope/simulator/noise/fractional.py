@@ -31,9 +31,10 @@ L. N. Trefethen and J. A. C. Weideman, The exponentially convergent trapezoidal 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
+
+from allanscope.compiled import njit
 
 __all__ = ["FractionalIntegral", "pole_bank"]
 

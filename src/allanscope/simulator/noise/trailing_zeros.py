@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
+
+from allanscope.compiled import njit
 
 __all__ = ["TrailingZeros"]
 

@@ -10,9 +10,10 @@ Berry, 2005).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
 
+from allanscope.compiled import njit
 from allanscope.wire.native.layout import (
     CRC_BYTES,
     DATA_HEADER,

@@ -1,0 +1,88 @@
+"""The command line for those who meet it first: help, lengths of time, what was written where."""
+
+import argparse
+
+import pytest
+
+from allanscope.__main__ import main
+from allanscope.arguments import _duration
+from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
+from allanscope.pipeline.simulate import simulate_recording
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("commands") / "night.mcap"
+    simulate_recording(path, 8.0 / 3600.0, DeviceSettings(), SimulatedSettings(seed=3), quiet=True)
+    return path
+
+
+def test_without_a_command_there_is_help(capsys):
+    assert main([]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("usage: allanscope")
+    assert "analyse" in said.out
+    assert said.err == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("90", 90.0),
+        ("90s", 90.0),
+        ("2.5", 2.5),
+        ("10m", 600.0),
+        ("1.5h", 5400.0),
+        ("1h30m", 5400.0),
+        ("1h30m10s", 5410.0),
+        ("2d", 172800.0),
+        ("1d12h", 129600.0),
+    ],
+)
+def test_a_length_of_time_is_written_as_people_write_it(text, seconds):
+    assert _duration(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "h", "1h30", "30m m", "1h 30m", "-5s", "0", "nan", "1e3s"])
+def test_what_is_no_length_of_time_is_refused(text):
+    with pytest.raises(argparse.ArgumentTypeError, match=r"write e\.g\. 90s"):
+        _duration(text)
+
+
+def test_every_command_that_writes_names_what_it_wrote(recording, tmp_path, capsys):
+    page, result, figures = tmp_path / "r.html", tmp_path / "r.json", tmp_path / "figures"
+    table, imported, yaml = tmp_path / "t.csv", tmp_path / "t.mcap", tmp_path / "imu.yaml"
+    saved, made, both = tmp_path / "s.mcap", tmp_path / "m.mcap", tmp_path / "both.html"
+    written = {
+        ("analyse", recording, "--report", page, "--json", result): (page, result),
+        ("export", recording, table): (table,),
+        ("export", recording, yaml): (yaml,),
+        ("import", table, imported): (imported,),
+        ("recover", recording, saved): (saved,),
+        ("simulate", made, "--hours", "0.002"): (made,),
+        ("report", recording, "--out", both, "--figures", figures): (both, figures),
+    }
+    for arguments, files in written.items():
+        assert main([*map(str, arguments)]) == 0
+        said = capsys.readouterr().out
+        for file in files:
+            assert file.exists()
+            assert str(file) in said, arguments[0]
+
+
+def test_a_result_on_standard_output_stays_alone(recording, tmp_path, capsys):
+    page = tmp_path / "r.html"
+    assert main(["analyse", str(recording), "--json", "-", "--report", str(page)]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("{")
+    assert said.out.rstrip().endswith("}")
+    assert f"wrote {page}" in said.err
+
+
+def test_a_replay_names_its_files_and_how_to_see_the_charts_again(recording, tmp_path, capsys):
+    folder = tmp_path / "again"
+    assert main(["replay", str(recording), "--view", "none", "--out", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert f"wrote session.rrd, result.json, report.html in {folder}" in said
+    assert f"allanscope open {folder}" in said
+    assert {"session.rrd", "result.json", "report.html"} == {file.name for file in folder.iterdir()}

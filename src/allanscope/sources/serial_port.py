@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import errno
 import os
+import random
 import threading
 import time
 from collections.abc import Callable
@@ -42,8 +43,16 @@ GATHER_BYTES = 2048
 """Where so many would come in the longer time it is taken, but never more than is likely to bring
 half of the 4096 bytes that a tty of Linux holds for its reader."""
 
+UNEVEN = 0.4
+"""By this share pauses are shorter or longer, at random: a reader that is as regular as the device
+would keep in step with it, and its own pace would be taken for the rate of the device."""
+
 LATE_BYTES = 3072
 """Who finds so many is late, because the computer is busy, and reads on without a pause."""
+
+FULL_BYTES = 4095
+"""What a tty of Linux holds at most: so many in the first read, and what came after them before the
+port was opened was thrown away."""
 
 FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
@@ -97,7 +106,9 @@ class SerialSource:
         self._writing = threading.Lock()
         self._closing = threading.Event()
         self._sleep = sleep
+        self._random = random.Random(0)
         self._streaming = False
+        self._fresh, self._overrun = True, False
         self._stalled = False
         self._pause_s = 0.0
         self._retry_s = FIRST_RETRY_S
@@ -162,7 +173,7 @@ class SerialSource:
 
     def _listen(self, link: Transport) -> Chunk:
         if self._pause_s:
-            self._sleep(self._pause_s)
+            self._sleep(self._pause_s * self._random.uniform(1.0 - UNEVEN, 1.0 + UNEVEN))
         try:
             data = link.read(WAIT_S)
         except LINK_ERRORS:
@@ -174,7 +185,8 @@ class SerialSource:
         late = len(data) >= LATE_BYTES
         pace = len(data) / max(1e-9 * (now - self._heard_ns), 1e-6)
         self._pause_s = 0.0 if late else _pause(pace)
-        event: LinkEvent = "resumed" if self._stalled else ""
+        event: LinkEvent = "resumed" if self._stalled else "hole" if self._overrun else ""
+        self._overrun, self._fresh = self._fresh and len(data) >= FULL_BYTES, False
         self._streaming, self._stalled, self._heard_ns = True, False, now
         self._retry_s = FIRST_RETRY_S
         return Chunk(now, data, event)
@@ -234,7 +246,7 @@ class SerialSource:
             port = back[0]
             name = port.device
         self._link = self._opener(name, self._settings.baud)
-        self._port = port
+        self._fresh, self._port = True, port
 
     # --- opening ------------------------------------------------------------------------------
 

@@ -43,7 +43,7 @@ GATHER_BYTES = 2048
 """Where so many would come in the longer time it is taken, but never more than is likely to bring
 half of the 4096 bytes that a tty of Linux holds for its reader."""
 
-UNEVEN = 0.4
+UNEVEN = 0.25
 """By this share pauses are shorter or longer, at random: a reader that is as regular as the device
 would keep in step with it, and its own pace would be taken for the rate of the device."""
 
@@ -173,7 +173,7 @@ class SerialSource:
 
     def _listen(self, link: Transport) -> Chunk:
         if self._pause_s:
-            self._sleep(self._pause_s * self._random.uniform(1.0 - UNEVEN, 1.0 + UNEVEN))
+            self._sleep(self._unevenly(self._pause_s))
         try:
             data = link.read(WAIT_S)
         except LINK_ERRORS:
@@ -190,6 +190,12 @@ class SerialSource:
         self._streaming, self._stalled, self._heard_ns = True, False, now
         self._retry_s = FIRST_RETRY_S
         return Chunk(now, data, event)
+
+    def _unevenly(self, pause_s: float) -> float:
+        """Return a pause that is not like the last one, where it is not the buffer that ends it."""
+        if pause_s < GATHER_S:
+            return pause_s
+        return pause_s * self._random.uniform(1.0 - UNEVEN, 1.0 + UNEVEN)
 
     def _stall(self, now: int) -> LinkEvent:
         """Say once when a device that streamed falls silent: one that hangs raises no error."""

@@ -50,9 +50,10 @@ would keep in step with it, and its own pace would be taken for the rate of the 
 LATE_BYTES = 3072
 """Who finds so many is late, because the computer is busy, and reads on without a pause."""
 
-FULL_BYTES = 4095
-"""What a tty of Linux holds at most: so many in the first read, and what came after them before the
-port was opened was thrown away."""
+READ_BYTES, FULL_BYTES = 4095, 15_000
+"""What one read of a tty of Linux brings at most, and what it and the queue behind it hold at
+least before more is thrown away: a port that had so many waiting when it was opened has a hole
+behind them."""
 
 FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
@@ -108,7 +109,8 @@ class SerialSource:
         self._sleep = sleep
         self._random = random.Random(0)
         self._streaming = False
-        self._fresh, self._overrun = True, False
+        self._waited: int | None = 0
+        self._overrun = False
         self._stalled = False
         self._pause_s = 0.0
         self._retry_s = FIRST_RETRY_S
@@ -186,7 +188,11 @@ class SerialSource:
         pace = len(data) / max(1e-9 * (now - self._heard_ns), 1e-6)
         self._pause_s = 0.0 if late else _pause(pace)
         event: LinkEvent = "resumed" if self._stalled else "hole" if self._overrun else ""
-        self._overrun, self._fresh = self._fresh and len(data) >= FULL_BYTES, False
+        self._overrun = False
+        if self._waited is not None:
+            self._waited += len(data)
+            if len(data) < READ_BYTES:  # that was the last of what waited
+                self._overrun, self._waited = self._waited >= FULL_BYTES, None
         self._streaming, self._stalled, self._heard_ns = True, False, now
         self._retry_s = FIRST_RETRY_S
         return Chunk(now, data, event)
@@ -252,7 +258,7 @@ class SerialSource:
             port = back[0]
             name = port.device
         self._link = self._opener(name, self._settings.baud)
-        self._fresh, self._port = True, port
+        self._waited, self._port = 0, port
 
     # --- opening ------------------------------------------------------------------------------
 

@@ -1,6 +1,7 @@
 """How old a result may grow while a run goes on, with and without anybody to look at it."""
 
 import threading
+from itertools import pairwise
 
 import pytest
 
@@ -23,7 +24,7 @@ def results(until_s, took_s, share):
 @pytest.mark.parametrize("took_s", [0.05, 0.4, 2.0])
 def test_no_result_grows_older_than_promised(share, took_s):
     shown = results(4 * 3600.0, took_s, share)
-    for before, after in zip(shown, shown[1:], strict=False):
+    for before, after in pairwise(shown):
         # Two thousand reads a second offer it: it is taken at once.
         assert after - before <= max(5.0, min(60.0, 0.1 * before)) + 1e-9
     assert len([t for t in shown if t <= 60.0]) >= 12
@@ -36,7 +37,7 @@ def test_what_nobody_looks_at_costs_little_after_the_first_minutes():
 
 def test_a_slow_machine_keeps_half_of_its_time():
     shown = results(600.0, 8.0, UNWATCHED_SHARE)
-    assert min(b - a for a, b in zip(shown, shown[1:], strict=False)) >= 16.0
+    assert min(b - a for a, b in pairwise(shown)) >= 16.0
 
 
 def test_the_first_result_comes_with_the_first_samples():

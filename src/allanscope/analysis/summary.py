@@ -226,9 +226,7 @@ def _beside(loop: Explanation, look: Look) -> Mapping[str, NoiseBeside]:
         return {}
 
 
-def _as_known_now(
-    loop: Explanation, look: Look, beside: Mapping[str, NoiseBeside]
-) -> Explanation:
+def _as_known_now(loop: Explanation, look: Look, beside: Mapping[str, NoiseBeside]) -> Explanation:
     """Return what the last search found with the noise and the clock of this moment."""
     loop = loop.with_rate(look.nominal_hz, look.rate_fit)
     if not set(loop.held.accepted) <= set(beside):

@@ -127,14 +127,10 @@ def _beside(held: HeldEffects, series: Series, axis: str) -> NoiseBeside:
         if candidate.signal is not None:
             signals[candidate.kind] = signals.get(candidate.kind, 0.0) + candidate.signal
     drawn = replace(view.spectrum, terms=tuple(_unfolded(t) for t in view.spectrum.terms))
-    return NoiseBeside(
-        coefficients_of(view), model_of(view, drawn), signals, 1.0 / series.rate_hz
-    )
+    return NoiseBeside(coefficients_of(view), model_of(view, drawn), signals, 1.0 / series.rate_hz)
 
 
-def _moved(
-    candidate: Candidate, base_hz: float, ratio: int, late: float, rows: int
-) -> Candidate:
+def _moved(candidate: Candidate, base_hz: float, ratio: int, late: float, rows: int) -> Candidate:
     """Put an effect on rows of `ratio` times the samples that begin `late` old rows later."""
     signal, terms = candidate.signal, candidate.terms
     if signal is not None:

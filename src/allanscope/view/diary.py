@@ -13,7 +13,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from allanscope.analysis.result import Analysis
-from allanscope.analysis.wording import coefficient_text, coefficient_unit, effect_brief, effect_text
+from allanscope.analysis.wording import (
+    coefficient_text,
+    coefficient_unit,
+    effect_brief,
+    effect_text,
+)
 
 __all__ = ["Diary", "Entry", "Level"]
 

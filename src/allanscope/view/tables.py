@@ -94,7 +94,9 @@ def axis_table(name: str, axis: AxisAnalysis) -> str:
     parts = [f"### {name}", _table(head, rows) if rows else "*no fit yet*"]
     parts += [f"- {line}" for line in (*_facts(axis), *map(markdown, axis.remarks))]
     if axis.explanation is not None:
-        parts += [f"- found {_mark(effect_text(effect))}" for effect in axis.explanation.own_effects]
+        parts += [
+            f"- found {_mark(effect_text(effect))}" for effect in axis.explanation.own_effects
+        ]
         parts += [f"- {markdown(remark)}" for remark in axis.explanation.remarks]
     return "\n\n".join([*parts[:2], "\n".join(parts[2:]), _KEY])
 

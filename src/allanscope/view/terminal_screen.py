@@ -93,7 +93,9 @@ class Screen:
         line.add_column(no_wrap=True, justify="right")
         device = Text("allanscope  ", style="bold")
         device.append("  ".join(printable(name) for name in names if name), style="not bold")
-        line.add_row(device, Text(f"recorded {duration(self._recorded[0])}{self._left}", style="bold"))
+        line.add_row(
+            device, Text(f"recorded {duration(self._recorded[0])}{self._left}", style="bold")
+        )
         return line
 
     def _run(self) -> Text:

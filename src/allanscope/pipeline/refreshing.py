@@ -23,8 +23,10 @@ watch the first minute, and nobody believes a number that stands for ten."""
 class Refresher:
     """Computes results in a thread of its own, as often as the machine can bear.
 
-    However little their share allows, in the first minute one comes every 5 s, and later before the
-    last one is older than a tenth of the run, or a minute.
+    At the beginning they come more often than their share allows, whenever the run has become
+    three times as long: the curves grow with the logarithm of time. And however little it allows,
+    in the first minute one comes every 5 s, and later before the last one is older than a tenth of
+    the run, or a minute.
 
     Parameters
     ----------
@@ -107,4 +109,4 @@ def _pause(run_s: float, wanted_s: float, took_s: float) -> float:
     [4.0, 29.0, 59.0]
     """
     oldest_s = min(max(OLDEST_SHARE * run_s, FRESH_S), OLDEST_S)
-    return max(min(wanted_s, oldest_s - took_s), took_s, REFRESH_S - took_s)
+    return max(min(wanted_s, oldest_s - took_s, 2 * run_s), took_s, REFRESH_S - took_s)

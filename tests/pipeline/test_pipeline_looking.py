@@ -7,6 +7,7 @@ import pytest
 
 from allanscope.analysis.analyser import Analyser
 from allanscope.analysis.summary import summarise
+from allanscope.analysis.verdict import verdict
 from allanscope.pipeline.inbox import Inbox, joined
 from allanscope.pipeline.looking import Looking
 from allanscope.recording import Buffer
@@ -52,6 +53,70 @@ def test_a_line_is_found_by_the_child_and_announced_once(analyser):
     explanation = result.axes["gx"].explanation
     assert [effect.kind for effect in explanation.effects] == ["sinusoid"]
     assert explanation.after.rms_percent < explanation.before.rms_percent
+
+
+def more(analyser, seconds, sigma):
+    """Let so many seconds pass with noise of another size, the line going on."""
+    state = analyser.state
+    time_s = (state.samples + np.arange(int(seconds * RATE))) / RATE
+    noise = np.random.default_rng(2).normal(0.0, sigma, len(time_s))
+    counts = np.rint(noise + 8.0 * np.sin(2 * np.pi * 3.3 * time_s)).astype(np.int16)
+    analyser.take(Block(state.samples, counts[:, np.newaxis], Ticks.none()))
+
+
+def test_coefficients_follow_the_run_while_effects_are_held(analyser):
+    """Between two searches N grows with the noise, and says of when it is."""
+    looking = Looking(first_s=120.0)
+    looking.offer(analyser.frozen())
+    finished(looking)
+    results = []
+    for seconds in (0.0, 60.0, 60.0):
+        more(analyser, seconds, sigma=20.0)
+        frozen = analyser.frozen()
+        results.append(summarise(frozen, LinkStats(), "live", {}, known=looking.explanation))
+    axes = [result.axes["gx"] for result in results]
+    assert [[e.kind for e in axis.explanation.effects] for axis in axes] == 3 * [["sinusoid"]]
+    sizes = [axis.coefficients["N"].value for axis in axes]
+    assert sizes[0] < 0.95 * sizes[1] < 0.9 * sizes[2]
+    assert [axis.coefficients_as_of.samples for axis in axes] == [r.samples for r in results]
+    assert {axis.explanation_as_of.samples for axis in axes} == {results[0].samples}
+    said = results[-1].to_dict()["axes"]["gx"]
+    assert said["coefficients_as_of"] == {"time_s": 300.0, "samples": int(300 * RATE)}
+    assert said["effects_as_of"]["time_s"] == 180.0
+    # The line is still no noise: what is known of it is taken out of the longer record too.
+    assert "sinusoid" in axes[-1].model.components
+
+
+def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
+    """Both axes have it; their coefficients are those of the fit to all that there is."""
+    taken = Analyser()
+    taken.take(StreamInfo(("gx", "gy"), (0.004, 0.004), nominal_hz=50.0))
+    noise = np.random.default_rng(3).normal(0.0, 10.0, (int(180 * RATE), 2))
+    unknown = np.full(len(noise), np.nan)
+    offset = np.arange(len(noise))
+    host_s = offset / RATE
+    ticks = Ticks(offset, unknown, host_s, unknown)
+    taken.take(Block(0, np.rint(noise).astype(np.int16), ticks))
+    looking = Looking(first_s=120.0)
+    looking.offer(taken.frozen())
+    finished(looking)
+    result = summarise(taken.frozen(), LinkStats(), "live", {}, known=looking.explanation)
+    (effect,) = result.effects
+    assert effect.kind == "clock_error"
+    assert effect.parameters["relative"].value == pytest.approx(0.04, abs=1e-4)
+    assert [line.text for line in verdict(result).lines if line.head == "Clock"] == ["4.00 % fast"]
+    assert {line.text for line in verdict(result).lines if line.head == "Effects"} == {
+        "nothing beyond the textbook's noise was found"
+    }
+    assert [text for _, text in Diary().news(result) if "clock" in text] == [
+        "found clock 4.00 % fast"
+    ]
+    said = result.to_dict()
+    assert [one["kind"] for one in said["effects"]] == ["clock_error"]
+    assert [one["kind"] for one in said["axes"]["gy"]["effects"]] == ["clock_error"]
+    for axis in result.axes.values():
+        assert axis.explanation.own_effects == ()
+        assert axis.coefficients_as_of.samples == result.samples
 
 
 def test_nobody_looks_again_before_the_run_has_doubled(analyser):

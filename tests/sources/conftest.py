@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import tty
 from collections.abc import Callable, Iterator
@@ -39,6 +40,16 @@ class Device:
 
     def say(self, data: bytes) -> None:
         assert os.write(self._ends[0], data) == len(data)
+
+    def fill(self) -> int:
+        """Write zeros until no more are taken; return how many were."""
+        taken = 0
+        os.set_blocking(self._ends[0], False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                taken += os.write(self._ends[0], bytes(500))
+        os.set_blocking(self._ends[0], True)
+        return taken
 
     def heard(self, count: int) -> bytes:
         data = b""

@@ -422,3 +422,27 @@ def test_a_url_that_is_none_is_a_usage_error(url: str) -> None:
 def test_settings_are_checked() -> None:
     with pytest.raises(UsageError, match="baud must be positive"):
         SourceSettings(baud=0)
+
+
+def test_what_waits_in_the_port_when_it_is_opened_is_read(device: Device) -> None:
+    device.say(b"gx[mdps],gy[mdps],gz[mdps]\n")
+    source = SerialSource(str(device.path), comports=list)
+    device.say(b"1,2,3\n")
+    assert read_bytes(source, 33) == b"gx[mdps],gy[mdps],gz[mdps]\n1,2,3\n"
+    source.close()
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_a_port_that_was_full_when_it_was_opened_has_a_hole_after_what_it_held(
+    device: Device, full: bool
+) -> None:
+    held = device.fill() if full else 9000
+    if not full:
+        for _ in range(9):
+            device.say(bytes(1000))
+    source = SerialSource(str(device.path), comports=list)
+    assert read_bytes(source, held) == bytes(held)
+    device.say(b"later")
+    (later,) = read_until(source, lambda chunk: bool(chunk.data))
+    source.close()
+    assert (later.data, later.event) == (b"later", "hole" if full else "")

@@ -125,7 +125,8 @@ def test_it_is_seen_that_the_run_goes_on_while_the_next_result_is_awaited():
         assert terminal.finish() == 0
         header = [row for row in terminal.screen().rows if row.startswith("allanscope")][-1]
         # Half a second is not worth a redraw, and neither is the half second after one.
-        assert header.endswith("1 min + 1.5 s (13 328 samples)")
+        assert header.endswith("recorded 1 min 2 s")
+        assert "413 180 samples" in terminal.screen().text, "those of the result and 13 328 more"
 
 
 def test_a_small_terminal_is_not_overrun():

@@ -18,7 +18,7 @@ from allanscope.samples import Origin
 from allanscope.spectrum.density import Density
 from allanscope.wire.base import LinkStats
 
-__all__ = ["SCHEMA", "Analysis", "AxisAnalysis", "Level", "ModelCurve", "Rate"]
+__all__ = ["SCHEMA", "Analysis", "AsOf", "AxisAnalysis", "Level", "ModelCurve", "Rate"]
 
 SCHEMA = "allanscope/1"
 
@@ -84,6 +84,22 @@ class Level:
 
 
 @dataclass(frozen=True, slots=True)
+class AsOf:
+    """How long the run was when something was computed: while it goes on it grows older.
+
+    Attributes
+    ----------
+    time_s : float
+        Length of the run in seconds.
+    samples : int
+        The same in samples of each axis.
+    """
+
+    time_s: float
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
 class ModelCurve:
     """A fitted model, evaluated for drawing.
 
@@ -114,6 +130,10 @@ class AxisAnalysis:
         Estimator name to its curve (one axis, only taus that have a value).
     coefficients : mapping
         Q, N, B, K, R; empty until the first fit.
+    coefficients_as_of : AsOf or None
+        What they were fitted to: all there is, unless a fit has failed since.
+    explanation_as_of : AsOf or None
+        What the last search for effects has seen.
     model, model_before : ModelCurve or None
         Deviation (``oadev``) of the final model and of the textbook model.
     density : Density or None
@@ -138,6 +158,8 @@ class AxisAnalysis:
     explanation: AxisExplanation | None = None
     remarks: tuple[str, ...] = ()
     failure: str = ""
+    coefficients_as_of: AsOf | None = None
+    explanation_as_of: AsOf | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +208,16 @@ class Analysis:
     record: Record | None = None
     origin: Origin = ""
 
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects of the stream as a whole, such as the error of its clock: each once."""
+        found: dict[str, Effect] = {}
+        for axis in self.axes.values():
+            for effect in axis.explanation.effects if axis.explanation else ():
+                if effect.of_the_stream:
+                    found.setdefault(effect.kind, effect)
+        return tuple(found.values())
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result in the schema ``allanscope/1``: plain numbers, null for what is not."""
         result: dict[str, Any] = {
@@ -211,7 +243,8 @@ class Analysis:
             "temperature": dict(self.temperature),
             "marks": [{"time_s": time_s, "text": text} for time_s, text in self.marks],
             "assumptions": list(self.assumptions),
-            "remarks": list(self.remarks),
+            "remarks": [*self.assumptions, *self.remarks],
+            "effects": [_effect_dict(effect) for effect in self.effects],
             "axes": {name: _axis_dict(axis) for name, axis in self.axes.items()},
         }
         return cast("dict[str, Any]", _plain(result))
@@ -229,10 +262,12 @@ def _axis_dict(axis: AxisAnalysis) -> dict[str, Any]:
             else {**_UNKNOWN, "unit": axis.unit + unit}
             for name, unit in _UNITS.items()
         },
+        "coefficients_as_of": asdict(axis.coefficients_as_of) if axis.coefficients_as_of else None,
         "best_averaging": asdict(axis.best_averaging) if axis.best_averaging else None,
         "datasheet": {k: asdict(v) for k, v in axis.datasheet.items()}
         or {"density": {**_NOT_COMPARED, "unit": f"{axis.unit}/sqrt(Hz)"}},
         **_explanation_dict(axis.explanation or _NOT_SEARCHED),
+        "effects_as_of": asdict(axis.explanation_as_of) if axis.explanation_as_of else None,
         "failure": axis.failure or None,
         "remarks": list(axis.remarks),
     }

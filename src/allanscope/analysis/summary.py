@@ -13,12 +13,13 @@ from allanscope.allan.deviation import Deviation
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
 from allanscope.analysis.look import FEWEST_ROWS, Look, look_of
 from allanscope.analysis.model_curves import draw_models
-from allanscope.analysis.result import Analysis, AxisAnalysis, Level, Rate
+from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
 from allanscope.analysis.state import StreamState
 from allanscope.clock.rate import DISAGREEMENT
-from allanscope.explain import explain
+from allanscope.explain import explain, fit_beside
 from allanscope.explain.failure import failed, failure_text
+from allanscope.explain.held import NoiseBeside
 from allanscope.explain.loop import Explanation
 from allanscope.history import Record
 from allanscope.noise import find_best_averaging, fit_noise
@@ -180,7 +181,11 @@ def _axes(
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
     curves = _curves(state, depth, rate_hz, settings.level)
+    now = AsOf(state.samples / rate_hz, state.samples)
     loop = _loop(look, settings.threads) if depth == "full" else known
+    beside = _beside(loop, look) if depth == "live" and loop is not None else {}
+    if loop is not None and depth == "live":
+        loop = _as_known_now(loop, look, beside)
     return {
         name: _axis_or_failure(
             state,
@@ -189,8 +194,10 @@ def _axes(
             curves=curves[name],
             density=look.densities[name],
             loop=loop,
+            beside=beside.get(name),
             rate=rate,
             part=part,
+            now=now,
         )
         for name in state.info.axes
     }
@@ -214,6 +221,28 @@ def _axis_or_failure(
         return axis
     remark = f"the analysis of this axis failed ({failure}); please report it"
     return replace(axis, failure=failure, remarks=(remark, *axis.remarks))
+
+
+def _beside(loop: Explanation, look: Look) -> Mapping[str, NoiseBeside]:
+    """Fit the noise anew beside the effects that the last search found."""
+    try:
+        return fit_beside(loop.held, look.record)
+    except Exception:  # the last search stands, and says of when it is
+        return {}
+
+
+def _as_known_now(loop: Explanation, look: Look, beside: Mapping[str, NoiseBeside]) -> Explanation:
+    """Return what the last search found with the noise and the clock of this moment."""
+    loop = loop.with_rate(look.nominal_hz, look.rate_fit)
+    if not set(loop.held.accepted) <= set(beside):
+        return loop
+    return replace(
+        loop,
+        models_before={k: v for k, v in loop.models_before.items() if k in beside},
+        models_after={k: one.model for k, one in beside.items()},
+        signals={k: one.signals for k, one in beside.items()},
+        row_s=next((one.row_s for one in beside.values()), loop.row_s),
+    )
 
 
 def _curves(
@@ -253,16 +282,21 @@ def _axis(
     curves: dict[str, Deviation],
     density: Density,
     loop: Explanation | None,
+    beside: NoiseBeside | None,
     rate: Rate,
     part: str,
+    now: AsOf,
 ) -> AxisAnalysis:
     column = state.info.axes.index(name)
     fit = _fit(record, name, density, part)
     explanation = loop.axes.get(name) if loop else None
     curve = curves.get("oadev")
-    coefficients = dict(fit.coefficients) if fit else {}
-    if explanation is not None and explanation.effects and explanation.coefficients_after:
-        coefficients = dict(explanation.coefficients_after)
+    coefficients, as_of = dict(fit.coefficients) if fit else {}, now
+    searched = AsOf(loop.length_s, loop.samples) if loop and explanation else None
+    if beside is not None:
+        coefficients = dict(beside.coefficients)
+    elif explanation and searched and explanation.own_effects and explanation.coefficients_after:
+        coefficients, as_of = dict(explanation.coefficients_after), searched
     model = fit.model if fit else None
     drawn = draw_models(name, loop, model, curve, density, rate.best_hz, coefficients)
     return AxisAnalysis(
@@ -285,6 +319,8 @@ def _axis(
         model_before=drawn.before,
         density_model=drawn.density,
         explanation=explanation,
+        coefficients_as_of=as_of if coefficients else None,
+        explanation_as_of=searched,
         remarks=(*_axis_remarks(state, column), *(fit.remarks if fit else ())),
     )
 

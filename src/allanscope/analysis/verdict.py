@@ -64,7 +64,7 @@ class Verdict:
 def verdict(analysis: Analysis) -> Verdict:
     """Return the verdict on a result, or on a result so far."""
     noise = [line for unit in _SENSORS for line in _noise_lines(analysis, unit)]
-    found = _effect_lines(analysis.axes)
+    found = [*_effect_lines(analysis.axes), *_stream_lines(analysis)]
     losses = _loss_lines(analysis)
     assumed = [VerdictLine("note", ASSUMED, text) for text in analysis.assumptions]
     failed = _failure_lines(analysis.axes)
@@ -210,17 +210,15 @@ def _effect_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     lines = []
     phrases: dict[str, list[str]] = {}
     for name, one in open_axes.items():
-        for effect in one.effects:
+        for effect in one.own_effects:
             phrases.setdefault(effect_brief(effect), []).append(name)
     for phrase, names in phrases.items():
-        head = "Clock" if phrase.startswith("clock ") else f"Found on {_named(names, axes)}"
-        lines.append(VerdictLine("note", head, phrase.removeprefix("clock ")))
-    lines.sort(key=lambda line: line.head == "Clock")
+        lines.append(VerdictLine("note", f"Found on {_named(names, axes)}", phrase))
     unexplained = [name for name, one in open_axes.items() if not one.explained]
     if unexplained:
         text = "the model does not explain all of the data, and no effect that is known does"
         lines.insert(0, VerdictLine("bad", f"Open on {_named(unexplained, axes)}", text))
-    elif open_axes and not any(line.head != "Clock" for line in lines):
+    elif open_axes and not lines:
         text = "nothing beyond the textbook's noise was found"
         lines.append(VerdictLine("good", "Effects", text))
     reasons: dict[str, list[str]] = {}
@@ -233,6 +231,12 @@ def _effect_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
         for reason, names in reasons.items()
     ]
     return lines
+
+
+def _stream_lines(analysis: Analysis) -> list[VerdictLine]:
+    """Return what was found of the stream as a whole: one line, however many axes it has."""
+    briefs = [effect_brief(effect) for effect in analysis.effects]
+    return [VerdictLine("note", "Clock", brief.removeprefix("clock ")) for brief in briefs]
 
 
 def _named(names: Iterable[str], axes: Mapping[str, AxisAnalysis]) -> str:

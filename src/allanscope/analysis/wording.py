@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from allanscope.analysis.result import Analysis, AxisAnalysis, Rate
 from allanscope.explain.effect import Effect, Parameter
 from allanscope.noise.coefficients import Coefficient
@@ -18,6 +20,7 @@ from allanscope.quantities import (
 from allanscope.samples import Origin
 
 __all__ = [
+    "as_of_text",
     "best_text",
     "clock_text",
     "coefficient_text",
@@ -146,6 +149,26 @@ def clock_text(known: Rate) -> str:
         if value is not None and sigma is not None and abs(value) > _SURE * sigma:
             parts.append(f"{'+' if value > 0 else ''}{number(value, 2)} {unit}")
     return ", ".join(parts)
+
+
+def as_of_text(axes: Mapping[str, AxisAnalysis]) -> str:
+    """Return how long the run was when its numbers were computed; empty while there are none.
+
+    Where axes differ it is the oldest: nothing that is shown is older.
+
+    >>> as_of_text({"gx": AxisAnalysis("dps", {}, coefficients_as_of=AsOf(18.0, 1872))})
+    'Coefficients as of 18 s (1 872 samples)'
+    """
+    fitted = [axis.coefficients_as_of for axis in axes.values() if axis.coefficients_as_of]
+    searched = [axis.explanation_as_of for axis in axes.values() if axis.explanation_as_of]
+    parts = []
+    if fitted:
+        oldest = min(fitted, key=lambda one: one.time_s)
+        moment = f"{duration(oldest.time_s)} ({count(oldest.samples)} samples)"
+        parts.append(f"coefficients as of {moment}")
+    if searched:
+        parts.append(f"effects as of {duration(min(one.time_s for one in searched))}")
+    return ", ".join(parts).capitalize()
 
 
 def best_text(axis: AxisAnalysis) -> str:

@@ -25,6 +25,12 @@ BATCH = 2048
 time, and what is kept must not depend on how they were handed over."""
 
 MOST_SEGMENTS = ROWS // 8
+IN_STEP_S = 5.0
+"""For so long a reader and a device may keep in step without being alike to a per cent."""
+
+LONGEST_PAUSE_S = 20e-3
+"""No reader and no adapter makes bytes wait for longer."""
+
 SETTLED_ROWS = 16
 """With more rows than this, the window that is still filling up is left out of the fit."""
 
@@ -43,10 +49,13 @@ class Envelope:
         Step of the time stamps.
     nominal_hz : float
         Rate that is claimed; 0 when none is.
+    polled : bool
+        Whether the times are those of a reader with a cadence of its own.
     """
 
-    def __init__(self, resolution_s: float, nominal_hz: float = 0.0) -> None:
+    def __init__(self, resolution_s: float, nominal_hz: float = 0.0, polled: bool = False) -> None:
         self._resolution_s = resolution_s
+        self._polled = polled
         self._window_s = FIRST_WINDOW_S
         # Not zero: of samples that are seen at the same moment the last one has waited least.
         self._period_s = 1.0 / nominal_hz if nominal_hz > 0.0 else SHORTEST_PERIOD_S
@@ -99,9 +108,20 @@ class Envelope:
             self._index[rows],
             self._time_s[rows],
             self._segment[rows],
-            self._resolution_s,
+            max(self._resolution_s, self._cadence_s(self._time_s[rows])),
             self._temperature_c[rows],
         )
+
+    def _cadence_s(self, time_s: NDArray[np.float64]) -> float:
+        """Return the step in which arrivals may creep, as long as that cannot be excluded.
+
+        A reader that comes back after a pause of nearly the length of a frame finds one frame each
+        time, at its own pace: the arrivals are as regular as a clock, and their rate is the
+        reader's. When the two part is seen within seconds, if they are not alike by chance.
+        """
+        if not self._polled or len(time_s) < 2 or np.ptp(time_s) > IN_STEP_S:
+            return 0.0
+        return min(float(np.median(np.diff(time_s))), LONGEST_PAUSE_S)
 
     def _take(self) -> None:
         """Sort in what has been waiting."""

@@ -22,6 +22,12 @@ KNOWN_BELOW = 0.01
 """A rate whose relative standard deviation is larger than this is not worth replacing the nominal
 one: these parts are off by several per cent at most."""
 
+CRYSTAL = 40e-6
+"""Standard deviation of a crystal's rate: 50 ppm of tolerance, temperature and ageing."""
+
+CONTRADICTION = 4.0
+"""Standard deviations that two clocks may be apart."""
+
 
 DISAGREEMENT = 1e-3
 """Crystals are off by less than a tenth of this. A host that sees the device's crystal off by more
@@ -52,7 +58,8 @@ class RateFit:
     uncertainty_ppm : float
         Standard deviation of `hz` relative to that clock; infinite when it was not measured. The
         error of the clock itself comes on top: some 20 to 50 ppm for a computer that is not
-        disciplined by NTP, and for the crystal of a device.
+        disciplined by NTP, and for the crystal of a device. Where a device's crystal stands in for
+        the computer's clock, in the first seconds of a run, its own error is part of it.
     residual_s : float
         Standard deviation of the times about the line.
     span_s : float
@@ -175,36 +182,56 @@ class Clock:
         """Forget everything, because the device has been told to run at another rate."""
         if nominal_hz is not None:
             self.nominal_hz = nominal_hz
-        self._host = Envelope(USB_FRAME_S, self.nominal_hz)
+        self._host = Envelope(USB_FRAME_S, self.nominal_hz, polled=True)
         self._device = Envelope(max(self._device_resolution_s, ROUNDING_S), self.nominal_hz)
 
     def rate(self) -> RateFit:
-        """Return the best rate that is known now: host before device before nominal.
+        """Return the best rate that is known now: by the host, by the device, or the nominal one.
 
-        Where the two disagree by more than crystals do, a crystal comes before the host.
+        The host's clock is the truth. But its arrivals come unevenly, and in the first seconds the
+        crystal of the device knows better: then its rate is given, with all that a crystal may be
+        off. Where the two contradict each other by more than crystals can, a device that says that
+        its clock is a crystal is believed: the host has read late. Otherwise its time is none.
         """
         host, device = self._host.fit(), self._device.fit()
-        candidates = [("host", host), ("device", device)]
-        if self._crystal and host is not None and device is not None and _apart(host, device):
-            candidates.reverse()
-        for source, fit in candidates:
-            if fit is not None and fit.relative_sigma < KNOWN_BELOW:
-                return RateFit(
-                    self.nominal_hz,
-                    fit.hz,
-                    "host" if source == "host" else "device",
-                    fit.relative_sigma * 1e6,
-                    fit.residual_s,
-                    fit.span_s,
-                    fit.drift_per_h * 1e6,
-                    fit.drift_sigma_per_h * 1e6,
-                    fit.per_degc * 1e6,
-                    fit.per_degc_sigma * 1e6,
-                    fit.steps,
-                    host,
-                    device,
-                )
+        host_sigma = host.relative_sigma if host is not None else math.inf
+        device_sigma = device.relative_sigma if device is not None else math.inf
+        if host is not None and device is not None:
+            if self._crystal and device_sigma < KNOWN_BELOW and _apart(host, device):
+                return self._fit(device, "device", device_sigma, host, device)
+            device_sigma = math.hypot(device_sigma, CRYSTAL)
+            apart = abs(host.hz / device.hz - 1.0)
+            if apart > CONTRADICTION * math.hypot(host_sigma, device_sigma):
+                device_sigma = math.inf
+        if device is not None and device_sigma < min(host_sigma, KNOWN_BELOW):
+            return self._fit(device, "device", device_sigma, host, device)
+        if host is not None and host_sigma < KNOWN_BELOW:
+            return self._fit(host, "host", host_sigma, host, device)
         return RateFit(self.nominal_hz, self.nominal_hz, "nominal", host=host, device=device)
+
+    def _fit(
+        self,
+        fit: LineFit,
+        source: Literal["host", "device"],
+        relative_sigma: float,
+        host: LineFit | None,
+        device: LineFit | None,
+    ) -> RateFit:
+        return RateFit(
+            self.nominal_hz,
+            fit.hz,
+            source,
+            relative_sigma * 1e6,
+            fit.residual_s,
+            fit.span_s,
+            fit.drift_per_h * 1e6,
+            fit.drift_sigma_per_h * 1e6,
+            fit.per_degc * 1e6,
+            fit.per_degc_sigma * 1e6,
+            fit.steps,
+            host,
+            device,
+        )
 
 
 def _apart(host: LineFit, device: LineFit) -> bool:

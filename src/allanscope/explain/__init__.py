@@ -20,13 +20,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from allanscope.explain.held import fit_beside
     from allanscope.explain.live import LiveLoop
     from allanscope.explain.loop import Explanation, explain
     from allanscope.explain.search import Budget
 
-__all__ = ["Budget", "Explanation", "LiveLoop", "explain"]
+__all__ = ["Budget", "Explanation", "LiveLoop", "explain", "fit_beside"]
 
-_HOMES = {"Budget": "search", "Explanation": "loop", "LiveLoop": "live", "explain": "loop"}
+_HOMES = {
+    "Budget": "search",
+    "Explanation": "loop",
+    "LiveLoop": "live",
+    "explain": "loop",
+    "fit_beside": "held",
+}
 
 
 def __getattr__(name: str) -> Any:

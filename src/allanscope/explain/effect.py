@@ -10,6 +10,9 @@ from allanscope.noise.coefficients import Coefficient
 
 __all__ = ["AxisExplanation", "Effect", "Parameter", "ResidualError"]
 
+_OF_THE_STREAM = frozenset({"clock_error"})
+"""Kinds that are the same on every axis, and take nothing out of the data of any."""
+
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
@@ -46,6 +49,11 @@ class Effect:
     axes: tuple[str, ...] = ()
     evidence: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def of_the_stream(self) -> bool:
+        """Whether it is a property of the stream: one finding, though every axis lists it."""
+        return self.kind in _OF_THE_STREAM
+
 
 @dataclass(frozen=True, slots=True)
 class ResidualError:
@@ -75,7 +83,7 @@ class AxisExplanation:
     Attributes
     ----------
     effects : tuple of Effect
-        In the order in which they were accepted.
+        In the order in which they were accepted; those of the stream are on every axis.
     before, after : ResidualError
         Against the textbook model, and against the model with the effects, on the same data.
     coefficients_before, coefficients_after : mapping
@@ -104,3 +112,8 @@ class AxisExplanation:
     remarks: tuple[str, ...] = ()
     hindrance: str = ""
     failure: str = ""
+
+    @property
+    def own_effects(self) -> tuple[Effect, ...]:
+        """Effects of the axis itself: those that are part of the model of its data."""
+        return tuple(effect for effect in self.effects if not effect.of_the_stream)

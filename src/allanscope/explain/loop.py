@@ -15,11 +15,13 @@ from scipy.fft import set_workers
 from allanscope.allan.deviation import Deviation
 from allanscope.clock.rate import RateFit
 from allanscope.explain.coefficients import coefficients_of
-from allanscope.explain.effect import AxisExplanation, ResidualError
+from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
+from allanscope.explain.effects.clock_error import clock_error_of
 from allanscope.explain.error import error_of
 from allanscope.explain.evidence import effect_of
 from allanscope.explain.failure import failed
 from allanscope.explain.grid import grid_of
+from allanscope.explain.held import HeldEffects
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.lattice import step_of
 from allanscope.explain.merge import merged
@@ -60,6 +62,10 @@ class Explanation:
         Axis name to what was taken out of its samples: kind of effect to its sum, shape (n,).
     row_s : float
         Time between those samples.
+    held : HeldEffects
+        What was accepted, for a fit of the noise beside it on a longer record (`fit_beside`).
+    length_s, samples : float, int
+        Of the record that was searched.
     """
 
     axes: Mapping[str, AxisExplanation]
@@ -68,6 +74,27 @@ class Explanation:
     cleaned: Mapping[str, Array] = field(default_factory=dict, repr=False)
     signals: Mapping[str, Mapping[str, Array]] = field(default_factory=dict, repr=False)
     row_s: float = 0.0
+    held: HeldEffects = field(default_factory=HeldEffects, repr=False)
+    length_s: float = 0.0
+    samples: int = 0
+
+    def with_rate(
+        self, nominal_hz: float | None, rate_fit: RateFit | tuple[float, float] | None
+    ) -> Explanation:
+        """Return it with the error of the clock, where one was found, as it is known by now."""
+        clock = _clock(nominal_hz, rate_fit)
+        found = None if clock is None else clock_error_of(clock, tuple(self.axes))
+        if found is None:
+            return self
+
+        def renewed(effect: Effect) -> Effect:
+            return (effect_of(found, "") or effect) if effect.kind == found.kind else effect
+
+        axes = {
+            name: replace(one, effects=tuple(renewed(effect) for effect in one.effects))
+            for name, one in self.axes.items()
+        }
+        return replace(self, axes=axes)
 
 
 def explain(
@@ -158,6 +185,20 @@ def explain(
         cleaned={axis: views[axis].data for axis in parts},
         signals={axis: _signals(views[axis]) for axis in parts},
         row_s=1.0 / series.rate_hz,
+        held=_held(series, {axis: views[axis] for axis in parts if axes[axis].own_effects}),
+        length_s=len(record.values) / record.rate_hz,
+        samples=len(record.values) * record.stride,
+    )
+
+
+def _held(series: Series, views: Mapping[str, View]) -> HeldEffects:
+    """Return what holds for a longer record of the same run."""
+    return HeldEffects(
+        accepted={axis: view.accepted for axis, view in views.items()},
+        steps={axis: view.step for axis, view in views.items()},
+        stride=series.stride,
+        rate_hz=series.rate_hz,
+        start_s=series.start_s,
     )
 
 

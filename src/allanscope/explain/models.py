@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.explain.spectral import Term
+from allanscope.explain.spectral import Spectrum, Term
 from allanscope.explain.view import View
 from allanscope.noise.components import (
     AngleQuantization,
@@ -112,9 +112,17 @@ class Filtered(Component):
         return self.base.corners(dt) + tuple(f for f in own if 0 < f < 0.5 / dt)
 
 
-def model_of(view: View) -> NoiseModel:
-    """Return the fitted noise of a view as a model that every estimator can be asked of."""
-    spectrum = view.spectrum
+def model_of(view: View, spectrum: Spectrum | None = None) -> NoiseModel:
+    """Return the fitted noise of a view as a model that every estimator can be asked of.
+
+    Parameters
+    ----------
+    view : View
+        As the loop left it.
+    spectrum : Spectrum, optional
+        In place of that of the view.
+    """
+    spectrum = spectrum or view.spectrum
     dt = 1 / view.grid.rate_hz
     white = float(np.sqrt(spectrum.variance_of("N")))
     factors = tuple(t for t in spectrum.terms if t.role == "shapes")

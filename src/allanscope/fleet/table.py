@@ -92,7 +92,7 @@ def rows_of(recording: str, unit: str, result: Mapping[str, Any]) -> Iterator[di
         **{f"temperature_{name}": analysis["temperature"].get(name) for name in _TEMPERATURE},
     }
     for name, axis in analysis["axes"].items():
-        remarks = [*analysis["assumptions"], *analysis["remarks"], *axis["remarks"]]
+        remarks = [*analysis["remarks"], *axis["remarks"]]
         yield {**common, "axis": name, "sensor_unit": axis["unit"], **_axis(axis, remarks)}
 
 

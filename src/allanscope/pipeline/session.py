@@ -10,7 +10,8 @@ Three threads, so that none waits for another::
 The reader does nothing but move bytes, so a slow disk, a long fit or a stalled viewer costs no
 sample. The session thread never computes a result: it copies the running sums, which takes
 milliseconds, and the refresh thread does the rest; the next refresh starts only when the last one
-has ended, and never sooner than a multiple of what it took, so refreshing adapts to the machine.
+has ended and after a multiple of what it took, so refreshing adapts to the machine; but no result
+on the screen grows older than a tenth of the run or a minute.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ from allanscope.sources.base import Chunk, Source
 __all__ = ["Audience", "Ledger", "News", "Session"]
 
 WATCHED_SHARE, UNWATCHED_SHARE = 0.1, 0.01
-"""Refreshes take at most this share of one core: with a viewer, and with nobody to look at it."""
+"""Refreshes take at most this share of one core, with a viewer and without; but none grows older
+than `Refresher` allows."""
 
 SPACE_FIRST_NS, SPACE_EVERY_NS = 10_000_000_000, 60_000_000_000
 """When the room on the disk is first told, and how often."""

@@ -15,7 +15,8 @@ disconnected, reconnected
 stalled, resumed
     A streaming device fell silent although the port is there; it spoke again.
 hole
-    Bytes are missing here: they were never written (disk full) or the file is damaged.
+    Bytes are missing here: they were never written (disk full), the file is damaged, or the buffer
+    of the port was full when it was opened.
 mark
     The user set a mark; only a recording brings one.
 end

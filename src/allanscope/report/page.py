@@ -116,7 +116,7 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str]) -> _Axis:
         coefficients=words.coefficient_rows(axis),
         facts=words.axis_facts(axis),
         looked=loop is not None,
-        effects=[words.effect_words(effect) for effect in loop.effects] if loop else [],
+        effects=[words.effect_words(effect) for effect in loop.own_effects] if loop else [],
         errors=words.error_rows(loop) if loop and searched(loop) else [],
         conclusion=words.conclusion(loop) if loop else [],
         deviation_svg=svgs[f"{name}-deviation"],

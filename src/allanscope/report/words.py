@@ -273,6 +273,7 @@ def quality(analysis: Analysis) -> list[Fact]:
         Fact("samples", f"{count(analysis.samples)} on each axis, {_segments(analysis)}"),
         Fact("lost samples", losses_text(analysis)),
         Fact("rate", rate_text),
+        *(Fact(one.kind.replace("_", " "), effect_words(one).words) for one in analysis.effects),
         Fact(
             "link",
             f"{size(link.bytes)} in {count(link.frames)} frames, "

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import errno
 import os
+import random
 import threading
 import time
 from collections.abc import Callable
@@ -42,8 +43,17 @@ GATHER_BYTES = 2048
 """Where so many would come in the longer time it is taken, but never more than is likely to bring
 half of the 4096 bytes that a tty of Linux holds for its reader."""
 
+UNEVEN = 0.25
+"""By this share pauses are shorter or longer, at random: a reader that is as regular as the device
+would keep in step with it, and its own pace would be taken for the rate of the device."""
+
 LATE_BYTES = 3072
 """Who finds so many is late, because the computer is busy, and reads on without a pause."""
+
+READ_BYTES, FULL_BYTES = 4095, 15_000
+"""What one read of a tty of Linux brings at most, and what it and the queue behind it hold at
+least before more is thrown away: a port that had so many waiting when it was opened has a hole
+behind them."""
 
 FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
@@ -97,7 +107,10 @@ class SerialSource:
         self._writing = threading.Lock()
         self._closing = threading.Event()
         self._sleep = sleep
+        self._random = random.Random(0)
         self._streaming = False
+        self._waited: int | None = 0
+        self._overrun = False
         self._stalled = False
         self._pause_s = 0.0
         self._retry_s = FIRST_RETRY_S
@@ -162,7 +175,7 @@ class SerialSource:
 
     def _listen(self, link: Transport) -> Chunk:
         if self._pause_s:
-            self._sleep(self._pause_s)
+            self._sleep(self._unevenly(self._pause_s))
         try:
             data = link.read(WAIT_S)
         except LINK_ERRORS:
@@ -174,10 +187,21 @@ class SerialSource:
         late = len(data) >= LATE_BYTES
         pace = len(data) / max(1e-9 * (now - self._heard_ns), 1e-6)
         self._pause_s = 0.0 if late else _pause(pace)
-        event: LinkEvent = "resumed" if self._stalled else ""
+        event: LinkEvent = "resumed" if self._stalled else "hole" if self._overrun else ""
+        self._overrun = False
+        if self._waited is not None:
+            self._waited += len(data)
+            if len(data) < READ_BYTES:  # that was the last of what waited
+                self._overrun, self._waited = self._waited >= FULL_BYTES, None
         self._streaming, self._stalled, self._heard_ns = True, False, now
         self._retry_s = FIRST_RETRY_S
         return Chunk(now, data, event)
+
+    def _unevenly(self, pause_s: float) -> float:
+        """Return a pause that is not like the last one, where it is not the buffer that ends it."""
+        if pause_s < GATHER_S:
+            return pause_s
+        return pause_s * self._random.uniform(1.0 - UNEVEN, 1.0 + UNEVEN)
 
     def _stall(self, now: int) -> LinkEvent:
         """Say once when a device that streamed falls silent: one that hangs raises no error."""
@@ -234,7 +258,7 @@ class SerialSource:
             port = back[0]
             name = port.device
         self._link = self._opener(name, self._settings.baud)
-        self._port = port
+        self._waited, self._port = 0, port
 
     # --- opening ------------------------------------------------------------------------------
 

@@ -57,7 +57,8 @@ class Transport(Protocol):
 def open_transport(name: str, baud: int) -> Transport:
     """Open a device path or a pyserial URL.
 
-    Data terminal ready is asserted while opening, because CDC firmware may wait for it;
+    What waits in the buffer of the port is kept: it may hold the header of a text stream, which is
+    said once. Data terminal ready is asserted while opening, because CDC firmware may wait for it;
     pseudo-terminals, which have no such line, are forgiven.
 
     Raises
@@ -67,15 +68,26 @@ def open_transport(name: str, baud: int) -> Transport:
     """
     if name.startswith("socket://"):
         return _Socket(name)
-    port = serial.serial_for_url(
-        name, do_not_open=True, baudrate=baud, write_timeout=WRITE_TIMEOUT_S
-    )
-    port.dtr = True
     is_url = "://" in name
+    if is_url:
+        port = serial.serial_for_url(
+            name, do_not_open=True, baudrate=baud, write_timeout=WRITE_TIMEOUT_S
+        )
+    else:
+        port = _Port(baudrate=baud, write_timeout=WRITE_TIMEOUT_S)
+        port.port = name
+    port.dtr = True
     if not is_url:
         port.exclusive = None if sys.platform == "win32" else True
     port.open()
     return _Polled(port) if is_url or sys.platform == "win32" else _Posix(port)
+
+
+class _Port(serial.Serial):
+    """A port that keeps what waits in it when it is opened."""
+
+    def _reset_input_buffer(self) -> None:
+        """Throw nothing away; pyserial calls this while it opens a port, where not on Windows."""
 
 
 class _Posix:

@@ -13,7 +13,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from allanscope.analysis.result import Analysis
-from allanscope.analysis.wording import coefficient_text, coefficient_unit, effect_text
+from allanscope.analysis.wording import (
+    coefficient_text,
+    coefficient_unit,
+    effect_brief,
+    effect_text,
+)
 
 __all__ = ["Diary", "Entry", "Level"]
 
@@ -43,17 +48,17 @@ class Diary:
         return [*self._new_effects(analysis), *self._new_values(analysis), *self._new(analysis)]
 
     def _new_effects(self, analysis: Analysis) -> list[Entry]:
-        found: dict[tuple[str, str], str] = {}
+        found = {("", effect.kind): effect_brief(effect) for effect in analysis.effects}
         for name, axis in analysis.axes.items():
-            for effect in axis.explanation.effects if axis.explanation else ():
+            for effect in axis.explanation.own_effects if axis.explanation else ():
                 same = sum(key[0] == name and key[1].startswith(effect.kind) for key in found)
                 found[name, f"{effect.kind} {same}"] = effect_text(effect)
         new = {key: text for key, text in found.items() if key not in self._effects}
         gone = {key: text for key, text in self._effects.items() if key not in found}
         self._effects = found
         return [
-            *(("warn", f"{axes}: found {text}") for axes, text in _together(new)),
-            *(("info", f"{axes}: no longer found {text}") for axes, text in _together(gone)),
+            *(("warn", f"{axes}found {text}") for axes, text in _together(new)),
+            *(("info", f"{axes}no longer found {text}") for axes, text in _together(gone)),
         ]
 
     def _new_values(self, analysis: Analysis) -> list[Entry]:
@@ -90,9 +95,10 @@ class Diary:
 
 
 def _together(effects: Mapping[tuple[str, str], str]) -> Iterator[tuple[str, str]]:
-    """Yield what is said of effects with all axes of which it is said: a clock is that of all."""
+    """Yield what is said of effects after all axes of which it is said, if it is not the stream."""
     axes: dict[str, list[str]] = {}
     for (axis, _), text in effects.items():
         axes.setdefault(text, []).append(axis)
     for text, names in axes.items():
-        yield " ".join(names), text
+        of = " ".join(name for name in names if name)
+        yield f"{of}: " if of else "", text

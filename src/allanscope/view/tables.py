@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.verdict import verdict
 from allanscope.analysis.wording import (
+    as_of_text,
     best_text,
     coefficient_text,
     coefficient_unit,
@@ -62,7 +63,8 @@ def verdict_text(analysis: Analysis) -> str:
 
 def coefficients_table(analysis: Analysis) -> str:
     """Return N, B and K of all axes, with what averaging and the datasheet say."""
-    parts = [f"*after {duration(analysis.duration_s)}; 95 % intervals; < is an upper limit*"]
+    moments = as_of_text(analysis.axes) or f"After {duration(analysis.duration_s)}"
+    parts = [f"*{moments}; 95 % intervals; < is an upper limit*"]
     for unit, sensor in _SENSORS.items():
         axes = {name: axis for name, axis in analysis.axes.items() if axis.unit == unit}
         if axes:
@@ -92,16 +94,18 @@ def axis_table(name: str, axis: AxisAnalysis) -> str:
     parts = [f"### {name}", _table(head, rows) if rows else "*no fit yet*"]
     parts += [f"- {line}" for line in (*_facts(axis), *map(markdown, axis.remarks))]
     if axis.explanation is not None:
-        parts += [f"- found {_mark(effect_text(effect))}" for effect in axis.explanation.effects]
+        parts += [
+            f"- found {_mark(effect_text(effect))}" for effect in axis.explanation.own_effects
+        ]
         parts += [f"- {markdown(remark)}" for remark in axis.explanation.remarks]
     return "\n\n".join([*parts[:2], "\n".join(parts[2:]), _KEY])
 
 
 def findings_table(analysis: Analysis) -> str:
     """Return the effects that the textbook model lacks, axis by axis."""
-    lines = []
+    lines = [f"- {_mark(effect_text(effect))}" for effect in analysis.effects]
     for name, axis in analysis.axes.items():
-        for effect in axis.explanation.effects if axis.explanation else ():
+        for effect in axis.explanation.own_effects if axis.explanation else ():
             lines.append(f"- **{name}** {_mark(effect_text(effect))}")
             others = [other for other in effect.axes if other != name]
             if others:

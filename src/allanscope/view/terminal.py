@@ -14,7 +14,7 @@ from rich.text import Text
 
 from allanscope.analysis.result import Analysis
 from allanscope.analysis.wording import not_measured
-from allanscope.quantities import count, duration
+from allanscope.quantities import duration
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.view.diary import Diary, Level
 from allanscope.view.gap_teller import GapTeller
@@ -31,7 +31,7 @@ TerminalMode = Literal["auto", "live", "plain", "quiet"]
 
 _STATUS_EVERY_S = 60.0
 _ALIVE_EVERY_S = 1.0
-"""So often a screen that waits for the next result says what has come since the last one."""
+"""So often a screen that waits for the next result says what has come by now."""
 
 _KEYS = "m mark   q end and report      ↑ ↓ moved, = settled since half of the run"
 _STYLES: dict[Level, str] = {"info": "", "warn": "bold", "error": "bold red"}
@@ -76,7 +76,8 @@ class TerminalView:
         self._said_status = -_STATUS_EVERY_S
         self._diary, self._trends, self._gaps = Diary(), Trends(), GapTeller()
         self._latest: Analysis | None = None
-        self._since, self._shown_at, self._drawn_at = 0, self._began, self._began
+        self._heard, self._before = 0, 0
+        self._drawn_at = self._began
         self._marks = 0
         self._on_mark, self._on_quit = on_mark, on_quit
         self._console = SteadyConsole(stream, soft_wrap=mode != "live")
@@ -98,7 +99,7 @@ class TerminalView:
 
     def samples(self, info: StreamInfo, block: Block) -> None:
         """Count samples: results may be far apart, and it must be seen that the run goes on."""
-        self._since += len(block)
+        self._heard += len(block)
         if self._live is None or self._latest is None or self._whole_s:
             return
         if self._clock() - self._drawn_at >= _ALIVE_EVERY_S:
@@ -125,7 +126,8 @@ class TerminalView:
         for level, text in self._diary.news(analysis):
             if self._mode == "plain" or level != "info":
                 self.line(text, level)
-        self._since, self._shown_at = 0, self._clock()
+        # What a session held before it was cut off is in the result, and was shown to nobody.
+        self._before = max(self._before, analysis.samples - self._heard)
         if self._live is not None:
             self._draw(analysis)
         elif self._mode == "plain" and self._clock() - self._said_status >= _STATUS_EVERY_S:
@@ -155,8 +157,14 @@ class TerminalView:
         """Return the time of the run: results may be far apart, what happens between is not."""
         if self._latest is None:
             return self._clock() - self._began
-        rate_hz = self._latest.rate.best_hz
-        return self._latest.duration_s + (self._since / rate_hz if rate_hz else 0.0)
+        return self._recorded(self._latest)[0]
+
+    def _recorded(self, analysis: Analysis) -> tuple[float, int]:
+        """Return time and samples of all that has come, since the result too."""
+        samples = max(self._before + self._heard, analysis.samples)
+        rate_hz = analysis.rate.best_hz
+        newer_s = (samples - analysis.samples) / rate_hz if rate_hz else 0.0
+        return analysis.duration_s + newer_s, samples
 
     def _left(self, analysis: Analysis) -> str:
         """Return how much of a recording is left, and how long that takes."""
@@ -167,13 +175,6 @@ class TerminalView:
         return (
             f" of {duration(self._whole_s)}, {duration(left_s * took_s / analysis.duration_s)} left"
         )
-
-    def _waited(self) -> str:
-        """Return what has come since the result that is shown."""
-        waited_s = self._clock() - self._shown_at
-        if waited_s < _ALIVE_EVERY_S or self._whole_s:
-            return ""
-        return f" + {duration(waited_s)} ({count(self._since)} samples)"
 
     def _go_live(self) -> None:
         self._live = Live(
@@ -191,10 +192,12 @@ class TerminalView:
     def _draw(self, analysis: Analysis) -> None:
         self._drawn_at = self._clock()
         keys = _KEYS if self._keys is not None and self._keys.active else ""
-        after = f"{self._left(analysis)}{self._waited()}"
+        screen = Screen(
+            analysis, self._trends, keys, self._left(analysis), self._recorded(analysis)
+        )
         try:
             if self._live is not None:
-                self._live.update(Screen(analysis, self._trends, keys, after), refresh=True)
+                self._live.update(screen, refresh=True)
         except OSError:
             self._fall_silent()
 

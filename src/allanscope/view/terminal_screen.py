@@ -11,6 +11,7 @@ from rich.text import Text
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.verdict import ASSUMED, VerdictLine, searched, verdict
 from allanscope.analysis.wording import (
+    as_of_text,
     best_text,
     clock_text,
     coefficient_text,
@@ -51,13 +52,23 @@ class Screen:
         A last line, e.g. which keys do what.
     left : str
         What follows the time of the run, e.g. how much of a recording is left.
+    recorded : (float, int), optional
+        Time and samples that have come by now, where the result is older.
     """
 
-    def __init__(self, analysis: Analysis, trends: Trends, keys: str = "", left: str = "") -> None:
+    def __init__(
+        self,
+        analysis: Analysis,
+        trends: Trends,
+        keys: str = "",
+        left: str = "",
+        recorded: tuple[float, int] | None = None,
+    ) -> None:
         self._analysis = analysis
         self._trends = trends
         self._keys = keys
         self._left = left
+        self._recorded = recorded or (analysis.duration_s, analysis.samples)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         wide = options.max_width >= _WIDE
@@ -69,7 +80,7 @@ class Screen:
         guesses = _reasons(assumed, max(1, room // 2), options.max_width) if assumed else []
         room = max(3, room - sum(1 + (text.cell_len > options.max_width) for text in guesses))
         reasons = [line for line in known.lines if line.head != ASSUMED]
-        top: list[Text | Table] = [self._header(), self._run(), title, *guesses, Text()]
+        top: list[Text | Table] = [self._header(), self._run(), title, *guesses, self._as_of()]
         yield Group(*top, self._axes(wide), Text(), *_reasons(reasons, room, options.max_width))
         if self._keys:
             yield Text(self._keys, style="dim", no_wrap=True, overflow="ellipsis")
@@ -82,13 +93,15 @@ class Screen:
         line.add_column(no_wrap=True, justify="right")
         device = Text("allanscope  ", style="bold")
         device.append("  ".join(printable(name) for name in names if name), style="not bold")
-        line.add_row(device, Text(f"{duration(known.duration_s)}{self._left}", style="bold"))
+        line.add_row(
+            device, Text(f"recorded {duration(self._recorded[0])}{self._left}", style="bold")
+        )
         return line
 
     def _run(self) -> Text:
         known = self._analysis
         line = Text(no_wrap=True, overflow="ellipsis")
-        line.append(f"{rate_text(known.rate)}   {count(known.samples)} samples   ")
+        line.append(f"{rate_text(known.rate)}   {count(self._recorded[1])} samples   ")
         lost = known.lost_samples or known.unknown_losses
         line.append(f"lost {losses_text(known)}", style="bold" if lost else "")
         if known.reconnects:
@@ -99,6 +112,10 @@ class Screen:
         if clock:
             line.append(f"   {clock}", style="dim")
         return line
+
+    def _as_of(self) -> Text:
+        moments = as_of_text(self._analysis.axes)
+        return Text(moments, style="dim", no_wrap=True, overflow="ellipsis")
 
     def _axes(self, wide: bool) -> Table:
         table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)

@@ -65,6 +65,15 @@ class EffectKind(ABC):
         del view
         return candidate
 
+    def prolong(self, view: View, candidate: Candidate) -> Candidate:
+        """Return an accepted effect on a record that has grown since, not searched for again.
+
+        `view` is the record without it; the signal of the candidate has been brought to the rows
+        of the view, and its last value stays for what is new. The default leaves it at that.
+        """
+        del view
+        return candidate
+
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the candidate on data that was not used to fit it; None where nothing can be."""
         del view, candidate

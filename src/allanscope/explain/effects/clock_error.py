@@ -5,7 +5,7 @@ and no fault. It is reported all the same, because it is real and what it does i
 at the nominal rate every averaging time is stretched, N^2 changes by the relative error, K^2 the
 other way, lines move. Here nothing has to be taken out of the data, for all frequencies and times
 are those of the measured rate; so the effect is a statement about the device (found once, listed
-with all axes), costs the residual nothing, and an axis that has it alone counts as explained.
+with all axes), costs the residual nothing, and an axis that has it alone counts as one without any.
 
 It takes a better clock to see it: the host's, good to some tens of ppm, or time stamps that are not
 the sensor's own. Without one, as in an array or a table without times, nothing is said. With one,
@@ -21,7 +21,7 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
-from allanscope.explain.view import View
+from allanscope.explain.view import Clock, View
 
 _CRYSTAL = 1e-4
 """A difference that a host's own crystal (20 to 50 ppm) could make says nothing of the sensor."""
@@ -37,27 +37,32 @@ class ClockError(EffectKind):
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Compare the measured rate with the nominal one."""
-        clock = view.clock
-        assert clock is not None
-        if view.has(self.kind) or clock.nominal_hz <= 0:
+        assert view.clock is not None
+        if view.has(self.kind):
             return []
-        relative = clock.measured_hz / clock.nominal_hz - 1
-        error = clock.error_hz / clock.nominal_hz
-        if abs(relative) < _CRYSTAL:
-            return []
-        z = relative / max(error, 1e-12)
-        return [
-            Candidate(
-                kind=self.kind,
-                parameters={"relative": estimate(relative, error)},
-                gain=float(z**2 / 2),
-                price=float(np.log(1 / ALPHA)),
-                words=(
-                    f"the true rate is {clock.measured_hz:.6g} Hz, {1e6 * relative:+.0f} ppm off "
-                    f"the nominal {clock.nominal_hz:.6g} Hz; all times and frequencies are by the "
-                    "true one"
-                ),
-                evidence={"z": float(z)},
-                axes=view.series.axes,
-            )
-        ]
+        found = clock_error_of(view.clock, view.series.axes)
+        return [] if found is None else [found]
+
+
+def clock_error_of(clock: Clock, axes: tuple[str, ...]) -> Candidate | None:
+    """Return what a clock says of all axes; None where a host's crystal may be as wrong."""
+    if clock.nominal_hz <= 0:
+        return None
+    relative = clock.measured_hz / clock.nominal_hz - 1
+    error = clock.error_hz / clock.nominal_hz
+    if abs(relative) < _CRYSTAL:
+        return None
+    z = relative / max(error, 1e-12)
+    return Candidate(
+        kind=ClockError.kind,
+        parameters={"relative": estimate(relative, error)},
+        gain=float(z**2 / 2),
+        price=float(np.log(1 / ALPHA)),
+        words=(
+            f"the true rate is {clock.measured_hz:.6g} Hz, {1e6 * relative:+.0f} ppm off "
+            f"the nominal {clock.nominal_hz:.6g} Hz; all times and frequencies are by the "
+            "true one"
+        ),
+        evidence={"z": float(z)},
+        axes=axes,
+    )

@@ -11,6 +11,7 @@ taken in which source and rest together are more probable,
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import ClassVar
 
@@ -59,6 +60,11 @@ class CrossCoupling(EffectKind):
         """Estimate the slope again."""
         source = str(candidate.parameters["source"].value)
         return _candidate(view, source) or candidate
+
+    def prolong(self, view: View, candidate: Candidate) -> Candidate:
+        """Follow the other axis with the slope that is known."""
+        x = view.cleaned_source(str(candidate.parameters["source"].value))
+        return replace(candidate, signal=candidate.number("slope") * (x - x.mean()))
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge the slope by interleaved blocks; quarters must agree."""

@@ -43,3 +43,7 @@ class Ramp(EffectKind):
             price=float(np.log(1 / ALPHA)),
             signal=slope * (t - t.mean()),
         )
+
+    def prolong(self, view: View, candidate: Candidate) -> Candidate:
+        """Estimate the slope again: it does not end."""
+        return self.refine(view, candidate)

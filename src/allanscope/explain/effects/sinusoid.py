@@ -13,6 +13,7 @@ with the one-sided density S_1 beside the line. It enters the model as a signal 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import ClassVar
@@ -59,6 +60,15 @@ class Sinusoid(EffectKind):
     def refine(self, view: View, candidate: Candidate) -> Candidate:
         """Estimate frequency, amplitude and phase again."""
         return self._at(view, candidate.shape[0])
+
+    def prolong(self, view: View, candidate: Candidate) -> Candidate:
+        """Estimate it again: no phase is known well enough to be good for twice the time."""
+        rate = view.grid.rate_hz
+        f = candidate.shape[0] % rate
+        f = min(f, rate - f)  # where longer rows show it
+        if f * view.series.duration_s < _FEWEST_CYCLES:
+            return replace(candidate, signal=None)
+        return self._at(view, f)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge amplitude and phase by interleaved blocks."""

@@ -9,6 +9,7 @@ record must agree.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -54,6 +55,12 @@ class Temperature(EffectKind):
             words=f"the level follows the temperature with {slope:.3g} {view.unit}/degC",
             evidence={"temperature_span_c": float(np.ptp(thermal))},
         )
+
+    def prolong(self, view: View, candidate: Candidate) -> Candidate:
+        """Follow the temperature with the slope that is known."""
+        thermal = view.series.thermal
+        slope = candidate.number("slope")
+        return candidate if thermal is None else replace(candidate, signal=slope * thermal)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge the slope by interleaved blocks; quarters must agree."""

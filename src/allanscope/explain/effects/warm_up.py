@@ -9,6 +9,7 @@ cosines better, which is why those compete (see `unexplained`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -58,6 +59,12 @@ class WarmUp(EffectKind):
         """Estimate time constant and amplitude again."""
         tc = candidate.shape[0]
         return _candidate(view, tc / 1.6, tc * 1.6)
+
+    def prolong(self, view: View, candidate: Candidate) -> Candidate:
+        """Let the exponential go on."""
+        t = np.arange(view.grid.n) / view.grid.rate_hz
+        signal = candidate.number("amplitude") * np.exp(-t / candidate.shape[0])
+        return replace(candidate, signal=signal)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge the amplitude by interleaved blocks."""

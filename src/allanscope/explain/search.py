@@ -31,6 +31,8 @@ from allanscope.explain.effects.unexplained import (
     tones_left_over,
     united,
 )
+from allanscope.explain.jointly import refit_jointly
+from allanscope.explain.ledger import Ledger
 from allanscope.explain.tones import sidebands
 from allanscope.explain.view import View
 
@@ -64,12 +66,17 @@ class Budget:
         Most rounds through the stages.
     kinds : frozenset of str or None
         Only these kinds are asked; None for all.
+    acceptances, evaluations : int
+        Most effects that are accepted, whether they stay or not, and most fits of one kind to the
+        whole record: a search that goes round is stopped, after a time linear in the rows.
     spent_nats : float
         What earlier looks at the same data cost, added to every price.
     """
 
     effects: int = 14
     passes: int = 2
+    acceptances: int = 20
+    evaluations: int = 600
     kinds: frozenset[str] | None = None
     spent_nats: float = 0.0
 
@@ -77,21 +84,27 @@ class Budget:
 def close_loop(view: View, budget: Budget | None = None) -> View:
     """Return the view with every effect that was accepted."""
     budget = budget or Budget()
+    ledger = Ledger(budget.acceptances, budget.evaluations)
     settled: dict[int, View] = {}
     for _ in range(budget.passes):
         before = len(view.accepted)
         for stage in sorted({kind.stage for kind in KINDS.values()}):
             if settled.get(stage) is view:
                 continue  # nothing has changed since: it would find nothing again
-            view = settled[stage] = _settle(view, stage, budget)
+            view = settled[stage] = _settle(view, stage, budget, ledger)
             if stage == 2 and (audited := audit_drift(view)) is not view:
-                view = _delete(_refit(audited))
-        if len(view.accepted) == before:
+                view = _settled(audited, ledger)
+        if len(view.accepted) == before or ledger.is_spent:
             break
-    return view
+    return replace(view, stopped=ledger.remark)
 
 
-def _settle(view: View, stage: int, budget: Budget) -> View:
+def _settled(view: View, ledger: Ledger) -> View:
+    """Return the view with every effect estimated given the others, and only those that pay."""
+    return _delete(refit_jointly(_refit(view, ledger)), ledger)
+
+
+def _settle(view: View, stage: int, budget: Budget, ledger: Ledger) -> View:
     kinds = [
         kind
         for kind in KINDS.values()
@@ -100,13 +113,16 @@ def _settle(view: View, stage: int, budget: Budget) -> View:
         and (budget.kinds is None or kind.kind in budget.kinds)
     ]
     former: list[Candidate] = []
-    while len(view.accepted) < budget.effects:
-        candidates = list(_proposals(view, kinds))
+    # What is left over is reported even when the search for names was stopped.
+    while len(view.accepted) < budget.effects and (stage > 2 or not ledger.is_spent):
+        candidates = list(_proposals(view, kinds, ledger))
         if former:
             view = _with_rivals(view, former, candidates)
         accepted = _best(view, candidates, budget.spent_nats)
         if accepted is None:
-            together = _bundle(view, kinds, candidates, budget.spent_nats) if stage == 2 else None
+            together = None
+            if stage == 2:
+                together = _bundle(view, kinds, candidates, budget.spent_nats, ledger)
             if together is None:
                 break
             view, former = together, []
@@ -119,17 +135,22 @@ def _settle(view: View, stage: int, budget: Budget) -> View:
             accepted.gain,
         )
         former = candidates
+        ledger.acceptances += 1
         if accepted.kind == "unexplained" and stage == 2:
             view, accepted = united(view, accepted)
         view = _demodulated(view.accept(accepted))
         if stage >= 2:
-            view = _delete(_refit(view))
+            view = _settled(view, ledger)
     return view
 
 
-def _proposals(view: View, kinds: Iterable[EffectKind]) -> Iterable[Candidate]:
+def _proposals(view: View, kinds: Iterable[EffectKind], ledger: Ledger) -> Iterable[Candidate]:
+    """Ask kinds for candidates, but for those that were taken before and dropped."""
     for kind in kinds:
-        yield from kind.propose(view)
+        ledger.evaluations += 1
+        for candidate in kind.propose(view):
+            if not ledger.was_dropped(candidate, view.grid):
+                yield candidate
 
 
 def _best(view: View, candidates: list[Candidate], before: float) -> Candidate | None:
@@ -175,7 +196,11 @@ def _ranked(candidates: list[Candidate]) -> list[Candidate]:
 
 
 def _bundle(
-    view: View, kinds: list[EffectKind], candidates: list[Candidate], before: float
+    view: View,
+    kinds: list[EffectKind],
+    candidates: list[Candidate],
+    before: float,
+    ledger: Ledger,
 ) -> View | None:
     """Return the view with several slow effects that pass together, though none passes alone.
 
@@ -188,7 +213,7 @@ def _bundle(
     trial = view
     for _ in range(_BUNDLE):
         if trial is not view:
-            candidates = list(_proposals(trial, slow))
+            candidates = list(_proposals(trial, slow, ledger))
         promising = [c for c in candidates if c.kind in _SLOWLY and c.gain > _PROMISING]
         if not promising:
             return None
@@ -197,10 +222,11 @@ def _bundle(
         if missing > _HOPELESS:
             return None
         if len(trial.accepted) - first > 1 and missing < _NEARLY:
-            trial = _refit(trial)
+            trial = refit_jointly(_refit(trial, ledger))
             gain = trial.spectrum.loglik - view.spectrum.loglik
             members = trial.accepted[first:]
             if gain > before + _owed(trial, first) and all(c.excess > 0 for c in members):
+                ledger.acceptances += len(members)
                 return _held(trial, members)
     return None
 
@@ -224,13 +250,14 @@ def _held(view: View, members: tuple[Candidate, ...]) -> View | None:
     return replace(view, accepted=tuple(judged))
 
 
-def _refit(view: View) -> View:
+def _refit(view: View, ledger: Ledger) -> View:
     """Estimate every effect again, given the others."""
     if len([c for c in view.accepted if KINDS[c.kind].stage == 2 or c.is_drift]) < 2:
         return view
     for candidate in view.accepted:
         if KINDS[candidate.kind].stage != 2:
             continue
+        ledger.evaluations += 1
         bare = view.without(candidate)
         again = KINDS[candidate.kind].refine(bare, candidate)
         again = replace(again, held_out=candidate.held_out, rivals=candidate.rivals)
@@ -253,7 +280,7 @@ def _demodulated(view: View) -> View:
     return bare.accept(tone)
 
 
-def _delete(view: View) -> View:
+def _delete(view: View, ledger: Ledger) -> View:
     """Drop effects that the later ones have made superfluous."""
     for candidate in view.accepted[:-1]:
         if KINDS[candidate.kind].stage != 2 or candidate.kind == "unexplained":
@@ -261,6 +288,7 @@ def _delete(view: View) -> View:
         if candidate.gain < candidate.price:
             _LOG.debug("%s drops %s", view.axis, candidate.kind)
             view = view.without(candidate)
+            ledger.drop(candidate)
     return view
 
 

@@ -7,15 +7,19 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.view import View
 
-__all__ = ["ALPHA", "KINDS", "EffectKind", "estimate", "log_interval"]
+__all__ = ["ALPHA", "KINDS", "EffectKind", "estimate", "log_interval", "rescaled"]
+
+Array = NDArray[np.float64]
 
 ALPHA = 1e-3
 """Probability of a false alarm that each kind may spend on one axis."""
@@ -70,6 +74,22 @@ class EffectKind(ABC):
         del view, candidate
         return None
 
+    def columns(self, view: View, candidate: Candidate) -> Array | None:
+        """Return the first ordinates of what a slow signal is a sum of, shape (p, grid.low).
+
+        One column a number: the signal is linear in them around the candidate. None for what is
+        not deterministic, or not slow: that is estimated on its own.
+        """
+        del view, candidate
+        return None
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the candidate with the amplitudes that a joint regression gave its columns."""
+        del view, amplitude, covariance
+        return candidate
+
     def available(self, view: View) -> bool:
         """Tell whether the record has what this kind needs."""
         has = {
@@ -84,6 +104,18 @@ class EffectKind(ABC):
 def estimate(value: float, error: float, unit: str = "") -> Parameter:
     """Return a parameter with the 95 % interval of a Gaussian estimate."""
     return Parameter(float(value), float(value - 1.96 * error), float(value + 1.96 * error), unit)
+
+
+def rescaled(candidate: Candidate, name: str, value: float, error: float) -> Candidate:
+    """Return a candidate whose signal is proportional to a parameter, with another value of it."""
+    assert candidate.signal is not None
+    old = candidate.number(name)
+    parameter = estimate(value, error, candidate.parameters[name].unit)
+    return replace(
+        candidate,
+        parameters={**candidate.parameters, name: parameter},
+        signal=candidate.signal * (value / old) if old else candidate.signal,
+    )
 
 
 def log_interval(value: float, error: float, unit: str = "") -> Parameter:

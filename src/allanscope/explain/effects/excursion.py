@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.stepscan import StepScan
@@ -71,6 +71,17 @@ class Excursion(EffectKind):
         """Judge the size by interleaved blocks."""
         column = _column(view, int(candidate.shape[0]), int(candidate.shape[1]))
         return interleaved(view, joint_fit(view, column), column)
+
+    def columns(self, view: View, candidate: Candidate) -> Array:
+        """Return the ordinates of the jump."""
+        return _column(view, int(candidate.shape[0]), int(candidate.shape[1]))
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the size that a joint regression found."""
+        del view
+        return rescaled(candidate, "size", float(amplitude[0]), float(np.sqrt(covariance[0, 0])))
 
 
 def _column(view: View, first: int, last: int) -> Array:

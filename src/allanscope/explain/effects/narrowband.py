@@ -81,6 +81,20 @@ def passed_steeply(frequency: Array, rate: float, nonlinear: tuple[float, ...]) 
     return np.asarray(rate / (np.pi / 4 / np.sin(np.pi / 8) * width) / (1 + x**8))
 
 
+def passed_gently(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Return the same for one pole a side (a peak filter), with nothing at either end of the band.
+
+    Power response 1 / (1 + x^2), x = (g / g0 - g0 / g) g0 / w, g = tan(pi f / rate), of which the
+    mean over the band is w / (1 + w): w = tan(pi width / rate).
+    """
+    f0, width = nonlinear
+    g = np.tan(np.pi * np.clip(frequency / rate, 1e-9, 0.499999))
+    w = np.tan(np.pi * min(width / rate, 0.49))
+    g0 = np.tan(np.pi * min(f0 / rate, 0.499999))
+    x = (g * g - g0 * g0) / (w * (1 + g0 * g0) * g)
+    return np.asarray((1 + w) / w / (1 + x * x))
+
+
 def _spectrum(frequency: Array, rate: float, p: complex, a: complex) -> Array:
     """Spectrum of the correlation Re(a p^|k|)."""
     # In real numbers, which are four times as quick: this is what the search for a band repeats.
@@ -205,7 +219,9 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
     best = max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
     if best is None or best.gain < _SHAPELY or best.shape[1] * view.series.duration_s < _BROAD:
         return best
-    fits += [_fit_shape(view, start, width, shape) for shape in (passed, passed_steeply)]
+    fits += [
+        _fit_shape(view, start, width, shape) for shape in (passed_gently, passed, passed_steeply)
+    ]
     return max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
 
 

@@ -9,11 +9,14 @@ from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.regression import joint_fit, ramp_ordinates
 from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
 
 
 class Ramp(EffectKind):
@@ -43,3 +46,15 @@ class Ramp(EffectKind):
             price=float(np.log(1 / ALPHA)),
             signal=slope * (t - t.mean()),
         )
+
+    def columns(self, view: View, candidate: Candidate) -> Array:
+        """Return the ordinates of the time."""
+        del candidate
+        return ramp_ordinates(view.grid, view.grid.low)[np.newaxis]
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the slope that a joint regression found."""
+        del view
+        return rescaled(candidate, "R", float(amplitude[0]), float(np.sqrt(covariance[0, 0])))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.stepscan import StepScan
@@ -77,6 +77,17 @@ class Step(EffectKind):
         """Judge the size by interleaved blocks."""
         column = step_ordinates(view.grid, int(candidate.shape[0]), view.grid.low)[np.newaxis]
         return interleaved(view, joint_fit(view, column), column)
+
+    def columns(self, view: View, candidate: Candidate) -> Array:
+        """Return the ordinates of the jump."""
+        return step_ordinates(view.grid, int(candidate.shape[0]), view.grid.low)[np.newaxis]
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the size that a joint regression found."""
+        del view
+        return rescaled(candidate, "size", float(amplitude[0]), float(np.sqrt(covariance[0, 0])))
 
 
 def _is_hop(view: View, candidate: Candidate) -> bool:

@@ -9,13 +9,14 @@ record must agree.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit
 from allanscope.explain.view import View
@@ -60,6 +61,21 @@ class Temperature(EffectKind):
         del candidate
         column = _column(view)
         return interleaved(view, joint_fit(view, column), column, recurs=True)
+
+    def columns(self, view: View, candidate: Candidate) -> Array:
+        """Return the ordinates of the temperature."""
+        del candidate
+        return _column(view)
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the slope that a joint regression found."""
+        del view
+        slope = float(amplitude[0])
+        again = rescaled(candidate, "slope", slope, float(np.sqrt(covariance[0, 0])))
+        unit = again.parameters["slope"].unit
+        return replace(again, words=f"the level follows the temperature with {slope:.3g} {unit}")
 
 
 def _column(view: View) -> Array:

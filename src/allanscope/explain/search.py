@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain.adequacy import CONSTANT_P, SPECTRAL, WITHIN, adequate
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.drift_audit import audit_drift
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.base import EffectKind
@@ -47,6 +47,7 @@ _SIMILAR = 3.0
 _HELD_SHARE, _SMALL = 0.25, 30.0
 """Of a large gain at least a quarter must be found on held-out data: else it did not recur."""
 _SLOWLY = ("warm_up", "ramp", "step", "excursion", "temperature")
+_THERMAL = ("warm_up", "temperature")
 _BUNDLE = 6
 _HOPELESS, _NEARLY = 30.0, 8.0
 """Nats that may be missing for a bundle to be continued, and to be fitted in earnest."""
@@ -118,6 +119,11 @@ def _settle(view: View, stage: int, budget: Budget, ledger: Ledger) -> View:
         candidates = list(_proposals(view, kinds, ledger))
         if former:
             view = _with_rivals(view, former, candidates)
+        if stage == 2:
+            pair = _thermal_pair(view, kinds, candidates, budget.spent_nats, ledger)
+            if pair is not None:
+                view, former = _settled(pair, ledger), []
+                continue
         accepted = _best(view, candidates, budget.spent_nats)
         if accepted is None:
             together = None
@@ -166,10 +172,15 @@ def _best(view: View, candidates: list[Candidate], before: float) -> Candidate |
         recurring = _HELD_SHARE * (verdict.gain - _SMALL) if verdict.kind in SPECTRAL else 0.0
         if held is not None and held.nats <= max(0.0, recurring):
             continue
-        if verdict.kind == "temperature" and held is not None and held.replicated is False:
-            continue  # something else that is slow: the slope must be the same in every quarter
+        if held is not None and _is_refuted(verdict, held):
+            continue
         return replace(verdict, held_out=held)
     return None
+
+
+def _is_refuted(candidate: Candidate, held: HeldOut) -> bool:
+    """Tell whether quarters disagree on the slope: something else that is slow."""
+    return candidate.kind == "temperature" and held.replicated is False
 
 
 def _ranked(candidates: list[Candidate]) -> list[Candidate]:
@@ -193,6 +204,45 @@ def _ranked(candidates: list[Candidate]) -> list[Candidate]:
             ranked.remove(lines[0])
             ranked.insert(ranked.index(band), lines[0])
     return ranked
+
+
+def _thermal_pair(
+    view: View,
+    kinds: list[EffectKind],
+    candidates: list[Candidate],
+    before: float,
+    ledger: Ledger,
+) -> View | None:
+    """Return the view with a warm-up and the temperature, if the two pass in one regression.
+
+    Each, fitted alone, takes along what belongs to the other, and a slope that was found beside
+    half a warm-up is refuted by the quarter in which the warm-up was.
+    """
+    missing = [kind for kind in kinds if kind.kind in _THERMAL and not view.has(kind.kind)]
+    promising = [c for c in candidates if c.kind in _THERMAL and c.excess > before]
+    if not missing or not promising or not all(view.has(k) for k in _others(missing)):
+        return None
+    trial, first = view.accept(max(promising, key=lambda c: c.excess)), len(view.accepted)
+    rest = [kind for kind in missing if not trial.has(kind.kind)]
+    for candidate in list(_proposals(trial, rest, ledger)):
+        trial = trial.accept(candidate)
+    if not all(trial.has(kind) for kind in _THERMAL):
+        return None
+    trial = refit_jointly(trial)
+    members = tuple(c for c in trial.accepted if c.kind in _THERMAL)
+    excess = trial.spectrum.loglik - view.spectrum.loglik - before - _owed(trial, first)
+    others = max((c.excess for c in candidates if c.kind not in _THERMAL), default=0.0)
+    if excess <= max(0.0, others - before) or any(c.excess <= before for c in members):
+        return None
+    pair = _held(trial, members)
+    if pair is not None:
+        ledger.acceptances += len(trial.accepted) - first
+    return pair
+
+
+def _others(missing: list[EffectKind]) -> set[str]:
+    """Return which of the pair must have been accepted already."""
+    return set(_THERMAL) - {kind.kind for kind in missing}
 
 
 def _bundle(
@@ -244,7 +294,7 @@ def _held(view: View, members: tuple[Candidate, ...]) -> View | None:
             judged.append(candidate)
             continue
         held = KINDS[candidate.kind].hold_out(view.without(candidate), candidate)
-        if held is not None and held.nats <= 0:
+        if held is not None and (held.nats <= 0 or _is_refuted(candidate, held)):
             return None
         judged.append(replace(candidate, held_out=held))
     return replace(view, accepted=tuple(judged))

@@ -17,12 +17,15 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.view import View
 
-__all__ = ["ALPHA", "KINDS", "EffectKind", "estimate", "log_interval", "rescaled"]
+__all__ = ["ALPHA", "KINDS", "EffectKind", "errors_of", "estimate", "log_interval", "rescaled"]
 
 Array = NDArray[np.float64]
 
 ALPHA = 1e-3
 """Probability of a false alarm that each kind may spend on one axis."""
+
+_SINGULAR = 1e-6
+"""Least eigenvalue of a correlation matrix that is not rounding."""
 
 KINDS: dict[str, EffectKind] = {}
 """Every kind by name, in the order in which the files of the folder are read."""
@@ -104,6 +107,18 @@ class EffectKind(ABC):
 def estimate(value: float, error: float, unit: str = "") -> Parameter:
     """Return a parameter with the 95 % interval of a Gaussian estimate."""
     return Parameter(float(value), float(value - 1.96 * error), float(value + 1.96 * error), unit)
+
+
+def errors_of(information: Array) -> Array:
+    """Return the standard errors that an information matrix leaves, NaN if it is not one.
+
+    Where a log-likelihood curves upwards in some direction it has no maximum, and nothing has been
+    measured: an error of 0 would claim the opposite.
+    """
+    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
+    if not scale.all() or np.linalg.eigvalsh(information / np.outer(scale, scale))[0] <= _SINGULAR:
+        return np.full(len(scale), np.nan)
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))
 
 
 def rescaled(candidate: Candidate, name: str, value: float, error: float) -> Candidate:

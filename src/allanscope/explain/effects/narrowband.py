@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaincc
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, log_interval
+from allanscope.explain.effects.base import ALPHA, EffectKind, errors_of, estimate, log_interval
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
 from allanscope.explain.unevenness import crowding
@@ -281,5 +281,4 @@ def _errors(loss: Callable[[Array], float], at: Array) -> Array:
             hessian[i, j] = (
                 loss(at + a + b) - loss(at + a - b) - loss(at - a + b) + loss(at - a - b)
             ) / (4 * step[i] * step[j])
-    covariance = np.linalg.pinv(hessian, hermitian=True)
-    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0)))
+    return errors_of(hessian)

@@ -73,9 +73,20 @@ class Unexplained(EffectKind):
 
 
 def left_over(
-    view: View, band: tuple[float, float], gain: float, share: float, words: str
+    view: View,
+    band: tuple[float, float],
+    gain: float,
+    share: float,
+    words: str,
+    parts: tuple[tuple[float, ...], ...] = (),
 ) -> Candidate:
-    """Return an unexplained range of frequencies, which is cut out of the fit."""
+    """Return an unexplained range of frequencies, which is cut out of the fit.
+
+    Parameters
+    ----------
+    parts : tuple of (float, float), optional
+        Ranges within it that are cut out; by default all of it.
+    """
     top = view.grid.rate_hz / 2
     low, high = max(band[0], 0.0), min(band[1], top)
     return Candidate(
@@ -87,7 +98,7 @@ def left_over(
         },
         gain=gain,
         price=0.0,
-        terms=(Term("unexplained", "excludes", (low, high), outside),),
+        terms=tuple(Term("unexplained", "excludes", p, outside) for p in parts or ((low, high),)),
         shape=(low, high),
         words=words,
     )
@@ -126,7 +137,9 @@ def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate | Non
     low, high = min(r.shape[0] for r in ranges), max(r.shape[1] for r in ranges)
     share = sum(r.number("share") for r in ranges)
     gain = sum(line.gain for line in lines)
-    return left_over(view, (low, high), gain, share, _CHANGES.format(low, high))
+    # What is between a carrier and sidebands far from it is noise like any other.
+    parts = tuple(r.shape for r in ranges)
+    return left_over(view, (low, high), gain, share, _CHANGES.format(low, high), parts)
 
 
 def _extent(u: Array, low_hz: float, high_hz: float, unit: float) -> tuple[float, float]:
@@ -176,11 +189,12 @@ def beside(view: View, tone: Candidate) -> bool:
 
 
 def covered(view: View, candidate: Candidate) -> bool:
-    """Tell whether a range without a name lies within one that is known already."""
-    if not candidate.is_range:
+    """Tell whether a range without a name has been cut out of the fit already."""
+    if not candidate.is_range or candidate.signal is not None:
         return False
-    low, high = candidate.shape
-    return any(c.is_range and c.shape[0] <= low and high <= c.shape[1] for c in view.accepted)
+    unit = view.grid.rate_hz / (2 * view.grid.n)
+    low, high = (round(f / unit) for f in candidate.shape)
+    return not view.spectrum.kept[max(0, low - 1) : max(1, high)].any()
 
 
 def is_remnant(view: View, candidate: Candidate) -> bool:
@@ -203,12 +217,16 @@ def is_remnant(view: View, candidate: Candidate) -> bool:
 
 
 def _touched(view: View, candidate: Candidate, room: float) -> Candidate | None:
-    """Return a range of the view that the candidate touches; none where either is a drift."""
+    """Return a range of the view that the candidate touches; none where either is a drift.
+
+    The narrower of the two tells how near is near: what is united grows, and if the wider did,
+    every union would reach for the next stranger.
+    """
     if not candidate.is_range or candidate.signal is not None:
         return None
     low, high = candidate.shape
     for near in (c for c in view.accepted if c.is_range and c.signal is None):
-        gap = max(room, high - low, near.shape[1] - near.shape[0])
+        gap = max(room, min(high - low, near.shape[1] - near.shape[0]))
         if near.shape[0] < high + gap and low < near.shape[1] + gap:
             return near
     return None

@@ -20,6 +20,7 @@ from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
 from allanscope.explain.residual import band_scores, excess_kurtosis
+from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.spectral import Term
 from allanscope.explain.view import View
 
@@ -41,6 +42,8 @@ _GAP = 100
 _MOST = 0.5
 _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
+_OF_THE_MEDIAN = 1.06
+"""Standard deviation of the median of chi-squares with one degree of freedom, times sqrt(n)."""
 _CHANGES = "a tone between {:.5g} and {:.5g} Hz changes in frequency or amplitude"
 DEGREE = 7
 RELAXATIONS = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -154,8 +157,15 @@ def _extent(u: Array, low_hz: float, high_hz: float, unit: float) -> tuple[float
             for size in (width, 4 * width, 16 * width)
         ]
         loud = u[max(0, low - gap) : low] if below else u[high : high + gap]
-        return loud.max() < _LOUD and all(
-            side.mean() < 1 + 4 * np.sqrt(2 / len(side)) for side in sides
+        near, *far = sides
+        # Farther away there may be others: the median does not see them, the mean would reach them.
+        return (
+            loud.max() < _LOUD
+            and near.mean() < 1 + 4 * np.sqrt(2 / len(near))
+            and all(
+                np.median(side) < CHI_SQUARE_MEDIAN + 4 * _OF_THE_MEDIAN / np.sqrt(len(side))
+                for side in far
+            )
         )
 
     while low > 0 and not is_level(below=True):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS
-from allanscope.explain.regression import joint_fit
+from allanscope.explain.regression import joint_fit, marginal_covariance
 from allanscope.explain.view import View
 
 __all__ = ["refit_jointly"]
@@ -59,12 +59,13 @@ def _solved(bare: View, members: list[Candidate]) -> list[Candidate]:
     """Take one Gauss-Newton step of all numbers of all members."""
     parts = [_columns(bare, c) for c in members]
     fit = joint_fit(bare, np.vstack(parts))
+    covariance = marginal_covariance(bare, np.vstack(parts), fit)
     ends = np.cumsum([len(part) for part in parts])
     found = []
     for candidate, part, end in zip(members, parts, ends, strict=True):
         own = slice(int(end) - len(part), int(end))
         kind = KINDS[candidate.kind]
-        found.append(kind.solved(bare, candidate, fit.amplitude[own], fit.covariance[own, own]))
+        found.append(kind.solved(bare, candidate, fit.amplitude[own], covariance[own, own]))
     return found
 
 

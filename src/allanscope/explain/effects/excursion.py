@@ -19,7 +19,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, step_ordinates
+from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
 from allanscope.explain.stepscan import StepScan
 from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
@@ -111,8 +111,10 @@ def _boxes(view: View) -> list[tuple[int, int]]:
 def _candidate(view: View, first: int, last: int) -> Candidate | None:
     if not 0 < first < last < view.grid.n:
         return None
-    fit = joint_fit(view, _column(view, first, last))
-    size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+    column = _column(view, first, last)
+    fit = joint_fit(view, column)
+    covariance = marginal_covariance(view, column, fit)
+    size, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
     rate = view.grid.rate_hz
     signal = np.zeros(view.grid.n)
     signal[first:last] = size

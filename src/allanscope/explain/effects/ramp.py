@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
-from allanscope.explain.regression import joint_fit, ramp_ordinates
+from allanscope.explain.regression import joint_fit, marginal_covariance, ramp_ordinates
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -37,8 +37,10 @@ class Ramp(EffectKind):
         """Estimate the slope."""
         del candidate
         t = np.arange(view.grid.n) / view.grid.rate_hz
-        fit = joint_fit(view, ramp_ordinates(view.grid, view.grid.low))
-        slope, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+        column = ramp_ordinates(view.grid, view.grid.low)[np.newaxis]
+        fit = joint_fit(view, column)
+        covariance = marginal_covariance(view, column, fit)
+        slope, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
         return Candidate(
             kind="ramp",
             parameters={"R": estimate(slope, error, f"{view.unit}/s")},

@@ -19,7 +19,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, step_ordinates
+from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
 from allanscope.explain.stepscan import StepScan
 from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
@@ -100,7 +100,8 @@ def _is_hop(view: View, candidate: Candidate) -> bool:
 def _candidate(view: View, at: int) -> Candidate:
     column = step_ordinates(view.grid, at, view.grid.low)[np.newaxis]
     fit = joint_fit(view, column)
-    size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+    covariance = marginal_covariance(view, column, fit)
+    size, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
     seconds = at / view.grid.rate_hz
     signal = np.zeros(view.grid.n)
     signal[at:] = size

@@ -19,7 +19,12 @@ from scipy.optimize import minimize_scalar
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, log_interval
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import exponential_ordinates, joint_fit
+from allanscope.explain.regression import (
+    Regression,
+    exponential_ordinates,
+    joint_fit,
+    marginal_covariance,
+)
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -112,6 +117,8 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     jacobian = np.vstack([_column(view, tc)[0], amplitude * _derivative(view, tc)])
     weight = spectrum.kept[:m] / spectrum.first(m)
     covariance = np.linalg.pinv((jacobian * weight) @ jacobian.T, hermitian=True)
+    found = Regression(np.array([amplitude, 0.0]), covariance, spectrum, fit.gain)
+    covariance = marginal_covariance(view, jacobian, found)
     error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0))
     return Candidate(
         kind="warm_up",

@@ -7,7 +7,6 @@ import numpy as np
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.residual import band_scores
-from allanscope.explain.series import multiple_of
 from allanscope.explain.tones import evenness, sweeps, unsteadiness
 from allanscope.explain.view import View
 
@@ -30,7 +29,7 @@ WITHIN = 3.0
 
 def adequate(view: View, candidate: Candidate) -> Candidate | None:
     """Return the candidate, `unexplained` in its place, or None."""
-    if not _is_measured(candidate) or _is_copy(view, candidate):
+    if not _is_measured(candidate):
         return None
     if candidate.kind == "sinusoid" and _is_unresolved(view, candidate):
         return None
@@ -52,17 +51,6 @@ def _is_measured(candidate: Candidate) -> bool:
     return all(
         p.lower is not None and p.upper is not None and p.lower < p.upper < np.inf for p in numbers
     )
-
-
-def _is_copy(view: View, coupling: Candidate) -> bool:
-    """Tell whether an axis is a multiple of another: taken out, only the rounding would be left.
-
-    Then neither leaks into the other, they are one signal; what is read off each is true of it.
-    """
-    if coupling.kind != "cross_coupling":
-        return False
-    series, source = view.series, str(coupling.parameters["source"].value)
-    return multiple_of(series, view.axis, source) is not None
 
 
 def _is_unresolved(view: View, line: Candidate) -> bool:

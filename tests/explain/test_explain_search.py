@@ -9,6 +9,11 @@ import pytest
 from scipy.signal import butter, iirpeak, lfilter
 
 from allanscope.explain import Budget, explain
+from allanscope.explain.effects import KINDS
+from allanscope.explain.effects.unexplained import left_over
+from allanscope.explain.grid import grid_of
+from allanscope.explain.series import series_of
+from allanscope.explain.view import View
 
 RATE, SIGMA, LSB = 52.0, 4e-3 * 52.0**0.5, 4.375e-3
 
@@ -105,6 +110,17 @@ def test_unrelated_tones_are_not_united(bench):
             assert p["frequency_high"].value - p["frequency_low"].value < 3 * width
     white = found.coefficients_after["N"]
     assert white.lower - 0.02 * 4e-3 < 4e-3 < white.upper + 0.02 * 4e-3
+
+
+def test_a_loud_stretch_of_which_hardly_any_frequency_is_left_is_not_judged(bench):
+    b = bench(325, 300.0)
+    data = b.noise()
+    data[5_000:9_000] += b.rng.normal(0, 3 * SIGMA, 4_000)
+    series = series_of(b.record(data))
+    view = View(series, grid_of(len(series), RATE), "gx", series.values[:, 0], LSB)
+    for band in ((0.9, 12.0), (12.5, 25.6)):
+        view = view.accept(left_over(view, band, 0.0, 0.0, ""))
+    assert list(KINDS["variance_change"].propose(view)) == []
 
 
 # Axes that are one signal

@@ -94,10 +94,10 @@ def test_a_warm_up_and_the_temperature_are_told_apart(bench, seed):
 
 
 def test_unrelated_tones_are_not_united(bench):
-    b = bench(320, 900.0)
+    b = bench(320, 1800.0)
     starts = ((0.3, 0.2), (0.8, 0.3), (1.9, 0.6), (4.1, 1.0), (9.0, 1.5), (20.0, 2.8))
-    data = b.noise() + sum(chirp(b, first, width) for first, width in starts)
-    found = explain(b.record(data)).axes["gx"]
+    data = b.noise() + sum(chirp(b, first / 2, width / 2) for first, width in starts)
+    found = explain(faster(b.record(data), 2)).axes["gx"]
     ranges = [e.parameters for e in found.effects if e.kind == "unexplained"]
     ranges = [p for p in ranges if p["frequency_low"].value > 0]  # 0: all of it has heavy tails
     for first, width in starts:
@@ -109,7 +109,7 @@ def test_unrelated_tones_are_not_united(bench):
         for p in own:
             assert p["frequency_high"].value - p["frequency_low"].value < 3 * width
     white = found.coefficients_after["N"]
-    assert white.lower - 0.02 * 4e-3 < 4e-3 < white.upper + 0.02 * 4e-3
+    assert white.value == pytest.approx(4e-3 / 2**0.5, rel=0.02)
 
 
 def test_a_loud_stretch_of_which_hardly_any_frequency_is_left_is_not_judged(bench):
@@ -223,10 +223,12 @@ def test_fast_hops_of_a_long_record_keep_their_size(bench, seed, size, dwell):
 
 def test_no_number_has_an_interval_of_nothing(bench):
     """A band that is pressed against the end of the spectrum has not been measured."""
-    for seed in range(4):
-        b = bench(490 + seed, 300.0)
-        top = lfilter([1.0, -0.9], [1.0], b.rng.normal(0, SIGMA, len(b.t)))
-        for effect in explain(b.record(b.noise() + top)).axes["gx"].effects:
-            if effect.kind in ("narrowband", "gauss_markov", "band_limit", "sinusoid"):
+    pole = np.exp((-np.pi * 6.0 + 2j * np.pi * 25.9) / RATE)
+    for seed in range(3):
+        b = bench(493 + seed, 200.0)
+        e = b.rng.normal(size=len(b.t)) + 1j * b.rng.normal(size=len(b.t))
+        ringing = lfilter([np.sqrt(1 - abs(pole) ** 2)], [1, -pole], e).real
+        for effect in explain(b.record(b.noise() + 0.06 * ringing, lsb=LSB / 8)).axes["gx"].effects:
+            if effect.kind != "unexplained":
                 for p in effect.parameters.values():
-                    assert p.lower < p.value < p.upper
+                    assert p.upper - p.lower > 1e-5 * abs(p.value), effect

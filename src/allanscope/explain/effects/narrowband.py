@@ -37,6 +37,8 @@ _WIDEST = 0.5
 _SUB_BINS = 400
 _ROUNDS = 3
 _RESOLVED = 0.05
+_FORBIDDEN = 1e15
+"""Loss beyond the ends of the window."""
 _SHAPELY, _BROAD = 100.0, 500.0
 """Nats and independent powers from which the form of a band can be told, and that it holds noise:
 any tone that moves has a flat top too."""
@@ -187,7 +189,7 @@ class _Window:
         """Negative log-likelihood of (log background factor, log variance, f0, log width)."""
         f0, width = float(p[2]), float(np.exp(p[3]))
         if not (self.frequency[0] < f0 < self.frequency[-1]) or width > 1.5 * f0:
-            return 1e15
+            return _FORBIDDEN
         variance = self.background * np.exp(p[0]) + np.exp(p[1]) * self.shape(
             self.frequency, self.rate, (f0, width)
         )
@@ -270,9 +272,15 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Candidate | 
 
 
 def _errors(loss: Callable[[Array], float], at: Array) -> Array:
-    """Return standard errors from the curvature of the log-likelihood."""
+    """Return standard errors from the curvature of the log-likelihood.
+
+    NaN at an end of what is allowed: a band whose centre wants to lie beyond is not measured.
+    """
     p = len(at)
     step = np.array([0.02, 0.05, 0.05 * np.exp(at[3]), 0.05])
+    sides = (loss(at + sign * 2 * row) for row in np.diag(step) for sign in (-1, 1))
+    if max(sides) >= _FORBIDDEN:
+        return np.full(p, np.nan)
     hessian = np.empty((p, p))
     for i in range(p):
         for j in range(p):

@@ -112,10 +112,8 @@ def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: 
         )
         ratios.append(np.log(inside / outside))
         weights.append((last - first) * size * kept[part].sum() / len(white) / 2)
-    if (
-        not ratios
-    ):  # too little of any quarter is left to tell noise from a tone that comes and goes
-        return False
+    if not ratios:
+        return False  # too little is left to tell noise from a tone that comes and goes
     common = np.average(ratios, weights=weights)
     distance = float(np.sum(np.array(weights) * (np.array(ratios) - common) ** 2))
     # Heavy contrast need not be white to a per cent: a tenth of it may differ.

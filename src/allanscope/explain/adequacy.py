@@ -10,7 +10,7 @@ from allanscope.explain.residual import band_scores
 from allanscope.explain.tones import evenness, sweeps, unsteadiness
 from allanscope.explain.view import View
 
-__all__ = ["CONSTANT_P", "SPECTRAL", "WITHIN", "adequate"]
+__all__ = ["CONSTANT_P", "SPECTRAL", "WITHIN", "adequate", "is_measured"]
 
 SPECTRAL = ("gauss_markov", "narrowband", "band_limit", "Q")
 CONSTANT_P = 1e-5
@@ -29,7 +29,7 @@ WITHIN = 3.0
 
 def adequate(view: View, candidate: Candidate) -> Candidate | None:
     """Return the candidate, `unexplained` in its place, or None."""
-    if not _is_measured(candidate):
+    if not is_measured(candidate):
         return None
     if candidate.kind == "sinusoid" and _is_unresolved(view, candidate):
         return None
@@ -40,7 +40,7 @@ def adequate(view: View, candidate: Candidate) -> Candidate | None:
     return candidate
 
 
-def _is_measured(candidate: Candidate) -> bool:
+def is_measured(candidate: Candidate) -> bool:
     """Tell whether every number has an interval that is one: finite, and wider than nothing.
 
     Without it the likelihood has no maximum there in some direction, so nothing has been measured.

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.adequacy import CONSTANT_P, SPECTRAL, WITHIN, adequate
+from allanscope.explain.adequacy import CONSTANT_P, SPECTRAL, WITHIN, adequate, is_measured
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.drift_audit import audit_drift
 from allanscope.explain.effects import KINDS
@@ -331,11 +331,13 @@ def _demodulated(view: View) -> View:
 
 
 def _delete(view: View, ledger: Ledger) -> View:
-    """Drop effects that the later ones have made superfluous."""
-    for candidate in view.accepted[:-1]:
+    """Drop effects that the later ones have made superfluous, or that have no size beside them."""
+    last = view.accepted[-1:]
+    for candidate in view.accepted:
         if KINDS[candidate.kind].stage != 2 or candidate.kind == "unexplained":
             continue
-        if candidate.gain < candidate.price:
+        superfluous = candidate.gain < candidate.price and all(candidate is not c for c in last)
+        if superfluous or not is_measured(candidate):
             _LOG.debug("%s drops %s", view.axis, candidate.kind)
             view = view.without(candidate)
             ledger.drop(candidate)

@@ -181,7 +181,7 @@ def _shaping(letter: str, terms: tuple[Term, ...]) -> list[Term]:
     return [t for t in terms if t.role == "shapes" and (letter == "N" or t.kind == "band_limit")]
 
 
-def response(terms: Iterable[Term], rate: float, at: Callable[[Term], Array]) -> Array | np.float64:
+def response(terms: Iterable[Term], rate: float, at: Callable[[Term], Array]) -> Array:
     r"""Return the factor of filters and repeats on a spectrum.
 
     Filters multiply. Rows that are held with probability d after a filter do not: of a process with
@@ -198,7 +198,7 @@ def response(terms: Iterable[Term], rate: float, at: Callable[[Term], Array]) ->
     at : callable
         Value of a term at the frequencies in question.
     """
-    factor: Array | np.float64 = np.float64(1.0)
+    factor: Array = np.ones(1)
     repeats = []
     filters = []
     for term in terms:

@@ -218,9 +218,9 @@ def response(terms: Iterable[Term], rate: float, at: Callable[[Term], Array]) ->
 @lru_cache(maxsize=256)
 def _taken(filters: tuple[Term, ...], held: Term, rate: float) -> float:
     """Variance that holding takes from white noise behind filters, and makes white again."""
-    f = (np.arange(_POINTS) + 0.5) * (rate / 2 / _POINTS)
+    f = (np.arange(_POINTS, dtype=np.float64) + 0.5) * (rate / 2 / _POINTS)
     d = held.nonlinear[0]
-    power = 1 - held.shape(f, rate, held.nonlinear) * (1 - d) / (1 + d)
+    power: Array = 1 - held.shape(f, rate, held.nonlinear) * (1 - d) / (1 + d)
     for term in filters:
         power = power * term.shape(f, rate, term.nonlinear)
     return float(power.mean())

@@ -10,7 +10,7 @@ from allanscope.explain.residual import band_scores
 from allanscope.explain.tones import evenness, sweeps, unsteadiness
 from allanscope.explain.view import View
 
-__all__ = ["CONSTANT_P", "SPECTRAL", "WITHIN", "adequate"]
+__all__ = ["CONSTANT_P", "SPECTRAL", "WITHIN", "adequate", "is_measured"]
 
 SPECTRAL = ("gauss_markov", "narrowband", "band_limit", "Q")
 CONSTANT_P = 1e-5
@@ -29,6 +29,8 @@ WITHIN = 3.0
 
 def adequate(view: View, candidate: Candidate) -> Candidate | None:
     """Return the candidate, `unexplained` in its place, or None."""
+    if not is_measured(candidate):
+        return None
     if candidate.kind == "sinusoid" and _is_unresolved(view, candidate):
         return None
     if candidate.kind in ("sinusoid", "narrowband"):
@@ -36,6 +38,19 @@ def adequate(view: View, candidate: Candidate) -> Candidate | None:
     if candidate.kind in SPECTRAL and not _removes(view, candidate):
         return None
     return candidate
+
+
+def is_measured(candidate: Candidate) -> bool:
+    """Tell whether every number has an interval that is one: finite, and wider than nothing.
+
+    Without it the likelihood has no maximum there in some direction, so nothing has been measured.
+    """
+    numbers = [p for p in candidate.parameters.values() if not isinstance(p.value, str)]
+    if candidate.kind not in (*SPECTRAL, "random_telegraph", "sinusoid"):
+        return True  # counts and instants may be known exactly
+    return all(
+        p.lower is not None and p.upper is not None and p.lower < p.upper < np.inf for p in numbers
+    )
 
 
 def _is_unresolved(view: View, line: Candidate) -> bool:

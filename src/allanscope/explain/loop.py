@@ -258,8 +258,10 @@ def _explained(
             coefficients_after=coefficients_of(view),
             held_out_nats=float(sum(h.nats for h in held)),
             held_out_nats_se=float(np.sqrt(sum(h.error**2 for h in held))),
-            explained=bool(clean and not after.p_value < _ACCEPTED_P),
-            remarks=observations(series, axis) + detection_limits(view),
+            explained=bool(clean and not after.p_value < _ACCEPTED_P and not view.stopped),
+            remarks=observations(series, axis)
+            + ((view.stopped,) if view.stopped else ())
+            + detection_limits(view),
         ),
         before_model,
         after_model,

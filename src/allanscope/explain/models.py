@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.explain.spectral import Spectrum, Term
+from allanscope.explain.spectral import Spectrum, Term, response
 from allanscope.explain.view import View
 from allanscope.noise.components import (
     AngleQuantization,
@@ -101,10 +101,8 @@ class Filtered(Component):
     def density(self, f: ArrayLike, dt: float) -> Array:
         """Return the density of what goes in times the power responses."""
         frequency = np.asarray(f, np.float64)
-        total = self.base.density(frequency, dt)
-        for term in self.terms:
-            total = total * term.shape(frequency, 1 / dt, term.nonlinear)
-        return total
+        factor = response(self.terms, 1 / dt, lambda t: t.shape(frequency, 1 / dt, t.nonlinear))
+        return np.asarray(self.base.density(frequency, dt) * factor)
 
     def corners(self, dt: float) -> tuple[float, ...]:
         """Return the corners of what goes in and of the filters."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ __all__ = [
     "Regression",
     "exponential_ordinates",
     "joint_fit",
+    "marginal_covariance",
     "ordinates_of",
     "ramp_ordinates",
     "step_ordinates",
@@ -29,6 +31,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _ROUNDS = 8
+_QUANTILE = 1.96
+_STEPS, _FARTHEST = 12, 30.0
+"""Most turns of the search for the end of an interval, and its end in standard errors."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,51 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
     covariance = np.asarray(np.linalg.pinv(normal, hermitian=True), np.float64)
     gain = spectrum.loglik - null.loglik
     return Regression(np.asarray(amplitude, np.float64), covariance, spectrum, gain)
+
+
+def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
+    """Return the covariance of the amplitudes, the noise not being known.
+
+    `Regression.covariance` takes the fitted noise for the true one. Where that happened to come out
+    low (no random walk was seen) it promises several times too much: off the maximum the noise
+    would have come out higher. Each amplitude is moved to where the likelihood, the noise fitted
+    again, has dropped as far as it does at 95 %, and the covariance is scaled to reach there.
+    """
+    grid, m = view.grid, columns.shape[1]
+    bins = int(np.searchsorted(grid.edges, m))
+    low, power = _low_bins(grid, bins, m), view.power.copy()
+    kept, d = fit.spectrum.kept[:m].astype(np.float64), view.ordinates[:m]
+
+    def loglik(amplitude: Array) -> float:
+        power[:bins] = low((d - amplitude @ columns) ** 2, kept)
+        return fit_spectrum(
+            grid, power, base=fit.spectrum.base, terms=view.terms, floor=fit.spectrum.floor,
+            start=fit.spectrum.variances,
+        ).loglik  # fmt: skip
+
+    top = loglik(fit.amplitude)
+
+    def drop(step: Array, distance: float) -> float:
+        return top - loglik(fit.amplitude + distance * step)
+
+    factors = np.ones(len(columns))
+    for j, variance in enumerate(np.diag(fit.covariance)):
+        if variance > 0:
+            step = fit.covariance[j] / np.sqrt(variance)  # the others go along
+            sides = [_reach(partial(drop, step)), _reach(partial(drop, -step))]
+            factors[j] = max(1.0, float(np.mean(sides)) / _QUANTILE)
+    return np.asarray(fit.covariance * np.outer(factors, factors))
+
+
+def _reach(drop: Callable[[float], float]) -> float:
+    """Return how far one must go for a likelihood to drop by what 95 % allow."""
+    reach = _QUANTILE
+    for _ in range(_STEPS):
+        ratio = (_QUANTILE**2 / 2) / max(drop(reach), 1e-3)
+        reach = min(reach * float(np.sqrt(ratio)), _FARTHEST)
+        if abs(ratio - 1) < 0.05 or reach == _FARTHEST:
+            break
+    return reach
 
 
 def _low_bins(grid: Grid, bins: int, m: int) -> Callable[[Array, Array], Array]:

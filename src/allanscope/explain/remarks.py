@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.series import Series
+from allanscope.explain.series import Series, multiple_of
 from allanscope.explain.view import View
 from allanscope.parts import full_scale_of
 from allanscope.quantities import duration
@@ -73,6 +73,13 @@ def observations(series: Series, axis: str) -> tuple[str, ...]:
             found.append(
                 f"{100 * rail:.2g} % of the samples are at the end of the range: the axis is "
                 "saturated and its noise is not what the figures say"
+            )
+    for other in series.axes:
+        factor = multiple_of(series, axis, other) if other != axis else None
+        if factor is not None:
+            found.append(
+                f"{axis} is {factor:.6g} times {other}: the two hold one signal, which says "
+                "nothing of how they are coupled"
             )
     share = float(series.bridged.mean())
     if share > 0:

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.adequacy import CONSTANT_P, SPECTRAL, WITHIN, adequate
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.adequacy import CONSTANT_P, SPECTRAL, WITHIN, adequate, is_measured
+from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.drift_audit import audit_drift
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.base import EffectKind
@@ -31,6 +31,8 @@ from allanscope.explain.effects.unexplained import (
     tones_left_over,
     united,
 )
+from allanscope.explain.jointly import refit_jointly
+from allanscope.explain.ledger import Ledger
 from allanscope.explain.tones import sidebands
 from allanscope.explain.view import View
 
@@ -45,6 +47,7 @@ _SIMILAR = 3.0
 _HELD_SHARE, _SMALL = 0.25, 30.0
 """Of a large gain at least a quarter must be found on held-out data: else it did not recur."""
 _SLOWLY = ("warm_up", "ramp", "step", "excursion", "temperature")
+_THERMAL = ("warm_up", "temperature")
 _BUNDLE = 6
 _HOPELESS, _NEARLY = 30.0, 8.0
 """Nats that may be missing for a bundle to be continued, and to be fitted in earnest."""
@@ -64,12 +67,17 @@ class Budget:
         Most rounds through the stages.
     kinds : frozenset of str or None
         Only these kinds are asked; None for all.
+    acceptances, evaluations : int
+        Most effects that are accepted, whether they stay or not, and most fits of one kind to the
+        whole record: a search that goes round is stopped, after a time linear in the rows.
     spent_nats : float
         What earlier looks at the same data cost, added to every price.
     """
 
     effects: int = 14
     passes: int = 2
+    acceptances: int = 20
+    evaluations: int = 600
     kinds: frozenset[str] | None = None
     spent_nats: float = 0.0
 
@@ -77,21 +85,27 @@ class Budget:
 def close_loop(view: View, budget: Budget | None = None) -> View:
     """Return the view with every effect that was accepted."""
     budget = budget or Budget()
+    ledger = Ledger(budget.acceptances, budget.evaluations)
     settled: dict[int, View] = {}
     for _ in range(budget.passes):
         before = len(view.accepted)
         for stage in sorted({kind.stage for kind in KINDS.values()}):
             if settled.get(stage) is view:
                 continue  # nothing has changed since: it would find nothing again
-            view = settled[stage] = _settle(view, stage, budget)
+            view = settled[stage] = _settle(view, stage, budget, ledger)
             if stage == 2 and (audited := audit_drift(view)) is not view:
-                view = _delete(_refit(audited))
-        if len(view.accepted) == before:
+                view = _settled(audited, ledger)
+        if len(view.accepted) == before or ledger.is_spent:
             break
-    return view
+    return replace(view, stopped=ledger.remark)
 
 
-def _settle(view: View, stage: int, budget: Budget) -> View:
+def _settled(view: View, ledger: Ledger) -> View:
+    """Return the view with every effect estimated given the others, and only those that pay."""
+    return _delete(refit_jointly(_refit(view, ledger)), ledger)
+
+
+def _settle(view: View, stage: int, budget: Budget, ledger: Ledger) -> View:
     kinds = [
         kind
         for kind in KINDS.values()
@@ -100,13 +114,21 @@ def _settle(view: View, stage: int, budget: Budget) -> View:
         and (budget.kinds is None or kind.kind in budget.kinds)
     ]
     former: list[Candidate] = []
-    while len(view.accepted) < budget.effects:
-        candidates = list(_proposals(view, kinds))
+    # What is left over is reported even when the search for names was stopped.
+    while len(view.accepted) < budget.effects and (stage > 2 or not ledger.is_spent):
+        candidates = list(_proposals(view, kinds, ledger))
         if former:
             view = _with_rivals(view, former, candidates)
+        if stage == 2:
+            pair = _thermal_pair(view, kinds, candidates, budget.spent_nats, ledger)
+            if pair is not None:
+                view, former = _settled(pair, ledger), []
+                continue
         accepted = _best(view, candidates, budget.spent_nats)
         if accepted is None:
-            together = _bundle(view, kinds, candidates, budget.spent_nats) if stage == 2 else None
+            together = None
+            if stage == 2:
+                together = _bundle(view, kinds, candidates, budget.spent_nats, ledger)
             if together is None:
                 break
             view, former = together, []
@@ -119,17 +141,22 @@ def _settle(view: View, stage: int, budget: Budget) -> View:
             accepted.gain,
         )
         former = candidates
+        ledger.acceptances += 1
         if accepted.kind == "unexplained" and stage == 2:
             view, accepted = united(view, accepted)
         view = _demodulated(view.accept(accepted))
         if stage >= 2:
-            view = _delete(_refit(view))
+            view = _settled(view, ledger)
     return view
 
 
-def _proposals(view: View, kinds: Iterable[EffectKind]) -> Iterable[Candidate]:
+def _proposals(view: View, kinds: Iterable[EffectKind], ledger: Ledger) -> Iterable[Candidate]:
+    """Ask kinds for candidates, but for those that were taken before and dropped."""
     for kind in kinds:
-        yield from kind.propose(view)
+        ledger.evaluations += 1
+        for candidate in kind.propose(view):
+            if not ledger.was_dropped(candidate, view.grid):
+                yield candidate
 
 
 def _best(view: View, candidates: list[Candidate], before: float) -> Candidate | None:
@@ -145,10 +172,15 @@ def _best(view: View, candidates: list[Candidate], before: float) -> Candidate |
         recurring = _HELD_SHARE * (verdict.gain - _SMALL) if verdict.kind in SPECTRAL else 0.0
         if held is not None and held.nats <= max(0.0, recurring):
             continue
-        if verdict.kind == "temperature" and held is not None and held.replicated is False:
-            continue  # something else that is slow: the slope must be the same in every quarter
+        if held is not None and _is_refuted(verdict, held):
+            continue
         return replace(verdict, held_out=held)
     return None
+
+
+def _is_refuted(candidate: Candidate, held: HeldOut) -> bool:
+    """Tell whether quarters disagree on the slope: something else that is slow."""
+    return candidate.kind == "temperature" and held.replicated is False
 
 
 def _ranked(candidates: list[Candidate]) -> list[Candidate]:
@@ -174,8 +206,51 @@ def _ranked(candidates: list[Candidate]) -> list[Candidate]:
     return ranked
 
 
+def _thermal_pair(
+    view: View,
+    kinds: list[EffectKind],
+    candidates: list[Candidate],
+    before: float,
+    ledger: Ledger,
+) -> View | None:
+    """Return the view with a warm-up and the temperature, if the two pass in one regression.
+
+    Each, fitted alone, takes along what belongs to the other, and a slope that was found beside
+    half a warm-up is refuted by the quarter in which the warm-up was.
+    """
+    missing = [kind for kind in kinds if kind.kind in _THERMAL and not view.has(kind.kind)]
+    promising = [c for c in candidates if c.kind in _THERMAL and c.excess > before]
+    if not missing or not promising or not all(view.has(k) for k in _others(missing)):
+        return None
+    trial, first = view.accept(max(promising, key=lambda c: c.excess)), len(view.accepted)
+    rest = [kind for kind in missing if not trial.has(kind.kind)]
+    for candidate in list(_proposals(trial, rest, ledger)):
+        trial = trial.accept(candidate)
+    if not all(trial.has(kind) for kind in _THERMAL):
+        return None
+    trial = refit_jointly(trial)
+    members = tuple(c for c in trial.accepted if c.kind in _THERMAL)
+    excess = trial.spectrum.loglik - view.spectrum.loglik - before - _owed(trial, first)
+    others = max((c.excess for c in candidates if c.kind not in _THERMAL), default=0.0)
+    if excess <= max(0.0, others - before) or any(c.excess <= before for c in members):
+        return None
+    pair = _held(trial, members)
+    if pair is not None:
+        ledger.acceptances += len(trial.accepted) - first
+    return pair
+
+
+def _others(missing: list[EffectKind]) -> set[str]:
+    """Return which of the pair must have been accepted already."""
+    return set(_THERMAL) - {kind.kind for kind in missing}
+
+
 def _bundle(
-    view: View, kinds: list[EffectKind], candidates: list[Candidate], before: float
+    view: View,
+    kinds: list[EffectKind],
+    candidates: list[Candidate],
+    before: float,
+    ledger: Ledger,
 ) -> View | None:
     """Return the view with several slow effects that pass together, though none passes alone.
 
@@ -188,7 +263,7 @@ def _bundle(
     trial = view
     for _ in range(_BUNDLE):
         if trial is not view:
-            candidates = list(_proposals(trial, slow))
+            candidates = list(_proposals(trial, slow, ledger))
         promising = [c for c in candidates if c.kind in _SLOWLY and c.gain > _PROMISING]
         if not promising:
             return None
@@ -197,10 +272,11 @@ def _bundle(
         if missing > _HOPELESS:
             return None
         if len(trial.accepted) - first > 1 and missing < _NEARLY:
-            trial = _refit(trial)
+            trial = refit_jointly(_refit(trial, ledger))
             gain = trial.spectrum.loglik - view.spectrum.loglik
             members = trial.accepted[first:]
             if gain > before + _owed(trial, first) and all(c.excess > 0 for c in members):
+                ledger.acceptances += len(members)
                 return _held(trial, members)
     return None
 
@@ -218,19 +294,20 @@ def _held(view: View, members: tuple[Candidate, ...]) -> View | None:
             judged.append(candidate)
             continue
         held = KINDS[candidate.kind].hold_out(view.without(candidate), candidate)
-        if held is not None and held.nats <= 0:
+        if held is not None and (held.nats <= 0 or _is_refuted(candidate, held)):
             return None
         judged.append(replace(candidate, held_out=held))
     return replace(view, accepted=tuple(judged))
 
 
-def _refit(view: View) -> View:
+def _refit(view: View, ledger: Ledger) -> View:
     """Estimate every effect again, given the others."""
     if len([c for c in view.accepted if KINDS[c.kind].stage == 2 or c.is_drift]) < 2:
         return view
     for candidate in view.accepted:
         if KINDS[candidate.kind].stage != 2:
             continue
+        ledger.evaluations += 1
         bare = view.without(candidate)
         again = KINDS[candidate.kind].refine(bare, candidate)
         again = replace(again, held_out=candidate.held_out, rivals=candidate.rivals)
@@ -253,14 +330,17 @@ def _demodulated(view: View) -> View:
     return bare.accept(tone)
 
 
-def _delete(view: View) -> View:
-    """Drop effects that the later ones have made superfluous."""
-    for candidate in view.accepted[:-1]:
+def _delete(view: View, ledger: Ledger) -> View:
+    """Drop effects that the later ones have made superfluous, or that have no size beside them."""
+    last = view.accepted[-1:]
+    for candidate in view.accepted:
         if KINDS[candidate.kind].stage != 2 or candidate.kind == "unexplained":
             continue
-        if candidate.gain < candidate.price:
+        superfluous = candidate.gain < candidate.price and all(candidate is not c for c in last)
+        if superfluous or not is_measured(candidate):
             _LOG.debug("%s drops %s", view.axis, candidate.kind)
             view = view.without(candidate)
+            ledger.drop(candidate)
     return view
 
 

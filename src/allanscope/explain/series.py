@@ -20,7 +20,7 @@ from allanscope.explain.grid import grid_of
 from allanscope.explain.once import once
 from allanscope.history import Record
 
-__all__ = ["CHI_SQUARE_MEDIAN", "LOUD", "Series", "series_of"]
+__all__ = ["CHI_SQUARE_MEDIAN", "LOUD", "Series", "multiple_of", "series_of"]
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,9 @@ _THERMAL_S = 30.0
 """A package does not change its temperature faster: what moves faster is the converter's noise."""
 _THERMAL_DECADE = 10.0
 """So far beyond the package's own frequencies the noise is measured."""
+_ROUNDED, _COPIED, _EXACT = 1.5, 0.02, 1e-12
+"""What one axis may differ by from a multiple of another and still be one: in units of the
+rounding's power, as a share of its own, and where nothing was rounded."""
 _HALF_AN_OCTAVE = 17
 """Bins over which the power of the temperature is averaged."""
 
@@ -138,6 +141,20 @@ class Series:
             level = np.median(power[:, low:high], axis=1, keepdims=True) / CHI_SQUARE_MEDIAN
             found[:, low:high] = power[:, low:high] > LOUD * level
         return found
+
+
+def multiple_of(series: Series, axis: str, other: str) -> float | None:
+    """Return by what one axis is a multiple of another, to the rounding; None where it is not."""
+    here, there = series.column(axis), series.column(other)
+    own = series.values[:, here] - series.values[:, here].mean()
+    source = series.values[:, there] - series.values[:, there].mean()
+    power = float(source @ source)
+    factor = float(own @ source) / power if power > 0 else 0.0
+    rest, whole = own - factor * source, float(own @ own)
+    rounding = (series.lsb[here] ** 2 + (factor * series.lsb[there]) ** 2) / 12 / series.stride
+    allowed = min(_ROUNDED * rounding * len(own), _COPIED * whole)
+    left = float(rest @ rest)
+    return factor if factor and left < max(allowed, _EXACT * whole) else None
 
 
 def series_of(record: Record) -> Series:

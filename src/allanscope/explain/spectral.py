@@ -14,7 +14,7 @@ afford a joint refit of the noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -25,10 +25,12 @@ from allanscope.explain.grid import Grid
 from allanscope.explain.nonnegative_scoring import maximise
 from allanscope.explain.once import once
 
-__all__ = ["Design", "Spectrum", "Term", "binned_power", "fit_spectrum"]
+__all__ = ["Design", "Spectrum", "Term", "binned_power", "fit_spectrum", "response"]
 
 Array = NDArray[np.float64]
 
+_POINTS = 2048
+"""Frequencies over which a response is averaged."""
 _SIMPSON = np.array([1, 4, 2, 4, 1]) / 12
 
 
@@ -113,10 +115,10 @@ class Spectrum:
     def _sum(self, units: dict[str, Array], frequency: Array) -> Array:
         total = np.full_like(frequency, self.floor)
         for letter, variance in zip(self.base, self.variances, strict=False):
-            part = variance * units[letter]
-            for term in _shaping(letter, self.terms):
-                part = part * term.at(self.grid, frequency)
-            total += part
+            total += variance * units[letter] * response(
+                _shaping(letter, self.terms), self.grid.rate_hz,
+                lambda term: term.at(self.grid, frequency),
+            )  # fmt: skip
         adding = [t for t in self.terms if t.role == "adds"]
         for term, variance in zip(adding, self.variances[len(self.base) :], strict=True):
             total += variance * term.at(self.grid, frequency)
@@ -179,6 +181,51 @@ def _shaping(letter: str, terms: tuple[Term, ...]) -> list[Term]:
     return [t for t in terms if t.role == "shapes" and (letter == "N" or t.kind == "band_limit")]
 
 
+def response(terms: Iterable[Term], rate: float, at: Callable[[Term], Array]) -> Array:
+    r"""Return the factor of filters and repeats on a spectrum.
+
+    Filters multiply. Rows that are held with probability d after a filter do not: of a process with
+    the spectrum S and the variance :math:`\gamma` they are
+
+    .. math:: P S + (\gamma - \gamma_P) L, \quad
+              P = \frac{(1 - d)^2}{1 - 2 d \cos\omega + d^2}, \quad L = \frac{1 + d}{1 - d} P
+
+    with :math:`\gamma_P` the variance of :math:`P S`: what is held makes white noise of its own,
+    which no filter before it can take away. Of white noise that is L, the factor of `held`.
+
+    Parameters
+    ----------
+    at : callable
+        Value of a term at the frequencies in question.
+    """
+    factor: Array = np.ones(1)
+    repeats = []
+    filters = []
+    for term in terms:
+        if term.kind == "repeated_samples" and len(term.nonlinear) == 1:
+            repeats.append(term)
+        else:
+            filters.append(term)
+            factor = factor * at(term)
+    if not repeats:
+        return factor
+    (held,) = repeats
+    d = held.nonlinear[0]
+    own = at(held)
+    return np.asarray(factor * own * (1 - d) / (1 + d) + _taken(tuple(filters), held, rate) * own)
+
+
+@lru_cache(maxsize=256)
+def _taken(filters: tuple[Term, ...], held: Term, rate: float) -> float:
+    """Variance that holding takes from white noise behind filters, and makes white again."""
+    f = (np.arange(_POINTS, dtype=np.float64) + 0.5) * (rate / 2 / _POINTS)
+    d = held.nonlinear[0]
+    power: Array = 1 - held.shape(f, rate, held.nonlinear) * (1 - d) / (1 + d)
+    for term in filters:
+        power = power * term.shape(f, rate, term.nonlinear)
+    return float(power.mean())
+
+
 def _excluding(terms: tuple[Term, ...]) -> tuple[Term, ...]:
     return tuple(t for t in terms if t.role == "excludes")
 
@@ -202,10 +249,8 @@ def _count(grid: Grid, excluding: tuple[Term, ...]) -> Array:
 def _design(grid: Grid, base: str, terms: tuple[Term, ...]) -> Design:
     columns = []
     for letter in base:
-        column = grid.textbook_bins[letter]
-        for term in _shaping(letter, terms):
-            column = column * term.at_bins(grid)
-        columns.append(column)
+        factor = response(_shaping(letter, terms), grid.rate_hz, lambda t: t.at_bins(grid))
+        columns.append(grid.textbook_bins[letter] * factor)
     columns += [t.at_bins(grid) for t in terms if t.role == "adds"]
     return Design(np.array(columns).T, _count(grid, _excluding(terms)))
 

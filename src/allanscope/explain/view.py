@@ -55,6 +55,8 @@ class View:
         Their stationary parts.
     step : float
         Distance of the values that occur (the LSB, or what a sender's rounding made of it).
+    stopped : str
+        Why the search ended before it was done; empty when it was.
     """
 
     series: Series
@@ -66,6 +68,7 @@ class View:
     terms: tuple[Term, ...] = ()
     clock: Clock | None = None
     base: str = "NBK"
+    stopped: str = ""
 
     @once
     def ordinates(self) -> Array:

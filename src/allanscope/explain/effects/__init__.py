@@ -12,7 +12,8 @@ To add a kind:
    both on clean records: at most one in 1000 may gain more than the price.
 3. ``refine(view, candidate)`` estimates the numbers again once other effects are known, and
    ``hold_out(view, candidate)`` judges them on data that was not used (`heldout`). Every parameter
-   carries a 95 % interval and its unit.
+   carries a 95 % interval and its unit. A slow signal gives its ``columns`` and takes what one
+   regression of all slow signals has ``solved``.
 4. If it can be seen on several axes at once, add what locates it to ``merge``; if simulated
    sensors should have it, add ``simulator/effects/<kind>.py``.
 5. Test it at fixed seeds in ``tests/explain``: present, clean, against each of ``confused_with``,

@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.effects.base import ALPHA, EffectKind, errors_of
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
 from allanscope.explain.view import View
@@ -167,5 +167,4 @@ def _error(view: View, term: Term, top: float) -> float:
     for i, j in combinations(range(size), 2):
         both = at(steps[i] + steps[j]) + at(-steps[i] - steps[j]) - 2 * top
         information[i, j] = information[j, i] = -(both - single[i] - single[j]) / (2 * _STEP**2)
-    variance = float(np.linalg.pinv(information, hermitian=True)[0, 0])
-    return float(np.sqrt(np.clip(variance, 0.0, _UNKNOWN**2)))
+    return float(min(errors_of(information)[0], _UNKNOWN))

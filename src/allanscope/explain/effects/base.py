@@ -7,18 +7,25 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.view import View
 
-__all__ = ["ALPHA", "KINDS", "EffectKind", "estimate", "log_interval"]
+__all__ = ["ALPHA", "KINDS", "EffectKind", "errors_of", "estimate", "log_interval", "rescaled"]
+
+Array = NDArray[np.float64]
 
 ALPHA = 1e-3
 """Probability of a false alarm that each kind may spend on one axis."""
+
+_SINGULAR = 1e-6
+"""Least eigenvalue of a correlation matrix that is not rounding."""
 
 KINDS: dict[str, EffectKind] = {}
 """Every kind by name, in the order in which the files of the folder are read."""
@@ -79,6 +86,22 @@ class EffectKind(ABC):
         del view, candidate
         return None
 
+    def columns(self, view: View, candidate: Candidate) -> Array | None:
+        """Return the first ordinates of what a slow signal is a sum of, shape (p, grid.low).
+
+        One column a number: the signal is linear in them around the candidate. None for what is
+        not deterministic, or not slow: that is estimated on its own.
+        """
+        del view, candidate
+        return None
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the candidate with the amplitudes that a joint regression gave its columns."""
+        del view, amplitude, covariance
+        return candidate
+
     def available(self, view: View) -> bool:
         """Tell whether the record has what this kind needs."""
         has = {
@@ -93,6 +116,30 @@ class EffectKind(ABC):
 def estimate(value: float, error: float, unit: str = "") -> Parameter:
     """Return a parameter with the 95 % interval of a Gaussian estimate."""
     return Parameter(float(value), float(value - 1.96 * error), float(value + 1.96 * error), unit)
+
+
+def errors_of(information: Array) -> Array:
+    """Return the standard errors that an information matrix leaves, NaN if it is not one.
+
+    Where a log-likelihood curves upwards in some direction it has no maximum, and nothing has been
+    measured: an error of 0 would claim the opposite.
+    """
+    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
+    if not scale.all() or np.linalg.eigvalsh(information / np.outer(scale, scale))[0] <= _SINGULAR:
+        return np.full(len(scale), np.nan)
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))
+
+
+def rescaled(candidate: Candidate, name: str, value: float, error: float) -> Candidate:
+    """Return a candidate whose signal is proportional to a parameter, with another value of it."""
+    assert candidate.signal is not None
+    old = candidate.number(name)
+    parameter = estimate(value, error, candidate.parameters[name].unit)
+    return replace(
+        candidate,
+        parameters={**candidate.parameters, name: parameter},
+        signal=candidate.signal * (value / old) if old else candidate.signal,
+    )
 
 
 def log_interval(value: float, error: float, unit: str = "") -> Parameter:

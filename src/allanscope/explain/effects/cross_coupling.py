@@ -23,7 +23,7 @@ from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import interleaved_signal
-from allanscope.explain.series import LOUD
+from allanscope.explain.series import LOUD, multiple_of
 from allanscope.explain.spectral import Spectrum, binned_power, fit_spectrum
 from allanscope.explain.view import View
 
@@ -90,6 +90,8 @@ def _candidate(view: View, source: str) -> Candidate | None:
     price = float(np.log(len(view.series.axes) / ALPHA))
     if z2 / 2 < price or not _same_everywhere(d, e, weight, slope):
         return None
+    if multiple_of(view.series, view.axis, source) is not None:
+        return None  # neither leaks into the other: they are one signal
     telling = _direction(view, source, slope)
     if telling < -_AMBIGUOUS:
         return None

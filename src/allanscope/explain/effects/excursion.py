@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, step_ordinates
+from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
 from allanscope.explain.stepscan import StepScan
 from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
@@ -72,6 +72,17 @@ class Excursion(EffectKind):
         column = _column(view, int(candidate.shape[0]), int(candidate.shape[1]))
         return interleaved(view, joint_fit(view, column), column)
 
+    def columns(self, view: View, candidate: Candidate) -> Array:
+        """Return the ordinates of the jump."""
+        return _column(view, int(candidate.shape[0]), int(candidate.shape[1]))
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the size that a joint regression found."""
+        del view
+        return rescaled(candidate, "size", float(amplitude[0]), float(np.sqrt(covariance[0, 0])))
+
 
 def _column(view: View, first: int, last: int) -> Array:
     m = view.grid.low
@@ -100,8 +111,10 @@ def _boxes(view: View) -> list[tuple[int, int]]:
 def _candidate(view: View, first: int, last: int) -> Candidate | None:
     if not 0 < first < last < view.grid.n:
         return None
-    fit = joint_fit(view, _column(view, first, last))
-    size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+    column = _column(view, first, last)
+    fit = joint_fit(view, column)
+    covariance = marginal_covariance(view, column, fit)
+    size, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
     rate = view.grid.rate_hz
     signal = np.zeros(view.grid.n)
     signal[first:last] = size

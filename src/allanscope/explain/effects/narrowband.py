@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaincc
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, log_interval
+from allanscope.explain.effects.base import ALPHA, EffectKind, errors_of, estimate, log_interval
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
 from allanscope.explain.unevenness import crowding
@@ -37,6 +37,8 @@ _WIDEST = 0.5
 _SUB_BINS = 400
 _ROUNDS = 3
 _RESOLVED = 0.05
+_FORBIDDEN = 1e15
+"""Loss beyond the ends of the window."""
 _SHAPELY, _BROAD = 100.0, 500.0
 """Nats and independent powers from which the form of a band can be told, and that it holds noise:
 any tone that moves has a flat top too."""
@@ -79,6 +81,20 @@ def passed_steeply(frequency: Array, rate: float, nonlinear: tuple[float, ...]) 
     f0, width = nonlinear
     x = 2 * (frequency - f0) / width
     return np.asarray(rate / (np.pi / 4 / np.sin(np.pi / 8) * width) / (1 + x**8))
+
+
+def passed_gently(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
+    """Return the same for one pole a side (a peak filter), with nothing at either end of the band.
+
+    Power response 1 / (1 + x^2), x = (g / g0 - g0 / g) g0 / w, g = tan(pi f / rate), of which the
+    mean over the band is w / (1 + w): w = tan(pi width / rate).
+    """
+    f0, width = nonlinear
+    g = np.tan(np.pi * np.clip(frequency / rate, 1e-9, 0.499999))
+    w = np.tan(np.pi * min(width / rate, 0.49))
+    g0 = np.tan(np.pi * min(f0 / rate, 0.499999))
+    x = (g * g - g0 * g0) / (w * (1 + g0 * g0) * g)
+    return np.asarray((1 + w) / w / (1 + x * x))
 
 
 def _spectrum(frequency: Array, rate: float, p: complex, a: complex) -> Array:
@@ -173,7 +189,7 @@ class _Window:
         """Negative log-likelihood of (log background factor, log variance, f0, log width)."""
         f0, width = float(p[2]), float(np.exp(p[3]))
         if not (self.frequency[0] < f0 < self.frequency[-1]) or width > 1.5 * f0:
-            return 1e15
+            return _FORBIDDEN
         variance = self.background * np.exp(p[0]) + np.exp(p[1]) * self.shape(
             self.frequency, self.rate, (f0, width)
         )
@@ -205,7 +221,9 @@ def _fit(view: View, start: int, width: int) -> Candidate | None:
     best = max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
     if best is None or best.gain < _SHAPELY or best.shape[1] * view.series.duration_s < _BROAD:
         return best
-    fits += [_fit_shape(view, start, width, shape) for shape in (passed, passed_steeply)]
+    fits += [
+        _fit_shape(view, start, width, shape) for shape in (passed_gently, passed, passed_steeply)
+    ]
     return max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
 
 
@@ -254,9 +272,15 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Candidate | 
 
 
 def _errors(loss: Callable[[Array], float], at: Array) -> Array:
-    """Return standard errors from the curvature of the log-likelihood."""
+    """Return standard errors from the curvature of the log-likelihood.
+
+    NaN at an end of what is allowed: a band whose centre wants to lie beyond is not measured.
+    """
     p = len(at)
     step = np.array([0.02, 0.05, 0.05 * np.exp(at[3]), 0.05])
+    sides = (loss(at + sign * 2 * row) for row in np.diag(step) for sign in (-1, 1))
+    if max(sides) >= _FORBIDDEN:
+        return np.full(p, np.nan)
     hessian = np.empty((p, p))
     for i in range(p):
         for j in range(p):
@@ -265,5 +289,4 @@ def _errors(loss: Callable[[Array], float], at: Array) -> Array:
             hessian[i, j] = (
                 loss(at + a + b) - loss(at + a - b) - loss(at - a + b) + loss(at - a - b)
             ) / (4 * step[i] * step[j])
-    covariance = np.linalg.pinv(hessian, hermitian=True)
-    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0)))
+    return errors_of(hessian)

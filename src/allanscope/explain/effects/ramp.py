@@ -9,11 +9,14 @@ from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
-from allanscope.explain.regression import joint_fit, ramp_ordinates
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
+from allanscope.explain.regression import joint_fit, marginal_covariance, ramp_ordinates
 from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
 
 
 class Ramp(EffectKind):
@@ -34,8 +37,10 @@ class Ramp(EffectKind):
         """Estimate the slope."""
         del candidate
         t = np.arange(view.grid.n) / view.grid.rate_hz
-        fit = joint_fit(view, ramp_ordinates(view.grid, view.grid.low))
-        slope, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+        column = ramp_ordinates(view.grid, view.grid.low)[np.newaxis]
+        fit = joint_fit(view, column)
+        covariance = marginal_covariance(view, column, fit)
+        slope, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
         return Candidate(
             kind="ramp",
             parameters={"R": estimate(slope, error, f"{view.unit}/s")},
@@ -43,6 +48,18 @@ class Ramp(EffectKind):
             price=float(np.log(1 / ALPHA)),
             signal=slope * (t - t.mean()),
         )
+
+    def columns(self, view: View, candidate: Candidate) -> Array:
+        """Return the ordinates of the time."""
+        del candidate
+        return ramp_ordinates(view.grid, view.grid.low)[np.newaxis]
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the slope that a joint regression found."""
+        del view
+        return rescaled(candidate, "R", float(amplitude[0]), float(np.sqrt(covariance[0, 0])))
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Estimate the slope again: it does not end."""

@@ -18,12 +18,13 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct, idct
+from scipy.fft import dct, idct, prev_fast_len
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.effects.gauss_markov import GaussMarkov, fitted, lorentzian
+from allanscope.explain.grid import grid_of
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, ordinates_of
 from allanscope.explain.spectral import Term
@@ -143,10 +144,12 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
         return None
     # When a hop was is known to a block in whose mean the white noise is half as large as the size.
     known = size**2 * path.dwell_s / max(4 * view.spectrum.variance_of("N"), 1e-300)
-    finer = _path(view, size, path.dwell_s, max(_TO_MEASURE, known))
+    known = max(_TO_MEASURE, known)
+    part = _stretch(view, _MOST_BLOCKS * max(1, int(path.dwell_s * view.grid.rate_hz / known)))
+    finer = _path(part, size, path.dwell_s, known)
     if finer is None or finer.switches < _FEWEST_SWITCHES:
-        finer = path
-    measured = joint_fit(view, _column(view, finer))
+        part, finer = view, path
+    measured = joint_fit(part, _column(part, finer))
     size, error = float(measured.amplitude[0]), float(np.sqrt(measured.covariance[0, 0]))
     dwell = finer.dwell_s
     spread = 1.96 * _MISSED / np.sqrt(finer.switches)
@@ -166,6 +169,27 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
         words=f"the level hops between two values {2 * size:.3g} {view.unit} apart",
         evidence={"switches": path.switches},
     )
+
+
+def _stretch(view: View, rows: int) -> View:
+    """Return the beginning of a long record: short blocks of all of it would be too many.
+
+    Coarse blocks blur fast hops and make them seem smaller; some thousand hops tell their size.
+    """
+    if rows >= view.grid.n:
+        return view
+    rows = int(prev_fast_len(rows))
+    series = replace(
+        view.series,
+        axes=(view.axis,),
+        values=view.data[:rows, np.newaxis],
+        lsb=(view.series.lsb[view.series.column(view.axis)],),
+        temperature_c=None,
+        bridged=view.series.bridged[:rows],
+    )
+    grid = grid_of(rows, view.grid.rate_hz)
+    data = view.data[:rows]
+    return View(series, grid, view.axis, data, view.step, terms=view.terms, base=view.base)
 
 
 def _is_regular(path: _Path) -> bool:

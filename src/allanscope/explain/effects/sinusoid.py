@@ -25,7 +25,7 @@ from scipy.ndimage import minimum_filter1d
 from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.grid import Grid
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
@@ -73,6 +73,20 @@ class Sinusoid(EffectKind):
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge amplitude and phase by interleaved blocks."""
         return interleaved_signal(view, _pair(view, candidate.shape[0]), candidate.gain)
+
+    def columns(self, view: View, candidate: Candidate) -> Array | None:
+        """Return the ordinates of cosine and sine of a slow line."""
+        frequency = candidate.shape[0]
+        slow = frequency * view.series.duration_s < _SLOW_CYCLES
+        return _slow_pair(view.grid, frequency) if slow else None
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the amplitude and phase that a joint regression found."""
+        size, error = float(np.hypot(*amplitude)), float(np.sqrt(np.trace(covariance) / 2))
+        again = rescaled(candidate, "amplitude", size, error)
+        return replace(again, signal=amplitude @ _pair(view, candidate.shape[0]))
 
     def _at(self, view: View, frequency: float) -> Candidate:
         n, rate = view.grid.n, view.grid.rate_hz

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, step_ordinates
+from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
 from allanscope.explain.stepscan import StepScan
 from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
@@ -78,6 +78,17 @@ class Step(EffectKind):
         column = step_ordinates(view.grid, int(candidate.shape[0]), view.grid.low)[np.newaxis]
         return interleaved(view, joint_fit(view, column), column)
 
+    def columns(self, view: View, candidate: Candidate) -> Array:
+        """Return the ordinates of the jump."""
+        return step_ordinates(view.grid, int(candidate.shape[0]), view.grid.low)[np.newaxis]
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the size that a joint regression found."""
+        del view
+        return rescaled(candidate, "size", float(amplitude[0]), float(np.sqrt(covariance[0, 0])))
+
 
 def _is_hop(view: View, candidate: Candidate) -> bool:
     """Tell whether a step is one of the hops of a telegraph signal that is already known."""
@@ -89,7 +100,8 @@ def _is_hop(view: View, candidate: Candidate) -> bool:
 def _candidate(view: View, at: int) -> Candidate:
     column = step_ordinates(view.grid, at, view.grid.low)[np.newaxis]
     fit = joint_fit(view, column)
-    size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+    covariance = marginal_covariance(view, column, fit)
+    size, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
     seconds = at / view.grid.rate_hz
     signal = np.zeros(view.grid.n)
     signal[at:] = size

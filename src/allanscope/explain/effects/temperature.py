@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit
+from allanscope.explain.regression import joint_fit, marginal_covariance
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -44,8 +44,10 @@ class Temperature(EffectKind):
         del candidate
         thermal = view.series.thermal
         assert thermal is not None
-        fit = joint_fit(view, _column(view))
-        slope, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+        column = _column(view)
+        fit = joint_fit(view, column)
+        covariance = marginal_covariance(view, column, fit)
+        slope, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
         return Candidate(
             kind="temperature",
             parameters={"slope": estimate(slope, error, f"{view.unit}/degC")},
@@ -67,6 +69,21 @@ class Temperature(EffectKind):
         del candidate
         column = _column(view)
         return interleaved(view, joint_fit(view, column), column, recurs=True)
+
+    def columns(self, view: View, candidate: Candidate) -> Array:
+        """Return the ordinates of the temperature."""
+        del candidate
+        return _column(view)
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the slope that a joint regression found."""
+        del view
+        slope = float(amplitude[0])
+        again = rescaled(candidate, "slope", slope, float(np.sqrt(covariance[0, 0])))
+        unit = again.parameters["slope"].unit
+        return replace(again, words=f"the level follows the temperature with {slope:.3g} {unit}")
 
 
 def _column(view: View) -> Array:

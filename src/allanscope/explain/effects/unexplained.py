@@ -20,6 +20,7 @@ from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
 from allanscope.explain.residual import band_scores, excess_kurtosis
+from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.spectral import Term
 from allanscope.explain.view import View
 
@@ -41,6 +42,8 @@ _GAP = 100
 _MOST = 0.5
 _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
+_OF_THE_MEDIAN = 1.06
+"""Standard deviation of the median of chi-squares with one degree of freedom, times sqrt(n)."""
 _CHANGES = "a tone between {:.5g} and {:.5g} Hz changes in frequency or amplitude"
 DEGREE = 7
 RELAXATIONS = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -79,10 +82,16 @@ def left_over(
     share: float,
     words: str,
     log_alternatives: float = 0.0,
+    parts: tuple[tuple[float, ...], ...] = (),
 ) -> Candidate:
     """Return an unexplained range of frequencies, which is cut out of the fit.
 
     It has no price: what it was searched for with was paid, or it is looked at once at the end.
+
+    Parameters
+    ----------
+    parts : tuple of (float, float), optional
+        Ranges within it that are cut out; by default all of it.
     """
     top = view.grid.rate_hz / 2
     low, high = max(band[0], 0.0), min(band[1], top)
@@ -95,7 +104,7 @@ def left_over(
         },
         gain=gain,
         price=0.0,
-        terms=(Term("unexplained", "excludes", (low, high), outside),),
+        terms=tuple(Term("unexplained", "excludes", p, outside) for p in parts or ((low, high),)),
         shape=(low, high),
         words=words,
         log_alternatives=log_alternatives,
@@ -136,8 +145,11 @@ def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate | Non
     low, high = min(r.shape[0] for r in ranges), max(r.shape[1] for r in ranges)
     share = sum(r.number("share") for r in ranges)
     gain = sum(line.gain for line in lines)
+    # What is between a carrier and sidebands far from it is noise like any other.
+    parts = tuple(r.shape for r in ranges)
+    words = _CHANGES.format(low, high)
     searched = sum(line.log_looked_at(ALPHA) for line in lines)
-    return left_over(view, (low, high), gain, share, _CHANGES.format(low, high), searched)
+    return left_over(view, (low, high), gain, share, words, searched, parts)
 
 
 def _extent(u: Array, low_hz: float, high_hz: float, unit: float) -> tuple[float, float]:
@@ -152,8 +164,15 @@ def _extent(u: Array, low_hz: float, high_hz: float, unit: float) -> tuple[float
             for size in (width, 4 * width, 16 * width)
         ]
         loud = u[max(0, low - gap) : low] if below else u[high : high + gap]
-        return loud.max() < _LOUD and all(
-            side.mean() < 1 + 4 * np.sqrt(2 / len(side)) for side in sides
+        near, *far = sides
+        # Farther away there may be others: the median does not see them, the mean would reach them.
+        return (
+            loud.max() < _LOUD
+            and near.mean() < 1 + 4 * np.sqrt(2 / len(near))
+            and all(
+                np.median(side) < CHI_SQUARE_MEDIAN + 4 * _OF_THE_MEDIAN / np.sqrt(len(side))
+                for side in far
+            )
         )
 
     while low > 0 and not is_level(below=True):
@@ -191,11 +210,12 @@ def beside(view: View, tone: Candidate) -> bool:
 
 
 def covered(view: View, candidate: Candidate) -> bool:
-    """Tell whether a range without a name lies within one that is known already."""
-    if not candidate.is_range:
+    """Tell whether a range without a name has been cut out of the fit already."""
+    if not candidate.is_range or candidate.signal is not None:
         return False
-    low, high = candidate.shape
-    return any(c.is_range and c.shape[0] <= low and high <= c.shape[1] for c in view.accepted)
+    unit = view.grid.rate_hz / (2 * view.grid.n)
+    low, high = (round(f / unit) for f in candidate.shape)
+    return not view.spectrum.kept[max(0, low - 1) : max(1, high)].any()
 
 
 def is_remnant(view: View, candidate: Candidate) -> bool:
@@ -218,12 +238,16 @@ def is_remnant(view: View, candidate: Candidate) -> bool:
 
 
 def _touched(view: View, candidate: Candidate, room: float) -> Candidate | None:
-    """Return a range of the view that the candidate touches; none where either is a drift."""
+    """Return a range of the view that the candidate touches; none where either is a drift.
+
+    The narrower of the two tells how near is near: what is united grows, and if the wider did,
+    every union would reach for the next stranger.
+    """
     if not candidate.is_range or candidate.signal is not None:
         return None
     low, high = candidate.shape
     for near in (c for c in view.accepted if c.is_range and c.signal is None):
-        gap = max(room, high - low, near.shape[1] - near.shape[0])
+        gap = max(room, min(high - low, near.shape[1] - near.shape[0]))
         if near.shape[0] < high + gap and low < near.shape[1] + gap:
             return near
     return None

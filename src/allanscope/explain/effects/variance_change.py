@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 _BLOCK_S = 0.5
 _MOST = 40
 _QUARTERS = 4
+_LEFT = 0.2
+"""Least share of a quarter of the band that must not have been cut out of the fit."""
 _HIDDEN_BY = ("quantization", "random_telegraph")
 """With these the innovations are not Gaussian: a hop is whitened to a burst."""
 _CAP = 20.0
@@ -99,7 +101,7 @@ def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: 
     white = view.ordinates / np.sqrt(view.spectrum.ordinates) * kept
     ratios, weights = [], []
     for part in np.array_split(np.arange(len(white)), _QUARTERS):
-        if kept[part].mean() < 0.2:
+        if kept[part].mean() < _LEFT or not white[part].any():
             continue
         only = np.zeros(len(white) + 1)
         only[1 + part] = white[part]
@@ -110,6 +112,8 @@ def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: 
         )
         ratios.append(np.log(inside / outside))
         weights.append((last - first) * size * kept[part].sum() / len(white) / 2)
+    if not ratios:
+        return False  # too little is left to tell noise from a tone that comes and goes
     common = np.average(ratios, weights=weights)
     distance = float(np.sum(np.array(weights) * (np.array(ratios) - common) ** 2))
     # Heavy contrast need not be white to a per cent: a tenth of it may differ.

@@ -10,17 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, log_interval
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import exponential_ordinates, joint_fit
+from allanscope.explain.regression import (
+    Regression,
+    exponential_ordinates,
+    joint_fit,
+    marginal_covariance,
+)
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -29,6 +33,10 @@ _SHORTEST_S = 5.0
 _LONGEST = 0.6
 """Longest time constant, as a share of the record."""
 _BANK = 14
+_STEP = 0.02
+"""Of ln tau, over which derivatives are taken."""
+_LEAP = 0.4
+"""Most that ln tau moves in one step of a joint regression."""
 
 
 class WarmUp(EffectKind):
@@ -71,9 +79,34 @@ class WarmUp(EffectKind):
         column = _column(view, candidate.shape[0])
         return interleaved(view, joint_fit(view, column), column)
 
+    def columns(self, view: View, candidate: Candidate) -> Array:
+        """Return the ordinates of the exponential, and what they change by with ln tau."""
+        tc = candidate.shape[0]
+        return np.vstack([_column(view, tc), _derivative(view, tc)])
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return amplitude and time constant that a joint regression found."""
+        size = float(amplitude[0])
+        step = float(np.clip(amplitude[1] / size if size else 0.0, -_LEAP, _LEAP))
+        longest = _LONGEST * view.series.duration_s
+        tc = float(np.clip(candidate.shape[0] * np.exp(step), _SHORTEST_S, longest))
+        error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        log_error = log_error / max(abs(size), 1e-300)
+        return replace(candidate, **_described(view, tc, size, float(error), float(log_error)))
+
 
 def _column(view: View, tc: float) -> Array:
     return exponential_ordinates(view.grid, tc, view.grid.low)[np.newaxis]
+
+
+def _derivative(view: View, tc: float) -> Array:
+    """Return the derivative of the column by ln tau."""
+    m = view.grid.low
+    longer = exponential_ordinates(view.grid, tc * np.exp(_STEP), m)
+    shorter = exponential_ordinates(view.grid, tc * np.exp(-_STEP), m)
+    return np.asarray((longer - shorter) / (2 * _STEP))
 
 
 def _candidate(view: View, low: float, high: float) -> Candidate:
@@ -85,29 +118,33 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     fit = joint_fit(view, _column(view, tc))
     spectrum = fit.spectrum
     # Gauss-Newton errors of both numbers under the final noise
-    h = 0.02
     m = view.grid.low
-    derivative = (
-        exponential_ordinates(view.grid, tc * np.exp(h), m)
-        - exponential_ordinates(view.grid, tc * np.exp(-h), m)
-    ) / (2 * h)
     amplitude = float(fit.amplitude[0])
-    jacobian = np.vstack([_column(view, tc)[0], amplitude * derivative])
+    jacobian = np.vstack([_column(view, tc)[0], amplitude * _derivative(view, tc)])
     weight = spectrum.kept[:m] / spectrum.first(m)
     covariance = np.linalg.pinv((jacobian * weight) @ jacobian.T, hermitian=True)
+    found = Regression(np.array([amplitude, 0.0]), covariance, spectrum, fit.gain)
+    covariance = marginal_covariance(view, jacobian, found)
     error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0))
-    t = np.arange(view.grid.n) / view.grid.rate_hz
     return Candidate(
         kind="warm_up",
-        parameters={
-            "time_constant": Parameter(
-                tc, tc * float(np.exp(-1.96 * log_error)), tc * float(np.exp(1.96 * log_error)), "s"
-            ),
-            "amplitude": estimate(amplitude, float(error), view.unit),
-        },
         gain=fit.gain,
         price=float(np.log(8 / ALPHA)),
-        signal=amplitude * np.exp(-t / tc),
-        shape=(tc,),
-        words=f"the level relaxes by {amplitude:.3g} {view.unit}, time constant {tc:.4g} s",
+        **_described(view, tc, amplitude, float(error), float(log_error)),
     )
+
+
+def _described(
+    view: View, tc: float, amplitude: float, error: float, log_error: float
+) -> dict[str, Any]:
+    """Return numbers, signal and words of an exponential."""
+    t = np.arange(view.grid.n) / view.grid.rate_hz
+    return {
+        "parameters": {
+            "time_constant": log_interval(tc, log_error, "s"),
+            "amplitude": estimate(amplitude, error, view.unit),
+        },
+        "signal": amplitude * np.exp(-t / tc),
+        "shape": (tc,),
+        "words": f"the level relaxes by {amplitude:.3g} {view.unit}, time constant {tc:.4g} s",
+    }

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from allanscope.explain.bent_by_temperature import bent_by_temperature
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.residual import band_scores
+from allanscope.explain.steadiness import UNSTEADY, as_band, unsteadiness_of
 from allanscope.explain.tones import evenness, sweeps, unsteadiness
 from allanscope.explain.view import View
 
@@ -31,10 +33,14 @@ def adequate(view: View, candidate: Candidate) -> Candidate | None:
     """Return the candidate, `unexplained` in its place, or None."""
     if candidate.kind == "sinusoid" and _is_unresolved(view, candidate):
         return None
+    if (curve := bent_by_temperature(view, candidate)) is not None:
+        return curve
     if candidate.kind in ("sinusoid", "narrowband"):
         return candidate if _is_steady(view, candidate) else tone_left_over(view, candidate)
     if candidate.kind in SPECTRAL and not _removes(view, candidate):
         return None
+    if candidate.kind == "gauss_markov" and unsteadiness_of(view, candidate) > UNSTEADY:
+        return tone_left_over(view, as_band(view, candidate))
     return candidate
 
 
@@ -59,6 +65,7 @@ def _is_steady(view: View, tone: Candidate) -> bool:
     return (
         width * view.series.duration_s >= _FEWEST_COHERENCES
         and unsteadiness(view.data, rate, f0, width) < _UNSTEADY
+        and unsteadiness_of(view, tone) < UNSTEADY
         and not sweeps(view.data, rate, f0, width)
         and not (evenness(view.data, rate, f0, width) > _TOO_EVEN and _is_misshapen(view, tone))
         and _removes(view, tone)

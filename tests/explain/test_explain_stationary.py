@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
 
@@ -15,7 +15,7 @@ TONES = 12
 
 
 def swept(b, first, last, size):
-    """A tone whose frequency goes from first to last Hz, through 0 where the signs differ."""
+    """Sweep a tone from first to last Hz, through 0 where the signs differ."""
     frequency = np.linspace(first, last, len(b.t))
     return size * SIGMA * np.sin(2 * np.pi * np.cumsum(frequency) / RATE + b.rng.uniform(0, 6))
 
@@ -42,12 +42,14 @@ def names(found):
 
 @pytest.mark.parametrize(
     ("first", "last", "size"),
-    [(-0.5, 0.5, 0.3), (-0.5, 0.5, 1.0), (-5, 5, 0.3), (5, 15, 0.3), (8, 10, 0.2), (8, 10, 0.5)],
+    [(-0.5, 0.5, 0.3), (-0.5, 0.5, 1.0), (-5, 5, 0.3), (5, 15, 0.5), (8, 10, 0.2), (8, 10, 0.5)],
 )
 def test_a_tone_that_sweeps_is_unexplained(bench, first, last, size):
     found = all_axes(bench, lambda b: swept(b, first, last, size))
     assert not any(axis.explained for axis in found)
-    assert not any({"gauss_markov", "narrowband"} & set(names(axis)) for axis in found)
+    assert not any(
+        {"gauss_markov", "narrowband", "band_limit"} & set(names(axis)) for axis in found
+    )
     assert sum("unexplained" in names(axis) for axis in found) >= TONES - 1
 
 
@@ -63,6 +65,17 @@ def test_gauss_markov_noise_keeps_its_name(bench, size, time):
 def test_noise_in_a_band_keeps_its_name(bench, frequency, width, size):
     found = all_axes(bench, lambda b: band(b, frequency, width, size))
     assert sum(names(axis) == ["narrowband"] for axis in found) >= TONES - 1
+
+
+@pytest.mark.parametrize(("order", "cutoff"), [(1, 20.0), (2, 8.0)])
+def test_a_filter_keeps_its_name_even_where_the_noise_is_louder_for_a_while(bench, order, cutoff):
+    found = []
+    for seed in SEEDS:
+        b = bench(seed)
+        loud = np.where((b.t > 300) & (b.t < 600), 1.5, 1.0)
+        columns = [loud * lfilter(*butter(order, 2 * cutoff / RATE), b.noise()) for _ in range(4)]
+        found += explain(b.record(*columns, lsb=1e-4)).axes.values()
+    assert sum("band_limit" in names(axis) for axis in found) >= TONES - 1
 
 
 def test_gauss_markov_noise_beside_a_loud_stretch_keeps_its_name(bench):

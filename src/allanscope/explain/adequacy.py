@@ -15,6 +15,8 @@ from allanscope.explain.view import View
 __all__ = ["CONSTANT_P", "SPECTRAL", "WITHIN", "adequate"]
 
 SPECTRAL = ("gauss_markov", "narrowband", "band_limit", "Q")
+_LASTING = ("gauss_markov", "band_limit")
+"""Of a narrowband this is asked along with everything else."""
 CONSTANT_P = 1e-5
 """Chance below which the parts of a line differ too much to be one line."""
 _FEWEST_COHERENCES = 12.0
@@ -39,8 +41,9 @@ def adequate(view: View, candidate: Candidate) -> Candidate | None:
         return candidate if _is_steady(view, candidate) else tone_left_over(view, candidate)
     if candidate.kind in SPECTRAL and not _removes(view, candidate):
         return None
-    if candidate.kind == "gauss_markov" and unsteadiness_of(view, candidate) > UNSTEADY:
-        return tone_left_over(view, as_band(view, candidate))
+    if candidate.kind in _LASTING and unsteadiness_of(view, candidate) > UNSTEADY:
+        is_filter = candidate.kind == "band_limit"
+        return None if is_filter else tone_left_over(view, as_band(view, candidate))
     return candidate
 
 

@@ -18,9 +18,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d
 from scipy.special import digamma, polygamma
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.spectral import Term
 from allanscope.explain.view import View
 
 __all__ = ["UNSTEADY", "as_band", "unsteadiness_of"]
@@ -32,6 +34,9 @@ UNSTEADY = 2.2
 _PARTS = (4, 8, 16, 32)
 _FIRST, _FEWEST, _CELLS = 1, 2, 12
 """First ordinate of a part, ordinates of a cell and most cells."""
+_MARGIN = 3
+_DRIFT = 0.05
+"""Share of the band below which a filter does nothing."""
 _COUPLED = (1.0, 2 * 4 / 9, 2 / 36)
 """Squared correlation of the ordinates of Hann's window with the next ones, on both sides."""
 _ALIKE = 8.0
@@ -41,8 +46,13 @@ _COUNTS = 0.25
 
 
 def _reach_of(view: View, candidate: Candidate) -> tuple[float, float]:
-    """Return the lowest and the highest frequency where a process counts in the spectrum."""
+    """Return the lowest and the highest frequency where a process counts in the spectrum.
+
+    A filter counts everywhere but where the level drifts.
+    """
     f = view.grid.centre
+    if not _adding(candidate):
+        return _DRIFT * view.grid.rate_hz / 2, view.grid.rate_hz / 2
     process, rest = _shares(view, candidate, f)
     ratio = process / rest
     counts = np.flatnonzero(ratio >= min(_COUNTS, 0.2 * float(ratio.max())))
@@ -64,11 +74,24 @@ def as_band(view: View, candidate: Candidate) -> Candidate:
 def _shares(view: View, candidate: Candidate, f: Array) -> tuple[Array, Array]:
     """Return the variance of the process and of the noise beside it at some frequencies."""
     after = view.with_terms(view.terms + candidate.terms).spectrum
-    adding = [term for term in candidate.terms if term.role == "adds"]
     process = sum(
-        (after.sigma_of(term)[0] ** 2 * term.at(view.grid, f) for term in adding), np.zeros(len(f))
+        (after.sigma_of(t)[0] ** 2 * t.at(view.grid, f) for t in _adding(candidate)),
+        np.zeros(len(f)),
     )
     return np.asarray(process), np.maximum(after.at(f) - process, 1e-300)
+
+
+def _adding(candidate: Candidate) -> list[Term]:
+    return [term for term in candidate.terms if term.role == "adds"]
+
+
+def _open(view: View, f: Array) -> NDArray[np.bool_]:
+    """Tell which frequencies are not within or next to what was cut out of the fit."""
+    kept = np.ones(len(f), bool)
+    for term in view.terms:
+        if term.role == "excludes":
+            kept &= term.at(view.grid, f) > 0
+    return np.asarray(minimum_filter1d(kept, 2 * _MARGIN + 1))
 
 
 def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, parts: int) -> float:
@@ -78,17 +101,21 @@ def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, par
     rows = (view.data[: n * parts] - view.data.mean()).reshape(parts, n)
     power = np.abs(np.fft.rfft(rows * window, axis=1)) ** 2 / np.sum(window**2)
     f = np.arange(power.shape[1]) * rate / n
-    inside = (f >= low) & (f <= high) & (np.arange(len(f)) >= _FIRST)
+    kept = _open(view, f)
+    kept[:_FIRST] = False
+    inside = (f >= low) & (f <= high) & kept
     if np.count_nonzero(inside) < 2 * _FEWEST:
         return 0.0
     beside = ~inside & (f > high) if np.count_nonzero(f > high) > len(f) // 4 else ~inside
-    beside[:_FIRST] = False
+    beside &= kept
+    if not _adding(candidate):
+        beside = inside
     process, rest = _shares(view, candidate, f[1:])
     loud = np.ones(parts)
     if np.count_nonzero(beside) > 100:
         loud = np.mean(power[:, beside] / rest[beside[1:]], axis=1)
         loud /= loud.mean()
-        if float(np.var(loud)) * np.count_nonzero(beside) < _ALIKE:
+        if beside is not inside and float(np.var(loud)) * np.count_nonzero(beside) < _ALIKE:
             loud[:] = 1.0
     expected = process + loud[:, np.newaxis] * rest
     u = power[:, inside] / expected[:, inside[1:]]

@@ -55,7 +55,7 @@ def trial(kind: str, d: float, seed: int) -> tuple[bool, int]:
     noises = [draw_noise(rng, axis) for axis in ("gx", "gy")]
     columns = [base_noise(rng, noise, n, RATE) for noise in noises]
     if kind == "cross_coupling":  # a source that tilts
-        columns[1] = columns[1] + forgetting(rng, n, np.exp(-1 / (60 * RATE)), 30 * noises[1].b)
+        columns[1] = columns[1] + forgetting(rng, n, np.exp(-1 / (20 * RATE)), 100 * noises[1].b)
     shape = shape_of(kind, rng, n, columns[1])
     columns[0] = columns[0] + d / np.sqrt(information(shape, noises[0], RATE)) * shape
     table = np.column_stack(columns) + [noise.offset for noise in noises]

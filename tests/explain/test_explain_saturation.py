@@ -66,7 +66,7 @@ def test_a_dead_zone_has_no_name_and_is_no_repeat(bench, seed, depth):
 
 def test_what_was_cut_off_before_a_filter_is_lopsided_and_has_no_name(bench):
     def soft(noise):
-        cut = np.minimum(noise, 0.5 * SIGMA)
+        cut = np.minimum(noise, SIGMA)
         return (cut + np.roll(cut, 1)) / 2 + 1e-3 * np.sin(np.arange(len(cut)))
 
     for found in of_three(bench, 405, soft, lsb=1e-6):

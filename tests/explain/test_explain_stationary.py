@@ -10,6 +10,7 @@ from allanscope.explain import explain
 
 RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
 SEEDS = range(500, 503)
+SECONDS = 900.0
 TONES = 12
 """Axes of the tones; of so many at most one may be missed."""
 
@@ -30,7 +31,7 @@ def all_axes(bench, make):
     """Explain twelve axes: four for every seed."""
     found = []
     for seed in SEEDS:
-        b = bench(seed)
+        b = bench(seed, SECONDS)
         axes = explain(b.record(*(b.noise() + make(b) for _ in range(TONES // 3)))).axes
         found += axes.values()
     return found

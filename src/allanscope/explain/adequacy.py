@@ -15,8 +15,8 @@ from allanscope.explain.view import View
 __all__ = ["CONSTANT_P", "SPECTRAL", "WITHIN", "adequate"]
 
 SPECTRAL = ("gauss_markov", "narrowband", "band_limit", "Q")
-_LASTING = ("gauss_markov", "band_limit")
-"""Of a narrowband this is asked along with everything else."""
+_LASTING = {"gauss_markov": UNSTEADY, "band_limit": 2 * UNSTEADY}
+"""Sigma by which these may come and go; with more, a filter is what a tone in it bends."""
 CONSTANT_P = 1e-5
 """Chance below which the parts of a line differ too much to be one line."""
 _FEWEST_COHERENCES = 12.0
@@ -41,7 +41,8 @@ def adequate(view: View, candidate: Candidate) -> Candidate | None:
         return candidate if _is_steady(view, candidate) else tone_left_over(view, candidate)
     if candidate.kind in SPECTRAL and not _removes(view, candidate):
         return None
-    if candidate.kind in _LASTING and unsteadiness_of(view, candidate) > UNSTEADY:
+    lasting = _LASTING.get(candidate.kind)
+    if lasting is not None and unsteadiness_of(view, candidate) > lasting:
         is_filter = candidate.kind == "band_limit"
         return None if is_filter else tone_left_over(view, as_band(view, candidate))
     return candidate

@@ -19,8 +19,8 @@ from allanscope.explain.view import View
 __all__ = ["bent_by_temperature"]
 
 _MISTAKEN_FOR = ("sinusoid", "narrowband", "gauss_markov")
-_AS_WELL = 3.0
-"""Nats."""
+_AS_WELL = 0.9
+"""Share of the gain: the temperature is known less well than the level."""
 _MOST_OF_IT = 0.99
 """Share of the power of the square that is called its range of frequencies."""
 
@@ -41,7 +41,7 @@ def bent_by_temperature(view: View, candidate: Candidate) -> Candidate | None:
     straight = view.series.thermal_ordinates[:m]
     bent = joint_fit(view, np.array([straight, ordinates[:m]]))
     gain = bent.gain - joint_fit(view, straight[np.newaxis]).gain
-    if gain < max(candidate.gain - _AS_WELL, DRIFT_PRICE):
+    if gain < max(_AS_WELL * candidate.gain, DRIFT_PRICE):
         return None
     slope, curvature = bent.amplitude
     drift = slope * thermal + curvature * square

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 _FEWEST = 20
 """Arrivals that make a pile."""
-_MORE, _SIGMAS = 1.2, 8.0
+_MORE, _SIGMAS = 1.2, 5.0
 """Ratio and deviations by which a pile exceeds the fuller of its neighbours."""
 _FINEST = 0.7
 """Noise in steps from which the values vary smoothly; below, few codes say nothing."""

@@ -34,7 +34,7 @@ UNSTEADY = 2.2
 _PARTS = (4, 8, 16, 32)
 _FIRST, _FEWEST, _CELLS = 1, 2, 12
 """First ordinate of a part, ordinates of a cell and most cells."""
-_MARGIN = 3
+_MARGIN, _ROUNDING = 3, 0.1
 _DRIFT = 0.05
 """Share of the band below which a filter does nothing."""
 _COUPLED = (1.0, 2 * 4 / 9, 2 / 36)
@@ -101,7 +101,9 @@ def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, par
     rows = (view.data[: n * parts] - view.data.mean()).reshape(parts, n)
     power = np.abs(np.fft.rfft(rows * window, axis=1)) ** 2 / np.sum(window**2)
     f = np.arange(power.shape[1]) * rate / n
-    kept = _open(view, f)
+    process, rest = (np.append(1.0, share) for share in _shares(view, candidate, f[1:]))
+    # Rounding is as loud in every part, and behind a filter it may be all there is at the top.
+    kept = _open(view, f) & (view.fitted_floor < _ROUNDING * (process + rest))
     kept[:_FIRST] = False
     inside = (f >= low) & (f <= high) & kept
     if np.count_nonzero(inside) < 2 * _FEWEST:
@@ -110,15 +112,14 @@ def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, par
     beside &= kept
     if not _adding(candidate):
         beside = inside
-    process, rest = _shares(view, candidate, f[1:])
     loud = np.ones(parts)
     if np.count_nonzero(beside) > 100:
-        loud = np.mean(power[:, beside] / rest[beside[1:]], axis=1)
+        loud = np.mean(power[:, beside] / rest[beside], axis=1)
         loud /= loud.mean()
         if beside is not inside and float(np.var(loud)) * np.count_nonzero(beside) < _ALIKE:
             loud[:] = 1.0
     expected = process + loud[:, np.newaxis] * rest
-    u = power[:, inside] / expected[:, inside[1:]]
+    u = power[:, inside] / expected[:, inside]
     excess = variance = 0.0
     for cell in np.array_split(u, min(_CELLS, u.shape[1] // _FEWEST), axis=1):
         weight = cell.mean(axis=0)

@@ -102,7 +102,7 @@ def _candidate(view: View, at: int) -> Candidate:
             "size": estimate(size, error, view.unit),
         },
         gain=fit.gain,
-        price=_PRICE + float(np.log(max(view.series.duration_s / _PRICED_S, 1.0))) / 2,
+        price=_PRICE + float(np.log(max(view.series.duration_s / _PRICED_S, 1.0))),
         signal=signal,
         shape=(float(at),),
         words=f"the level jumps by {size:.3g} {view.unit} at {seconds:.1f} s",

@@ -99,4 +99,4 @@ def test_decimals_of_a_step_that_is_none_are_no_repeats(bench):
     printed = [np.round(np.round(b.noise() / 8.75e-3) * 8.75e-3, 2) for _ in range(3)]
     for column in printed:
         found = explain(b.record(column, lsb=0.01)).axes["gx"]
-        assert "repeated_samples" not in names(found)
+        assert not {"repeated_samples", "saturation"} & set(names(found))

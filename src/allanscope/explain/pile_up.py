@@ -20,6 +20,8 @@ _FEWEST = 20
 """Arrivals that make a pile."""
 _MORE, _SIGMAS = 1.2, 5.0
 """Ratio and deviations by which a pile exceeds the fuller of its neighbours."""
+_MOST = 3
+"""Values within; where there are more the lattice is uneven, as decimals of a binary step are."""
 _FINEST = 0.7
 """Noise in steps from which the values vary smoothly; below, few codes say nothing."""
 _NEAR = 0.5
@@ -87,7 +89,8 @@ def piles(samples: Array, step: float) -> tuple[Pile, ...]:
         if side and _gap(samples, own, value, side) > max(2 * step, _NEAR * spread):
             continue
         found.append(Pile(value, float(own.mean()), side))
-    return tuple(found)
+    uneven = len([pile for pile in found if pile.side == 0]) > _MOST
+    return tuple(pile for pile in found if pile.side or not uneven)
 
 
 def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step: float) -> float:

@@ -26,7 +26,7 @@ from allanscope.explain import explain
 from allanscope.history import Record
 
 IDEAL = {"step": 4.4, "excursion": 4.9, "outliers": 5.7, "cross_coupling": 3.8}
-RANGE = (3.0, 9.5)
+RANGE = (2.0, 10.0)
 RATE, SECONDS = 52.0, 1200.0
 FALSE_PERCENT = 2.5
 """One false effect in 40 clean axes."""

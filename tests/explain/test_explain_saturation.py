@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from allanscope.explain import explain
 
@@ -32,8 +33,9 @@ def test_what_is_cut_off_on_one_side_is_saturation_and_not_repeats(bench, seed, 
         p = found.effects[0].parameters
         assert p["level"].value == pytest.approx(limit, abs=1e-6)
         assert p["side"].value == 1
-        beyond = {-0.5: 0.69, 0.5: 0.31, 1.6: 0.055, 2.5: 0.0062}[at]
-        assert p["fraction"].value == pytest.approx(beyond, rel=0.25)
+        beyond = norm.sf((limit - 4.375e-3 / 2) / SIGMA)  # half a step below is rounded up to it
+        five_sigma = 5 * np.sqrt(beyond / (SECONDS * 52.0))
+        assert p["fraction"].value == pytest.approx(beyond, abs=five_sigma)
         assert p["fraction"].lower <= p["fraction"].value <= p["fraction"].upper
 
 

@@ -81,7 +81,7 @@ def piles(samples: Array, step: float) -> tuple[Pile, ...]:
     for i in np.flatnonzero(full):
         side = (-1 if i == 0 else 0) + (1 if i == len(values) - 1 else 0)
         # Of a value within, a Gaussian of this spread has so many more than of the next.
-        usual = (peak if side == 0 else 1.0) * _beside(values, arrivals, i, step)
+        usual = (peak if side == 0 else 1.0) * _beside(values, arrivals, int(i), step)
         if arrivals[i] < _MORE * usual + _SIGMAS * np.sqrt(max(usual, 1.0)):
             continue
         own = codes == values[i]

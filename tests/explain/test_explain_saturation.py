@@ -35,7 +35,8 @@ def test_what_is_cut_off_on_one_side_is_saturation_and_not_repeats(bench, seed, 
         assert p["side"].value == 1
         beyond = norm.sf((limit - 4.375e-3 / 2) / SIGMA)  # half a step below is rounded up to it
         five_sigma = 5 * np.sqrt(beyond / (SECONDS * 52.0))
-        assert p["fraction"].value == pytest.approx(beyond, abs=five_sigma)
+        walk = 0.2 * beyond  # which moves the level by a twentieth of a sigma
+        assert p["fraction"].value == pytest.approx(beyond, abs=five_sigma + walk)
         assert p["fraction"].lower <= p["fraction"].value <= p["fraction"].upper
 
 

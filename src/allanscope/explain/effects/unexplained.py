@@ -39,6 +39,9 @@ _TURNS = 4
 _WAVES = 5.0
 _REMNANT = 0.1
 """Waves of a cut tone from an end of the record, and share of its gain, of what it may leave."""
+_CHANGES_OF_LEVEL = ("warm_up", "step", "excursion")
+_OF_A_DRIFT = 0.03
+"""Share of the gain of a drift without a name that what it leaves may gain."""
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
 _MOST = 0.5
@@ -187,10 +190,16 @@ def covered(view: View, candidate: Candidate) -> bool:
 
 
 def is_remnant(view: View, candidate: Candidate) -> bool:
-    """Tell whether a transient at an end of the record is what a loud tone leaves there.
+    """Tell whether a change of the level is what a loud tone or a large drift leaves of itself.
 
-    Cutting frequencies out does not cut where the record begins and ends in the middle of a wave.
+    Cutting frequencies out does not cut where the record begins and ends in the middle of a wave,
+    and what describes a drift without a name describes it to some per cent of its gain.
     """
+    drifts = [c for c in view.accepted if c.is_drift]
+    if candidate.kind in _CHANGES_OF_LEVEL and any(
+        candidate.gain < _OF_A_DRIFT * c.gain for c in drifts
+    ):
+        return True
     if candidate.kind == "warm_up":
         distance_s = candidate.shape[0]
     elif candidate.kind in ("step", "excursion"):

@@ -250,6 +250,17 @@ def repeated_samples(b):
     )
 
 
+def saturation(b):
+    def cut(sigmas):
+        return np.minimum(b.noise(), np.round(sigmas * SIGMA / 4.375e-3) * 4.375e-3)
+
+    noise = b.noise()
+    dead = np.where(np.abs(noise) < 0.6 * SIGMA, 0.0, noise)
+    found = explain(b.record(cut(1.6), dead, cut(3.5), b.noise())).axes
+    truth = {"level": (1.6 * SIGMA, 0.05), "side": (1, 1e-9), "fraction": (0.055, 0.2)}
+    return Four(*found.values(), truth, "unexplained")
+
+
 def clock_error(b):
     record = b.record(b.noise())
 
@@ -280,7 +291,7 @@ FOURS: dict[str, Callable[..., Four]] = {
     for make in (
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
-        *(repeated_samples, clock_error, unexplained),
+        *(repeated_samples, clock_error, unexplained, saturation),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

@@ -202,6 +202,15 @@ def test_quantization_leaves_only_multiples_of_its_step():
     assert len(np.unique(np.rint(steps))) > 5
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_saturation_cuts_off_what_is_beyond_its_level(side):
+    effect = f"saturation:level={side * 0.05},side={side}"
+    samples = side * record(Truth({"gx": AxisTruth(N=0.005)}), effect, 5000)
+    assert samples.max() == pytest.approx(0.05, abs=0.003)
+    assert np.mean(samples == samples.max()) == pytest.approx(0.163, abs=0.03)
+    assert samples.min() < -0.1
+
+
 def test_clock_error_sets_the_true_rate():
     sensor = Simulator(rate=RATE, truth=SILENT.with_effects(["clock_error:relative=0.03"]))
     assert sensor.clock.true_hz == pytest.approx(RATE * 1.03)

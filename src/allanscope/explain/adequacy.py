@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from allanscope.explain.bent_by_temperature import bent_by_temperature
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.residual import band_scores
+from allanscope.explain.steadiness import UNSTEADY, as_band, unsteadiness_of
 from allanscope.explain.tones import evenness, sweeps, unsteadiness
 from allanscope.explain.view import View
 
 __all__ = ["CONSTANT_P", "SPECTRAL", "WITHIN", "adequate", "is_measured"]
 
 SPECTRAL = ("gauss_markov", "narrowband", "band_limit", "Q")
+_LASTING = {"gauss_markov": UNSTEADY, "band_limit": 2 * UNSTEADY}
+"""Sigma by which these may come and go; with more, a filter is what a tone in it bends."""
 CONSTANT_P = 1e-5
 """Chance below which the parts of a line differ too much to be one line."""
 _FEWEST_COHERENCES = 12.0
@@ -33,10 +37,16 @@ def adequate(view: View, candidate: Candidate) -> Candidate | None:
         return None
     if candidate.kind == "sinusoid" and _is_unresolved(view, candidate):
         return None
+    if (curve := bent_by_temperature(view, candidate)) is not None:
+        return curve
     if candidate.kind in ("sinusoid", "narrowband"):
         return candidate if _is_steady(view, candidate) else tone_left_over(view, candidate)
     if candidate.kind in SPECTRAL and not _removes(view, candidate):
         return None
+    lasting = _LASTING.get(candidate.kind)
+    if lasting is not None and unsteadiness_of(view, candidate) > lasting:
+        is_filter = candidate.kind == "band_limit"
+        return None if is_filter else tone_left_over(view, as_band(view, candidate))
     return candidate
 
 
@@ -74,6 +84,7 @@ def _is_steady(view: View, tone: Candidate) -> bool:
     return (
         width * view.series.duration_s >= _FEWEST_COHERENCES
         and unsteadiness(view.data, rate, f0, width) < _UNSTEADY
+        and unsteadiness_of(view, tone) < UNSTEADY
         and not sweeps(view.data, rate, f0, width)
         and not (evenness(view.data, rate, f0, width) > _TOO_EVEN and _is_misshapen(view, tone))
         and _removes(view, tone)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.view import View
 
-__all__ = ["Bands", "band_scores", "excess_kurtosis"]
+__all__ = ["Bands", "band_scores", "excess_kurtosis", "excess_skewness"]
 
 Array = NDArray[np.float64]
 
@@ -74,3 +74,10 @@ def excess_kurtosis(view: View) -> tuple[float, float]:
     squares = view.innovations**2
     variance = float(np.mean(squares))
     return float(np.mean(squares**2) / variance**2 - 3.0), float(np.sqrt(24 / len(squares)))
+
+
+def excess_skewness(view: View) -> tuple[float, float]:
+    """Skewness of the innovations, 0 for a Gaussian, and its standard error."""
+    white = view.innovations - view.innovations.mean()
+    skewness = float(np.mean(white**3)) / float(np.mean(white**2)) ** 1.5
+    return skewness, float(np.sqrt(6 / len(white)))

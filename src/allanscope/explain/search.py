@@ -264,7 +264,8 @@ def _bundle(
     for _ in range(_BUNDLE):
         if trial is not view:
             candidates = list(_proposals(trial, slow, ledger))
-        promising = [c for c in candidates if c.kind in _SLOWLY and c.gain > _PROMISING]
+        slowly = [c for c in candidates if c.kind in _SLOWLY and not is_remnant(trial, c)]
+        promising = [c for c in slowly if c.gain > _PROMISING]
         if not promising:
             return None
         trial = trial.accept(max(promising, key=lambda c: c.excess))

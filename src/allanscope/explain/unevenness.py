@@ -15,6 +15,8 @@ __all__ = ["crowding", "loudness"]
 Array = NDArray[np.float64]
 
 _PARTS = 256
+_CLEARLY = 1.5
+"""Power of a part over that of all which its scatter does not explain."""
 _AROUND_S = 30.0
 """A level is compared over so many seconds: noise farther away does not move it."""
 
@@ -39,9 +41,17 @@ def crowding(data: Array) -> float:
 
 
 def loudness(data: Array, rate_hz: float, first: int, last: int) -> float:
-    """Return the white power around samples `first` to `last` over that of all, 1 at the least."""
+    """Return the white power around samples `first` to `last` over that of all, 1 at the least.
+
+    Where it is clearly louder before, between or after them, that part decides.
+    """
     reach = int(_AROUND_S * rate_hz)
-    steps = np.diff(data)
-    around = steps[max(0, first - reach) : last + reach]
-    everywhere = float(np.mean(steps**2))
-    return max(1.0, float(np.mean(around**2)) / everywhere) if everywhere > 0 else 1.0
+    squares = np.diff(data) ** 2
+    everywhere = float(np.mean(squares))
+    if everywhere <= 0:
+        return 1.0
+    before, after = max(0, first - reach), last + reach
+    parts = [squares[a:b] for a, b in ((before, first), (first, last), (last, after))]
+    loudest = max(float(np.mean(part)) for part in parts if len(part)) / everywhere
+    around = float(np.mean(squares[before:after])) / everywhere
+    return max(1.0, loudest if loudest > _CLEARLY else around)

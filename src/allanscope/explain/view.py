@@ -11,6 +11,7 @@ from scipy.fft import dct, idct
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.grid import Grid
 from allanscope.explain.once import once
+from allanscope.explain.pile_up import Pile, piles
 from allanscope.explain.series import Series
 from allanscope.explain.spectral import Spectrum, Term, binned_power, fit_spectrum
 from allanscope.explain.stepscan import StepScan
@@ -132,6 +133,11 @@ class View:
     def samples(self) -> Array:
         """The axis as measured."""
         return np.asarray(self.series.values[:, self.series.column(self.axis)])
+
+    @once
+    def piles(self) -> tuple[Pile, ...]:
+        """Values at which the samples pile up."""
+        return piles(self.samples[~self.series.bridged], self.step)
 
     @property
     def unit(self) -> str:

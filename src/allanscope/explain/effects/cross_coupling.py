@@ -2,7 +2,9 @@ r"""Another axis leaks in: misalignment, g-sensitivity, a shared supply.
 
 y = c x + rest holds at every frequency and without lag, which a common vibration (one frequency)
 or a common temperature (only slow) does not: the slopes found in separate frequency bands must
-agree. Which axis is the source cannot be seen in white noise of equal colour; the direction is
+agree. A tilt is slow, so slow bands are looked at too; there what the measured temperature explains
+is taken out of both axes first, and what is known by its slow part alone has the temperature as an
+equivalent. Which axis is the source cannot be seen in white noise of equal colour; the direction is
 taken in which source and rest together are more probable,
 
 .. math:: L(x) + L(y - c x) \quad \text{against} \quad L(y) + L(x - c' y).
@@ -29,9 +31,11 @@ from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
 
-_SLOWEST_HZ = 0.1
+_SLOW_HZ = 0.1
 """Below, a common temperature correlates all axes."""
-_BANDS = 8
+_FIRST = 8
+"""First ordinate: within four waves a record, any two drifts are alike."""
+_BANDS = 10
 _AMBIGUOUS = 3.0
 """Nats below which the direction cannot be told: both axes then name each other."""
 
@@ -77,17 +81,17 @@ def _candidate(view: View, source: str) -> Candidate | None:
     ordinates = view.source_ordinates(source)
     if not np.any(ordinates):
         return None
-    lowest = int(_SLOWEST_HZ * 2 * view.grid.n / view.grid.rate_hz)
-    white = 1 / view.spectrum.ordinates[lowest:]
-    d, e = view.ordinates[lowest:], ordinates[lowest:]
+    d, e = _without_temperature(view, view.ordinates), _without_temperature(view, ordinates)
     loud = view.source_is_loud(source) | (view.squares > LOUD * view.spectrum.ordinates)
-    weight = white * (view.spectrum.kept & ~loud)[lowest:]
+    weight = (view.spectrum.kept & ~loud) / view.spectrum.ordinates
+    weight[:_FIRST] = 0.0
     normal = float(np.sum(e * e * weight))
     if normal <= 0:
         return None
     slope = float(np.sum(e * d * weight)) / normal
     z2 = slope**2 * normal
-    price = float(np.log(len(view.series.axes) / ALPHA))
+    others = len(view.series.axes) - 1
+    price = float(chi2.isf(ALPHA / others, 1)) / 2
     if z2 / 2 < price or not _same_everywhere(d, e, weight, slope):
         return None
     if multiple_of(view.series, view.axis, source) is not None:
@@ -108,13 +112,37 @@ def _candidate(view: View, source: str) -> Candidate | None:
         words=f"{source} leaks in with {slope:.3g} {view.unit}/{view.unit_of(source)}"
         + (", or the other way round: the record cannot tell" if open_ else ""),
         evidence={"direction_nats": telling},
+        rivals={} if _is_seen_fast(view, d, e, weight, price) else {"temperature": z2 / 2},
         axes=(view.axis, source) if open_ else (view.axis,),
     )
 
 
+def _without_temperature(view: View, ordinates: Array) -> Array:
+    """Take out of an axis what the measured temperature explains."""
+    warmth = view.series.thermal_ordinates
+    if warmth is None:
+        return ordinates
+    slow = slice(_FIRST, view.grid.low)
+    weight = view.spectrum.kept[slow] / view.spectrum.ordinates[slow]
+    normal = float(np.sum(warmth[slow] ** 2 * weight))
+    if normal <= 0:
+        return ordinates
+    rest = ordinates.copy()
+    rest[slow] -= warmth[slow] * (float(np.sum(warmth[slow] * ordinates[slow] * weight)) / normal)
+    return rest
+
+
+def _is_seen_fast(view: View, d: Array, e: Array, weight: Array, price: float) -> bool:
+    """Tell whether frequencies at which no temperature moves are enough to see it."""
+    first = int(_SLOW_HZ * 2 * view.grid.n / view.grid.rate_hz)
+    normal = float(np.sum(e[first:] ** 2 * weight[first:]))
+    score = float(np.sum(e[first:] * d[first:] * weight[first:]))
+    return score**2 > 2 * price * normal
+
+
 def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
     """Tell whether the slopes in separate bands agree with the common one (1 in 1000)."""
-    bounds = np.unique(np.geomspace(64, len(d), _BANDS + 1).astype(int))
+    bounds = np.unique(np.geomspace(_FIRST, len(d), _BANDS + 1).astype(int))
     distance, freedom = 0.0, -1
     for low, high in pairwise(bounds):
         normal = float(np.sum(e[low:high] ** 2 * weight[low:high]))

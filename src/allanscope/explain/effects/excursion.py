@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
+from allanscope.explain.effects.base import EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
 from allanscope.explain.stepscan import StepScan
@@ -30,6 +30,8 @@ _SHORTEST_S = 5.0
 _LONGEST = 0.12
 """Longest duration as a share of the record: beyond, it is two steps."""
 _PROPOSALS = 2
+_PRICE, _PRICED_S = 15.0, 1200.0
+"""Nats that by chance 1 of 900 clean axes of so many seconds gains (of 2700 simulated, three)."""
 _TURNS = 3
 _INTERVAL_NATS = 3.68
 
@@ -118,7 +120,6 @@ def _candidate(view: View, first: int, last: int) -> Candidate | None:
     rate = view.grid.rate_hz
     signal = np.zeros(view.grid.n)
     signal[first:last] = size
-    searched = np.log(view.grid.n) / 2 + np.log(view.grid.low) / 2 + np.log(20.0)
     return Candidate(
         kind="excursion",
         parameters={
@@ -127,7 +128,7 @@ def _candidate(view: View, first: int, last: int) -> Candidate | None:
             "size": estimate(size, error, view.unit),
         },
         gain=fit.gain,
-        price=float(searched + np.log(1 / ALPHA)),
+        price=_PRICE + float(np.log(max(view.series.duration_s / _PRICED_S, 1.0))),
         signal=signal,
         shape=(float(first), float(last)),
         words=(

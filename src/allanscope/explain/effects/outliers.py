@@ -75,7 +75,7 @@ class Outliers(EffectKind):
                         float(len(at)), float(len(at)), float(len(at) + 2 * close + 1), ""
                     )
                 },
-                gain=float(np.sum(sizes**2 / 2 - np.log(2 * n))),
+                gain=float(-np.sum(np.log(2 * n) + norm.logsf(sizes - rounding))),
                 price=float(np.log(1 / ALPHA)),
                 signal=signal,
                 shape=tuple(at.astype(float)),

@@ -81,6 +81,7 @@ class RepeatedSamples(EffectKind):
     confused_with: ClassVar[Mapping[str, str]] = {
         "band_limit": "a filter makes neighbours alike, not equal",
         "quantization": "few values repeat by chance, each axis on its own",
+        "saturation": "neighbours are equal at the end of the range alone",
     }
 
     def propose(self, view: View) -> Iterable[Candidate]:

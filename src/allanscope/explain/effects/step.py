@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
+from allanscope.explain.effects.base import EffectKind, estimate, rescaled
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
 from allanscope.explain.stepscan import StepScan
@@ -27,6 +27,8 @@ from allanscope.explain.view import View
 Array = NDArray[np.float64]
 
 _PROPOSALS = 3
+_PRICE, _PRICED_S = 12.0, 1200.0
+"""Nats that by chance 1 of 900 clean axes of so many seconds gains (of 2700 simulated, three)."""
 _HOPS = 3.0
 """A hop is twice the amplitude; noise may make it look half as large again."""
 _EDGE_S = 5.0
@@ -112,7 +114,7 @@ def _candidate(view: View, at: int) -> Candidate:
             "size": estimate(size, error, view.unit),
         },
         gain=fit.gain,
-        price=float(np.log(view.grid.n) / 2 + np.log(view.grid.low) / 2 + np.log(1 / ALPHA)),
+        price=_PRICE + float(np.log(max(view.series.duration_s / _PRICED_S, 1.0))),
         signal=signal,
         shape=(float(at),),
         words=f"the level jumps by {size:.3g} {view.unit} at {seconds:.1f} s",

@@ -7,6 +7,7 @@ spectrum, a slow drift that nothing explains, tails of the innovations.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
@@ -19,7 +20,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
-from allanscope.explain.residual import band_scores, excess_kurtosis
+from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness
 from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.spectral import Term
 from allanscope.explain.view import View
@@ -31,12 +32,17 @@ _NEIGHBOUR_Z = 3.0
 _TAIL_Z = 6.0
 _COARSE = 0.12
 """Share of the rounding in the power, at 0.75 of a step of noise, from which it is not Gaussian."""
-_HIDDEN_BY = ("variance_change", "quantization", "random_telegraph", "repeated_samples")
+_HIDDEN_BY = (
+    *("variance_change", "quantization", "random_telegraph", "repeated_samples", "saturation"),
+)
 """With these the innovations are no Gaussian's in any case."""
 _TURNS = 4
 _WAVES = 5.0
 _REMNANT = 0.1
 """Waves of a cut tone from an end of the record, and share of its gain, of what it may leave."""
+_CHANGES_OF_LEVEL = ("warm_up", "step", "excursion")
+_OF_A_DRIFT = 0.03
+"""Share of the gain of a drift without a name that what it leaves may gain."""
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
 _MOST = 0.5
@@ -72,7 +78,7 @@ class Unexplained(EffectKind):
         if drift is not None:
             yield drift
         if not any(c.shape == (0.0,) for c in view.accepted if c.kind == self.kind):
-            yield from _tails(view)
+            yield from _piles(view) or _tails(view)
 
 
 def left_over(
@@ -219,10 +225,16 @@ def covered(view: View, candidate: Candidate) -> bool:
 
 
 def is_remnant(view: View, candidate: Candidate) -> bool:
-    """Tell whether a transient at an end of the record is what a loud tone leaves there.
+    """Tell whether a change of the level is what a loud tone or a large drift leaves of itself.
 
-    Cutting frequencies out does not cut where the record begins and ends in the middle of a wave.
+    Cutting frequencies out does not cut where the record begins and ends in the middle of a wave,
+    and what describes a drift without a name describes it to some per cent of its gain.
     """
+    drifts = [c for c in view.accepted if c.is_drift]
+    if candidate.kind in _CHANGES_OF_LEVEL and any(
+        candidate.gain < _OF_A_DRIFT * c.gain for c in drifts
+    ):
+        return True
     if candidate.kind == "warm_up":
         distance_s = candidate.shape[0]
     elif candidate.kind in ("step", "excursion"):
@@ -328,25 +340,55 @@ def _drift(view: View, drift: Array, gain: float, words: str) -> Candidate:
     return replace(found, signal=drift - drift.mean(), price=DRIFT_PRICE, log_alternatives=None)
 
 
-def _tails(view: View) -> Iterable[Candidate]:
+def _piles(view: View) -> list[Candidate]:
+    """Report values within the range at which samples pile up: a dead zone."""
+    inside = [pile for pile in view.piles if pile.side == 0]
+    if view.series.stride > 1 or view.has("quantization") or not inside:
+        return []
+    most = max(inside, key=lambda pile: pile.share)
+    words = (
+        f"{100 * most.share:.2g} % of the samples are {most.value:.4g} {view.unit}, far more than "
+        "of the values beside it: a dead zone, or a value that stands for another"
+    )
+    return [_distribution(view, most.share, math.inf, words, {"values": len(inside)})]
+
+
+def _distribution(
+    view: View, share: float, gain: float, words: str, evidence: dict[str, float]
+) -> Candidate:
+    """Return what is wrong with the distribution of the samples, at all frequencies."""
+    return Candidate(
+        kind="unexplained",
+        parameters={
+            "frequency_low": Parameter(0.0, unit="Hz"),
+            "frequency_high": Parameter(view.grid.rate_hz / 2, unit="Hz"),
+            "share": Parameter(share),
+        },
+        gain=gain,
+        price=float(np.log(1 / ALPHA)),
+        shape=(0.0,),
+        words=words,
+        evidence=evidence,
+    )
+
+
+def _tails(view: View) -> list[Candidate]:
     kurtosis, error = excess_kurtosis(view)
     # The rounding's part of the power: what it adds is flat, with an excess kurtosis of -1.2.
     rounding = view.floor / float(np.median(view.spectrum.ordinates))
     hidden = rounding > _COARSE or any(view.has(kind) for kind in _HIDDEN_BY)
-    if hidden or abs(kurtosis + 1.2 * rounding**2) < _TAIL_Z * error:
-        return
-    top = view.grid.rate_hz / 2
+    if hidden:
+        return []
+    skewness, uncertain = excess_skewness(view)
+    if abs(skewness) > _TAIL_Z * uncertain and abs(skewness) / uncertain > abs(kurtosis) / error:
+        side = "upper" if skewness < 0 else "lower"
+        words = f"the samples are lopsided, cut short on the {side} side (skewness {skewness:.2g})"
+        gain = (skewness / uncertain) ** 2 / 2
+        return [_distribution(view, abs(skewness) / 2, gain, words, {"skewness": skewness})]
+    if abs(kurtosis + 1.2 * rounding**2) < _TAIL_Z * error:
+        return []
     tails = "heavier" if kurtosis > 0 else "lighter"
-    yield Candidate(
-        kind="unexplained",
-        parameters={
-            "frequency_low": Parameter(0.0, unit="Hz"),
-            "frequency_high": Parameter(top, unit="Hz"),
-            "share": Parameter(abs(kurtosis) / (3 + kurtosis)),
-        },
-        gain=(kurtosis / error) ** 2 / 2,
-        price=float(np.log(1 / ALPHA)),
-        shape=(0.0,),
-        words=f"the samples have {tails} tails than a Gaussian (excess kurtosis {kurtosis:.2g})",
-        evidence={"excess_kurtosis": kurtosis},
-    )
+    words = f"the samples have {tails} tails than a Gaussian (excess kurtosis {kurtosis:.2g})"
+    share = abs(kurtosis) / (3 + kurtosis)
+    gain = (kurtosis / error) ** 2 / 2
+    return [_distribution(view, share, gain, words, {"excess_kurtosis": kurtosis})]

@@ -1,0 +1,63 @@
+r"""The end of a range, the converter's or an amplifier's before it: what lies beyond is cut off.
+
+:math:`y = \min(x, L)` makes the distribution lopsided and collects the share
+:math:`P(x > L)` of all samples at the one value L, where the smooth distribution of noise has few.
+White noise stays white, so the curve and the spectrum show nothing: N is merely too small, by
+
+.. math:: \mathrm{Var}\,y < \mathrm{Var}\,x,
+
+and nothing that is computed of the axis is that of the sensor. Deterministic: read off the values.
+Both ends may be cut: each is named. Samples that pile up within the range (a dead zone) have no
+name and are `unexplained`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import ClassVar
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects.base import EffectKind, estimate
+from allanscope.explain.view import View
+
+
+class Saturation(EffectKind):
+    """A limit that the samples run into."""
+
+    kind = "saturation"
+    meaning = "samples beyond a limit are cut off at it"
+    needs = frozenset({"samples"})
+    stage = 0
+    confused_with: ClassVar[Mapping[str, str]] = {
+        "repeated_samples": "repeats at every value alike, not at the limit alone",
+        "unexplained": "a dead zone collects samples within the range, not at its end",
+    }
+
+    def propose(self, view: View) -> Iterable[Candidate]:
+        """Look at both ends of the values that occur."""
+        known = [c.shape[0] for c in view.accepted if c.kind == self.kind]
+        n = view.grid.n
+        for pile in view.piles:
+            if pile.side == 0 or pile.side in known:
+                continue
+            half = view.step / 2
+            error = math.sqrt(pile.share * (1 - pile.share) / n)
+            end = "upper" if pile.side > 0 else "lower"
+            yield Candidate(
+                kind=self.kind,
+                parameters={
+                    "level": Parameter(pile.value, pile.value - half, pile.value + half, view.unit),
+                    "side": Parameter(float(pile.side), float(pile.side), float(pile.side)),
+                    "fraction": estimate(pile.share, error),
+                },
+                gain=math.inf,  # read off, not inferred
+                price=1.0,
+                shape=(float(pile.side),),
+                words=(
+                    f"{100 * pile.share:.3g} % of the samples lie at the {end} end, "
+                    f"{pile.value:.4g} {view.unit}: the axis is saturated there, and its noise is "
+                    "not what the figures say"
+                ),
+            )

@@ -1,0 +1,105 @@
+"""What is cut off at a limit is saturation; what piles up elsewhere is no repeat and no name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from allanscope.explain import explain
+
+SIGMA = 4e-3 * 52.0**0.5
+SECONDS = 600.0
+SEEDS = range(400, 403)
+
+
+def of_three(bench, seed, change, **options):
+    """Explain three axes of noise that was changed in the same way."""
+    b = bench(seed, SECONDS)
+    axes = explain(b.record(*(change(b.noise()) for _ in range(3)), **options)).axes
+    return list(axes.values())
+
+
+def names(found):
+    return [effect.kind for effect in found.effects]
+
+
+@pytest.mark.parametrize("at", [-0.5, 0.5, 1.6, 2.5])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_is_cut_off_on_one_side_is_saturation_and_not_repeats(bench, seed, at):
+    limit = np.round(at * SIGMA / 4.375e-3) * 4.375e-3
+    for found in of_three(bench, seed, lambda noise: np.minimum(noise, limit)):
+        assert names(found) == ["saturation"]
+        p = found.effects[0].parameters
+        assert p["level"].value == pytest.approx(limit, abs=1e-6)
+        assert p["side"].value == 1
+        beyond = norm.sf((limit - 4.375e-3 / 2) / SIGMA)  # half a step below is rounded up to it
+        five_sigma = 5 * np.sqrt(beyond / (SECONDS * 52.0))
+        walk = 0.2 * beyond  # which moves the level by a twentieth of a sigma
+        assert p["fraction"].value == pytest.approx(beyond, abs=five_sigma + walk)
+        assert p["fraction"].lower <= p["fraction"].value <= p["fraction"].upper
+
+
+def test_both_ends_are_named_each_with_its_level(bench):
+    limit = np.round(1.6 * SIGMA / 4.375e-3) * 4.375e-3
+    for found in of_three(bench, 403, lambda noise: np.clip(noise + 1, 1 - limit, 1 + limit)):
+        assert names(found) == ["saturation", "saturation"]
+        levels = sorted(e.parameters["level"].value for e in found.effects)
+        assert levels == pytest.approx([1 - limit, 1 + limit], abs=4.4e-3)
+
+
+def test_numbers_without_a_lattice_pile_up_all_the_same(bench):
+    found = of_three(bench, 404, lambda noise: np.maximum(noise, -1.6 * SIGMA), lsb=1e-9)
+    for axis in found:
+        assert names(axis) == ["saturation"]
+        assert axis.effects[0].parameters["side"].value == -1
+
+
+@pytest.mark.parametrize("depth", [0.15, 0.5, 1.0])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_dead_zone_has_no_name_and_is_no_repeat(bench, seed, depth):
+    def dead(noise):
+        return np.where(np.abs(noise) < depth * SIGMA, 0.0, noise)
+
+    for found in of_three(bench, seed, dead):
+        assert not found.explained
+        assert "unexplained" in names(found)
+        assert not {"repeated_samples", "saturation"} & set(names(found))
+
+
+def test_what_was_cut_off_before_a_filter_is_lopsided_and_has_no_name(bench):
+    def soft(noise):
+        cut = np.minimum(noise, SIGMA)
+        return (cut + np.roll(cut, 1)) / 2 + 1e-3 * np.sin(np.arange(len(cut)))
+
+    for found in of_three(bench, 405, soft, lsb=1e-6):
+        assert not found.explained
+        assert "unexplained" in names(found)
+
+
+@pytest.mark.parametrize("step", [0.3, 1.0, 1.4])
+def test_coarse_and_skewed_levels_are_not_saturated(bench, step):
+    b = bench(406, SECONDS)
+    hops = b.telegraph(5 * SIGMA, 20.0)
+    columns = [b.noise(), b.noise() + 0.37 * step * SIGMA, b.noise() + hops]
+    for found in explain(b.record(*columns, lsb=step * SIGMA)).axes.values():
+        assert "saturation" not in names(found)
+
+
+def test_repeats_of_a_row_are_still_repeats_beside_a_limit(bench):
+    b = bench(407, SECONDS)
+    rows = np.arange(len(b.t))
+    rows[b.rng.random(len(b.t)) < 0.05] = 0
+    rows = np.maximum.accumulate(rows)
+    columns = [np.minimum(b.noise(), 1.6 * SIGMA)[rows], b.noise()[rows]]
+    cut, free = explain(b.record(*columns)).axes.values()
+    assert set(names(cut)) == {"saturation", "repeated_samples"}
+    assert names(free) == ["repeated_samples"]
+
+
+def test_decimals_of_a_step_that_is_none_are_no_repeats(bench):
+    b = bench(408, SECONDS)
+    printed = [np.round(np.round(b.noise() / 8.75e-3) * 8.75e-3, 2) for _ in range(3)]
+    for column in printed:
+        found = explain(b.record(column, lsb=0.01)).axes["gx"]
+        assert not {"repeated_samples", "saturation"} & set(names(found))

@@ -1,0 +1,109 @@
+"""A process must be there all along: what sweeps has its spectrum and not its name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from allanscope.explain import explain
+
+RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
+SEEDS = range(500, 503)
+SECONDS = 900.0
+TONES = 12
+"""Axes of the tones; of so many at most one may be missed."""
+
+
+def swept(b, first, last, size):
+    """Sweep a tone from first to last Hz, through 0 where the signs differ."""
+    frequency = np.linspace(first, last, len(b.t))
+    return size * SIGMA * np.sin(2 * np.pi * np.cumsum(frequency) / RATE + b.rng.uniform(0, 6))
+
+
+def band(b, frequency, bandwidth, size):
+    pole = np.exp((-np.pi * bandwidth + 2j * np.pi * frequency) / RATE)
+    e = b.rng.normal(size=len(b.t)) + 1j * b.rng.normal(size=len(b.t))
+    return np.asarray(size * SIGMA * lfilter([np.sqrt(1 - abs(pole) ** 2)], [1, -pole], e).real)
+
+
+def all_axes(bench, make):
+    """Explain twelve axes: four for every seed."""
+    found = []
+    for seed in SEEDS:
+        b = bench(seed, SECONDS)
+        axes = explain(b.record(*(b.noise() + make(b) for _ in range(TONES // 3)))).axes
+        found += axes.values()
+    return found
+
+
+def names(found):
+    return [effect.kind for effect in found.effects]
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "size"),
+    [(-0.5, 0.5, 0.3), (-0.5, 0.5, 1.0), (-5, 5, 0.3), (5, 15, 0.5), (8, 10, 0.2), (8, 10, 0.5)],
+)
+def test_a_tone_that_sweeps_is_unexplained(bench, first, last, size):
+    found = all_axes(bench, lambda b: swept(b, first, last, size))
+    assert not any(axis.explained for axis in found)
+    assert not any(
+        {"gauss_markov", "narrowband", "band_limit"} & set(names(axis)) for axis in found
+    )
+    assert sum("unexplained" in names(axis) for axis in found) >= TONES - 1
+
+
+@pytest.mark.parametrize(("size", "time"), [(0.3, 1.0), (1.0, 0.1), (1.0, 5.0)])
+def test_gauss_markov_noise_keeps_its_name(bench, size, time):
+    found = all_axes(bench, lambda b: b.gauss_markov(size * SIGMA, time))
+    assert sum(names(axis) == ["gauss_markov"] for axis in found) >= TONES - 1
+
+
+@pytest.mark.parametrize(
+    ("frequency", "width", "size"), [(12, 0.3, 0.2), (12, 3, 0.5), (2, 0.2, 1)]
+)
+def test_noise_in_a_band_keeps_its_name(bench, frequency, width, size):
+    found = all_axes(bench, lambda b: band(b, frequency, width, size))
+    assert sum(names(axis) == ["narrowband"] for axis in found) >= TONES - 1
+
+
+@pytest.mark.parametrize(("order", "cutoff"), [(1, 20.0), (2, 8.0)])
+def test_a_filter_keeps_its_name_even_where_the_noise_is_louder_for_a_while(bench, order, cutoff):
+    found = []
+    for seed in SEEDS:
+        b = bench(seed)
+        loud = np.where((b.t > 300) & (b.t < 600), 1.5, 1.0)
+        columns = [loud * lfilter(*butter(order, 2 * cutoff / RATE), b.noise()) for _ in range(4)]
+        found += explain(b.record(*columns, lsb=1e-4)).axes.values()
+    assert sum("band_limit" in names(axis) for axis in found) >= TONES - 1
+
+
+def test_gauss_markov_noise_beside_a_loud_stretch_keeps_its_name(bench):
+    def beside(b):
+        loud = np.where((b.t > 300) & (b.t < 600), 1.5 * SIGMA, 0.0) * b.rng.normal(size=len(b.t))
+        return loud + b.gauss_markov(0.5 * SIGMA, 1.0)
+
+    found = all_axes(bench, beside)
+    both = {"gauss_markov", "variance_change"}
+    assert sum(set(names(axis)) == both for axis in found) >= TONES - 1
+
+
+@pytest.mark.parametrize("curvature", [0.01, 0.05])
+def test_a_square_of_the_temperature_is_no_line(bench, curvature):
+    for seed in SEEDS:
+        b = bench(seed)
+        room = np.sin(2 * np.pi * b.t / b.rng.uniform(300, 500) + b.rng.uniform(0, 6))
+        read = np.round((25 + room + b.rng.normal(0, 0.02, len(b.t))) * 256) / 256
+        bent, straight, line = explain(
+            b.record(
+                b.noise() + curvature * room**2,
+                b.noise() + curvature * room,
+                b.noise() + curvature * np.sin(2 * np.pi * b.t / 77.0),
+                temperature=read,
+            )
+        ).axes.values()
+        assert names(bent) == ["unexplained"]
+        assert not bent.explained
+        assert names(straight) == ["temperature"]
+        assert names(line) == ["sinusoid"]

@@ -156,6 +156,7 @@ def as_of_text(axes: Mapping[str, AxisAnalysis]) -> str:
 
     Where axes differ it is the oldest: nothing that is shown is older.
 
+    >>> from allanscope.analysis.result import AsOf
     >>> as_of_text({"gx": AxisAnalysis("dps", {}, coefficients_as_of=AsOf(18.0, 1872))})
     'Coefficients as of 18 s (1 872 samples)'
     """

@@ -12,6 +12,7 @@ import stat
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ def njit(*signatures: Any, **options: Any) -> Callable[[Callable[..., Any]], Any
         try:
             return compile_it(function)
         except RuntimeError as error:
-            if "cannot cache" not in str(error) or _CONFIG.CACHE_DIR:
+            if "cannot cache" not in str(error):
                 raise
         _use_temporary_folder()
         return compile_it(function)
@@ -48,6 +49,7 @@ def njit(*signatures: Any, **options: Any) -> Callable[[Callable[..., Any]], Any
     return compiled
 
 
+@cache
 def _use_temporary_folder() -> None:
     """Let numba keep its code in a temporary folder, in this process and in its children.
 
@@ -58,7 +60,7 @@ def _use_temporary_folder() -> None:
     os.environ.setdefault("MPLCONFIGDIR", os.path.join(folder, "matplotlib"))
     print(
         f"allanscope: compiled code is kept in {folder}, because neither the package nor a home "
-        "folder can be written to; set NUMBA_CACHE_DIR to choose another folder",
+        "folder can be written to; NUMBA_CACHE_DIR can name another folder",
         file=sys.stderr,
         flush=True,
     )

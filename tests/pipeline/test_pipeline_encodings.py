@@ -74,6 +74,7 @@ def test_every_command_runs_where_its_words_cannot_be_encoded(run, folder):
     assert said.count(b"\n") == 1
 
 
+@pytest.mark.timeout(240)
 def test_what_cannot_be_encoded_is_spelled_out(run, folder):
     recording = folder / "night.mcap"
     run("simulate", recording, "--hours", "0.01", "--rate", "52")

@@ -149,6 +149,7 @@ def _answers(port):
     return True
 
 
+@pytest.mark.timeout(240)  # a replay with its report, and a viewer
 def test_the_page_of_a_replay_stays_until_it_is_ended(recording, start, tmp_path):
     port = pair_of_ports()
     replay = ("replay", recording, "--view", "web", "--port", port, "--out", tmp_path / "again")

@@ -15,6 +15,7 @@ import pytest
 
 from allanscope.__main__ import main
 from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.inbox import joined
 from allanscope.samples import AXES, Block, Gap, Notice, StreamInfo, Ticks
 from allanscope.sources.base import Chunk
 from allanscope.wire import WireSettings
@@ -173,7 +174,7 @@ def test_it_is_said_once_and_again_only_after_samples_have_come():
         yield 11.0, b"\0" + frame(encoder, 60)
         yield from garbage(11.1, 19.0)
 
-    events = feed(Decoding(WireSettings(), "native"), schedule())
+    events = feed(Decoding(WireSettings(), "native", lambda _: None), schedule())
     assert len(told(events)) == 2
     gaps = [event for event in events if isinstance(event, Gap)]
     assert [gap.lost for gap in gaps] == [180, None]
@@ -183,6 +184,25 @@ def test_it_is_said_once_and_again_only_after_samples_have_come():
 def test_a_slow_table_is_not_taken_for_garbage(every_s):
     rows = ((n * every_s, b"%d,%d,1\n" % (n * every_s * 1000, n % 7)) for n in range(60))
     header = [(0.0, b"t[ms],gx[mdps],gy[mdps]\n")]
-    events = feed(Decoding(WireSettings(), "text"), [*header, *rows])
+    events = feed(Decoding(WireSettings(), "text", lambda _: None), [*header, *rows])
     assert told(events) == []
     assert sum(len(event) for event in events if isinstance(event, Block)) == 60
+
+
+@pytest.mark.parametrize("together", [1, 7, 1000])
+def test_a_replay_says_of_its_end_what_the_live_session_said(together):
+    def schedule():
+        encoder = NativeEncoder()
+        yield 0.0, encoder.describe(INFO)
+        for number in range(40):
+            yield 0.1 + number * 0.02, frame(encoder, number)
+        yield from garbage(1.0, 6.0)
+
+    reads = [Chunk(1 + round(due_s * 1e9), data) for due_s, data in schedule()]
+    decoding, events = Decoding(WireSettings(), "native"), []
+    for start in range(0, len(reads), together):
+        for one in joined(reads[start : start + together]):
+            events += decoding.take_buffer(one)
+    events += decoding.finish()
+    assert len(told(events)) == 1
+    assert [event for event in events if isinstance(event, Gap)] == [Gap("link", None)]

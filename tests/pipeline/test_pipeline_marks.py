@@ -30,7 +30,10 @@ MARKED = {2: "fan off", 5: "door"}
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Six seconds, with a mark after two of them and one after five."""
     folder = tmp_path_factory.mktemp("marked")
-    encoder, sensor = format_named("native").encoder(), Simulator(rate=RATE, seed=3)
+    encoder, sensor = (
+        format_named("native").encoder(),
+        Simulator(rate=RATE, seed=3, clock_error=0.0),
+    )
     recorder = Recorder(folder, {"wire": "native"})
     hello = encoder.describe(sensor.info)
     for second in range(SECONDS):

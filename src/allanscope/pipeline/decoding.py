@@ -174,7 +174,9 @@ class Decoding:
             events += self._decide(last=True)
         if self._decoder is not None:
             events += self._decoder.finish()
-            if self._fruitless.told and self.stats.samples:
+            if self._fruitless.long and self.stats.samples:
+                if not self._fruitless.told:
+                    events.append(Notice("error", self._fruitless.text(), OURS))
                 self.stats.unknown_losses += 1
                 events.append(Gap("link", None))
         return events
@@ -198,9 +200,16 @@ class Decoding:
                 self._write(message)
 
     def _watch(self, events: list[Event], read_ns: NDArray[np.int64]) -> list[Event]:
-        """Say when bytes come and no samples: garbage, or a stream that never describes itself."""
+        """Say when bytes come and no samples: garbage, or a stream that never describes itself.
+
+        At once only of a device that is there; a replay, which takes many reads in one piece, says
+        at its end whether its end was so.
+        """
         assert self._decoder is not None
-        text = self._fruitless.watch(events, read_ns, self._decoder.stats, self.wire == "native")
+        self._fruitless.take(events, read_ns)
+        if self._write is None:
+            return []
+        text = self._fruitless.news(self._decoder.stats, self.wire == "native")
         if not text:
             return []
         missing = [] if self._numbered else self._decoder.interrupt("stalled")

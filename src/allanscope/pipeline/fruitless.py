@@ -15,7 +15,7 @@ FRUITLESS_S = 3.0
 
 
 class Fruitless:
-    """Follow a stream and say, once each time, that its bytes bring no samples.
+    """Follow a stream and know for how long its bytes have brought no samples.
 
     Attributes
     ----------
@@ -27,66 +27,67 @@ class Fruitless:
         self.told = False
         self._described = True
         self._frames = 0
-        self._good_ns: int | None = None
-        self._last_ns = 0
+        self.restart()
 
     def restart(self) -> None:
         """Begin anew with the next bytes: a silence, or a port that was gone, is another story."""
-        self._good_ns = None
-        self._last_ns = 0
+        self._first_ns: int | None = None
+        self._held_ns = self._last_ns = 0
 
-    def watch(
-        self, events: list[Event], read_ns: NDArray[np.int64], stats: LinkStats, native: bool
-    ) -> str:
-        """Take what some reads brought, and return what is to be said; empty when all is well.
+    @property
+    def long(self) -> bool:
+        """Whether bytes have come for too long since the last sample, if there was one."""
+        return self._first_ns is not None and self._last_ns - self._first_ns > FRUITLESS_S * 1e9
+
+    def take(self, events: list[Event], read_ns: NDArray[np.int64]) -> None:
+        """Take what some reads were decoded to, with the host time of each; 0 is unknown."""
+        if not read_ns[0]:
+            return  # a file: nothing comes late
+        self._last_ns = int(read_ns[-1])
+        for event in events:
+            if isinstance(event, Notice) and "wanted" in event.fields:
+                self._described = False
+        sample_ns = _last_sample_ns(events)
+        if sample_ns:
+            self.told, self._described, self._first_ns = False, True, None
+        later = read_ns[read_ns > sample_ns]
+        if self._first_ns is None and len(later):
+            self._first_ns = int(later[0])
+
+    def news(self, stats: LinkStats, native: bool) -> str:
+        """Return what is to be said now, once; empty when all is well.
 
         Parameters
         ----------
-        events : list of Event
-            What they were decoded to.
-        read_ns : ndarray of int64, shape (n,)
-            Host time of each read; 0 where it is not known.
         stats : LinkStats
             Counters of the decoder.
         native : bool
             Whether frames may hold no samples. In all other formats one is a row, and rows are
             held back until it is known what they mean.
         """
-        begin, end = int(read_ns[0]), int(read_ns[-1])
-        if not begin:
-            return ""  # a file: nothing comes late
-        since = begin if self._good_ns is None else self._good_ns
-        good_ns = _sample_times(events) if native else np.empty(0, np.int64)
         if not native and stats.frames > self._frames:
-            good_ns = np.array([end])
+            self._held_ns = self._last_ns
         self._frames = stats.frames
-        self._described &= not any(
-            isinstance(event, Notice) and "wanted" in event.fields for event in events
+        held = self._last_ns - self._held_ns <= FRUITLESS_S * 1e9
+        if self.told or held or not self.long:
+            return ""
+        return self.text()
+
+    def text(self) -> str:
+        """Say it."""
+        self.told = True
+        why = "" if self._described else ": no descriptor says what they mean"
+        return (
+            f"bytes arrive, but nothing could be decoded for {FRUITLESS_S:g} s{why}; "
+            "how many samples are lost is not known"
         )
-        bounds = np.concatenate([[since], good_ns])
-        # The last read before each sample that came, and the last of all.
-        reads = np.concatenate([[max(since, self._last_ns)], read_ns])
-        before = reads[np.searchsorted(read_ns, good_ns)]
-        self._last_ns = end
-        waited_ns = np.concatenate([before, [end]]) - bounds
-        late = waited_ns > FRUITLESS_S * 1e9
-        text = ""
-        if late.any() and not (self.told and late.argmax() == 0 and late.sum() == 1):
-            why = "" if self._described else ": no descriptor says what they mean"
-            text = (
-                f"bytes arrive, but nothing could be decoded for {FRUITLESS_S:g} s{why}; "
-                "how many samples are lost is not known"
-            )
-        self.told = bool(late[-1])
-        self._described |= bool(len(good_ns))
-        self._good_ns = int(bounds[-1])
-        return text
 
 
-def _sample_times(events: list[Event]) -> NDArray[np.int64]:
-    """Return when samples came, in ns of the host's clock."""
-    times = [event.ticks.host_s for event in events if isinstance(event, Block)]
-    if not times:
-        return np.empty(0, np.int64)
-    known = np.concatenate(times)
-    return np.rint(known[np.isfinite(known)] * 1e9).astype(np.int64)
+def _last_sample_ns(events: list[Event]) -> int:
+    """Return when the last sample came, in ns of the host's clock, a little late; 0 without one."""
+    for event in reversed(events):
+        if isinstance(event, Block):
+            known = event.ticks.host_s[np.isfinite(event.ticks.host_s)]
+            if len(known):
+                return round(float(known[-1]) * 1e9) + 1000  # seconds are less exact than ns
+    return 0

@@ -9,7 +9,8 @@ enum {
     RETRY_US = 20000,         /* so often a sensor that does not answer is tried again */
     COUNTABLE_US = 300000000, /* after a longer silence its time stamp, 24 bits of 25 us, may have
                                  wrapped unseen: what is missing cannot be counted */
-    MOST_DRAINED = 256        /* samples in one go; the FIFO holds 227 */
+    MOST_DRAINED = 8192       /* samples in one go, so that a bus that claims a full FIFO for ever
+                                 does not hold the loop; a synthetic sensor may owe some seconds */
 };
 
 uint8_t device_frame_samples(float rate_hz)

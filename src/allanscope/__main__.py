@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 
 from allanscope.cli import parser
 from allanscope.errors import AllanscopeError, ExitCode
@@ -19,7 +20,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     spell_out_standard_streams()
     arguments = parser().parse_args(argv)
     try:
-        return int(arguments.command(arguments))
+        with _searches_shown() if arguments.debug else nullcontext():
+            return int(arguments.command(arguments))
     except AllanscopeError as error:
         if arguments.debug:
             import traceback  # loaded only where it is shown
@@ -42,6 +44,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         what = visible(f"{type(error).__name__}: {error}")
         print(f"allanscope: unexpected {what}; --debug shows where", file=sys.stderr)
         return ExitCode.UNEXPECTED
+
+
+@contextmanager
+def _searches_shown() -> Iterator[None]:
+    """Print what each search for effects tries, and which gate stopped it."""
+    import logging  # loaded only where it is shown
+
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(message)s"))
+    logger = logging.getLogger("allanscope.explain.search")
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
 
 
 if __name__ == "__main__":

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 
 from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.model_curves import at_samples
 from allanscope.analysis.summary import summarise
-from allanscope.noise.components import Rounding, White
-from allanscope.noise.model import NoiseModel
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.wire.base import LinkStats
 
@@ -57,14 +54,6 @@ def test_the_density_is_that_of_the_samples(axis):
     quiet &= axis.density.averages > 200
     ratio = axis.density.density[quiet] / axis.density_model.total[quiet]
     assert np.abs(ratio - 1.0).max() < 0.35
-
-
-def test_rounding_of_rows_is_spread_over_their_samples():
-    of_rows = NoiseModel((White(1e-3), Rounding(0.5e-3)), dt=4 / RATE_HZ)
-    of_samples = at_samples(of_rows, 1 / RATE_HZ)
-    np.testing.assert_allclose(
-        of_samples.deviation("oadev", [400]), of_rows.deviation("oadev", [100])
-    )
 
 
 def test_only_what_was_detected_is_drawn():

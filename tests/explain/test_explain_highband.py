@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.band_limit import bilinear, one_pole
-from allanscope.explain.grid import grid_of
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.series import Series
 from allanscope.explain.view import View
+from allanscope.noise.filters import Butterworth, OnePole
+from allanscope.noise.grid import grid_of
 from allanscope.spectrum.density import Density
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ def seen_above(shape: Array, seed: int) -> tuple[Candidate, ...]:
 @pytest.mark.parametrize("poles", [1, 2])
 def test_a_low_pass_above_the_rows_is_found_with_either_order(poles: int, cutoff: float) -> None:
     rate = ROWS_HZ * STRIDE
-    shape = (one_pole if poles == 1 else bilinear)(FREQUENCY, rate, (cutoff, 2.0)[:poles])
+    shape = (OnePole(cutoff) if poles == 1 else Butterworth(cutoff)).response(FREQUENCY, 1 / rate)
     covered = 0
     for seed in range(5):
         (limit,) = seen_above(shape, seed)

@@ -10,17 +10,20 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from allanscope.explain.demodulation import demodulate
-from allanscope.explain.grid import grid_of
-from allanscope.explain.nonnegative_scoring import _nonnegative, _triangle, maximise
-from allanscope.explain.once import once
+from allanscope.noise.amplitudes import _nonnegative, _triangle, maximise
+from allanscope.noise.components import AngleQuantization, Flicker, RandomWalk, White
+from allanscope.noise.grid import grid_of
+from allanscope.noise.once import once
 
 Array = NDArray[np.float64]
 
 GRID = grid_of(20_000, 50.0)
+NONE = np.zeros(len(GRID.count))
+TEXTBOOK = {"N": White, "B": Flicker, "K": RandomWalk, "Q": AngleQuantization}
 
 
 def textbook(letters: str) -> Array:
-    return np.array([GRID.textbook_bins[letter] for letter in letters])
+    return np.array([GRID.column(TEXTBOOK[letter](1.0)) for letter in letters])
 
 
 def drawn(variance: Array, seed: int) -> Array:
@@ -40,7 +43,7 @@ def test_the_likelihood_is_level_at_the_maximum_or_falls_from_zero(seed: int) ->
     columns = textbook("NBKQ")
     truth = np.array([1e-4, 1e-6 * (seed % 2), 1e-8, 0.0])
     power = drawn(truth @ columns, seed)
-    theta, _, expected = maximise(columns, power, GRID.count, 0.0, None)
+    theta, _, expected = maximise(columns, power, GRID.count, NONE)
     assert np.all(theta >= 0)
     np.testing.assert_allclose(expected, theta @ columns, rtol=1e-12)
     at_zero = theta == 0
@@ -51,14 +54,14 @@ def test_the_likelihood_is_level_at_the_maximum_or_falls_from_zero(seed: int) ->
 def test_what_is_not_there_is_exactly_zero() -> None:
     columns = textbook("NBKQ")
     power = np.array([1e-4, 0.0, 1e-8, 0.0]) @ columns
-    theta, *_ = maximise(columns, power, GRID.count, 0.0, None)
+    theta, *_ = maximise(columns, power, GRID.count, NONE)
     np.testing.assert_allclose(theta, [1e-4, 0.0, 1e-8, 0.0], rtol=1e-6, atol=1e-12)
 
 
 def test_a_known_floor_is_no_part_of_the_white_noise() -> None:
     columns = textbook("NK")
     power = np.array([1e-4, 1e-8]) @ columns + 2e-3
-    theta, *_ = maximise(columns, power, GRID.count, 2e-3, None)
+    theta, *_ = maximise(columns, power, GRID.count, NONE + 2e-3)
     np.testing.assert_allclose(theta, [1e-4, 1e-8], rtol=1e-6)
 
 
@@ -85,9 +88,9 @@ def test_unknowns_of_equal_columns_share_what_one_would_have() -> None:
 def test_a_column_that_repeats_another_changes_nothing() -> None:
     columns = textbook("NBK")
     power = drawn(np.array([1e-4, 1e-6, 1e-8]) @ columns, 1)
-    _, once_each, _ = maximise(columns, power, GRID.count, 0.0, None)
+    _, once_each, _ = maximise(columns, power, GRID.count, NONE)
     twice = np.vstack([columns, columns[1]])
-    theta, loglik, _ = maximise(twice, power, GRID.count, 0.0, None)
+    theta, loglik, _ = maximise(twice, power, GRID.count, NONE)
     assert loglik == pytest.approx(once_each, abs=1e-5)
     assert np.all(theta >= 0)
 
@@ -95,7 +98,7 @@ def test_a_column_that_repeats_another_changes_nothing() -> None:
 def test_where_the_search_starts_makes_no_difference() -> None:
     columns = textbook("NBK")
     power = drawn(np.array([1e-4, 1e-6, 1e-8]) @ columns, 2)
-    _, cold, _ = maximise(columns, power, GRID.count, 0.0, None)
+    _, cold, _ = maximise(columns, power, GRID.count, NONE)
     _, warm, _ = maximise(columns, power, GRID.count, 0.0, np.array([1e-2, 0.0, 1e-4]))
     assert warm == pytest.approx(cold, abs=1e-4)
 

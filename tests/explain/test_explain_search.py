@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from allanscope.explain.grid import grid_of
 from scipy.signal import butter, iirpeak, lfilter
 
 from allanscope.explain import Budget, explain
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.unexplained import left_over
-from allanscope.explain.grid import grid_of
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 

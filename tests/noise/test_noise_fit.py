@@ -10,8 +10,9 @@ from allanscope.history import History
 from allanscope.noise import fit_array, fit_noise, relative_bounds, wait_until
 from allanscope.noise.components import Flicker, RandomWalk, White
 from allanscope.noise.drift import fit_drift, ramp_pattern
-from allanscope.noise.ordinates import Ordinates
-from allanscope.noise.whittle import Likelihood
+from allanscope.noise.evidence import Ordinates
+from allanscope.noise.likelihood import Likelihood
+from allanscope.noise.model import NoiseModel
 from allanscope.parts import part_named
 from allanscope.spectrum import SpectrumBank
 
@@ -125,7 +126,8 @@ def test_ramp_interval_holds(make_noise):
     for _ in range(40):
         rows = make_noise(7200, 0.5, rng, **TRUTH) + 1.2e-5 * 0.5 * np.arange(7200)
         data = Likelihood([Ordinates.of(rows, 0.5)])
-        drift = fit_drift(data, data.maximise([White(1e-3), Flicker(1e-3), RandomWalk(1e-4)]))
+        start = NoiseModel((White(1e-3), Flicker(1e-3), RandomWalk(1e-4)), 0.5)
+        drift = fit_drift(data.maximise(start))
         inside += abs(drift.slope - 1.2e-5) < drift.half_width
     assert inside >= 33
 
@@ -143,10 +145,10 @@ def test_low_pass_is_found_and_white_noise_is_what_long_averages_show(
     rng, make_noise, cutoff, taps
 ):
     n = 250_000
-    drive = make_noise(n, 1 / RATE, rng, N=4e-3)
+    drive = make_noise(n, 1 / RATE, rng, N=4e-3, B=1.255e-3)
     pole = np.exp(-2 * np.pi * cutoff / RATE)
     taps = taps or ([1 - pole], [1.0, -pole])
-    samples = lfilter(*taps, drive) + make_noise(n, 1 / RATE, rng, B=1.255e-3)
+    samples = lfilter(*taps, drive)
     fit = fit_array(samples, RATE, part=part_named("LSM6DSL"))
     assert fit.band_limit is not None
     assert fit.band_limit.unit == "Hz"

@@ -85,7 +85,7 @@ def test_a_port_without_permission(complaint, monkeypatch):
         raise serial.SerialException(13, "could not open port: [Errno 13] Permission denied")
 
     # Root may open anything, so the system's refusal is put in its place.
-    monkeypatch.setattr(serial, "serial_for_url", refuse)
+    monkeypatch.setattr(serial.Serial, "open", refuse)
     code, line = complaint("live", "/dev/ttyACM0", *LIVE)
     assert code == 4
     assert "no permission to open /dev/ttyACM0" in line

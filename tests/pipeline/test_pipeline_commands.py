@@ -57,7 +57,7 @@ def test_every_command_that_writes_names_what_it_wrote(recording, tmp_path, caps
     written = {
         ("analyse", recording, "--report", page, "--json", result): (page, result),
         ("export", recording, table): (table,),
-        ("export", recording, yaml): (yaml,),
+        ("export", recording, yaml, "--upper-limits", "include"): (yaml,),
         ("import", table, imported): (imported,),
         ("recover", recording, saved): (saved,),
         ("simulate", made, "--hours", "0.002"): (made,),

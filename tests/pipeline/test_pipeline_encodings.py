@@ -59,7 +59,7 @@ def test_every_command_runs_where_its_words_cannot_be_encoded(run, folder):
     run("simulate", recording, "--hours", "0.01", "--rate", "52")
     run("export", recording, table)
     run("export", recording, folder / "night.parquet")
-    run("export", recording, folder / "imu.yaml")
+    run("export", recording, folder / "imu.yaml", "--upper-limits", "include")
     run("import", table, folder / "again.mcap")
     run("recover", recording, folder / "saved.mcap")
     limits = folder / "limits.toml"

@@ -50,7 +50,8 @@ def test_q_ends_the_run_and_leaves_everything(session, result):
         path.name for path in folder.iterdir()
     }
     assert result["samples"] > 50
-    assert "kept in" in screen.text
+    assert "wrote" in screen.text
+    assert "report.html" in screen.text
 
 
 def test_the_last_screen_has_the_verdict_and_every_axis(session):

@@ -20,8 +20,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from allanscope.compiled import njit
 
 __all__ = ["add_batch", "sample_variance", "shifted", "two_sum"]
 

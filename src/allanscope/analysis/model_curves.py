@@ -1,15 +1,13 @@
 """Fitted models as curves to be drawn over what was measured.
 
-Two things must be put right before a model and a measured curve may share a picture. The loop
-works on rows, which in a long run are means of many samples, while a measured curve begins at one
-sample: the model is asked at times, never at numbers of rows. And the loop takes steps, lines and
-warm-ups out of the data, while the measured curve still has them: their own variance is added.
+The loop takes steps, lines and warm-ups out of the data, while the measured curve still has them:
+before both share a picture, their own variance is added to that of the model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +18,11 @@ from allanscope.analysis.result import ModelCurve
 from allanscope.explain.effect import Effect
 from allanscope.explain.loop import Explanation
 from allanscope.noise.coefficients import Coefficient
-from allanscope.noise.components import Rounding, Sinusoid
+from allanscope.noise.components import Component, Sinusoid, White
 from allanscope.noise.model import NoiseModel
 from allanscope.spectrum.density import Density
 
-__all__ = ["DrawnModels", "at_samples", "draw_models"]
+__all__ = ["DrawnModels", "draw_models"]
 
 Array = NDArray[np.float64]
 
@@ -71,15 +69,14 @@ def draw_models(
     """
     before = loop.models_before.get(axis) if loop else None
     after = loop.models_after.get(axis) if loop else None
-    final = at_samples(after, 1.0 / rate_hz) if after is not None else fitted
-    final = _detected(final, coefficients)
+    final = _detected(after if after is not None else fitted, coefficients)
     spectrum = None
     if final is not None and len(density.frequency):
         spectrum = ModelCurve(density.frequency, np.asarray(final.density(density.frequency)))
     if curve is None or not len(curve.m):
         return DrawnModels(density=spectrum)
     signals = _signal_variances(axis, loop, curve, 1.0 / rate_hz) if loop and after else {}
-    textbook = at_samples(before, 1.0 / rate_hz) if before is not None else None
+    textbook = before
     if loop is not None and axis in loop.axes:
         textbook = _detected(textbook, loop.axes[axis].coefficients_before)
     return DrawnModels(
@@ -89,29 +86,14 @@ def draw_models(
     )
 
 
-def at_samples(model: NoiseModel, dt: float) -> NoiseModel:
-    """Return a model of rows as one of samples that are `dt` apart.
-
-    Densities of the noise are the same for both; only the rounding, which is fitted as a variance
-    a row, is spread over the samples of one.
-    """
-    ratio = float(np.sqrt(model.dt / dt))
-    parts = (
-        replace(part, lsb=part.lsb * ratio) if isinstance(part, Rounding) else part
-        for part in model.components
-    )
-    return NoiseModel(tuple(parts), dt)
-
-
 def _detected(
     model: NoiseModel | None, coefficients: Mapping[str, Coefficient]
 ) -> NoiseModel | None:
     """Return a model without the coefficients that were not detected; None if nothing is left."""
-    absent = {name for name, known in coefficients.items() if not known.detected}
     if model is None:
         return None
-    parts = tuple(part for part in model.components if part.symbol not in absent)
-    return NoiseModel(parts, model.dt) if parts else None
+    left = model.without(*(name for name, known in coefficients.items() if not known.detected))
+    return left if left.components else None
 
 
 def _curve(
@@ -121,11 +103,18 @@ def _curve(
         return None
     parts: dict[str, Array] = {}
     for part, variance in zip(model.components, model.components_at("oadev", curve.m), strict=True):
-        parts[part.symbol] = parts.get(part.symbol, 0.0) + variance
+        name = _name(model, part)
+        parts[name] = parts.get(name, 0.0) + variance
     for kind, variance in signals.items():
         parts[kind] = parts.get(kind, 0.0) + variance
     total = np.sqrt(np.sum(list(parts.values()), axis=0))
     return ModelCurve(curve.tau, total, {name: np.sqrt(part) for name, part in parts.items()})
+
+
+def _name(model: NoiseModel, part: Component) -> str:
+    """Return what a component is drawn as: white noise behind a filter as the filter."""
+    filters = model.filters_on(part) if isinstance(part, White) else ()
+    return filters[0].symbol if filters else part.symbol
 
 
 def _signal_variances(

@@ -295,6 +295,7 @@ def _explanation_dict(explanation: AxisExplanation) -> dict[str, Any]:
     return {
         "coefficients_before": {k: asdict(c) for k, c in explanation.coefficients_before.items()},
         "effects": [_effect_dict(effect) for effect in explanation.effects],
+        "search": [asdict(step) for step in explanation.path],
         "residual": {
             "before": asdict(explanation.before),
             "after": asdict(explanation.after),

@@ -19,7 +19,6 @@ from allanscope.analysis.state import StreamState
 from allanscope.clock.rate import DISAGREEMENT
 from allanscope.explain import explain, fit_beside
 from allanscope.explain.failure import failed, failure_text
-from allanscope.explain.held import NoiseBeside
 from allanscope.explain.loop import Explanation
 from allanscope.history import Record
 from allanscope.noise import find_best_averaging, fit_noise
@@ -181,11 +180,14 @@ def _axes(
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
     curves = _curves(state, depth, rate_hz, settings.level)
-    now = AsOf(state.samples / rate_hz, state.samples)
+    as_of = AsOf(state.samples / rate_hz, state.samples)
     loop = _loop(look, settings.threads) if depth == "full" else known
-    beside = _beside(loop, look) if depth == "live" and loop is not None else {}
     if loop is not None and depth == "live":
-        loop = _as_known_now(loop, look, beside)
+        loop = loop.with_rate(look.nominal_hz, look.rate_fit)
+        try:
+            loop = _with_noise_of_now(loop, look)
+        except Exception:  # the last search stands, and says of when it is
+            as_of = AsOf(loop.length_s, loop.samples)
     return {
         name: _axis_or_failure(
             state,
@@ -194,10 +196,9 @@ def _axes(
             curves=curves[name],
             density=look.densities[name],
             loop=loop,
-            beside=beside.get(name),
             rate=rate,
             part=part,
-            now=now,
+            as_of=as_of,
         )
         for name in state.info.axes
     }
@@ -223,23 +224,14 @@ def _axis_or_failure(
     return replace(axis, failure=failure, remarks=(remark, *axis.remarks))
 
 
-def _beside(loop: Explanation, look: Look) -> Mapping[str, NoiseBeside]:
-    """Fit the noise anew beside the effects that the last search found."""
-    try:
-        return fit_beside(loop.held, look.record)
-    except Exception:  # the last search stands, and says of when it is
-        return {}
-
-
-def _as_known_now(loop: Explanation, look: Look, beside: Mapping[str, NoiseBeside]) -> Explanation:
-    """Return what the last search found with the noise and the clock of this moment."""
-    loop = loop.with_rate(look.nominal_hz, look.rate_fit)
-    if not set(loop.held.accepted) <= set(beside):
-        return loop
+def _with_noise_of_now(loop: Explanation, look: Look) -> Explanation:
+    """Return what the last search found with the noise of this moment, the effects held."""
+    beside = fit_beside(loop.held, look.record, look.densities)
     return replace(
         loop,
         models_before={k: v for k, v in loop.models_before.items() if k in beside},
-        models_after={k: one.model for k, one in beside.items()},
+        models_after={k: one.fit.model for k, one in beside.items()},
+        fits={k: one.fit for k, one in beside.items()},
         signals={k: one.signals for k, one in beside.items()},
         row_s=next((one.row_s for one in beside.values()), loop.row_s),
     )
@@ -282,21 +274,18 @@ def _axis(
     curves: dict[str, Deviation],
     density: Density,
     loop: Explanation | None,
-    beside: NoiseBeside | None,
     rate: Rate,
     part: str,
-    now: AsOf,
+    as_of: AsOf,
 ) -> AxisAnalysis:
     column = state.info.axes.index(name)
-    fit = _fit(record, name, density, part)
     explanation = loop.axes.get(name) if loop else None
+    fit = loop.fits.get(name) if loop else None
+    if fit is None:
+        fit = _fit(record, name, density, part)
     curve = curves.get("oadev")
-    coefficients, as_of = dict(fit.coefficients) if fit else {}, now
+    coefficients = dict(fit.coefficients) if fit else {}
     searched = AsOf(loop.length_s, loop.samples) if loop and explanation else None
-    if beside is not None:
-        coefficients = dict(beside.coefficients)
-    elif explanation and searched and explanation.own_effects and explanation.coefficients_after:
-        coefficients, as_of = dict(explanation.coefficients_after), searched
     model = fit.model if fit else None
     drawn = draw_models(name, loop, model, curve, density, rate.best_hz, coefficients)
     return AxisAnalysis(

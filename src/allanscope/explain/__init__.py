@@ -2,10 +2,10 @@
 
 ::
 
-    Record ──▶ series ──▶ View of one axis ──▶ search ──────────────▶ merge ──▶ Explanation
-               uniform     data, noise,        ┌─ propose   effects/*           errors before, after
-               grid        residual            ├─ judge     price, held out     models, coefficients
-                                               ├─ refit     regression, spectral
+    Record ──▶ series ──▶ View of one axis ──▶ search ────────────▶ merge ──▶ Explanation
+               uniform     data, model,        ┌─ propose  effects/*           errors before, after
+               grid        residual            ├─ judge    gates               models, coefficients
+                                               ├─ move     moves/*
                                                └─ repeat until nothing passes
 
 Every kind of effect is one file in `effects`: it looks at the residual in the domain where it

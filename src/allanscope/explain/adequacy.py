@@ -6,15 +6,16 @@ import numpy as np
 
 from allanscope.explain.bent_by_temperature import bent_by_temperature
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.residual import band_scores
 from allanscope.explain.steadiness import UNSTEADY, as_band, unsteadiness_of
 from allanscope.explain.tones import evenness, sweeps, unsteadiness
 from allanscope.explain.view import View
 
-__all__ = ["CONSTANT_P", "SPECTRAL", "WITHIN", "adequate", "is_measured"]
+__all__ = ["CONSTANT_P", "WITHIN", "adequate", "is_measured"]
 
-SPECTRAL = ("gauss_markov", "narrowband", "band_limit", "Q")
+_FITTED = ("random_telegraph", "sinusoid")
 _LASTING = {"gauss_markov": UNSTEADY, "band_limit": 2 * UNSTEADY}
 """Sigma by which these may come and go; with more, a filter is what a tone in it bends."""
 CONSTANT_P = 1e-5
@@ -33,21 +34,25 @@ WITHIN = 3.0
 
 def adequate(view: View, candidate: Candidate) -> Candidate | None:
     """Return the candidate, `unexplained` in its place, or None."""
-    if not is_measured(candidate):
-        return None
-    if candidate.kind == "sinusoid" and _is_unresolved(view, candidate):
+    is_line = candidate.kind == "sinusoid"
+    if not is_measured(candidate) or (is_line and _is_unresolved(view, candidate)):
         return None
     if (curve := bent_by_temperature(view, candidate)) is not None:
         return curve
-    if candidate.kind in ("sinusoid", "narrowband"):
+    if is_line or candidate.kind == "narrowband":
         return candidate if _is_steady(view, candidate) else tone_left_over(view, candidate)
-    if candidate.kind in SPECTRAL and not _removes(view, candidate):
+    return _lasting_process(view, candidate) if KINDS[candidate.kind].is_process else candidate
+
+
+def _lasting_process(view: View, process: Candidate) -> Candidate | None:
+    """Return a process that removes its part of the residual and is there all along."""
+    if not _removes(view, process):
         return None
-    lasting = _LASTING.get(candidate.kind)
-    if lasting is not None and unsteadiness_of(view, candidate) > lasting:
-        is_filter = candidate.kind == "band_limit"
-        return None if is_filter else tone_left_over(view, as_band(view, candidate))
-    return candidate
+    lasting = _LASTING.get(process.kind)
+    if lasting is None or unsteadiness_of(view, process) <= lasting:
+        return process
+    is_filter = process.kind == "band_limit"
+    return None if is_filter else tone_left_over(view, as_band(view, process))
 
 
 def is_measured(candidate: Candidate) -> bool:
@@ -56,7 +61,7 @@ def is_measured(candidate: Candidate) -> bool:
     Without it the likelihood has no maximum there in some direction, so nothing has been measured.
     """
     numbers = [p for p in candidate.parameters.values() if not isinstance(p.value, str)]
-    if candidate.kind not in (*SPECTRAL, "random_telegraph", "sinusoid"):
+    if not KINDS[candidate.kind].is_process and candidate.kind not in _FITTED:
         return True  # counts and instants may be known exactly
     return all(
         p.lower is not None and p.upper is not None and p.lower < p.upper < np.inf for p in numbers
@@ -93,7 +98,7 @@ def _is_steady(view: View, tone: Candidate) -> bool:
 
 def _is_misshapen(view: View, band: Candidate) -> bool:
     """Tell whether the spectrum within a band differs from the shape that was fitted."""
-    after = view.with_terms(view.terms + band.terms)
+    after = view.with_parts(*band.parts)
     f0, width = band.shape[:2]
     near = np.flatnonzero(np.abs(view.grid.frequency - f0) < WITHIN * width)
     parts = np.array_split(near, min(_SUB_BANDS, max(1, len(near) // 8)))
@@ -106,7 +111,7 @@ def _is_misshapen(view: View, band: Candidate) -> bool:
 
 def _removes(view: View, candidate: Candidate) -> bool:
     """Tell whether most of the residual is gone where the candidate changes the spectrum most."""
-    after = view.with_terms(view.terms + candidate.terms)
+    after = view.with_parts(*candidate.parts)
     bands = band_scores(view)
     later = band_scores(after)
     change = np.abs(np.log(after.spectrum.at(bands.frequency) / view.spectrum.at(bands.frequency)))

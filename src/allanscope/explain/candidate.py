@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain.effect import Parameter
-from allanscope.explain.spectral import Term
+from allanscope.noise.part import Part
 
 __all__ = ["Candidate", "HeldOut"]
 
@@ -52,8 +52,10 @@ class Candidate:
         A candidate passes when its gain exceeds it.
     signal : ndarray, shape (n,), or None
         Deterministic part, to be subtracted from the data.
-    terms : tuple of Term
-        Stationary part, to be added to the spectrum.
+    parts : tuple of Part
+        Stationary part: processes and filters, to be added to the model.
+    excluded : tuple of (low, high)
+        Frequencies in Hz that are left out of the fit.
     shape : tuple of float
         Numbers from which `EffectKind.refine` starts.
     rivals : mapping
@@ -68,7 +70,8 @@ class Candidate:
     gain: float
     price: float
     signal: Array | None = field(default=None, repr=False)
-    terms: tuple[Term, ...] = ()
+    parts: tuple[Part, ...] = ()
+    excluded: tuple[tuple[float, float], ...] = ()
     shape: tuple[float, ...] = ()
     words: str = ""
     evidence: Mapping[str, Any] = field(default_factory=dict)

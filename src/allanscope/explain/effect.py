@@ -8,7 +8,10 @@ from typing import Any
 
 from allanscope.noise.coefficients import Coefficient
 
-__all__ = ["AxisExplanation", "Effect", "Parameter", "ResidualError"]
+__all__ = ["AxisExplanation", "Effect", "Parameter", "ResidualError", "SearchStep"]
+
+_OF_THE_STREAM = frozenset({"clock_error"})
+"""Kinds that are the same on every axis, and take nothing out of the data of any."""
 
 _OF_THE_STREAM = frozenset({"clock_error"})
 """Kinds that are the same on every axis, and take nothing out of the data of any."""
@@ -77,6 +80,36 @@ class ResidualError:
 
 
 @dataclass(frozen=True, slots=True)
+class SearchStep:
+    """One hypothesis that was tried.
+
+    Attributes
+    ----------
+    move : str
+        ``add``, ``add pair``, ``add bundle``, ``drop``, ``fold sidebands``, ``replace drift``.
+    kind, description : str
+        The effect.
+    gain, penalty : float
+        Log-likelihood gained, and what the search for it costs.
+    outcome : str
+        ``accepted``, or the gate that stopped it.
+    """
+
+    move: str
+    kind: str
+    description: str
+    gain: float
+    penalty: float
+    outcome: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.move:15} {self.kind:17} gain {self.gain:9.1f} penalty {self.penalty:5.1f}  "
+            f"{self.outcome}: {self.description}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class AxisExplanation:
     """The closed loop on one axis.
 
@@ -97,6 +130,8 @@ class AxisExplanation:
         to do; empty when it was. Then the errors are NaN and the coefficients empty.
     remarks : tuple of str
         What the reader must know: too short, constant channel, saturated, detection limits.
+    path : tuple of SearchStep
+        What the search tried, what it gained, and which gate stopped it.
     failure : str
         The error that ended the search of this axis; empty when there was none.
     """
@@ -112,6 +147,7 @@ class AxisExplanation:
     remarks: tuple[str, ...] = ()
     hindrance: str = ""
     failure: str = ""
+    path: tuple[SearchStep, ...] = ()
 
     @property
     def own_effects(self) -> tuple[Effect, ...]:

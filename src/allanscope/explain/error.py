@@ -9,6 +9,8 @@ rather than modelled makes no difference to the taus it does not touch.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,7 @@ from allanscope.allan.deviation import Deviation
 from allanscope.explain.effect import ResidualError
 from allanscope.explain.residual import band_scores
 from allanscope.explain.view import View
+from allanscope.noise.components import Ramp
 from allanscope.noise.gls import gls_chi2
 from allanscope.noise.model import NoiseModel
 
@@ -37,10 +40,12 @@ def deviation_of(data: Array, rate_hz: float) -> Deviation:
 def error_of(view: View, model: NoiseModel) -> ResidualError:
     """Compare the data of a view with a model, up to a third of the record."""
     curve = deviation_of(view.data, view.grid.rate_hz)
-    fitted = int(np.count_nonzero(view.spectrum.variances)) + sum(
-        len(term.nonlinear) for term in view.terms if term.role != "excludes"
+    stride = view.grid.stride  # the model is one of samples
+    curve = replace(curve, m=stride * curve.m)
+    fitted = sum(
+        model.number(f) > 0 for f in model.numbers if not isinstance(model.parts[f.part], Ramp)
     )
-    residual = gls_chi2(curve, model, n=view.grid.n, fitted=fitted)
+    residual = gls_chi2(curve, model, n=stride * view.grid.n, fitted=fitted)
     bands = band_scores(view)
     return ResidualError(
         chi2_per_dof=residual.chi2 / residual.dof,

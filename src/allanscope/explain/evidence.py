@@ -8,12 +8,10 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Effect, Parameter
+from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.base import ALPHA
 
 __all__ = ["effect_of"]
-
-_SILENT = ("ramp", "Q")
-"""Coefficients of the textbook that take part in the competition."""
 
 
 def effect_of(candidate: Candidate, axis: str) -> Effect | None:
@@ -24,7 +22,7 @@ def effect_of(candidate: Candidate, axis: str) -> Effect | None:
     detection, because only those that noise lifted over it are seen (``detection_selected``). What
     is read off the values, such as their step, has no gain.
     """
-    if candidate.kind in _SILENT:
+    if KINDS[candidate.kind].is_coefficient:
         return None
     log_p = candidate.log_looked_at(ALPHA) - min(candidate.gain, 700.0)
     p_value = float(np.exp(np.clip(log_p, -700.0, 0.0)))

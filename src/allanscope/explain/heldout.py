@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.stats import chi2
 
-from allanscope.explain.candidate import HeldOut
-from allanscope.explain.grid import Grid, grid_of
+from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.regression import Regression
-from allanscope.explain.spectral import Spectrum, Term, binned_power, fit_spectrum
+from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.view import View
+from allanscope.noise.grid import Grid, grid_of
 
 __all__ = ["halves", "interleaved", "interleaved_signal"]
 
@@ -106,25 +106,22 @@ def _replicated(signals: Array, white: Array) -> bool:
     return bool(chi2.sf(distance, freedom) > 0.01)
 
 
-def halves(view: View, terms: tuple[Term, ...]) -> HeldOut:
-    """Judge stationary terms: fit their variances on one half, score the other."""
+def halves(view: View, candidate: Candidate) -> HeldOut:
+    """Judge stationary parts: fit their amplitudes on one half, score the other."""
     half = view.grid.n // 2
-    grid = grid_of(half, view.grid.rate_hz)
+    grid = grid_of(half, view.grid.rate_hz, view.grid.stride)
     parts = [view.data[:half], view.data[half : 2 * half]]
-    powers, raws = [], []
-    for part in parts:
-        squares = dct(part - part.mean(), norm="ortho")[1:] ** 2
-        powers.append(binned_power(grid, squares, terms))
-        raws.append(binned_power(grid, squares, view.terms))
+    powers = [
+        grid.binned(dct(part - part.mean(), norm="ortho")[1:] ** 2, view.excluded)[0]
+        for part in parts
+    ]
     nats, variance = 0.0, 0.0
     for train, test in ((0, 1), (1, 0)):
-        new = fit_spectrum(
-            grid, powers[train], base=view.base, terms=terms, floor=view.fitted_floor
+        new, old = (
+            fit_spectrum(grid, powers[train], model, excluded=view.excluded)
+            for model in (view.model.plus(*candidate.parts), view.model)
         )
-        old = fit_spectrum(
-            grid, raws[train], base=view.base, terms=view.terms, floor=view.fitted_floor
-        )
-        nats += new.loglik_of(powers[test]) - old.loglik_of(raws[test])
+        nats += new.loglik_of(powers[test]) - old.loglik_of(powers[test])
         variance += _variance(grid, new, old)
     return HeldOut(
         nats=nats, error=float(np.sqrt(variance)), design="two halves, each by the other"

@@ -16,9 +16,9 @@ from scipy.optimize import minimize
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.band_limit import bilinear, one_pole
 from allanscope.explain.effects.base import ALPHA, estimate, log_interval
 from allanscope.explain.view import View
+from allanscope.noise.filters import Butterworth, OnePole
 from allanscope.spectrum.density import Density
 
 __all__ = ["above_the_rows"]
@@ -62,15 +62,15 @@ class _Filter:
 
     @property
     def cutoff(self) -> float:
-        return float(np.exp(np.clip(self.point[1], -20, 20)))
+        return float(np.exp(np.clip(self.point[1], -12, 20)))
 
     def at(self, bands: _Bands) -> Array:
         """Return the power in the bands, the rounding included."""
         f, rate = bands.f, bands.rate
         if self.poles == 1:
-            passed = one_pole(f, rate, (self.cutoff,))
+            passed = OnePole(self.cutoff).response(f, 1 / rate)
         else:
-            passed = bilinear(f, rate, (min(self.cutoff, 0.499 * rate), 2.0))
+            passed = Butterworth(self.cutoff, 2.0).response(f, 1 / rate)
         return np.asarray(np.exp(self.point[0]) * passed + bands.floor)
 
 

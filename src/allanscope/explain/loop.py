@@ -14,23 +14,22 @@ from scipy.fft import set_workers
 
 from allanscope.allan.deviation import Deviation
 from allanscope.clock.rate import RateFit
-from allanscope.explain.coefficients import coefficients_of
 from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
 from allanscope.explain.effects.clock_error import clock_error_of
 from allanscope.explain.error import error_of
 from allanscope.explain.evidence import effect_of
 from allanscope.explain.failure import failed
-from allanscope.explain.grid import grid_of
-from allanscope.explain.held import HeldEffects
+from allanscope.explain.held import HeldEffects, known_of, signals_of
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.lattice import step_of
 from allanscope.explain.merge import merged
-from allanscope.explain.models import model_of, with_ramp
 from allanscope.explain.remarks import detection_limits, hindrances, observations
 from allanscope.explain.search import Budget, close_loop
 from allanscope.explain.series import Series, series_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
+from allanscope.noise.components import AngleQuantization
+from allanscope.noise.fit import Known, NoiseFit, fit_noise
 from allanscope.noise.model import NoiseModel
 from allanscope.spectrum.density import Density
 
@@ -56,6 +55,8 @@ class Explanation:
     models_before, models_after : mapping
         Axis name to the textbook model, and to the final one. An axis that could not be searched
         is missing.
+    fits : mapping
+        Axis name to the fit of the final model, whose coefficients are those that are published.
     cleaned : mapping
         Axis name to the samples without the deterministic effects, shape (n,).
     signals : mapping
@@ -71,6 +72,7 @@ class Explanation:
     axes: Mapping[str, AxisExplanation]
     models_before: Mapping[str, NoiseModel] = field(default_factory=dict)
     models_after: Mapping[str, NoiseModel] = field(default_factory=dict)
+    fits: Mapping[str, NoiseFit] = field(default_factory=dict, repr=False)
     cleaned: Mapping[str, Array] = field(default_factory=dict, repr=False)
     signals: Mapping[str, Mapping[str, Array]] = field(default_factory=dict, repr=False)
     row_s: float = 0.0
@@ -169,9 +171,12 @@ def explain(
         if densities and series.stride > 1:
             views = each(list(views), lambda axis: _with_high_band(views[axis], densities))
         views = merged(views)
-        parts = each(list(views), lambda axis: _explained(series, axis, views[axis], clock))
+        parts = each(
+            list(views),
+            lambda axis: _explained(record, (densities or {}).get(axis), views[axis]),
+        )
     axes = {
-        axis: parts[axis][0]
+        axis: parts[axis].explanation
         if axis in parts
         else failed(failures[axis])
         if axis in failures
@@ -180,12 +185,13 @@ def explain(
     }
     return Explanation(
         axes=axes,
-        models_before={axis: p[1] for axis, p in parts.items()},
-        models_after={axis: p[2] for axis, p in parts.items()},
+        models_before={axis: p.before for axis, p in parts.items()},
+        models_after={axis: p.after for axis, p in parts.items()},
+        fits={axis: p.fit for axis, p in parts.items() if p.fit is not None},
         cleaned={axis: views[axis].data for axis in parts},
-        signals={axis: _signals(views[axis]) for axis in parts},
+        signals={axis: signals_of(views[axis]) for axis in parts},
         row_s=1.0 / series.rate_hz,
-        held=_held(series, {axis: views[axis] for axis in parts if axes[axis].own_effects}),
+        held=_held(series, {axis: views[axis] for axis in parts}),
         length_s=len(record.values) / record.rate_hz,
         samples=len(record.values) * record.stride,
     )
@@ -202,21 +208,12 @@ def _held(series: Series, views: Mapping[str, View]) -> HeldEffects:
     )
 
 
-def _signals(view: View) -> dict[str, Array]:
-    """Return the deterministic parts of a view by kind."""
-    found: dict[str, Array] = {}
-    for candidate in view.accepted:
-        if candidate.signal is not None:
-            found[candidate.kind] = found.get(candidate.kind, 0.0) + candidate.signal
-    return found
-
-
 def _view(series: Series, axis: str, clock: Clock | None) -> View:
     column = series.column(axis)
     samples = np.ascontiguousarray(series.values[:, column])
     measured = samples[~series.bridged]  # filling lies on no lattice
     step = step_of(measured * series.stride, series.lsb[column])  # of the sums behind the means
-    return View(series, grid_of(len(series), series.rate_hz), axis, samples, step, clock=clock)
+    return View(series, series.grid, axis, samples, step, clock=clock)
 
 
 def _clock(
@@ -237,51 +234,66 @@ def _with_high_band(view: View, densities: Mapping[str, Density]) -> View:
     return view if density is None else above_the_rows(view, density)
 
 
-def _explained(
-    series: Series, axis: str, view: View, clock: Clock | None
-) -> tuple[AxisExplanation, NoiseModel, NoiseModel]:
-    bare = _view(series, axis, clock)
+@dataclass(frozen=True)
+class _Closed:
+    """One axis at the end of its search."""
+
+    explanation: AxisExplanation
+    before: NoiseModel
+    after: NoiseModel
+    fit: NoiseFit | None
+
+
+def _explained(record: Record, density: Density | None, view: View) -> _Closed:
+    series, axis = view.series, view.axis
+    bare = _view(series, axis, view.clock)
     textbook = _textbook(bare)
-    before_model = with_ramp(model_of(textbook), _slope(textbook))
-    after_model = model_of(view)
+    before = _fit(record, axis, density, Known((AngleQuantization(1.0),)))
+    after = _fit(record, axis, density, known_of(view))
+    before_model = before.model if before else textbook.spectrum.model
+    after_model = after.model if after else view.spectrum.model
+    if view.has("ramp"):  # it has been subtracted
+        after_model = after_model.without("R")
     effects = tuple(e for c in view.accepted if (e := effect_of(c, axis)) is not None)
-    before = error_of(replace(textbook, data=bare.data), before_model)
-    after = error_of(view, after_model)
+    error_before = error_of(replace(textbook, data=bare.data), before_model)
+    error_after = error_of(view, after_model)
     held = [c.held_out for c in view.accepted if c.held_out is not None]
     clean = all(effect.kind != "unexplained" for effect in effects)
-    return (
-        AxisExplanation(
-            effects=effects,
-            before=before,
-            after=after,
-            coefficients_before=coefficients_of(textbook),
-            coefficients_after=coefficients_of(view),
-            held_out_nats=float(sum(h.nats for h in held)),
-            held_out_nats_se=float(np.sqrt(sum(h.error**2 for h in held))),
-            explained=bool(clean and not after.p_value < _ACCEPTED_P and not view.stopped),
-            remarks=observations(series, axis)
-            + ((view.stopped,) if view.stopped else ())
-            + detection_limits(view),
-        ),
-        before_model,
-        after_model,
+    explained = clean and not error_after.p_value < _ACCEPTED_P and not view.stopped
+    explanation = AxisExplanation(
+        effects=effects,
+        before=error_before,
+        after=error_after,
+        coefficients_before=before.coefficients if before else {},
+        coefficients_after=after.coefficients if after else {},
+        held_out_nats=float(sum(h.nats for h in held)),
+        held_out_nats_se=float(np.sqrt(sum(h.error**2 for h in held))),
+        explained=bool(explained),
+        path=view.path,
+        remarks=observations(series, axis)
+        + ((view.stopped,) if view.stopped else ())
+        + detection_limits(view),
     )
+    return _Closed(explanation, before_model, after_model, after)
+
+
+def _fit(record: Record, axis: str, density: Density | None, known: Known) -> NoiseFit | None:
+    """Fit the noise beside what is known; None where no stretch of the record is long enough."""
+    try:
+        return fit_noise(record, axis, density, known=known)
+    except ValueError:
+        return None
 
 
 def _textbook(view: View) -> View:
     """Fit Q, N, B, K and, where it is significant, R: what everyone fits, to all there is."""
     from allanscope.explain.effects import KINDS
 
-    view = replace(view, base="NBKQ")
+    view = replace(view, base=(*view.base, AngleQuantization(1.0)))
     for ramp in KINDS["ramp"].propose(view):
         if ramp.excess > 0:
             view = view.accept(ramp)
     return view
-
-
-def _slope(view: View) -> float:
-    ramp = next((c for c in view.accepted if c.kind == "ramp"), None)
-    return float(ramp.parameters["R"].value) if ramp is not None else 0.0
 
 
 def _unsearched(series: Series, axis: str, why: tuple[str, ...]) -> AxisExplanation:

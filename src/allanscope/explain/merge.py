@@ -12,17 +12,11 @@ from dataclasses import replace
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
+from allanscope.explain.effects import KINDS
 from allanscope.explain.view import View
 
 __all__ = ["merged"]
 
-_LOCATED_BY = {
-    "sinusoid": "frequency",
-    "narrowband": "frequency",
-    "step": "time",
-    "warm_up": "time_constant",
-    "variance_change": "start",
-}
 _TOLERANCE = 1e-4
 """Relative difference that counts as equal even where both intervals are narrower."""
 
@@ -37,9 +31,9 @@ def merged(views: Mapping[str, View]) -> dict[str, View]:
 
 
 def _with_axes(candidate: Candidate, axis: str, views: Mapping[str, View]) -> Candidate:
-    key = _LOCATED_BY.get(candidate.kind)
-    if key is None:
+    if not KINDS[candidate.kind].is_shared:
         return candidate
+    key = KINDS[candidate.kind].located_by
     axes = tuple(
         other
         for other, view in views.items()

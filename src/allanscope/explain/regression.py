@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from allanscope.explain.grid import Grid
-from allanscope.explain.spectral import Spectrum, fit_spectrum
+from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.view import View
+from allanscope.noise.grid import Grid
 
 __all__ = [
     "Regression",
@@ -111,9 +111,8 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
         rest = (d - amplitude @ columns) ** 2
         power[:bins] = low(rest, kept)
         fitted = fit_spectrum(
-            grid, power, base=null.base, terms=view.terms, floor=null.floor,
-            start=spectrum.variances,
-        )  # fmt: skip
+            grid, power, view.model, excluded=view.excluded, start=spectrum.powers
+        )
         done = abs(fitted.loglik - spectrum.loglik) < 1e-3 and spectrum is not null
         spectrum = fitted
         if done:
@@ -139,9 +138,8 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
     def loglik(amplitude: Array) -> float:
         power[:bins] = low((d - amplitude @ columns) ** 2, kept)
         return fit_spectrum(
-            grid, power, base=fit.spectrum.base, terms=view.terms, floor=fit.spectrum.floor,
-            start=fit.spectrum.variances,
-        ).loglik  # fmt: skip
+            grid, power, view.model, excluded=view.excluded, start=fit.spectrum.powers
+        ).loglik
 
     top = loglik(fit.amplitude)
 

@@ -7,7 +7,7 @@ the density around it changes; `bridged` tells how much of the grid is such fill
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -16,9 +16,9 @@ from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
 from allanscope.explain.coincidence import Coincidence
-from allanscope.explain.grid import grid_of
-from allanscope.explain.once import once
 from allanscope.history import Record
+from allanscope.noise.grid import Grid, grid_of
+from allanscope.noise.once import once
 
 __all__ = ["CHI_SQUARE_MEDIAN", "LOUD", "Series", "multiple_of", "series_of"]
 
@@ -61,6 +61,8 @@ class Series:
         As measured; None where the record has none or it never moves.
     bridged : ndarray of bool, shape (n,)
         Rows that are filling.
+    rows : ndarray of int, shape (rows of the record,)
+        Where each row of the record lies on the grid; it may lie beyond.
     """
 
     axes: tuple[str, ...]
@@ -72,6 +74,7 @@ class Series:
     bridged: NDArray[np.bool_]
     start_s: float = 0.0
     remarks: tuple[str, ...] = ()
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), repr=False)
 
     def __len__(self) -> int:
         return int(self.values.shape[0])
@@ -80,6 +83,15 @@ class Series:
     def duration_s(self) -> float:
         """Length of the grid in s."""
         return len(self) / self.rate_hz
+
+    @property
+    def grid(self) -> Grid:
+        """Frequencies of the ordinates of the rows."""
+        return grid_of(len(self), self.rate_hz, self.stride)
+
+    def at_record(self, signal: Array) -> Array:
+        """Return a signal on the grid at the rows of the record; beyond the grid it stays level."""
+        return signal[np.clip(self.rows, 0, len(self) - 1)]
 
     def column(self, axis: str) -> int:
         """Return the column of an axis."""
@@ -105,7 +117,7 @@ class Series:
         if self.temperature_c is None:
             return None
         ordinates = np.asarray(dct(self.temperature_c, norm="ortho")[1:])
-        grid = grid_of(len(self), self.rate_hz)
+        grid = self.grid
         fastest = 1 / _THERMAL_S
         beyond = (grid.frequency >= fastest) & (grid.frequency < _THERMAL_DECADE * fastest)
         noise = (
@@ -135,7 +147,7 @@ class Series:
     def loud(self) -> NDArray[np.bool_]:
         """Ordinates that hold a line of their axis, by the median around them, (axes, n - 1)."""
         power = self.ordinates**2
-        edges = [*grid_of(len(self), self.rate_hz).edges, power.shape[1]]
+        edges = [*self.grid.edges, power.shape[1]]
         found = np.zeros(power.shape, bool)
         for low, high in pairwise(edges):
             level = np.median(power[:, low:high], axis=1, keepdims=True) / CHI_SQUARE_MEDIAN
@@ -173,14 +185,15 @@ def series_of(record: Record) -> Series:
     row = np.round((record.start_s - record.start_s[0]) * record.rate_hz).astype(np.int64)
     if np.any(np.diff(row) < 1):
         row = np.arange(len(row))
-    size = int(row[-1]) + 1
+    size, rows = int(row[-1]) + 1, row
     if size > len(row) * (1 + _MOST_BRIDGED):
         first, last = max(record.segments, key=lambda s: int(s[1] - s[0]))
         remarks.append(
             f"{100 * (1 - len(row) / size):.0f} % of the run is missing: only its longest stretch "
             f"without holes ({(last - first) / record.rate_hz:.0f} s) was searched for effects"
         )
-        row = row[first:last] - row[first]
+        rows = row - row[first]
+        row = rows[first:last]
         values, temperature = record.values[first:last], record.temperature_c[first:last]
         start = float(record.start_s[first])
         size = len(row)
@@ -200,6 +213,7 @@ def series_of(record: Record) -> Series:
         bridged=bridged[:whole],
         start_s=start,
         remarks=tuple(remarks),
+        rows=rows,
     )
 
 

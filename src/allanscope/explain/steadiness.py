@@ -22,8 +22,8 @@ from scipy.ndimage import minimum_filter1d
 from scipy.special import digamma, polygamma
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.spectral import Term
 from allanscope.explain.view import View
+from allanscope.noise.components import Component
 
 __all__ = ["UNSTEADY", "as_band", "unsteadiness_of"]
 
@@ -73,24 +73,21 @@ def as_band(view: View, candidate: Candidate) -> Candidate:
 
 def _shares(view: View, candidate: Candidate, f: Array) -> tuple[Array, Array]:
     """Return the variance of the process and of the noise beside it at some frequencies."""
-    after = view.with_terms(view.terms + candidate.terms).spectrum
-    process = sum(
-        (after.sigma_of(t)[0] ** 2 * t.at(view.grid, f) for t in _adding(candidate)),
-        np.zeros(len(f)),
-    )
-    return np.asarray(process), np.maximum(after.at(f) - process, 1e-300)
+    after = view.with_parts(*candidate.parts).spectrum
+    added = len(_adding(candidate))
+    process = after.of(after.model.components[-added:] if added else (), f)
+    return process, np.maximum(after.at(f) - process, 1e-300)
 
 
-def _adding(candidate: Candidate) -> list[Term]:
-    return [term for term in candidate.terms if term.role == "adds"]
+def _adding(candidate: Candidate) -> list[Component]:
+    return [part for part in candidate.parts if isinstance(part, Component)]
 
 
 def _open(view: View, f: Array) -> NDArray[np.bool_]:
     """Tell which frequencies are not within or next to what was cut out of the fit."""
     kept = np.ones(len(f), bool)
-    for term in view.terms:
-        if term.role == "excludes":
-            kept &= term.at(view.grid, f) > 0
+    for low, high in view.excluded:
+        kept &= (f < low) | (f > high)
     return np.asarray(minimum_filter1d(kept, 2 * _MARGIN + 1))
 
 

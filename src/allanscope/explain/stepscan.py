@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
-from allanscope.explain.grid import Grid
-from allanscope.explain.spectral import Spectrum
+from allanscope.explain.spectrum import Spectrum
+from allanscope.noise.grid import Grid
 
 __all__ = ["StepScan"]
 

@@ -9,15 +9,22 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.grid import Grid
-from allanscope.explain.once import once
+from allanscope.explain.effect import SearchStep
 from allanscope.explain.pile_up import Pile, piles
 from allanscope.explain.series import Series
-from allanscope.explain.spectral import Spectrum, Term, binned_power, fit_spectrum
+from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.stepscan import StepScan
+from allanscope.noise.components import Component, Flicker, RandomWalk, Rounding, White
+from allanscope.noise.filters import HeldPattern, HeldSamples
+from allanscope.noise.grid import Grid, Ranges
+from allanscope.noise.model import NoiseModel
+from allanscope.noise.once import once
+from allanscope.noise.part import Part
 from allanscope.samples import unit_of
 
 __all__ = ["Clock", "View"]
+
+_TEXTBOOK = (White(1.0), Flicker(1.0), RandomWalk(1.0))
 
 Array = NDArray[np.float64]
 
@@ -52,12 +59,16 @@ class View:
         Its samples without every deterministic effect accepted so far.
     accepted : tuple of Candidate
         What has been accepted.
-    terms : tuple of Term
-        Their stationary parts.
+    parts : tuple of Part
+        Their stationary parts: processes and filters.
+    excluded : tuple of (low, high)
+        Frequencies in Hz that they leave out of the fit.
     step : float
         Distance of the values that occur (the LSB, or what a sender's rounding made of it).
     stopped : str
         Why the search ended before it was done; empty when it was.
+    path : tuple of SearchStep
+        What was tried, what it gained, and which gate stopped it.
     """
 
     series: Series
@@ -66,10 +77,12 @@ class View:
     data: Array
     step: float
     accepted: tuple[Candidate, ...] = ()
-    terms: tuple[Term, ...] = ()
+    parts: tuple[Part, ...] = ()
+    excluded: Ranges = ()
     clock: Clock | None = None
-    base: str = "NBK"
+    base: tuple[Component, ...] = _TEXTBOOK
     stopped: str = ""
+    path: tuple[SearchStep, ...] = ()
 
     @once
     def ordinates(self) -> Array:
@@ -86,7 +99,7 @@ class View:
     @once
     def power(self) -> Array:
         """Mean square of every bin."""
-        return binned_power(self.grid, self.squares, self.terms)
+        return self.grid.binned(self.squares, self.excluded)[0]
 
     @property
     def floor(self) -> float:
@@ -95,10 +108,16 @@ class View:
 
     @once
     def spectrum(self) -> Spectrum:
-        """The noise fitted to the data with the terms accepted so far."""
-        return fit_spectrum(
-            self.grid, self.power, base=self.base, terms=self.terms, floor=self.fitted_floor
-        )
+        """The noise fitted to the data with the parts accepted so far."""
+        return fit_spectrum(self.grid, self.power, self.model, excluded=self.excluded)
+
+    @once
+    def model(self) -> NoiseModel:
+        """The noise that is fitted: textbook, rounding, and the parts accepted so far."""
+        floor = self.fitted_floor
+        step = float(np.sqrt(12 * floor * self.grid.stride))
+        rounding = (Rounding(step),) if step > 0 else ()
+        return NoiseModel((*self.base, *rounding), self.grid.dt).plus(*self.parts)
 
     @once
     def fitted_floor(self) -> float:
@@ -108,7 +127,8 @@ class View:
         leaves one code, it is less than q^2/12. Rows that are held hold their rounding as well: it
         is part of the white noise then.
         """
-        if any(t.kind == "repeated_samples" and t.nonlinear[0] > _HELD for t in self.terms):
+        held = [p for p in self.parts if isinstance(p, HeldSamples | HeldPattern)]
+        if any(part.fraction > _HELD for part in held):
             return 0.0
         lowest = float(self.power[self.grid.count > _MANY].min(initial=np.inf))
         return self.floor if lowest > _TRUSTED * self.floor else 0.98 * lowest
@@ -160,9 +180,13 @@ class View:
         """Tell which ordinates of another axis hold a line."""
         return np.asarray(self.series.loud[self.series.column(axis)])
 
-    def with_terms(self, terms: tuple[Term, ...]) -> View:
-        """Return the view with other stationary parts, to be fitted anew."""
-        return replace(self, terms=terms)
+    def with_parts(self, *parts: Part) -> View:
+        """Return the view with more stationary parts, to be fitted anew."""
+        return replace(self, parts=(*self.parts, *parts))
+
+    def without_range(self, low: float, high: float) -> View:
+        """Return the view with a range of frequencies left out of the fit."""
+        return replace(self, excluded=(*self.excluded, (low, high)))
 
     def accept(self, candidate: Candidate) -> View:
         """Return the view with one more effect."""
@@ -170,21 +194,24 @@ class View:
         return replace(
             self,
             data=data,
-            terms=self.terms + candidate.terms,
+            parts=self.parts + candidate.parts,
+            excluded=self.excluded + candidate.excluded,
             accepted=(*self.accepted, candidate),
         )
 
     def without(self, *candidates: Candidate) -> View:
         """Return the view without some of its effects."""
-        data, gone = self.data, set[Term]()
+        data, parts, excluded = self.data, set[Part](), set[tuple[float, float]]()
         for candidate in candidates:
-            gone.update(candidate.terms)
+            parts.update(candidate.parts)
+            excluded.update(candidate.excluded)
             if candidate.signal is not None:
                 data = data + candidate.signal
         return replace(
             self,
             data=data,
-            terms=tuple(t for t in self.terms if t not in gone),
+            parts=tuple(p for p in self.parts if p not in parts),
+            excluded=tuple(r for r in self.excluded if r not in excluded),
             accepted=tuple(c for c in self.accepted if all(c is not one for one in candidates)),
         )
 

@@ -5,15 +5,16 @@
     History rows ──▶ DCT ordinates ─┐
                                     ├─▶ likelihood ──▶ NoiseFit: Q N B K R, band limit, model
     SpectrumBank ──▶ density bands ─┘        ▲             │
-                                      components/          ├─▶ datasheet, exports
+                              components/, filters/        ├─▶ datasheet, exports
     AllanBank ──▶ Deviation ──▶ GLS with the full covariance of the curve: a second opinion
 
-`components/` holds what noise can be, one part a file, exact in discrete time. `ordinates` and
-`evidence` make the data independent, `whittle` and `scoring` find the most likely numbers, `drift`
-and `selection` decide what else the data demand, `bias`, `profile` and `estimates` turn the maximum
-into coefficients with intervals, and `fit` puts it all together. `crlb` says how well any of it can
-be known; `gls`, `log_curve` and `covariance` judge a model by the Allan curve, `curve_fit` fits one
-to it, and `whiteness` looks at the spectrum.
+`components/` holds what noise can be and `filters/` what stands between it and the samples, one a
+file, exact in discrete time; a `NoiseModel` (`model`) is components behind filters. `grid` and
+`evidence` make the data independent, `likelihood` and `amplitudes` find the most likely numbers,
+`drift` and `selection` decide what else the data demand where no search has run, `bias`, `profile`
+and `estimates` turn the maximum into coefficients with intervals, and `fit` puts it together.
+`crlb` says how well any of it can be known; `gls`, `log_curve` and `covariance` judge a model by
+the Allan curve, `curve_fit` fits one to it, and `whiteness` looks at the spectrum.
 """
 
 from importlib import import_module
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
     from allanscope.noise.gls import CurveResidual, gls_chi2
     from allanscope.noise.model import NoiseModel
-    from allanscope.noise.whittle import loglik
 
 __all__ = [
     "BestAveraging",
@@ -41,7 +41,6 @@ __all__ = [
     "fit_curve",
     "fit_noise",
     "gls_chi2",
-    "loglik",
     "relative_bounds",
     "wait_until",
 ]
@@ -58,7 +57,6 @@ _HOME = {
     "fit_noise": "fit",
     "CurveResidual": "gls",
     "gls_chi2": "gls",
-    "loglik": "whittle",
     "relative_bounds": "crlb",
     "wait_until": "crlb",
 }

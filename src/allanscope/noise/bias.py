@@ -12,9 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.noise.components import Component
-from allanscope.noise.scoring import Free, WhittleFit
-from allanscope.noise.whittle import Likelihood
+from allanscope.noise.likelihood import Fit
+from allanscope.noise.model import Free, NoiseModel
 
 __all__ = ["bias_reduced"]
 
@@ -24,14 +23,15 @@ _STEPS = 40
 _DIFFERENCE = 1e-3
 _LONGEST = 0.7
 _GAIN = 1e-6
+_RIDGE = 1e-12
 
 
-def bias_reduced(likelihood: Likelihood, fit: WhittleFit) -> tuple[Component, ...]:
-    """Return the components with bias-reduced amplitudes; shapes stay where the fit put them."""
-    free = tuple(f for f in fit.free if _is_amplitude(fit, f))
+def bias_reduced(fit: Fit) -> NoiseModel:
+    """Return the model with bias-reduced amplitudes; shapes stay where the fit put them."""
+    free = tuple(f for f in fit.free if fit.model.quantity(f).role == "amplitude")
     if not free:
-        return fit.components
-    problem = _Penalised(likelihood, fit.components, free)
+        return fit.model
+    problem = _Penalised(fit, free)
     point = np.log(problem.start())
     value = problem.objective(point)
     for _ in range(_STEPS):
@@ -55,20 +55,17 @@ def bias_reduced(likelihood: Likelihood, fit: WhittleFit) -> tuple[Component, ..
 class _Penalised:
     """Log-likelihood plus half the log-determinant of the information about the amplitudes."""
 
-    def __init__(
-        self, likelihood: Likelihood, components: tuple[Component, ...], free: tuple[Free, ...]
-    ) -> None:
-        self.likelihood = likelihood
-        self.components = components
-        self.free = free
-        expected, jacobian = likelihood.derivatives(components, free)
-        self.columns = jacobian
-        amplitudes = np.array([components[f.component].values[f.quantity] for f in free])
-        self.rest = expected - jacobian @ amplitudes**2
+    def __init__(self, fit: Fit, free: tuple[Free, ...]) -> None:
+        self.fit, self.likelihood, self.free = fit, fit.likelihood, free
+        self.amplitudes = np.array([fit.model.number(f) for f in free])
+        components = fit.model.components
+        units = [components[f.part].with_power(1.0) for f in free]
+        self.columns = np.array([self.likelihood.column(fit.model, unit) for unit in units]).T
+        self.rest = np.maximum(fit.expected - self.columns @ self.amplitudes**2, 0.0)
 
     def start(self) -> Array:
         """Return where to start: for an amplitude at zero, the smallest that could be seen."""
-        amplitudes = np.array([self.components[f.component].values[f.quantity] for f in self.free])
+        amplitudes = self.amplitudes
         expected = np.maximum(self.rest + self.columns @ amplitudes**2, 1e-300)
         relative = self.columns / expected[:, np.newaxis]
         visible = (0.5 * np.sum(self.likelihood.dof[:, np.newaxis] * relative**2, axis=0)) ** -0.25
@@ -77,7 +74,7 @@ class _Penalised:
     def objective(self, point: Array) -> float:
         expected, information = self._information(point)
         # About the amplitudes themselves: the determinant in logarithms over their squares.
-        penalty = 0.5 * float(np.linalg.slogdet(information)[1]) - float(point.sum())
+        penalty = 0.5 * _log_determinant(information) - float(point.sum())
         return self.likelihood.value(expected) + penalty
 
     def slopes(self, point: Array) -> tuple[Array, Array]:
@@ -91,27 +88,25 @@ class _Penalised:
             moved = np.zeros(len(point))
             moved[i] = _DIFFERENCE
             up, down = (self._information(point + s * moved)[1] for s in (1, -1))
-            change = np.linalg.slogdet(up)[1] - np.linalg.slogdet(down)[1]
+            change = _log_determinant(up) - _log_determinant(down)
             penalty[i] = 0.5 * change / (2 * _DIFFERENCE) - 1
         return score + penalty, information
 
-    def at(self, point: Array) -> tuple[Component, ...]:
-        """Return the components with these logarithms of amplitudes."""
-        values = [list(component.values) for component in self.components]
-        for free, number in zip(self.free, np.exp(point), strict=True):
-            values[free.component][free.quantity] = float(number)
-        return tuple(
-            c.with_values(v) if v else c for c, v in zip(self.components, values, strict=True)
-        )
+    def at(self, point: Array) -> NoiseModel:
+        """Return the model with these logarithms of amplitudes."""
+        return self.fit.model.with_numbers(self.free, np.exp(point))
 
     def _information(self, point: Array) -> tuple[Array, Array]:
         powers = np.exp(2 * point)
-        expected = self.rest + self.columns @ powers
+        expected = np.maximum(self.rest + self.columns @ powers, 1e-300)
         relative = (
             self.columns * (2 * powers) * (np.sqrt(self.likelihood.dof / 2) / expected)[:, None]
         )
         return expected, relative.T @ relative
 
 
-def _is_amplitude(fit: WhittleFit, free: Free) -> bool:
-    return fit.components[free.component].quantities[free.quantity].role == "amplitude"
+def _log_determinant(information: Array) -> float:
+    """Return ln det of an information matrix; finite where columns cannot be told apart."""
+    scale = np.sqrt(np.diag(information)) + 1e-150
+    correlation = information / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    return float(np.linalg.slogdet(correlation)[1] + 2 * np.sum(np.log(scale)))

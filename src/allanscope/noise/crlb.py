@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.noise.components import Component
-from allanscope.noise.ordinates import Ordinates, bin_edges
-from allanscope.noise.scoring import Free
-from allanscope.noise.whittle import Likelihood
+from allanscope.noise.evidence import Ordinates
+from allanscope.noise.grid import Grid
+from allanscope.noise.likelihood import Fit, Likelihood
+from allanscope.noise.model import NoiseModel
 
 __all__ = ["relative_bounds", "wait_until"]
 
@@ -23,12 +24,14 @@ Array = NDArray[np.float64]
 _LONGEST_FACTOR = 4096.0
 
 
-def relative_bounds(model: Iterable[Component], dt: float, duration: float) -> dict[str, float]:
+def relative_bounds(
+    model: NoiseModel | Iterable[Component], dt: float, duration: float
+) -> dict[str, float]:
     """Return the least relative standard deviation of every number of a model.
 
     Parameters
     ----------
-    model : iterable of Component
+    model : NoiseModel or iterable of Component
         With the true numbers.
     dt : float
         Time between samples in s.
@@ -48,34 +51,21 @@ def relative_bounds(model: Iterable[Component], dt: float, duration: float) -> d
     >>> {name: f"{100 * bound:.2g} %" for name, bound in bounds.items()}
     {'N': '0.12 %', 'B': '8.2 %', 'K': '33 %'}
     """
-    components = tuple(model)
-    n = max(32, round(duration / dt))
-    edges = bin_edges(n - 1)
-    bare = Ordinates(
-        raw=np.broadcast_to(0.0, (1, n - 1)),
-        dt=dt,
-        stride=1,
-        first=edges[:-1],
-        last=edges[1:] - 1,
-        power=np.ones(len(edges) - 1),
-    )
-    likelihood = Likelihood([bare])
-    free = [Free(i, j) for i, c in enumerate(components) for j in range(len(c.quantities))]
-    expected, jacobian = likelihood.derivatives(components, free)
-    quantities = [components[f.component].quantities[f.quantity] for f in free]
-    values = np.array([components[f.component].values[f.quantity] for f in free])
-    shape = np.array([quantity.role == "shape" for quantity in quantities])
-    by_log = np.where(shape, 1.0, 2 * values**2)
-    weighted = jacobian * by_log * (np.sqrt(likelihood.dof / 2) / expected)[:, np.newaxis]
-    seen = np.any(weighted != 0, axis=0)
-    bounds = np.full(len(free), np.inf)
-    block = weighted[:, seen].T @ weighted[:, seen]
-    bounds[seen] = np.sqrt(np.diag(np.linalg.pinv(block, hermitian=True)))
-    return {q.name: float(b) for q, b in zip(quantities, bounds, strict=True)}
+    if not isinstance(model, NoiseModel):
+        model = NoiseModel(tuple(model), dt)
+    grid = Grid(max(32, round(duration / dt)), 1 / dt)
+    likelihood = Likelihood([Ordinates(grid, np.ones_like(grid.count), grid.count)])
+    expected = likelihood.expected(model)
+    fit = Fit(likelihood, model, likelihood.value(expected), frozenset(), True, expected)
+    return dict(zip(fit.names, fit.relative_sd().tolist(), strict=True))
 
 
 def wait_until(
-    model: Iterable[Component], dt: float, duration: float, name: str, known: float = 0.2
+    model: NoiseModel | Iterable[Component],
+    dt: float,
+    duration: float,
+    name: str,
+    known: float = 0.2,
 ) -> float | None:
     """Return how much longer to run until a number is known to a relative standard deviation.
 
@@ -93,10 +83,10 @@ def wait_until(
     float or None
         In s; 0 when it is known now, None when 4096 times the run would not do.
     """
-    components = tuple(model)
+    whole = model if isinstance(model, NoiseModel) else NoiseModel(tuple(model), dt)
 
     def bound(length: float) -> float:
-        return relative_bounds(components, dt, length).get(name, np.inf)
+        return relative_bounds(whole, dt, length).get(name, np.inf)
 
     low, high = duration, duration
     while bound(high) > known:

@@ -18,9 +18,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.noise.ordinates import Evidence, Ordinates
-from allanscope.noise.scoring import WhittleFit
-from allanscope.noise.whittle import Likelihood
+from allanscope.noise.evidence import Evidence, Ordinates
+from allanscope.noise.likelihood import Fit, Likelihood
 
 __all__ = ["Drift", "fit_drift", "ramp_pattern"]
 
@@ -50,7 +49,7 @@ class Drift:
         there is no ramp.
     evidence : tuple of Evidence
         With the ramp subtracted.
-    fit : WhittleFit
+    fit : Fit
         Of the noise to that evidence.
     """
 
@@ -58,7 +57,7 @@ class Drift:
     half_width: float
     gain: float
     evidence: tuple[Evidence, ...]
-    fit: WhittleFit
+    fit: Fit
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -79,17 +78,19 @@ def ramp_pattern(ordinates: Ordinates) -> Array:
     >>> bool(np.allclose(ordinates.raw[0], 0.25 * ramp_pattern(ordinates)))
     True
     """
-    k = np.arange(1, min(ordinates.n, _FIRST + 1))
-    half = np.pi * k / (2 * ordinates.n)
-    shape = np.cos(half) / (2 * np.sin(half) ** 2) * np.sqrt(2 / ordinates.n)
-    return np.where(k % 2 == 1, -ordinates.stride * ordinates.dt * shape, 0.0)
+    grid = ordinates.grid
+    k = np.arange(1, min(grid.n, _FIRST + 1))
+    half = np.pi * k / (2 * grid.n)
+    shape = np.cos(half) / (2 * np.sin(half) ** 2) * np.sqrt(2 / grid.n)
+    return np.where(k % 2 == 1, -shape / grid.rate_hz, 0.0)
 
 
-def fit_drift(likelihood: Likelihood, fit: WhittleFit) -> Drift | None:
+def fit_drift(fit: Fit) -> Drift | None:
     """Estimate the ramp and the noise together, starting from a fit of the noise alone.
 
     Returns None where the evidence has no ordinates.
     """
+    likelihood = fit.likelihood
     ramp = _Ramp(likelihood)
     if not ramp.patterns:
         return None
@@ -98,13 +99,13 @@ def fit_drift(likelihood: Likelihood, fit: WhittleFit) -> Drift | None:
         before = slope
         slope, sd = ramp.regress(joint.expected)
         evidence = ramp.removed(slope)
-        joint = Likelihood(evidence).maximise(joint.components)
+        joint = Likelihood(evidence).maximise(joint.model, held=fit.held)
         if abs(slope - before) < 0.02 * sd:
             break
     sd = ramp.regress(joint.expected)[1]
-    beside = Likelihood(ramp.removed(slope + _PROBE * sd)).maximise(joint.components)
-    fallen = 2 * (joint.log_likelihood - beside.log_likelihood)
-    gain = joint.log_likelihood - fit.log_likelihood
+    beside = Likelihood(ramp.removed(slope + _PROBE * sd)).maximise(joint.model, held=fit.held)
+    fallen = 2 * (joint.loglik - beside.loglik)
+    gain = joint.loglik - fit.loglik
     return Drift(slope, sd * _half_width(fallen), gain, evidence, joint)
 
 
@@ -127,8 +128,10 @@ class _Ramp:
         for i, pattern in self.patterns.items():
             part = self.evidence[i]
             assert isinstance(part, Ordinates)
-            variance = part.single(expected[self.bins[i]])
-            low = pattern[: len(variance)]
+            # Of the bins that hold one ordinate; a ramp has next to nothing beyond them.
+            single = int(np.argmin(np.append(part.dof == len(part.raw), False)))
+            variance = expected[self.bins[i]][:single]
+            low = pattern[:single]
             weight += len(part.raw) * float(np.sum(low**2 / variance))
             projection += float(np.sum(part.raw[:, : len(low)] * low / variance))
         return projection / weight, weight**-0.5

@@ -8,10 +8,9 @@ from allanscope.noise.bias import bias_reduced
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.crlb import wait_until
 from allanscope.noise.drift import Drift
+from allanscope.noise.likelihood import Fit
 from allanscope.noise.profile import profile_interval
-from allanscope.noise.scoring import WhittleFit
 from allanscope.noise.selection import quantization_score
-from allanscope.noise.whittle import Likelihood
 
 __all__ = ["Estimates", "ramp_coefficient"]
 
@@ -30,37 +29,33 @@ class Estimates:
 
     Parameters
     ----------
-    likelihood : Likelihood
-        Of the evidence, without a ramp where one was found.
-    fit : WhittleFit
-        Its maximum.
+    fit : Fit
+        Maximum of the likelihood, without a ramp where one was found.
     dt, duration : float
         Time between samples and length of the run in s.
     unit : str
         Of the axis.
     """
 
-    def __init__(
-        self, likelihood: Likelihood, fit: WhittleFit, dt: float, duration: float, unit: str
-    ) -> None:
-        self.likelihood, self.fit = likelihood, fit
+    def __init__(self, fit: Fit, dt: float, duration: float, unit: str) -> None:
+        self.fit = fit
         self.dt, self.duration, self.unit = dt, duration, unit
-        self.spread = fit.relative_sd()
-        self.reduced = bias_reduced(likelihood, fit)
+        self.spread = fit.all_free().relative_sd()[_positions(fit)]
+        self.reduced = bias_reduced(fit)
 
     def coefficient(self, name: str) -> Coefficient:
         """Return a coefficient that was fitted."""
         index = self.fit.index(name)
         assert index is not None
         free = self.fit.free[index]
-        quantity = self.fit.components[free.component].quantities[free.quantity]
-        value = self.reduced[free.component].values[free.quantity]
+        quantity = self.fit.model.quantity(free)
+        value = self.reduced.number(free)
         spread = float(self.spread[index])
         if spread < _NORMAL:
             lower, upper = value * np.exp(-_Z * spread), value * np.exp(_Z * spread)
             detected = True
         else:
-            interval = profile_interval(self.likelihood, self.fit, index)
+            interval = profile_interval(self.fit, index)
             lower, upper = min(interval.lower, value), max(interval.upper, value)
             detected = interval.against_zero > _DETECTED
             if not detected:
@@ -81,7 +76,7 @@ class Estimates:
         """Return Q: fitted where it was selected, else the limit that its score sets."""
         if self.fit.index("Q") is not None:
             return self.coefficient("Q")
-        score = quantization_score(self.likelihood, self.fit)
+        score = quantization_score(self.fit)
         return Coefficient(score.value, 0.0, score.upper, f"{self.unit}*s", detected=False)
 
     def _wait(
@@ -95,13 +90,15 @@ class Estimates:
         much more as the interval is too wide, at most for as long again.
         """
         free = self.fit.free[index]
-        components = list(self.reduced)
-        values = list(components[free.component].values)
-        values[free.quantity] = value if detected else float(np.sqrt(value * upper))
-        components[free.component] = components[free.component].with_values(values)
-        name = self.fit.names[index]
-        wait = wait_until(components, self.dt, self.duration, name, _KNOWN)
+        expected = value if detected else float(np.sqrt(value * upper))
+        model = self.reduced.with_numbers([free], [expected])
+        wait = wait_until(model, self.dt, self.duration, self.fit.names[index], _KNOWN)
         return self.duration * min(excess**2 - 1, 1.0) if wait == 0.0 else wait
+
+
+def _positions(fit: Fit) -> list[int]:
+    """Return where what was varied stands among all numbers of the model."""
+    return [fit.model.numbers.index(free) for free in fit.free]
 
 
 def ramp_coefficient(

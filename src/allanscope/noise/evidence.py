@@ -1,28 +1,201 @@
-"""From what a run keeps to what a likelihood is computed from.
+"""What a likelihood is computed from: bins of cosine ordinates of rows, and bands of a density.
 
 Rows at stride 1 are the samples: their ordinates are all the evidence there is. At a larger stride
-the rows hold the low band, up to a quarter of their rate, and the streaming spectrum the rest.
+the rows hold the low band, up to a quarter of their rate, and the streaming spectrum the rest. Both
+are mean powers with known degrees of freedom, so that one likelihood takes both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.fft import dct, prev_fast_len
 
-from allanscope.noise.ordinates import SHORTEST, DensityBands, Evidence, Ordinates
+from allanscope.noise.components import Component
+from allanscope.noise.filters import Filter
+from allanscope.noise.grid import Grid, Ranges, grid_of
 from allanscope.spectrum.density import Density
 
-__all__ = ["evidence_of", "stretches_of"]
+__all__ = ["SHORTEST", "DensityBands", "Evidence", "Ordinates", "evidence_of", "stretches_of"]
 
 Array = NDArray[np.float64]
 
+SHORTEST = 16
+"""Rows that a stretch must have to be used."""
 _LOW_BAND = 0.25
 """Part of the row rate below which rows are used where there is a density: averaging has taken at
 most a fifth of the power there."""
 _WHOLE = 16
 """Longest stretches that are transformed in one piece; shorter ones are cut to a common length."""
+
+
+class Evidence(Protocol):
+    """Mean powers whose expectation a model predicts."""
+
+    @property
+    def power(self) -> Array:
+        """Mean power of each bin, shape (b,)."""
+
+    @property
+    def dof(self) -> Array:
+        """Degrees of freedom: power is distributed as expected * chi2(dof) / dof."""
+
+    @property
+    def frequency(self) -> Array:
+        """Centre of each bin in Hz."""
+
+    def column(self, component: Component) -> Array:
+        """Return what a component contributes to each power, shape (b,)."""
+
+    def response(self, low_pass: Filter) -> Array:
+        """Return the power response of a filter in each bin, shape (b,)."""
+
+    def without(self, ranges: Ranges) -> Self:
+        """Return the evidence with ranges of frequencies left out: no degree of freedom there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ordinates:
+    """DCT-II ordinates of stretches of rows of one length, binned.
+
+    Attributes
+    ----------
+    grid : Grid
+        Of one stretch.
+    power, dof : ndarray, shape (b,)
+        Mean square of the ordinates of the first b bins of the grid, and how many they are.
+    raw : ndarray, shape (stretches, n - 1)
+        The ordinates k = 1 ... n - 1, for regressions on them; empty where they are not kept.
+    excluded : tuple of (low, high)
+        Frequencies in Hz that are left out.
+    """
+
+    grid: Grid
+    power: Array
+    dof: Array
+    raw: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False)
+    excluded: Ranges = ()
+
+    @classmethod
+    def of(
+        cls, rows: ArrayLike, dt: float, *, stride: int = 1, highest: float = np.inf
+    ) -> Ordinates:
+        """Transform contiguous rows.
+
+        Parameters
+        ----------
+        rows : array_like, shape (n,) or (stretches, n)
+            Samples, or means over `stride` of them. A few at the end may be left out so that the
+            transform is fast.
+        dt : float
+            Time between samples in s.
+        stride : int
+            Samples in a row.
+        highest : float
+            Frequency in Hz up to which ordinates are used; above it a `DensityBands` takes over.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than 16 rows, or values that are not finite.
+        """
+        table = np.atleast_2d(np.asarray(rows, np.float64))
+        if table.shape[1] < SHORTEST:
+            raise ValueError(f"need at least {SHORTEST} contiguous rows, got {table.shape[1]}")
+        if not np.all(np.isfinite(table)):
+            raise ValueError("the rows hold values that are not finite")
+        n = int(prev_fast_len(table.shape[1], real=True))
+        # Ordinate 0 is the mean; leaving it out removes that.
+        raw = np.asarray(dct(table[:, :n], type=2, norm="ortho", axis=1))[:, 1:]
+        grid = grid_of(n, 1 / (dt * stride), stride)
+        bins = max(4, int(np.searchsorted(grid.centre, highest, side="right")))
+        return cls(grid, np.empty(min(bins, len(grid.count))), np.empty(0), raw).binned()
+
+    @property
+    def frequency(self) -> Array:
+        """Centre of each bin in Hz."""
+        return self.grid.centre[: len(self.power)]
+
+    def column(self, component: Component) -> Array:
+        """Return what a component contributes to the mean square of each bin."""
+        return self.grid.column(component)[: len(self.power)]
+
+    def response(self, low_pass: Filter) -> Array:
+        """Return the mean power response of a filter in each bin."""
+        return self.grid.response(low_pass)[: len(self.power)]
+
+    def without(self, ranges: Ranges) -> Self:
+        """Return the ordinates with ranges of frequencies left out."""
+        return replace(self, excluded=(*self.excluded, *ranges)).binned() if ranges else self
+
+    def less(self, pattern: Array) -> Self:
+        """Return the ordinates with a pattern, shape (p,) from k = 1 on, subtracted."""
+        raw = self.raw.copy()
+        raw[:, : len(pattern)] -= pattern
+        return replace(self, raw=raw).binned()
+
+    def binned(self) -> Self:
+        """Return the same with the powers computed anew."""
+        square = np.einsum("sk,sk->k", self.raw, self.raw) / len(self.raw)
+        power, count = self.grid.binned(square, self.excluded)
+        keep = len(self.power)
+        return replace(self, power=power[:keep], dof=(count * len(self.raw))[:keep])
+
+
+@dataclass(frozen=True, eq=False)
+class DensityBands:
+    """Bands of a one-sided density that was averaged while the samples came in.
+
+    Attributes
+    ----------
+    frequency, width : ndarray, shape (b,)
+        Centre and width of each band in Hz.
+    power : ndarray, shape (b,)
+        Mean density in unit^2 / Hz.
+    dof : ndarray, shape (b,)
+        Twice the effective averages.
+    dt : float
+        Time between samples in s.
+    """
+
+    frequency: Array
+    width: Array
+    power: Array
+    dof: Array
+    dt: float
+
+    @classmethod
+    def of(cls, density: Density, dt: float, *, lowest: float = 0.0) -> DensityBands:
+        """Take the bands that lie wholly above `lowest` (Hz) and hold power."""
+        above = density.frequency - 0.5 * density.width >= lowest * (1 - 1e-9)
+        keep = above & (density.averages > 0) & (density.density > 0)
+        return cls(
+            density.frequency[keep],
+            density.width[keep],
+            density.density[keep],
+            2 * density.averages[keep],
+            dt,
+        )
+
+    def column(self, component: Component) -> Array:
+        """Return the mean density of a component in each band."""
+        return component.band_density(self.frequency, self.width, self.dt)
+
+    def response(self, low_pass: Filter) -> Array:
+        """Return the power response of a filter in the middle of each band."""
+        return low_pass.response(self.frequency, self.dt)
+
+    def without(self, ranges: Ranges) -> Self:
+        """Return the bands with those that touch a range of frequencies left out."""
+        dof, half = self.dof.copy(), self.width / 2
+        for low, high in ranges:
+            touched = (self.frequency + half > low) & (self.frequency - half < high)
+            dof[touched] = 0.0
+        return replace(self, dof=dof)
 
 
 def stretches_of(values: Array, segments: Sequence[tuple[int, int]]) -> tuple[Array, ...]:

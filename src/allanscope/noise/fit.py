@@ -13,35 +13,39 @@ residuals is the maximum of the likelihood itself.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.history import Record
 from allanscope.noise.coefficients import Coefficient
-from allanscope.noise.components import BandLimitedWhite, Ramp, Rounding
+from allanscope.noise.components import Ramp, Rounding
 from allanscope.noise.drift import fit_drift
 from allanscope.noise.estimates import Estimates, ramp_coefficient
-from allanscope.noise.evidence import evidence_of, stretches_of
+from allanscope.noise.evidence import Evidence, evidence_of, stretches_of
+from allanscope.noise.filters import HeldPattern, HeldSamples, LowPass
+from allanscope.noise.grid import Ranges
+from allanscope.noise.likelihood import Fit, Likelihood
 from allanscope.noise.model import NoiseModel
-from allanscope.noise.ordinates import Evidence
+from allanscope.noise.part import Part as PartOfModel
 from allanscope.noise.quantised import LIMIT, advice, on_lattice
-from allanscope.noise.scoring import WhittleFit
-from allanscope.noise.selection import select, start
+from allanscope.noise.selection import select, textbook
 from allanscope.noise.whiteness import Bands, whitened
-from allanscope.noise.whittle import Likelihood
 from allanscope.parts import Part
 from allanscope.samples import unit_of
 from allanscope.spectrum.density import Density
 
-__all__ = ["NoiseFit", "fit_array", "fit_noise"]
+__all__ = ["Known", "NoiseFit", "fit_array", "fit_noise"]
 
 Array = NDArray[np.float64]
 
-_RAMP_DETECTED = 12.0
+_RAMP_DETECTED = 2 * math.log(1e3)
 """Twice the nats for a ramp, with K fitted beside it: below 1 in 1000 by simulation."""
+_OFTEN = 0.1
+"""Share of held samples."""
 _SURE = 50.0
 """Degrees of freedom from which the power of a band is compared with that of rounding."""
 _STOP_BAND = 0.05
@@ -70,7 +74,7 @@ class NoiseFit:
         the sensor.
     evidence : tuple of Evidence
         What was fitted, ramp removed: for regressions, and to compare other models on.
-    fit : WhittleFit
+    fit : Fit
         Maximum of the likelihood, with the information matrix.
     bands : Bands
         Whitened spectrum: measured over expected power.
@@ -84,7 +88,7 @@ class NoiseFit:
     band_limit: Coefficient | None
     rounding: float
     evidence: tuple[Evidence, ...]
-    fit: WhittleFit
+    fit: Fit
     bands: Bands
     step_limited: bool = False
     remarks: tuple[str, ...] = ()
@@ -105,8 +109,32 @@ class NoiseFit:
         return self.bands.p_value(len(self.fit.free))
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What a search has found of an axis, beside which the noise is fitted.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        Processes, whose sizes are fitted, and filters.
+    signal : ndarray, shape (n,), or None
+        What is subtracted from the rows of the record: everything deterministic but the ramp.
+    excluded : tuple of (low, high)
+        Frequencies in Hz that are left out.
+    """
+
+    parts: tuple[PartOfModel, ...] = ()
+    signal: Array | None = field(default=None, repr=False)
+    excluded: Ranges = ()
+
+
 def fit_noise(
-    record: Record, axis: str, density: Density | None = None, *, part: Part | None = None
+    record: Record,
+    axis: str,
+    density: Density | None = None,
+    *,
+    part: Part | None = None,
+    known: Known | None = None,
 ) -> NoiseFit:
     """Fit one axis of what a run keeps.
 
@@ -121,6 +149,8 @@ def fit_noise(
         when these are averages.
     part : Part, optional
         Whose filters are offered to the fit.
+    known : Known, optional
+        What a search has found: then nothing else is offered.
 
     Raises
     ------
@@ -132,16 +162,20 @@ def fit_noise(
     column = record.axes.index(axis)
     values = record.values[:, column]
     _refuse_constant(values)
+    lsb = record.lsb[column]
+    lattice = lsb if on_lattice(values * record.stride, lsb) else None
+    if known is not None and known.signal is not None:
+        values = values - known.signal
     row_s = 1 / record.rate_hz
     stretches = stretches_of(values, [(int(a), int(b)) for a, b in record.segments])
-    lsb = record.lsb[column]
     return _fit(
         evidence_of(stretches, row_s / record.stride, record.stride, density),
         dt=row_s / record.stride,
         duration=len(values) * row_s,
         unit=unit_of(axis),
-        lsb=lsb if on_lattice(values * record.stride, lsb) else None,
+        lsb=lattice,
         cutoffs=part.cutoffs_hz(axis, record.stride * record.rate_hz) if part else (),
+        known=known,
     )
 
 
@@ -209,19 +243,22 @@ def _fit(
     unit: str,
     lsb: float | None,
     cutoffs: tuple[float, ...],
+    known: Known | None = None,
 ) -> NoiseFit:
+    if known is not None and known.excluded:
+        evidence = tuple(part.without(known.excluded) for part in evidence)
     likelihood = Likelihood(evidence)
     if not np.any(likelihood.power > 0):
         raise ValueError("the axis is constant: there is no noise to fit")
-    rounded = lsb if lsb and _carries_rounding(likelihood, lsb) else None
-    fit = likelihood.maximise(start(likelihood, rounded))
-    drift = fit_drift(likelihood, fit)
+    parts = known.parts if known is not None else ()
+    rounded = lsb if lsb and _carries_rounding(likelihood, lsb) and not _held(parts) else None
+    fit = likelihood.amplitudes(textbook(dt, rounded).plus(*parts))
+    drift = fit_drift(fit)
     ramp = drift is not None and 2 * drift.gain > _RAMP_DETECTED
     if drift is not None and ramp:
-        likelihood, fit = Likelihood(drift.evidence), drift.fit
-    fit = select(likelihood, fit, cutoffs, 0.5 / dt)
-    likelihood, fit = _without_stop_band(likelihood, fit, dt)
-    estimates = Estimates(likelihood, fit, dt, duration, unit)
+        fit = drift.fit
+    fit = _without_stop_band(select(fit, cutoffs) if known is None else fit)
+    estimates = Estimates(fit, dt, duration, unit)
     coefficients = {
         "Q": estimates.quantization(),
         **{name: estimates.coefficient(name) for name in "NBK"},
@@ -229,51 +266,54 @@ def _fit(
     }
     limited = lsb is not None and _short_term(fit, dt) < LIMIT * lsb
     slope = drift.slope if drift is not None and ramp else 0.0
-    components = (*fit.components, *((Ramp(abs(slope)),) if slope else ()))
+    evidence = fit.likelihood.evidence
     return NoiseFit(
         coefficients=coefficients,
-        model=NoiseModel(components, dt),
+        model=fit.model.plus(*((Ramp(abs(slope)),) if slope else ())),
         slope=slope,
         band_limit=estimates.coefficient("cutoff") if fit.index("cutoff") is not None else None,
         rounding=rounded * float(np.sqrt(dt / 12)) if rounded else 0.0,
-        evidence=likelihood.evidence,
+        evidence=evidence,
         fit=fit,
-        bands=whitened(likelihood.evidence, fit.expected),
+        bands=whitened(evidence, fit.expected),
         step_limited=limited,
         remarks=_remarks(coefficients, fit, advice(unit, lsb or 0.0) if limited else ""),
     )
 
 
-def _without_stop_band(
-    likelihood: Likelihood, fit: WhittleFit, dt: float
-) -> tuple[Likelihood, WhittleFit]:
+def _without_stop_band(fit: Fit) -> Fit:
     """Leave out what lies beyond a low-pass: little but the unknown details of the filter."""
-    low_pass = next((c for c in fit.components if isinstance(c, BandLimitedWhite)), None)
-    if low_pass is None or low_pass.N == 0.0:
-        return likelihood, fit
+    low_pass = next((f for f in fit.model.filters if isinstance(f, LowPass)), None)
+    if low_pass is None or fit.model.value("N") == 0.0:
+        return fit
+    dt = fit.model.dt
     frequency = np.linspace(0.0, 0.5 / dt, 2048)
-    passed = low_pass.density(frequency, dt) > _STOP_BAND * 2 * low_pass.N**2
-    highest = float(frequency[passed][-1])
-    narrower = Likelihood([part.up_to(highest) for part in likelihood.evidence])
-    return narrower, narrower.maximise(fit.components)
+    highest = float(frequency[low_pass.response(frequency, dt) > _STOP_BAND][-1])
+    stop_band = ((highest, np.inf),)
+    narrower = Likelihood([part.without(stop_band) for part in fit.likelihood.evidence])
+    return narrower.maximise(fit.model, held=fit.held)
+
+
+def _held(parts: tuple[PartOfModel, ...]) -> bool:
+    """Whether rows are held so often that their rounding is as little white as what they repeat."""
+    held = (part for part in parts if isinstance(part, HeldSamples | HeldPattern))
+    return any(part.fraction > _OFTEN for part in held)
 
 
 def _carries_rounding(likelihood: Likelihood, lsb: float) -> bool:
     """Whether there is as much noise everywhere as rounding makes: less, and it was not rounded."""
-    bands = whitened(likelihood.evidence, likelihood.column(Rounding(lsb)))
+    bands = whitened(likelihood.evidence, likelihood.expected(NoiseModel((Rounding(lsb),), 1.0)))
     sure = bands.dof > _SURE
     return bool(np.all(bands.ratio[sure] > 1 - 4 * np.sqrt(2 / bands.dof[sure])))
 
 
-def _short_term(fit: WhittleFit, dt: float) -> float:
+def _short_term(fit: Fit, dt: float) -> float:
     """Return the standard deviation of samples about their neighbours, before rounding."""
-    parts = [c.avar(1, dt) for c in fit.components if not isinstance(c, Rounding)]
+    parts = [c.avar(1, dt) for c in fit.model if not isinstance(c, Rounding)]
     return float(np.sqrt(np.sum(parts)))
 
 
-def _remarks(
-    coefficients: Mapping[str, Coefficient], fit: WhittleFit, coarse: str
-) -> tuple[str, ...]:
+def _remarks(coefficients: Mapping[str, Coefficient], fit: Fit, coarse: str) -> tuple[str, ...]:
     remarks = [coarse] if coarse else []
     if coefficients["Q"].detected:
         remarks.append(

@@ -1,42 +1,55 @@
-"""A noise model: the sum of its components."""
+"""A noise model: components that add up, behind the filters that act on them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.noise.components import Component
+from allanscope.noise.filters import Filter, combined_response
+from allanscope.noise.part import Part, Quantity
+from allanscope.noise.transfer import Kind, estimator_variance
 
-__all__ = ["NoiseModel"]
+__all__ = ["Free", "NoiseModel"]
 
 Array = NDArray[np.float64]
 
-_VARIANCE: Mapping[str, Callable[[Component, Array, float], Array]] = {
-    "a": lambda component, m, dt: component.avar(m, dt),
-    "m": lambda component, m, dt: component.mvar(m, dt),
-    "h": lambda component, m, dt: component.hvar(m, dt),
+_VARIANCE: Mapping[Kind, Callable[[Component, Array, float], Array]] = {
+    "avar": lambda component, m, dt: component.avar(m, dt),
+    "mvar": lambda component, m, dt: component.mvar(m, dt),
+    "hvar": lambda component, m, dt: component.hvar(m, dt),
 }
-_FAMILY: Mapping[str, str] = {
-    **dict.fromkeys(("adev", "oadev", "totdev", "theobr", "theoh"), "a"),
-    **dict.fromkeys(("mdev", "tdev", "mtotdev", "ttotdev"), "m"),
-    **dict.fromkeys(("hdev", "ohdev", "htotdev"), "h"),
+_FAMILY: Mapping[str, Kind] = {
+    **dict.fromkeys(("avar", "adev", "oadev", "totdev", "theobr", "theoh"), "avar"),
+    **dict.fromkeys(("mvar", "mdev", "tdev", "mtotdev", "ttotdev"), "mvar"),
+    **dict.fromkeys(("hvar", "hdev", "ohdev", "htotdev"), "hvar"),
 }
 """What each estimator is an estimate of."""
 
 
+class Free(NamedTuple):
+    """A number that a fit may vary: which part of the model, which of its quantities."""
+
+    part: int
+    quantity: int
+
+
 @dataclass(frozen=True)
 class NoiseModel:
-    """Independent components that add up.
+    """Independent components that add up, each times the filters that act on it.
 
     Parameters
     ----------
     components : tuple of Component
-        The parts. A band limit takes the place of plain white noise.
+        The noise.
     dt : float
         Time between samples in s.
+    filters : tuple of Filter
+        What stands between the noise and the samples.
 
     Examples
     --------
@@ -50,6 +63,7 @@ class NoiseModel:
 
     components: tuple[Component, ...]
     dt: float
+    filters: tuple[Filter, ...] = ()
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt) and self.dt > 0):
@@ -58,13 +72,25 @@ class NoiseModel:
     def __iter__(self) -> Iterator[Component]:
         return iter(self.components)
 
+    def filters_on(self, component: Component) -> tuple[Filter, ...]:
+        """Return the filters that a component passes through."""
+        return tuple(f for f in self.filters if f.acts_on(component))
+
     def density(self, f: ArrayLike) -> Array:
         """Return the one-sided density at frequencies in Hz, without pure lines."""
         frequency = np.asarray(f, np.float64)
         total = np.zeros(frequency.shape)
         for component in self.components:
-            total = total + component.density(frequency, self.dt)
+            total = total + self._density(component, frequency)
         return total
+
+    def _density(self, component: Component, frequency: Array) -> Array:
+        found = component.density(frequency, self.dt)
+        filters = self.filters_on(component)
+        if not filters:
+            return found
+        response = combined_response(filters, self.dt, lambda f: f.response(frequency, self.dt))
+        return np.asarray(found * response)
 
     def variance(self, kind: str, m: ArrayLike) -> Array:
         """Return what an estimator expects at averaging factors `m`.
@@ -90,35 +116,92 @@ class NoiseModel:
     def components_at(self, kind: str, m: ArrayLike) -> list[Array]:
         """Return the variance that each component contributes, in the order of `components`."""
         factors = np.asarray(m, np.float64)
-        of = _VARIANCE[_family(kind)]
+        family = _family(kind)
         scale = (factors * self.dt) ** 2 / 3 if kind in ("tdev", "ttotdev") else 1.0
-        return [of(component, factors, self.dt) * scale for component in self.components]
+        return [self._variance(component, family, factors) * scale for component in self.components]
+
+    def _variance(self, component: Component, family: Kind, m: Array) -> Array:
+        """Return the closed form, or the integral of what the filters leave of the density."""
+        filters = self.filters_on(component)
+        if not filters or component.power == 0.0:
+            return _VARIANCE[family](component, m, self.dt)
+        corners = (c for part in (component, *filters) for c in part.corners(self.dt))
+        return estimator_variance(
+            lambda w: self._density(component, w / (2 * np.pi * self.dt)) / (2 * self.dt),
+            family,
+            m,
+            corners=tuple(2 * np.pi * self.dt * corner for corner in corners),
+        )
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Components, then filters."""
+        return (*self.components, *self.filters)
+
+    @property
+    def numbers(self) -> tuple[Free, ...]:
+        """Every number of the model."""
+        return tuple(
+            Free(i, j) for i, part in enumerate(self.parts) for j in range(len(part.quantities))
+        )
+
+    def quantity(self, free: Free) -> Quantity:
+        """Return what a number is."""
+        return self.parts[free.part].quantities[free.quantity]
+
+    def number(self, free: Free) -> float:
+        """Return the value of a number."""
+        return self.parts[free.part].values[free.quantity]
+
+    def with_numbers(self, free: Sequence[Free], values: Iterable[float]) -> NoiseModel:
+        """Return the model with other values of some numbers."""
+        parts = list(self.parts)
+        for one, value in zip(free, values, strict=True):
+            numbers = list(parts[one.part].values)
+            numbers[one.quantity] = float(value)
+            parts[one.part] = parts[one.part].with_values(numbers)
+        return self._of(parts)
+
+    def with_powers(self, powers: Iterable[float]) -> NoiseModel:
+        """Return the model with other powers of the components that have an amplitude."""
+        left = iter(powers)
+        components = tuple(
+            c.with_power(next(left)) if c.has_amplitude else c for c in self.components
+        )
+        return replace(self, components=components)
+
+    def _of(self, parts: Sequence[Part]) -> NoiseModel:
+        return replace(
+            self,
+            components=tuple(p for p in parts if isinstance(p, Component)),
+            filters=tuple(p for p in parts if isinstance(p, Filter)),
+        )
 
     def value(self, name: str) -> float:
         """Return the number with this name (``N``, ``cutoff``, ...), 0 where there is none."""
-        for component in self.components:
-            for quantity, value in zip(component.quantities, component.values, strict=True):
-                if quantity.name == name:
-                    return value
+        for free in self.numbers:
+            if self.quantity(free).name == name:
+                return self.number(free)
         return 0.0
 
-    def get(self, symbol: str) -> Component | None:
-        """Return the first component with this symbol."""
-        return next((c for c in self.components if c.symbol == symbol), None)
+    def get(self, symbol: str) -> Part | None:
+        """Return the first part with this symbol."""
+        return next((part for part in self.parts if part.symbol == symbol), None)
 
-    def plus(self, *components: Component) -> NoiseModel:
-        """Return the model with more components."""
-        return NoiseModel((*self.components, *components), self.dt)
+    def plus(self, *parts: Part) -> NoiseModel:
+        """Return the model with more components and filters."""
+        return self._of((*self.parts, *parts))
+
+    def minus(self, *parts: Part) -> NoiseModel:
+        """Return the model without some of its parts."""
+        return self._of([part for part in self.parts if part not in parts])
 
     def without(self, *symbols: str) -> NoiseModel:
-        """Return the model without the components of these symbols."""
-        kept = tuple(c for c in self.components if c.symbol not in symbols)
-        return NoiseModel(kept, self.dt)
+        """Return the model without the parts of these symbols."""
+        return self._of([part for part in self.parts if part.symbol not in symbols])
 
 
-def _family(kind: str) -> str:
-    if kind in ("avar", "mvar", "hvar"):
-        return kind[0]
+def _family(kind: str) -> Kind:
     if kind not in _FAMILY:
-        raise ValueError(f"no model of {kind!r}; choose one of avar mvar hvar {' '.join(_FAMILY)}")
+        raise ValueError(f"no model of {kind!r}; choose one of {' '.join(_FAMILY)}")
     return _FAMILY[kind]

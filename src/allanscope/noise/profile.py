@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allanscope.noise.scoring import WhittleFit
-from allanscope.noise.whittle import Likelihood
+from allanscope.noise.likelihood import Fit
 
 __all__ = ["Interval", "profile_interval"]
 
@@ -44,37 +43,25 @@ class Interval:
     against_zero: float
 
 
-def profile_interval(likelihood: Likelihood, fit: WhittleFit, index: int) -> Interval:
-    """Return the interval of one fitted number.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-        That of the fit.
-    fit : WhittleFit
-        Its maximum.
-    index : int
-        Which of `fit.free`.
-    """
+def profile_interval(fit: Fit, index: int) -> Interval:
+    """Return the interval of one of `fit.free`."""
     free = fit.free[index]
-    quantity = fit.components[free.component].quantities[free.quantity]
+    quantity = fit.model.quantity(free)
     is_shape = quantity.role == "shape"
 
     def lost(value: float) -> float:
         """Twice the nats lost with the number held at a value."""
-        components = list(fit.components)
-        values = list(components[free.component].values)
-        values[free.quantity] = float(np.clip(value, quantity.lower, quantity.upper))
-        components[free.component] = components[free.component].with_values(values)
-        held = likelihood.maximise(components, held={free})
-        return 2 * (fit.log_likelihood - held.log_likelihood)
+        value = float(np.clip(value, quantity.lower, quantity.upper))
+        model = fit.model.with_numbers([free], [value])
+        held = fit.likelihood.maximise(model, held=fit.held | {free})
+        return 2 * (fit.loglik - held.loglik)
 
     best, spread = float(fit.values[index]), float(fit.relative_sd()[index])
     known = np.isfinite(spread) and best > 0
     spread = min(spread, 1.0) if known else 1.0
     target = _QUANTILE * (1 + 2 / 3 * spread**2)
     against_zero = np.inf if is_shape else max(0.0, lost(0.0))
-    scale = best if known else _visible(likelihood, fit, index)
+    scale = best if known else _visible(fit, index)
     upper = _crossing(lost, best, best + 2 * spread * scale, target)
     if against_zero <= target:
         return Interval(0.0, upper, against_zero)
@@ -82,10 +69,11 @@ def profile_interval(likelihood: Likelihood, fit: WhittleFit, index: int) -> Int
     return Interval(lower, upper, against_zero)
 
 
-def _visible(likelihood: Likelihood, fit: WhittleFit, index: int) -> float:
+def _visible(fit: Fit, index: int) -> float:
     """Return the amplitude at which a component that was put to zero begins to be seen."""
-    column = likelihood.derivatives(fit.components, fit.free)[1][:, index]
-    information = 0.5 * float(np.sum(likelihood.dof * (column / fit.expected) ** 2))
+    unit = fit.model.components[fit.free[index].part].with_power(1.0)
+    relative = fit.likelihood.column(fit.model, unit) / fit.expected
+    information = 0.5 * float(np.sum(fit.likelihood.dof * relative**2))
     return float(max(information, 1e-300) ** -0.25)
 
 

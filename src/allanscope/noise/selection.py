@@ -10,7 +10,8 @@ is nearly always something else, and it needs the stronger evidence of the two.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,31 +19,36 @@ from numpy.typing import NDArray
 
 from allanscope.noise.components import (
     AngleQuantization,
-    BandLimitedWhite,
-    Component,
     Flicker,
     RandomWalk,
     Rounding,
     White,
 )
-from allanscope.noise.components.band_limit import Filter
-from allanscope.noise.scoring import Free, WhittleFit
+from allanscope.noise.filters import AnalogueLowPass, Butterworth, LowPass, OnePole
+from allanscope.noise.likelihood import Fit
+from allanscope.noise.model import NoiseModel
 from allanscope.noise.whiteness import whitened
-from allanscope.noise.whittle import Likelihood
 
-__all__ = ["QuantizationScore", "quantization_score", "select", "start"]
+__all__ = [
+    "LOW_PASS_PENALTY",
+    "Q_PENALTY",
+    "QuantizationScore",
+    "quantization_score",
+    "select",
+    "textbook",
+]
 
 Array = NDArray[np.float64]
 
 _SUSPICIOUS = 3.5
 """Size of z from which something is offered."""
-_LOW_PASS_GAIN = 7.6
-"""Nats for a low-pass: fewer than one false one in 10^4 records."""
-_Q_GAIN = 12.0
-"""Nats for a Q: a false one in 10^6."""
+LOW_PASS_PENALTY = math.log(12 / 1e-3)
+"""Gain that a low-pass must have, in nats: a dozen cutoffs are tried."""
+Q_PENALTY = math.log(2 / 1e-3)
+"""Gain that a Q must have, in nats."""
 _GRID = (0.03, 0.1, 0.3, 0.6, 1.5)
 """Cutoffs to start from as parts of the Nyquist frequency."""
-_FILTERS: tuple[Filter, ...] = ("pole", "butterworth", "digital")
+_FILTERS: tuple[type[LowPass], ...] = (OnePole, AnalogueLowPass, Butterworth)
 
 
 @dataclass(frozen=True)
@@ -76,52 +82,39 @@ class QuantizationScore:
         return float(np.sqrt(max(0.0, self.estimate) + 1.96 * self.sd))
 
 
-def start(likelihood: Likelihood, lsb: float | None) -> tuple[Component, ...]:
-    """Return N, B and K to start a search from, and the rounding where there is an LSB."""
-    shapes: tuple[Callable[[float], Component], ...] = (White, Flicker, RandomWalk)
-    # Each alone would explain the powers of a third of the bins, ordered by steepness.
-    order = np.argsort(likelihood.column(RandomWalk(1.0)), kind="stable")
-    thirds = np.array_split(order, 3)
-    found = [
-        shape(float(np.sqrt(np.mean((likelihood.power / likelihood.column(shape(1.0)))[third]))))
-        for shape, third in zip(shapes, thirds, strict=True)
-    ]
-    return (*found, *((Rounding(lsb),) if lsb else ()))
+def textbook(dt: float, lsb: float | None) -> NoiseModel:
+    """Return N, B and K of unit size, and the rounding where there is an LSB."""
+    rounding = (Rounding(lsb),) if lsb else ()
+    return NoiseModel((White(1.0), Flicker(1.0), RandomWalk(1.0), *rounding), dt)
 
 
-def select(
-    likelihood: Likelihood, fit: WhittleFit, cutoffs: Iterable[float], nyquist: float
-) -> WhittleFit:
+def select(fit: Fit, cutoffs: Iterable[float]) -> Fit:
     """Return the fit with whatever the data demand beside N, B and K.
 
     Parameters
     ----------
-    likelihood : Likelihood
-        Of the evidence.
-    fit : WhittleFit
+    fit : Fit
         Of the textbook model.
     cutoffs : iterable of float
         What the part's filters may be set to, in Hz.
-    nyquist : float
-        Half the sample rate in Hz.
     """
-    if quantization_score(likelihood, fit).z < -_SUSPICIOUS:
+    nyquist = 0.5 / fit.model.dt
+    if quantization_score(fit).z < -_SUSPICIOUS:
         grid = sorted({*cutoffs, *(share * nyquist for share in _GRID)})
-        offers = [
-            _low_passed(likelihood, fit, cutoff, kind) for cutoff in grid for kind in _FILTERS
-        ]
-        fit = _best(likelihood, fit, offers, _LOW_PASS_GAIN)
-    score = quantization_score(likelihood, fit)
+        offers = [fit.model.plus(kind(cutoff)) for cutoff in grid for kind in _FILTERS]
+        fit = _best(fit, offers, LOW_PASS_PENALTY)
+    score = quantization_score(fit)
     if score.z > _SUSPICIOUS:
-        fit = _best(likelihood, fit, [(*fit.components, AngleQuantization(score.value))], _Q_GAIN)
+        fit = _best(fit, [fit.model.plus(AngleQuantization(score.value))], Q_PENALTY)
     return fit
 
 
-def quantization_score(likelihood: Likelihood, fit: WhittleFit) -> QuantizationScore:
+def quantization_score(fit: Fit) -> QuantizationScore:
     """Return what the data say about a Q beside a fitted model."""
-    expected, jacobian = likelihood.derivatives(fit.components, fit.free)
-    column = likelihood.column(AngleQuantization(1.0))
+    likelihood, expected = fit.likelihood, fit.expected
+    column = likelihood.column(fit.model, AngleQuantization(1.0))
     weight = likelihood.dof / (2 * expected**2)
+    jacobian = fit.jacobian * expected[:, np.newaxis]
     active = jacobian[:, np.any(jacobian != 0, axis=0)]
     scaled = active / np.sqrt(np.sum(weight[:, np.newaxis] * active**2, axis=0))
     block = (scaled * weight[:, np.newaxis]).T @ scaled
@@ -132,29 +125,12 @@ def quantization_score(likelihood: Likelihood, fit: WhittleFit) -> QuantizationS
     return QuantizationScore(score / information, information**-0.5)
 
 
-def _low_passed(
-    likelihood: Likelihood, fit: WhittleFit, cutoff: float, kind: Filter
-) -> tuple[Component, ...]:
-    """Return the model with a low-pass, its powers fitted and its cutoff not yet."""
-    column = likelihood.column(BandLimitedWhite(1.0, cutoff, kind))
-    level = float(np.sqrt(np.quantile(likelihood.power / column, 0.3)))
-    offer = tuple(
-        BandLimitedWhite(level, cutoff, kind) if isinstance(c, White) else c for c in fit.components
-    )
-    index = next(i for i, c in enumerate(offer) if isinstance(c, BandLimitedWhite))
-    return likelihood.maximise(offer, held={Free(index, 1)}).components
-
-
-def _best(
-    likelihood: Likelihood,
-    fit: WhittleFit,
-    offers: list[tuple[Component, ...]],
-    least_gain: float,
-) -> WhittleFit:
+def _best(fit: Fit, offers: list[NoiseModel], least_gain: float) -> Fit:
     """Return the best offer if it gains enough and repairs enough, else the fit as it was."""
-    tried = sorted(offers, key=likelihood.of, reverse=True)[:2]
-    best = max((likelihood.maximise(offer) for offer in tried), key=lambda f: f.log_likelihood)
-    enough = best.log_likelihood - fit.log_likelihood > least_gain
+    likelihood = fit.likelihood
+    tried = sorted((likelihood.amplitudes(offer) for offer in offers), key=lambda f: -f.loglik)[:2]
+    best = max((likelihood.maximise(one.model) for one in tried), key=lambda f: f.loglik)
+    enough = best.loglik - fit.loglik > least_gain
     before, after = (whitened(likelihood.evidence, f.expected) for f in (fit, best))
     repaired = after.chi2 - len(after.z) <= 0.5 * max(before.chi2 - len(before.z), 0.0)
     return best if enough and (repaired or abs(after.worst) < _SUSPICIOUS) else fit

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from allanscope.noise.ordinates import Evidence
+from allanscope.noise.evidence import Evidence
 
 __all__ = ["Bands", "whitened"]
 
@@ -68,7 +68,7 @@ def whitened(evidence: tuple[Evidence, ...], expected: Array) -> Bands:
     evidence : tuple of Evidence
         What was fitted.
     expected : ndarray
-        Expected powers of all of it, e.g. `WhittleFit.expected`.
+        Expected powers of all of it, e.g. `Fit.expected`.
     """
     power = np.concatenate([part.power for part in evidence])
     dof = np.concatenate([part.dof for part in evidence])

@@ -34,6 +34,7 @@ class _Axis:
     effects: list[words.EffectWords]
     errors: list[words.ErrorRow]
     conclusion: list[str]
+    search: list[words.SearchRow]
     deviation_svg: str
     residual_svg: str
     density_svg: str
@@ -119,6 +120,7 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str]) -> _Axis:
         effects=[words.effect_words(effect) for effect in loop.own_effects] if loop else [],
         errors=words.error_rows(loop) if loop and searched(loop) else [],
         conclusion=words.conclusion(loop) if loop else [],
+        search=words.search_rows(loop) if loop else [],
         deviation_svg=svgs[f"{name}-deviation"],
         residual_svg=svgs.get(f"{name}-residual", ""),
         density_svg=svgs.get(f"{name}-density", ""),

@@ -34,6 +34,7 @@ __all__ = [
     "EffectWords",
     "ErrorRow",
     "Fact",
+    "SearchRow",
     "axis_facts",
     "coefficient_cell",
     "coefficient_rows",
@@ -43,6 +44,7 @@ __all__ = [
     "error_rows",
     "provenance",
     "quality",
+    "search_rows",
     "sheet_cell",
     "zero_g",
 ]
@@ -78,6 +80,18 @@ class EffectWords:
     parameters: str
     equivalent: str
     words: str
+
+
+@dataclass(frozen=True, slots=True)
+class SearchRow:
+    """One hypothesis that the search tried."""
+
+    move: str
+    kind: str
+    description: str
+    gain: str
+    penalty: str
+    outcome: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +205,21 @@ def effect_words(effect: Effect) -> EffectWords:
         kind += f" (the same on {' '.join(effect.axes)})"
     equivalent = ", ".join(one.replace("_", " ") for one in effect.equivalent)
     return EffectWords(kind, parameters, equivalent, _evidence(effect))
+
+
+def search_rows(loop: AxisExplanation) -> list[SearchRow]:
+    """Return the path of the search: what was tried, what it gained, and which gate stopped it."""
+    return [
+        SearchRow(
+            step.move,
+            step.kind.replace("_", " "),
+            step.description,
+            f"{step.gain:.1f}" if math.isfinite(step.gain) else "read off",
+            f"{step.penalty:.1f}",
+            step.outcome,
+        )
+        for step in loop.path
+    ]
 
 
 def _evidence(effect: Effect) -> str:

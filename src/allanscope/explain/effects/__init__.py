@@ -7,13 +7,12 @@ To add a kind:
    tells the two apart. Declare ``kind``, ``meaning``, ``needs``, ``stage`` and ``confused_with``.
 2. ``propose(view)`` looks where it shows (`View.ordinates`, `View.power`, `View.innovations`, other
    axes) and yields candidates. The noise is refitted with each: `joint_fit` for a signal given in
-   time, `fit_spectrum` with one more `Term` for a stationary process. ``gain`` is the difference of
-   two maximised log-likelihoods, ``price`` the log of (alternatives looked at / `ALPHA`). Estimate
-   both on clean records: at most one in 1000 may gain more than the price.
+   time, `fit_spectrum` with one more component for a process. ``gain`` is the difference of two
+   maximised log-likelihoods, ``price`` the log of (alternatives looked at / `ALPHA`). Estimate both
+   on clean records: at most one in 1000 may gain more than the price.
 3. ``refine(view, candidate)`` estimates the numbers again once other effects are known, and
    ``hold_out(view, candidate)`` judges them on data that was not used (`heldout`). Every parameter
-   carries a 95 % interval and its unit. A slow signal gives its ``columns`` and takes what one
-   regression of all slow signals has ``solved``.
+   carries a 95 % interval and its unit.
 4. If it can be seen on several axes at once, add what locates it to ``merge``; if simulated
    sensors should have it, add ``simulator/effects/<kind>.py``.
 5. Test it at fixed seeds in ``tests/explain``: present, clean, against each of ``confused_with``,

@@ -13,17 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.heldout import halves
-from allanscope.explain.spectral import Term, fit_spectrum
+from allanscope.explain.spectrum import fit_spectrum
 from allanscope.explain.view import View
+from allanscope.noise.components import AngleQuantization as Differenced
+from allanscope.noise.selection import Q_PENALTY
 
 Array = NDArray[np.float64]
-
-
-def differenced(frequency: Array, rate: float, _nonlinear: tuple[float, ...]) -> Array:
-    """Variance of an ordinate for a unit Q^2."""
-    return np.asarray((2 * rate * np.sin(np.pi * frequency / rate)) ** 2)
 
 
 class AngleQuantization(EffectKind):
@@ -31,6 +28,8 @@ class AngleQuantization(EffectKind):
 
     kind = "Q"
     meaning = "noise that was differenced (Q)"
+    is_process = True
+    is_coefficient = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "band_limit": "a filter takes away at the top, Q adds"
     }
@@ -39,22 +38,16 @@ class AngleQuantization(EffectKind):
         """Fit its size."""
         if view.has(self.kind) or view.has("band_limit") or view.has("repeated_samples"):
             return
-        term = Term(self.kind, "adds", (), differenced)
-        fit = fit_spectrum(
-            view.grid,
-            view.power,
-            base=view.base,
-            terms=(*view.terms, term),
-            floor=view.fitted_floor,
-        )
+        model = view.model.plus(Differenced(1.0))
+        fit = fit_spectrum(view.grid, view.power, model, excluded=view.excluded)
         yield Candidate(
             kind=self.kind,
             parameters={},
             gain=fit.loglik - view.spectrum.loglik,
-            price=float(np.log(2 / ALPHA)),
-            terms=(term,),
+            price=Q_PENALTY,
+            parts=(Differenced(1.0),),
         )
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""
-        return halves(view, view.terms + candidate.terms)
+        return halves(view, candidate)

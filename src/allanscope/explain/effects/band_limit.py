@@ -9,8 +9,8 @@ the response is down by 3 dB. It enters the model as a factor on the white noise
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
 from typing import ClassVar
@@ -21,10 +21,12 @@ from scipy.optimize import minimize
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, errors_of
+from allanscope.explain.effects.base import EffectKind, errors_of
 from allanscope.explain.heldout import halves
-from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
+from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.view import View
+from allanscope.noise.filters import AnalogueLowPass, Butterworth, LowPass, OnePole
+from allanscope.noise.selection import LOW_PASS_PENALTY
 
 Array = NDArray[np.float64]
 
@@ -36,54 +38,31 @@ _CUTOFFS = (0.02, 0.05, 0.1, 0.18, 0.28, 0.38, 0.46, 0.7)
 """Cutoffs tried first, as shares of the rate."""
 
 
-def one_pole(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Power response of a sampled one-pole low-pass; nonlinear = (cutoff,)."""
-    phi = np.exp(-2 * np.pi * nonlinear[0] / rate)
-    s = np.sin(np.pi * frequency / rate)
-    return np.asarray((1 - phi) ** 2 / ((1 - phi) ** 2 + 4 * phi * s**2))
-
-
-def bilinear(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Power response of a Butterworth low-pass by the bilinear transform; (cutoff, order)."""
-    cutoff, order = nonlinear
-    top = np.pi * np.minimum(frequency / rate, 0.499999)
-    ratio = np.tan(top) / np.tan(np.pi * min(cutoff / rate, 0.499))
-    return np.asarray(1 / (1 + ratio ** (2 * order)))
-
-
-def plain(frequency: Array, _rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Power response 1 / (1 + (f/fc)^(2 p)); nonlinear = (cutoff, order)."""
-    return np.asarray(1 / (1 + (frequency / nonlinear[0]) ** (2 * nonlinear[1])))
-
-
 @dataclass(frozen=True)
 class _Family:
     """A response, the order at which its search starts, and how high its cutoff may lie."""
 
-    shape: Callable[[Array, float, tuple[float, ...]], Array]
+    low_pass: type[LowPass]
     order: float | None
     highest: float
 
-    def term(self, point: Array) -> Term:
-        nonlinear = tuple(float(v) for v in np.exp(np.clip(point, -12, 12)))
-        return Term("band_limit", "shapes", nonlinear, self.shape)
+    def at(self, point: Array) -> LowPass:
+        return self.low_pass(*(float(v) for v in np.exp(np.clip(point, -12, 12))))
 
     def loss(self, view: View, point: Array) -> float:
-        term = self.term(point)
-        if self.order is not None:
-            cutoff, order = term.nonlinear
-            if not (0.3 < order < 12 and cutoff < self.highest * view.grid.rate_hz):
-                return 1e12
-        return -_fit(view, term).loglik
+        cutoff, *order = np.exp(np.clip(point, -12, 12))
+        if order and not (0.3 < order[0] < 12 and cutoff < self.highest * view.grid.rate_hz):
+            return 1e12
+        return -_fit(view, self.at(point)).loglik
 
     def starts(self, cutoffs: list[float]) -> list[Array]:
         return [np.log([c] if self.order is None else [c, self.order]) for c in cutoffs]
 
 
 _FAMILIES = (
-    _Family(one_pole, None, np.inf),
-    _Family(bilinear, 2.0, 0.499),
-    _Family(plain, 1.0, 2.0),
+    _Family(OnePole, None, np.inf),
+    _Family(Butterworth, 2.0, 0.499),
+    _Family(AnalogueLowPass, 1.0, 2.0),
 )
 
 
@@ -92,6 +71,7 @@ class BandLimit(EffectKind):
 
     kind = "band_limit"
     meaning = "a low-pass cuts the white noise"
+    is_process = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "repeated_samples": "rows that repeat are counted, and the deficit has another shape",
         "gauss_markov": "leaves the top of the band flat",
@@ -109,18 +89,17 @@ class BandLimit(EffectKind):
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""
-        return halves(view, view.terms + candidate.terms)
+        return halves(view, candidate)
 
 
-def _fit(view: View, term: Term) -> Spectrum:
-    return fit_spectrum(
-        view.grid, view.power, base=view.base, terms=(*view.terms, term), floor=view.fitted_floor
-    )
+def _fit(view: View, low_pass: LowPass) -> Spectrum:
+    model = view.model.plus(low_pass)
+    return fit_spectrum(view.grid, view.power, model, excluded=view.excluded)
 
 
 def _best(view: View, cutoffs: list[float]) -> Candidate:
     """Fit every family from the most promising of the cutoffs and take the most likely."""
-    best: tuple[float, Term] | None = None
+    best: tuple[float, LowPass] | None = None
     for family in _FAMILIES:
         losses = [family.loss(view, point) for point in family.starts(cutoffs)]
         first = family.starts(cutoffs)[int(np.argmin(losses))]
@@ -132,35 +111,35 @@ def _best(view: View, cutoffs: list[float]) -> Candidate:
         # An order that is free must earn its place.
         value = float(found.fun) + (1.0 if family.order is not None else 0.0)
         if best is None or value < best[0]:
-            best = (value, family.term(found.x))
+            best = (value, family.at(found.x))
     assert best is not None
     return _candidate(view, best[1])
 
 
-def _candidate(view: View, term: Term) -> Candidate:
-    fit = _fit(view, term)
-    cutoff, *order = term.nonlinear
-    factor = float(np.exp(1.96 * _error(view, term, fit.loglik)))
+def _candidate(view: View, low_pass: LowPass) -> Candidate:
+    fit = _fit(view, low_pass)
+    cutoff, *order = low_pass.values
+    factor = float(np.exp(1.96 * _error(view, low_pass, fit.loglik)))
     return Candidate(
         kind="band_limit",
         parameters={"cutoff": Parameter(cutoff, cutoff / factor, cutoff * factor, "Hz")},
         gain=fit.loglik - view.spectrum.loglik,
-        price=float(np.log(12 / ALPHA)),
-        terms=(term,),
-        shape=term.nonlinear,
+        price=LOW_PASS_PENALTY,
+        parts=(low_pass,),
+        shape=low_pass.values,
         words=f"the top of the band is cut above {cutoff:.3g} Hz",
-        evidence={"order": order[0] if order else 1.0, "response": term.shape.__name__},
+        evidence={"order": order[0] if order else 1.0, "response": type(low_pass).__name__},
     )
 
 
-def _error(view: View, term: Term, top: float) -> float:
+def _error(view: View, low_pass: LowPass, top: float) -> float:
     """Return the standard error of ln cutoff; the order, where it is free, goes along with it."""
-    size = len(term.nonlinear)
+    size = len(low_pass.values)
     steps = _STEP * np.eye(size)
 
     def at(offset: Array) -> float:
-        moved = np.array(term.nonlinear) * np.exp(offset)
-        return _fit(view, replace(term, nonlinear=tuple(float(v) for v in moved))).loglik
+        moved = np.array(low_pass.values) * np.exp(offset)
+        return _fit(view, low_pass.with_values(moved.tolist())).loglik
 
     single = [at(step) + at(-step) - 2 * top for step in steps]
     information = -np.diag(single) / _STEP**2

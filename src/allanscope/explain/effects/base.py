@@ -16,14 +16,27 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
 from allanscope.explain.view import View
+from allanscope.noise.grid import Grid
 
-__all__ = ["ALPHA", "KINDS", "EffectKind", "errors_of", "estimate", "log_interval", "rescaled"]
+__all__ = [
+    "ALPHA",
+    "KINDS",
+    "EffectKind",
+    "errors_of",
+    "estimate",
+    "is_near",
+    "is_of_one_scale",
+    "log_interval",
+    "rescaled",
+]
 
 Array = NDArray[np.float64]
 
 ALPHA = 1e-3
 """Probability of a false alarm that each kind may spend on one axis."""
 
+_ALIKE = 1.5
+"""Ratio up to which two time constants are the same."""
 _SINGULAR = 1e-6
 """Least eigenvalue of a correlation matrix that is not rounding."""
 
@@ -48,6 +61,25 @@ class EffectKind(ABC):
         is judged on whitened data after everything that colours it.
     confused_with : mapping
         Other kind to what tells the two apart.
+    excluded_by : frozenset of str
+        Kinds beside which it is not looked for.
+    located_by : str
+        Parameter that tells two effects of this kind apart; empty where there can be one.
+    is_shared : bool
+        Whether the same on several axes is one physical effect.
+    is_process : bool
+        Whether it is a part of the spectrum: it must recur in both halves of the record.
+    is_slow : bool
+        Whether it is one of those that pass together though none passes alone (`moves.add_bundle`).
+    is_drift, is_piecewise : bool
+        Whether it may be a piece of a drift without a name, or of a relaxation without one.
+    is_thermal : bool
+        Whether it shares the level with the temperature (`moves.add_pair`).
+    is_coefficient : bool
+        Whether it is one of the textbook's coefficients, which take part in the competition and are
+        no effects.
+    must_replicate : bool
+        Whether the quarters of a record must agree on it.
     """
 
     kind: ClassVar[str]
@@ -55,6 +87,16 @@ class EffectKind(ABC):
     needs: ClassVar[frozenset[str]] = frozenset()
     stage: ClassVar[int] = 2
     confused_with: ClassVar[Mapping[str, str]] = {}
+    excluded_by: ClassVar[frozenset[str]] = frozenset()
+    located_by: ClassVar[str] = ""
+    is_shared: ClassVar[bool] = False
+    is_process: ClassVar[bool] = False
+    is_slow: ClassVar[bool] = False
+    is_drift: ClassVar[bool] = False
+    is_piecewise: ClassVar[bool] = False
+    is_thermal: ClassVar[bool] = False
+    is_coefficient: ClassVar[bool] = False
+    must_replicate: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -102,6 +144,11 @@ class EffectKind(ABC):
         del view, amplitude, covariance
         return candidate
 
+    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
+        """Tell whether two candidates of this kind are one hypothesis."""
+        del first, second, grid
+        return True
+
     def available(self, view: View) -> bool:
         """Tell whether the record has what this kind needs."""
         has = {
@@ -116,6 +163,17 @@ class EffectKind(ABC):
 def estimate(value: float, error: float, unit: str = "") -> Parameter:
     """Return a parameter with the 95 % interval of a Gaussian estimate."""
     return Parameter(float(value), float(value - 1.96 * error), float(value + 1.96 * error), unit)
+
+
+def is_near(first: Candidate, second: Candidate, distance: float) -> bool:
+    """Tell whether two candidates lie at one place."""
+    return abs(first.shape[0] - second.shape[0]) < distance
+
+
+def is_of_one_scale(first: Candidate, second: Candidate) -> bool:
+    """Tell whether the time constants of two candidates are alike."""
+    ratio = first.shape[-1] / second.shape[-1]
+    return 1 / _ALIKE < ratio < _ALIKE
 
 
 def errors_of(information: Array) -> Array:

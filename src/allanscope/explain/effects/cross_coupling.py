@@ -26,8 +26,10 @@ from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.series import LOUD, multiple_of
-from allanscope.explain.spectral import Spectrum, binned_power, fit_spectrum
+from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.view import View
+from allanscope.noise.grid import Grid
+from allanscope.noise.model import NoiseModel
 
 Array = NDArray[np.float64]
 
@@ -45,11 +47,17 @@ class CrossCoupling(EffectKind):
 
     kind = "cross_coupling"
     meaning = "another axis leaks in, at all frequencies alike"
+    located_by = "source"
     needs = frozenset({"axes"})
     confused_with: ClassVar[Mapping[str, str]] = {
         "sinusoid": "a common vibration correlates two axes at its own frequency only",
         "temperature": "a common temperature correlates only what is slow",
     }
+
+    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
+        """Tell whether two candidates are one hypothesis."""
+        del grid
+        return first.parameters["source"].value == second.parameters["source"].value
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Regress on every other axis."""
@@ -162,8 +170,10 @@ def _direction(view: View, source: str, slope: float) -> float:
     grid = view.grid
     own, other = view.source_ordinates(view.axis), view.source_ordinates(source)
 
+    textbook = NoiseModel(view.base, grid.dt)
+
     def fit(ordinates: Array) -> Spectrum:
-        return fit_spectrum(grid, binned_power(grid, ordinates**2, ()))
+        return fit_spectrum(grid, grid.bin_means(ordinates**2), textbook)
 
     here, there = fit(own), fit(other)
     weight = ~(view.source_is_loud(view.axis) | view.source_is_loud(source)) / there.ordinates

@@ -17,14 +17,18 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import EffectKind, estimate, rescaled
+from allanscope.explain.effects.base import EffectKind, estimate, is_near, rescaled
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
 from allanscope.explain.stepscan import StepScan
 from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
+from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
+
+_NEAR_S = 5.0
+"""Distance in time up to which two jumps are the same."""
 
 _SHORTEST_S = 5.0
 _LONGEST = 0.12
@@ -41,11 +45,18 @@ class Excursion(EffectKind):
 
     kind = "excursion"
     meaning = "the level leaves once and comes back"
+    located_by = "time"
+    is_slow = True
+    is_piecewise = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "step": "does not come back",
         "random_telegraph": "leaves again and again by the same amount",
         "outliers": "last one sample",
     }
+
+    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
+        """Tell whether two candidates are one hypothesis."""
+        return is_near(first, second, _NEAR_S * grid.rate_hz)
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Scan all instants for a ladder of durations."""

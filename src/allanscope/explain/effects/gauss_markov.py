@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, log_interval
+from allanscope.explain.effects.base import ALPHA, EffectKind, is_of_one_scale, log_interval
 from allanscope.explain.heldout import halves
-from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
+from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.view import View
+from allanscope.noise.components import GaussMarkov as Process
+from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
 
@@ -33,24 +35,22 @@ _LONGEST = 0.15
 """Longest correlation time looked for, as a share of the record: beyond, it is a random walk."""
 
 
-def lorentzian(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Variance of an ordinate of the process with unit variance; nonlinear = (Tc,)."""
-    phi = np.exp(-1 / (rate * nonlinear[0]))
-    return np.asarray(
-        (1 - phi**2) / ((1 - phi) ** 2 + 4 * phi * np.sin(np.pi * frequency / rate) ** 2)
-    )
-
-
 class GaussMarkov(EffectKind):
     """First-order Gauss-Markov noise."""
 
     kind = "gauss_markov"
     meaning = "a stationary bias that forgets itself after the correlation time"
+    is_process = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "random_telegraph": "same spectrum; two levels instead of a bell",
         "step": "happens once",
         "band_limit": "an excess at low frequencies against a deficit at high ones",
     }
+
+    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
+        """Tell whether two candidates are one hypothesis."""
+        del grid
+        return is_of_one_scale(first, second)
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Profile the likelihood over the correlation time."""
@@ -71,18 +71,27 @@ class GaussMarkov(EffectKind):
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""
-        return halves(view, view.terms + candidate.terms)
-
-
-def term_of(tc: float) -> Term:
-    """Return the spectral term for a correlation time."""
-    return Term("gauss_markov", "adds", (float(tc),), lorentzian)
+        return halves(view, candidate)
 
 
 def fitted(view: View, tc: float) -> Spectrum:
     """Fit the noise with a process of this correlation time beside it."""
-    terms = (*view.terms, term_of(tc))
-    return fit_spectrum(view.grid, view.power, base=view.base, terms=terms, floor=view.fitted_floor)
+    model = view.model.plus(Process(1.0, float(tc)))
+    return fit_spectrum(view.grid, view.power, model, excluded=view.excluded)
+
+
+def _sigma(fit: Spectrum) -> float:
+    """Return the standard deviation of the process of a fit."""
+    return float(np.sqrt(fit.model.components[-1].power))
+
+
+def _amplitude_error(fit: Spectrum) -> float:
+    """Return the standard error of that, from the information about all powers."""
+    basis = [fit.fit.likelihood.column(fit.model, c.with_power(1.0)) for c in fit.model]
+    free = [b for b, c in zip(basis, fit.model, strict=True) if c.has_amplitude]
+    scaled = np.array(free) * (np.sqrt(fit.fit.likelihood.dof / 2) / fit.fit.expected)
+    variance = np.linalg.pinv(scaled @ scaled.T, hermitian=True)[-1, -1]
+    return float(np.sqrt(max(variance, 0.0)) / (2 * max(_sigma(fit), 1e-300)))
 
 
 def _candidate(view: View, low: float, high: float) -> Candidate:
@@ -92,23 +101,20 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     )  # fmt: skip
     tc = float(np.exp(best.x))
     fit = fitted(view, tc)
-    term = fit.terms[-1]
-    sigma, sigma_error = fit.sigma_of(term)
+    sigma = _sigma(fit)
+    sigma_error = _amplitude_error(fit)
     h = 0.1
     curvature = (
         2 * fit.loglik - fitted(view, tc * np.exp(h)).loglik - fitted(view, tc * np.exp(-h)).loglik
     ) / h**2
     error = 1 / np.sqrt(max(curvature, 1e-2))
     # The profile over Tc refits sigma; seen the other way round, sigma moves with Tc.
-    slope = (
-        fitted(view, tc * np.exp(h)).sigma_of(term_of(tc * np.exp(h)))[0]
-        - fitted(view, tc * np.exp(-h)).sigma_of(term_of(tc * np.exp(-h)))[0]
-    ) / (2 * h)
+    slope = (_sigma(fitted(view, tc * np.exp(h))) - _sigma(fitted(view, tc * np.exp(-h)))) / (2 * h)
     sigma_error = float(np.hypot(sigma_error, slope * error))
     error = min(error, 10.0)
     gain = fit.loglik - view.spectrum.loglik
     # Two levels can be told from a bell only where a dwell stands out of the noise within it.
-    noise = fit.variance_of("N") + fit.variance_of("B") * tc
+    noise = fit.model.value("N") ** 2 + fit.model.value("B") ** 2 * tc
     signal = 2 * tc * sigma**2 / max(noise, 1e-300)
     spread = min(1.96 * sigma_error / max(sigma, 1e-300), 20.0)
     return Candidate(
@@ -119,7 +125,7 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
         },
         gain=gain,
         price=float(np.log(12 / ALPHA)),
-        terms=(term,),
+        parts=(Process(1.0, tc),),
         shape=(tc,),
         rivals={"random_telegraph": gain} if signal < _TELLING else {},
         words=f"noise that forgets itself after {tc:.3g} s explains what N, B and K cannot",

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -23,18 +24,31 @@ from scipy.optimize import minimize
 from scipy.special import gammaincc
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, errors_of, estimate, log_interval
+from allanscope.explain.effects.base import (
+    ALPHA,
+    EffectKind,
+    errors_of,
+    estimate,
+    is_near,
+    log_interval,
+)
 from allanscope.explain.heldout import halves
-from allanscope.explain.spectral import Spectrum, Term, fit_spectrum
+from allanscope.explain.spectrum import fit_spectrum
 from allanscope.explain.unevenness import crowding
 from allanscope.explain.view import View
+from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
+from allanscope.noise.components import Narrowband as Resonance
+from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
-Shape = Callable[[Array, float, tuple[float, ...]], Array]
+Shape = Callable[[float, float], Component]
+Beside = Callable[[Array], Array]
+"""Variance of the ordinates without the band, at frequencies in Hz."""
 
 _WIDEST = 0.5
 """Widest run of ordinates looked at, as a share of its frequency."""
 _SUB_BINS = 400
+_FINEST_HZ = 1e-8
 _ROUNDS = 3
 _RESOLVED = 0.05
 _FORBIDDEN = 1e15
@@ -46,64 +60,24 @@ _BROADEST = 0.7
 """Beyond, as a share of the frequency, no one would call the band narrow."""
 
 
-def resonance(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Variance of an ordinate of a damped oscillator with unit variance; nonlinear = (f0, width).
-
-    Correlation exp(-pi w t) (cos wd t + pi w / wd sin wd t), wd^2 = (2 pi f0)^2 - (pi w)^2.
-    """
-    f0, width = nonlinear
-    decay = np.pi * width
-    turn = np.sqrt(max((2 * np.pi * f0) ** 2 - decay**2, (0.2 * np.pi * f0) ** 2))
-    return _spectrum(frequency, rate, np.exp((-decay + 1j * turn) / rate), 1 - 1j * decay / turn)
+def _resonance(f0: float, width: float) -> Component:
+    return Resonance(1.0, f0, width)
 
 
-def wandering(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Variance of an ordinate of a line of random amplitude and phase with unit variance.
-
-    Correlation exp(-pi w t) cos(2 pi f0 t); nonlinear = (f0, width).
-    """
-    f0, width = nonlinear
-    return _spectrum(frequency, rate, np.exp((-np.pi * width + 2j * np.pi * f0) / rate), 1.0)
+def _wandering(f0: float, width: float) -> Component:
+    return WanderingLine(1.0, f0, width)
 
 
-def passed(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Variance of an ordinate of white noise behind a band-pass, with unit variance; (f0, width).
-
-    Power response of a Butterworth of two poles a side, 1 / (1 + x^4), x = 2 (f - f0) / width.
-    """
-    f0, width = nonlinear
-    x = 2 * (frequency - f0) / width
-    return np.asarray(rate / (np.pi / np.sqrt(2) * width) / (1 + x**4))
+def _peaked(f0: float, width: float) -> Component:
+    return PeakFiltered(1.0, f0, width)
 
 
-def passed_steeply(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Return the same for four poles a side, 1 / (1 + x^8)."""
-    f0, width = nonlinear
-    x = 2 * (frequency - f0) / width
-    return np.asarray(rate / (np.pi / 4 / np.sin(np.pi / 8) * width) / (1 + x**8))
+def _passed(f0: float, width: float) -> Component:
+    return BandPassed(1.0, f0, width, power=4)
 
 
-def passed_gently(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Return the same for one pole a side (a peak filter), with nothing at either end of the band.
-
-    Power response 1 / (1 + x^2), x = (g / g0 - g0 / g) g0 / w, g = tan(pi f / rate), of which the
-    mean over the band is w / (1 + w): w = tan(pi width / rate).
-    """
-    f0, width = nonlinear
-    g = np.tan(np.pi * np.clip(frequency / rate, 1e-9, 0.499999))
-    w = np.tan(np.pi * min(width / rate, 0.49))
-    g0 = np.tan(np.pi * min(f0 / rate, 0.499999))
-    x = (g * g - g0 * g0) / (w * (1 + g0 * g0) * g)
-    return np.asarray((1 + w) / w / (1 + x * x))
-
-
-def _spectrum(frequency: Array, rate: float, p: complex, a: complex) -> Array:
-    """Spectrum of the correlation Re(a p^|k|)."""
-    # In real numbers, which are four times as quick: this is what the search for a band repeats.
-    above, constant, factor = a * (1 - p * p), 1 + p * p, 2 * p
-    cosine = np.cos(2 * np.pi * frequency / rate)
-    x, y = constant.real - factor.real * cosine, constant.imag - factor.imag * cosine
-    return np.asarray(np.maximum((above.real * x + above.imag * y) / (x * x + y * y), 0.0))
+def _passed_steeply(f0: float, width: float) -> Component:
+    return BandPassed(1.0, f0, width, power=8)
 
 
 class Narrowband(EffectKind):
@@ -111,11 +85,19 @@ class Narrowband(EffectKind):
 
     kind = "narrowband"
     meaning = "noise in a band: a resonance, or a line that wanders"
+    located_by = "frequency"
+    is_process = True
+    is_shared = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "sinusoid": "a line stays one bin wide",
         "gauss_markov": "its excess goes down to zero frequency",
         "unexplained": "a chirp goes through its band once, in one direction",
     }
+
+    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
+        """Tell whether two candidates are one hypothesis."""
+        del grid
+        return is_near(first, second, min(first.shape[-1], second.shape[-1]) / 2)
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Take the most improbable run of ordinates of every width."""
@@ -140,7 +122,7 @@ class Narrowband(EffectKind):
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""
-        return halves(view, view.terms + candidate.terms)
+        return halves(view, candidate)
 
 
 def _kept(view: View, frequency: float) -> bool:
@@ -182,17 +164,16 @@ class _Window:
     power: Array
     background: Array
     size: int
-    rate: float
+    grid: Grid
     shape: Shape
 
     def loss(self, p: Array) -> float:
         """Negative log-likelihood of (log background factor, log variance, f0, log width)."""
         f0, width = float(p[2]), float(np.exp(p[3]))
-        if not (self.frequency[0] < f0 < self.frequency[-1]) or width > 1.5 * f0:
+        if not (self.frequency[0] < f0 < self.frequency[-1]) or not _FINEST_HZ < width < 1.5 * f0:
             return _FORBIDDEN
-        variance = self.background * np.exp(p[0]) + np.exp(p[1]) * self.shape(
-            self.frequency, self.rate, (f0, width)
-        )
+        band = self.shape(f0, width).spectrum(self.frequency, self.grid.dt, self.grid.stride)
+        variance = self.background * np.exp(p[0]) + np.exp(p[1]) * band
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
 
     def flat(self) -> float:
@@ -202,7 +183,7 @@ class _Window:
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
 
 
-def _window(view: View, spectrum: Spectrum, f0: float, width: float, shape: Shape) -> _Window:
+def _window(view: View, beside: Beside, f0: float, width: float, shape: Shape) -> _Window:
     grid = view.grid
     unit = grid.rate_hz / (2 * grid.n)
     reach = max(12 * width, 400 * unit)
@@ -212,18 +193,16 @@ def _window(view: View, spectrum: Spectrum, f0: float, width: float, shape: Shap
     stop = low + (high - low) // size * size
     f = grid.frequency[low:stop].reshape(-1, size).mean(axis=1)
     power = view.squares[low:stop].reshape(-1, size).mean(axis=1)
-    return _Window(f, power, spectrum.at(f), size, grid.rate_hz, shape)
+    return _Window(f, power, beside(f), size, grid, shape)
 
 
 def _fit(view: View, start: int, width: int) -> Candidate | None:
     """Return the likeliest shape; flat tops are looked for only where one could be seen."""
-    fits = [_fit_shape(view, start, width, shape) for shape in (resonance, wandering)]
+    fits = [_fit_shape(view, start, width, shape) for shape in (_resonance, _wandering)]
     best = max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
     if best is None or best.gain < _SHAPELY or best.shape[1] * view.series.duration_s < _BROAD:
         return best
-    fits += [
-        _fit_shape(view, start, width, shape) for shape in (passed_gently, passed, passed_steeply)
-    ]
+    fits += [_fit_shape(view, start, width, shape) for shape in (_peaked, _passed, _passed_steeply)]
     return max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
 
 
@@ -233,10 +212,10 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Candidate | 
     f0, w = (start + width / 2) * unit, max(width * unit * 0.5, 3 * unit)
     excess = view.squares[start : start + width] - view.spectrum.ordinates[start : start + width]
     point = np.array([0.0, np.log(max(float(excess.sum()) / grid.n, 1e-30)), f0, np.log(w)])
-    spectrum = view.spectrum
+    beside: Beside = view.spectrum.at
     for _ in range(_ROUNDS):
         # What is beside the band is known only once the band is in the model.
-        window = _window(view, spectrum, float(point[2]), float(np.exp(point[3])), shape)
+        window = _window(view, beside, float(point[2]), float(np.exp(point[3])), shape)
         spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
         found = minimize(
             window.loss, point, method="Nelder-Mead",
@@ -247,10 +226,9 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Candidate | 
         f0, w = float(point[2]), float(np.exp(point[3]))
         if w < 1.5 * unit or w > _BROADEST * f0:
             return None
-        term = Term("narrowband", "adds", (f0, w), shape, narrow=True)
-        terms = (*view.terms, term)
-        whole = fit_spectrum(grid, view.power, base=view.base, terms=terms, floor=view.fitted_floor)
-        spectrum = replace(whole, terms=view.terms, variances=whole.variances[:-1])
+        band = shape(f0, w)
+        whole = fit_spectrum(grid, view.power, view.model.plus(band), excluded=view.excluded)
+        beside = partial(whole.of, whole.model.components[:-1])
     gain = whole.loglik - view.spectrum.loglik
     if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
         gain = max(gain, window.flat() - float(found.fun))
@@ -265,7 +243,7 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Candidate | 
         },
         gain=gain,
         price=float(np.log(4 * grid.n / ALPHA) * 0.5 + 7.0),
-        terms=(term,),
+        parts=(band,),
         shape=(f0, w),
         words=f"noise in a band of {w:.3g} Hz around {f0:.4g} Hz",
     )

@@ -24,6 +24,10 @@ class Ramp(EffectKind):
 
     kind = "ramp"
     meaning = "the level drifts in a straight line (R)"
+    is_slow = True
+    is_drift = True
+    is_piecewise = True
+    is_coefficient = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "warm_up": "bends",
         "temperature": "follows the measured temperature",

@@ -22,14 +22,15 @@ from scipy.fft import dct, idct, prev_fast_len
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
-from allanscope.explain.effects.gauss_markov import GaussMarkov, fitted, lorentzian
-from allanscope.explain.grid import grid_of
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, is_of_one_scale
+from allanscope.explain.effects.gauss_markov import GaussMarkov, fitted
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, ordinates_of
-from allanscope.explain.spectral import Term
 from allanscope.explain.telegraph import posterior
 from allanscope.explain.view import View
+from allanscope.noise.components import Flicker, RandomWalk, Rounding, White
+from allanscope.noise.components import RandomTelegraph as Process
+from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
 
@@ -69,6 +70,11 @@ class RandomTelegraph(EffectKind):
         "gauss_markov": "same spectrum; two levels instead of a bell",
         "step": "fewer than four switches are steps",
     }
+
+    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
+        """Tell whether two candidates are one hypothesis."""
+        del grid
+        return is_of_one_scale(first, second)
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Start from the Gauss-Markov process of the same spectrum."""
@@ -117,7 +123,7 @@ class _Path:
 def _moved(view: View) -> float:
     """Deviation of means over a 200th of the record beyond the white noise in them, 0 if small."""
     means = np.array([part.mean() for part in np.array_split(view.data, 200)])
-    white = view.spectrum.variance_of("N") * 200 / view.series.duration_s
+    white = view.spectrum.model.value("N") ** 2 * 200 / view.series.duration_s
     variance = float(means.var())
     return float(np.sqrt(variance - white)) if variance > _MOVED * white else 0.0
 
@@ -133,7 +139,7 @@ def _column(view: View, path: _Path) -> Array:
 
 
 def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None:
-    if amplitude**2 * dwell_s < _VISIBLE * view.spectrum.variance_of("N"):
+    if amplitude**2 * dwell_s < _VISIBLE * view.spectrum.model.value("N") ** 2:
         return None
     path = _path(view, amplitude, dwell_s, _TO_JUDGE)
     if path is None or path.switches < _FEWEST_SWITCHES or _is_regular(path):
@@ -143,7 +149,7 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     if size <= 0:
         return None
     # When a hop was is known to a block in whose mean the white noise is half as large as the size.
-    known = size**2 * path.dwell_s / max(4 * view.spectrum.variance_of("N"), 1e-300)
+    known = size**2 * path.dwell_s / max(4 * view.spectrum.model.value("N") ** 2, 1e-300)
     known = max(_TO_MEASURE, known)
     part = _stretch(view, _MOST_BLOCKS * max(1, int(path.dwell_s * view.grid.rate_hz / known)))
     finer = _path(part, size, path.dwell_s, known)
@@ -153,7 +159,7 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     size, error = float(measured.amplitude[0]), float(np.sqrt(measured.covariance[0, 0]))
     dwell = finer.dwell_s
     spread = 1.96 * _MISSED / np.sqrt(finer.switches)
-    term = Term("random_telegraph", "adds", (dwell / 2,), lorentzian)
+    process = Process(1.0, dwell)
     return Candidate(
         kind="random_telegraph",
         parameters={
@@ -164,7 +170,7 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
         },
         gain=fit.gain + path.log_prior + path.slack,
         price=float(np.log(12 / ALPHA)),
-        terms=(term,),
+        parts=(process,),
         shape=(size, dwell),
         words=f"the level hops between two values {2 * size:.3g} {view.unit} apart",
         evidence={"switches": path.switches},
@@ -187,9 +193,16 @@ def _stretch(view: View, rows: int) -> View:
         temperature_c=None,
         bridged=view.series.bridged[:rows],
     )
-    grid = grid_of(rows, view.grid.rate_hz)
-    data = view.data[:rows]
-    return View(series, grid, view.axis, data, view.step, terms=view.terms, base=view.base)
+    return View(
+        series,
+        series.grid,
+        view.axis,
+        view.data[:rows],
+        view.step,
+        parts=view.parts,
+        excluded=view.excluded,
+        base=view.base,
+    )
 
 
 def _is_regular(path: _Path) -> bool:
@@ -215,7 +228,7 @@ def _with_spectrum(view: View, candidate: Candidate, twin: Candidate) -> Candida
     assert tc.lower is not None
     assert tc.upper is not None
     half = candidate.number("dwell") / 2
-    white = max(view.spectrum.variance_of("N"), 1e-300)
+    white = max(view.spectrum.model.value("N") ** 2, 1e-300)
     seen = 2 * candidate.number("amplitude") ** 2 / white
     if twin.gain < twin.price:
         return candidate
@@ -223,14 +236,14 @@ def _with_spectrum(view: View, candidate: Candidate, twin: Candidate) -> Candida
         if seen * half > _SHARP:
             return candidate
         return replace(candidate, parameters={**candidate.parameters, "amplitude": sigma})
-    terms = (Term("random_telegraph", "adds", twin.shape, lorentzian),)
+    parts = (Process(1.0, 2 * twin.shape[0]),)
     if half > tc.upper and seen * tc.lower > _CLEAR:
-        return replace(candidate, terms=terms)
+        return replace(candidate, parts=parts)
     found = Parameter(2 * twin.number("correlation_time"), 2 * tc.lower, 2 * tc.upper, "s")
     return replace(
         candidate,
         parameters={"amplitude": sigma, "dwell": found},
-        terms=terms,
+        parts=parts,
         shape=(twin.number("sigma"), twin.number("correlation_time") * 2),
     )
 
@@ -247,9 +260,11 @@ def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Pa
     spectrum = view.spectrum
     f = np.arange(1, blocks) * grid.rate_hz / (2 * grid.n)
     white = float(np.median(view.power[-40:])) / hop if len(view.power) > 80 else 0.0
-    white = max(white, spectrum.variance_of("N") * grid.rate_hz / hop, _LEAST * float(level.var()))
+    white = max(
+        white, spectrum.model.value("N") ** 2 * grid.rate_hz / hop, _LEAST * float(level.var())
+    )
     size, rate = amplitude, min(0.4, block_s / dwell_s)
-    parts = [variance * at for variance, at in _parts(view, dwell_s / 2, f)]
+    parts = _parts(view, dwell_s / 2, f)
     beneath_both = parts[1] / (parts[0] + parts[1] + parts[2])
     total = parts[0] + parts[1]
     wiener = np.divide(parts[1], total, out=np.zeros_like(total), where=total > 0)
@@ -287,17 +302,12 @@ def _smooth(values: Array, share: Array) -> Array:
     return np.asarray(idct(ordinates, norm="ortho"))
 
 
-def _parts(view: View, tc: float, f: Array) -> list[tuple[float, Array]]:
+def _parts(view: View, tc: float, f: Array) -> list[Array]:
     """White noise; flicker and random walk; the process: as fitted together."""
     fit = fitted(view, tc)
-    process = fit.sigma_of(fit.terms[-1])[0] ** 2
-    slow = sum(fit.variance_of(w) * unit for w, unit in view.grid.textbook("BK", f).items())
-    white = fit.variance_of("N") * view.grid.rate_hz + fit.floor
-    return [
-        (1.0, np.full_like(f, white)),
-        (1.0, np.asarray(slow)),
-        (process, lorentzian(f, view.grid.rate_hz, (tc,))),
-    ]
+    white = [c for c in fit.model if isinstance(c, White | Rounding)]
+    slow = [c for c in fit.model if isinstance(c, Flicker | RandomWalk)]
+    return [fit.of(some, f) for some in (white, slow, fit.model.components[-1:])]
 
 
 _TWIN = GaussMarkov()

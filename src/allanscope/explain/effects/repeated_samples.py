@@ -29,8 +29,8 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.coincidence import Coincidence, beyond_runs, typical_and_limit
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects.base import ALPHA, EffectKind
-from allanscope.explain.spectral import Term
 from allanscope.explain.view import View
+from allanscope.noise.filters import Filter, HeldPattern, HeldSamples
 
 Array = NDArray[np.float64]
 
@@ -42,8 +42,6 @@ _PATTERN = 0.2
 """Relative difference from chance of two repeats in a row from which they come in a pattern."""
 _FEW = 10.0
 """Runs that are so many times as rare as rows that are equal by chance come from those."""
-_DARKEST = 1e-5
-"""Least factor: rows held in pairs have no power at Nyquist but what leaks there."""
 _FINEST = 0.8
 """Least noise in steps at which a single axis can be judged."""
 _FEWEST = 30
@@ -54,21 +52,6 @@ _UNSEEN = 3.0
 """Upper 95 % limit of what was expected where nothing was seen."""
 _LOOKED_AT, _PIECES = 1 << 17, 16
 """Rows of a long record that tell how its far rows differ, and pieces that they come from."""
-
-
-def held(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Spectrum of held white noise relative to its variance; nonlinear = (fraction,)."""
-    d = nonlinear[0]
-    s = np.sin(np.pi * frequency / rate)
-    return np.asarray((1 - d * d) / ((1 - d) ** 2 + 4 * d * s**2))
-
-
-def held_in_a_pattern(frequency: Array, rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """Return the same for chances r_1, r_2, ... that so many rows in a row are repeats."""
-    total = np.ones_like(frequency)
-    for j, chance in enumerate(nonlinear, start=1):
-        total += 2 * chance * np.cos(2 * np.pi * j / rate * frequency)
-    return np.asarray(np.maximum(total, _DARKEST))
 
 
 class RepeatedSamples(EffectKind):
@@ -118,14 +101,14 @@ class RepeatedSamples(EffectKind):
                 },
                 gain=gain,
                 price=float(np.log(2 / ALPHA)),
-                terms=(_term(equal[:, [view.series.column(a) for a in axes]], fraction),),
+                parts=(_held(equal[:, [view.series.column(a) for a in axes]], fraction),),
                 words=f"{100 * fraction:.3g} % of the rows repeat the row before",
                 axes=axes,
             )
         ]
 
 
-def _term(equal: NDArray[np.bool_], fraction: float) -> Term:
+def _held(equal: NDArray[np.bool_], fraction: float) -> Filter:
     """Return the factor on the white part, by the pattern of the repeats where it is seen."""
     repeat: NDArray[np.bool_] = np.logical_and.reduce(equal, axis=1)
     chances = []
@@ -139,8 +122,8 @@ def _term(equal: NDArray[np.bool_], fraction: float) -> Term:
     if seen and abs(chances[1] - fraction**2) > _PATTERN * fraction**2:
         by_chance = _FEW * (chances[0] - fraction) / (1 - fraction)
         pattern = tuple(r * fraction / chances[0] for r in chances[:-1] if r > by_chance)
-        return Term(RepeatedSamples.kind, "shapes", pattern, held_in_a_pattern)
-    return Term(RepeatedSamples.kind, "shapes", (min(fraction, 0.95),), held)
+        return HeldPattern(pattern)
+    return HeldSamples(min(fraction, 0.95))
 
 
 def _together(equal: NDArray[np.bool_], by_chance: Coincidence) -> tuple[float, float, float]:

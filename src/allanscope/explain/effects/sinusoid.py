@@ -25,12 +25,12 @@ from scipy.ndimage import minimum_filter1d
 from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
-from allanscope.explain.grid import Grid
+from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, is_near, rescaled
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
 from allanscope.explain.tones import constancy, local_level
 from allanscope.explain.view import View
+from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
 
@@ -47,10 +47,16 @@ class Sinusoid(EffectKind):
 
     kind = "sinusoid"
     meaning = "a tone of constant amplitude and frequency"
+    located_by = "frequency"
+    is_shared = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "narrowband": "a line is one bin wide however long the record is",
         "unexplained": "a chirp or a modulated tone changes between parts of the record",
     }
+
+    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
+        """Tell whether two candidates are one hypothesis."""
+        return is_near(first, second, grid.rate_hz / grid.n)
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Look at every frequency from three cycles per record to Nyquist."""

@@ -29,6 +29,10 @@ class Temperature(EffectKind):
 
     kind = "temperature"
     meaning = "the level follows the measured temperature"
+    is_slow = True
+    is_drift = True
+    is_thermal = True
+    must_replicate = True
     needs = frozenset({"temperature"})
     confused_with: ClassVar[Mapping[str, str]] = {
         "warm_up": "self-heating looks alike: the temperature must explain more than the clock",

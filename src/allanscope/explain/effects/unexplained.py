@@ -22,8 +22,8 @@ from allanscope.explain.effects.base import ALPHA, EffectKind
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
 from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness
 from allanscope.explain.series import CHI_SQUARE_MEDIAN
-from allanscope.explain.spectral import Term
 from allanscope.explain.view import View
+from allanscope.noise.grid import Ranges
 
 Array = NDArray[np.float64]
 
@@ -40,9 +40,7 @@ _TURNS = 4
 _WAVES = 5.0
 _REMNANT = 0.1
 """Waves of a cut tone from an end of the record, and share of its gain, of what it may leave."""
-_CHANGES_OF_LEVEL = ("warm_up", "step", "excursion")
-_OF_A_DRIFT = 0.03
-"""Share of the gain of a drift without a name that what it leaves may gain."""
+_CHANGES_OF_LEVEL, _OF_A_DRIFT = ("warm_up", "step", "excursion"), 0.03
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
 _MOST = 0.5
@@ -58,17 +56,12 @@ DRIFT_PRICE = 20.0
 """Nats that the polynomial gains on one clean record in 1000 or fewer (by simulation)."""
 
 
-def outside(frequency: Array, _rate: float, nonlinear: tuple[float, ...]) -> Array:
-    """0 between two frequencies, 1 elsewhere."""
-    low, high = nonlinear
-    return np.where((frequency >= low) & (frequency <= high), 0.0, 1.0)
-
-
 class Unexplained(EffectKind):
     """A residual without a name."""
 
     kind = "unexplained"
     meaning = "left over, and no name fits"
+    located_by = "frequency_low"
     stage = 4
 
     def propose(self, view: View) -> Iterable[Candidate]:
@@ -88,14 +81,16 @@ def left_over(
     share: float,
     words: str,
     log_alternatives: float = 0.0,
-    parts: tuple[tuple[float, ...], ...] = (),
+    parts: Ranges = (),
 ) -> Candidate:
     """Return an unexplained range of frequencies, which is cut out of the fit.
 
-    It has no price: what it was searched for with was paid, or it is looked at once at the end.
+    It has no penalty: what it was searched for with was paid, or it is looked at once at the end.
 
     Parameters
     ----------
+    log_alternatives : float
+        Log of the number of alternatives that were looked at.
     parts : tuple of (float, float), optional
         Ranges within it that are cut out; by default all of it.
     """
@@ -110,7 +105,7 @@ def left_over(
         },
         gain=gain,
         price=0.0,
-        terms=tuple(Term("unexplained", "excludes", p, outside) for p in parts or ((low, high),)),
+        excluded=parts or ((low, high),),
         shape=(low, high),
         words=words,
         log_alternatives=log_alternatives,
@@ -135,8 +130,7 @@ def tone_left_over(view: View, candidate: Candidate) -> Candidate | None:
             break
         if high - low > _MOST * view.grid.rate_hz / 2:
             return None
-        term = Term("unexplained", "excludes", (low, high), outside)
-        cut = view.with_terms((*view.terms, term))
+        cut = view.without_range(low, high)
     inside = view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1]
     share = float(inside.sum() / view.squares.sum())
     words, searched = _CHANGES.format(low, high), candidate.log_looked_at(ALPHA)
@@ -152,9 +146,9 @@ def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate | Non
     share = sum(r.number("share") for r in ranges)
     gain = sum(line.gain for line in lines)
     # What is between a carrier and sidebands far from it is noise like any other.
-    parts = tuple(r.shape for r in ranges)
-    words = _CHANGES.format(low, high)
+    parts = tuple((r.shape[0], r.shape[1]) for r in ranges)
     searched = sum(line.log_looked_at(ALPHA) for line in lines)
+    words = _CHANGES.format(low, high)
     return left_over(view, (low, high), gain, share, words, searched, parts)
 
 

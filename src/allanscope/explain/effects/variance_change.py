@@ -43,6 +43,8 @@ class VarianceChange(EffectKind):
 
     kind = "variance_change"
     meaning = "the white level is not one level"
+    located_by = "start"
+    is_shared = True
     stage = 3
     confused_with: ClassVar[Mapping[str, str]] = {
         "outliers": "single samples, not a stretch",

@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, log_interval
+from allanscope.explain.effects.base import (
+    ALPHA,
+    EffectKind,
+    estimate,
+    is_of_one_scale,
+    log_interval,
+)
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
     Regression,
@@ -26,6 +32,7 @@ from allanscope.explain.regression import (
     marginal_covariance,
 )
 from allanscope.explain.view import View
+from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
 
@@ -44,12 +51,22 @@ class WarmUp(EffectKind):
 
     kind = "warm_up"
     meaning = "the level relaxes exponentially from the start of the record"
+    located_by = "time_constant"
+    is_slow = True
+    is_drift = True
+    is_thermal = True
+    is_shared = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "temperature": "the measured temperature explains it",
         "step": "does not bend",
         "ramp": "does not end",
         "unexplained": "another slow drift fits free cosines better",
     }
+
+    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
+        """Tell whether two candidates are one hypothesis."""
+        del grid
+        return is_of_one_scale(first, second)
 
     def propose(self, view: View) -> Iterable[Candidate]:
         """Fit a bank of time constants."""

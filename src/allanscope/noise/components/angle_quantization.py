@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Component, Quantity
+from allanscope.noise.components.base import Array, Component
+from allanscope.noise.part import Quantity
 
 __all__ = ["AngleQuantization"]
 

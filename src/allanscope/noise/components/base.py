@@ -2,53 +2,25 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Self
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.noise.folding import fold
+from allanscope.noise.part import Part
 from allanscope.noise.transfer import Kind, estimator_variance
 
-__all__ = ["COMPONENTS", "Component", "Quantity"]
+__all__ = ["Component"]
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """One number of a component.
-
-    Attributes
-    ----------
-    name : str
-        Field of the component that holds it.
-    unit : str
-        With ``{unit}`` for the unit of the axis, e.g. ``{unit}/sqrt(Hz)``.
-    role : {'amplitude', 'shape'}
-        The power of a component is proportional to the square of its one amplitude, which a fit
-        varies as a power from zero up. A shape is varied as a logarithm between its bounds.
-    lower, upper : float
-        Bounds of a shape.
-    """
-
-    name: str
-    unit: str
-    role: Literal["amplitude", "shape"] = "amplitude"
-    lower: float = 0.0
-    upper: float = np.inf
-
-
-COMPONENTS: dict[str, type[Component]] = {}
-"""Every component class by its symbol; a class enters by being defined."""
-
-
 @dataclass(frozen=True)
-class Component(ABC):
-    """One independent part of the noise of an axis.
+class Component(Part):
+    """One independent part of the noise of an axis, which adds to the others.
 
     A subclass is a frozen dataclass whose fields are its numbers, described in the same order by
     `quantities`. It must know its `density`; everything else follows from that by exact integrals
@@ -61,25 +33,37 @@ class Component(ABC):
         Letter of IEEE 952 (``N``), or the kind of an effect (``gauss_markov``).
     quantities : tuple of Quantity
         What the fields mean.
+    is_filtered : bool
+        Whether a low-pass of the sensor acts on it.
+    is_narrow : bool
+        Whether the density changes within a bin of the likelihood.
     """
 
-    symbol: ClassVar[str] = ""
-    quantities: ClassVar[tuple[Quantity, ...]] = ()
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if cls.symbol:
-            COMPONENTS[cls.symbol] = cls
+    is_filtered: ClassVar[bool] = False
+    is_narrow: ClassVar[bool] = False
 
     @property
-    def values(self) -> tuple[float, ...]:
-        """The numbers, in the order of `quantities`."""
-        return tuple(getattr(self, quantity.name) for quantity in self.quantities)
+    def power(self) -> float:
+        """Square of the amplitude, to which densities are proportional; 1 without one."""
+        return self.values[self.amplitude_index] ** 2 if self.has_amplitude else 1.0
 
-    def with_values(self, values: Sequence[float]) -> Self:
-        """Return the same component with other numbers."""
-        names = (quantity.name for quantity in self.quantities)
-        return replace(self, **dict(zip(names, map(float, values), strict=True)))
+    def with_power(self, power: float) -> Self:
+        """Return the component with another squared amplitude; itself where it has none."""
+        if not self.has_amplitude:
+            return self
+        values = list(self.values)
+        values[self.amplitude_index] = float(np.sqrt(max(power, 0.0)))
+        return self.with_values(values)
+
+    @property
+    def has_amplitude(self) -> bool:
+        """Whether there is a power to be fitted."""
+        return any(quantity.role == "amplitude" for quantity in self.quantities)
+
+    @property
+    def amplitude_index(self) -> int:
+        """Position of the amplitude among the numbers."""
+        return [quantity.role for quantity in self.quantities].index("amplitude")
 
     @abstractmethod
     def density(self, f: ArrayLike, dt: float) -> Array:
@@ -129,17 +113,19 @@ class Component(ABC):
         Here the density over 2 dt, folded by the averaging. What the ends of the record add at the
         lowest ordinates is in the overrides of components that vary much below k = 10.
         """
-        phase = np.pi * np.asarray(k, np.float64) / n
-        return fold(lambda w: self.density(w / (2 * np.pi * dt), dt) / (2 * dt), phase, stride)
+        return self.spectrum(np.asarray(k, np.float64) / (2 * n * stride * dt), dt, stride)
+
+    def spectrum(self, f: ArrayLike, dt: float, stride: int = 1) -> Array:
+        """Return what `ordinates` tends to in a long record, at frequencies in Hz."""
+        return fold(
+            lambda w: self.density(w / (2 * np.pi * dt), dt) / (2 * dt),
+            2 * np.pi * np.asarray(f, np.float64) * stride * dt,
+            stride,
+        )
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
         """Frequency in Hz and mean square of everything in it that is a pure line."""
-        return ()
-
-    def corners(self, dt: float) -> tuple[float, ...]:
-        """Frequencies in Hz near which the density changes quickly, for the integrals."""
-        del dt
         return ()
 
     def _variance(self, kind: Kind, m: ArrayLike, dt: float) -> Array:
@@ -149,18 +135,3 @@ class Component(ABC):
             m,
             corners=tuple(2 * np.pi * dt * f for f in self.corners(dt)),
         )
-
-    def _check_positive(self) -> None:
-        """Refuse numbers out of their bounds; for use in ``__post_init__``."""
-        for quantity in self.quantities:
-            value = getattr(self, quantity.name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ValueError(
-                    f"{type(self).__name__}.{quantity.name} must be a finite number >= 0,"
-                    f" got {value!r}"
-                )
-            if quantity.role == "shape" and not quantity.lower <= value <= quantity.upper:
-                raise ValueError(
-                    f"{type(self).__name__}.{quantity.name} must lie between {quantity.lower:g}"
-                    f" and {quantity.upper:g}, got {value:g}"
-                )

@@ -30,6 +30,11 @@ class Correlated(Component):
         phase = 2 * np.pi * np.asarray(f, np.float64) * dt
         return 2 * dt * self.covariance(dt).spectrum(phase)
 
+    def spectrum(self, f: ArrayLike, dt: float, stride: int = 1) -> Array:
+        """Return the spectrum of the rows, in closed form."""
+        phase = 2 * np.pi * np.asarray(f, np.float64) * stride * dt
+        return self.covariance(dt).averaged(stride).spectrum(phase)
+
     def avar(self, m: ArrayLike, dt: float) -> Array:
         """Return the Allan variance, exact for samples."""
         return self.covariance(dt).avar(m)

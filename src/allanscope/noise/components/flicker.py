@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import digamma
 
-from allanscope.noise.components.base import Array, Component, Quantity
+from allanscope.noise.components.base import Array, Component
 from allanscope.noise.folding import fold
+from allanscope.noise.part import Quantity
 
 __all__ = ["Flicker"]
 
@@ -45,6 +46,7 @@ class Flicker(Component):
 
     B: float
     symbol: ClassVar[str] = "B"
+    is_filtered: ClassVar[bool] = True
     quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("B", "{unit}"),)
 
     def __post_init__(self) -> None:
@@ -76,14 +78,14 @@ class Flicker(Component):
         1 - 2 / (pi^2 k) for large k, whatever the length of the record.
         """
         del dt
-        order = np.asarray(k, np.int64)
+        order = np.asarray(k, np.float64)
         spectrum = fold(lambda w: self.B**2 / (2 * np.sin(w / 2)), np.pi * order / n, stride)
         return np.asarray(spectrum * _ends(order))
 
 
-def _ends(k: NDArray[np.int64]) -> Array:
+def _ends(k: Array) -> Array:
     """Return what the ends of the record make of each ordinate."""
-    table = _ENDS[np.minimum(k, len(_ENDS) - 1)]
+    table = _ENDS[np.minimum(k, len(_ENDS) - 1).astype(np.int64)]
     return np.where(k < len(_ENDS), table, 1 - 2 / (np.pi**2 * k))
 
 

@@ -1,4 +1,4 @@
-"""Second-order Gauss-Markov process: noise in a band around a resonance."""
+"""Noise in a band: a resonance, a line that wanders, white noise behind a band-pass."""
 
 from __future__ import annotations
 
@@ -8,14 +8,22 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Quantity
+from allanscope.noise.components.base import Array, Component
 from allanscope.noise.components.correlated import Correlated
 from allanscope.noise.exponential import ExponentialCovariance
+from allanscope.noise.part import Quantity
 
-__all__ = ["Narrowband"]
+__all__ = ["BandPassed", "Narrowband", "PeakFiltered", "WanderingLine"]
 
 _WIDEST = 1.98
 """Largest bandwidth in units of the frequency: just below critical damping."""
+
+
+_BAND = (
+    Quantity("sigma", "{unit}"),
+    Quantity("frequency", "Hz", "shape", 1e-9, 1e6),
+    Quantity("bandwidth", "Hz", "shape", 1e-9, 1e6),
+)
 
 
 @dataclass(frozen=True)
@@ -39,11 +47,8 @@ class Narrowband(Correlated):
     frequency: float
     bandwidth: float
     symbol: ClassVar[str] = "narrowband"
-    quantities: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("sigma", "{unit}"),
-        Quantity("frequency", "Hz", "shape", 1e-9, 1e6),
-        Quantity("bandwidth", "Hz", "shape", 1e-9, 1e6),
-    )
+    is_narrow: ClassVar[bool] = True
+    quantities: ClassVar[tuple[Quantity, ...]] = _BAND
 
     def covariance(self, dt: float) -> ExponentialCovariance:
         """Return the autocovariance of the samples."""
@@ -59,4 +64,82 @@ class Narrowband(Correlated):
 
     def corners(self, dt: float) -> tuple[float, ...]:
         """Return the resonance."""
+        return (self.frequency,) if self.frequency < 0.5 / dt else ()
+
+
+@dataclass(frozen=True)
+class WanderingLine(Narrowband):
+    """A line whose amplitude and phase wander: gamma(t) = sigma^2 exp(-pi b |t|) cos(2 pi f0 t)."""
+
+    def covariance(self, dt: float) -> ExponentialCovariance:
+        """Return the autocovariance of the samples."""
+        rate = complex(np.pi * self.bandwidth * dt, -2 * np.pi * self.frequency * dt)
+        return ExponentialCovariance((complex(self.sigma**2),), (rate,))
+
+
+@dataclass(frozen=True)
+class BandPassed(Component):
+    """White noise behind a Butterworth band-pass: density 1 / (1 + x^p), x = 2 (f - f0) / b.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation in the unit of the axis.
+    frequency, bandwidth : float
+        Centre and half-power bandwidth in Hz.
+    power : int
+        Twice the poles of each side.
+    """
+
+    sigma: float
+    frequency: float
+    bandwidth: float
+    power: int = 4
+    symbol: ClassVar[str] = "narrowband"
+    is_narrow: ClassVar[bool] = True
+    quantities: ClassVar[tuple[Quantity, ...]] = _BAND
+
+    def __post_init__(self) -> None:
+        self._check_positive()
+
+    def density(self, f: ArrayLike, dt: float) -> Array:
+        """Return the one-sided density, aliases left out."""
+        del dt
+        x = 2 * (np.asarray(f, np.float64) - self.frequency) / self.bandwidth
+        area = np.pi / self.power / np.sin(np.pi / self.power) * self.bandwidth
+        return np.asarray(self.sigma**2 / area / (1 + x**self.power))
+
+    def corners(self, dt: float) -> tuple[float, ...]:
+        """Return the centre of the band."""
+        return (self.frequency,) if self.frequency < 0.5 / dt else ()
+
+
+@dataclass(frozen=True)
+class PeakFiltered(Component):
+    """White noise behind a digital peak filter: one pole a side, nothing at the ends of the band.
+
+    Power response 1 / (1 + x^2), x = (g / g0 - g0 / g) g0 / w, g = tan(pi f dt), of which the mean
+    over the band is w / (1 + w): w = tan(pi b dt).
+    """
+
+    sigma: float
+    frequency: float
+    bandwidth: float
+    symbol: ClassVar[str] = "narrowband"
+    is_narrow: ClassVar[bool] = True
+    quantities: ClassVar[tuple[Quantity, ...]] = _BAND
+
+    def __post_init__(self) -> None:
+        self._check_positive()
+
+    def density(self, f: ArrayLike, dt: float) -> Array:
+        """Return the one-sided density of the samples."""
+        g = np.tan(np.pi * np.clip(np.asarray(f, np.float64) * dt, 1e-9, 0.499999))
+        w = np.tan(np.pi * min(self.bandwidth * dt, 0.49))
+        g0 = np.tan(np.pi * min(self.frequency * dt, 0.499999))
+        x = (g * g - g0 * g0) / (w * (1 + g0 * g0) * g)
+        return np.asarray(2 * dt * self.sigma**2 * (1 + w) / w / (1 + x * x))
+
+    def corners(self, dt: float) -> tuple[float, ...]:
+        """Return the centre of the band."""
         return (self.frequency,) if self.frequency < 0.5 / dt else ()

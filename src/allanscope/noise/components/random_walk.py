@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Component, Quantity
+from allanscope.noise.components.base import Array, Component
+from allanscope.noise.part import Quantity
 
 __all__ = ["RandomWalk"]
 
@@ -29,6 +30,7 @@ class RandomWalk(Component):
 
     K: float
     symbol: ClassVar[str] = "K"
+    is_filtered: ClassVar[bool] = True
     quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("K", "{unit}/sqrt(s)"),)
 
     def __post_init__(self) -> None:

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Component, Quantity
+from allanscope.noise.components.base import Array, Component
+from allanscope.noise.part import Quantity
 
 __all__ = ["White"]
 
@@ -34,6 +35,7 @@ class White(Component):
 
     N: float
     symbol: ClassVar[str] = "N"
+    is_filtered: ClassVar[bool] = True
     quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("N", "{unit}/sqrt(Hz)"),)
 
     def __post_init__(self) -> None:

@@ -42,7 +42,7 @@ def why_no_rows(sample: bytes) -> str:
     >>> why_no_rows(b"gx[dps],gy[dps]\n0.1,abc\n")
     "line 2, column 2: 'abc' is no number"
     >>> why_no_rows(b"p,q\n1,2\n")
-    "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp"
+    "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp; line 2: ..."
     """
     sample = sample[:_LOOKED_AT]
     readable = sum(byte in b"\t\r\n\x1b" or 0x20 <= byte < 0x7F for byte in sample)

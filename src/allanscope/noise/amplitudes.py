@@ -5,8 +5,8 @@ millisecond and must not hold the interpreter: axes are searched side by side. E
 the weighted least-squares problem
 
 .. math:: \min_{\theta \ge 0} \; \sum_b \frac{\nu_b}{2 \lambda_b^2}
-          \left(p_b - r - \sum_j \theta_j a_{jb}\right)^2, \qquad
-          \lambda_b = r + \sum_j \theta_j a_{jb}
+          \left(p_b - r_b - \sum_j \theta_j a_{jb}\right)^2, \qquad
+          \lambda_b = r_b + \sum_j \theta_j a_{jb}
 
 with :math:`\lambda` of the step before. It is reduced to a triangle by orthogonalisation (normal
 equations would square the condition of flicker beside a random walk), and the triangle is solved
@@ -33,7 +33,7 @@ _DEPENDENT = 1e-13
 
 
 def maximise(
-    columns: Array, power: Array, count: Array, floor: float, start: Array | None
+    columns: Array, power: Array, count: Array, fixed: Array, start: Array | None = None
 ) -> tuple[Array, float, Array]:
     """Return the variances at the maximum, the log-likelihood there, and the power of every bin.
 
@@ -43,7 +43,7 @@ def maximise(
         Power in every bin for a unit variance of each term.
     power, count : ndarray, shape (bins,)
         Mean square of the ordinates in a bin, and how many they are.
-    floor : float
+    fixed : ndarray, shape (bins,)
         Power in every bin that is known beforehand.
     start : ndarray, shape (p,), optional
         Where to begin; by default where the squares are least, relative to the power.
@@ -52,7 +52,7 @@ def maximise(
     --------
     >>> columns = np.array([[1.0, 1.0, 1.0], [4.0, 1.0, 0.25]])
     >>> count = np.array([10.0, 100.0, 1000.0])
-    >>> theta, *_ = maximise(columns, 2.0 * columns[0] + 3.0 * columns[1], count, 0.0, None)
+    >>> theta, *_ = maximise(columns, 2.0 * columns[0] + 3.0 * columns[1], count, np.zeros(3))
     >>> theta.round(6).tolist()
     [2.0, 3.0]
     """
@@ -60,9 +60,9 @@ def maximise(
     known = start is not None and len(start) == len(columns)
     theta, loglik, expected = _maximise(
         np.ascontiguousarray(columns),
-        power,
-        count,
-        float(floor),
+        np.ascontiguousarray(power),
+        np.ascontiguousarray(count),
+        np.ascontiguousarray(fixed),
         smallest,
         np.array(start) if known else np.full(len(columns), -1.0),
         known,
@@ -71,21 +71,21 @@ def maximise(
 
 
 @njit(cache=True, nogil=True)
-def _maximise(columns, power, count, floor, smallest, theta, known):  # type: ignore[no-untyped-def]
+def _maximise(columns, power, count, fixed, smallest, theta, known):  # type: ignore[no-untyped-def]
     variance, tried = np.empty(power.size), np.empty(power.size)
-    target = power - floor
+    target = power - fixed
     if not known:
         theta = _least_squares(columns, target, count, np.maximum(power, 1e-300))
-    value = _loglik(columns, power, count, floor, smallest, theta, variance)
+    value = _loglik(columns, power, count, fixed, smallest, theta, variance)
     for _ in range(_SCORING_STEPS):
         step = _least_squares(columns, target, count, variance) - theta
         size = 1.0
         trial = theta + step
-        gained = _loglik(columns, power, count, floor, smallest, trial, tried)
+        gained = _loglik(columns, power, count, fixed, smallest, trial, tried)
         while gained < value and size > _SHORTEST:
             size /= 2
             trial = theta + size * step
-            gained = _loglik(columns, power, count, floor, smallest, trial, tried)
+            gained = _loglik(columns, power, count, fixed, smallest, trial, tried)
         if gained <= value + _GAIN:
             break
         theta, value = trial, gained
@@ -94,9 +94,9 @@ def _maximise(columns, power, count, floor, smallest, theta, known):  # type: ig
 
 
 @njit(cache=True, nogil=True)
-def _loglik(columns, power, count, floor, smallest, theta, variance):  # type: ignore[no-untyped-def]
+def _loglik(columns, power, count, fixed, smallest, theta, variance):  # type: ignore[no-untyped-def]
     """Fill in the variances and return the log-likelihood."""
-    variance[:] = floor
+    variance[:] = fixed
     for j in range(theta.size):
         if theta[j] != 0.0:
             for b in range(power.size):

@@ -1,21 +1,20 @@
-"""Whether slow effects that were named are the whole drift, or pieces of one without a name."""
+"""Replace slow effects that are pieces of a drift without a name."""
 
 from __future__ import annotations
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.unexplained import (
     DEGREE,
     RELAXATIONS,
     drift_left_over,
     relaxation_left_over,
 )
+from allanscope.explain.search_path import SearchPath
 from allanscope.explain.view import View
 
-__all__ = ["audit_drift"]
+__all__ = ["replace_drift"]
 
-_SLOW = ("warm_up", "ramp", "temperature")
-_PIECES = ("ramp", "step", "excursion")
-"""What a relaxation that is taken for one exponential leaves is fitted by these."""
 _CLEARLY = 5.0
 _UNFINISHED = 0.3
 """Share of the gain of the named effects that a polynomial may still find behind them."""
@@ -23,14 +22,14 @@ _FEW_WAVES = 4.0
 """A slower line may be a piece of something else."""
 
 
-def audit_drift(view: View) -> View:
-    """Replace slow effects by `unexplained` where a free polynomial does clearly better than they.
+def replace_drift(view: View, path: SearchPath) -> View:
+    """Put `unexplained` in the place of slow effects where a free polynomial does clearly better.
 
     A drift of any other form is fitted piecewise by exponentials and ramps; each piece is
     significant and none is true.
     """
-    view = _audit_relaxation(view)
-    slow = [c for c in view.accepted if c.kind in _SLOW or _is_slow_line(view, c)]
+    view = _replace_relaxation(view)
+    slow = [c for c in view.accepted if KINDS[c.kind].is_drift or _is_slow_line(view, c)]
     if not slow:
         return view
     bare = view.without(*slow, *(c for c in view.accepted if c.is_drift))
@@ -42,10 +41,13 @@ def audit_drift(view: View) -> View:
     margin = -_CLEARLY if view.drifts else _CLEARLY
     better = free.gain - DEGREE > named + margin
     unfinished = rest is not None and rest.gain > _UNFINISHED * named
-    return bare.accept(free) if better or unfinished else view
+    if not better and not unfinished:
+        return view
+    path.note("replace drift", free, "accepted")
+    return bare.accept(free)
 
 
-def _audit_relaxation(view: View) -> View:
+def _replace_relaxation(view: View) -> View:
     """Replace a warm-up by `unexplained` where several exponentials do clearly better than one."""
     warm = next((c for c in view.accepted if c.kind == "warm_up"), None)
     if warm is None:
@@ -62,7 +64,7 @@ def _without_pieces(view: View, free: Candidate, tau: float) -> View:
 
     The relaxation is fitted again without each; what is worth its price beside that was no piece.
     """
-    slow = [c for c in view.accepted if c.kind in _PIECES or _is_slow_line(view, c)]
+    slow = [c for c in view.accepted if KINDS[c.kind].is_piecewise or _is_slow_line(view, c)]
     for piece in sorted(slow, key=lambda c: c.excess):
         bare = view.without(piece, free)
         again = relaxation_left_over(bare, tau)

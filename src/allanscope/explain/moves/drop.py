@@ -1,0 +1,26 @@
+"""Drop effects that later ones have made superfluous, or that have no size beside them."""
+
+from __future__ import annotations
+
+from allanscope.explain.adequacy import is_measured
+from allanscope.explain.effects import KINDS
+from allanscope.explain.search_path import SearchPath
+from allanscope.explain.view import View
+
+__all__ = ["drop"]
+
+
+def drop(view: View, path: SearchPath) -> View:
+    """Return the view without effects that, given the others, gain less than their penalty.
+
+    The one that was accepted last has just been judged; what has no interval is dropped anyway.
+    """
+    last = view.accepted[-1:]
+    for candidate in view.accepted:
+        if KINDS[candidate.kind].stage != 2 or candidate.kind == "unexplained":
+            continue
+        superfluous = candidate.gain < candidate.price and all(candidate is not c for c in last)
+        if superfluous or not is_measured(candidate):
+            view = view.without(candidate)
+            path.drop(candidate)
+    return view

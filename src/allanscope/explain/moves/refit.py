@@ -1,0 +1,28 @@
+"""Estimate every effect again, given the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from allanscope.explain.effects import KINDS
+from allanscope.explain.search_path import SearchPath
+from allanscope.explain.view import View
+
+__all__ = ["refit"]
+
+
+def refit(view: View, path: SearchPath) -> View:
+    """Return the view with every effect of the spectrum and the level estimated again."""
+    if len([c for c in view.accepted if KINDS[c.kind].stage == 2 or c.is_drift]) < 2:
+        return view
+    for candidate in view.accepted:
+        if KINDS[candidate.kind].stage != 2:
+            continue
+        path.evaluations += 1
+        bare = view.without(candidate)
+        again = KINDS[candidate.kind].refine(bare, candidate)
+        again = replace(again, held_out=candidate.held_out, rivals=candidate.rivals)
+        grown = bare.accept(again)
+        order = [again if c is candidate else c for c in view.accepted]
+        view = replace(grown, accepted=tuple(order))
+    return view

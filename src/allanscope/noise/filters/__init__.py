@@ -1,0 +1,28 @@
+"""What stands between the noise and its samples, and multiplies its density; one a file.
+
+======================  ==========================  ===================  ======================
+symbol                  class                       numbers              acts on
+======================  ==========================  ===================  ======================
+band_limit              OnePole                     cutoff               N, B and K
+band_limit              Butterworth                 cutoff, order        N, B and K
+band_limit              AnalogueLowPass             cutoff, order        N, B and K
+repeated_samples        HeldSamples                 fraction             N
+repeated_samples        HeldPattern                 none: counted        N
+======================  ==========================  ===================  ======================
+"""
+
+from allanscope.noise.filters.base import Filter
+from allanscope.noise.filters.combined import combined_response
+from allanscope.noise.filters.held_samples import HeldPattern, HeldSamples
+from allanscope.noise.filters.low_pass import AnalogueLowPass, Butterworth, LowPass, OnePole
+
+__all__ = [
+    "AnalogueLowPass",
+    "Butterworth",
+    "Filter",
+    "HeldPattern",
+    "HeldSamples",
+    "LowPass",
+    "OnePole",
+    "combined_response",
+]

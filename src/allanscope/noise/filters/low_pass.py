@@ -1,0 +1,81 @@
+r"""A low-pass: the sensor's own filter, or one behind it.
+
+:math:`|H|^2 = 1 / (1 + (g(f) / g(f_c))^{2p})` with g = sin (one pole in the sampled data, or an
+analogue one aliased), tan (Butterworth by the bilinear transform) and f itself. All are 1 at zero
+frequency, so that N stays what long averages show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.noise.filters.base import Filter
+from allanscope.noise.part import Quantity
+
+__all__ = ["AnalogueLowPass", "Butterworth", "LowPass", "OnePole"]
+
+Array = NDArray[np.float64]
+
+_CUTOFF = Quantity("cutoff", "Hz", "shape", 1e-6, 1e7)
+_ORDER = Quantity("order", "", "shape", 0.1, 20.0)
+_TOP = 0.499
+"""Highest cutoff of a digital filter, as a share of the rate."""
+
+
+@dataclass(frozen=True)
+class LowPass(Filter):
+    """A low-pass with a cutoff in Hz at which the response has fallen by 3 dB."""
+
+    cutoff: float
+    symbol: ClassVar[str] = "band_limit"
+
+    def __post_init__(self) -> None:
+        self._check_positive()
+
+    def corners(self, dt: float) -> tuple[float, ...]:
+        """Return the cutoff."""
+        return (self.cutoff,) if 0 < self.cutoff < 0.5 / dt else ()
+
+
+@dataclass(frozen=True)
+class OnePole(LowPass):
+    """One pole: y += (1 - p) (x - y), p = exp(-2 pi fc dt); the cutoff is that of p."""
+
+    quantities: ClassVar[tuple[Quantity, ...]] = (_CUTOFF,)
+
+    def response(self, f: Array, dt: float) -> Array:
+        """Return (1 - p)^2 / (1 - 2 p cos(2 pi f dt) + p^2)."""
+        p = np.exp(-2 * np.pi * self.cutoff * dt)
+        sine = np.sin(np.pi * f * dt)
+        return np.asarray((1 - p) ** 2 / ((1 - p) ** 2 + 4 * p * sine**2))
+
+
+@dataclass(frozen=True)
+class Butterworth(LowPass):
+    """A digital Butterworth low-pass by the bilinear transform; its order need not be whole."""
+
+    order: float = 2.0
+    quantities: ClassVar[tuple[Quantity, ...]] = (_CUTOFF, _ORDER)
+
+    def response(self, f: Array, dt: float) -> Array:
+        """Return 1 / (1 + (tan(pi f dt) / tan(pi fc dt))^(2 order))."""
+        top = np.pi * np.minimum(f * dt, 0.499999)
+        ratio = np.tan(top) / np.tan(np.pi * min(self.cutoff * dt, _TOP))
+        return np.asarray(1 / (1 + ratio ** (2 * self.order)))
+
+
+@dataclass(frozen=True)
+class AnalogueLowPass(LowPass):
+    """An analogue low-pass without its aliases."""
+
+    order: float = 1.0
+    quantities: ClassVar[tuple[Quantity, ...]] = (_CUTOFF, _ORDER)
+
+    def response(self, f: Array, dt: float) -> Array:
+        """Return 1 / (1 + (f / fc)^(2 order))."""
+        del dt
+        return np.asarray(1 / (1 + (f / self.cutoff) ** (2 * self.order)))

@@ -1,0 +1,194 @@
+r"""Where a likelihood is computed: cosine ordinates, and the bins that they fall into.
+
+The orthonormal DCT-II of n rows has the ordinates k = 1 .. n-1 at :math:`f_k = k f_s / 2n`. Its
+ordinates are independent, exactly for white noise plus a random walk that started anywhere, to a
+few per cent at the lowest six for flicker. (Those of a Fourier transform are not: the two ends of a
+random walk do not meet, and the step leaks everywhere.) What a component puts into an ordinate or
+into a bin depends on the grid alone, so it is computed once for all axes of a record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.noise.components.base import Component
+from allanscope.noise.filters.base import Filter
+from allanscope.noise.once import once
+
+__all__ = ["Grid", "Ranges", "grid_of"]
+
+Array = NDArray[np.float64]
+Ranges = tuple[tuple[float, float], ...]
+"""Frequencies in Hz from and to which ordinates are left out of a fit."""
+
+_LOW = 8192
+"""Ordinates kept one by one for slow regressors: what is slow has no power beyond."""
+_SINGLE, _BINS_PER_OCTAVE = 128, 32
+_SIMPSON = np.array([1, 4, 2, 4, 1]) / 12
+_TOP_NODES = 4096
+_FINEST_NODES = 64
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Frequencies of the ordinates of n rows, and the bins they fall into.
+
+    Attributes
+    ----------
+    n : int
+        Rows; there are n - 1 ordinates.
+    rate_hz : float
+        Rows per second.
+    stride : int
+        Samples averaged into a row.
+    """
+
+    n: int
+    rate_hz: float
+    stride: int = 1
+
+    @property
+    def dt(self) -> float:
+        """Time between samples in s."""
+        return 1 / (self.rate_hz * self.stride)
+
+    @once
+    def frequency(self) -> Array:
+        """Frequency of every ordinate in Hz, shape (n - 1,)."""
+        return np.arange(1, self.n, dtype=np.float64) * (self.rate_hz / (2 * self.n))
+
+    @property
+    def low(self) -> int:
+        """Number of ordinates kept one by one."""
+        return min(_LOW, self.n - 1)
+
+    @once
+    def edges(self) -> NDArray[np.int64]:
+        """First ordinate of every bin (0 stands for k = 1), shape (bins,)."""
+        octaves = max(np.log2(self.n / _SINGLE), 0.1)
+        wide = np.geomspace(_SINGLE, max(self.n - 1, _SINGLE), 2 + int(octaves * _BINS_PER_OCTAVE))
+        single = np.arange(min(_SINGLE, self.n - 1))
+        edges = np.concatenate([single, np.round(wide[:-1]) - 1, [min(self.low, self.n - 2)]])
+        return np.unique(edges[edges < self.n - 1]).astype(np.int64)
+
+    @once
+    def count(self) -> Array:
+        """Ordinates in every bin."""
+        return np.diff(np.append(self.edges, self.n - 1)).astype(np.float64)
+
+    @once
+    def centre(self) -> Array:
+        """Mean frequency of every bin in Hz."""
+        return self.bin_means(self.frequency)
+
+    def bin_means(self, per_ordinate: Array) -> Array:
+        """Average something over every bin."""
+        return np.asarray(np.add.reduceat(per_ordinate, self.edges) / self.count, np.float64)
+
+    def kept(self, excluded: Ranges) -> NDArray[np.bool_]:
+        """Tell which ordinates lie outside ranges of frequencies in Hz."""
+        return _kept(self, excluded)
+
+    def counts(self, excluded: Ranges = ()) -> Array:
+        """Return the number of ordinates of every bin that are not left out."""
+        if not excluded:
+            return self.count
+        return np.add.reduceat(self.kept(excluded).astype(np.float64), self.edges)
+
+    def binned(self, squares: Array, excluded: Ranges = ()) -> tuple[Array, Array]:
+        """Return mean and number of the squared ordinates of every bin that are not left out."""
+        if not excluded:
+            return self.bin_means(squares), self.count
+        count = self.counts(excluded)
+        total = np.add.reduceat(squares * self.kept(excluded), self.edges)
+        return np.asarray(total / np.maximum(count, 1.0)), count
+
+    def column(self, component: Component) -> Array:
+        """Return the mean square that a component gives the ordinates of every bin."""
+        return component.power * _column(self, component.with_power(1.0))
+
+    def response(self, low_pass: Filter) -> Array:
+        """Return the mean power response of a filter in every bin."""
+        return _response(self, low_pass)
+
+    def first(self, component: Component, m: int) -> Array:
+        """Return the mean squares of the first m ordinates."""
+        if m > self.low:
+            return component.power * self.exact(component.with_power(1.0), m)
+        return component.power * _first(self, component.with_power(1.0))[:m]
+
+    def at(self, component: Component, frequency: Array) -> Array:
+        """Return the mean square of an ordinate at any frequency in Hz."""
+        k = frequency * (2 * self.n / self.rate_hz)
+        return component.ordinates(k, self.n, self.dt, self.stride)
+
+    def exact(self, component: Component, m: int) -> Array:
+        """Return the same, computed afresh."""
+        return component.ordinates(np.arange(1.0, m + 1), self.n, self.dt, self.stride)
+
+    @once
+    def nodes(self) -> Array:
+        """Ordinates (as numbers) between which what is smooth may be interpolated.
+
+        Centres of the bins, then ever closer to the top: there a low-pass falls by orders of
+        magnitude within a bin.
+        """
+        centre = self.centre * (2 * self.n / self.rate_hz)
+        first, last = self.edges + 1.0, np.append(self.edges[1:], self.n - 1.0)
+        top = np.linspace(self.n / 2, self.n - 1.0, min(_TOP_NODES, self.n // 2))
+        finest = self.n - np.geomspace(1.0, max(self.n / 64, 2.0), _FINEST_NODES)
+        nodes = np.concatenate([first[:1], centre, last[-1:], top, finest])
+        return np.unique(nodes[nodes >= 1])
+
+    def interpolate(self, at_nodes: Array) -> Array:
+        """Return every ordinate of something positive that is known at the nodes."""
+        k = np.arange(1.0, self.n)
+        logarithm = np.log(np.maximum(at_nodes, 1e-300))
+        return np.asarray(np.exp(np.interp(k, self.nodes, logarithm)))
+
+
+@lru_cache(maxsize=16)
+def _kept(grid: Grid, excluded: Ranges) -> NDArray[np.bool_]:
+    kept = np.ones(grid.n - 1, bool)
+    for low, high in excluded:
+        kept &= (grid.frequency < low) | (grid.frequency > high)
+    return kept
+
+
+@lru_cache(maxsize=256)
+def _column(grid: Grid, unit: Component) -> Array:
+    if unit.is_narrow:
+        return grid.bin_means(unit.spectrum(grid.frequency, grid.dt, grid.stride))
+    nodes = _bin_nodes(grid)
+    values = unit.ordinates(nodes.ravel(), grid.n, grid.dt, grid.stride).reshape(nodes.shape)
+    return np.asarray(_SIMPSON @ values)
+
+
+@lru_cache(maxsize=128)
+def _response(grid: Grid, low_pass: Filter) -> Array:
+    nodes = _bin_nodes(grid) * (grid.rate_hz / (2 * grid.n))
+    values = low_pass.response(nodes.ravel(), grid.dt).reshape(nodes.shape)
+    return np.asarray(_SIMPSON @ values)
+
+
+@lru_cache(maxsize=64)
+def _first(grid: Grid, unit: Component) -> Array:
+    return grid.exact(unit, grid.low)
+
+
+@lru_cache(maxsize=4)
+def _bin_nodes(grid: Grid) -> Array:
+    """Return the ordinates from which the mean of a bin is found by Simpson's rule, (5, bins)."""
+    first, last = grid.edges + 1.0, np.append(grid.edges[1:], grid.n - 1.0)
+    share = np.linspace(0, 1, len(_SIMPSON))[:, np.newaxis]
+    return np.asarray(first + share * (last - first))
+
+
+@lru_cache(maxsize=8)  # a record, its half and what a resumed search needs, for all of its axes
+def grid_of(n: int, rate_hz: float, stride: int = 1) -> Grid:
+    """Return the grid of n rows; it carries tables that are worth sharing."""
+    return Grid(n, rate_hz, stride)

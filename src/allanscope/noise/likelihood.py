@@ -1,0 +1,265 @@
+r"""The likelihood of a noise model, and its maximum.
+
+Powers p_b with nu_b degrees of freedom and expectation lambda_b(theta) have the log-likelihood
+
+.. math:: \ln L = -\tfrac12 \sum_b \nu_b (\ln \lambda_b + p_b / \lambda_b)        \quad (Whittle)
+
+up to what does not depend on the model. The Fisher information about theta is
+:math:`\tfrac12 \sum_b \nu_b (\partial \ln \lambda_b / \partial \theta)^2`, from which the
+Cramer-Rao bound follows. Debiasing after Sykulski et al. (Biometrika 2019): lambda is the
+expectation of what was computed from the finite record, not the density.
+
+Expected powers are linear in the squares of the amplitudes, which are found by Fisher scoring for
+given shapes (`amplitudes`); shapes (a correlation time, a cutoff) are varied around that as
+logarithms between their bounds (variable projection).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from allanscope.noise.amplitudes import maximise
+from allanscope.noise.components import Component
+from allanscope.noise.evidence import Evidence
+from allanscope.noise.filters import combined_response
+from allanscope.noise.model import Free, NoiseModel
+from allanscope.noise.once import once
+
+__all__ = ["Fit", "Likelihood"]
+
+Array = NDArray[np.float64]
+
+_DIFFERENCE = 1e-3
+"""Of the logarithm of a shape, for derivatives."""
+_SIMPLEX = 0.15
+_NATS = 1e-4
+"""Gain below which a search for shapes ends."""
+
+
+class Likelihood:
+    """The likelihood of one body of evidence.
+
+    Parameters
+    ----------
+    evidence : sequence of Evidence
+        Ordinates, density bands, or both; taken as independent.
+    """
+
+    def __init__(self, evidence: Sequence[Evidence]) -> None:
+        if not evidence:
+            raise ValueError("there is no evidence to compute a likelihood from")
+        self.evidence = tuple(evidence)
+        self.power = np.concatenate([part.power for part in evidence])
+        self.dof = np.concatenate([part.dof for part in evidence])
+        # Floor of an expected power, so that a likelihood is finite for every model.
+        self._tiny = max(1e-12 * float(np.median(self.power)), 1e-300)
+
+    def column(self, model: NoiseModel, component: Component) -> Array:
+        """Return the expected powers of a component behind the filters of a model."""
+        filters = model.filters_on(component)
+        columns = []
+        for part in self.evidence:
+            column = part.column(component)
+            if filters:
+                column = column * combined_response(filters, model.dt, part.response)
+            columns.append(column)
+        return columns[0] if len(columns) == 1 else np.concatenate(columns)
+
+    def expected(self, model: NoiseModel) -> Array:
+        """Return the expected powers under a model."""
+        total = np.zeros(len(self.power))
+        for component in model:
+            total += self.column(model, component)
+        return np.maximum(total, self._tiny)
+
+    def of(self, model: NoiseModel) -> float:
+        """Return the log-likelihood of a model."""
+        return self.value(self.expected(model))
+
+    def value(self, expected: Array) -> float:
+        """Return the log-likelihood of expected powers."""
+        return float(-0.5 * np.sum(self.dof * (np.log(expected) + self.power / expected)))
+
+    def maximise(
+        self,
+        model: NoiseModel,
+        *,
+        held: Collection[Free] = (),
+        start: Array | None = None,
+    ) -> Fit:
+        """Find the numbers that maximise the likelihood.
+
+        Parameters
+        ----------
+        model : NoiseModel
+            Its shapes are where the search starts.
+        held : collection of Free
+            What keeps its value.
+        start : ndarray, optional
+            Powers of the amplitudes to start from.
+        """
+        held = frozenset(held)
+        shapes = [f for f in model.numbers if f not in held and _is_shape(model, f)]
+        if not shapes:
+            return self._with_amplitudes(model, held, start)
+        low, high = (
+            np.array([getattr(model.quantity(f), side) for f in shapes])
+            for side in ("lower", "upper")
+        )
+
+        def at(point: Array) -> Fit:
+            values = np.clip(np.exp(np.clip(point, -700, 700)), low, high)
+            return self._with_amplitudes(model.with_numbers(shapes, values), held)
+
+        first = np.array([np.log(model.number(f)) for f in shapes])
+
+        def loss(point: Array) -> float:
+            return -at(point).loglik
+
+        found = minimize(
+            loss,
+            first,
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": np.vstack([first, first + _SIMPLEX * np.eye(len(first))]),
+                "xatol": _NATS,
+                "fatol": _NATS,
+                "maxiter": 120 * len(first),
+            },
+        )
+        best = at(np.asarray(found.x))
+        return Fit(self, best.model, best.loglik, held, bool(found.success), best.expected)
+
+    def amplitudes(self, model: NoiseModel, start: Array | None = None) -> Fit:
+        """Find the powers that maximise the likelihood, all shapes held."""
+        held = frozenset(f for f in model.numbers if _is_shape(model, f))
+        return self._with_amplitudes(model, held, start)
+
+    def _with_amplitudes(
+        self, model: NoiseModel, held: frozenset[Free], start: Array | None = None
+    ) -> Fit:
+        free = [
+            c.has_amplitude and Free(i, c.amplitude_index) not in held
+            for i, c in enumerate(model.components)
+        ]
+        unit = [c.with_power(1.0) if f else c for c, f in zip(model, free, strict=True)]
+        columns = [self.column(model, c) for c in unit]
+        fixed = np.zeros(len(self.power))
+        for column, is_free in zip(columns, free, strict=True):
+            if not is_free:
+                fixed += column
+        if not any(free):
+            expected = np.maximum(fixed, self._tiny)
+            return Fit(self, model, self.value(expected), held, True, expected)
+        basis = np.array([c for c, is_free in zip(columns, free, strict=True) if is_free])
+        powers, loglik, expected = maximise(basis, self.power, self.dof, fixed, start)
+        left = iter(powers.tolist())
+        components = tuple(
+            c.with_power(next(left)) if f else c for c, f in zip(model, free, strict=True)
+        )
+        fitted = NoiseModel(components, model.dt, model.filters)
+        return Fit(self, fitted, loglik, held, True, expected)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The maximum of a likelihood.
+
+    Attributes
+    ----------
+    model : NoiseModel
+        With the fitted numbers.
+    loglik : float
+        At the maximum.
+    held : frozenset of Free
+        What was not varied.
+    converged : bool
+        Whether the search for the shapes came to its end.
+    expected : ndarray, shape (b,)
+        Expected powers of all the evidence.
+    """
+
+    likelihood: Likelihood = field(repr=False)
+    model: NoiseModel
+    loglik: float
+    held: frozenset[Free] = field(repr=False)
+    converged: bool
+    expected: Array = field(repr=False)
+
+    @once
+    def free(self) -> tuple[Free, ...]:
+        """What was varied."""
+        return tuple(f for f in self.model.numbers if f not in self.held)
+
+    def all_free(self) -> Fit:
+        """Return the fit as if nothing had been held: with the errors that leaves."""
+        return replace(self, held=frozenset())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what was varied, e.g. ``("N", "B", "K")``."""
+        return tuple(self.model.quantity(f).name for f in self.free)
+
+    @property
+    def values(self) -> Array:
+        """Fitted values of what was varied."""
+        return np.array([self.model.number(f) for f in self.free])
+
+    @once
+    def jacobian(self) -> Array:
+        """Derivatives of the logarithms of the expected powers by those of the numbers, (b, p)."""
+        return self.derivatives(self.free) / self.expected[:, np.newaxis]
+
+    @once
+    def information(self) -> Array:
+        """Fisher information about the logarithms of the values; zeros for a value of 0."""
+        weighted = self.jacobian * np.sqrt(self.likelihood.dof / 2)[:, np.newaxis]
+        return np.asarray(weighted.T @ weighted)
+
+    def derivatives(self, free: Iterable[Free]) -> Array:
+        """Return the derivatives of the expected powers by the logarithms of some numbers."""
+        columns = []
+        for one in free:
+            if _is_shape(self.model, one):
+                columns.append(self._by_shape(one))
+            else:
+                component = self.model.components[one.part]
+                columns.append(2 * self.likelihood.column(self.model, component))
+        return np.array(columns).T.reshape(len(self.expected), -1)
+
+    def _by_shape(self, free: Free) -> Array:
+        quantity, value = self.model.quantity(free), self.model.number(free)
+        ends = [
+            float(np.clip(value * np.exp(h), quantity.lower, quantity.upper))
+            for h in (_DIFFERENCE, -_DIFFERENCE)
+        ]
+        up, down = (
+            self.likelihood.expected(self.model.with_numbers([free], [end])) for end in ends
+        )
+        return np.asarray((up - down) / np.log(ends[0] / ends[1]))
+
+    @once
+    def covariance(self) -> Array:
+        """Covariance of the logarithms of the values; infinite for values of 0."""
+        known = self.values > 0
+        covariance = np.full((len(known), len(known)), np.inf)
+        block = self.information[np.ix_(known, known)]
+        covariance[np.ix_(known, known)] = np.linalg.pinv(block, hermitian=True)
+        return covariance
+
+    def relative_sd(self) -> Array:
+        """Return the relative standard deviation of every value; infinite for zeros."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def index(self, name: str) -> int | None:
+        """Return the position of the first value with this name, None where it was not varied."""
+        return self.names.index(name) if name in self.names else None
+
+
+def _is_shape(model: NoiseModel, free: Free) -> bool:
+    return model.quantity(free).role == "shape"

@@ -1,0 +1,161 @@
+"""Every move and gate of the search on small records made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects import KINDS
+from allanscope.explain.gates import judge, owed, penalty_passed
+from allanscope.explain.moves.add import add, proposals, with_rivals
+from allanscope.explain.moves.drop import drop
+from allanscope.explain.moves.fold_sidebands import fold_sidebands
+from allanscope.explain.moves.refit import refit
+from allanscope.explain.search import Budget, close_loop
+from allanscope.explain.search_path import SearchPath
+from allanscope.explain.series import Series
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+RATE, N = 50.0, 6000
+TIME = np.arange(N) / RATE
+
+
+def view_of(samples: Array) -> View:
+    """Return the hypothesis that one axis is the textbook's noise."""
+    rows = samples[:, np.newaxis]
+    series = Series(("gx",), rows, RATE, 1, (1e-9,), None, np.zeros(N, np.bool_))
+    return View(series, series.grid, "gx", rows[:, 0], 0.0)
+
+
+def noise(seed: int) -> Array:
+    return np.asarray(np.random.default_rng(seed).standard_normal(N))
+
+
+def line(frequency: float, amplitude: float) -> Array:
+    return np.asarray(amplitude * np.sin(2 * np.pi * frequency * TIME + 0.3))
+
+
+def best_of(view: View, kind: str) -> Candidate:
+    return max(KINDS[kind].propose(view), key=lambda c: c.gain)
+
+
+def test_add_takes_the_best_candidate_and_keeps_the_path() -> None:
+    view, path = view_of(noise(1) + line(7.0, 0.4)), SearchPath()
+    added = add(view, proposals(view, [KINDS["sinusoid"]], path), path)
+    assert added is not None
+    assert [c.kind for c in added.accepted] == ["sinusoid"]
+    assert added.spectrum.loglik > view.spectrum.loglik
+    assert [(step.move, step.outcome) for step in path.steps] == [("add", "accepted")]
+    assert path.acceptances == 1
+
+
+def test_add_refuses_what_gains_less_than_its_penalty() -> None:
+    view, path = view_of(noise(2)), SearchPath()
+    small = replace(best_of(view_of(noise(2) + line(7.0, 0.4)), "sinusoid"), gain=3.0)
+    assert not penalty_passed(view, small, 0.0)
+    assert add(view, [small], path) is None
+    assert path.steps[0].outcome.startswith("penalty")
+
+
+def test_every_effect_before_makes_the_next_dearer() -> None:
+    view = view_of(noise(3) + line(7.0, 0.4))
+    candidate = best_of(view, "sinusoid")
+    just = replace(candidate, gain=candidate.price + 0.5)
+    assert penalty_passed(view, just, 0.0)
+    assert not penalty_passed(view.accept(candidate), just, 0.0)  # ln 2 more
+    assert not penalty_passed(view, just, 0.6931)
+
+
+def test_the_gate_of_adequacy_refuses_a_line_that_is_there_half_of_the_time() -> None:
+    half = np.where(np.arange(N) < N // 2, 1.0, 0.0)
+    view = view_of(noise(4) + half * line(7.0, 0.8))
+    found, why = judge(view, best_of(view, "sinusoid"))
+    assert found is None or found.kind == "unexplained", why
+
+
+def test_the_gate_of_held_out_data_refuses_a_process_of_one_half_only() -> None:
+    slow = np.convolve(noise(5), np.ones(200) / 14.0, "same")
+    view = view_of(noise(6) + np.where(np.arange(N) < N // 4, 1.5 * slow, 0.0))
+    candidate = best_of(view, "gauss_markov")
+    found, why = judge(view, candidate)
+    assert found is None or found.kind == "unexplained", why
+
+
+def test_refit_moves_an_estimate_when_another_effect_has_been_taken_out() -> None:
+    view = view_of(noise(7) + line(0.2, 1.0) + 2.0 * np.exp(-TIME / 20.0))
+    path = SearchPath()
+    first = view.accept(best_of(view, "sinusoid"))
+    both = first.accept(best_of(first, "warm_up"))
+    again = refit(both, path)
+    size = next(c for c in again.accepted if c.kind == "sinusoid").number("amplitude")
+    assert size == pytest.approx(1.0, abs=0.06)  # three standard errors
+    assert path.evaluations == 2
+    assert again.spectrum.loglik >= both.spectrum.loglik - 1e-6
+
+
+def test_drop_removes_what_no_longer_pays_and_it_is_not_taken_again() -> None:
+    view, path = view_of(noise(8) + line(7.0, 0.6) + line(11.0, 0.4)), SearchPath()
+    poor = replace(best_of(view, "sinusoid"), gain=1.0)
+    grown = view.accept(poor)
+    grown = grown.accept(best_of(grown, "sinusoid"))
+    left = drop(grown, path)
+    assert [round(c.shape[0]) for c in left.accepted] == [11]
+    assert path.was_dropped(poor, view.grid)
+    assert path.steps[-1].move == "drop"
+    again = proposals(left, [KINDS["sinusoid"]], path)
+    assert all(round(c.shape[0]) != 7 for c in again)
+
+
+def test_sidebands_are_folded_into_one_tone() -> None:
+    modulated = (1 + 0.6 * np.cos(2 * np.pi * 0.5 * TIME)) * line(9.0, 1.0)
+    view, path = view_of(noise(9) + modulated), SearchPath()
+    for _ in range(3):
+        view = view.accept(best_of(view, "sinusoid"))
+    folded = fold_sidebands(view, path)
+    assert [c.kind for c in folded.accepted] == ["unexplained"]
+    low, high = folded.accepted[0].shape
+    assert low < 8.5
+    assert high > 9.5
+    assert path.steps[-1].move == "fold sidebands"
+
+
+def test_three_unrelated_lines_are_not_folded() -> None:
+    view = view_of(noise(10) + line(5.0, 0.5) + line(9.0, 0.5) + line(14.7, 0.5))
+    for _ in range(3):
+        view = view.accept(best_of(view, "sinusoid"))
+    assert fold_sidebands(view, SearchPath()) is view
+
+
+def test_a_rival_that_gained_as_much_and_now_gains_nothing_is_named() -> None:
+    view = view_of(noise(11) + line(7.0, 0.4))
+    accepted = best_of(view, "sinusoid")
+    rival = replace(accepted, kind="narrowband", gain=accepted.gain - 1.0)
+    after = with_rivals(view.accept(accepted), [accepted, rival], [])
+    assert after.accepted[-1].equivalent == ("narrowband",)
+    stays = with_rivals(view.accept(accepted), [accepted, rival], [rival])
+    assert stays.accepted[-1].equivalent == ()
+
+
+def test_a_search_ends_where_its_bounds_are_and_says_so() -> None:
+    view = view_of(noise(12) + line(7.0, 0.5) + line(11.0, 0.5) + line(17.0, 0.5))
+    stopped = close_loop(view, Budget(acceptances=1))
+    named = [c.kind for c in stopped.accepted if c.kind != "unexplained"]
+    assert named == ["sinusoid"]
+    assert "stopped" in stopped.stopped
+    whole = close_loop(view)
+    assert [c.kind for c in whole.accepted].count("sinusoid") == 3
+    assert whole.stopped == ""
+    assert {step.move for step in whole.path} >= {"add"}
+
+
+def test_what_is_owed_is_the_penalty_of_all_that_was_added() -> None:
+    view = view_of(noise(13) + line(7.0, 0.4))
+    candidate = best_of(view, "sinusoid")
+    assert owed(view.accept(candidate), 0) == pytest.approx(candidate.price)
+    assert owed(view.accept(candidate), 1) == pytest.approx(np.log(2))

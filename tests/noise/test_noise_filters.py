@@ -1,0 +1,87 @@
+"""Filters: their responses, what they act on, and the curves behind them, against samples."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, freqz, lfilter
+
+from allanscope.noise.components import Flicker, GaussMarkov, RandomWalk, Rounding, White
+from allanscope.noise.filters import (
+    AnalogueLowPass,
+    Butterworth,
+    HeldPattern,
+    HeldSamples,
+    OnePole,
+)
+from allanscope.noise.model import NoiseModel
+
+DT = 0.01
+POLE = np.exp(-2 * np.pi * 20.0 * DT)
+TAPS = {OnePole(20.0): ([1 - POLE], [1.0, -POLE]), Butterworth(20.0, 2.0): butter(2, 0.4)}
+LOW_PASSES = [OnePole(20.0), Butterworth(20.0, 3.0), AnalogueLowPass(20.0, 1.5)]
+
+
+@pytest.mark.parametrize("low_pass", TAPS, ids=str)
+def test_response_is_that_of_the_recursion(low_pass):
+    f = np.linspace(0.0, 49.0, 50)
+    exact = np.abs(freqz(*TAPS[low_pass], worN=f, fs=1 / DT)[1]) ** 2
+    np.testing.assert_allclose(low_pass.response(f, DT), exact, atol=1e-9)
+
+
+@pytest.mark.parametrize("low_pass", LOW_PASSES, ids=str)
+def test_a_low_pass_is_one_at_zero_and_falls(low_pass):
+    response = low_pass.response(np.linspace(0.0, 49.0, 200), DT)
+    assert response[0] == pytest.approx(1.0)
+    assert np.all(np.diff(response) < 0)
+    assert low_pass.symbol == "band_limit"
+
+
+@pytest.mark.parametrize("low_pass", LOW_PASSES[1:], ids=str)
+def test_half_the_power_passes_at_the_cutoff(low_pass):
+    assert low_pass.response(np.array([20.0]), DT) == pytest.approx(0.5)
+
+
+def test_a_low_pass_acts_on_the_sensor_and_holding_on_its_white_noise():
+    sensor, later = (White(1.0), Flicker(1.0), RandomWalk(1.0)), (Rounding(1.0), GaussMarkov(1, 1))
+    assert all(OnePole(1.0).acts_on(one) for one in sensor)
+    assert not any(OnePole(1.0).acts_on(one) for one in later)
+    assert [HeldSamples(0.1).acts_on(one) for one in (*sensor, *later)] == [True, *[False] * 4]
+    assert HeldPattern((0.5,)).acts_on(White(1.0))
+
+
+@pytest.mark.parametrize("low_pass", TAPS, ids=str)
+def test_variances_behind_a_low_pass_are_those_of_samples(low_pass, rng, overlapping_variance):
+    drive = rng.standard_normal(41_000) * 0.3 / np.sqrt(DT)
+    samples = lfilter(*TAPS[low_pass], drive)[1000:]
+    model = NoiseModel((White(0.3),), DT, (low_pass,))
+    for m in (1, 3, 10, 40):
+        # 1000 independent windows at m = 40: 5 %, tested at three times that.
+        assert overlapping_variance(samples, m, 2) == pytest.approx(
+            float(model.variance("avar", m)), rel=0.15
+        )
+
+
+def test_long_averages_show_the_white_noise_before_the_low_pass():
+    model = NoiseModel((White(0.3),), DT, (OnePole(20.0),))
+    assert float(model.variance("avar", 10_000)) == pytest.approx(0.09 / 100, rel=1e-3)
+
+
+@pytest.mark.parametrize("fraction", [0.1, 0.5])
+def test_holding_white_noise_gives_its_response(rng, fraction):
+    n, parts = 4096, 200
+    total = np.zeros(n // 2 + 1)
+    for _ in range(parts):
+        fresh, held = rng.standard_normal(n), rng.random(n) < fraction
+        source = np.maximum.accumulate(np.where(held, 0, np.arange(n)))
+        total += np.abs(np.fft.rfft(fresh[source])) ** 2 / n / parts
+    f = np.fft.rfftfreq(n, DT)
+    ratio = (total / HeldSamples(fraction).response(f, DT))[1:2041].reshape(24, 85)
+    # 85 frequencies x 200 parts: 0.8 %, tested at five times that.
+    np.testing.assert_allclose(ratio.mean(axis=1), 1.0, atol=0.04)
+
+
+def test_rows_held_in_pairs_have_the_response_of_a_pattern(rng):
+    fresh = rng.standard_normal((400, 2048))
+    power = (np.abs(np.fft.rfft(np.repeat(fresh, 2, axis=1), axis=1)) ** 2).mean(axis=0) / 4096
+    f = np.fft.rfftfreq(4096, DT)
+    ratio = (power / HeldPattern((0.5,)).response(f, DT))[1:1985].reshape(-1, 64)
+    np.testing.assert_allclose(ratio.mean(axis=1), 1.0, atol=0.04)

@@ -88,11 +88,11 @@ def ramp_pattern(ordinates: Ordinates) -> Array:
 def fit_drift(fit: Fit) -> Drift | None:
     """Estimate the ramp and the noise together, starting from a fit of the noise alone.
 
-    Returns None where the evidence has no ordinates.
+    Returns None where the evidence has no ordinates, or all slow ones are left out.
     """
     likelihood = fit.likelihood
     ramp = _Ramp(likelihood)
-    if not ramp.patterns:
+    if not ramp.patterns or not np.isfinite(ramp.regress(fit.expected)[1]):
         return None
     slope, joint, evidence = 0.0, fit, likelihood.evidence
     for _ in range(_ROUNDS):
@@ -129,12 +129,12 @@ class _Ramp:
             part = self.evidence[i]
             assert isinstance(part, Ordinates)
             # Of the bins that hold one ordinate; a ramp has next to nothing beyond them.
-            single = int(np.argmin(np.append(part.dof == len(part.raw), False)))
+            single = int(np.argmin(np.append(part.grid.count[: len(part.dof)] == 1, False)))
             variance = expected[self.bins[i]][:single]
-            low = pattern[:single]
+            low = pattern[:single] * (part.dof[:single] > 0)
             weight += len(part.raw) * float(np.sum(low**2 / variance))
             projection += float(np.sum(part.raw[:, : len(low)] * low / variance))
-        return projection / weight, weight**-0.5
+        return (projection / weight, weight**-0.5) if weight > 0 else (0.0, np.inf)
 
     def removed(self, slope: float) -> tuple[Evidence, ...]:
         """Return the evidence without a ramp."""

@@ -51,8 +51,7 @@ def test_a_tone_that_sweeps_is_unexplained(bench, first, last, size):
     assert not any(
         {"gauss_markov", "narrowband", "band_limit"} & set(names(axis)) for axis in found
     )
-    if first > 0:  # through 0 Hz it stays without a line of its own: only `explained` is false
-        assert sum("unexplained" in names(axis) for axis in found) >= TONES - 1
+    assert sum("unexplained" in names(axis) for axis in found) >= TONES - 1
 
 
 @pytest.mark.parametrize(("size", "time"), [(0.3, 1.0), (1.0, 0.1), (1.0, 5.0)])

@@ -170,7 +170,6 @@ def test_levels_held_unequally_long_have_their_own_size(bench):
     assert size.lower < 0.01 < size.upper
 
 
-@pytest.mark.xfail(strict=False, reason="a second effect is named beside the band: to be mended")
 def test_noise_behind_a_band_pass_is_one_band_of_its_width(bench):
     b = bench(7)
     poles = butter(3, [8.0, 12.0], "band", fs=RATE)

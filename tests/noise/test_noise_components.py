@@ -88,6 +88,10 @@ def test_amplitude_scales_power_and_values_round_trip(component):
     doubled = component.with_values((2 * component.values[0], *component.values[1:]))
     f, k = np.array([0.3, 5.0, 40.0]), np.array([1, 7, 300])
     np.testing.assert_allclose(doubled.density(f, DT), 4 * component.density(f, DT))
+    if component.has_amplitude:
+        assert component.power == pytest.approx(component.values[component.amplitude_index] ** 2)
+        unit = component.with_power(1.0)
+        np.testing.assert_allclose(component.power * unit.density(f, DT), component.density(f, DT))
     np.testing.assert_allclose(
         doubled.ordinates(k, 1000, DT, 3), 4 * component.ordinates(k, 1000, DT, 3), rtol=1e-12
     )

@@ -73,11 +73,11 @@ def _peaked(f0: float, width: float) -> Component:
 
 
 def _passed(f0: float, width: float) -> Component:
-    return BandPassed(1.0, f0, width, power=4)
+    return BandPassed(1.0, f0, width, order=2)
 
 
 def _passed_steeply(f0: float, width: float) -> Component:
-    return BandPassed(1.0, f0, width, power=8)
+    return BandPassed(1.0, f0, width, order=4)
 
 
 class Narrowband(EffectKind):

@@ -78,8 +78,8 @@ class WanderingLine(Narrowband):
 
 
 @dataclass(frozen=True)
-class BandPassed(Component):
-    """White noise behind a Butterworth band-pass: density 1 / (1 + x^p), x = 2 (f - f0) / b.
+class _Passed(Component):
+    """White noise behind a filter that passes one band.
 
     Parameters
     ----------
@@ -87,27 +87,17 @@ class BandPassed(Component):
         Standard deviation in the unit of the axis.
     frequency, bandwidth : float
         Centre and half-power bandwidth in Hz.
-    power : int
-        Twice the poles of each side.
     """
 
     sigma: float
     frequency: float
     bandwidth: float
-    power: int = 4
     symbol: ClassVar[str] = "narrowband"
     is_narrow: ClassVar[bool] = True
     quantities: ClassVar[tuple[Quantity, ...]] = _BAND
 
     def __post_init__(self) -> None:
         self._check_positive()
-
-    def density(self, f: ArrayLike, dt: float) -> Array:
-        """Return the one-sided density, aliases left out."""
-        del dt
-        x = 2 * (np.asarray(f, np.float64) - self.frequency) / self.bandwidth
-        area = np.pi / self.power / np.sin(np.pi / self.power) * self.bandwidth
-        return np.asarray(self.sigma**2 / area / (1 + x**self.power))
 
     def corners(self, dt: float) -> tuple[float, ...]:
         """Return the centre of the band."""
@@ -115,22 +105,33 @@ class BandPassed(Component):
 
 
 @dataclass(frozen=True)
-class PeakFiltered(Component):
+class BandPassed(_Passed):
+    """White noise behind a Butterworth band-pass: density 1 / (1 + x^2p), x = 2 (f - f0) / b.
+
+    Parameters
+    ----------
+    order : int
+        p, the poles of each side.
+    """
+
+    order: int = 2
+
+    def density(self, f: ArrayLike, dt: float) -> Array:
+        """Return the one-sided density, aliases left out."""
+        del dt
+        steepness = 2 * self.order
+        x = 2 * (np.asarray(f, np.float64) - self.frequency) / self.bandwidth
+        area = np.pi / steepness / np.sin(np.pi / steepness) * self.bandwidth
+        return np.asarray(self.sigma**2 / area / (1 + x**steepness))
+
+
+@dataclass(frozen=True)
+class PeakFiltered(_Passed):
     """White noise behind a digital peak filter: one pole a side, nothing at the ends of the band.
 
     Power response 1 / (1 + x^2), x = (g / g0 - g0 / g) g0 / w, g = tan(pi f dt), of which the mean
     over the band is w / (1 + w): w = tan(pi b dt).
     """
-
-    sigma: float
-    frequency: float
-    bandwidth: float
-    symbol: ClassVar[str] = "narrowband"
-    is_narrow: ClassVar[bool] = True
-    quantities: ClassVar[tuple[Quantity, ...]] = _BAND
-
-    def __post_init__(self) -> None:
-        self._check_positive()
 
     def density(self, f: ArrayLike, dt: float) -> Array:
         """Return the one-sided density of the samples."""
@@ -139,7 +140,3 @@ class PeakFiltered(Component):
         g0 = np.tan(np.pi * min(self.frequency * dt, 0.499999))
         x = (g * g - g0 * g0) / (w * (1 + g0 * g0) * g)
         return np.asarray(2 * dt * self.sigma**2 * (1 + w) / w / (1 + x * x))
-
-    def corners(self, dt: float) -> tuple[float, ...]:
-        """Return the centre of the band."""
-        return (self.frequency,) if self.frequency < 0.5 / dt else ()

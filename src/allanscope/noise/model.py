@@ -162,14 +162,6 @@ class NoiseModel:
             parts[one.part] = parts[one.part].with_values(numbers)
         return self._of(parts)
 
-    def with_powers(self, powers: Iterable[float]) -> NoiseModel:
-        """Return the model with other powers of the components that have an amplitude."""
-        left = iter(powers)
-        components = tuple(
-            c.with_power(next(left)) if c.has_amplitude else c for c in self.components
-        )
-        return replace(self, components=components)
-
     def _of(self, parts: Sequence[Part]) -> NoiseModel:
         return replace(
             self,
@@ -191,10 +183,6 @@ class NoiseModel:
     def plus(self, *parts: Part) -> NoiseModel:
         """Return the model with more components and filters."""
         return self._of((*self.parts, *parts))
-
-    def minus(self, *parts: Part) -> NoiseModel:
-        """Return the model without some of its parts."""
-        return self._of([part for part in self.parts if part not in parts])
 
     def without(self, *symbols: str) -> NoiseModel:
         """Return the model without the parts of these symbols."""

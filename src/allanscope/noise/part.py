@@ -52,10 +52,6 @@ class Part:
         names = (quantity.name for quantity in self.quantities)
         return replace(self, **dict(zip(names, map(float, values), strict=True)))
 
-    def with_value(self, name: str, value: float) -> Self:
-        """Return the same part with one other number."""
-        return replace(self, **{name: float(value)})
-
     def corners(self, dt: float) -> tuple[float, ...]:
         """Frequencies in Hz near which its density or response changes quickly, for integrals."""
         del dt

@@ -28,7 +28,7 @@ from allanscope.samples import Event, Notice
 from allanscope.sources import RecordedSource, Source, open_file
 from allanscope.view.progress import progress
 
-__all__ = ["analysed", "buffers_of", "events_from", "events_of"]
+__all__ = ["analysed", "buffers_of", "events_of"]
 
 
 def buffers_of(source: Source) -> Iterator[Buffer]:
@@ -45,12 +45,6 @@ def buffers_of(source: Source) -> Iterator[Buffer]:
     first = np.zeros(1, np.int64)
     while (chunk := source.read()).event != "end":
         yield Buffer(chunk.data, first, np.array([chunk.host_ns]), chunk.event, chunk.host_ns)
-
-
-def events_from(source: Source, decoding: Decoding) -> Iterator[Event]:
-    """Yield the events of a source that has an end; what its end would complete is left waiting."""
-    for events in ahead(decoding.take_buffer(buffer) for buffer in buffers_of(source)):
-        yield from events
 
 
 def events_of(

@@ -2,13 +2,13 @@
 
 import http.client
 import json
-import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import psutil
@@ -16,9 +16,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "view"))
 
-from browser import browser_command, why_no_browser
+from browser import drawn, why_no_browser
 from headless_viewer import why_no_viewer
 from netlog import NETLOG, asked_for
+from serving import listening, serving, wait_for
 
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.opening import charts_of
@@ -26,9 +27,6 @@ from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
 from allanscope.pipeline.simulate import simulate_recording
 from allanscope.view.viewer_process import _environment, free_port, rerun_binary
 from allanscope.view.web_page import policy, without_links
-
-PAGE = re.compile(r"charts: (http://127\.0\.0\.1:(\d+)/\S*127\.0\.0\.1%3A(\d+)%2Fproxy\S*)")
-GRAPHICS = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 
 @pytest.fixture(scope="module")
@@ -54,51 +52,12 @@ def session(tmp_path_factory):
 @pytest.fixture
 def start():
     """Start a command that serves a page; return its process and the match of the address."""
-    started = []
+    with ExitStack() as started:
 
-    def start(*arguments):
-        shown = ("DISPLAY", "WAYLAND_DISPLAY")
-        process = subprocess.Popen(
-            [sys.executable, "-u", "-m", "allanscope", *map(str, arguments)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            env={name: value for name, value in os.environ.items() if name not in shown},
-            text=True,
-        )
-        started.append(process)
-        said = ""
-        for line in process.stdout:
-            said += line
-            if found := PAGE.search(line):
-                return process, found
-        pytest.fail(said)
+        def start(*arguments):
+            return started.enter_context(serving(*arguments, seconds=60.0))
 
-    yield start
-    for process in started:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        process.stdout.close()
-        try:
-            process.wait(60)
-        finally:
-            process.kill()
-
-
-def listening(process):
-    """Return the addresses at which a process and its children listen."""
-    family = [process.pid, *(child.pid for child in psutil.Process(process.pid).children(True))]
-    return {
-        (one.laddr.ip, one.laddr.port)
-        for one in psutil.net_connections("tcp")
-        if one.pid in family and one.status == psutil.CONN_LISTEN
-    }
-
-
-def wait_for(condition, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not (found := condition()) and time.monotonic() < end:
-        time.sleep(0.2)
-    return found
+        yield start
 
 
 def fetched(port, path="/"):
@@ -204,30 +163,17 @@ def test_the_page_fetches_nothing_from_other_hosts(session, start, tmp_path):
     process, found = start("open", session, "--view", "web")
     address, port = found[1], int(found[3])
     log = tmp_path / "net.json"
-    browser = subprocess.Popen(
-        browser_command(
-            tmp_path / "profile",
-            *GRAPHICS,
-            "--ignore-gpu-blocklist",
-            "--window-size=400,300",
-            "--remote-debugging-port=0",
-            NETLOG.format(log),
-            # No name is looked up: a test leaves nothing behind in the network.
-            "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-            address,
-        ),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        env={**os.environ, "HOME": str(tmp_path)},
+    options = (
+        "--window-size=400,300",
+        NETLOG.format(log),
+        # No name is looked up: a test leaves nothing behind in the network.
+        "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
     )
-    try:
+    with drawn(address, tmp_path, *options):
         assert wait_for(lambda: connected(port), 150.0), "the page fetches its data"
         # Rerun's own page asks for its latest release, and whether it may report, at this time.
         time.sleep(10.0)
         assert process.poll() is None
-    finally:
-        browser.terminate()
-        browser.wait(20)
     asked = {url for _, url in asked_for(log)}
     assert any(url.startswith(f"http://127.0.0.1:{port}/") for url in asked)
     assert {url for url in asked if not url.startswith("http://127.0.0.1:")} == set()

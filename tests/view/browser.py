@@ -5,15 +5,24 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-__all__ = ["browser_command", "pdf_of", "picture_of", "why_no_browser"]
+__all__ = ["browser_command", "drawn", "pdf_of", "picture_of", "why_no_browser"]
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+_GRAPHICS = (
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--remote-debugging-port=0",
+)
 _DARK = "--blink-settings=preferredColorScheme=0"
 
 
@@ -38,6 +47,22 @@ def browser_command(profile: Path, *options: str) -> list[str]:
         f"--user-data-dir={profile}",
         *options,
     ]
+
+
+@contextmanager
+def drawn(address: str, folder: Path, *options: str) -> Iterator[None]:
+    """Keep a page open that is drawn without a graphics card."""
+    browser = subprocess.Popen(
+        browser_command(folder / "profile", *_GRAPHICS, *options, address),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "HOME": str(folder)},
+    )
+    try:
+        yield
+    finally:
+        browser.terminate()
+        browser.wait(20)
 
 
 def picture_of(page: Path, folder: Path, size: str, dark: bool = False) -> NDArray[np.uint8]:

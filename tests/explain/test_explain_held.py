@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from allanscope.explain import explain, fit_beside
-from allanscope.explain.held import Folded, prolonged
+from allanscope.explain.held import prolonged
 from allanscope.history import Record
+from allanscope.noise.fit import fit_noise
 
 RATE = 26.0
 SHORT = 8192
@@ -44,7 +45,7 @@ def found(samples):
 def test_on_the_record_of_the_search_it_is_the_fit_of_the_search(samples, found):
     (beside,) = fit_beside(found.held, record(samples[:SHORT])).values()
     for letter, known in found.axes["gx"].coefficients_after.items():
-        again = beside.coefficients[letter]
+        again = beside.fit.coefficients[letter]
         assert again.detected == known.detected
         assert again.upper == pytest.approx(known.upper, rel=0.02), letter
     assert set(beside.signals) == {"sinusoid", "step", "warm_up"}
@@ -56,21 +57,24 @@ def test_on_a_longer_record_it_is_what_a_new_search_would_say(samples, found, le
     """Rows of twice and four times the samples fold the tone down: it stays taken out."""
     longer = samples[: length * SHORT]
     (beside,) = fit_beside(found.held, record(longer, stride)).values()
+    fitted = beside.fit.coefficients
     new = explain(record(longer)).axes["gx"].coefficients_after
     # Longer rows have fewer ordinates: of 4096 the level is known to 1.1 %.
     tolerance = 0.01 if stride == 1 else 0.03
-    assert beside.coefficients["N"].value == pytest.approx(new["N"].value, rel=tolerance)
-    assert beside.coefficients["N"].lower < 0.04 / np.sqrt(RATE) < beside.coefficients["N"].upper
-    assert not beside.coefficients["K"].detected
-    assert beside.coefficients["K"].upper < 2 * new["K"].upper
+    assert fitted["N"].value == pytest.approx(new["N"].value, rel=tolerance)
+    assert fitted["N"].lower < 0.04 / np.sqrt(RATE) < fitted["N"].upper
+    assert not fitted["K"].detected
+    assert fitted["K"].upper < 2 * new["K"].upper
 
 
-def test_an_axis_with_nothing_but_a_clock_error_is_not_held(samples):
+def test_beside_nothing_but_a_clock_error_it_is_the_textbook():
     noise = np.random.default_rng(8).normal(0.0, 0.04, SHORT)
     result = explain(record(noise), nominal_hz=25.0, rate_fit=(RATE, 1e-3))
     assert [e.kind for e in result.axes["gx"].effects] == ["clock_error"]
     assert result.axes["gx"].own_effects == ()
-    assert fit_beside(result.held, record(noise)) == {}
+    (beside,) = fit_beside(result.held, record(noise)).values()
+    assert beside.signals == {}
+    assert beside.fit.coefficients == fit_noise(record(noise), "gx").coefficients
 
 
 def test_the_error_of_the_clock_follows_the_rate():
@@ -84,24 +88,3 @@ def test_the_error_of_the_clock_follows_the_rate():
 def test_a_signal_is_averaged_into_longer_rows_and_its_last_value_stays():
     assert prolonged(np.arange(6.0), 2, 0.0, 4).tolist() == [0.5, 2.5, 4.5, 5.0]
     assert prolonged(np.arange(6.0), 1, 4.0, 4).tolist() == [4.0, 5.0, 5.0, 5.0]
-
-
-@pytest.mark.parametrize("ratio", [1, 2, 8])
-def test_white_noise_in_longer_rows_is_white_noise_of_less_variance(ratio):
-    def flat(frequency, rate, nonlinear):
-        return np.ones_like(frequency)
-
-    frequency = np.linspace(0.01, 0.49, 50)
-    adds = Folded(flat, "adds", float(ratio))(frequency, 1.0, ())
-    shapes = Folded(flat, "shapes", float(ratio))(frequency, 1.0, ())
-    np.testing.assert_allclose(adds, 1 / ratio)
-    np.testing.assert_allclose(shapes, 1.0)
-
-
-def test_what_is_cut_out_is_cut_out_where_longer_rows_show_it():
-    def outside(frequency, rate, nonlinear):
-        low, high = nonlinear
-        return np.where((frequency >= low) & (frequency <= high), 0.0, 1.0)
-
-    kept = Folded(outside, "excludes", 2.0)(np.linspace(0.0, 0.5, 101), 1.0, (0.7, 0.8))
-    assert np.flatnonzero(kept == 0.0)[[0, -1]] / 200 == pytest.approx([0.2, 0.3], abs=0.006)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from allanscope.explain.grid import grid_of
 from scipy.signal import butter, iirpeak, lfilter
 
 from allanscope.explain import Budget, explain
@@ -117,7 +116,7 @@ def test_a_loud_stretch_of_which_hardly_any_frequency_is_left_is_not_judged(benc
     data = b.noise()
     data[5_000:9_000] += b.rng.normal(0, 3 * SIGMA, 4_000)
     series = series_of(b.record(data))
-    view = View(series, grid_of(len(series), RATE), "gx", series.values[:, 0], LSB)
+    view = View(series, series.grid, "gx", series.values[:, 0], LSB)
     for band in ((0.9, 12.0), (12.5, 25.6)):
         view = view.accept(left_over(view, band, 0.0, 0.0, ""))
     assert list(KINDS["variance_change"].propose(view)) == []

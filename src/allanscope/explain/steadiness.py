@@ -23,7 +23,8 @@ from scipy.special import digamma, polygamma
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.view import View
-from allanscope.noise.components import Component
+from allanscope.noise.components import Component, White
+from allanscope.noise.filters import made_white_share
 
 __all__ = ["UNSTEADY", "as_band", "unsteadiness_of"]
 
@@ -35,6 +36,7 @@ _PARTS = (4, 8, 16, 32)
 _FIRST, _FEWEST, _CELLS = 1, 2, 12
 """First ordinate of a part, ordinates of a cell and most cells."""
 _MARGIN, _ROUNDING = 3, 0.1
+_BURSTS = 0.5
 _DRIFT = 0.05
 """Share of the band below which a filter does nothing."""
 _COUPLED = (1.0, 2 * 4 / 9, 2 / 36)
@@ -91,6 +93,14 @@ def _open(view: View, f: Array) -> NDArray[np.bool_]:
     return np.asarray(minimum_filter1d(kept, 2 * _MARGIN + 1))
 
 
+def _in_bursts(view: View, candidate: Candidate, f: Array) -> NDArray[np.bool_]:
+    """Tell where most of the noise is what rows that are held make of it, which comes in bursts."""
+    model = view.with_parts(*candidate.parts).model
+    filters = model.filters_on(White(1.0))
+    share = made_white_share(filters, model.dt, lambda one: one.response(f, model.dt))
+    return np.broadcast_to(share > _BURSTS, f.shape)
+
+
 def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, parts: int) -> float:
     rate = view.grid.rate_hz
     n = len(view.data) // parts
@@ -101,6 +111,7 @@ def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, par
     process, rest = (np.append(1.0, share) for share in _shares(view, candidate, f[1:]))
     # Rounding is as loud in every part, and behind a filter it may be all there is at the top.
     kept = _open(view, f) & (view.fitted_floor < _ROUNDING * (process + rest))
+    kept[1:] &= ~_in_bursts(view, candidate, f[1:])
     kept[:_FIRST] = False
     inside = (f >= low) & (f <= high) & kept
     if np.count_nonzero(inside) < 2 * _FEWEST:

@@ -119,7 +119,9 @@ def _held(equal: NDArray[np.bool_], fraction: float) -> Filter:
             break
         runs = runs[:-1] & repeat[j:]
     seen = abs(chances[0] - fraction) < _RARE and len(chances) > 1
-    if seen and abs(chances[1] - fraction**2) > _PATTERN * fraction**2:
+    independent = fraction**2
+    by_counting = 3 * np.sqrt(independent / len(repeat))
+    if seen and abs(chances[1] - independent) > _PATTERN * independent + by_counting:
         by_chance = _FEW * (chances[0] - fraction) / (1 - fraction)
         pattern = tuple(r * fraction / chances[0] for r in chances[:-1] if r > by_chance)
         return HeldPattern(pattern)

@@ -12,7 +12,7 @@ repeated_samples        HeldPattern                 none: counted        N
 """
 
 from allanscope.noise.filters.base import Filter
-from allanscope.noise.filters.combined import combined_response
+from allanscope.noise.filters.combined import combined_response, made_white_share
 from allanscope.noise.filters.held_samples import HeldPattern, HeldSamples
 from allanscope.noise.filters.low_pass import AnalogueLowPass, Butterworth, LowPass, OnePole
 
@@ -25,4 +25,5 @@ __all__ = [
     "LowPass",
     "OnePole",
     "combined_response",
+    "made_white_share",
 ]

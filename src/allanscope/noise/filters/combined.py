@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from allanscope.noise.filters.base import Filter
 from allanscope.noise.filters.held_samples import HeldSamples
 
-__all__ = ["combined_response"]
+__all__ = ["combined_response", "made_white_share"]
 
 Array = NDArray[np.float64]
 
@@ -43,16 +43,38 @@ def combined_response(
     at : callable
         Response of one filter at the frequencies in question.
     """
-    factor: Array | np.float64 = np.float64(1.0)
+    passed, made = _passed_and_made_white(filters, dt, at)
+    return passed + made
+
+
+def made_white_share(
+    filters: Sequence[Filter], dt: float, at: Callable[[Filter], Array]
+) -> Array | np.float64:
+    """Return the share of that response which is white noise made by holding: it comes in bursts.
+
+    Parameters
+    ----------
+    filters, dt, at
+        As for `combined_response`.
+    """
+    passed, made = _passed_and_made_white(filters, dt, at)
+    return made / (passed + made)
+
+
+def _passed_and_made_white(
+    filters: Sequence[Filter], dt: float, at: Callable[[Filter], Array]
+) -> tuple[Array | np.float64, Array | np.float64]:
+    passed: Array | np.float64 = np.float64(1.0)
+    made: Array | np.float64 = np.float64(0.0)
     for one in filters:
         if not isinstance(one, HeldSamples):
-            factor = factor * at(one)
+            passed = passed * at(one)
     for held in filters:
         if isinstance(held, HeldSamples):
             before = tuple(f for f in filters if f is not held)
             share = (1 - held.fraction) / (1 + held.fraction)
-            factor = (factor * share + _made_white(before, held, dt)) * at(held)
-    return factor
+            passed, made = passed * share * at(held), _made_white(before, held, dt) * at(held)
+    return passed, made
 
 
 @lru_cache(maxsize=256)

@@ -9,8 +9,8 @@ from contextlib import contextmanager, nullcontext
 
 from allanscope.cli import parser
 from allanscope.errors import AllanscopeError, ExitCode
+from allanscope.sanitize import sanitize
 from allanscope.spelled import spell_out_standard_streams
-from allanscope.visible import visible
 
 __all__ = ["main"]
 
@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             traceback.print_exc()
         else:
-            print(f"allanscope: {visible(str(error))}", file=sys.stderr)
+            print(f"allanscope: {sanitize(str(error))}", file=sys.stderr)
         return int(error.exit_code)
     except KeyboardInterrupt:
         # A session ends in order and does not come here; whatever else was stopped is not done.
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if arguments.debug:
             raise
-        what = visible(f"{type(error).__name__}: {error}")
+        what = sanitize(f"{type(error).__name__}: {error}")
         print(f"allanscope: unexpected {what}; --debug shows where", file=sys.stderr)
         return ExitCode.UNEXPECTED
 

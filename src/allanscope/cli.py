@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from allanscope import arguments
 from allanscope.errors import ExitCode
-from allanscope.visible import visible
+from allanscope.sanitize import sanitize
 
 if TYPE_CHECKING:
     from allanscope.analysis.result import Analysis
@@ -61,7 +61,7 @@ def open_view(options: Namespace) -> int:
     from allanscope.pipeline.opening import open_charts
 
     def say(line: str) -> None:
-        print(visible(line), flush=True)
+        print(sanitize(line), flush=True)
 
     open_charts(options.session, options.view, options.view_port, say)
     return ExitCode.DONE
@@ -217,8 +217,8 @@ def fleet(options: Namespace) -> int:
     )
     result = run_fleet(settings, _device_settings(options))
     for line in complaint_lines(result):
-        print(f"allanscope: {visible(line)}", file=sys.stderr)
-    print("\n".join(map(visible, summary_lines(result))))
+        print(f"allanscope: {sanitize(line)}", file=sys.stderr)
+    print("\n".join(map(sanitize, summary_lines(result))))
     if result.left:
         return ExitCode.STOPPED
     return ExitCode.INPUT if result.failures else ExitCode.DONE
@@ -285,7 +285,7 @@ class _Parser(ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the call and where to look, as every other error is said."""
-        self.exit(ExitCode.USAGE, f"allanscope: {visible(message)}; see {self.prog} --help\n")
+        self.exit(ExitCode.USAGE, f"allanscope: {sanitize(message)}; see {self.prog} --help\n")
 
 
 class _Version(argparse.Action):
@@ -357,5 +357,5 @@ def _exit_code(analysis: Analysis) -> int:
     failed = {name: axis.failure for name, axis in analysis.axes.items() if axis.failure}
     for name, why in failed.items():
         line = f"the analysis of {name} failed: {why}; the other axes are complete"
-        print(f"allanscope: {visible(line)}", file=sys.stderr)
+        print(f"allanscope: {sanitize(line)}", file=sys.stderr)
     return ExitCode.UNEXPECTED if failed else ExitCode.DONE

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from allanscope.analysis.wording import coefficient_text, rate_text, wait_text
 from allanscope.noise.coefficients import Coefficient
 from allanscope.samples import Gap
+from allanscope.sanitize import markdown, one_line
 from allanscope.view.diary import Diary
 from allanscope.view.gap_teller import GapTeller
-from allanscope.view.printable import markdown, printable
 from allanscope.view.tables import (
     axis_table,
     coefficients_table,
@@ -27,14 +27,14 @@ HOSTILE = "gyro\x1b[2J\x07\r\n\u202etxet | [x](http://y) ![p](http://z) <b> `c` 
 
 @given(st.text())
 def test_no_control_character_survives(text):
-    shown = printable(text)
+    shown = one_line(text)
     assert all(character.isprintable() for character in shown)
     assert len(shown) <= 404
 
 
 @given(st.text(max_size=300).filter(str.isprintable))
 def test_visible_text_is_shown_as_it_is(text):
-    assert printable(text) == text
+    assert one_line(text) == text
 
 
 def test_markdown_from_a_device_is_only_text():

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
-from allanscope.wire import excerpt, format_named, formats, sniff, text_of
-from allanscope.wire.printable import plain_line, without_escapes
+from allanscope.sanitize import excerpt, plain_line, text_of, without_escapes
+from allanscope.wire import format_named, formats, sniff
 
 PROSE = b"It was a dark and stormy night; the rain fell in torrents, except at intervals. " * 40
 NOT_OURS = {

@@ -26,7 +26,7 @@ from allanscope.pipeline.settings import DeviceSettings
 from allanscope.quantities import limit as upper_limit
 from allanscope.quantities import number
 from allanscope.samples import AXES
-from allanscope.visible import visible
+from allanscope.sanitize import sanitize
 
 __all__ = ["Verdict", "check_against", "compare", "failure", "to_json", "to_junit"]
 
@@ -138,7 +138,7 @@ def to_junit(verdicts: list[Verdict], recording: Path, specification: Path) -> s
     failed = str(sum(not v.passed for v in verdicts))
     counts = {"tests": str(len(verdicts)), "failures": failed, "errors": "0", "skipped": "0"}
     suites = ElementTree.Element("testsuites", counts)
-    name = visible(f"allanscope check {recording} --against {specification}")
+    name = sanitize(f"allanscope check {recording} --against {specification}")
     suite = ElementTree.SubElement(suites, "testsuite", {"name": name, **counts})
     for v in verdicts:
         about = {"classname": f"allanscope.{v.axis}", "name": v.coefficient}

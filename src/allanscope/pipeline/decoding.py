@@ -17,10 +17,10 @@ from allanscope.errors import InputError
 from allanscope.pipeline.fruitless import Fruitless
 from allanscope.recording import Buffer
 from allanscope.samples import Event, Gap, Notice, StreamInfo
+from allanscope.sanitize import excerpt
 from allanscope.sources.base import Chunk
 from allanscope.wire import WireFormat, feed_chunks, format_named, formats, sniff
 from allanscope.wire.base import Decoder, LinkStats, WireSettings
-from allanscope.wire.printable import excerpt
 from allanscope.wire.text.refusal import why_no_rows
 
 __all__ = ["Decoding"]

@@ -16,7 +16,7 @@ from allanscope.quantities import COEFFICIENTS, duration, symbols
 from allanscope.report import words
 from allanscope.report.gallery import SENSORS, pictures
 from allanscope.report.picture import Picture
-from allanscope.visible import visible
+from allanscope.sanitize import sanitize
 
 __all__ = ["render", "template"]
 
@@ -98,7 +98,7 @@ def _visible(value: Any) -> Any:
     """Return text without control characters and marks that turn what follows round."""
     if not isinstance(value, str) or hasattr(value, "__html__"):
         return value
-    return visible(value, keep="\n")
+    return sanitize(value, keep="\n")
 
 
 def _as_markup(svg: str) -> Any:

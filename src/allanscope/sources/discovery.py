@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from allanscope.errors import DeviceError
-from allanscope.visible import visible
+from allanscope.sanitize import sanitize
 
 __all__ = ["Comports", "PortDescription", "auto_port", "describe_ports", "find_ports"]
 
@@ -117,10 +117,10 @@ def find_ports(comports: Comports | None = None) -> list[PortDescription]:
             device=info.device,
             vendor=info.vid,
             product=info.pid,
-            serial_number=visible(info.serial_number or ""),
-            manufacturer=visible(info.manufacturer or ""),
-            model=visible(info.product or ""),
-            location=visible(info.location or ""),
+            serial_number=sanitize(info.serial_number or ""),
+            manufacturer=sanitize(info.manufacturer or ""),
+            model=sanitize(info.product or ""),
+            location=sanitize(info.location or ""),
             stable_path=stable.get(os.path.realpath(info.device), ""),
         )
         for info in infos

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
 from allanscope.quantities import duration, number
-from allanscope.view.printable import printable
+from allanscope.sanitize import one_line
 from allanscope.view.steady_console import SteadyConsole
 
 __all__ = ["progress"]
@@ -75,7 +75,7 @@ class _Bar:
             expand=True,
             refresh_per_second=4,
         )
-        self._task = self._progress.add_task(printable(description), total=total)
+        self._task = self._progress.add_task(one_line(description), total=total)
         self._timer = threading.Timer(_SILENT_FOR_S, self._progress.start)
         self._timer.daemon = True
 
@@ -98,7 +98,7 @@ class _Lines:
 
     def __init__(self, total: float | None, description: str, unit: str, stream: TextIO) -> None:
         self._total, self._unit = total, unit
-        self._description = printable(description)
+        self._description = one_line(description)
         self._console = SteadyConsole(stream, soft_wrap=True)
         self._done = 0.0
         self._began = self._said = time.monotonic()

@@ -8,10 +8,10 @@ from pathlib import Path
 import rerun as rr
 
 from allanscope.analysis.result import Analysis
+from allanscope.sanitize import one_line
 from allanscope.view.diary import Diary, Level
 from allanscope.view.frames import DEFAULT_ESTIMATOR
 from allanscope.view.painter import Painter
-from allanscope.view.printable import printable
 from allanscope.view.rerun_blueprint import layout
 from allanscope.view.rerun_ink import Ink
 from allanscope.view.rerun_series import SENSORS, Series
@@ -64,14 +64,14 @@ class Canvas:
         cls, session: Mapping[str, object], file: Path | None, serve: bool, port: int | None = None
     ) -> tuple[Canvas, str]:
         """Return a canvas, and the address from which viewers can fetch it."""
-        name = printable(session.get("name", "allanscope"))
+        name = one_line(session.get("name", "allanscope"))
         recording, address = open_stream(name, file, serve, port)
         return cls(recording, session), address
 
     @classmethod
     def to_output(cls, session: Mapping[str, object], application: str, recording: str) -> Canvas:
         """Return a canvas that writes to standard output, for the viewer that started us."""
-        name = printable(session.get("name", "allanscope"))
+        name = one_line(session.get("name", "allanscope"))
         return cls(open_output(name, application, recording), session)
 
     def describe(self, axes: tuple[str, ...]) -> None:
@@ -149,4 +149,4 @@ class Canvas:
             self._recording.log(f"/tables/{name}", document)
 
     def _log(self, text: str, level: Level) -> None:
-        self._recording.log("/log", rr.TextLog(printable(text), level=_LEVELS[level]))
+        self._recording.log("/log", rr.TextLog(one_line(text), level=_LEVELS[level]))

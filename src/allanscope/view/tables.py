@@ -30,7 +30,7 @@ from allanscope.quantities import (
     size,
     symbols,
 )
-from allanscope.view.printable import markdown
+from allanscope.sanitize import markdown
 
 __all__ = [
     "axis_table",

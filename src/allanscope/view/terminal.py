@@ -16,9 +16,9 @@ from allanscope.analysis.result import Analysis
 from allanscope.analysis.wording import not_measured
 from allanscope.quantities import duration
 from allanscope.samples import Block, Gap, Notice, StreamInfo
+from allanscope.sanitize import one_line
 from allanscope.view.diary import Diary, Level
 from allanscope.view.gap_teller import GapTeller
-from allanscope.view.printable import printable
 from allanscope.view.steady_console import SteadyConsole
 from allanscope.view.terminal_keys import Keys
 from allanscope.view.terminal_lines import status_line, summary_lines
@@ -136,7 +136,7 @@ class TerminalView:
 
     def line(self, text: str, level: Level = "info") -> None:
         """Write one line, with the time of the run, above the screen."""
-        self._write(f"{duration(self._elapsed_s()):>11}  {printable(text)}", _STYLES[level])
+        self._write(f"{duration(self._elapsed_s()):>11}  {one_line(text)}", _STYLES[level])
 
     def close(self) -> None:
         """Leave the last screen standing, or a summary, and the terminal as it was."""

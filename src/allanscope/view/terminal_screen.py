@@ -22,8 +22,8 @@ from allanscope.analysis.wording import (
     wait_text,
 )
 from allanscope.quantities import COEFFICIENTS, DEVIATION, count, duration, number, symbols
+from allanscope.sanitize import one_line
 from allanscope.view.palette import AXIS, GRADE, Colour
-from allanscope.view.printable import printable
 from allanscope.view.trend import Direction, Trends
 
 __all__ = ["Screen"]
@@ -92,7 +92,7 @@ class Screen:
         line.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
         line.add_column(no_wrap=True, justify="right")
         device = Text("allanscope  ", style="bold")
-        device.append("  ".join(printable(name) for name in names if name), style="not bold")
+        device.append("  ".join(one_line(name) for name in names if name), style="not bold")
         line.add_row(
             device, Text(f"recorded {duration(self._recorded[0])}{self._left}", style="bold")
         )
@@ -163,8 +163,8 @@ def _reasons(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
     texts: list[Text] = []
     left = room
     for number_of, line in enumerate(lines):
-        text = Text(printable(line.head), style=_style(GRADE[line.grade]))
-        text.append(f"  {printable(line.text)}", style="not bold default")
+        text = Text(one_line(line.head), style=_style(GRADE[line.grade]))
+        text.append(f"  {one_line(line.text)}", style="not bold default")
         rows = 1 + (text.cell_len > width)
         still = len(lines) - number_of
         if rows > left - (still > 1):

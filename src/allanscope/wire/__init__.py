@@ -16,7 +16,7 @@ it counts in its `LinkStats`.
 ``text/``                     tables and labelled lines from anywhere
 ``rows`` ``row``              what those without numbers share: rows to events
 ``continuity`` ``pacing``     what is missing between two rows, as far as time stamps tell
-``stamps`` ``lines`` ...      small parts: wrapping counters, line ends, printable text
+``stamps`` ``lines`` ...      small parts: wrapping counters, line ends
 ============================= ======================================================================
 
 `feed_chunks` feeds a decoder many reads at once, as a replay does.
@@ -26,7 +26,6 @@ from __future__ import annotations
 
 from allanscope.wire.base import Command, Decoder, Encoder, LinkStats, WireFormat, WireSettings
 from allanscope.wire.chunks import feed_chunks
-from allanscope.wire.printable import excerpt, text_of
 from allanscope.wire.registry import format_named, formats
 from allanscope.wire.sniffing import SniffResult, sniff
 
@@ -38,10 +37,8 @@ __all__ = [
     "SniffResult",
     "WireFormat",
     "WireSettings",
-    "excerpt",
     "feed_chunks",
     "format_named",
     "formats",
     "sniff",
-    "text_of",
 ]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from allanscope.wire.printable import excerpt
+from allanscope.sanitize import excerpt
 from allanscope.wire.registry import format_named, formats
 
 __all__ = ["SniffResult", "sniff"]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, PARTS
 from allanscope.samples import AXES, Origin, StreamInfo
+from allanscope.sanitize import text_of
 from allanscope.wire.native import tlv
 from allanscope.wire.native.layout import (
     CHANNELS_ACCEL,
@@ -18,7 +19,6 @@ from allanscope.wire.native.layout import (
     SourceCode,
     Tag,
 )
-from allanscope.wire.printable import text_of
 
 __all__ = [
     "DESCRIPTOR_VERSION",

@@ -6,8 +6,8 @@ import struct
 from collections.abc import Mapping
 
 from allanscope.samples import Notice
+from allanscope.sanitize import text_of
 from allanscope.wire.native.layout import Flag, FrameType, Result
-from allanscope.wire.printable import text_of
 
 __all__ = ["COMMANDS", "FLAGS", "STATUS", "notice_of"]
 

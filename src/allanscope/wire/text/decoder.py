@@ -7,9 +7,9 @@ import re
 from typing import cast
 
 from allanscope.samples import Event, GapReason, Notice
+from allanscope.sanitize import plain_line, without_escapes
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.lines import Lines
-from allanscope.wire.printable import plain_line, without_escapes
 from allanscope.wire.rows import Rows
 from allanscope.wire.text.alignment import realigned
 from allanscope.wire.text.clock_times import is_clock_time, joined_dates

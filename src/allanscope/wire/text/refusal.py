@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from itertools import islice
 
 from allanscope.samples import AXES
-from allanscope.wire.printable import plain_line, text_of
+from allanscope.sanitize import plain_line, text_of
 from allanscope.wire.text.clock_times import is_clock_time, joined_dates
 from allanscope.wire.text.columns import (
     Columns,

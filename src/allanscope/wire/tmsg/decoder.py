@@ -6,10 +6,10 @@ import math
 from typing import cast
 
 from allanscope.samples import Event, GapReason, Notice
+from allanscope.sanitize import text_of
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.milli import MilliUnits
 from allanscope.wire.pairing import Pairing
-from allanscope.wire.printable import text_of
 from allanscope.wire.rows import Rows
 from allanscope.wire.stamps import Stamps
 from allanscope.wire.tmsg.framing import Unwrapper

@@ -1,22 +1,33 @@
-"""Text that came off a wire, made safe to show.
+r"""Text from devices, files and users, without what a terminal or a page would obey.
 
-A port may say anything: escape sequences that repaint a terminal, bells, half a multi-byte
-character. None of that leaves this room. What is shown is one bounded line of printable text.
+A port may say anything, and so may a file or a name: an escape sequence that repaints the screen, a
+line break that forges a line of the log, a direction mark that turns a number round, a picture link
+that a viewer would fetch. It goes through here before it is shown::
+
+    bytes off a wire ─┬▶ plain_line ─▶ text_of      one short line of what was said
+                      └▶ excerpt                    escaped byte for byte, where it is unknown
+    text ─▶ sanitize ─▶ one_line ─▶ markdown        for screens and logs; for pages
 """
 
 from __future__ import annotations
 
 import re
 
-__all__ = ["excerpt", "plain_line", "text_of", "without_escapes"]
+__all__ = [
+    "excerpt",
+    "markdown",
+    "one_line",
+    "plain_line",
+    "sanitize",
+    "text_of",
+    "without_escapes",
+]
 
 _ESCAPE_SEQUENCE = re.compile(
     rb"\x1b(?:\[[0-?]*[ -/]*[@-~]"  # CSI: colours, cursor movement
     rb"|[\]PX^_][^\x07\x1b]*(?:\x07|\x1b\\)?"  # OSC, DCS and other strings, up to their end
     rb"|[ -/]*[0-~])?"  # two-byte escapes, and a bare ESC
 )
-
-
 _KINDS = (
     (b"PK\x03\x04", "a ZIP archive, as .npz and .xlsx files are"),
     (b"\x93NUMPY", "a NumPy array"),
@@ -29,6 +40,43 @@ _KINDS = (
     (b"RRF2", "a Rerun recording"),
 )
 """How common files begin that are given for a capture by mistake."""
+_LONGEST_LINE = 400
+
+
+def sanitize(text: str, keep: str = "") -> str:
+    r"""Return the text with every character that is not printable, nor to be kept, as U+FFFD.
+
+    Examples
+    --------
+    >>> sanitize("SensorTile \x1b[2J v1.2\n", keep="\n")
+    'SensorTile \ufffd[2J v1.2\n'
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def one_line(text: object) -> str:
+    r"""Return one line of bounded length in which every character is printable.
+
+    Examples
+    --------
+    >>> one_line("SensorTile \x1b[2J v1.2")
+    'SensorTile \ufffd[2J v1.2'
+    """
+    line = sanitize(str(text))
+    return line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]} ..."
+
+
+def markdown(text: object) -> str:
+    r"""Return one line in which no character means anything to Markdown.
+
+    Examples
+    --------
+    >>> print(markdown("a|b ![x](http://y)"))
+    a\|b \!\[x\](http://y)
+    """
+    return "".join(f"\\{c}" if c in "\\`*_{}[]<>#|!~" else c for c in one_line(text))
 
 
 def text_of(data: bytes, limit: int = 200) -> str:

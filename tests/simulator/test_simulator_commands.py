@@ -6,7 +6,7 @@ import pytest
 
 from allanscope.samples import Block, Notice, StreamInfo
 from allanscope.simulator import Firmware, Simulator
-from allanscope.simulator.configuration import reconfigure
+from allanscope.simulator.firmware import reconfigure
 from allanscope.wire import Command, WireSettings, format_named
 
 

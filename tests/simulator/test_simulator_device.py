@@ -15,7 +15,7 @@ import serial
 from allanscope.errors import UsageError
 from allanscope.samples import Block, Gap, Notice
 from allanscope.simulator import Device, Simulator, run_device
-from allanscope.simulator.tcp_port import TcpPort
+from allanscope.simulator.virtual_port import TcpPort
 from allanscope.wire import WireSettings, format_named
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")

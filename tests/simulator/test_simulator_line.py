@@ -10,9 +10,7 @@ import pytest
 from allanscope.errors import UsageError
 from allanscope.samples import Block, Gap
 from allanscope.simulator import Firmware, Ledger, Loss, Simulator, fault_help, parse_fault
-from allanscope.simulator.fault_spec import FAULT_KINDS
-from allanscope.simulator.line_noise import LineNoise
-from allanscope.simulator.occurrences import Occurrences
+from allanscope.simulator.faults import FAULT_KINDS, LineNoise, Occurrences
 from allanscope.wire import WireSettings, format_named
 
 

@@ -11,16 +11,15 @@ from allanscope.simulator.noise import (
     Flicker,
     FlickerPhase,
     FlickerWalk,
+    GaussMarkov,
+    Narrowband,
     PowerLaw,
     RandomRun,
     RandomWalk,
-    TrailingZeros,
     White,
     WhitePhase,
 )
-from allanscope.simulator.noise.fractional import pole_bank
-from allanscope.simulator.noise.gauss_markov import GaussMarkov
-from allanscope.simulator.noise.narrowband import Narrowband
+from allanscope.simulator.noise.power_law import pole_bank
 from allanscope.simulator.random_streams import stream
 
 RATE = 104.0
@@ -91,7 +90,6 @@ def test_hadamard_variance_of_the_integrated_noises(process, alpha, hvar):
         (FlickerPhase, -2.0, False),
         (White, -1.0, False),
         (Flicker, 0.0, False),
-        (TrailingZeros, 0.0, False),
         (RandomWalk, 1.0, False),
         (FlickerWalk, 2.0, True),
         (RandomRun, 3.0, True),
@@ -162,26 +160,6 @@ def test_power_law_level_is_the_density_at_low_frequency():
     assert found == pytest.approx(level, rel=5.0 / math.sqrt(band.sum()))
 
 
-def test_trailing_zeros_falls_short_by_one_in_m(avar):
-    """The deficit its docstring states, 1 - 1/m, against the plateau of B."""
-    samples = TrailingZeros(2.0, RATE, stream(6, "voss")).take(N_SAMPLES)
-    plateau = 4.0 * 2.0 * math.log(2.0) / math.pi
-    for m, share in ((1, 0.5), (2, 0.6875), (16, 0.9434), (128, 0.9923)):
-        tolerance = 5.0 * math.sqrt(2.0 * 1.5 * m / N_SAMPLES)
-        assert avar(samples, m) == pytest.approx(share * plateau, rel=tolerance)
-
-
-def test_trailing_zeros_renews_the_value_that_the_counter_points_at():
-    """Between samples k and k+1 exactly one held value changes, and value j every 2^(j+1)."""
-    samples = TrailingZeros(1.0, RATE, stream(7, "voss")).take(64)
-    rng = stream(7, "voss")
-    rows, drawn = rng.standard_normal(48), rng.standard_normal(64)
-    for k in range(1, 65):
-        rows[(k & -k).bit_length() - 1] = drawn[k - 1]
-        expected = rows.sum() * math.sqrt(math.log(2.0) / math.pi)
-        assert samples[k - 1] == pytest.approx(expected, rel=1e-12)
-
-
 def test_gauss_markov_is_stationary_with_the_exact_autocovariance(avar):
     sigma, correlation_time = 2.0, 0.5
     samples = GaussMarkov(sigma, correlation_time, RATE, stream(8, "gm")).take(N_SAMPLES)
@@ -229,7 +207,6 @@ ALL = {
 } | {
     "FlickerWalk": lambda rng: FlickerWalk(2.0, RATE, rng),
     "RandomRun": lambda rng: RandomRun(2.0, RATE, rng),
-    "TrailingZeros": lambda rng: TrailingZeros(2.0, RATE, rng),
     "PowerLaw": lambda rng: PowerLaw(1.3, 2.0, RATE, rng),
     "GaussMarkov": lambda rng: GaussMarkov(2.0, 0.3, RATE, rng),
     "Narrowband": lambda rng: Narrowband(5.0, 0.5, 2.0, RATE, rng),

@@ -10,8 +10,8 @@ import pytest
 from allanscope.errors import UsageError
 from allanscope.samples import AXES
 from allanscope.simulator import AxisTruth, Simulator, TemperatureTruth, Truth
-from allanscope.simulator.effects.base import Run
-from allanscope.simulator.thermometer import Thermometer
+from allanscope.simulator.effects import Run
+from allanscope.simulator.signals import Thermometer
 
 
 def physical(sensor, n, axis):

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from allanscope.simulator.device import Device, run_device
     from allanscope.simulator.effect_spec import EffectSpec, effect_help, parse_effect
-    from allanscope.simulator.fault_spec import FaultSpec, fault_help, parse_fault
+    from allanscope.simulator.faults import FaultSpec, fault_help, parse_fault
     from allanscope.simulator.firmware import Firmware
     from allanscope.simulator.ledger import Ledger, Loss
     from allanscope.simulator.record import simulate_blocks
@@ -35,7 +35,7 @@ _HOME = {
     "AxisTruth": "truth",
     "Device": "device",
     "EffectSpec": "effect_spec",
-    "FaultSpec": "fault_spec",
+    "FaultSpec": "faults",
     "Firmware": "firmware",
     "Ledger": "ledger",
     "Loss": "ledger",
@@ -43,9 +43,9 @@ _HOME = {
     "TemperatureTruth": "truth",
     "Truth": "truth",
     "effect_help": "effect_spec",
-    "fault_help": "fault_spec",
+    "fault_help": "faults",
     "parse_effect": "effect_spec",
-    "parse_fault": "fault_spec",
+    "parse_fault": "faults",
     "run_device": "device",
     "simulate_blocks": "record",
 }

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 from allanscope.errors import UsageError
-from allanscope.simulator.fault_spec import FaultSpec, parse_fault
+from allanscope.simulator.faults import FaultSpec, parse_fault
 from allanscope.simulator.firmware import RING_BYTES, Firmware
 from allanscope.simulator.ledger import Ledger
 from allanscope.simulator.simulator import Simulator

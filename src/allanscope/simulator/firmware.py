@@ -10,22 +10,25 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+from allanscope.errors import UsageError
+from allanscope.parts import part_named
 from allanscope.samples import Block, Ticks
-from allanscope.simulator.configuration import reconfigure
-from allanscope.simulator.fault_spec import FaultSpec
+from allanscope.simulator.faults import FaultSpec, LineNoise, Occurrences
 from allanscope.simulator.ledger import Ledger
 from allanscope.simulator.line import Line, Ring, Unit
-from allanscope.simulator.line_noise import LineNoise
-from allanscope.simulator.occurrences import Occurrences
 from allanscope.simulator.random_streams import stream
 from allanscope.simulator.simulator import Simulator
 from allanscope.wire import Command, format_named
 from allanscope.wire.native import samples_per_frame
 
-__all__ = ["Firmware"]
+__all__ = ["Firmware", "reconfigure"]
 
 STATUS_EVERY_S = 1.0
 RING_BYTES = 65536
+SETTINGS = {"rate_hz": "rate", "gyro_fs": "gyro_fs", "accel_fs": "accel_fs", "axes": "axes"}
+"""What a host may set: names of a command, and those of `Simulator`."""
+NEAREST = 0.05
+"""A rate is taken for the nearest that the part has when it is within this share of it."""
 
 
 @dataclass(slots=True)
@@ -262,3 +265,38 @@ class Firmware:
         self.sensor = sensor
         if changed if self._streaming else command.name == "start":
             self._start()
+
+
+def reconfigure(sensor: Simulator, command: Command) -> Simulator | None:
+    """Return the sensor as a command wants it: `set`, and in some formats `start`.
+
+    Returns
+    -------
+    Simulator or None
+        The same object when nothing changes; None when the part cannot do it.
+
+    Examples
+    --------
+    >>> sensor = Simulator(rate=104.0)
+    >>> reconfigure(sensor, Command("set", fields={"rate_hz": 210.0})).info.nominal_hz
+    208.0
+    >>> reconfigure(sensor, Command("set", fields={"rate_hz": 150.0})) is None
+    True
+    >>> reconfigure(sensor, Command("set", fields={"rate_hz": 104.0})) is sensor
+    True
+    """
+    wanted = {SETTINGS[name]: value for name, value in command.fields.items() if name in SETTINGS}
+    if not wanted:
+        return sensor
+    if "rate" in wanted:
+        rates = (sensor.info.nominal_hz, *part_named(sensor.info.part).rates_hz)
+        nearest = min(rates, key=lambda rate: abs(rate - wanted["rate"]))
+        if not abs(nearest - wanted["rate"]) <= NEAREST * nearest:
+            return None
+        wanted["rate"] = nearest
+    try:
+        changed = sensor.reconfigured(**wanted)
+    except UsageError:
+        return None
+    same = changed.info == sensor.info
+    return sensor if same else changed

@@ -14,8 +14,8 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from allanscope.simulator.faults import LineNoise
 from allanscope.simulator.ledger import Ledger
-from allanscope.simulator.line_noise import LineNoise
 
 __all__ = ["Line", "Ring", "Unit"]
 

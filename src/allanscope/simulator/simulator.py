@@ -6,25 +6,67 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from allanscope.errors import UsageError
 from allanscope.parts import part_named
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
-from allanscope.simulator.axis_signal import AxisSignal, EffectChain
-from allanscope.simulator.clock import DeviceClock
-from allanscope.simulator.effects import Scene, effect_kinds
-from allanscope.simulator.effects.base import Run
-from allanscope.simulator.thermometer import Thermometer
+from allanscope.simulator.effects import Run, Scene, effect_kinds
+from allanscope.simulator.random_streams import stream
+from allanscope.simulator.signals import AxisSignal, EffectChain, Thermometer
 from allanscope.simulator.truth import AxisTruth, Truth
 
-__all__ = ["Simulator"]
+__all__ = ["DeviceClock", "Simulator"]
 
 CHUNK = 4096
 """Rows made at a time; reading in other portions only cuts them."""
 REFERENCE_C = 25.0
 INT16 = np.iinfo(np.int16)
 UNKNOWN_DURATION_S = 3600.0
+LARGEST_ERROR = 0.045
+"""ST's own logs show -4.4 % and +1.9 % for parts of this family."""
+CRYSTAL_PPM = 20.0
+LATENCY_S = 10e-6
+"""A time stamp is taken up to this long after the sample was ready."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceClock:
+    """The two clocks of a device, both slightly wrong: the sensor's oscillator, the MCU's crystal.
+
+    It tells how true time, samples and time stamps hang together.
+
+    Attributes
+    ----------
+    nominal_hz : float
+        Sample rate that the device claims.
+    relative_error : float
+        True sample rate / nominal rate - 1.
+    crystal_ppm : float
+        Error of the crystal that makes the time stamps.
+    """
+
+    nominal_hz: float
+    relative_error: float
+    crystal_ppm: float
+
+    @classmethod
+    def of_specimen(cls, nominal_hz: float, seed: int, relative_error: float | None) -> DeviceClock:
+        """Return the clocks of one specimen; without an error it has one of up to +-4.5 %."""
+        rng = stream(seed, "clock")
+        drawn, ppm = rng.uniform(-LARGEST_ERROR, LARGEST_ERROR), rng.normal(0.0, CRYSTAL_PPM)
+        return cls(nominal_hz, drawn if relative_error is None else relative_error, ppm)
+
+    @property
+    def true_hz(self) -> float:
+        """True sample rate."""
+        return self.nominal_hz * (1.0 + self.relative_error)
+
+    def stamps(self, time_s: NDArray[np.float64], rng: Generator) -> NDArray[np.float64]:
+        """Return what the MCU's clock shows for samples ready at true times `time_s`."""
+        late = rng.uniform(0.0, LATENCY_S, len(time_s))
+        return np.asarray((time_s + late) * (1.0 + 1e-6 * self.crystal_ppm))
 
 
 @dataclass(frozen=True, slots=True)

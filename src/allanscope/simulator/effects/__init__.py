@@ -1,19 +1,171 @@
 """Effects: what real records hold and the textbook model of noise does not, one kind a file.
 
-Each module holds one `EffectKind` named ``KIND`` with a small function that states the equation. A
-new file here is all that a new effect needs.
+An effect is a kind with parameters, and a function that alters samples. Each module holds one
+`EffectKind` named ``KIND`` with a small function that states the equation. A new file here is all
+that a new effect needs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import Any, Literal
 
-from allanscope.simulator.effects.base import EffectKind, Scene, Setting
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
 
-__all__ = ["EffectKind", "Scene", "Setting", "effect_kinds"]
+from allanscope.simulator.grammar import Parameter
+from allanscope.simulator.random_streams import stream
+
+__all__ = [
+    "Apply",
+    "EffectKind",
+    "Parameter",
+    "Run",
+    "Scene",
+    "Setting",
+    "Stage",
+    "effect_kinds",
+]
+
+Stage = Literal["white", "noise", "signal", "coupling", "rounding", "rows", "clock"]
+"""Where in the chain an effect acts.
+
+================  =============================================================================
+``white``         on the white noise of one axis alone
+``noise``         on the sensor's own noise of one axis: white, flicker and random walk together
+``signal``        on the output of one axis; this is where most effects are added
+``coupling``      on one axis, with sight of what all axes were before any coupling
+``rounding``      on the output of one axis, after everything that is added
+``rows``          on the counts of some axes at once, after the converter
+``clock``         on no sample: it sets the true sample rate
+================  =============================================================================
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What is the same for all axes.
+
+    Attributes
+    ----------
+    seed : int
+        Of the device.
+    rate_hz : float
+        True sample rate.
+    duration_s : float
+        Length of the record, as far as it is known; for effects that happen a number of times.
+    number : int
+        Tells the runs of one device apart: the same specimen, other noise.
+    """
+
+    seed: int
+    rate_hz: float
+    duration_s: float
+    number: int = 0
+
+    def stream(self, *name: str) -> Generator:
+        """Return the random numbers of one process of this run."""
+        return stream(self.seed, *((f"run {self.number}",) if self.number else ()), *name)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What an effect is told once, when it is set up for one axis.
+
+    Attributes
+    ----------
+    rate_hz, duration_s : float
+        See `Run`.
+    onset_s : float
+        Time from the start of the record from which the effect acts.
+    white_sigma : float
+        Standard deviation of the white noise of the axis, per sample.
+    lsb : float
+        Physical unit per count of the axis.
+    source : str
+        Another axis, for effects that need one.
+    rng : Generator
+        Source of randomness of this effect on this axis alone.
+    """
+
+    rate_hz: float
+    duration_s: float
+    onset_s: float
+    white_sigma: float
+    lsb: float
+    source: str
+    rng: Generator
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """The stretch of samples on which an effect acts, as seen from outside the axis.
+
+    Attributes
+    ----------
+    first : int
+        Number of its first sample since the start of the record.
+    time_s : ndarray of float64, shape (n,)
+        True time of each sample since the start of the record.
+    temperature_c : ndarray of float64, shape (n,)
+        True temperature of the sensor at each sample, less 25 degC.
+    axes : mapping
+        Signals of all axes, each shape (n,); empty before the stage ``coupling``.
+    """
+
+    first: int
+    time_s: NDArray[np.float64]
+    temperature_c: NDArray[np.float64]
+    axes: Mapping[str, NDArray[np.float64]]
+
+    def after(self, rows: int) -> Scene:
+        """Return the scene without its first `rows` samples."""
+        return Scene(
+            self.first + rows,
+            self.time_s[rows:],
+            self.temperature_c[rows:],
+            {axis: signal[rows:] for axis, signal in self.axes.items()},
+        )
+
+
+Apply = Callable[[NDArray[Any], Scene], None]
+"""Alters samples in place; called with consecutive stretches of samples."""
+
+
+@dataclass(frozen=True, slots=True)
+class EffectKind:
+    """One kind of effect; every module of this package holds one, named ``KIND``.
+
+    The modules are read whenever the words of the command line are, so heavy imports belong into
+    `set_up`.
+
+    Attributes
+    ----------
+    name : str
+        Word of the fixed vocabulary, as in the result.
+    summary : str
+        One line for the help.
+    stage : str
+        Where in the chain it acts.
+    parameters : mapping
+        Its numbers, in the names and units of the vocabulary.
+    set_up : callable
+        ``set_up(parameters, setting) -> Apply``.
+    takes_source : bool
+        Whether it needs another axis, named ``source``.
+    """
+
+    name: str
+    summary: str
+    stage: Stage
+    parameters: Mapping[str, Parameter]
+    set_up: Callable[[Mapping[str, float], Setting], Apply]
+    takes_source: bool = False
 
 
 @cache
@@ -25,6 +177,6 @@ def effect_kinds() -> Mapping[str, EffectKind]:
     >>> effect_kinds()["step"].summary
     'a change of the level at one time'
     """
-    names = (module.name for module in iter_modules(__path__) if module.name != "base")
-    kinds = (import_module(f"{__name__}.{name}").KIND for name in names)
+    modules = (import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__))
+    kinds = (module.KIND for module in modules)
     return {kind.name: kind for kind in kinds}

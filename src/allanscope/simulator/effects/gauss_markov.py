@@ -7,14 +7,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from allanscope.simulator.effects.base import Apply, EffectKind, Parameter, Scene, Setting
+from allanscope.simulator.effects import Apply, EffectKind, Parameter, Scene, Setting
 
 __all__ = ["KIND"]
 
 
 def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add noise that is stationary with autocovariance sigma^2 exp(-|t| / correlation_time)."""
-    from allanscope.simulator.noise.gauss_markov import GaussMarkov
+    from allanscope.simulator.noise import GaussMarkov
 
     process = GaussMarkov(
         parameters["sigma"], parameters["correlation_time"], setting.rate_hz, setting.rng

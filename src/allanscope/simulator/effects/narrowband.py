@@ -7,14 +7,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from allanscope.simulator.effects.base import Apply, EffectKind, Parameter, Scene, Setting
+from allanscope.simulator.effects import Apply, EffectKind, Parameter, Scene, Setting
 
 __all__ = ["KIND"]
 
 
 def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add the solution of x'' + 2 pi bandwidth x' + (2 pi frequency)^2 x = white noise."""
-    from allanscope.simulator.noise.narrowband import Narrowband
+    from allanscope.simulator.noise import Narrowband
 
     process = Narrowband(
         parameters["frequency"],

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.simulator.effects.base import Apply, EffectKind, Parameter, Scene, Setting
+from allanscope.simulator.effects import Apply, EffectKind, Parameter, Scene, Setting
 
 __all__ = ["KIND"]
 

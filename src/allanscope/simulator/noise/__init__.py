@@ -6,7 +6,7 @@
 
 A rate whose two-sided density is ``h |f|^alpha`` is white noise integrated ``d = -alpha / 2`` times
 (`power_law`). The whole part of d is plain sums or differences; the fractional part is a bank of
-first-order filters that share one input (`fractional`). The named noises only translate the
+first-order filters that share one input. The named noises only translate the
 coefficients of IEEE 952 into `h`:
 
 ===========  ==============  =================  ==========================  ===================
@@ -21,30 +21,32 @@ alpha        generator       coefficient        two-sided density of rate   slop
 -4           RandomRun       D (rate / s^1.5)   D^2 / (2 pi f)^4            +3/2 (HDEV)
 ===========  ==============  =================  ==========================  ===================
 
-`TrailingZeros` makes flicker the way of DT0064 instead, for comparison. All are streams
-(`Process`): however a record is cut into portions, the samples are the same, bit for bit.
+`GaussMarkov` and `Narrowband` are no power laws: they have a memory of their own. All are streams
+with one method, `take`: however a record is cut into portions, the samples are the same, bit for
+bit.
 """
 
-from allanscope.simulator.noise.flicker import Flicker
-from allanscope.simulator.noise.flicker_phase import FlickerPhase
-from allanscope.simulator.noise.flicker_walk import FlickerWalk
-from allanscope.simulator.noise.power_law import PowerLaw
-from allanscope.simulator.noise.process import Process
-from allanscope.simulator.noise.random_run import RandomRun
-from allanscope.simulator.noise.random_walk import RandomWalk
-from allanscope.simulator.noise.trailing_zeros import TrailingZeros
-from allanscope.simulator.noise.white import White
-from allanscope.simulator.noise.white_phase import WhitePhase
+from allanscope.simulator.noise.gauss_markov import GaussMarkov, Narrowband
+from allanscope.simulator.noise.power_law import (
+    Flicker,
+    FlickerPhase,
+    FlickerWalk,
+    PowerLaw,
+    RandomRun,
+    RandomWalk,
+    White,
+    WhitePhase,
+)
 
 __all__ = [
     "Flicker",
     "FlickerPhase",
     "FlickerWalk",
+    "GaussMarkov",
+    "Narrowband",
     "PowerLaw",
-    "Process",
     "RandomRun",
     "RandomWalk",
-    "TrailingZeros",
     "White",
     "WhitePhase",
 ]

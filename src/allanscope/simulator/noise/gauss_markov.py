@@ -1,4 +1,8 @@
-"""First-order Gauss-Markov noise: white noise that forgets at one rate."""
+"""Gauss-Markov noise: what a system of first or second order makes of white noise, exactly.
+
+First order forgets at one rate; second order is a resonance that white noise keeps shaking. Both
+are exact at the samples for any rate, and stationary from the first one on.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,10 @@ import math
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.signal import lfilter
 
-__all__ = ["GaussMarkov"]
+__all__ = ["GaussMarkov", "Narrowband"]
 
 
 class GaussMarkov:
@@ -47,3 +52,61 @@ class GaussMarkov:
         white = self._drive * self._rng.standard_normal(n)
         samples, self._carry = lfilter([1.0], [1.0, -self._phi], white, zi=self._carry)
         return np.asarray(samples)
+
+
+class Narrowband:
+    """x'' + 2 zeta w0 x' + w0^2 x = white noise, sampled exactly.
+
+    With w0 = 2 pi frequency and 2 zeta w0 = 2 pi bandwidth; for a small bandwidth that is the full
+    width of the line at half its height. The autocovariance is, below critical damping,
+
+        sigma^2 exp(-zeta w0 t) [cos(wd t) + zeta w0 / wd sin(wd t)],  wd = w0 sqrt(1 - zeta^2).
+
+    The state (x, x'/w0) has the stationary covariance sigma^2 I, so with the transition
+    Phi = exp(A t0) the noise of each step has covariance sigma^2 (I - Phi Phi^T).
+
+    Parameters
+    ----------
+    frequency : float
+        Undamped natural frequency in Hz.
+    bandwidth : float
+        Hz.
+    sigma : float
+        Stationary standard deviation in the unit of the axis.
+    rate_hz : float
+        Samples per second.
+    rng : Generator
+        Source of randomness, used by this process alone.
+    """
+
+    def __init__(
+        self, frequency: float, bandwidth: float, sigma: float, rate_hz: float, rng: Generator
+    ) -> None:
+        w0 = 2.0 * math.pi * frequency
+        rate_matrix = np.array([[0.0, w0], [-w0, -2.0 * math.pi * bandwidth]])
+        phi = expm(rate_matrix / rate_hz)
+        self._numerators = [1.0, -phi[1, 1]], [0.0, phi[0, 1]]
+        self._denominator = [1.0, -np.trace(phi), np.linalg.det(phi)]
+        values, vectors = np.linalg.eigh(np.eye(2) - phi @ phi.T)
+        self._step = sigma * (vectors * np.sqrt(np.clip(values, 0.0, None)))
+        self._sigma = sigma
+        self._rng = rng
+        self._carry = [np.zeros(2), np.zeros(2)]
+        self._started = False
+
+    def take(self, n: int) -> NDArray[np.float64]:
+        """Return the next `n` samples, shape (n,), in the unit of the axis."""
+        if n == 0:  # lfilter forgets its state on an empty input
+            return np.empty(0)
+        white = self._rng.standard_normal((n, 2))
+        driven = white @ self._step.T
+        if not self._started:  # a first step out of nothing is the stationary state itself
+            driven[0] = self._sigma * white[0]
+            self._started = True
+        samples = np.zeros(n)
+        for column, numerator in enumerate(self._numerators):
+            part, self._carry[column] = lfilter(
+                numerator, self._denominator, driven[:, column], zi=self._carry[column]
+            )
+            samples += part
+        return samples

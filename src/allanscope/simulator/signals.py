@@ -1,4 +1,8 @@
-"""The signal of one axis before its converter: the sensor's own noise, then the effects on it."""
+"""The physical signals of a sensor before its converters: each axis, and the temperature.
+
+An axis is the sensor's own noise, then the effects on it. The temperature is a room that wanders
+and a part that warms itself, read by a noisy thermometer.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.simulator.effect_spec import EffectSpec
-from allanscope.simulator.effects import Scene, Setting, effect_kinds
-from allanscope.simulator.effects.base import Apply, Run, Stage
-from allanscope.simulator.noise import Flicker, Process, RandomWalk, White, WhitePhase
-from allanscope.simulator.truth import AxisTruth
+from allanscope.simulator.effects import Apply, Run, Scene, Setting, Stage, effect_kinds
+from allanscope.simulator.noise import Flicker, GaussMarkov, PowerLaw, RandomWalk, White, WhitePhase
+from allanscope.simulator.truth import AxisTruth, TemperatureTruth
 
-__all__ = ["AxisSignal", "EffectChain"]
+__all__ = ["AxisSignal", "EffectChain", "Thermometer"]
+
+REFRESH_HZ = 52.0
+"""The part renews its temperature register at this rate and holds it in between."""
 
 
 class EffectChain:
@@ -96,7 +102,7 @@ class AxisSignal:
         self._truth = truth
         rate = run.rate_hz
         self._white = White(truth.N, rate, run.stream(axis, "white"))
-        self._slow: list[Process] = []
+        self._slow: list[PowerLaw] = []
         if truth.B:
             self._slow.append(Flicker(truth.B, rate, run.stream(axis, "flicker")))
         if truth.K:
@@ -119,3 +125,48 @@ class AxisSignal:
             signal += self._angle.take(n)
         self.effects.apply("signal", signal, scene)
         return signal
+
+
+class Thermometer:
+    """T(t) = start + room(t) + rise (1 - exp(-t / time constant)), read with white noise.
+
+    Parameters
+    ----------
+    truth : TemperatureTruth
+        Constants of the equation.
+    run : Run
+        What is the same for all axes.
+    """
+
+    def __init__(self, truth: TemperatureTruth, run: Run) -> None:
+        self._truth = truth
+        self._hold = max(1, round(run.rate_hz / REFRESH_HZ))
+        self._refresh_hz = run.rate_hz / self._hold
+        self._room = GaussMarkov(
+            truth.wander_c, truth.wander_s, self._refresh_hz, run.stream("room")
+        )
+        self._noise = run.stream("thermometer")
+        self._row = 0
+        self._refreshed = 0
+        self._room_at_start = float(self._room.take(1)[0])
+        self._last = np.empty((2, 0))
+
+    def take(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return true temperature and reading in degC at the next `n` samples, each (n,)."""
+        refresh = np.arange(self._row, self._row + n) // self._hold
+        begin = self._refreshed - self._last.shape[1]
+        known = np.hstack((self._last, self._renew(int(refresh[-1]) + 1 - self._refreshed)))
+        self._last = known[:, -1:]
+        self._row += n
+        true, reading = known[:, refresh - begin]
+        return true, reading
+
+    def _renew(self, n: int) -> NDArray[np.float64]:
+        """Return the next `n` values of the register: true temperature and reading, (2, n)."""
+        truth = self._truth
+        time_s = np.arange(self._refreshed, self._refreshed + n) / self._refresh_hz
+        self._refreshed += n
+        room = self._room.take(n) - self._room_at_start
+        rise = -truth.self_heating_c * np.expm1(-time_s / truth.self_heating_s)
+        true = truth.start_c + room + rise
+        return np.vstack((true, true + truth.sensor_noise_c * self._noise.standard_normal(n)))

@@ -10,14 +10,15 @@ import pytest
 
 from allanscope.samples import Block, Gap, StreamInfo
 from allanscope.simulator import Simulator
-from allanscope.wire.native import NativeDecoder, NativeEncoder, descriptor, tlv
+from allanscope.wire.native import NativeDecoder, NativeEncoder, descriptor
+from allanscope.wire.native.layout import float32, pack_entries
 
 Wire = Callable[..., bytes]
 
 NEEDED = [
-    (0x06, tlv.float32(8.75e-3)),
-    (0x08, tlv.float32(0.061e-3)),
-    (0x0A, tlv.float32(104.0)),
+    (0x06, float32(8.75e-3)),
+    (0x08, float32(0.061e-3)),
+    (0x0A, float32(104.0)),
     (0x0C, b"\x3f"),
     (0x0D, b"\x01"),
 ]
@@ -25,7 +26,7 @@ NEEDED = [
 
 def body(*entries: tuple[int, bytes]) -> bytes:
     """Return the body of a descriptor that has what every device must say, and more."""
-    return b"\x01" + tlv.pack([*NEEDED, *entries])
+    return b"\x01" + pack_entries([*NEEDED, *entries])
 
 
 def stream(sealed: Wire, data_frame: Wire, said: bytes, seconds: int = 60) -> bytes:

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks
 from allanscope.wire.base import Command
-from allanscope.wire.native import Flag, NativeDecoder, NativeEncoder, tlv
+from allanscope.wire.native import Flag, NativeDecoder, NativeEncoder
 from allanscope.wire.native.framing import unstuff
+from allanscope.wire.native.layout import float32, pack_entries
 
 Noise = Callable[..., Block]
 Wire = Callable[..., bytes]
@@ -297,13 +298,13 @@ def test_a_frame_of_a_wrong_length_or_type_is_counted_and_skipped(kind: int, sea
     [
         b"",
         b"\x01",  # no sensitivity
-        b"\x02" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))]),  # another version
-        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.0))]),
-        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(float("inf")))]),
-        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1)), (12, b"\0")]),
-        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))])[:-1],
-        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))]) + b"\x09",
-        b"\x01" + tlv.pack([(6, tlv.float32(0.1)), (8, tlv.float32(0.1))]) + b"\x11\x05abc",
+        b"\x02" + pack_entries([(6, float32(0.1)), (8, float32(0.1))]),  # another version
+        b"\x01" + pack_entries([(6, float32(0.1)), (8, float32(0.0))]),
+        b"\x01" + pack_entries([(6, float32(0.1)), (8, float32(float("inf")))]),
+        b"\x01" + pack_entries([(6, float32(0.1)), (8, float32(0.1)), (12, b"\0")]),
+        b"\x01" + pack_entries([(6, float32(0.1)), (8, float32(0.1))])[:-1],
+        b"\x01" + pack_entries([(6, float32(0.1)), (8, float32(0.1))]) + b"\x09",
+        b"\x01" + pack_entries([(6, float32(0.1)), (8, float32(0.1))]) + b"\x11\x05abc",
     ],
 )
 def test_a_descriptor_that_says_too_little_is_refused(body: bytes, sealed: Wire) -> None:
@@ -374,8 +375,8 @@ def test_a_command_of_another_major_version_is_unknown(sealed: Wire) -> None:
 def test_without_a_clock_the_time_of_the_sensor_is_taken_and_unwrapped(
     sealed: Wire, data_frame: Wire
 ) -> None:
-    entries = [(6, tlv.float32(0.1)), (8, tlv.float32(0.1)), (13, b"\0")]
-    body = b"\x01" + tlv.pack([*entries, (11, (100_000).to_bytes(4, "little"))])
+    entries = [(6, float32(0.1)), (8, float32(0.1)), (13, b"\0")]
+    body = b"\x01" + pack_entries([*entries, (11, (100_000).to_bytes(4, "little"))])
     wire = sealed(body, 2, seq=0, n=len(body))
     ticks = (2**32 - 20, 2**32 - 10, 2**32 - 1, 5, 15)
     wire += b"".join(data_frame(1 + i, 4 * i, ticks=t, mcu_us=9) for i, t in enumerate(ticks))

@@ -19,25 +19,34 @@ described yet wait for it, up to about two seconds of them; they are never scale
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.samples import Block, Event, Gap, GapReason, Notice
+from allanscope.samples import Block, Event, Gap, GapReason, Notice, Ticks
 from allanscope.wire.base import LinkStats
-from allanscope.wire.native import descriptor, remarks
+from allanscope.wire.native import descriptor, messages
 from allanscope.wire.native.descriptor import Descriptor
-from allanscope.wire.native.layout import HEADER_BYTES, VERSION_MAJOR, Flag, FrameType
-from allanscope.wire.native.run import Run, runs_of
-from allanscope.wire.native.table import FrameTable
-from allanscope.wire.native.ticking import Ticking
-from allanscope.wire.native.waiting import Waiting
+from allanscope.wire.native.layout import (
+    HEADER_BYTES,
+    NO_TEMPERATURE,
+    NO_TICKS,
+    VERSION_MAJOR,
+    Clock,
+    Flag,
+    FrameType,
+)
+from allanscope.wire.native.table import FrameTable, Run, runs_of
 
 __all__ = ["Assembler"]
 
-_INDEX_RANGE = 1 << 32
+_RANGE = 1 << 32
+"""Of the sample index, and of the time stamp of the sensor."""
 _RAISED = Flag.GYRO_SATURATED | Flag.ACCEL_SATURATED | Flag.TIME_JUMP | Flag.SELF_TEST
+_MOST_FRAMES = 1024
+_ASK_EVERY = 64
 
 
 class Assembler:
@@ -53,8 +62,8 @@ class Assembler:
         self.repeats = 0
         self._stats = stats
         self._descriptor: Descriptor | None = None
-        self._waiting = Waiting()
-        self._ticking = Ticking()
+        self._waiting = _Waiting()
+        self._ticking = _Ticking()
         self._next_seq: int | None = None
         self._frames_missing = False
         self._next_index: int | None = None
@@ -139,8 +148,8 @@ class Assembler:
         due, self._gap_due = self._gap_due, None
         if self._next_index is None:
             return first, None if due is None else Gap(due, None)
-        jump = (first - self._next_index) % _INDEX_RANGE
-        if jump >= _INDEX_RANGE // 2:
+        jump = (first - self._next_index) % _RANGE
+        if jump >= _RANGE // 2:
             return first, Gap(due or "restarted", None)
         if due is not None:
             return self._next_index + jump, Gap(due, jump)
@@ -156,7 +165,7 @@ class Assembler:
         risen = int(np.bitwise_or.reduce(flags & ~before)) & _RAISED
         self._raised = int(flags[-1])
         for flag in Flag(risen):
-            yield Notice("status", remarks.FLAGS[flag], {"flag": int(flag)})
+            yield Notice("status", messages.FLAGS[flag], {"flag": int(flag)})
 
     # -- all other frames ------------------------------------------------------------------------
 
@@ -176,7 +185,7 @@ class Assembler:
         if kind == FrameType.DESCRIPTOR:
             yield from self._described(body, int.from_bytes(frame[4:6], "little"))
             return
-        notice = remarks.notice_of(kind, body) if frame[7] == len(body) else None
+        notice = messages.notice_of(kind, body) if frame[7] == len(body) else None
         if notice is None:
             self._stats.unknown += 1
             return
@@ -205,9 +214,85 @@ class Assembler:
             return
         self._descriptor = known
         self._next_index = self._last_frame = None
-        self._ticking = Ticking()
+        self._ticking = _Ticking()
         if self._delivered and self._gap_due is None:
             self._gap_due = "restarted"
         yield known.info
         for run, missing in self._waiting.release(epoch):
             yield from self._deliver(run, missing, known)
+
+
+class _Waiting:
+    """Keeps about two seconds of frames, and asks for the descriptor until it comes."""
+
+    def __init__(self) -> None:
+        self._runs: deque[tuple[Run, bool]] = deque()
+        self._asked = 0
+
+    def add(self, run: Run, frames_missing: bool) -> Iterator[Notice]:
+        """Keep a run, the oldest frames making room, and yield what to ask for."""
+        for number in range(len(run)):
+            if self._asked % _ASK_EVERY == 0:
+                yield Notice(
+                    "status",
+                    f"waiting for the descriptor of epoch {run.epoch:#06x}",
+                    {"wanted": "descriptor", "epoch": run.epoch},
+                )
+            self._asked += 1
+            frame = run.frames(number, number + 1)
+            # Copies, because a slice would keep all that was read with it.
+            frame = Run(frame.headers.copy(), frame.samples.copy(), frame.host_s.copy())
+            self._runs.append((frame, frames_missing and number == 0))
+            if len(self._runs) > _MOST_FRAMES:
+                self._runs.popleft()
+
+    def release(self, epoch: int | None = None) -> list[tuple[Run, bool]]:
+        """Return the frames of an epoch and forget all others."""
+        runs, self._runs = self._runs, deque()
+        self._asked = 0
+        return [(run, missing) for run, missing in runs if run.epoch == epoch]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples that wait."""
+        return sum(len(run.samples) for run, _ in self._runs)
+
+
+class _Ticking:
+    """Times of the frames of one epoch, one tick a frame."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, int] | None = None
+
+    def ticks(self, run: Run, known: Descriptor) -> Ticks:
+        """Return the ticks of a run."""
+        headers = run.headers
+        crystal = known.clock is not Clock.NONE
+        return Ticks(
+            offset=np.cumsum(headers["n"], dtype=np.int64) - headers["n"],
+            device_s=headers["mcu_us"] / 1e6 if crystal else self._sensor_time(run, known),
+            host_s=run.host_s,
+            temperature_c=_temperature_c(headers["temperature"], known),
+        )
+
+    def _sensor_time(self, run: Run, known: Descriptor) -> NDArray[np.float64]:
+        """Return the sensor's own time, unwrapped, for a device that has no clock."""
+        stamps = run.headers["sensor_ticks"].astype(np.int64)
+        seconds = np.full(len(stamps), np.nan)
+        present = stamps != NO_TICKS
+        if present.any():
+            seen = stamps[present]
+            raw, total = self._last or (int(seen[0]), int(seen[0]))
+            # A difference modulo 2^32 is right as long as two frames are nearer than that.
+            totals = total + np.cumsum(np.diff(seen, prepend=raw) % _RANGE)
+            self._last = int(seen[-1]), int(totals[-1])
+            seconds[present] = totals * (known.tick_ns * 1e-9)
+        return seconds
+
+
+def _temperature_c(counts: NDArray[np.int16], known: Descriptor) -> NDArray[np.float64]:
+    """Return temperatures in degC; NaN where none was sent, or the device does not scale them."""
+    if known.temperature_lsb_per_c is None:
+        return np.full(len(counts), np.nan)
+    degrees = counts / known.temperature_lsb_per_c + known.temperature_zero_c
+    return np.where(counts == NO_TEMPERATURE, np.nan, degrees)

@@ -81,6 +81,6 @@ class NativeDecoder:
             self._batch = True
         if not self._batch:
             return table_of(self._deframer.feed(data))
-        from allanscope.wire.native.batch import batch_table
+        from allanscope.wire.native.kernel import batch_table
 
         return batch_table(self._deframer, data)

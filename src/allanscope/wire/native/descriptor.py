@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, PARTS
 from allanscope.samples import AXES, Origin, StreamInfo
 from allanscope.sanitize import text_of
-from allanscope.wire.native import tlv
 from allanscope.wire.native.layout import (
     CHANNELS_ACCEL,
     CHANNELS_GYRO,
@@ -18,6 +17,10 @@ from allanscope.wire.native.layout import (
     Flag,
     SourceCode,
     Tag,
+    float32,
+    pack_entries,
+    read_float32,
+    unpack_entries,
 )
 
 __all__ = [
@@ -112,14 +115,14 @@ def write(info: StreamInfo) -> bytes:
     if part:
         entries.append((Tag.WHO_AM_I, bytes((part.who_am_i,))))
     if gyro is not None:
-        entries.append((Tag.GYRO_FULL_SCALE, tlv.float32(_full_scale(GYRO_SCALES, gyro))))
-        entries.append((Tag.GYRO_SENSITIVITY, tlv.float32(gyro)))
+        entries.append((Tag.GYRO_FULL_SCALE, float32(_full_scale(GYRO_SCALES, gyro))))
+        entries.append((Tag.GYRO_SENSITIVITY, float32(gyro)))
     if accel is not None:
-        entries.append((Tag.ACCEL_FULL_SCALE, tlv.float32(_full_scale(ACCEL_SCALES, accel))))
-        entries.append((Tag.ACCEL_SENSITIVITY, tlv.float32(accel)))
+        entries.append((Tag.ACCEL_FULL_SCALE, float32(_full_scale(ACCEL_SCALES, accel))))
+        entries.append((Tag.ACCEL_SENSITIVITY, float32(accel)))
     entries += [
-        (Tag.TEMPERATURE, tlv.float32(counts_per_degree(info.part)) + tlv.float32(ZERO_COUNTS_C)),
-        (Tag.RATE, tlv.float32(info.nominal_hz)),
+        (Tag.TEMPERATURE, float32(counts_per_degree(info.part)) + float32(ZERO_COUNTS_C)),
+        (Tag.RATE, float32(info.nominal_hz)),
         (Tag.SENSOR_TICK, struct.pack("<I", _DEFAULT_TICK_NS)),
         (Tag.CLOCK, bytes((_clock_of(info),))),
         (Tag.MOST_SAMPLES, bytes((MOST_SAMPLES,))),
@@ -132,19 +135,19 @@ def write(info: StreamInfo) -> bytes:
         for tag, name in ((Tag.FIRMWARE, "firmware"), (Tag.BOARD, "board"))
         if name in info.details
     ]
-    return bytes((DESCRIPTOR_VERSION,)) + tlv.pack(entries)
+    return bytes((DESCRIPTOR_VERSION,)) + pack_entries(entries)
 
 
 def read(body: bytes, epoch: int) -> Descriptor | None:
     """Return what a descriptor says, or None when data cannot be understood by it."""
-    entries = tlv.unpack(body[1:])
+    entries = unpack_entries(body[1:])
     if not body or body[0] != DESCRIPTOR_VERSION or entries is None:
         return None
     channels = entries.get(Tag.CHANNELS, b"\x3f")[:1] or b"\0"
     columns = tuple(i for i in range(len(AXES)) if channels[0] >> i & 1)
     sensitivity = {
-        "g": tlv.read_float32(entries.get(Tag.GYRO_SENSITIVITY)),
-        "a": tlv.read_float32(entries.get(Tag.ACCEL_SENSITIVITY)),
+        "g": read_float32(entries.get(Tag.GYRO_SENSITIVITY)),
+        "a": read_float32(entries.get(Tag.ACCEL_SENSITIVITY)),
     }
     axes = tuple(AXES[i] for i in columns)
     scale = tuple(sensitivity[axis[0]] or 0.0 for axis in axes)
@@ -153,7 +156,7 @@ def read(body: bytes, epoch: int) -> Descriptor | None:
     clock = _clock(entries.get(Tag.CLOCK))
     tick_ns = int.from_bytes(entries.get(Tag.SENSOR_TICK, b""), "little") or _DEFAULT_TICK_NS
     temperature = entries.get(Tag.TEMPERATURE, b"")
-    rate = tlv.read_float32(entries.get(Tag.RATE)) or 0.0
+    rate = read_float32(entries.get(Tag.RATE)) or 0.0
     return Descriptor(
         info=StreamInfo(
             axes=axes,
@@ -173,8 +176,8 @@ def read(body: bytes, epoch: int) -> Descriptor | None:
         valid=valid_flags(channels[0]),
         clock=clock,
         tick_ns=tick_ns,
-        temperature_lsb_per_c=tlv.read_float32(temperature[:4]) or None,
-        temperature_zero_c=tlv.read_float32(temperature[4:8]) or 0.0,
+        temperature_lsb_per_c=read_float32(temperature[:4]) or None,
+        temperature_zero_c=read_float32(temperature[4:8]) or 0.0,
     )
 
 
@@ -214,7 +217,7 @@ def _details(known: Mapping[int, bytes]) -> dict[str, str]:
         pairs = known[Tag.REGISTERS]
         details["registers"] = " ".join(pairs[i : i + 2].hex(":") for i in range(0, len(pairs), 2))
     for tag, name in ((Tag.GYRO_FULL_SCALE, "gyro_fs"), (Tag.ACCEL_FULL_SCALE, "accel_fs")):
-        value = tlv.read_float32(known.get(tag))
+        value = read_float32(known.get(tag))
         if value:
             details[name] = f"{value:g}"
     return details

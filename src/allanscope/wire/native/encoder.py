@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from typing import ClassVar
 
 import numpy as np
@@ -12,8 +11,7 @@ from allanscope.samples import AXES, Block, StreamInfo
 from allanscope.wire.base import Command
 from allanscope.wire.device_side import temperatures, times
 from allanscope.wire.native import descriptor
-from allanscope.wire.native.commands import command_of
-from allanscope.wire.native.framing import Deframer, seal
+from allanscope.wire.native.framing import Deframer, seal, stuff_frames
 from allanscope.wire.native.layout import (
     DATA_HEADER,
     NO_TEMPERATURE,
@@ -23,8 +21,7 @@ from allanscope.wire.native.layout import (
     FrameType,
     Result,
 )
-from allanscope.wire.native.remarks import STATUS
-from allanscope.wire.native.stuffing import stuff_frames
+from allanscope.wire.native.messages import EVENT_HEAD, REPLY_HEAD, STATUS, command_of
 
 __all__ = ["NativeEncoder", "samples_per_frame"]
 
@@ -105,7 +102,7 @@ class NativeEncoder:
 
     def event(self, text: str, uptime_s: float, level: int = 0) -> bytes:
         """Return a line of text for the user; level 0 is a remark, 1 a warning, 2 an error."""
-        body = struct.pack("<QB", round(uptime_s * 1e6), level) + text.encode("utf-8")[:200]
+        body = EVENT_HEAD.pack(round(uptime_s * 1e6), level) + text.encode("utf-8")[:200]
         return self._seal(FrameType.EVENT, body)
 
     def receive(self, data: bytes) -> list[Command]:
@@ -125,7 +122,7 @@ class NativeEncoder:
             result = Result.UNKNOWN_COMMAND
         payload = command.fields.get("payload", b"") if command.name == "ping" else b""
         kind = int(command.fields.get("type", 0))
-        body = struct.pack("<HBB", command.sequence & 0xFFFF, kind, result) + payload
+        body = REPLY_HEAD.pack(command.sequence & 0xFFFF, kind, result) + payload
         return self._seal(FrameType.REPLY, body)
 
     def _seal(self, kind: FrameType, body: bytes) -> bytes:

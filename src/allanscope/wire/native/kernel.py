@@ -1,6 +1,7 @@
 """The batch reader: COBS, CRC-32 and the split into columns, compiled.
 
-It does what `Deframer` does, at several hundred megabytes a second, for replays of whole nights.
+It does what `Deframer` and `table_of` do, at several hundred megabytes a second, for replays of
+whole nights, and leaves the `Deframer` in the same state (`batch_table`).
 Two ideas make it fast. First, the distances of COBS are walked, not searched, and the frame is then
 copied in one piece; only when the walk leads nowhere is the chunk searched for its final zero.
 Second, the CRC takes eight bytes at a step from eight tables ("slicing by eight", Kounavis and
@@ -14,6 +15,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from allanscope.compiled import njit
+from allanscope.wire.native.framing import Deframer
 from allanscope.wire.native.layout import (
     CRC_BYTES,
     DATA_HEADER,
@@ -24,15 +26,18 @@ from allanscope.wire.native.layout import (
     VERSION_MAJOR,
     FrameType,
 )
+from allanscope.wire.native.table import FrameTable, OtherFrame
 
-__all__ = ["crc_tables", "read_frames"]
+__all__ = ["batch_table"]
 
 _DATA = int(FrameType.DATA)
 _HEAD = DATA_HEADER.itemsize
 _SHORTEST = HEADER_BYTES + CRC_BYTES
+_SHORTEST_DATA = 2 + DATA_HEADER.itemsize + SAMPLE_BYTES + CRC_BYTES
+_SHORTEST_OTHER = 2 + HEADER_BYTES + CRC_BYTES
 
 
-def crc_tables() -> NDArray[np.uint32]:
+def _crc_tables() -> NDArray[np.uint32]:
     """Return the eight tables of the zlib CRC-32, shape (8, 256).
 
     Table k advances a byte that k more bytes follow; table 0 is the classic one.
@@ -47,6 +52,9 @@ def crc_tables() -> NDArray[np.uint32]:
         previous = tables[k - 1]
         tables[k] = previous >> 8 ^ tables[0, previous & 0xFF]
     return tables
+
+
+_TABLES = _crc_tables()
 
 
 @njit(types.uint32(types.uint8[::1], types.intp, types.uint32[:, ::1]), cache=True, nogil=True)
@@ -154,7 +162,7 @@ _INTS = types.int64[::1]
     cache=True,
     nogil=True,
 )
-def read_frames(  # type: ignore[no-untyped-def]
+def _read_frames(  # type: ignore[no-untyped-def]
     data, joining, table, headers, ends, samples, others, other_rows, other_ends
 ):
     """Read all complete frames of a buffer that starts at the beginning of a chunk.
@@ -165,7 +173,7 @@ def read_frames(  # type: ignore[no-untyped-def]
     joining : bool
         Whether the first chunk may be the tail of a frame.
     table : ndarray of uint32, shape (8, 256)
-        From `crc_tables`.
+        From `_crc_tables`.
     headers, samples : ndarray of uint8
         Receive the first 26 bytes and the samples of each data frame, one after another.
     ends : ndarray of int64
@@ -223,3 +231,60 @@ def read_frames(  # type: ignore[no-untyped-def]
             other_count += 1
     overlong = end - start > LONGEST_CHUNK
     return rows, filled, other_count, crc_errors, malformed, start, int(joining), int(overlong)
+
+
+def batch_table(deframer: Deframer, data: bytes) -> FrameTable:
+    """Return what ``table_of(deframer.feed(data))`` would, and leave the same state behind."""
+    if deframer.overlong:
+        # The rest of a chunk that is too long to be a frame: throw away up to its end.
+        skipped = data.find(b"\0") + 1
+        if skipped == 0:
+            return _empty()
+        deframer.overlong = deframer.joining = False
+        deframer.malformed += 1
+        buffer = bytearray(data[skipped:])
+        offset = skipped
+    else:
+        buffer = deframer.partial + data
+        offset = -len(deframer.partial)
+    size = len(buffer)
+    headers, samples, others = (np.empty(size, np.uint8) for _ in range(3))
+    ends = np.empty(size // _SHORTEST_DATA + 1, np.int64)
+    other_rows, other_ends = (np.empty(size // _SHORTEST_OTHER + 1, np.int64) for _ in range(2))
+    rows, filled, count, crc_errors, malformed, consumed, joining, overlong = _read_frames(
+        np.frombuffer(buffer, np.uint8),
+        deframer.joining,
+        _TABLES,
+        headers,
+        ends,
+        samples,
+        others,
+        other_rows,
+        other_ends,
+    )
+    deframer.crc_errors += crc_errors
+    deframer.malformed += malformed
+    deframer.joining = bool(joining)
+    deframer.overlong = bool(overlong)
+    deframer.partial = bytearray() if overlong else buffer[consumed:]
+    return FrameTable(
+        headers=headers[: rows * DATA_HEADER.itemsize].view(DATA_HEADER),
+        samples=samples[:filled].view("<i2").reshape(-1, 6),
+        ends=ends[:rows] + offset,
+        others=_others(others, other_rows[:count], other_ends[:count]),
+    )
+
+
+def _others(
+    content: NDArray[np.uint8], rows: NDArray[np.int64], ends: NDArray[np.int64]
+) -> list[OtherFrame]:
+    starts = [0, *ends[:-1].tolist()]
+    return [
+        OtherFrame(row, content[start:end].tobytes())
+        for row, start, end in zip(rows.tolist(), starts, ends.tolist(), strict=False)
+    ]
+
+
+def _empty() -> FrameTable:
+    none = np.empty(0, np.int64)
+    return FrameTable(np.empty(0, DATA_HEADER), np.empty((0, 6), np.int16), none, [])

@@ -1,7 +1,15 @@
-"""The numbers of the native protocol, whose norm is ``firmware_protocol/PROTOCOL.md``."""
+"""The numbers of the native protocol, whose norm is ``firmware_protocol/PROTOCOL.md``.
+
+A frame begins with the same eight bytes whatever it holds; a data frame with `DATA_HEADER`. The
+bodies of a descriptor and of a `set` command are entries of tag, length and value
+(`pack_entries`).
+"""
 
 from __future__ import annotations
 
+import math
+import struct
+from collections.abc import Iterable, Mapping
 from enum import IntEnum, IntFlag
 
 import numpy as np
@@ -26,6 +34,10 @@ __all__ = [
     "Result",
     "SourceCode",
     "Tag",
+    "float32",
+    "pack_entries",
+    "read_float32",
+    "unpack_entries",
 ]
 
 VERSION_MAJOR = 1
@@ -138,3 +150,40 @@ class Result(IntEnum):
     BAD_ARGUMENT = 2
     NOT_POSSIBLE = 3
     FAILED = 4
+
+
+def pack_entries(entries: Iterable[tuple[int, bytes]]) -> bytes:
+    """Return the entries one after another, each as tag, length and value."""
+    return b"".join(bytes((tag, len(value))) + value for tag, value in entries)
+
+
+def unpack_entries(data: bytes) -> Mapping[int, bytes] | None:
+    """Return the entries by tag, the last one where a tag repeats; None when one is cut short."""
+    entries: dict[int, bytes] = {}
+    here = 0
+    while here < len(data):
+        if here + 2 > len(data) or here + 2 + data[here + 1] > len(data):
+            return None
+        start = here + 2
+        here = start + data[here + 1]
+        entries[data[start - 2]] = data[start:here]
+    return entries
+
+
+def float32(value: float) -> bytes:
+    """Return a number as a little-endian IEEE 754 binary32."""
+    return struct.pack("<f", value)
+
+
+def read_float32(data: bytes | None) -> float | None:
+    """Return the shortest decimal that this binary32 stands for; None when absent or not finite.
+
+    A sensitivity of 8.75 mdps must not become 8.750000037 mdps because it travelled in 32 bits.
+
+    >>> read_float32(float32(0.00875))
+    0.00875
+    """
+    if data is None or len(data) != 4:
+        return None
+    value = float(str(np.frombuffer(data, "<f4")[0]))
+    return value if math.isfinite(value) else None

@@ -10,9 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.samples import AXES, unit_of
-from allanscope.wire.text.by_value import accel_comes_first, unit_by_gravity
 from allanscope.wire.text.columns import Column, column_of
-from allanscope.wire.text.units import DIVISORS, Quantity, quantity_named
+from allanscope.wire.text.units import (
+    DIVISORS,
+    Quantity,
+    accel_comes_first,
+    quantity_named,
+    unit_by_gravity,
+)
 
 __all__ = [
     "Columns",

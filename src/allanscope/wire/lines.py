@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-__all__ = ["Lines"]
+__all__ = ["Lines", "is_text"]
 
-LONGEST_LINE = 4096
+_LONGEST_LINE = 4096
+_TEXT_BYTES = frozenset(b"\t\r\n\x1b") | frozenset(range(0x20, 0x7F))
+_MOSTLY = 0.9
+
+
+def is_text(sample: bytes) -> bool:
+    """Return whether a sample is nothing but text, or nearly: nine bytes in ten are printable."""
+    return bool(sample) and sum(byte in _TEXT_BYTES for byte in sample) >= _MOSTLY * len(sample)
 
 
 class Lines:
@@ -63,7 +70,7 @@ class Lines:
         if self._overlong:
             return
         self._partial += piece
-        if len(self._partial) > LONGEST_LINE:
+        if len(self._partial) > _LONGEST_LINE:
             self._partial = bytearray()
             self._overlong = True
             self.dropped += 1

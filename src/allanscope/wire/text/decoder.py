@@ -11,13 +11,10 @@ from allanscope.sanitize import plain_line, without_escapes
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.lines import Lines
 from allanscope.wire.rows import Rows
-from allanscope.wire.text.alignment import realigned
-from allanscope.wire.text.clock_times import is_clock_time, joined_dates
 from allanscope.wire.text.columns import Columns, cells_of, columns_of, in_unknown_unit, unnamed
-from allanscope.wire.text.labelled import read_labelled
+from allanscope.wire.text.labelled import Spoken, SpokenRow, read_labelled
 from allanscope.wire.text.meaning import TextMeaning
-from allanscope.wire.text.spoken import Spoken, SpokenRow
-from allanscope.wire.text.table import Table
+from allanscope.wire.text.table import Table, is_number, joined_dates, realigned
 from allanscope.wire.text.units import Quantity
 
 __all__ = ["TextDecoder"]
@@ -113,7 +110,7 @@ class TextDecoder:
         """Take a line that is no row of the table in force, if there is one."""
         text = plain_line(line)
         cells = cells_of(text)
-        numbers = [_is_number(cell) for cell in cells if cell]
+        numbers = [is_number(cell) for cell in cells if cell]
         if not numbers:
             return []
         if all(numbers):
@@ -269,12 +266,4 @@ class TextDecoder:
 
 
 def _only_numbers(line: bytes) -> bool:
-    return all(_is_number(cell) for cell in cells_of(plain_line(line)) if cell)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", ".", 1))
-    except ValueError:
-        return is_clock_time(cell)
-    return True
+    return all(is_number(cell) for cell in cells_of(plain_line(line)) if cell)

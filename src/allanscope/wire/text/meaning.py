@@ -14,9 +14,14 @@ from allanscope.samples import AXES, StreamInfo
 from allanscope.wire.base import WireSettings
 from allanscope.wire.pacing import mean_rate, period_of, resolution_of, rows_come_in_bursts
 from allanscope.wire.row import HELD, Meaning, Row, Values, nominal_rate
-from allanscope.wire.text.by_value import accel_comes_first, unit_by_gravity
 from allanscope.wire.text.table import Table
-from allanscope.wire.text.units import DIVISORS, Quantity, quantity_named
+from allanscope.wire.text.units import (
+    DIVISORS,
+    Quantity,
+    accel_comes_first,
+    quantity_named,
+    unit_by_gravity,
+)
 
 __all__ = ["TextMeaning"]
 

@@ -8,7 +8,7 @@ from itertools import islice
 
 from allanscope.samples import AXES
 from allanscope.sanitize import plain_line, text_of
-from allanscope.wire.text.clock_times import is_clock_time, joined_dates
+from allanscope.wire.lines import is_text
 from allanscope.wire.text.columns import (
     Columns,
     cells_of,
@@ -17,14 +17,13 @@ from allanscope.wire.text.columns import (
     in_unknown_unit,
     unnamed,
 )
-from allanscope.wire.text.table import Table
+from allanscope.wire.text.table import Table, is_number, joined_dates
 
 __all__ = ["why_no_rows"]
 
 _SHOWN = 3
 _LOOKED_AT = 1 << 14
 _LONGEST_CELL, _LONGEST = 16, 220
-_MOSTLY = 0.9
 _ENDS = re.compile(rb"\r\n|\n\r|\n|\r")
 _MARKS = "#%/ "
 
@@ -45,8 +44,7 @@ def why_no_rows(sample: bytes) -> str:
     "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp; line 2: ..."
     """
     sample = sample[:_LOOKED_AT]
-    readable = sum(byte in b"\t\r\n\x1b" or 0x20 <= byte < 0x7F for byte in sample)
-    if not sample or readable < _MOSTLY * len(sample):
+    if not is_text(sample):
         return ""
     return text_of("; ".join(islice(_reasons(sample), _SHOWN)).encode(), _LONGEST)
 
@@ -58,7 +56,7 @@ def _reasons(sample: bytes) -> Iterator[str]:
     for count, line in enumerate(_ENDS.split(sample), start=1):
         cells = cells_of(plain_line(joined_dates(line)))
         where = f"line {count}"
-        numbers = [_is_number(cell) for cell in cells]
+        numbers = [is_number(cell) for cell in cells]
         if not cells:
             continue
         if not any(numbers):
@@ -88,7 +86,7 @@ def _why_no_row(columns: Columns, line: bytes, cells: list[str], where: str) -> 
         yield f"{where}: {len(cells)} cells where the header names {len(columns)} columns"
         return
     for number, (column, cell) in enumerate(zip(columns, cells, strict=True), start=1):
-        if column is not None and cell and not _is_number(cell):
+        if column is not None and cell and not is_number(cell):
             yield f"{where}, column {number}: {_shown(cell)} is no number"
             return
 
@@ -103,11 +101,3 @@ def _no_axis(cells: list[str]) -> str:
 
 def _shown(cell: str) -> str:
     return repr(text_of(cell.encode(), _LONGEST_CELL))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", ".", 1))
-    except ValueError:
-        return is_clock_time(cell)
-    return True

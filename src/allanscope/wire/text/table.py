@@ -1,14 +1,27 @@
-"""Rows of a table to values, as fast as plain Python can."""
+"""Rows of a table to values, as fast as plain Python can.
+
+`Table` reads the rows of known columns; its cells hold numbers, with a decimal comma perhaps, or
+times that people can read (`ClockTimes`): ``12:34:56.78`` and ``2024-05-17T12:34:56.789Z``.
+
+Tables get a column of row numbers in front without a name, or a column less than was announced.
+Where a header names one column more or fewer than the rows have cells, the values show which names
+belong to which cells (`realigned`): a time goes up, gravity is 1 g.
+"""
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Sequence
+from datetime import date
 
-from allanscope.wire.text.clock_times import ClockTimes, is_clock_time
-from allanscope.wire.text.columns import Columns
-from allanscope.wire.text.units import DIVISORS, Quantity
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["Table", "TableRow"]
+from allanscope.wire.text.columns import Column, Columns
+from allanscope.wire.text.units import DIVISORS, Quantity, unit_by_gravity
+
+__all__ = ["ClockTimes", "Table", "TableRow", "is_number", "joined_dates", "realigned"]
 
 TableRow = tuple[tuple[float, ...], float, float]
 """Six values in the units of the text, the time in s if its unit is known, and degC."""
@@ -17,6 +30,29 @@ _SEPARATORS = (b"\t", b";", b",", b"|")
 _LATEST_S = 1e12
 _EXACT, _LONGEST_NUMBER = 2.0**53, 1e21
 """Whole numbers between these, nanoseconds since 1970 for instance, lose digits as float64."""
+_WARMTH = (-60.0, 150.0)
+_WRITTEN = re.compile(
+    r"(?:(\d{4})-(\d\d)-(\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d{1,12})?)"
+    r"(?:Z|[+-]\d\d(?::?\d\d)?)?"
+)
+_DATE_AND_TIME = re.compile(rb"(\d{4}-\d\d-\d\d) +(?=\d{1,2}:\d\d:)")
+_LONGEST = 48
+_DAY_S = 86_400.0
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell holds a number, with a point or a comma, or a time of day.
+
+    >>> [is_number(cell) for cell in ("-1,5e3", "00:00:01.20", "2024-05-17T10:00:00Z")]
+    [True, True, True]
+    >>> [is_number(cell) for cell in ("gx", "12:30", "")]
+    [False, False, False]
+    """
+    try:
+        float(cell.replace(",", ".", 1))
+    except ValueError:
+        return _is_clock_time(cell)
+    return True
 
 
 class Table:
@@ -114,7 +150,7 @@ class Table:
 
     def _written_time(self, cell: bytes) -> float:
         text = cell.strip(b" \"'").decode("ascii", "replace")
-        if not is_clock_time(text):
+        if not _is_clock_time(text):
             return _number(cell)
         self._clock = self._clock or ClockTimes()
         return self._clock.seconds(text)
@@ -149,3 +185,145 @@ def _number(cell: bytes) -> float:
         return float(cell)
     except ValueError:
         return float(cell.replace(b",", b".", 1)) if cell.strip() else math.nan
+
+
+def realigned(columns: Columns, rows: Sequence[Sequence[str]]) -> tuple[Columns, str] | None:
+    """Return the columns as the cells of some rows have them, and what to say of it.
+
+    Parameters
+    ----------
+    columns : Columns
+        What the header names.
+    rows : sequence of rows of str
+        Cells of the first rows, all of the same number.
+
+    Returns
+    -------
+    (Columns, str) or None
+        None where the numbers differ by more than one, or no axis would be left.
+
+    Examples
+    --------
+    >>> gyro = tuple(Column("gyro", "dps", i) for i in range(3))
+    >>> rows = [["1", "0.5", "0.1", "0.2"], ["2", "0.4", "0.1", "0.3"], ["3", "0.4", "0.2", "0.2"]]
+    >>> realigned(gyro, rows)[0][0] is None
+    True
+    """
+    cells = len(rows[0]) if rows else 0
+    if abs(cells - len(columns)) != 1 or any(len(row) != cells for row in rows):
+        return None
+    values = _values(rows)
+    counted = f"the header names {len(columns)} columns and the rows have {cells}: "
+    if cells > len(columns):
+        first = _first_cell(columns, values[:, 0])
+        choices = [
+            ((*columns, None), "the last cell of each row is left out"),
+            ((first, *columns), f"the first cell of each row is taken as {_name(first)}"),
+        ]
+    else:
+        choices = [
+            (columns[:-1], "the last name is left out"),
+            (columns[1:], "the first name is left out"),
+        ]
+    scores = [_fit(choice, values) for choice, _ in choices]
+    if cells > len(columns) and np.all(np.diff(values[:, 0]) == 1.0):
+        scores[1] += 1.0  # row numbers
+    if cells < len(columns) and columns[0] is None:
+        scores[1] += 0.5  # nothing of ours is lost
+    best, words = choices[int(np.argmax(scores))]
+    if not any(column and column.axis >= 0 for column in best):
+        return None
+    return best, counted + words
+
+
+def _first_cell(columns: Columns, values: NDArray[np.float64]) -> Column | None:
+    """Return what a cell without a name in front of the others is: a time, or a row number."""
+    named = any(column and column.quantity == "time" for column in columns)
+    steps = np.diff(values)
+    goes_up = bool(np.isfinite(steps).all() and (steps > 0.0).all() and (steps != 1.0).any())
+    return Column("time", "") if goes_up and not named else None
+
+
+def _name(column: Column | None) -> str:
+    return "a row number" if column is None else "the time"
+
+
+def _values(rows: Sequence[Sequence[str]]) -> NDArray[np.float64]:
+    """Return cells as numbers, times of day in seconds, NaN for what is neither."""
+    clocks = [ClockTimes() for _ in rows[0]]
+
+    def number(cell: str, clock: ClockTimes) -> float:
+        try:
+            if _is_clock_time(cell):
+                return clock.seconds(cell)
+            return float(cell.replace(",", ".", 1))
+        except ValueError:
+            return math.nan
+
+    return np.array([[number(c, k) for c, k in zip(row, clocks, strict=True)] for row in rows])
+
+
+def _fit(columns: Columns, values: NDArray[np.float64]) -> float:
+    """Return how well values are what their columns should be."""
+    score = 0.0
+    accel = []
+    for column, cells in zip(columns, values.T, strict=True):
+        if column is None:
+            continue
+        if column.quantity == "time":
+            score += 2.0 if bool((np.diff(cells) > 0.0).all()) else -2.0
+        elif column.quantity == "temperature":
+            score += 0.25 if bool(((cells > _WARMTH[0]) & (cells < _WARMTH[1])).all()) else -1.0
+        elif column.quantity == "accel":
+            accel.append(cells)
+    return score + (1.0 if accel and unit_by_gravity(np.column_stack(accel)) else 0.0)
+
+
+def _is_clock_time(cell: str) -> bool:
+    """Return whether a cell is a time of day, with or without a date."""
+    return len(cell) <= _LONGEST and _WRITTEN.fullmatch(cell) is not None
+
+
+def joined_dates(line: bytes) -> bytes:
+    """Return a line in which a date and the time after it are one cell.
+
+    >>> joined_dates(b"2024-05-17 10:00:00.5 1 2")
+    b'2024-05-17T10:00:00.5 1 2'
+    """
+    return _DATE_AND_TIME.sub(rb"\1T", line) if b":" in line else line
+
+
+class ClockTimes:
+    """Times of day to seconds that go on over midnight; with dates, from the first date on."""
+
+    def __init__(self) -> None:
+        self._first_day: int | None = None
+        self._last_s = -math.inf
+        self._midnights_s = 0.0
+
+    def seconds(self, cell: str) -> float:
+        """Return the time that is written in a cell.
+
+        Raises
+        ------
+        ValueError
+            If it is none, or no day of the calendar.
+
+        Examples
+        --------
+        >>> clock = ClockTimes()
+        >>> clock.seconds("23:59:59.5"), clock.seconds("00:00:00.5")
+        (86399.5, 86400.5)
+        """
+        match = _WRITTEN.fullmatch(cell) if len(cell) <= _LONGEST else None
+        if match is None:
+            raise ValueError(f"{cell!r} is no time")
+        of_day = 3600.0 * int(match[4]) + 60.0 * int(match[5]) + float(match[6].replace(",", "."))
+        if match[1] is not None:
+            day = date(int(match[1]), int(match[2]), int(match[3])).toordinal()
+            self._first_day = day if self._first_day is None else self._first_day
+            return _DAY_S * (day - self._first_day) + of_day
+        if self._last_s - of_day - self._midnights_s > _DAY_S / 2:
+            self._midnights_s += _DAY_S
+        self._last_s = of_day + self._midnights_s
+        return self._last_s

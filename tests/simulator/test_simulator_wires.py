@@ -124,7 +124,7 @@ def test_tmsg_streams_the_sensors_that_were_asked_for():
     link = Link("tmsg")
     for message in link.format.start(link.settings)[:-1]:
         link.firmware.receive(message)
-    from allanscope.wire.tmsg.framing import wrap
+    from allanscope.wire.tmsg.messages import wrap
 
     link.firmware.receive(wrap(bytes([50, 1, 8, 0x20, 0, 0, 0])))  # gyro only
     link.hear(2.0)

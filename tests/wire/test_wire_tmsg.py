@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from allanscope.samples import AXES, Block, Event, Gap, Notice, StreamInfo, Ticks
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.pairing import Pairing
-from allanscope.wire.tmsg.framing import Unwrapper, wrap
-from allanscope.wire.tmsg.layouts import Reading, read_current, read_sensortile
+from allanscope.wire.tmsg.messages import Reading, Unwrapper, read_current, read_sensortile, wrap
 
 VECTORS = {
     "ping": ("32 01 01", "32 01 01 CC F0"),

@@ -12,9 +12,15 @@ from allanscope.wire.milli import MilliUnits
 from allanscope.wire.pairing import Pairing
 from allanscope.wire.rows import Rows
 from allanscope.wire.stamps import Stamps
-from allanscope.wire.tmsg.framing import Unwrapper
-from allanscope.wire.tmsg.layouts import DEVICE, STREAM, read_current, read_sensortile
-from allanscope.wire.tmsg.requests import READ_PRESENTATION, REPLY
+from allanscope.wire.tmsg.messages import (
+    DEVICE,
+    READ_PRESENTATION,
+    REPLY,
+    STREAM,
+    Unwrapper,
+    read_current,
+    read_sensortile,
+)
 
 __all__ = ["TMsgDecoder"]
 

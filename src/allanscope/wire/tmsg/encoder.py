@@ -10,9 +10,16 @@ from numpy.typing import NDArray
 from allanscope.samples import AXES, Block, StreamInfo
 from allanscope.wire.base import Command
 from allanscope.wire.device_side import milli_units, temperatures, times
-from allanscope.wire.tmsg.framing import END, Unwrapper, wrap
-from allanscope.wire.tmsg.layouts import DEVICE, STREAM
-from allanscope.wire.tmsg.requests import READ_PRESENTATION, REPLY, command_of
+from allanscope.wire.tmsg.messages import (
+    DEVICE,
+    END,
+    READ_PRESENTATION,
+    REPLY,
+    STREAM,
+    Unwrapper,
+    command_of,
+    wrap,
+)
 
 __all__ = ["SensorTileEncoder", "TMsgEncoder"]
 

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import pytest
-from demo_analysis import demo_analysis
 
 from allanscope.analysis.verdict import verdict
 from allanscope.explain.effect import ResidualError
+from support.demo_analysis import demo_analysis
 
 UNKNOWN = ResidualError(*[float("nan")] * 5)
 TOO_SHORT = "6 s are too short to look for effects: run at least 54 s longer"

@@ -13,8 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from allanscope.clock import Clock
 from allanscope.samples import Gap, StreamInfo, Ticks
-
-from .conftest import Stream, stream
+from support.clocked_stream import Stream, stream
 
 
 def error_ppm(clock: Clock, true_hz: float) -> float:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from allanscope.clock import Clock
-
-from .conftest import stream
+from support.clocked_stream import stream
 
 STREAMS = 40
 

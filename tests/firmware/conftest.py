@@ -4,13 +4,11 @@ import ctypes
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from emulator import Boards
+from support.emulator import Boards
 
 SANITIZE = "ALLANSCOPE_SANITIZE"
 """Name of the variable that holds more flags for the library."""

@@ -8,27 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lsm6dsm_model import Lsm6dsm
-from test_firmware_lsm6dsm import RESET, SILENT, WELL, Batch, Config, Driver, numbers
 
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.wire import format_named
 from allanscope.wire.base import WireSettings
+from support.encoder_ring import Ring
+from support.lsm6dsm_driver import RESET, SILENT, WELL, Batch, Config, Driver, numbers
+from support.lsm6dsm_model import Lsm6dsm
 
 CRYSTAL = 1
 STEP_S = 0.005
 SANITIZERS = "-g -fsanitize=address,undefined -fno-sanitize-recover=all"
 STOP, START = 0x82, 0x81
-
-
-class Ring(c.Structure):
-    _fields_ = (
-        ("bytes", c.POINTER(c.c_uint8)),
-        ("size", c.c_uint32),
-        ("reserve", c.c_uint32),
-        ("put", c.c_uint32),
-        ("taken", c.c_uint32),
-    )
 
 
 class Device:

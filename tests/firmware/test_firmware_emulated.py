@@ -7,89 +7,10 @@ answers are asserted.
 import time
 
 import numpy as np
-import serial
-from test_firmware_golden import count
 
-from allanscope.samples import Block, Gap, Notice, StreamInfo
-from allanscope.wire import format_named
-from allanscope.wire.base import WireSettings
-from allanscope.wire.native.framing import seal
-
-PATIENCE_S = 60.0
-START, STOP, DESCRIBE, SET, PING = 0x81, 0x82, 0x83, 0x84, 0x85
-
-
-class Host:
-    """A host at the board's port: decodes what comes, sends commands, keeps everything."""
-
-    def __init__(self, board):
-        self._port = serial.Serial(str(board.port), timeout=0.02, write_timeout=10)
-        self._decoder = format_named("native").decoder(WireSettings())
-        self.events = []
-        self._seq = 0
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self._port.close()
-
-    def send(self, kind, body=b""):
-        self._seq += 1
-        self._port.write(b"\0" + seal(kind, self._seq, 0, body))
-        return self._seq
-
-    def until(self, condition, what):
-        """Read until something is there; the patience is only an upper bound."""
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"no {what} within {PATIENCE_S} s"
-            data = self._port.read(self._port.in_waiting or 1)
-            self.events += self._decoder.feed(data, time.monotonic())
-
-    def acknowledged(self, seq):
-        replies = [e for e in self.events if isinstance(e, Notice) and e.kind == "reply"]
-        return [reply.fields["result"] for reply in replies if reply.fields["sequence"] == seq]
-
-    def ask(self, kind, body=b""):
-        """Send a command, again while no reply comes as the norm says, and return its result.
-
-        What the board sends before QEMU has noticed that its port was opened is lost.
-        """
-        sent = [self.send(kind, body)]
-        next_try = time.monotonic() + 2.0
-
-        def answered():
-            nonlocal next_try
-            if time.monotonic() > next_try:
-                sent.append(self.send(kind, body))
-                next_try += 2.0
-            return any(self.acknowledged(seq) for seq in sent)
-
-        self.until(answered, f"reply to {kind:#x}")
-        return next(result for seq in sent for result in self.acknowledged(seq))
-
-    @property
-    def blocks(self):
-        return [event for event in self.events if isinstance(event, Block)]
-
-    def samples(self):
-        return sum(map(len, self.blocks))
-
-    def lost(self):
-        return sum(e.lost for e in self.events if isinstance(e, Gap) and e.lost is not None)
-
-    def last_status(self):
-        found = [e for e in self.events if isinstance(e, Notice) and e.kind == "status"]
-        return found[-1].fields if found else {}
-
-
-def check_values(blocks):
-    """Assert that every 13th sample is what the synthetic sensor defines."""
-    for block in blocks:
-        for row in range(0, len(block), 13):
-            expected = [count(block.index + row, axis) for axis in range(6)]
-            assert block.counts[row].tolist() == expected
+from allanscope.samples import StreamInfo
+from support.emulated_host import DESCRIBE, PING, SET, START, STOP, Host
+from support.synthetic_sensor import check_values
 
 
 def test_every_sample_is_the_synthetic_sensors_and_none_is_missing(boards):

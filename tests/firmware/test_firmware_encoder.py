@@ -11,20 +11,11 @@ from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.wire import format_named
 from allanscope.wire.base import WireSettings
 from allanscope.wire.native.framing import stuff, unstuff
+from support.encoder_ring import Ring
 
 AXES = 6
 WIRE_MAX = 248
 DATA, REPLY = 0, 1
-
-
-class Ring(c.Structure):
-    _fields_ = (
-        ("bytes", c.POINTER(c.c_uint8)),
-        ("size", c.c_uint32),
-        ("reserve", c.c_uint32),
-        ("put", c.c_uint32),
-        ("taken", c.c_uint32),
-    )
 
 
 class Sender(c.Structure):

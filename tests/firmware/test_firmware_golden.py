@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from allanscope.wire.native.framing import stuff
+from support.synthetic_sensor import count
 
 ROOT = Path(__file__).parents[2] / "firmware_protocol"
 LENGTH = 60_000
@@ -17,18 +18,6 @@ SHA256 = "f0e692f444bf49a5da5a920171f81b7d6953f53654fa29f3ddc260039d18bbb7"
 RATE, FRAME = 104.0, 3
 PERIOD_US = 1_000_000
 F = np.float32
-
-
-def count(index, axis):
-    """Return the synthetic sensor's count, as synthetic.c defines it."""
-    x = (index * 2654435761 + axis * 40503 + 1) & 0xFFFFFFFF
-    for _ in range(3):
-        x = (x ^ x << 13) & 0xFFFFFFFF
-        x ^= x >> 17
-        x = (x ^ x << 5) & 0xFFFFFFFF
-    total = int((x & 255) + (x >> 8 & 255) + (x >> 16 & 255) + (x >> 24)) - 510
-    noise = total // 16 if total >= 0 else -(-total // 16)
-    return noise + (int(F(1) / F(0.061e-3)) if axis == 5 else 0)
 
 
 def samples_us(n):

@@ -14,13 +14,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_firmware_emulated import DESCRIBE, SET, STOP, Host, check_values
 
 from allanscope.__main__ import main
 from allanscope.pipeline.decoding import Decoding
 from allanscope.recording import Recording
 from allanscope.samples import Block, Gap, Notice
 from allanscope.wire import WireSettings
+from support.emulated_host import DESCRIBE, SET, STOP, Host
+from support.synthetic_sensor import check_values
 
 PROGRAM = [sys.executable, "-m", "allanscope"]
 

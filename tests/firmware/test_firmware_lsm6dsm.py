@@ -1,101 +1,10 @@
 """The driver of the real part, against a register-accurate model of it."""
 
-import ctypes as c
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from lsm6dsm_model import Lsm6dsm
-
-READ = c.CFUNCTYPE(c.c_bool, c.c_void_p, c.c_uint8, c.POINTER(c.c_uint8), c.c_uint16)
-WRITE = c.CFUNCTYPE(c.c_bool, c.c_void_p, c.c_uint8, c.c_uint8)
-WAIT = c.CFUNCTYPE(None, c.c_void_p, c.c_uint32)
-WELL, SILENT, RESET = range(3)
-
-
-class Bus(c.Structure):
-    _fields_ = (
-        ("context", c.c_void_p),
-        ("read", READ),
-        ("write", WRITE),
-        ("wait_ms", WAIT),
-        ("one_data_line", c.c_bool),
-    )
-
-
-class Config(c.Structure):
-    _fields_ = (("rate", c.c_float), ("gyro_fs", c.c_float), ("accel_fs", c.c_float))
-
-
-class Batch(c.Structure):
-    _fields_ = (
-        ("n", c.c_uint8),
-        ("lost_before", c.c_uint32),
-        ("sensor_time", c.c_uint32),
-        ("temperature", c.c_int16),
-        ("samples", c.c_int16 * 6 * 18),
-    )
-
-
-class Imu(c.Structure):
-    """The head of struct imu: its functions, called with the object itself."""
-
-    _fields_ = (
-        ("configure", c.CFUNCTYPE(c.c_bool, c.c_void_p, c.POINTER(Config))),
-        ("read", c.CFUNCTYPE(c.c_int, c.c_void_p, c.c_uint8, c.POINTER(Batch))),
-        ("registers", c.CFUNCTYPE(c.c_uint8, c.c_void_p, c.POINTER(c.c_uint8), c.c_uint8)),
-        ("part", c.c_char_p),
-        ("who_am_i", c.c_uint8),
-        ("source", c.c_uint8),
-        ("rest", c.c_uint8 * 256),
-    )
-
-
-class Driver:
-    """The C driver on a bus of Python functions."""
-
-    def __init__(self, library, part):
-        self.part = part
-        functions = READ(self._read), WRITE(self._write), WAIT(lambda *_: None)
-        self._bus = Bus(None, *functions, part.one_data_line)
-        self.imu = Imu()
-        library.lsm6dsm_init(c.byref(self.imu), b"LSM6DSM", c.byref(self._bus))
-
-    def _read(self, _, register, to, n):
-        data = self.part.read(register, n)
-        if data is None:
-            return False
-        c.memmove(to, data, n)
-        return True
-
-    def _write(self, _, register, value):
-        return self.part.write(register, value)
-
-    def configure(self, rate=104.0, gyro_fs=250.0, accel_fs=2.0):
-        self.config = Config(rate, gyro_fs, accel_fs)
-        return self.imu.configure(c.addressof(self.imu), c.byref(self.config))
-
-    def read(self, most=16):
-        batch = Batch()
-        health = self.imu.read(c.addressof(self.imu), most, c.byref(batch))
-        return health == WELL, batch
-
-    def registers(self):
-        pairs = (c.c_uint8 * 64)()
-        n = self.imu.registers(c.addressof(self.imu), pairs, 64)
-        return dict(zip(pairs[0:n:2], pairs[1:n:2], strict=True))
-
-
-def numbers(batch):
-    """Return which samples of the model a batch holds, from the counts of all six axes."""
-    counts = np.array([list(row) for row in batch.samples[: batch.n]], np.int64).reshape(-1, 6)
-    k = (counts[:, 0] + 32768) * pow(7, -1, 65536) % 65536
-    for row, index in zip(counts, k, strict=True):
-        assert row.tolist() == Lsm6dsm.counts(int(index))
-    return k.tolist()
+from support.lsm6dsm_driver import Driver, numbers
+from support.lsm6dsm_model import Lsm6dsm
 
 
 @pytest.mark.parametrize(

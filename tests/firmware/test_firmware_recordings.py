@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_firmware_golden import count
 
 from allanscope.pipeline.decoding import Decoding
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.sources import open_source
 from allanscope.wire.base import WireSettings
+from support.synthetic_sensor import count
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 TOLD = {

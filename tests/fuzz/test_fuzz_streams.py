@@ -22,8 +22,7 @@ from allanscope.recording import Chunk, Recording, write_recording
 from allanscope.samples import Block, Event, StreamInfo
 from allanscope.wire import format_named, sniff
 from allanscope.wire.base import WireSettings
-
-from .conftest import FORMATS, damaged, real_stream
+from support.damaged_streams import FORMATS, damaged, real_stream
 
 SLOW_S = 20.0
 """CPU time that 64 kB may take on any machine: only what hangs takes longer."""

@@ -2,16 +2,11 @@
 
 import json
 import re
-import sys
 from functools import partial
-from pathlib import Path
 
 import allantools
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "view"))
-from readback import read_back
 
 from allanscope.__main__ import main
 from allanscope.pipeline.compiling import COMPILING
@@ -19,6 +14,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.recording import Recording
 from allanscope.samples import Block
 from allanscope.wire.base import WireSettings
+from support.readback import read_back
 
 
 @pytest.fixture(scope="module")

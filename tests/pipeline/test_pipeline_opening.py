@@ -6,20 +6,11 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from contextlib import ExitStack
-from pathlib import Path
 
 import psutil
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "view"))
-
-from browser import drawn, why_no_browser
-from headless_viewer import why_no_viewer
-from netlog import NETLOG, asked_for
-from serving import listening, serving, wait_for
 
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.opening import charts_of
@@ -27,6 +18,10 @@ from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
 from allanscope.pipeline.simulate import simulate_recording
 from allanscope.view.viewer_process import _environment, free_port, rerun_binary
 from allanscope.view.web_page import policy, without_links
+from support.browser import drawn, why_no_browser
+from support.headless_viewer import why_no_viewer
+from support.netlog import NETLOG, asked_for
+from support.serving import listening, serving, wait_for
 
 
 @pytest.fixture(scope="module")

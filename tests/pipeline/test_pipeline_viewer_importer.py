@@ -4,18 +4,14 @@ import importlib.metadata
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "view"))
-
-from headless_viewer import HeadlessViewer, why_no_viewer
-from readback import read_back
 
 from allanscope.pipeline.rerun_importer import NOT_OURS, is_ours, main
 from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
 from allanscope.pipeline.simulate import simulate_recording
+from support.headless_viewer import HeadlessViewer, why_no_viewer
+from support.readback import read_back
 
 NAME = "rerun-importer-allanscope"
 FOREIGN = b"\x89MCAP0\r\n\x01\x10\x00\x00\x00\x00\x00\x00\x00\x04\x00\x00\x00ros2"

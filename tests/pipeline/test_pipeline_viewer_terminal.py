@@ -2,18 +2,13 @@
 
 import json
 import re
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "view"))
-
-from readback import read_back
-from terminal_double import Terminal
-
 from allanscope.recording import Recording
+from support.readback import read_back
+from support.terminal import Terminal
 
 RUN = "from allanscope.__main__ import main\nraise SystemExit(main({arguments!r}))\n"
 LABEL = re.compile(r"OADEV  τ = (\S+) s  σ = (\S+) mdps")

@@ -1,15 +1,10 @@
 """The web viewer of a live run: on loopback only, its address printed, and a browser connects."""
 
-import sys
-from pathlib import Path
-
 import psutil
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "view"))
-
-from browser import drawn, why_no_browser
-from serving import listening, serving, wait_for
+from support.browser import drawn, why_no_browser
+from support.serving import listening, serving, wait_for
 
 
 @pytest.fixture

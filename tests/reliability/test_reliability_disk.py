@@ -15,8 +15,9 @@ from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Chunk, Recording, SessionWriter, write_recording
 from allanscope.recording import segment as segment_module
 from allanscope.simulator import Simulator, simulate_blocks
-
-from .conftest import DeviceProcess, survey, watch_in_full
+from support.device_process import DeviceProcess
+from support.live_session import watch_in_full
+from support.survey import survey
 
 Plug = Callable[..., DeviceProcess]
 

@@ -16,8 +16,9 @@ from allanscope.errors import InputError
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Recording
-
-from .conftest import DeviceProcess, missing, survey, watch_in_full
+from support.device_process import DeviceProcess
+from support.live_session import watch_in_full
+from support.survey import missing, survey
 
 Plug = Callable[..., DeviceProcess]
 

@@ -13,8 +13,9 @@ import pytest
 
 from allanscope.errors import DeviceError, InputError
 from allanscope.recording import Recording
-
-from .conftest import DeviceProcess, missing, survey, watch, watch_in_full
+from support.device_process import DeviceProcess
+from support.live_session import watch, watch_in_full
+from support.survey import missing, survey
 
 Plug = Callable[..., DeviceProcess]
 

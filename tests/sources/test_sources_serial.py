@@ -19,8 +19,7 @@ import pytest
 from allanscope.errors import DeviceError, UsageError
 from allanscope.sources import SerialSource, SourceSettings, open_source
 from allanscope.sources.transport import Transport
-
-from .conftest import Device, read_bytes, read_until
+from support.pty_device import Device, read_bytes, read_until
 
 
 def test_every_byte_arrives_in_order_and_times_ascend(device: Device, source: SerialSource) -> None:

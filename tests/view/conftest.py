@@ -1,17 +1,14 @@
-"""Makes the demo session and the viewer without a window known to the tests of this room."""
+"""The demo's result, and a viewer that logs nothing."""
 
 from __future__ import annotations
 
 import os
-import sys
-from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-os.environ.setdefault("RUST_LOG", "off")
+from support.demo_analysis import demo_analysis
 
-from demo_analysis import demo_analysis
+os.environ.setdefault("RUST_LOG", "off")
 
 
 @pytest.fixture(scope="session")

@@ -4,10 +4,10 @@ import importlib.util
 from pathlib import Path
 
 import pytest
-from headless_viewer import why_no_viewer
 from PIL import Image
 
 from allanscope.view.rerun_blueprint import TABS
+from support.headless_viewer import why_no_viewer
 
 DOCS = Path(__file__).parents[2] / "docs"
 SMALL, ALL_SMALL = 300_000, 3_000_000

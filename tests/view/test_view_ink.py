@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from readback import read_back
 
 from allanscope.view.drawing import Drawing
+from support.readback import read_back
 
 LINE = [np.array([[0.0, 0.0], [10.0, 10.0]], np.float32)]
 

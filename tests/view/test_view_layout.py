@@ -1,10 +1,10 @@
 """The layout: every axis and estimator has its place, and each chart shows only its own."""
 
 import rerun.blueprint as rrb
-from demo_analysis import ESTIMATORS
 
 from allanscope.samples import AXES
 from allanscope.view.rerun_blueprint import TABS, layout
+from support.demo_analysis import ESTIMATORS
 
 
 def _views(part):

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from demo_analysis import DATASHEET, LINE_HZ, demo_analysis, noise_of
 
 from allanscope.analysis.result import Analysis, ModelCurve
 from allanscope.quantities import DENSITY, DEVIATION
@@ -12,6 +11,7 @@ from allanscope.view.chart import HEIGHT, WIDTH
 from allanscope.view.painter import Painter
 from allanscope.view.palette import AXIS, EFFECT, MODEL, muted
 from allanscope.view.residual_chart import percent_of_model
+from support.demo_analysis import DATASHEET, LINE_HZ, demo_analysis, noise_of
 
 
 class Wall:

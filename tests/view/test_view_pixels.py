@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from demo_analysis import demo_analysis
-from headless_viewer import HeadlessViewer, why_no_viewer
 
 from allanscope.quantities import DEVIATION
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
 from allanscope.view.frames import Frames
 from allanscope.view.palette import AXIS, EFFECT
 from allanscope.view.rerun_view import RerunView
+from support.demo_analysis import demo_analysis
+from support.headless_viewer import HeadlessViewer, why_no_viewer
 
 pytestmark = pytest.mark.skipif(bool(why_no_viewer()), reason=why_no_viewer() or "-")
 

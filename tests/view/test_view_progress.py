@@ -3,10 +3,10 @@
 import io
 
 import pytest
-from terminal_double import Terminal
 
 import allanscope.view.progress as module
 from allanscope.view.progress import progress
+from support.terminal import Terminal
 
 LONG = """
 import time

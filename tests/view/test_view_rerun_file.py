@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from demo_analysis import demo_analysis
-from demo_session import INFO, LEVELS, blocks, perform
-from readback import read_back
 
 from allanscope.noise.coefficients import Coefficient
 from allanscope.quantities import COEFFICIENTS
 from allanscope.samples import Gap, Notice
 from allanscope.view.frames import Frames
 from allanscope.view.rerun_view import RerunView
+from support.demo_analysis import demo_analysis
+from support.demo_session import INFO, LEVELS, blocks, perform
+from support.readback import read_back
 
 SECONDS = 12.0
 
@@ -216,12 +216,12 @@ def test_a_file_that_was_never_finished_can_be_read(tmp_path):
     script = (
         "import sys, os, signal; sys.path.insert(0, sys.argv[1]); os.environ['RUST_LOG'] = 'off'\n"
         "from pathlib import Path\n"
-        "from demo_session import perform\n"
+        "from support.demo_session import perform\n"
         "from allanscope.view.rerun_view import RerunView\n"
         "view = RerunView(Path(sys.argv[2]), 'none'); view.start(); perform(view, 3.0)\n"
         "view.settle(); view._canvas.flush(); os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    here = str(__import__("pathlib").Path(__file__).parent)
+    here = str(__import__("pathlib").Path(__file__).parents[1])
     subprocess.run([sys.executable, "-c", script, here, str(tmp_path)], check=False, timeout=60)
     rows = read_back(tmp_path / "session.rrd")
     assert rows["/gx/allan/oadev"][-1].elapsed_s >= 2.0

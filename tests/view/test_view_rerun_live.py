@@ -9,16 +9,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from demo_analysis import demo_analysis
-from demo_session import perform
-from headless_viewer import HeadlessViewer, why_no_viewer
-from readback import read_back
 
 import allanscope.view.rerun_stream as stream
 from allanscope.errors import DeviceError
 from allanscope.view import viewer_keeper, viewer_process
 from allanscope.view.rerun_view import RerunView
 from allanscope.view.viewer_process import ViewerProcess, free_port, has_display, optimise
+from support.demo_analysis import demo_analysis
+from support.demo_session import perform
+from support.headless_viewer import HeadlessViewer, why_no_viewer
+from support.readback import read_back
 
 needs_viewer = pytest.mark.skipif(bool(why_no_viewer()), reason=why_no_viewer() or "-")
 

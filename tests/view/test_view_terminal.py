@@ -10,20 +10,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from demo_analysis import demo_analysis
-from demo_session import INFO, blocks
 from rich.console import Console
-from terminal_double import Terminal
 
 from allanscope.analysis.verdict import verdict
 from allanscope.samples import Gap, Notice
 from allanscope.view.terminal import TerminalView, summary_lines
 from allanscope.view.terminal_screen import Screen
 from allanscope.view.trend import Trends
+from support.demo_analysis import demo_analysis
+from support.demo_session import INFO, blocks
+from support.terminal import Terminal
 
 RUN = """
-from demo_analysis import demo_analysis
-from demo_session import INFO
+from support.demo_analysis import demo_analysis
+from support.demo_session import INFO
 from allanscope.samples import Gap, Notice
 from allanscope.view.terminal import TerminalView
 view = TerminalView("auto")
@@ -37,7 +37,7 @@ view.close()
 """
 WAIT = """
 import time
-from demo_analysis import demo_analysis
+from support.demo_analysis import demo_analysis
 from allanscope.view.terminal import TerminalView
 done = []
 mark = lambda text: view.line(f"set {text}")
@@ -50,8 +50,8 @@ view.close()
 """
 
 LONG_UNTIL_THE_NEXT_RESULT = """
-from demo_analysis import demo_analysis
-from demo_session import INFO, blocks
+from support.demo_analysis import demo_analysis
+from support.demo_session import INFO, blocks
 from allanscope.view.terminal import TerminalView
 now = [0.0]
 view = TerminalView("auto", clock=lambda: now[0])
@@ -260,7 +260,7 @@ def test_a_reader_that_goes_away_does_not_end_the_measurement():
         "for _ in range(3000):\n    view.line('x' * 100)\nview.close()\n"
         "import pathlib; pathlib.Path(sys.argv[1]).write_text('went on')\n"
     )
-    here = str(Path(__file__).parent)
+    here = str(Path(__file__).parents[1])
     script = f"import sys; sys.path.insert(0, {here!r})\n{script}"
     out = Path(os.environ.get("TMPDIR", "/tmp")) / f"allanscope-pipe-{os.getpid()}"
     try:

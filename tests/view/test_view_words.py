@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import pytest
-from demo_analysis import demo_analysis
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,6 +20,7 @@ from allanscope.view.tables import (
     run_table,
 )
 from allanscope.view.trend import Trends
+from support.demo_analysis import demo_analysis
 
 HOSTILE = "gyro\x1b[2J\x07\r\n\u202etxet | [x](http://y) ![p](http://z) <b> `c` \u2028"
 

@@ -1,6 +1,6 @@
 """A simulated SensorTile in a process of its own, told by JSON what lives it is to have.
 
-    python device_process.py PATH '[{"seconds": 5, "rate": 416, "faults": ["reset:at=2"]}, ...]'
+    python simulated_device.py PATH '[{"seconds": 5, "rate": 416, "faults": ["reset:at=2"]}, ...]'
 
 Says ``ready`` when its port is at PATH. Between two lives it is gone. When its input ends or all
 lives are over it prints what became of every sample, a list with one entry for each life.

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from demo_analysis import demo_analysis
 
 from allanscope.history import Record
+from support.demo_analysis import demo_analysis
 
 AXES = ("gx", "ax")
 

@@ -35,7 +35,7 @@ class Terminal:
         self.modes_before = termios.tcgetattr(slave)
         self._slave = slave
         kept = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "COLUMNS", "LINES")}
-        here = str(Path(__file__).parent)
+        here = str(Path(__file__).parents[1])
         self.process = subprocess.Popen(
             [sys.executable, "-c", _PREAMBLE.format(here=here) + script],
             stdin=slave,

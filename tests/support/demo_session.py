@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from demo_analysis import RATE_HZ, demo_analysis
 
 from allanscope.samples import AXES, Block, Gap, Notice, StreamInfo, Ticks
+from support.demo_analysis import RATE_HZ, demo_analysis
 
 SCALE = (8.75e-3,) * 3 + (0.061e-3,) * 3
 INFO = StreamInfo(AXES, SCALE, nominal_hz=6660.0, part="LSM6DSM", wire="native", device_clock=True)

@@ -11,8 +11,7 @@ from allanscope.errors import UsageError
 from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.datalog.decoder import CLOCK, COUNTER, RecordReader
-from allanscope.wire.lattice import recover, truncate
-from allanscope.wire.milli import MilliUnits
+from allanscope.wire.milli import MilliUnits, recover, truncate
 from allanscope.wire.row import Row
 
 V2 = (

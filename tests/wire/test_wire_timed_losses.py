@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.base import LinkStats
-from allanscope.wire.pacing import Pacer, period_of, resolution_of
+from allanscope.wire.continuity import Pacer
 from allanscope.wire.row import Meaning, Row
 from allanscope.wire.rows import Rows
-from allanscope.wire.stamps import Stamps
+from allanscope.wire.stamps import Stamps, period_of, resolution_of
 
 RATE = 50.0
 INFO = StreamInfo(AXES, (70e-3,) * 3 + (0.061e-3,) * 3, RATE)

@@ -18,7 +18,7 @@ from allanscope.parts import PARTS, part_named
 from allanscope.pipeline.columns import Columns, quantity_of
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks, unit_of
-from allanscope.wire.pacing import mean_rate, period_of, resolution_of, rows_come_in_bursts
+from allanscope.wire.stamps import mean_rate, period_of, resolution_of, rows_come_in_bursts
 from allanscope.wire.text.units import DIVISORS
 
 __all__ = ["events_of_columns", "words_of"]

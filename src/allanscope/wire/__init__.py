@@ -15,8 +15,9 @@ it counts in its `LinkStats`.
 ``tmsg/`` ``datalog/``        stock ST firmware: losses from time stamps, counts from milli-units
 ``text/``                     tables and labelled lines from anywhere
 ``rows`` ``row``              what those without numbers share: rows to events
-``continuity`` ``pacing``     what is missing between two rows, as far as time stamps tell
-``stamps`` ``lines`` ...      small parts: wrapping counters, line ends
+``continuity``                what is missing between two rows, as far as time stamps tell
+``stamps`` ``lines``          wrapping counters, what time stamps show; line ends
+``milli`` ``device_side``     milli-units of stock firmware; what simulated devices share
 ============================= ======================================================================
 
 `feed_chunks` feeds a decoder many reads at once, as a replay does.
@@ -24,10 +25,16 @@ it counts in its `LinkStats`.
 
 from __future__ import annotations
 
-from allanscope.wire.base import Command, Decoder, Encoder, LinkStats, WireFormat, WireSettings
-from allanscope.wire.chunks import feed_chunks
-from allanscope.wire.registry import format_named, formats
-from allanscope.wire.sniffing import SniffResult, sniff
+from allanscope.wire.base import (
+    Command,
+    Decoder,
+    Encoder,
+    LinkStats,
+    WireFormat,
+    WireSettings,
+    feed_chunks,
+)
+from allanscope.wire.registry import SniffResult, format_named, formats, sniff
 
 __all__ = [
     "Command",

@@ -2,16 +2,30 @@
 
 Nothing here has ever heard of a serial port. Bytes go in, events come out (and the other way round
 for the encoder, which the simulated device uses); whoever owns the port moves the bytes.
+
+A night at 6.66 kHz is nine million reads. A decoder that can take many together (the native one
+does) is given megabytes at a time by `feed_chunks`, and still says when each byte arrived.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from allanscope.samples import Block, Event, Origin, StreamInfo
 
-__all__ = ["Command", "Decoder", "Encoder", "LinkStats", "WireFormat", "WireSettings"]
+__all__ = [
+    "Command",
+    "Decoder",
+    "Encoder",
+    "LinkStats",
+    "WireFormat",
+    "WireSettings",
+    "feed_chunks",
+]
 
 
 @dataclass(slots=True)
@@ -173,3 +187,38 @@ class WireFormat:
     def score(self, sample: bytes) -> float:
         """Return from 0 (surely not) to 1 (surely) how well a sample of a stream fits."""
         raise NotImplementedError
+
+
+@runtime_checkable
+class _TakesChunks(Protocol):
+    def feed_chunks(
+        self, data: bytes, ends: NDArray[np.int64], host_s: NDArray[np.float64]
+    ) -> list[Event]: ...
+
+
+def feed_chunks(
+    decoder: Decoder, data: bytes, ends: NDArray[np.int64], host_s: NDArray[np.float64]
+) -> list[Event]:
+    """Feed a decoder several chunks that arrived one after another.
+
+    The events are those of ``decoder.feed`` called for each chunk, but that contiguous Blocks may
+    come as one.
+
+    Parameters
+    ----------
+    decoder : Decoder
+    data : bytes
+        The chunks, one after another.
+    ends : ndarray of int64, shape (c,)
+        Where each chunk ends in `data`, ascending; the last one is its length.
+    host_s : ndarray of float64, shape (c,)
+        When each chunk arrived.
+    """
+    if isinstance(decoder, _TakesChunks):
+        return decoder.feed_chunks(data, ends, host_s)
+    events: list[Event] = []
+    start = 0
+    for end, time in zip(ends.tolist(), host_s.tolist(), strict=True):
+        events += decoder.feed(data[start:end], time)
+        start = end
+    return events

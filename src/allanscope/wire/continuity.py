@@ -1,19 +1,46 @@
-"""What lies between one row and the next: nothing, a hole of known length, or one of unknown."""
+"""Losses told by time stamps alone: what lies between one row and the next.
+
+It is nothing, a gap of known length, or a gap of unknown length. Stock firmware numbers nothing,
+but it stamps every sample with its clock. The stamp is taken when the sample was read, which is up
+to a polling loop late; so it is not the step between two stamps that is compared with the period,
+but each stamp with the time that the samples before predict (`Pacer`). A sample that is late is
+followed by one that is not; a sample that is missing shifts all that follow by a whole period.
+
+A jump is believed only when the next stamp bears it out.
+
+The period is the mean over up to 8192 samples. When stamps scatter by s periods and it was taken
+from n samples, its relative error is 2 s / n at most; a gap of m samples can be counted while m
+times that is below a quarter. What is longer is left without a number.
+
+Some clocks stand still for several samples: hundredths of a second at 416 Hz, milliseconds at
+6.66 kHz. Most stamps repeat the one before, so there is no period to compare with. Such a clock
+still goes step by step (`Standstill`): when it jumps over some, samples are missing; how many,
+nothing tells.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal
 
-from allanscope.samples import Gap, GapReason
-from allanscope.wire.pacing import Pacer
-from allanscope.wire.row import Row
-from allanscope.wire.standstill import Standstill
+import numpy as np
 
-__all__ = ["Continuity", "Missing"]
+from allanscope.samples import Gap, GapReason
+from allanscope.wire.row import Row
+from allanscope.wire.stamps import period_of
+
+__all__ = ["Continuity", "Missing", "Pacer", "Standstill"]
 
 Missing = int | Literal["back"] | None
-"""As `Pacer.missing` has it."""
+"""Samples that are missing: 0 none, None an unknown number, ``back`` where time went back."""
+
+_MEMORY = 8192
+_PULL = 1 / 8
+_FIRST_TRUST = 16
+_LEAST_SCATTER = 0.02
+_NEARBY = 8.5
+_STEPS = 2.5
 
 
 class Continuity:
@@ -89,7 +116,7 @@ class Continuity:
         self._discarded = True
 
     def follow(self, row: Row, missing: Missing) -> Gap | None:
-        """Accept a row and return the hole before it, if there is one."""
+        """Accept a row and return the gap before it, if there is one."""
         self.accepted += 1
         due, self._due = self._due, None
         damaged, self._discarded = row.damaged_before or self._discarded, False
@@ -111,3 +138,165 @@ class Continuity:
             return
         self._pacer = Pacer.of(self._times, self._resolution_s)
         self._standstill = Standstill.of(self._times, self._resolution_s)
+
+
+class Pacer:
+    """Follow the time stamps of a stream and count what is missing between them.
+
+    Parameters
+    ----------
+    period_s : float
+        First idea of the period, from `period_of`.
+    resolution_s : float
+        Step of the stamps. Where it is more than 0.6 periods a single
+        missing sample does not show: gaps are found, by the stamps or by the damage that made
+        them, but not counted.
+    scatter : float
+        How far stamps are from even, in periods.
+    """
+
+    def __init__(self, period_s: float, resolution_s: float = 0.0, scatter: float = 0.5) -> None:
+        self._countable = resolution_s <= 0.6 * period_s
+        self._reach = min(1.0 / (8.0 * max(scatter, _LEAST_SCATTER)), 1.0)
+        self._plausible = period_s / 2, period_s * 2
+        self._period = period_s
+        self._trusted = _FIRST_TRUST
+        self._expected: float | None = None
+        self._last = -math.inf
+        self._samples = 0
+        self._anchors: list[tuple[int, float]] = []
+
+    @classmethod
+    def of(cls, times: Sequence[float], resolution_s: float) -> Pacer | None:
+        """Return a pacer for a stream that begins with these times; None when it has no period."""
+        period_s = period_of(times)
+        if period_s is None:
+            return None
+        steps = np.diff(times) / period_s
+        whole = np.abs(steps - 1.0) < 0.5
+        return cls(period_s, resolution_s, float(np.abs(steps[whole] - 1.0).max()))
+
+    def missing(self, time_s: float, damaged: bool = False) -> Missing:
+        """Return how many samples are missing before a sample of this time.
+
+        Parameters
+        ----------
+        time_s : float
+            Its stamp.
+        damaged : bool
+            Whether something unreadable came before it.
+
+        Returns
+        -------
+        Missing
+            None when it cannot be told; ``back`` when time went back, as it does when a device
+            restarts.
+        """
+        if time_s < self._last - self._period / 2:
+            return "back"
+        late = self._lateness(time_s)
+        if not self._countable:
+            return None if damaged or late > 1.5 else 0
+        number = max(0, round(late))
+        return number if number <= self._known() * self._reach else None
+
+    @property
+    def fresh(self) -> bool:
+        """Whether no stamp has been followed yet, so that there is nothing to compare with."""
+        return self._expected is None
+
+    def believable(self, time_s: float, next_s: float, apart: bool = False) -> bool:
+        """Return whether a stamp that jumps, or the first one, is borne out by the one after it.
+
+        Text has no checksum: a lost digit makes a wrong stamp. Then the next one goes on where the
+        one before had left off, and the one between must not be taken for a loss.
+
+        Parameters
+        ----------
+        time_s, next_s : float
+            The stamp and the one after it.
+        apart : bool
+            Whether something unreadable came between the two, so that they may be several periods
+            from each other: a sound sample between two damaged ones is sound.
+        """
+        if not self._countable:
+            return True
+        steps = (next_s - time_s) / self._period
+        off = abs(steps - (max(1, round(steps)) if apart else 1))
+        if self.fresh:
+            return off <= 0.5
+        late = self._lateness(next_s)
+        if not 0.5 <= late <= _NEARBY:
+            return True
+        return off <= abs(late - round(late)) + 0.25
+
+    def follow(self, time_s: float, missing: Missing) -> None:
+        """Take the next time stamp and what `missing` said of it.
+
+        After a jump that cannot be counted everything but the period starts over.
+        """
+        if not isinstance(missing, int):
+            self._restart()
+            missing = 0
+        expected = time_s if self._expected is None else self._expected + missing * self._period
+        self._last = time_s
+        self._samples += missing
+        if not self._anchors or self._samples - self._anchors[-1][0] >= _MEMORY // 2:
+            self._anchors = [*self._anchors[-1:], (self._samples, time_s)]
+        first, since = self._anchors[0]
+        if self._samples - first >= self._trusted:
+            period = (time_s - since) / (self._samples - first)
+            low, high = self._plausible
+            self._period = min(max(period, low), high)
+        self._expected = expected + _PULL * (time_s - expected) + self._period
+        self._samples += 1
+
+    def _restart(self) -> None:
+        self._trusted = min(self._known(), _MEMORY // 2)
+        self._expected = None
+        self._samples = 0
+        self._anchors = []
+
+    def _lateness(self, time_s: float) -> float:
+        """Return how many periods after its expected time a stamp is."""
+        return 0.0 if self._expected is None else (time_s - self._expected) / self._period
+
+    def _known(self) -> int:
+        """Return how many samples the period was taken from."""
+        span = self._samples - self._anchors[0][0] if self._anchors else 0
+        return max(span, self._trusted)
+
+
+class Standstill:
+    """Follow the stamps of a clock that is coarser than the samples.
+
+    Parameters
+    ----------
+    farthest_s : float
+        A stamp that is farther than this from the one before has jumped.
+    """
+
+    def __init__(self, farthest_s: float = math.inf) -> None:
+        self._farthest_s = farthest_s
+        self._last_s = math.nan
+
+    @classmethod
+    def of(cls, times: Sequence[float], resolution_s: float) -> Standstill:
+        """Return what follows a stream that begins with these times; deaf unless they stand still.
+
+        >>> clock = Standstill.of([0.0, 0.0, 0.0, 0.01, 0.01, 0.01], 0.01)
+        >>> clock.follow(0.01)
+        >>> clock.jumped(0.02), clock.jumped(0.5)
+        (False, True)
+        """
+        steps = np.diff(np.asarray(times, np.float64))
+        still = len(steps) > 0 and float(np.median(np.abs(steps))) == 0.0
+        return cls(_STEPS * resolution_s if still and resolution_s > 0.0 else math.inf)
+
+    def jumped(self, time_s: float) -> bool:
+        """Return whether the clock went farther than a step or two since the last stamp."""
+        return abs(time_s - self._last_s) > self._farthest_s
+
+    def follow(self, time_s: float) -> None:
+        """Take the next stamp."""
+        self._last_s = time_s

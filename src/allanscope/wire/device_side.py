@@ -1,14 +1,43 @@
-"""What the encoders of formats without numbers share: times, temperatures and milli-units."""
+"""What simulated devices share: times and temperatures of rows, milli-units, and saying nothing."""
 
 from __future__ import annotations
+
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.samples import AXES, Block, StreamInfo
-from allanscope.wire.lattice import truncate
+from allanscope.wire.base import Command
+from allanscope.wire.milli import truncate
 
-__all__ = ["milli_units", "temperatures", "times"]
+__all__ = ["OneWayEncoder", "milli_units", "temperatures", "times"]
+
+
+class OneWayEncoder:
+    """A device that only sends samples: it has no status, and whatever it is told it ignores."""
+
+    silent_until_started: ClassVar[bool] = False
+
+    def __init__(self, info: StreamInfo) -> None:
+        self._info = info
+
+    def describe(self, info: StreamInfo) -> bytes:
+        """Take note of the scales; the format has no words for them."""
+        self._info = info
+        return b""
+
+    def status(self, produced: int, sent: int, dropped: int, uptime_s: float) -> bytes:
+        """Return nothing: such a device does not know what it lost."""
+        return b""
+
+    def receive(self, data: bytes) -> list[Command]:
+        """Return nothing: such a device does not listen."""
+        return []
+
+    def reply(self, command: Command, ok: bool = True) -> bytes:
+        """Return nothing."""
+        return b""
 
 
 def times(block: Block, rows: NDArray[np.int64], nominal_hz: float) -> NDArray[np.float64]:

@@ -1,4 +1,11 @@
-"""What the integer milli-units of stock ST firmware mean: mdps and mg back to counts."""
+"""What the integer milli-units of stock ST firmware mean: mdps and mg back to counts.
+
+It sends ``(int32_t)(raw * sensitivity)``: milli-units, cut towards zero (`truncate`). Where the
+sensitivity is above one unit (any gyroscope range: 4.375 mdps and more) two counts never give the
+same number, so the count can be had back exactly (`recover`). Below (0.061 mg) it is lost.
+
+The numbers also give the sensitivity away: at 2000 dps all of them are multiples of 70.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +14,10 @@ from numpy.typing import NDArray
 
 from allanscope.parts import GYRO_SCALES, part_named
 from allanscope.samples import AXES, StreamInfo
-from allanscope.wire import lattice
 from allanscope.wire.base import WireSettings
 from allanscope.wire.row import HELD, Meaning, Row, Values, nominal_rate
 
-__all__ = ["MilliUnits", "milli_of"]
+__all__ = ["MilliUnits", "fits", "milli_of", "recover", "truncate"]
 
 _USUAL_FULL_SCALE = 2000.0
 _FEWEST_LEVELS = 6
@@ -99,12 +105,12 @@ class MilliUnits:
         if not np.isfinite(odd[:, columns]).all():
             return bool((np.isfinite(odd) == np.isfinite(odd[0])).all())
         sent = odd[:, columns[columns < 3]].astype(np.int64)
-        return sent.size > 0 and any(lattice.fits(sent, m).all() for m in self._gyro[1:])
+        return sent.size > 0 and any(fits(sent, m).all() for m in self._gyro[1:])
 
 
 def _narrow(choices: list[float], sent: NDArray[np.int64], exceptions: int) -> None:
     """Strike out the sensitivities that cannot have made these rows, but for a few."""
-    misfits = {m: int((~lattice.fits(sent, m).all(axis=1)).sum()) for m in choices}
+    misfits = {m: int((~fits(sent, m).all(axis=1)).sum()) for m in choices}
     choices[:] = [m for m in choices if misfits[m] <= exceptions]
 
 
@@ -113,7 +119,38 @@ def _convert(
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
     """Return counts, and which rows have these axes and fit these steps."""
     sent = np.nan_to_num(values[:, columns]).astype(np.int64)
-    counts = lattice.recover(sent, milli)
+    counts = recover(sent, milli)
     same_axes = (np.isfinite(values) == np.isin(np.arange(6), columns)).all(axis=1)
-    same_steps = (lattice.truncate(counts, milli) == sent).all(axis=1)
+    same_steps = (truncate(counts, milli) == sent).all(axis=1)
     return counts.astype(np.int32), np.asarray(same_axes & same_steps)
+
+
+def truncate(
+    counts: NDArray[np.generic], milli_per_count: float | NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Return what stock firmware sends for these counts.
+
+    >>> truncate(np.array([-4, -1, 1, 4]), 8.75).tolist()
+    [-35, -8, 8, 35]
+    """
+    return np.trunc(np.asarray(counts, np.float64) * milli_per_count).astype(np.int64)
+
+
+def recover(
+    sent: NDArray[np.int64], milli_per_count: float | NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Return the counts that `truncate` made these numbers of, where there are such counts.
+
+    >>> recover(np.array([-35, -8, 8, 35]), 8.75).tolist()
+    [-4, -1, 1, 4]
+    """
+    size = np.ceil(np.abs(sent) / milli_per_count)
+    return (np.sign(sent) * size).astype(np.int64)
+
+
+def fits(
+    sent: NDArray[np.int64], milli_per_count: float | NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return for each number whether some count gives it."""
+    same: NDArray[np.bool_] = truncate(recover(sent, milli_per_count), milli_per_count) == sent
+    return same

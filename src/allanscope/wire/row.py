@@ -1,4 +1,8 @@
-"""One row of values, and what rows mean."""
+"""One row of values, what rows mean, and rows made of halves.
+
+Both sensors of a part run on one oscillator, but firmware polls them one after the other, so that
+the two halves of a sample may come in two messages or on two lines (`Pairing`).
+"""
 
 from __future__ import annotations
 
@@ -11,15 +15,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.samples import StreamInfo, Ticks
-from allanscope.wire.pacing import period_of
+from allanscope.wire.stamps import period_of
 
-__all__ = ["HELD", "Convert", "Meaning", "Row", "Values", "nominal_rate", "ticks_of", "whole"]
+__all__ = [
+    "HELD",
+    "Convert",
+    "Meaning",
+    "Pairing",
+    "Row",
+    "Triple",
+    "Values",
+    "nominal_rate",
+    "ticks_of",
+    "whole",
+]
 
 HELD = 25
 """Rows that are looked at before it is decided what they mean."""
 
 Values = NDArray[np.float64]
 Convert = Callable[[Values], tuple[NDArray[np.generic], NDArray[np.bool_]]]
+Triple = tuple[float, float, float]
+
+_ALONE = 8
+_ABSENT = (math.nan,) * 3
 
 
 class Row(NamedTuple):
@@ -122,3 +141,37 @@ def ticks_of(rows: list[Row]) -> Ticks:
     if np.isnan(device).all() and np.isnan(host).all() and np.isnan(temperature).all():
         return Ticks.none()
     return Ticks(np.arange(len(rows)), device, host, temperature)
+
+
+class Pairing:
+    """Halves of samples to rows of six values."""
+
+    def __init__(self) -> None:
+        self._gyro: Triple | None = None
+        self._accel: Triple | None = None
+        self._without_gyro = 0
+        self._without_accel = 0
+
+    def take(self, gyro: Triple | None, accel: Triple | None) -> tuple[float, ...] | None:
+        """Take what came and return the row that it completes.
+
+        A sensor that the last eight records of the other did not bring is switched off: rows then
+        have NaN in its place. Before that, half a sample without its partner is given up.
+        """
+        if gyro is not None:
+            self._gyro = gyro
+            self._without_gyro = 0
+            self._without_accel += 1
+        if accel is not None:
+            self._accel = accel
+            self._without_accel = 0
+            self._without_gyro += 1
+        gyro, accel = self._gyro, self._accel
+        if gyro is not None and self._without_accel > _ALONE:
+            accel = _ABSENT
+        elif accel is not None and self._without_gyro > _ALONE:
+            gyro = _ABSENT
+        if gyro is None or accel is None:
+            return None
+        self._gyro = self._accel = None
+        return (*gyro, *accel)

@@ -1,8 +1,24 @@
-"""Time stamps that wrap, made to run on."""
+"""Time stamps of a device: counters that wrap made to run on, and what a series of them shows.
+
+Its period, its rate, the step of its clock, and whether rows come in bursts.
+"""
 
 from __future__ import annotations
 
-__all__ = ["Stamps"]
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Stamps", "mean_rate", "period_of", "resolution_of", "rows_come_in_bursts"]
+
+_FEWEST_STEPS = 4
+_FINEST = 1e-6
+_BURSTY = 1.25
+"""Mean step over median step from which rows may come in bursts."""
+_FEWEST_BURSTS, _LONGEST_BURST = 4, 64
+_REGULAR = 0.5
+"""Relative scatter of the time from burst to burst; that between random losses is 1."""
 
 
 class Stamps:
@@ -35,3 +51,105 @@ class Stamps:
         back = ahead >= self._modulus // 2
         self._total += ahead - self._modulus if back else ahead
         return self._total / self._per_second
+
+
+def period_of(times: Sequence[float]) -> float | None:
+    """Return the period of samples at given times, some of which may be missing.
+
+    The mean of the steps near the median or zero; None when there are too few, or when more than a
+    fifth of the steps are far from the median, so that there is no period to speak of.
+
+    >>> period_of([0.0, 0.01, 0.02, 0.03, 0.08, 0.09, 0.1])
+    0.01
+    >>> period_of([0.0, 0.0, 0.0, 0.04, 0.04, 0.04, 0.08]) is None
+    True
+    """
+    steps = np.diff(np.asarray(times, np.float64))
+    if len(steps) < _FEWEST_STEPS or not np.isfinite(steps).all():
+        return None
+    median = float(np.median(steps))
+    if median <= 0.0:
+        return None
+    whole = (steps > 0.4 * median) & (steps < 1.5 * median)
+    if whole.mean() < 0.8:
+        return None
+    # Short steps stay in: coarse stamps have some, and the mean is right only with them.
+    near = whole | (np.abs(steps) < 0.5 * median)
+    return float(np.round(steps[near].mean(), 12))
+
+
+def mean_rate(times: Sequence[float] | NDArray[np.float64]) -> float:
+    """Return rows over time, in Hz; 0 where the times are too few or do not go on.
+
+    Where rows come in bursts it is from the beginning of one burst to that of another: the part of
+    a burst at the end would count for a whole one. Of a long record it is the median over half of
+    it, which neither one wrong stamp nor one hole carries.
+
+    >>> mean_rate([0.0, 0.002, 0.004, 0.02, 0.022, 0.024, 0.04, 0.042])
+    150.0
+    """
+    stamps = np.asarray(times, np.float64)
+    stamps = stamps[np.isfinite(stamps)]
+    if len(stamps) < 2:
+        return 0.0
+    steps = np.diff(stamps)
+    begins = np.flatnonzero(np.concatenate([[True], steps > 1.5 * np.median(steps)]))
+    if len(begins) <= _FEWEST_BURSTS // 2:
+        begins = np.arange(len(stamps))
+    half = len(begins) // 2 if len(begins) >= 4 * _LONGEST_BURST else len(begins) - 1
+    spans = stamps[begins[half:]] - stamps[begins[:-half]]
+    rows = begins[half:] - begins[:-half]
+    if not spans.min() > 0.0:
+        return 0.0
+    return float(f"{np.median(rows / spans):.10g}")
+
+
+def rows_come_in_bursts(times: Sequence[float] | NDArray[np.float64]) -> bool:
+    """Return whether stamps tell when rows were passed on, some at a time, not when they were made.
+
+    Then the steps within a burst are far shorter than the period, and those between bursts are no
+    losses. Bursts follow each other regularly, and rows over time is the same everywhere. Where
+    samples are lost at random, or a reader stops now and then, neither is so.
+
+    >>> rows_come_in_bursts([0.05 * (i // 5) + 0.002 * (i % 5) for i in range(100)])
+    True
+    >>> rows_come_in_bursts([0.01 * i for i in range(100)])
+    False
+    """
+    stamps = np.asarray(times, np.float64)
+    stamps = stamps[np.isfinite(stamps)]
+    steps = np.diff(stamps)
+    if len(steps) < 2 * _FEWEST_BURSTS or steps.min() < 0.0:
+        return False
+    median = float(np.median(steps))
+    if median <= 0.0 or steps.mean() < _BURSTY * median:
+        return False
+    ends = np.flatnonzero(steps > 1.5 * median)
+    if len(ends) < _FEWEST_BURSTS or len(steps) > _LONGEST_BURST * len(ends):
+        return False
+    cycles = np.diff(stamps[ends])
+    if len(cycles) < _FEWEST_BURSTS - 1 or cycles.std() > _REGULAR * cycles.mean():
+        return False
+    number = np.arange(len(stamps))
+    off = stamps - np.polyval(np.polyfit(number, stamps - stamps[0], 1), number) - stamps[0]
+    return bool(np.ptp(off) <= 2.0 * steps.max() + cycles.mean())
+
+
+def resolution_of(times: Sequence[float]) -> float:
+    """Return the step of a clock, in whole microseconds, as far as its stamps give it away.
+
+    It is what all steps are multiples of, provided that they differ by less than a period: the
+    stamps of an even stream are multiples of the period whatever the clock.
+
+    >>> resolution_of([1.00, 1.02, 1.04, 1.05])
+    0.01
+    >>> resolution_of([1.00, 1.02, 1.04, 1.08])
+    1e-06
+    """
+    steps = np.diff(np.asarray(times, np.float64))
+    if len(steps) == 0 or not np.isfinite(steps).all():
+        return _FINEST
+    microseconds = np.abs(np.round(steps * 1e6)).astype(np.int64)
+    period = max(int(np.median(microseconds)), 1)
+    even = microseconds.min() > 0 and not (microseconds % period).any()
+    return _FINEST if even else max(float(np.gcd.reduce(microseconds)) / 1e6, _FINEST)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from allanscope.samples import AXES, Block, StreamInfo
-from allanscope.wire.base import Command
-from allanscope.wire.device_side import milli_units, temperatures, times
+from allanscope.wire.device_side import OneWayEncoder, milli_units, temperatures, times
 
 __all__ = ["DataLogEncoder"]
 
@@ -16,7 +13,7 @@ _ROOM_C = 25.0
 _DAY = 24 * 3600 * 100
 
 
-class DataLogEncoder:
+class DataLogEncoder(OneWayEncoder):
     """Blocks to DataLog text.
 
     Parameters
@@ -25,16 +22,9 @@ class DataLogEncoder:
         Whether to write version 1.1, with the time of day, instead of version 2.
     """
 
-    silent_until_started: ClassVar[bool] = False
-
     def __init__(self, clock: bool) -> None:
+        super().__init__(StreamInfo(AXES, (70e-3,) * 3 + (0.061e-3,) * 3, 50.0))
         self._clock = clock
-        self._info = StreamInfo(AXES, (70e-3,) * 3 + (0.061e-3,) * 3, 50.0)
-
-    def describe(self, info: StreamInfo) -> bytes:
-        """Take note of the scales; the format has no words for them."""
-        self._info = info
-        return b""
 
     def encode(self, block: Block) -> bytes:
         """Return one record a row; it always names both sensors, an absent one reads 0."""
@@ -47,18 +37,6 @@ class DataLogEncoder:
         write = _version_1 if self._clock else _version_2
         text = "".join(map(write, stamps, values, degrees.tolist()))
         return text.encode("ascii")
-
-    def status(self, produced: int, sent: int, dropped: int, uptime_s: float) -> bytes:
-        """Return nothing: this firmware does not know what it lost."""
-        return b""
-
-    def receive(self, data: bytes) -> list[Command]:
-        """Return nothing: this firmware throws away what it is sent."""
-        return []
-
-    def reply(self, command: Command, ok: bool = True) -> bytes:
-        """Return nothing."""
-        return b""
 
 
 def _version_2(milliseconds: int, values: list[int], degrees: float) -> str:

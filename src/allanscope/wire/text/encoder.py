@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 import numpy as np
 
 from allanscope.samples import AXES, Block, StreamInfo, unit_of
-from allanscope.wire.base import Command
-from allanscope.wire.device_side import temperatures, times
+from allanscope.wire.device_side import OneWayEncoder, temperatures, times
 
 __all__ = ["TextEncoder"]
 
 _DIGITS = 9
 
 
-class TextEncoder:
+class TextEncoder(OneWayEncoder):
     """Blocks to lines of time in us, axes in dps and g, temperature in degC."""
 
-    silent_until_started: ClassVar[bool] = False
-
     def __init__(self) -> None:
-        self._info = StreamInfo(AXES, (8.75e-3,) * 3 + (0.061e-3,) * 3, 104.0)
+        super().__init__(StreamInfo(AXES, (8.75e-3,) * 3 + (0.061e-3,) * 3, 104.0))
 
     def describe(self, info: StreamInfo) -> bytes:
         """Return the header."""
-        self._info = info
+        super().describe(info)
         names = [f"{axis}[{unit_of(axis)}]" for axis in info.axes]
         return ",".join(["t[us]", *names, "temp[degC]"]).encode("ascii") + b"\r\n"
 
@@ -41,15 +37,3 @@ class TextEncoder:
             for stamp, row, warmth in zip(stamps, values, degrees, strict=True)
         ]
         return "".join(lines).encode("ascii")
-
-    def status(self, produced: int, sent: int, dropped: int, uptime_s: float) -> bytes:
-        """Return nothing: the format has no status."""
-        return b""
-
-    def receive(self, data: bytes) -> list[Command]:
-        """Return nothing: such a device does not listen."""
-        return []
-
-    def reply(self, command: Command, ok: bool = True) -> bytes:
-        """Return nothing."""
-        return b""

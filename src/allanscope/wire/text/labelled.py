@@ -23,7 +23,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from allanscope.samples import AXES
-from allanscope.wire.pairing import Pairing, Triple
+from allanscope.wire.row import Pairing, Triple
 from allanscope.wire.text.columns import column_of
 from allanscope.wire.text.units import DIVISORS, Quantity, unit_of_text
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from allanscope.parts import PARTS, part_named
 from allanscope.samples import AXES, StreamInfo
 from allanscope.wire.base import WireSettings
-from allanscope.wire.pacing import mean_rate, period_of, resolution_of, rows_come_in_bursts
 from allanscope.wire.row import HELD, Meaning, Row, Values, nominal_rate
+from allanscope.wire.stamps import mean_rate, period_of, resolution_of, rows_come_in_bursts
 from allanscope.wire.text.table import Table
 from allanscope.wire.text.units import (
     DIVISORS,

@@ -9,7 +9,7 @@ from allanscope.samples import Event, GapReason, Notice
 from allanscope.sanitize import text_of
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.milli import MilliUnits
-from allanscope.wire.pairing import Pairing
+from allanscope.wire.row import Pairing
 from allanscope.wire.rows import Rows
 from allanscope.wire.stamps import Stamps
 from allanscope.wire.tmsg.messages import (

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from allanscope.samples import AXES, Block, StreamInfo
 from allanscope.wire.base import Command
-from allanscope.wire.device_side import milli_units, temperatures, times
+from allanscope.wire.device_side import OneWayEncoder, milli_units, temperatures, times
 from allanscope.wire.tmsg.messages import (
     DEVICE,
     END,
@@ -44,28 +44,19 @@ _SENSORTILE = np.dtype(
 )
 
 
-class TMsgEncoder:
+class TMsgEncoder(OneWayEncoder):
     """Blocks to TMsg messages of the current layout, and requests to commands."""
 
     silent_until_started: ClassVar[bool] = True
     presentation: ClassVar[bytes] = _PRESENTATION
 
     def __init__(self) -> None:
-        self._info = StreamInfo(AXES, (70e-3,) * 3 + (0.061e-3,) * 3, 104.0)
+        super().__init__(StreamInfo(AXES, (70e-3,) * 3 + (0.061e-3,) * 3, 104.0))
         self._unwrapper = Unwrapper()
-
-    def describe(self, info: StreamInfo) -> bytes:
-        """Take note of the scales; the stream has no words for them."""
-        self._info = info
-        return b""
 
     def encode(self, block: Block) -> bytes:
         """Return one message a row."""
         return _wrapped(self._bodies(block)) if len(block) else b""
-
-    def status(self, produced: int, sent: int, dropped: int, uptime_s: float) -> bytes:
-        """Return nothing: this firmware does not know what it lost."""
-        return b""
 
     def receive(self, data: bytes) -> list[Command]:
         """Take bytes from the host and return the commands that they complete."""

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from allanscope.wire.base import Command, WireSettings
-from allanscope.wire.pairing import Triple
+from allanscope.wire.row import Triple
 
 __all__ = [
     "DEVICE",

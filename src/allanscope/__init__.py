@@ -13,8 +13,9 @@ A name is imported when it is first used: numerical code and its compiled kernel
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
@@ -85,18 +86,12 @@ __all__ = [
     "open_stream",
 ]
 
+_find, __dir__ = lazily(__name__, _HOMES)
+
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
         return version("allanscope")
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted((*globals(), *__all__, "__version__"))
+    return _find(name)

@@ -151,7 +151,7 @@ def recover(options: Namespace) -> int:
     """Save everything before the tear of a damaged recording."""
     from allanscope.recording import Recording
     from allanscope.recording import recover as recover_recording
-    from allanscope.view.progress import progress
+    from allanscope.view import progress
 
     damaged = Path(options.damaged)
     whole = Recording(damaged).unpacked_bytes

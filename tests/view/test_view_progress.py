@@ -4,13 +4,13 @@ import io
 
 import pytest
 
-import allanscope.view.progress as module
-from allanscope.view.progress import progress
+import allanscope.view.progress_bar as module
+from allanscope.view import progress
 from support.terminal import Terminal
 
 LONG = """
 import time
-import allanscope.view.progress as module
+import allanscope.view.progress_bar as module
 module._SILENT_FOR_S = 0.0
 with module.progress(100.0, "replaying\\x07", unit="samples", stream=sys.stdout) as advance:
     for _ in range(10):
@@ -22,7 +22,7 @@ print("done")
 """
 SILENT = """
 import time
-import allanscope.view.progress as module
+import allanscope.view.progress_bar as module
 module._SILENT_FOR_S = 0.0
 with module.progress(None, "closing the loop", stream=sys.stdout):
     time.sleep(0.7)

@@ -24,6 +24,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from allanscope.allan.deviation import Deviation
+from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
@@ -32,17 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["AllanBank", "Deviation", "deviation"]
 
 # The function `deviation` shares its name with the module of the class, which the import above has
-# just entered here; removed, the name is looked up below. Compiled code loads only when asked for.
+# just entered here; removed, the name is looked up below.
 globals().pop("deviation", None)
 
-
-def __getattr__(name: str) -> object:
-    if name == "AllanBank":
-        from allanscope.allan.bank import AllanBank
-
-        return AllanBank
-    if name == "deviation":
-        from allanscope.allan.oneshot import deviation
-
-        return deviation
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__ = lazily(__name__, {"AllanBank": "bank", "deviation": "oneshot"})

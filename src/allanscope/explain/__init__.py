@@ -17,7 +17,9 @@ fits is called unexplained.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.explain.held import fit_beside
@@ -27,19 +29,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Budget", "Explanation", "LiveLoop", "explain", "fit_beside"]
 
-_HOMES = {
-    "Budget": "search",
-    "Explanation": "loop",
-    "LiveLoop": "live",
-    "explain": "loop",
-    "fit_beside": "held",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Import on first use: scipy and numba are not needed to read a result."""
-    if name in _HOMES:
-        from importlib import import_module
-
-        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "Budget": "search",
+        "Explanation": "loop",
+        "LiveLoop": "live",
+        "explain": "loop",
+        "fit_beside": "held",
+    },
+)

@@ -26,8 +26,9 @@ whether an effect that one night shows is there again in another night of the sa
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.fleet.desk import FleetResult
@@ -36,17 +37,13 @@ if TYPE_CHECKING:
 
 __all__ = ["FleetResult", "FleetSettings", "complaint_lines", "run_fleet", "summary_lines"]
 
-_HOMES = {
-    "FleetResult": "desk",
-    "FleetSettings": "run",
-    "complaint_lines": "wording",
-    "run_fleet": "run",
-    "summary_lines": "wording",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "FleetResult": "desk",
+        "FleetSettings": "run",
+        "complaint_lines": "wording",
+        "run_fleet": "run",
+        "summary_lines": "wording",
+    },
+)

@@ -105,7 +105,7 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
 
 
 def _work_off(desk: Desk, settings: FleetSettings, device: DeviceSettings) -> None:
-    from allanscope.view.progress import progress
+    from allanscope.view import progress
 
     stopped = threading.Event()
     with (

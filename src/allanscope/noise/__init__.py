@@ -17,8 +17,9 @@ and `estimates` turn the maximum into coefficients with intervals, and `fit` put
 the Allan curve, `curve_fit` fits one to it, and `whiteness` looks at the spectrum.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.noise.best_averaging import find_best_averaging
@@ -45,26 +46,21 @@ __all__ = [
     "wait_until",
 ]
 
-_HOME = {
-    "BestAveraging": "coefficients",
-    "Coefficient": "coefficients",
-    "DatasheetVerdict": "coefficients",
-    "NoiseFit": "fit",
-    "NoiseModel": "model",
-    "find_best_averaging": "best_averaging",
-    "fit_array": "fit",
-    "fit_curve": "curve_fit",
-    "fit_noise": "fit",
-    "CurveResidual": "gls",
-    "gls_chi2": "gls",
-    "relative_bounds": "crlb",
-    "wait_until": "crlb",
-}
-
-
-def __getattr__(name: str) -> object:
-    if name in _HOME:
-        value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "BestAveraging": "coefficients",
+        "Coefficient": "coefficients",
+        "DatasheetVerdict": "coefficients",
+        "NoiseFit": "fit",
+        "NoiseModel": "model",
+        "find_best_averaging": "best_averaging",
+        "fit_array": "fit",
+        "fit_curve": "curve_fit",
+        "fit_noise": "fit",
+        "CurveResidual": "gls",
+        "gls_chi2": "gls",
+        "relative_bounds": "crlb",
+        "wait_until": "crlb",
+    },
+)

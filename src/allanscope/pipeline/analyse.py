@@ -16,7 +16,7 @@ from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.recording import Fingerprint, Recording, is_recording
-from allanscope.view.progress import progress
+from allanscope.view import progress
 
 __all__ = ["analyse_input", "full_settings", "recorded_settings"]
 

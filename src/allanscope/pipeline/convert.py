@@ -24,7 +24,7 @@ from allanscope.recording import (
     write_recording,
 )
 from allanscope.sources import FileSource
-from allanscope.view.progress import progress
+from allanscope.view import progress
 from allanscope.whole_file import refuse_place
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from allanscope.pipeline.extent import Extent
 from allanscope.recording import Buffer
 from allanscope.samples import Event, Notice
 from allanscope.sources import RecordedSource, Source, open_file
-from allanscope.view.progress import progress
+from allanscope.view import progress
 
 __all__ = ["analysed", "buffers_of", "events_of"]
 

@@ -11,7 +11,7 @@ from allanscope.errors import UsageError
 from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
 from allanscope.recording import Chunk, write_recording
 from allanscope.simulator import Device, Ledger, Simulator, Truth, run_device, simulate_blocks
-from allanscope.view.progress import progress
+from allanscope.view import progress
 
 __all__ = ["run_emulated_device", "run_virtual_device", "simulate_recording", "simulator"]
 

@@ -20,8 +20,9 @@ every length before it believes it, skips what has rotted, and says so.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.recording.chunk import Chunk, LinkEvent
@@ -52,27 +53,23 @@ __all__ = [
     "write_recording",
 ]
 
-_HOMES = {
-    "Buffer": "reader",
-    "Chunk": "chunk",
-    "Damage": "outline",
-    "ExportReport": "export",
-    "Fingerprint": "fingerprint",
-    "LinkEvent": "chunk",
-    "Recorder": "recorder",
-    "Recording": "reader",
-    "RecoveryReport": "recovery",
-    "SessionWriter": "session",
-    "export_csv": "export",
-    "export_parquet": "parquet",
-    "is_recording": "reader",
-    "recover": "recovery",
-    "write_recording": "session",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for: the container's libraries are not light."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "Buffer": "reader",
+        "Chunk": "chunk",
+        "Damage": "outline",
+        "ExportReport": "export",
+        "Fingerprint": "fingerprint",
+        "LinkEvent": "chunk",
+        "Recorder": "recorder",
+        "Recording": "reader",
+        "RecoveryReport": "recovery",
+        "SessionWriter": "session",
+        "export_csv": "export",
+        "export_parquet": "parquet",
+        "is_recording": "reader",
+        "recover": "recovery",
+        "write_recording": "session",
+    },
+)

@@ -18,8 +18,9 @@ Everything is reproducible from one seed, and independent of the sizes in which 
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.simulator.device import Device, run_device
@@ -30,25 +31,6 @@ if TYPE_CHECKING:
     from allanscope.simulator.record import simulate_blocks
     from allanscope.simulator.simulator import Simulator
     from allanscope.simulator.truth import AxisTruth, TemperatureTruth, Truth
-
-_HOME = {
-    "AxisTruth": "truth",
-    "Device": "device",
-    "EffectSpec": "effect_spec",
-    "FaultSpec": "faults",
-    "Firmware": "firmware",
-    "Ledger": "ledger",
-    "Loss": "ledger",
-    "Simulator": "simulator",
-    "TemperatureTruth": "truth",
-    "Truth": "truth",
-    "effect_help": "effect_spec",
-    "fault_help": "faults",
-    "parse_effect": "effect_spec",
-    "parse_fault": "faults",
-    "run_device": "device",
-    "simulate_blocks": "record",
-}
 
 __all__ = [
     "AxisTruth",
@@ -69,9 +51,24 @@ __all__ = [
     "simulate_blocks",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used: numba and scipy are heavy."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "AxisTruth": "truth",
+        "Device": "device",
+        "EffectSpec": "effect_spec",
+        "FaultSpec": "faults",
+        "Firmware": "firmware",
+        "Ledger": "ledger",
+        "Loss": "ledger",
+        "Simulator": "simulator",
+        "TemperatureTruth": "truth",
+        "Truth": "truth",
+        "effect_help": "effect_spec",
+        "fault_help": "faults",
+        "parse_effect": "effect_spec",
+        "parse_fault": "faults",
+        "run_device": "device",
+        "simulate_blocks": "record",
+    },
+)

@@ -18,9 +18,9 @@ A new kind of source is a file with a class that has the members of `Source`, an
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from allanscope.lazy import lazily
 from allanscope.sources.base import Chunk, LinkEvent, Source
 
 if TYPE_CHECKING:
@@ -53,23 +53,19 @@ __all__ = [
     "open_source",
 ]
 
-_HOMES = {
-    "FileSource": "file",
-    "PortDescription": "discovery",
-    "RecordedSource": "recorded",
-    "SerialSource": "serial_port",
-    "SourceSettings": "settings",
-    "auto_port": "discovery",
-    "describe_ports": "discovery",
-    "find_ports": "discovery",
-    "must_be_there": "registry",
-    "open_file": "registry",
-    "open_source": "registry",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for: a replay needs no serial port."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "FileSource": "file",
+        "PortDescription": "discovery",
+        "RecordedSource": "recorded",
+        "SerialSource": "serial_port",
+        "SourceSettings": "settings",
+        "auto_port": "discovery",
+        "describe_ports": "discovery",
+        "find_ports": "discovery",
+        "must_be_there": "registry",
+        "open_file": "registry",
+        "open_source": "registry",
+    },
+)

@@ -14,14 +14,14 @@ resolution is about the same fraction of the frequency everywhere. A level is re
 low-pass in front of it is flat and closed to aliases.
 """
 
+from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
 from allanscope.spectrum.density import Density
+
+if TYPE_CHECKING:
+    from allanscope.spectrum.bank import SpectrumBank
 
 __all__ = ["Density", "SpectrumBank"]
 
-
-def __getattr__(name: str) -> object:
-    if name == "SpectrumBank":
-        from allanscope.spectrum.bank import SpectrumBank
-
-        return SpectrumBank
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__ = lazily(__name__, {"SpectrumBank": "bank"})

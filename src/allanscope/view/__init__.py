@@ -17,27 +17,24 @@ which entity. Only files named ``rerun_*`` import Rerun, and none of them before
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
-    from allanscope.view.progress import progress
+    from allanscope.view.progress_bar import progress
     from allanscope.view.rerun_view import RerunView, load_rerun
     from allanscope.view.terminal import TerminalView, summary_lines
 
 __all__ = ["RerunView", "TerminalView", "load_rerun", "progress", "summary_lines"]
 
-_HOME = {
-    "RerunView": "rerun_view",
-    "TerminalView": "terminal",
-    "load_rerun": "rerun_view",
-    "progress": "progress",
-    "summary_lines": "terminal",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "RerunView": "rerun_view",
+        "TerminalView": "terminal",
+        "load_rerun": "rerun_view",
+        "progress": "progress_bar",
+        "summary_lines": "terminal",
+    },
+)

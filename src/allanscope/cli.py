@@ -77,13 +77,14 @@ def analyse(options: Namespace) -> int:
         if name and name != "-":
             refuse_place(Path(name))
     analysis = analyse_input(Path(options.input), _device_settings(options), options.quiet)
-    if options.report or options.figures:
-        page, figures = (Path(x) if x else None for x in (options.report, options.figures))
-        write_report(analysis, page, figures)
+    # The numbers first: whatever drawing may run into, they are there.
     if options.json == "-":
         _print_json(analysis, True)
     elif options.json:
         write_json(analysis, Path(options.json))
+    if options.report or options.figures:
+        page, figures = (Path(x) if x else None for x in (options.report, options.figures))
+        write_report(analysis, page, figures)
     if not options.quiet and options.json != "-":
         from allanscope.view.terminal import summary_lines
 

@@ -53,6 +53,13 @@ def test_figures_that_cannot_be_written_are_one_clear_line(run, units, tmp_path)
     assert "cannot write figures" in ran.stderr
 
 
+def test_the_numbers_are_there_though_a_picture_cannot_be_written(run, units, tmp_path):
+    (tmp_path / "taken").write_text("a file, no folder")
+    arguments = ("--json", tmp_path / "result.json", "--figures", tmp_path / "taken", "--quiet")
+    run("analyse", units / "unit 1" / "night.mcap", *arguments, code=2)
+    assert (tmp_path / "result.json").read_text().startswith("{")
+
+
 def test_every_command_has_an_example_in_its_help_that_it_would_accept():
     top = parser()
     (commands,) = [

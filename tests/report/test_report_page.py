@@ -4,8 +4,10 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 
+from allanscope import analyse
 from allanscope.explain.effect import ResidualError
 from allanscope.report.page import render
 
@@ -164,6 +166,14 @@ def test_an_axis_that_could_not_be_searched_says_how_much_longer(analysis):
 def test_a_result_without_any_axis_makes_a_page(analysis):
     seen = Tags(render(replace(analysis, axes={}, record=None, marks=())))
     assert "Provenance" in seen.text
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-300, 1e-310])
+def test_axes_without_noise_that_a_logarithm_can_show_make_a_page(size):
+    rng = np.random.default_rng(3)
+    values = {"gx": 0.25 + size * rng.normal(size=3000), "ax": size * rng.normal(size=3000)}
+    text = Tags(render(analyse(values, 104.0))).text
+    assert text.count("no noise: all values are the same") >= 3
 
 
 def test_the_same_result_gives_the_same_page(analysis, page):

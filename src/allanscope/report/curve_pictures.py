@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.deviation import Deviation
 from allanscope.analysis.result import AxisAnalysis, ModelCurve
@@ -67,7 +67,10 @@ def residual_picture(name: str, axis: AxisAnalysis) -> Picture:
                 top.plot(model.x, factor * model.total, style, c=colour, lw=1.5, label=label)
                 left = _percent_left(curve, model)
                 bottom.plot(curve.tau, left, style, c=colour, lw=1.3, label=label)
-        low, high = (100 * (part / curve.deviation - 1) for part in (curve.lower, curve.upper))
+        low, high = (
+            100 * (part / np.where(curve.deviation > 0, curve.deviation, np.nan) - 1)
+            for part in (curve.lower, curve.upper)
+        )
         bottom.fill_between(curve.tau, low, high, color=MEASURED, alpha=0.18, lw=0)
         bottom.axhline(0.0, c=ink(), lw=0.8)
         bottom.set_ylim(-_PERCENT_SHOWN, _PERCENT_SHOWN)
@@ -95,11 +98,19 @@ def compare_picture(curves: Mapping[str, Deviation], unit: str) -> Picture:
 
 
 def scale_loglog(ax: Axes, xlabel: str, ylabel: str) -> None:
-    """Make both scales logarithmic and name them."""
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    """Make both scales logarithmic and name them; say so where there is nothing above zero."""
     ax.set_xlabel(xlabel)
     ax.set_ylabel(ylabel)
+    if not any(_is_drawable(line.get_ydata()) for line in ax.lines):
+        ax.text(0.5, 0.5, "no noise: all values are the same", ha="center", transform=ax.transAxes)
+        return
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+
+
+def _is_drawable(heights: ArrayLike) -> bool:
+    """Tell whether a logarithmic scale can show any of it; denormal numbers have no digits left."""
+    return bool(np.any(np.asarray(heights) > np.finfo(float).tiny))
 
 
 def _curve(ax: Axes, curve: Deviation, factor: float, colour: str, label: str) -> None:
@@ -176,5 +187,6 @@ def _scale(ax: Axes, unit: str) -> None:
 
 def _frame(ax: Axes, curve: Deviation, factor: float) -> None:
     """Show the surroundings of the curve, so that a part far below it cannot shrink it."""
-    if len(curve.deviation):
-        ax.set_ylim(factor * curve.deviation.min() / 5, factor * curve.deviation.max() * 4)
+    positive = factor * curve.deviation[curve.deviation > 0]
+    if _is_drawable(positive):
+        ax.set_ylim(positive.min() / 5, positive.max() * 4)

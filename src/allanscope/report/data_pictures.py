@@ -110,10 +110,12 @@ def ratio_picture(axes: Mapping[str, AxisAnalysis]) -> Picture:
             if "ostdev" not in axis.curves or "oadev" not in axis.curves:
                 continue
             allan, classical = axis.curves["oadev"], axis.curves["ostdev"]
-            common, here, there = np.intersect1d(allan.m, classical.m, return_indices=True)
-            if len(common):
-                ratio = (classical.deviation[there] / allan.deviation[here]) ** 2
-                ax.plot(allan.tau[here], ratio, c=colour, lw=1.0, label=name)
+            _, here, there = np.intersect1d(allan.m, classical.m, return_indices=True)
+            own, other = allan.deviation[here], classical.deviation[there]
+            noisy = own > 0
+            if noisy.any():
+                ratio = (other[noisy] / own[noisy]) ** 2
+                ax.plot(allan.tau[here][noisy], ratio, c=colour, lw=1.0, label=name)
         ax.axhline(1.0, c=ink(), lw=0.8)
         scale_loglog(ax, "averaging time τ (s)", "variance / Allan variance")
         if ax.get_legend_handles_labels()[0]:

@@ -27,7 +27,7 @@ from rerun.chunk import RrdReader  # noqa: E402
 
 from allanscope.samples import AXES  # noqa: E402
 from allanscope.view.rerun_blueprint import TABS, layout  # noqa: E402
-from allanscope.view.rerun_stream import APPLICATION  # noqa: E402
+from allanscope.view.rerun_canvas import APPLICATION  # noqa: E402
 from allanscope.view.rerun_view import RerunView  # noqa: E402
 
 VIEWS = (

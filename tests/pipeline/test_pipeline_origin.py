@@ -9,7 +9,7 @@ from allanscope.analysis.verdict import verdict
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.view.terminal import summary_lines
-from allanscope.view.terminal_lines import status_line
+from allanscope.view.terminal_screen import status_line
 
 
 @pytest.mark.parametrize("wire", ["native", "datalog"])

@@ -8,7 +8,7 @@ import sys
 
 KEYS = """
 import os, sys, threading, time
-from allanscope.view.terminal_keys import Keys
+from allanscope.view.console import Keys
 keys = Keys({})
 assert keys.active
 print("ready", flush=True)

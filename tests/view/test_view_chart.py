@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allanscope.view.chart import HEIGHT, WIDTH, Chart, dashed
-from allanscope.view.scales import Linear, Log
+from allanscope.view.chart import HEIGHT, WIDTH, Chart, Linear, Log, dashed
 
 CHART = Chart(Log(-4, 4), Log(-1, 3), "s", "mdps")
 

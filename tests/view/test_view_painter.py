@@ -8,9 +8,9 @@ import pytest
 from allanscope.analysis.result import Analysis, ModelCurve
 from allanscope.quantities import DENSITY, DEVIATION
 from allanscope.view.chart import HEIGHT, WIDTH
+from allanscope.view.drawing import percent_of_model
 from allanscope.view.painter import Painter
 from allanscope.view.palette import AXIS, EFFECT, MODEL, muted
-from allanscope.view.residual_chart import percent_of_model
 from support.demo_analysis import DATASHEET, LINE_HZ, demo_analysis, noise_of
 
 

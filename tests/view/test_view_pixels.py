@@ -8,7 +8,7 @@ import pytest
 
 from allanscope.quantities import DEVIATION
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
-from allanscope.view.frames import Frames
+from allanscope.view.painter import Frames
 from allanscope.view.palette import AXIS, EFFECT
 from allanscope.view.rerun_view import RerunView
 from support.demo_analysis import demo_analysis

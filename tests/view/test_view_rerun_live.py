@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-import allanscope.view.rerun_stream as stream
+import allanscope.view.rerun_canvas as canvas
 from allanscope.errors import DeviceError
-from allanscope.view import viewer_keeper, viewer_process
+from allanscope.view import viewer_process
 from allanscope.view.rerun_view import RerunView
 from allanscope.view.viewer_process import ViewerProcess, free_port, has_display, optimise
 from support.demo_analysis import demo_analysis
@@ -45,7 +45,7 @@ class NoViewer:
 @pytest.fixture
 def served(tmp_path, monkeypatch):
     """Return a view that serves data but opens no viewer."""
-    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_process, "ViewerProcess", NoViewer)
     view = RerunView(tmp_path, "window")
     view.start()
     yield view
@@ -114,8 +114,8 @@ def test_a_port_that_was_taken_in_the_meantime_is_replaced(tmp_path, monkeypatch
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         ports = iter([taken.getsockname()[1], free_port()])
-        monkeypatch.setattr(stream, "free_port", lambda: next(ports))
-        recording, address = stream.open_stream("demo", tmp_path / "session.rrd", serve=True)
+        monkeypatch.setattr(canvas, "free_port", lambda: next(ports))
+        recording, address = canvas.open_stream("demo", tmp_path / "session.rrd", serve=True)
         assert f":{taken.getsockname()[1]}/" not in address
         recording.disconnect()
 
@@ -124,13 +124,13 @@ def test_without_any_free_port_the_error_says_what_to_do(monkeypatch):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        monkeypatch.setattr(stream, "free_port", lambda: taken.getsockname()[1])
+        monkeypatch.setattr(canvas, "free_port", lambda: taken.getsockname()[1])
         with pytest.raises(DeviceError, match=r"no free port on 127\.0\.0\.1; use --view none"):
-            stream.open_stream("demo", None, serve=True)
+            canvas.open_stream("demo", None, serve=True)
 
 
 def test_the_web_viewer_is_served_on_loopback_until_the_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(viewer_keeper, "has_display", lambda: False)
+    monkeypatch.setattr(viewer_process, "has_display", lambda: False)
     said = []
     view = RerunView(None, "web", say=said.append)
     view.start()
@@ -149,10 +149,10 @@ def test_the_web_viewer_is_served_on_loopback_until_the_end(tmp_path, monkeypatc
 
 def test_a_browser_is_opened_only_where_there_is_a_display(monkeypatch):
     opened = []
-    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
-    monkeypatch.setattr(viewer_keeper.webbrowser, "open", opened.append)
+    monkeypatch.setattr(viewer_process, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_process.webbrowser, "open", opened.append)
     for display in (False, True):
-        monkeypatch.setattr(viewer_keeper, "has_display", lambda display=display: display)
+        monkeypatch.setattr(viewer_process, "has_display", lambda display=display: display)
         view = RerunView(None, "web")
         view.start()
         view.close()
@@ -161,9 +161,9 @@ def test_a_browser_is_opened_only_where_there_is_a_display(monkeypatch):
 
 @pytest.mark.parametrize("display", [True, False])
 def test_auto_is_a_window_where_there_is_a_display(monkeypatch, display):
-    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
-    monkeypatch.setattr(viewer_keeper, "has_display", lambda: display)
-    monkeypatch.setattr(viewer_keeper.webbrowser, "open", lambda page: None)
+    monkeypatch.setattr(viewer_process, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_process, "has_display", lambda: display)
+    monkeypatch.setattr(viewer_process.webbrowser, "open", lambda page: None)
     view = RerunView(None, "auto")
     view.start()
     assert view.viewer.process.web is not display
@@ -180,7 +180,7 @@ def test_a_display_is_recognised_by_its_variables(monkeypatch):
 
 
 def test_that_the_viewer_was_closed_is_said_once(monkeypatch):
-    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_process, "ViewerProcess", NoViewer)
     said = []
     view = RerunView(None, "window", say=said.append)
     view.start()
@@ -194,9 +194,9 @@ def test_that_the_viewer_was_closed_is_said_once(monkeypatch):
 
 
 def test_a_window_that_cannot_live_is_replaced_by_the_web_viewer(monkeypatch):
-    monkeypatch.setattr(viewer_keeper, "ViewerProcess", NoViewer)
-    monkeypatch.setattr(viewer_keeper, "has_display", lambda: True)
-    monkeypatch.setattr(viewer_keeper.webbrowser, "open", lambda page: None)
+    monkeypatch.setattr(viewer_process, "ViewerProcess", NoViewer)
+    monkeypatch.setattr(viewer_process, "has_display", lambda: True)
+    monkeypatch.setattr(viewer_process.webbrowser, "open", lambda page: None)
     view = RerunView(None, "auto")
     view.start()
     assert view.viewer.process.web is False

@@ -14,9 +14,9 @@ from rich.console import Console
 
 from allanscope.analysis.verdict import verdict
 from allanscope.samples import Gap, Notice
+from allanscope.view.diary import Trends
 from allanscope.view.terminal import TerminalView, summary_lines
 from allanscope.view.terminal_screen import Screen
-from allanscope.view.trend import Trends
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, blocks
 from support.terminal import Terminal

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allanscope.view.pace import LONGEST_S, Pace
+from allanscope.view.decimator import LONGEST_S, Pace
 from allanscope.view.worker import Worker
 
 

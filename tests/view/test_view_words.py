@@ -10,8 +10,7 @@ from allanscope.analysis.wording import coefficient_text, rate_text, wait_text
 from allanscope.noise.coefficients import Coefficient
 from allanscope.samples import Gap
 from allanscope.sanitize import markdown, one_line
-from allanscope.view.diary import Diary
-from allanscope.view.gap_teller import GapTeller
+from allanscope.view.diary import Diary, GapTeller, Trends
 from allanscope.view.tables import (
     axis_table,
     coefficients_table,
@@ -19,7 +18,6 @@ from allanscope.view.tables import (
     loop_table,
     run_table,
 )
-from allanscope.view.trend import Trends
 from support.demo_analysis import demo_analysis
 
 HOSTILE = "gyro\x1b[2J\x07\r\n\u202etxet | [x](http://y) ![p](http://z) <b> `c` \u2028"

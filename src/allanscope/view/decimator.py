@@ -1,7 +1,13 @@
-"""Ten rows a second of mean, smallest and largest: a time series that a viewer can bear all night.
+"""How much of a run a viewer is given, so that it can bear a whole night.
 
-At 6.66 kHz a plot has more samples than pixels within a second, and a viewer keeps 52 bytes for
-each. Mean, minimum and maximum of every tenth of a second show the same picture, spikes included.
+Samples: at 6.66 kHz a plot has more samples than pixels within a second, and a viewer keeps 52
+bytes for each. Mean, minimum and maximum of every tenth of a second show the same picture, spikes
+included.
+
+Results: they are spaced evenly in the logarithm of time, because a curve after 1 h and one after
+1 h and 1 s look the same, one after 1 s and one after 2 s do not. A result is drawn when the run
+has grown by `SHARE` since the last one, but not more often than once a second of the run and not
+less often than once a minute: some 1100 in twelve hours, which can be scrubbed through like a film.
 """
 
 from __future__ import annotations
@@ -14,9 +20,14 @@ from numpy.typing import NDArray
 
 from allanscope.samples import Block, Gap, StreamInfo
 
-__all__ = ["Decimator", "Rows"]
+__all__ = ["Decimator", "Pace", "Rows"]
 
 ROWS_HZ = 10.0
+
+SHARE = 0.01
+SHORTEST_S = 1.0
+LONGEST_S = 60.0
+"""Between two results: this share of the run, and limits in seconds of the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,3 +148,33 @@ class Decimator:
         elif self._lost_track:
             self.elapsed_s = max(self.elapsed_s, host_s - self._host_s)
         self._lost_track = False
+
+
+@dataclass(slots=True)
+class Pace:
+    """Says which results to keep.
+
+    Attributes
+    ----------
+    stretch : float
+        Multiplies every spacing, for what is needed less often.
+
+    Examples
+    --------
+    >>> pace = Pace()
+    >>> [t for t in (1.0, 1.5, 2.0, 1000.0, 1009.0, 1011.0) if pace.due(t)]
+    [1.0, 2.0, 1000.0, 1011.0]
+    """
+
+    stretch: float = 1.0
+    _last_s: float | None = None
+
+    def due(self, elapsed_s: float) -> bool:
+        """Tell whether to keep the result after this much of the run; if so, remember it."""
+        last = self._last_s
+        if last is not None and last <= elapsed_s:
+            spacing = self.stretch * min(max(SHARE * last, SHORTEST_S), LONGEST_S)
+            if elapsed_s - last < spacing * (1.0 - 1e-9):
+                return False
+        self._last_s = elapsed_s
+        return True

@@ -1,13 +1,18 @@
-"""What is new since the last result: an effect found, an effect gone, a coefficient known.
+"""What is said of a run while it goes on: news, where a coefficient is heading, gaps.
 
-A remark is the same one while its words are; its numbers may change with every result (how many
-samples were saturated so far), and are only told again when one of them has grown to ten times
+`Diary` tells what is new since the last result: an effect found, an effect gone, a coefficient
+known. A remark is the same one while its words are; its numbers may change with every result (how
+many samples were saturated so far), and are only told again when one of them has grown to ten times
 what was told. The exact number of the moment is in the result and in the report.
+
+`Trends` compares a coefficient with what it was when the run was half as long. `GapTeller` says one
+line where a bad link has hundreds of gaps in a second.
 """
 
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -19,8 +24,10 @@ from allanscope.analysis.wording import (
     effect_brief,
     effect_text,
 )
+from allanscope.quantities import count
+from allanscope.samples import Gap
 
-__all__ = ["Diary", "Entry", "Level"]
+__all__ = ["Diary", "Direction", "Entry", "GapTeller", "Level", "Trends"]
 
 Level = Literal["info", "warn", "error"]
 Entry = tuple[Level, str]
@@ -29,6 +36,13 @@ _TOLD = ("N", "B", "K")
 
 _NUMBER = re.compile(r"\d+(?: \d{3})*(?:\.\d+)?")
 _GROWN = 10.0
+
+Direction = Literal["up", "down", "settled", ""]
+
+_SHARE = 0.05
+"""Values are remembered each time the run has grown by this share."""
+
+_APART_S = 1.0
 
 
 @dataclass(slots=True)
@@ -102,3 +116,69 @@ def _together(effects: Mapping[tuple[str, str], str]) -> Iterator[tuple[str, str
     for text, names in axes.items():
         of = " ".join(name for name in names if name)
         yield f"{of}: " if of else "", text
+
+
+@dataclass(slots=True)
+class Trends:
+    """Remembers the coefficients of one run, log-spaced, some hundred values each."""
+
+    _times: list[float] = field(default_factory=list)
+    _values: list[dict[tuple[str, str], float]] = field(default_factory=list)
+
+    def take(self, analysis: Analysis) -> None:
+        """Remember a result."""
+        if self._times and analysis.duration_s < (1.0 + _SHARE) * self._times[-1]:
+            return
+        self._times.append(analysis.duration_s)
+        self._values.append(
+            {
+                (name, letter): known.value
+                for name, axis in analysis.axes.items()
+                for letter, known in axis.coefficients.items()
+                if known.detected
+            }
+        )
+
+    def direction(self, analysis: Analysis, axis: str, letter: str) -> Direction:
+        """Return where a coefficient went since the run was half as long; empty if unknown.
+
+        It is settled when it stayed within half of its present interval.
+        """
+        known = analysis.axes[axis].coefficients.get(letter)
+        then = bisect_right(self._times, 0.5 * analysis.duration_s) - 1
+        if known is None or not known.detected or then < 0:
+            return ""
+        before = self._values[then].get((axis, letter))
+        if before is None:
+            return ""
+        if abs(known.value - before) <= 0.5 * (known.upper - known.lower):
+            return "settled"
+        return "up" if known.value > before else "down"
+
+
+@dataclass(slots=True)
+class GapTeller:
+    """Says one line for a gap, and none for those that follow within a second.
+
+    Examples
+    --------
+    >>> teller = GapTeller()
+    >>> teller.tell(Gap("link", 27), 10.0)
+    'gap (link): 27 samples lost'
+    >>> teller.tell(Gap("link", 54), 10.1)
+    >>> teller.tell(Gap("disconnected", None), 20.0)
+    'gap (disconnected): length unknown; 1 more since the last'
+    """
+
+    _last_s: float | None = None
+    _untold: int = 0
+
+    def tell(self, gap: Gap, now_s: float) -> str | None:
+        """Return what to say about a gap at time `now_s`, None to say nothing."""
+        if self._last_s is not None and now_s - self._last_s < _APART_S:
+            self._untold += 1
+            return None
+        lost = "length unknown" if gap.lost is None else f"{count(gap.lost)} samples lost"
+        more = f"; {self._untold} more since the last" if self._untold else ""
+        self._last_s, self._untold = now_s, 0
+        return f"gap ({gap.reason}): {lost}{more}"

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from allanscope.quantities import duration, number
 from allanscope.sanitize import one_line
-from allanscope.view.steady_console import SteadyConsole
+from allanscope.view.console import SteadyConsole
 
 __all__ = ["progress"]
 

@@ -15,7 +15,7 @@ from allanscope.analysis.wording import coefficient_unit
 from allanscope.quantities import LEVEL, symbols
 from allanscope.samples import unit_of
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
-from allanscope.view.frames import DEFAULT_ESTIMATOR, TIME_DEVIATIONS
+from allanscope.view.painter import DEFAULT_ESTIMATOR, TIME_DEVIATIONS
 from allanscope.view.rerun_series import SENSORS, SHOWN_COEFFICIENTS
 
 __all__ = ["TABS", "layout"]

@@ -25,12 +25,9 @@ from typing import TYPE_CHECKING
 
 from allanscope.analysis.result import Analysis
 from allanscope.samples import Block, Gap, Notice, StreamInfo
-from allanscope.view.decimator import Decimator, Rows
-from allanscope.view.diary import Level
-from allanscope.view.gap_teller import GapTeller
-from allanscope.view.pace import Pace
-from allanscope.view.viewer_keeper import ViewerKeeper, ViewMode
-from allanscope.view.viewer_process import DATA_PORT_AFTER_PAGE, optimise
+from allanscope.view.decimator import Decimator, Pace, Rows
+from allanscope.view.diary import GapTeller, Level
+from allanscope.view.viewer_process import DATA_PORT_AFTER_PAGE, ViewerKeeper, ViewMode, optimise
 from allanscope.view.worker import Worker
 
 if TYPE_CHECKING:

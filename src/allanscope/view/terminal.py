@@ -17,13 +17,9 @@ from allanscope.analysis.wording import not_measured
 from allanscope.quantities import duration
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.sanitize import one_line
-from allanscope.view.diary import Diary, Level
-from allanscope.view.gap_teller import GapTeller
-from allanscope.view.steady_console import SteadyConsole
-from allanscope.view.terminal_keys import Keys
-from allanscope.view.terminal_lines import status_line, summary_lines
-from allanscope.view.terminal_screen import Screen
-from allanscope.view.trend import Trends
+from allanscope.view.console import Keys, SteadyConsole
+from allanscope.view.diary import Diary, GapTeller, Level, Trends
+from allanscope.view.terminal_screen import Screen, status_line, summary_lines
 
 __all__ = ["TerminalMode", "TerminalView", "summary_lines"]
 

@@ -1,7 +1,12 @@
-"""What the terminal shows of a result: one screen that fits 80 columns and uses 200."""
+"""What the terminal shows of a result: a screen, a status line for a log file, a summary.
+
+The screen fits 80 columns and uses 200; the summary at the end of a command is the same screen as
+plain lines.
+"""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 
 from rich.console import Console, ConsoleOptions, Group, RenderResult
@@ -18,15 +23,16 @@ from allanscope.analysis.wording import (
     coefficient_unit,
     density_verdict,
     losses_text,
+    not_measured,
     rate_text,
     wait_text,
 )
 from allanscope.quantities import COEFFICIENTS, DEVIATION, count, duration, number, symbols
 from allanscope.sanitize import one_line
+from allanscope.view.diary import Direction, Trends
 from allanscope.view.palette import AXIS, GRADE, Colour
-from allanscope.view.trend import Direction, Trends
 
-__all__ = ["Screen"]
+__all__ = ["Screen", "status_line", "summary_lines"]
 
 _SENSORS = {"dps": "gyroscope", "g": "accelerometer"}
 _LETTERS = ("N", "B", "K")
@@ -37,6 +43,9 @@ _FOLD_LOSS = 16
 
 _FIXED_LINES = 17
 """Lines that are always there; the rest of the height is for what is behind the verdict."""
+
+_SUMMARY_WIDTH = 160
+_SUMMARY_HEIGHT = 1000
 
 
 class Screen:
@@ -188,3 +197,42 @@ def _residual(axis: AxisAnalysis) -> str:
 
 def _style(colour: Colour) -> str:
     return "bold rgb({},{},{})".format(*colour)
+
+
+def status_line(analysis: Analysis) -> str:
+    """Return how a run stands, in one line: time, rate, losses, temperature, N of every axis."""
+    parts = [
+        f"{duration(analysis.duration_s):>11}  {rate_text(analysis.rate)}",
+        f"{count(analysis.samples)} samples",
+        f"lost {losses_text(analysis)}",
+    ]
+    if analysis.temperature:
+        parts.append(f"{analysis.temperature['last']:.1f} °C")
+    for unit in ("dps", "g"):
+        reading = COEFFICIENTS[unit, "N"][0]
+        known = [
+            f"{name} {number(axis.coefficients['N'].value * reading.factor)}"
+            for name, axis in analysis.axes.items()
+            if axis.unit == unit and "N" in axis.coefficients
+        ]
+        if known:
+            parts.append(f"N {' '.join(known)} {symbols(reading.unit)}")
+    simulated = not_measured(analysis.origin)
+    if simulated is not None:
+        parts.append(simulated[0].lower())
+    return ", ".join(parts)
+
+
+def summary_lines(analysis: Analysis) -> list[str]:
+    """Return the result as the lines that a command prints at its end, without any colour."""
+    page = io.StringIO()
+    console = Console(
+        file=page,
+        width=_SUMMARY_WIDTH,
+        height=_SUMMARY_HEIGHT,
+        color_system=None,
+        force_terminal=False,
+        legacy_windows=False,
+    )
+    console.print(Screen(analysis, Trends()))
+    return [line.rstrip() for line in page.getvalue().rstrip().splitlines()]

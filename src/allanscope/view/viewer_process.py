@@ -4,6 +4,9 @@ It is told the address of the server that the measuring process runs on the loop
 connects to it like anyone else; or it is given a file. A window outlives the measurement, so that
 the last charts can be looked at; the server of the web page ends with it. Whatever listens listens
 on the loopback interface only, and no use is reported to anyone.
+
+`ViewerProcess` is one such process; `ViewerKeeper` opens the one that was asked for, and says so
+when it is gone.
 """
 
 from __future__ import annotations
@@ -13,8 +16,11 @@ import os
 import socket
 import subprocess
 import sys
+import webbrowser
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Literal
 from urllib.parse import quote, urlsplit
 
 from allanscope.errors import DeviceError, UsageError
@@ -22,6 +28,8 @@ from allanscope.view.web_page import WebPage
 
 __all__ = [
     "DATA_PORT_AFTER_PAGE",
+    "ViewMode",
+    "ViewerKeeper",
     "ViewerProcess",
     "free_port",
     "has_display",
@@ -37,6 +45,8 @@ _NO_PROXY_THERE = f"http://{LOOPBACK}:9"  # the port of the discard protocol, wh
 
 DATA_PORT_AFTER_PAGE = 1
 """Where the port is given, it is that of the page; that of the data comes after it."""
+
+ViewMode = Literal["window", "web", "none", "auto"]
 
 
 def rerun_binary() -> Path:
@@ -224,3 +234,73 @@ def _environment() -> dict[str, str]:
     ways = proxies | direct
     lower = {name.lower(): way for name, way in ways.items()}
     return {**os.environ, **ways, **lower, "CI": "true", "RUST_LOG": "off"}
+
+
+class ViewerKeeper:
+    """Keeps one viewer of the data at an address.
+
+    Parameters
+    ----------
+    address : str
+        Of the server that viewers fetch the data from.
+    mode : {'auto', 'window', 'web'}
+        ``auto`` is a window where there is a display, else the web viewer.
+    say : callable
+        Called with a line for the user.
+    port : int, optional
+        Of the page of the web viewer, or of the window's own server.
+
+    Attributes
+    ----------
+    process : ViewerProcess
+        The viewer; its `address` is that of the web viewer's page, empty for a window.
+    """
+
+    process: ViewerProcess
+
+    def __init__(
+        self,
+        address: str,
+        mode: ViewMode,
+        say: Callable[[str], None],
+        port: int | None = None,
+    ) -> None:
+        self._address, self._port = address, port
+        self._mode = mode
+        self._say = say
+        self._told = False
+        self._open(web=mode == "web" or (mode == "auto" and not has_display()))
+
+    @property
+    def is_web(self) -> bool:
+        """Whether the page of the web viewer is served now."""
+        return bool(self.process.address) and self.process.running()
+
+    def watch(self) -> None:
+        """Say once that the viewer is gone; where no window can live, fall back to the web."""
+        if self._told or self.process.running():
+            return
+        if self._mode == "auto" and not self.process.address and self.process.failed():
+            self._say("no window can be opened here")
+            self._open(web=True)
+            return
+        self._told = True
+        self._say(f"viewer closed, still measuring; to open it again: {self._again}")
+
+    def close(self) -> None:
+        """Stop serving the page of the web viewer; a window stays, to look at the last charts."""
+        if self.process.address:
+            self.process.stop()
+
+    @property
+    def _again(self) -> str:
+        return f"allanscope open {self._address}"
+
+    def _open(self, web: bool) -> None:
+        self.process = ViewerProcess(self._address, web, self._port)
+        if not web:
+            self._say(f"viewer opened; for another: {self._again}")
+            return
+        self._say(f"charts: {self.process.address}")
+        if has_display():
+            webbrowser.open(self.process.address)

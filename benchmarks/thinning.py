@@ -22,9 +22,8 @@ from allanscope.allan.bank import AllanBank
 from allanscope.allan.estimators import REGISTRY
 from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
-from allanscope.allan.estimators.theo1 import theo1_variance
+from allanscope.allan.estimators.theo1 import theo1_variance, thinned_theo1_variance
 from allanscope.allan.phase import to_phase
-from allanscope.allan.thinned_theo1 import thinned_theo1_variance
 
 STRIDE = 16
 Row = dict[str, Any]

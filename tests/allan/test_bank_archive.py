@@ -9,9 +9,8 @@ from allanscope.allan.archive import Archive
 from allanscope.allan.bank import AllanBank
 from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
-from allanscope.allan.estimators.theo1 import theo1_variance
+from allanscope.allan.estimators.theo1 import _sum_of_powers, theo1_variance, thinned_theo1_variance
 from allanscope.allan.estimators.theobr import theobr_ratio
-from allanscope.allan.thinned_theo1 import _sum_of_powers, thinned_theo1_variance
 
 ROWS = 16
 SIZES = st.lists(st.integers(0, 200), min_size=1, max_size=8)

@@ -111,11 +111,11 @@ def test_a_later_version_is_refused_by_name():
 
 def forged(**changes):
     """Return a state with consistent checksums and numbers that do not fit together."""
-    from allanscope.allan import bank_state
+    from allanscope.allan.bank import pack_state
 
     state = bank_of(samples(600), samples(100)).state()
     del state["header"]
-    return bank_state.pack(state | {name: np.array(value) for name, value in changes.items()})
+    return pack_state(state | {name: np.array(value) for name, value in changes.items()})
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,12 @@ import allantools.ci
 import numpy as np
 import pytest
 
-from allanscope.allan.autocovariance import difference_autocovariance, phase_autocovariance
-from allanscope.allan.edf import difference_edf, small_factor_loss
+from allanscope.allan.edf import (
+    difference_autocovariance,
+    difference_edf,
+    phase_autocovariance,
+    small_factor_loss,
+)
 from allanscope.allan.estimators import REGISTRY
 
 

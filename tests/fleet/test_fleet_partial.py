@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
-from allanscope.allan.piece import ALIGNED
+from allanscope.allan.shard import ALIGNED
 from allanscope.fleet.partial import Partial
 from allanscope.fleet.tail import Tail
 from allanscope.samples import Block, Event, Gap, Ticks

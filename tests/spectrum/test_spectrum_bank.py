@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from allanscope.spectrum import SpectrumBank
-from allanscope.spectrum.decimator import TAPS, Decimator
-from allanscope.spectrum.level import SEGMENT
-from allanscope.spectrum.window import hann, independent_averages
+from allanscope.spectrum.density import independent_averages
+from allanscope.spectrum.ladder import TAPS, Decimator
+from allanscope.spectrum.level import SEGMENT, hann
 
 RATE = 104.0
 

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan.stretches import add_rows
 from allanscope.compiled import njit
 
 __all__ = ["ROWS", "Archive"]
@@ -90,22 +89,22 @@ class Archive:
             full, self.filled = divmod(self.filled + piece.shape[1], self.stride)
             self.used += full
 
-    def join(self, stretches: Floats, length: int) -> None:
-        """Go on with stretches of `length` samples, shape (axes, k, 2 or more), (u, v) first.
+    def join(self, block_sums: Floats, length: int) -> None:
+        """Go on with sums of blocks of `length` samples, shape (axes, k, 2 or more), (u, v) first.
 
-        Rows become at least as long as a stretch, which a power of two and the number of samples
+        Rows become at least as long as a block, which a power of two and the number of samples
         of the open segment must be multiples of.
         """
         while self.stride < length:
             self.thin()
         done = 0
-        while done < stretches.shape[1]:
+        while done < block_sums.shape[1]:
             room = ((self.rows.shape[2] - self.used + 1) * self.stride - 1 - self.filled) // length
             if room == 0:
                 self.thin()
                 continue
-            some = stretches[:, done : done + room]
-            add_rows(
+            some = block_sums[:, done : done + room]
+            _add_block_sums(
                 some, length, self.rows[:, :, self.used :], self.part, self.filled, self.stride
             )
             done += some.shape[1]
@@ -229,6 +228,24 @@ def _summarise(samples: Floats, rows: Floats, part: Floats, filled: int, stride:
             v += u
             u += samples[axis, j]
             count += 1
+            if count == stride:
+                rows[axis, 0, row], rows[axis, 1, row] = u, v
+                row, count, u, v = row + 1, 0, 0.0, 0.0
+        part[axis, 0], part[axis, 1] = u, v
+
+
+@njit(cache=True, nogil=True)
+def _add_block_sums(
+    block_sums: Floats, length: int, rows: Floats, part: Floats, filled: int, stride: int
+) -> None:
+    """Fill rows from sums (u, v) of blocks; `length` divides `stride` and `filled`."""
+    for axis in range(block_sums.shape[0]):
+        u, v = part[axis]
+        row, count = 0, filled
+        for i in range(block_sums.shape[1]):
+            v += block_sums[axis, i, 1] + length * u
+            u += block_sums[axis, i, 0]
+            count += length
             if count == stride:
                 rows[axis, 0, row], rows[axis, 1, row] = u, v
                 row, count, u, v = row + 1, 0, 0.0, 0.0

@@ -8,10 +8,16 @@ most 8192 rows for the rest: MTOT TTOT HTOT THEO1 TheoBR TheoH, which are evalua
              └─▶ archive   rows of block sums ─┴─▶ deviation(kind)
 
 Both work on samples less an anchor, the first sample of each axis, which no estimator can see.
+
+A bank is plain arrays as well, which a checkpoint or another process needs to go on from there. One
+of them, ``header``, is JSON in UTF-8: format, version, and type, shape and checksum of each of the
+others. No pickle; nothing in a state is ever executed.
 """
 
 from __future__ import annotations
 
+import json
+import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -19,25 +25,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan import bank_state
 from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
 from allanscope.allan.confidence import HadamardFactor, assemble
-from allanscope.allan.curves import Curves
+from allanscope.allan.curves import Curves, samples_to_value
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import Sums, estimator_named
-from allanscope.allan.phase import LARGEST, positive_rate
-from allanscope.allan.piece import STRETCH, Piece
-from allanscope.allan.waiting import samples_to_value
+from allanscope.allan.phase import LARGEST, checked_samples, positive_rate
+from allanscope.allan.shard import BLOCK, Shard
 from allanscope.samples import Block
 
-__all__ = ["AllanBank"]
+__all__ = ["AllanBank", "pack_state"]
 
 _SLICE = 1 << 14
 """Samples converted to float64 at a time: what fits in the second-level cache."""
-
-_EXACT = 2**53
-"""No integer beyond is taken: a double would not hold it."""
+_FORMAT = "allanscope bank"
+_VERSION = 2
 
 
 class AllanBank:
@@ -151,7 +154,8 @@ class AllanBank:
             For another shape or type, or a sample that is not finite, beyond 1e100, or an integer
             beyond 2^53. Nothing is taken in then.
         """
-        data = self._checked(samples.counts if isinstance(samples, Block) else samples)
+        values = samples.counts if isinstance(samples, Block) else samples
+        data = checked_samples(values, self.axes, self.samples)
         if len(data) == 0:
             return
         if self._anchor is None:
@@ -277,28 +281,28 @@ class AllanBank:
         self._cascade.merge(other._cascade.settled(), other._anchor - self._anchor)
         self._archive.merge(other._archive)
 
-    def join(self, piece: Piece) -> None:
-        """Go on with a piece of the open segment that was summed up elsewhere.
+    def join(self, shard: Shard) -> None:
+        """Go on with a shard of the open segment that was summed up elsewhere.
 
         Counts are those of one pass, sums are those of one pass to rounding; so are the modified
         totals and the Theo family where the whole run is long enough for rows of the archive no
-        shorter than a stretch, 8192 x 512 samples. A shorter run would lose the finer rows.
+        shorter than a block, 8192 x 512 samples. A shorter run would lose the finer rows.
 
         Raises
         ------
         ValueError
-            When the piece is of another run, or does not begin where the open segment ends.
+            When the shard is of another run, or does not begin where the open segment ends.
         """
         if (self.axes, self.per_octave) != (
-            piece.cascade.axes,
-            piece.cascade.per_octave,
-        ) or (self._anchor is not None and np.any(self._anchor != piece.anchor)):
-            raise ValueError("the piece has other axes, another anchor or other averaging times")
-        self._anchor = piece.anchor.copy()
+            shard.cascade.axes,
+            shard.cascade.per_octave,
+        ) or (self._anchor is not None and np.any(self._anchor != shard.anchor)):
+            raise ValueError("the shard has other axes, another anchor or other averaging times")
+        self._anchor = shard.anchor.copy()
         self._curves = None
-        stretches = piece.stretches
-        self._cascade.join(piece.cascade, stretches, piece.start)
-        self._archive.join(stretches, STRETCH)
+        block_sums = shard.block_sums
+        self._cascade.join(shard.cascade, block_sums, shard.start)
+        self._archive.join(block_sums, BLOCK)
 
     def __add__(self, other: AllanBank) -> AllanBank:
         merged = AllanBank.from_state(self.state())
@@ -307,7 +311,7 @@ class AllanBank:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return everything held, as plain arrays: for `numpy.savez`, or another process."""
-        return bank_state.pack(self._arrays())
+        return pack_state(self._arrays())
 
     @classmethod
     def from_state(cls, state: Mapping[str, ArrayLike]) -> AllanBank:
@@ -319,7 +323,7 @@ class AllanBank:
             For a state that is damaged, of another version, or no state of a bank.
         """
         blank = cls(1.0, axes=1)
-        arrays = bank_state.unpack(state, like=blank._arrays())
+        arrays = _unpacked(state, like=blank._arrays())
         scale, anchor = arrays["scale"], arrays["anchor"]
         if anchor.size not in (0, scale.size):
             raise ValueError("state of a bank is damaged: scale and anchor do not fit together")
@@ -344,35 +348,6 @@ class AllanBank:
             **self._archive.arrays(),
         }
 
-    def _checked(self, samples: ArrayLike) -> NDArray[Any]:
-        """Return samples of shape (n, axes), all finite and of a type that doubles hold exactly."""
-        if np.ma.is_masked(samples):
-            raise ValueError("samples are masked; leave them out and call gap() instead")
-        data = np.asarray(samples)
-        if data.ndim == 1 and self.axes == 1:
-            data = data[:, np.newaxis]
-        if data.ndim != 2 or data.shape[1] != self.axes:
-            raise ValueError(f"samples must have shape (n, {self.axes}), got {data.shape}")
-        if not np.can_cast(data.dtype, np.float64, "safe") or data.dtype.kind not in "iuf":
-            raise ValueError(f"samples must be integers or float64, got {data.dtype}")
-        whole = data.dtype.kind != "f"
-        if whole and data.dtype.itemsize < 8:
-            return data
-        if whole:
-            fit = (data <= _EXACT) & (data >= (-_EXACT if data.dtype.kind == "i" else 0))
-        else:
-            fit = np.abs(data, dtype=np.float64) < LARGEST
-        if not fit.all():
-            row, column = np.argwhere(~fit)[0]
-            remedy = (
-                "beyond 2^53, which float64 does not hold; subtract an offset first"
-                if whole
-                else "leave it out and call gap() instead"
-            )
-            where = f"sample {self.samples + row} of axis {column} is {data[row, column]}"
-            raise ValueError(f"{where}{', ' if whole else '; '}{remedy}")
-        return data
-
 
 def _is_count(value: object) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
@@ -396,3 +371,59 @@ def _empty(kind: str, sums: Sums, level: float) -> Deviation:
         level=level,
         trusted=np.empty(0, np.bool_),
     )
+
+
+def pack_state(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return copies of the arrays and a header that describes them."""
+    held = {name: np.array(array, order="C") for name, array in arrays.items()}
+    header = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "arrays": {name: _description(array) for name, array in held.items()},
+    }
+    return {"header": np.frombuffer(json.dumps(header).encode(), np.uint8).copy(), **held}
+
+
+def _unpacked(
+    state: Mapping[str, ArrayLike], like: Mapping[str, NDArray[Any]]
+) -> dict[str, NDArray[Any]]:
+    """Return copies of the arrays of a state.
+
+    Parameters
+    ----------
+    state : mapping
+        What `pack_state` returned.
+    like : mapping
+        Arrays of a new bank: their names, types and numbers of dimensions are required.
+
+    Raises
+    ------
+    ValueError
+        Where the header is not one of ours or an array is missing or not what the header says.
+    """
+    try:
+        header = json.loads(np.asarray(state["header"], np.uint8).tobytes())
+        found = header["format"], header["version"]
+        described = dict(header["arrays"])
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise ValueError(
+            f"this is no state of a bank: its header cannot be read: {error!r}"
+        ) from None
+    if found != (_FORMAT, _VERSION):
+        raise ValueError(f"state is {found[0]!r} version {found[1]!r}; need {_FORMAT!r} {_VERSION}")
+    arrays = {}
+    for name, model in like.items():
+        array = np.array(state.get(name, ()), order="C")
+        sound = _description(array) == described.get(name)
+        if not sound or array.dtype != model.dtype or array.ndim != model.ndim:
+            raise ValueError(f"state of a bank is damaged: {name!r} is not what was saved")
+        arrays[name] = array
+    return arrays
+
+
+def _description(array: NDArray[Any]) -> dict[str, Any]:
+    return {
+        "type": array.dtype.str,
+        "shape": list(array.shape),
+        "crc32": zlib.crc32(array.tobytes()),
+    }

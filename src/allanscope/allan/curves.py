@@ -1,4 +1,4 @@
-"""From what a bank holds to the variances of any estimator.
+"""From what a bank holds to the variances of any estimator, and how long until there is one.
 
 Three ways lead there: sums of the cascade; a multiple of another variance (TVAR of MVAR); and, for
 the modified totals and the Theo family, the archive.
@@ -11,10 +11,16 @@ up, all lie above that. The expectation is then within 0.1 % of the full rate fo
 THEO1 (2 % for THEO1 of phase noise). TheoBR treats the picked phases as a record in its own right,
 which adds 1.7 % times 32 / rows for flicker and random walk; its share of TheoH begins at 500 rows.
 All this is measured by `benchmarks/thinning.py`.
+
+How many samples more give a value (`samples_to_value`) follows from counts alone. A bank has
+averaging factors of its own: those of its rungs and, for what is evaluated from the archive,
+multiples of the archive's stride, which doubles whenever its room is full. The one nearest to the
+time that is asked for is meant.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -26,11 +32,11 @@ from allanscope.allan.cascade import Cascade
 from allanscope.allan.estimators import Estimator, Sums, estimator_named
 from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
+from allanscope.allan.estimators.theo1 import thinned_theo1_variance
 from allanscope.allan.kernels import COLUMNS
 from allanscope.allan.noise_type import at_factors, identify
-from allanscope.allan.thinned_theo1 import thinned_theo1_variance
 
-__all__ = ["Curves", "factors_of_rows"]
+__all__ = ["Curves", "factors_of_rows", "samples_to_value"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -42,6 +48,8 @@ _WINDOWS_PER_TAU = 16
 _FEWEST_ROWS = 32
 _FEWEST_PHASES = 10
 """Shortest window of the Theo family that SP 1065 recommends."""
+_SHORTEST = math.sqrt(0.5)
+"""An averaging time below this part of the shortest one of the bank is none of its own."""
 
 
 class Curves:
@@ -194,3 +202,73 @@ def _on_taus(sums: Sums, m: Ints) -> Floats:
     shared = min(m.size, sums.m.size)
     variance[:, :shared] = sums.variance[:, :shared]
     return variance
+
+
+def samples_to_value(
+    kind: str, tau: float, curves: Curves, cascade: Cascade, archive: Archive
+) -> float:
+    """Return how many samples more give every axis a value; inf where none is to come.
+
+    Parameters
+    ----------
+    kind : str
+        Name in `REGISTRY`.
+    tau : float
+        Averaging time in samples.
+    curves : Curves
+        Values there are.
+    cascade, archive : Cascade, Archive
+        What the bank holds. No gap is foreseen.
+    """
+    if kind != "theoh":
+        return _to_part(kind, tau, curves, cascade, archive)[0]
+    # Two curves in one, which meet at a tenth of the run, and that grows while one waits.
+    n = cascade.samples
+    more, m = _to_part("theobr", tau, curves, cascade, archive)
+    if 0.75 * m > 0.1 * (n + more):
+        return more
+    more, m = _to_part("oadev", tau, curves, cascade, archive)
+    return max(more, 10 * m - n)
+
+
+def _to_part(
+    kind: str, tau: float, curves: Curves, cascade: Cascade, archive: Archive
+) -> tuple[float, int]:
+    """Return the samples missing, and the averaging factor that will then be the nearest."""
+    estimator = estimator_named(kind)
+    window = tau / estimator.tau_factor
+    name = estimator.derived_from or kind
+    if name in COLUMNS:
+        m = _nearest(cascade.factors_near(window), window)
+        return (cascade.missing(name, m, estimator.min_terms) if m else math.inf), m
+    stride, rows = archive.stride, archive.rows.shape[2]
+    closed = np.diff(archive.starts)
+    taken = since = (archive.used - archive.starts[-1]) * stride + archive.filled
+    while m := stride * _nearest(
+        factors_of_rows(estimator, stride, rows, cascade.per_octave), window / stride
+    ):
+        if stride == archive.stride and _has_value(kind, m, curves):
+            return 0, m
+        # Now there is one as soon as the open segment has the rows, unless no room is left then.
+        # Averaged phases are one fewer than picked ones, once a row is more than a sample.
+        needed = estimator.needed(m // stride) + (name == "mtotdev" and stride > 1)
+        until = since if (closed >= needed).any() else max(since, needed * stride)
+        full = (rows - int(closed.sum()) + 1) * stride
+        if until < full:
+            # A segment that has the rows and no value is of one level, as may be all to come.
+            return (until - taken or math.inf), m
+        closed, stride, since = closed // 2, 2 * stride, full
+    return math.inf, 0
+
+
+def _has_value(kind: str, m: int, curves: Curves) -> bool:
+    sums = curves.sums(kind)
+    there = sums.m == m
+    return bool(there.any() and np.isfinite(sums.variance[:, there]).all())
+
+
+def _nearest(factors: NDArray[np.int64], window: float) -> int:
+    """Return the factor nearest to a window by ratio; 0 for a window shorter than all."""
+    if window < _SHORTEST * factors[0]:
+        return 0
+    return int(factors[np.argmin(np.abs(np.log(factors / window)))])

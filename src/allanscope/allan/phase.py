@@ -1,20 +1,26 @@
-"""From samples to the phase that every estimator works on, without losing a digit on the way."""
+"""What samples are taken, and the phase of them, on which every estimator works.
+
+No digit is lost on the way.
+"""
 
 from __future__ import annotations
 
 import math
 from numbers import Real
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["LARGEST", "DataKind", "positive_rate", "to_phase"]
+__all__ = ["LARGEST", "DataKind", "checked_samples", "positive_rate", "to_phase"]
 
 DataKind = Literal["rate", "phase"]
 
 LARGEST = 1e100
 """No float beyond is taken for a measurement: the squares of its sums would overflow."""
+
+_LARGEST_INTEGER = 2**53
+"""No integer beyond is taken: a double would not hold it."""
 
 _ROOM = 2**62
 """Sums of integers below this fit in int64, with one bit to spare."""
@@ -81,6 +87,50 @@ def positive_rate(rate: float) -> float:
     if not (number and math.isfinite(rate) and rate > 0):
         raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
     return float(rate)
+
+
+def checked_samples(samples: ArrayLike, axes: int, taken: int) -> NDArray[Any]:
+    """Return samples of shape (n, axes), all finite and of a type that doubles hold exactly.
+
+    Parameters
+    ----------
+    samples : array_like, shape (n, axes), or (n,) for one axis
+    axes, taken : int
+        Columns there should be, and samples that came before, for what the message says.
+
+    Raises
+    ------
+    ValueError
+        For another shape or type, or a sample that is not finite, beyond 1e100, or an integer
+        beyond 2^53.
+    """
+    if np.ma.is_masked(samples):
+        raise ValueError("samples are masked; leave them out and call gap() instead")
+    data = np.asarray(samples)
+    if data.ndim == 1 and axes == 1:
+        data = data[:, np.newaxis]
+    if data.ndim != 2 or data.shape[1] != axes:
+        raise ValueError(f"samples must have shape (n, {axes}), got {data.shape}")
+    if not np.can_cast(data.dtype, np.float64, "safe") or data.dtype.kind not in "iuf":
+        raise ValueError(f"samples must be integers or float64, got {data.dtype}")
+    whole = data.dtype.kind != "f"
+    if whole and data.dtype.itemsize < 8:
+        return data
+    if whole:
+        least = -_LARGEST_INTEGER if data.dtype.kind == "i" else 0
+        fit = (data <= _LARGEST_INTEGER) & (data >= least)
+    else:
+        fit = np.abs(data, dtype=np.float64) < LARGEST
+    if not fit.all():
+        row, column = np.argwhere(~fit)[0]
+        remedy = (
+            "beyond 2^53, which float64 does not hold; subtract an offset first"
+            if whole
+            else "leave it out and call gap() instead"
+        )
+        where = f"sample {taken + row} of axis {column} is {data[row, column]}"
+        raise ValueError(f"{where}{', ' if whole else '; '}{remedy}")
+    return data
 
 
 def _from_floats(values: NDArray[np.float64], rate: float, data_kind: str) -> NDArray[np.float64]:

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
-from allanscope.allan.piece import ALIGNED, Piece
+from allanscope.allan.shard import ALIGNED, Shard
 from allanscope.analysis.analyser import AnalyserSettings
 from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.spectrum.bank import SpectrumBank
-from allanscope.spectrum.piece import SpectrumPiece
+from allanscope.spectrum.shard import SpectrumShard
 
 __all__ = ["Partial"]
 
@@ -115,7 +115,7 @@ class _Run:
         self.closed = False
         self.rest: list[NDArray[Any]] = []
         self._halo = halo
-        self._pieces: tuple[Piece, SpectrumPiece] | None = None
+        self._pieces: tuple[Shard, SpectrumShard] | None = None
 
     def add(self, counts: NDArray[Any], anchor: NDArray[np.float64] | None) -> None:
         self.rest.append(counts)
@@ -126,8 +126,8 @@ class _Run:
         if self._pieces is None:
             axes = len(anchor)
             self._pieces = (
-                Piece(axes, PER_OCTAVE, anchor, self.start, self._halo),
-                SpectrumPiece(axes, anchor, self._halo),
+                Shard(axes, PER_OCTAVE, anchor, self.start, self._halo),
+                SpectrumShard(axes, anchor, self._halo),
             )
             self._halo = None
         joined = np.concatenate(self.rest)

@@ -12,7 +12,7 @@ A decoder cannot begin in the middle: it must know the descriptor, the count of 
 that has wrapped. So one worker decodes everything, which is the smaller part of the work, and takes
 along all that is cheap or that has no exact way of being split: the series that the closed loop
 needs is that of a single run. The sums, which are the larger part, are done by the parts from exact
-copies of the decoder; see `allanscope.allan.piece` for why the join is the result of one pass,
+copies of the decoder; see `allanscope.allan.shard` for why the join is the result of one pass,
 integers exactly and sums to rounding. What does not fit this plan (a device that changed its
 configuration, a recording too short for it) is analysed in one pass by whoever joins.
 """

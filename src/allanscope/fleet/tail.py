@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan.piece import ALIGNED, STRETCH
+from allanscope.allan.shard import ALIGNED, BLOCK
 
 __all__ = ["Nothing", "Tail"]
 
@@ -49,7 +49,7 @@ class Tail:
 
     def gap(self) -> None:
         """End the segment."""
-        self._rows += self.taken // (STRETCH // 2)
+        self._rows += self.taken // (BLOCK // 2)
         self.taken = 0
         self._held = self._held[:0]
         self._waiting = []
@@ -64,7 +64,7 @@ class Tail:
 
     def rows_of_half_a_stretch(self) -> int:
         """Return how many rows the archive of one pass would have at half the stride of ours."""
-        return self._rows + self.taken // (STRETCH // 2)
+        return self._rows + self.taken // (BLOCK // 2)
 
 
 class Nothing:

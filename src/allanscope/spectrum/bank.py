@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.samples import Block
-from allanscope.spectrum.assembly import Stretch, assemble
-from allanscope.spectrum.decimator import FACTOR
-from allanscope.spectrum.density import Density
-from allanscope.spectrum.ladder import Ladder
+from allanscope.spectrum.density import Density, Stretch, assemble
+from allanscope.spectrum.ladder import FACTOR, Ladder
 from allanscope.spectrum.level import SEGMENT
-from allanscope.spectrum.piece import SpectrumPiece
+from allanscope.spectrum.shard import SpectrumShard
 
 __all__ = ["SpectrumBank"]
 
@@ -108,12 +106,12 @@ class SpectrumBank:
         self._ladder.merge(other._ladder)
         self.samples += other.samples
 
-    def join(self, piece: SpectrumPiece) -> None:
-        """Go on with a piece of the open segment that was summed up elsewhere; as in one pass."""
+    def join(self, shard: SpectrumShard) -> None:
+        """Go on with a shard of the open segment that was summed up elsewhere; as in one pass."""
         if self._anchor is None:
-            self._anchor = piece.anchor.copy()
-        self._ladder.join(piece.ladder, piece.above)
-        self.samples += piece.samples
+            self._anchor = shard.anchor.copy()
+        self._ladder.join(shard.ladder, shard.above)
+        self.samples += shard.samples
 
     def __add__(self, other: SpectrumBank) -> SpectrumBank:
         merged = SpectrumBank.from_state(self.state())

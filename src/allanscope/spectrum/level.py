@@ -8,18 +8,31 @@ from numpy.typing import NDArray
 from scipy.fft import rfft
 
 from allanscope.compiled import njit
-from allanscope.spectrum.window import hann
 
-__all__ = ["SEGMENT", "Level"]
+__all__ = ["SEGMENT", "Level", "hann"]
 
 SEGMENT = 2048
 """Samples in a segment."""
 _HOP = SEGMENT // 2
 _TOGETHER = 8
 """Segments that are transformed in one call: few enough for the second-level cache."""
-_WINDOW = hann(SEGMENT)
 _SHORTEST = 64
 """Samples from which an unfinished segment is worth looking at."""
+
+
+def hann(length: int) -> NDArray[np.float32]:
+    """Return the periodic Hann window with a mean square of 1.
+
+    Examples
+    --------
+    >>> hann(4) ** 2 * 3
+    array([0., 2., 8., 2.], dtype=float32)
+    """
+    window = 1 - np.cos(2 * np.pi * np.arange(length) / length)
+    return np.asarray(window / np.sqrt(np.mean(window**2)), np.float32)
+
+
+_WINDOW = hann(SEGMENT)
 
 
 @njit(cache=True, nogil=True)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from allanscope.allan.estimators.base import register
-from allanscope.allan.estimators.differences import DifferenceEstimator
+from allanscope.allan.estimators.base import DifferenceEstimator, register
 
 __all__ = ["Adev"]
 

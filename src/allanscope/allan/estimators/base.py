@@ -1,4 +1,4 @@
-"""What every estimator of the Allan family has in common, and the table of all of them.
+"""What every estimator of the Allan family has in common, its two plain families, and the table.
 
 An estimator turns the phase ``x`` of one axis into a variance at one averaging factor ``m``. Phase
 is the running sum of the rates with ``x[0] = 0``, one value more than there are rates, in units of
@@ -7,6 +7,8 @@ data times samples (tau0 = 1)::
     x[i] = y[0] + ... + y[i - 1],     w[i] = (x[i + m] - x[i]) / m    mean of m rates
 
 Adding an estimator means adding a file to this folder: a subclass of `Estimator` under `register`.
+Most terms are a difference of the phase (`DifferenceEstimator`); the ordinary variance is one of
+plain averages (`AverageEstimator`).
 """
 
 from __future__ import annotations
@@ -14,12 +16,28 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["REGISTRY", "Estimator", "Sums", "estimator_named", "register"]
+from allanscope.allan.edf import difference_autocovariance, difference_edf
+from allanscope.compiled import njit
+
+__all__ = [
+    "REGISTRY",
+    "AverageEstimator",
+    "DifferenceEstimator",
+    "Estimator",
+    "Sums",
+    "estimator_named",
+    "mean_square_second",
+    "mean_square_third",
+    "register",
+]
+
+_MOST_POSITIONS = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,3 +195,128 @@ def estimator_named(name: str) -> Estimator:
     except (KeyError, TypeError):
         choices = " ".join(sorted(REGISTRY))
         raise ValueError(f"unknown estimator {name!r}; choose one of {choices}") from None
+
+
+class DifferenceEstimator(Estimator):
+    """Mean square of a difference of the phase at lag m, over ``2 m^2`` or ``6 m^2``.
+
+    Attributes
+    ----------
+    order : {2, 3}
+        2 for the Allan family, blind to an offset of the rate; 3 for Hadamard, blind to a drift.
+    overlap : bool
+        True when terms start at every sample, False when only at every m-th.
+    """
+
+    order: ClassVar[int] = 2
+    overlap: ClassVar[bool] = True
+
+    def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
+        """Return variance and number of terms."""
+        stride = self.exact_stride(m)
+        if self.order == 2:
+            mean, terms = mean_square_second(phase, m, stride)
+            return mean / (2.0 * m**2), terms
+        mean, terms = mean_square_third(phase, m, stride)
+        return mean / (6.0 * m**2), terms
+
+    def edf(
+        self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
+    ) -> NDArray[np.float64]:
+        """Return the equivalent degrees of freedom after Greenhall and Riley."""
+        return difference_edf(alpha, m, n, stride, order=self.order)
+
+    def needed(self, m: int) -> int:
+        """Return how many rate samples give `min_terms` terms."""
+        return self.order * m + (self.min_terms - 1) * self.exact_stride(m)
+
+    def exact_stride(self, m: int) -> int:
+        """Return the step between terms."""
+        return 1 if self.overlap else m
+
+
+# Compiled, because an array expression would walk through memory four times for each tau.
+
+
+@njit(cache=True, nogil=True)
+def mean_square_second(x: NDArray[np.float64], m: int, stride: int) -> tuple[float, int]:
+    """Return the mean of ``(x[i] - 2 x[i+m] + x[i+2m])^2``, i = 0, stride, ..., and its terms."""
+    total, terms = 0.0, 0
+    for i in range(0, x.size - 2 * m, stride):
+        difference = (x[i] - x[i + m]) + (x[i + 2 * m] - x[i + m])
+        total += difference * difference
+        terms += 1
+    return (total / terms if terms else np.nan), terms
+
+
+@njit(cache=True, nogil=True)
+def mean_square_third(x: NDArray[np.float64], m: int, stride: int) -> tuple[float, int]:
+    """Return the mean of ``(x[i] - 3 x[i+m] + 3 x[i+2m] - x[i+3m])^2`` likewise."""
+    total, terms = 0.0, 0
+    for i in range(0, x.size - 3 * m, stride):
+        difference = (x[i] - x[i + 3 * m]) + 3.0 * (x[i + 2 * m] - x[i + m])
+        total += difference * difference
+        terms += 1
+    return (total / terms if terms else np.nan), terms
+
+
+class AverageEstimator(Estimator):
+    """Sample variance of the means ``w`` of m rates: ``sum (w - mean(w))^2 / (terms - 1)``.
+
+    Attributes
+    ----------
+    overlap : bool
+        True when means start at every sample, False when only at every m-th.
+
+    Notes
+    -----
+    For flicker and steeper noise it has no limit: it grows with the run, as its mean wanders.
+    """
+
+    overlap: ClassVar[bool] = True
+
+    def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
+        """Return variance and number of means."""
+        means = (phase[m:] - phase[:-m])[:: self.exact_stride(m)] / m
+        if means.size < 2:
+            return np.nan, means.size
+        means = means - means.mean()
+        return float(means @ means) / (means.size - 1), means.size
+
+    def edf(
+        self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
+    ) -> NDArray[np.float64]:
+        """Return the degrees of freedom, less what the mean of the run takes."""
+        alpha, m, n, stride = np.broadcast_arrays(alpha, m, n, stride)
+        spans = n / m
+        stationary = difference_edf(np.maximum(alpha, 0), m, n, stride, order=1)
+        edf = np.array(stationary * (1.0 - 1.0 / np.maximum(spans, 1.0)))
+        for i in np.argwhere((alpha < 0) & (spans >= 2)):
+            index = tuple(i)
+            quarters = round(4.0 * float(np.log2(spans[index])))
+            edf[index] = _wandering_edf(int(alpha[index]), quarters)
+        return edf
+
+    def needed(self, m: int) -> int:
+        """Return how many rate samples give `min_terms` means."""
+        return m + (self.min_terms - 1) * self.exact_stride(m)
+
+    def exact_stride(self, m: int) -> int:
+        """Return the step between means."""
+        return 1 if self.overlap else m
+
+
+@lru_cache(maxsize=1024)
+def _wandering_edf(alpha: int, quarter_octaves: int) -> float:
+    """Return ``tr(C)^2 / tr(C^2)``, C being the covariance of the means less their own mean.
+
+    For such noise the slowest part of the run makes most of the variance, so a few hundred
+    positions stand for all of them, and the number of degrees is small however long the run. It
+    changes slowly with n / m, hence the steps of a quarter octave.
+    """
+    position = np.linspace(0.0, 2.0 ** (quarter_octaves / 4.0) - 1.0, _MOST_POSITIONS)
+    lag = position[:, np.newaxis] - position
+    covariance = difference_autocovariance(lag, np.inf, alpha, 1)
+    rows = covariance.mean(axis=0)
+    covariance = covariance - rows - rows[:, np.newaxis] + rows.mean()
+    return float(np.trace(covariance) ** 2 / np.sum(covariance**2))

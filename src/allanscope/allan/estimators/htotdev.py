@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import difference_edf, small_factor_loss
-from allanscope.allan.estimators.base import Estimator, register
-from allanscope.allan.estimators.differences import mean_square_third
+from allanscope.allan.estimators.base import Estimator, mean_square_third, register
 from allanscope.allan.estimators.reflected import (
     reflected_edf,
     reflected_expectation,

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from allanscope.allan.estimators.averages import AverageEstimator
-from allanscope.allan.estimators.base import register
+from allanscope.allan.estimators.base import AverageEstimator, register
 
 __all__ = ["Ostdev"]
 

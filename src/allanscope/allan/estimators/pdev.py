@@ -8,10 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.autocovariance import phase_autocovariance
-from allanscope.allan.edf import LagSums, difference_edf, sum_lags
-from allanscope.allan.estimators.base import Estimator, register
-from allanscope.allan.estimators.differences import mean_square_second
+from allanscope.allan.edf import LagSums, difference_edf, phase_autocovariance, sum_lags
+from allanscope.allan.estimators.base import Estimator, mean_square_second, register
 from allanscope.compiled import njit
 
 __all__ = ["Pdev"]

@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.estimators.base import register
-from allanscope.allan.estimators.differences import mean_square_second
+from allanscope.allan.estimators.base import mean_square_second, register
 from allanscope.allan.estimators.theo1 import Theo1, theo1_variance
 
 __all__ = ["TheoBR", "theobr_ratio"]

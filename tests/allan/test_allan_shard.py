@@ -1,4 +1,4 @@
-"""Pieces of a segment, summed up apart and joined, against one pass."""
+"""Shards of a segment, summed up apart and joined, against one pass."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
-from allanscope.allan.piece import ALIGNED, Piece
+from allanscope.allan.shard import ALIGNED, Shard
 from allanscope.spectrum.bank import SpectrumBank
-from allanscope.spectrum.piece import ALIGNED as SPECTRUM_ALIGNED
-from allanscope.spectrum.piece import SpectrumPiece
+from allanscope.spectrum.shard import ALIGNED as SPECTRUM_ALIGNED
+from allanscope.spectrum.shard import SpectrumShard
 
-N = 4_400_000  # more than 8192 rows of half a stretch
+N = 4_400_000  # more than 8192 rows of half a block
 EXACT = ("adev", "oadev", "hdev", "ohdev", "totdev", "mtotdev", "theo1")
 ROUNDED = {"stdev": 1e-14, "ostdev": 1e-14, "mdev": 1e-14, "pdev": 1e-10}
 
@@ -32,17 +32,17 @@ def joined(samples: NDArray[Any], cuts: list[int]) -> tuple[AllanBank, SpectrumB
     anchor = samples[0].astype(np.float64)
     for start, stop in pairwise(cuts):
         halo = samples[start - ALIGNED : start] if start else None
-        piece, other = Piece(1, 4, anchor, start, halo), SpectrumPiece(1, anchor, halo)
-        for taker in (piece, other):
+        shard, other = Shard(1, 4, anchor, start, halo), SpectrumShard(1, anchor, halo)
+        for taker in (shard, other):
             taker.extend(samples[start:stop])
-        bank.join(piece)
+        bank.join(shard)
         spectrum.join(other)
     bank.update(samples[cuts[-1] :])
     spectrum.update(samples[cuts[-1] :])
     return bank, spectrum
 
 
-def test_joined_pieces_are_one_pass(counts: NDArray[np.int16]) -> None:
+def test_joined_shards_are_one_pass(counts: NDArray[np.int16]) -> None:
     whole, whole_spectrum = AllanBank(100.0, 1), SpectrumBank(100.0, 1)
     whole.update(counts)
     whole_spectrum.update(counts)
@@ -62,26 +62,26 @@ def test_joined_pieces_are_one_pass(counts: NDArray[np.int16]) -> None:
             np.testing.assert_array_equal(spectrum.state()[name], array, err_msg=name)
 
 
-def test_pieces_of_both_rooms_begin_at_the_same_samples() -> None:
+def test_shards_of_both_rooms_begin_at_the_same_samples() -> None:
     assert ALIGNED == SPECTRUM_ALIGNED
 
 
-def test_a_piece_that_does_not_follow_is_refused() -> None:
+def test_a_shard_that_does_not_follow_is_refused() -> None:
     samples = np.zeros((2 * ALIGNED, 1), np.int16)
     anchor = np.zeros(1)
-    piece = Piece(1, 4, anchor, ALIGNED, samples[:ALIGNED])
-    piece.extend(samples[ALIGNED:])
+    shard = Shard(1, 4, anchor, ALIGNED, samples[:ALIGNED])
+    shard.extend(samples[ALIGNED:])
     with pytest.raises(ValueError, match="0 samples are here"):
-        AllanBank(1.0, 1).join(piece)
-    first = Piece(1, 4, anchor)
+        AllanBank(1.0, 1).join(shard)
+    first = Shard(1, 4, anchor)
     first.extend(samples[:ALIGNED])
     with pytest.raises(ValueError, match="another anchor"):
         AllanBank(1.0, 1, anchor=np.ones(1)).join(first)
 
 
 @pytest.mark.parametrize(("start", "halo"), [(5, ALIGNED), (ALIGNED, 0), (0, ALIGNED)])
-def test_a_piece_begins_at_a_batch_and_with_its_halo(start: int, halo: int) -> None:
+def test_a_shard_begins_at_a_batch_and_with_its_halo(start: int, halo: int) -> None:
     with pytest.raises(ValueError, match="multiples"):
-        Piece(1, 4, np.zeros(1), start, np.zeros((halo, 1)) if halo else None)
+        Shard(1, 4, np.zeros(1), start, np.zeros((halo, 1)) if halo else None)
     with pytest.raises(ValueError, match="multiples"):
-        Piece(1, 4, np.zeros(1)).extend(np.zeros((5, 1)))
+        Shard(1, 4, np.zeros(1)).extend(np.zeros((5, 1)))

@@ -1,8 +1,8 @@
-"""A piece of one segment, averaged by itself, that a spectrum bank takes in as if it had seen it.
+"""A shard of one segment, averaged by itself, that a spectrum bank takes in as if it had seen it.
 
 The low levels of the ladder look back less than a halo of `ALIGNED` samples; what leaves them
 upwards, 1 / 256 of the samples, is kept and pushed up the bank's own high levels in order. Frames
-and filters begin where one pass has them, because pieces begin at multiples of `ALIGNED` samples:
+and filters begin where one pass has them, because shards begin at multiples of `ALIGNED` samples:
 the hop of the highest low level.
 """
 
@@ -11,21 +11,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.spectrum.decimator import FACTOR
-from allanscope.spectrum.ladder import Ladder
+from allanscope.spectrum.ladder import FACTOR, Ladder
 from allanscope.spectrum.level import SEGMENT
 
-__all__ = ["ALIGNED", "SpectrumPiece"]
+__all__ = ["ALIGNED", "SpectrumShard"]
 
 _LEVELS = 4
 
 ALIGNED = SEGMENT * FACTOR ** (_LEVELS - 1)
-"""Samples of the halo, and twice the hop of the highest level that a piece works on."""
+"""Samples of the halo, and twice the hop of the highest level that a shard works on."""
 
 _SLICE = 1 << 15
 
 
-class SpectrumPiece:
+class SpectrumShard:
     """Periodograms of the samples that follow a halo.
 
     Parameters
@@ -35,7 +34,7 @@ class SpectrumPiece:
     anchor : ndarray, shape (axes,)
         The bank's: the first sample of the run.
     halo : ndarray, shape (ALIGNED, axes), optional
-        The last samples before the piece; none for a piece that begins its segment.
+        The last samples before the shard; none for a shard that begins its segment.
 
     Attributes
     ----------

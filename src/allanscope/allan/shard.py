@@ -1,20 +1,20 @@
-"""A piece of one segment, summed up by itself, that a bank then takes in as if it had seen it.
+"""A shard of one segment, summed up by itself, that a bank then takes in as if it had seen it.
 
 The rungs of the cascade differ in how far they look back: a term on rung L spans up to 189 entries
 of 2^L samples. What the low rungs need fits in a halo; what the high rungs need does not. So a
-piece works on the `LEVELS` lowest rungs only, which do all but a thousandth of the work::
+shard works on the `LEVELS` lowest rungs only, which do all but a thousandth of the work::
 
     halo ──▶ low rungs, whose sums are then thrown away: now their history is right
-    piece ─┬▶ low rungs, terms that end in the piece, in batches that begin where one pass has them
-           └▶ (X, Z, Q) of each `STRETCH` samples, for the high rungs and the archive
+    shard ─┬▶ low rungs, terms that end in the shard, in batches that begin where one pass has them
+           └▶ (X, Z, Q) of each `BLOCK` samples, for the high rungs and the archive
 
-and the bank hands the stretches up its own high rungs, in order. Each term is the same number as in
+and the bank hands these sums up its own high rungs, in order. Each term is the same number as in
 one pass, and every term is there once. Counts are equal; sums are of the same batches, added in
 another order: for integer samples whose sums stay below 2^53 to the last bit, else to rounding.
 
-A piece begins and ends where the highest low rung begins a batch: after a multiple of `ALIGNED`
+A shard begins and ends where the highest low rung begins a batch: after a multiple of `ALIGNED`
 samples of its segment. The sums of the modified totals and the Theo family come from the archive,
-whose rows must not be finer than a stretch: see `AllanBank.join`.
+whose rows must not be finer than a block: see `AllanBank.join`.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from numpy.typing import NDArray
 
 from allanscope.allan.cascade import Cascade
 from allanscope.allan.kernels import BATCH, Ladder, advance, offset_near
-from allanscope.allan.stretches import stretches_of
+from allanscope.compiled import njit
 
-__all__ = ["ALIGNED", "LEVELS", "STRETCH", "Piece"]
+__all__ = ["ALIGNED", "BLOCK", "LEVELS", "Shard"]
 
 LEVELS = 10
-"""Rungs that a piece works on."""
+"""Rungs that a shard works on."""
 
-STRETCH = 1 << LEVELS
-"""Samples of a stretch: the stride of the first rung above."""
+BLOCK = 1 << LEVELS
+"""Samples of a block: the stride of the first rung above."""
 
 ALIGNED = BATCH << (LEVELS - 1)
-"""Samples from one possible end of a piece to the next, and samples of the halo."""
+"""Samples from one possible end of a shard to the next, and samples of the halo."""
 
 _SLICE = 1 << 14
 
 
-class Piece:
+class Shard:
     """Sums of the samples from `start` on, up to the next multiple of `ALIGNED` samples.
 
     Parameters
@@ -52,16 +52,16 @@ class Piece:
     start : int
         Samples of the segment that come before; a multiple of `ALIGNED`.
     halo : ndarray, shape (ALIGNED, axes), optional
-        The last samples before `start`; not for a piece that begins its segment.
+        The last samples before `start`; not for a shard that begins its segment.
 
     Attributes
     ----------
     end : int
         Samples of the segment up to the end of what was taken in.
-    stretches : ndarray, shape (axes, k, 3)
-        What the piece hands to the high rungs.
+    block_sums : ndarray, shape (axes, k, 3)
+        What the shard hands to the high rungs.
     cascade : Cascade
-        The low rungs as one pass has them at `end`, and the sums of this piece alone.
+        The low rungs as one pass has them at `end`, and the sums of this shard alone.
 
     Raises
     ------
@@ -78,15 +78,15 @@ class Piece:
         halo: NDArray[np.generic] | None = None,
     ) -> None:
         if start % ALIGNED or (start > 0) != (halo is not None):
-            raise ValueError(f"a piece starts at multiples of {ALIGNED}, with a halo; got {start}")
+            raise ValueError(f"a shard starts at multiples of {ALIGNED}, with a halo; got {start}")
         self.anchor = np.array(anchor, np.float64)
         if self.anchor.shape != (axes,):
-            raise ValueError(f"a piece of {axes} axes has as many anchors, got {anchor!r}")
+            raise ValueError(f"a shard of {axes} axes has as many anchors, got {anchor!r}")
         self.start = start
         self.end = start
         self.cascade = Cascade(axes, per_octave)
         self.cascade.grow(LEVELS)
-        self._stretches = [np.empty((axes, 0, 3))]
+        self._block_sums = [np.empty((axes, 0, 3))]
         if halo is not None:
             if halo.shape != (ALIGNED, axes):
                 raise ValueError(f"a halo has shape {(ALIGNED, axes)}, got {halo.shape}")
@@ -98,19 +98,19 @@ class Piece:
             self.cascade.heads[:] = 0.0
 
     @property
-    def stretches(self) -> NDArray[np.float64]:
-        """What the piece hands to the high rungs, shape (axes, k, 3)."""
-        return np.concatenate(self._stretches, axis=1)
+    def block_sums(self) -> NDArray[np.float64]:
+        """What the shard hands to the high rungs, shape (axes, k, 3)."""
+        return np.concatenate(self._block_sums, axis=1)
 
     def extend(self, samples: NDArray[np.generic]) -> None:
         """Take in the next samples, shape (n, axes), n a multiple of `ALIGNED`."""
         if samples.shape[1:] != (self.cascade.axes,) or len(samples) % ALIGNED:
             raise ValueError(
-                f"a piece takes multiples of {ALIGNED} samples of {self.cascade.axes} axes, "
+                f"a shard takes multiples of {ALIGNED} samples of {self.cascade.axes} axes, "
                 f"got shape {samples.shape}"
             )
         for slice_ in self._advance(samples):
-            self._stretches.append(stretches_of(slice_, STRETCH))
+            self._block_sums.append(_block_sums_of(slice_, BLOCK))
 
     def _advance(self, samples: NDArray[np.generic]) -> list[NDArray[np.float64]]:
         """Feed the low rungs; return the samples less the anchor, shape (axes, n) each."""
@@ -125,3 +125,19 @@ class Piece:
             self.end += one.shape[1]
             taken.append(one)
         return taken
+
+
+@njit(cache=True, nogil=True)
+def _block_sums_of(samples: NDArray[np.float64], length: int) -> NDArray[np.float64]:
+    """Return (X, Z, Q) of each `length` samples of every axis, shape (axes, n // length, 3)."""
+    axes, count = samples.shape[0], samples.shape[1] // length
+    found = np.empty((axes, count, 3))
+    for axis in range(axes):
+        for i in range(count):
+            x = z = q = 0.0
+            for j in range(i * length, (i + 1) * length):
+                q += z + 0.5 * x
+                z += x
+                x += samples[axis, j]
+            found[axis, i, 0], found[axis, i, 1], found[axis, i, 2] = x, z, q
+    return found

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from figures import Figure, written
 
-from allanscope.analysis.analyser import Analyser
+from allanscope.analysis import Analyser
 from allanscope.pipeline.compiling import load_kernels
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.looking import Looking

@@ -25,10 +25,8 @@ import numpy as np
 from figures import Figure, written
 from long_recording import make
 
-from allanscope.analysis import lanes
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.state import StreamState
-from allanscope.analysis.summary import summarise
+from allanscope.analysis import Analyser, AnalyserSettings, StreamState, summarise
+from allanscope.analysis import rows as row_tools
 from allanscope.pipeline.analyse import FULL_GATHERED, FULL_ROWS
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
@@ -78,7 +76,7 @@ def stages(path: Path) -> dict[str, float]:
 
 def whole(path: Path) -> dict[str, float]:
     """Analyse a recording and return processor and wall time of the sums and of the rest."""
-    lanes.side_by_side(1 << 20, lambda: None, lambda: None)  # threads are there
+    row_tools.in_parallel(1 << 20, lambda: None, lambda: None)  # threads are there
     decoding = Decoding(WireSettings())
     analyser = Analyser(AnalyserSettings(history_rows=FULL_ROWS, gathered_rows=FULL_GATHERED))
     marks = [(time.process_time(), time.monotonic())]

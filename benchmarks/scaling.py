@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from figures import Figure, written
 
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
+from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 
 FRAME = 16

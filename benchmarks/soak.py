@@ -31,8 +31,7 @@ import numpy as np
 from virtual_night import KINDS, Night
 
 from allanscope.allan import AllanBank
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.result import Analysis
+from allanscope.analysis import Analyser, Analysis
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.session import Session

@@ -18,7 +18,7 @@ from allanscope.errors import ExitCode
 from allanscope.sanitize import sanitize
 
 if TYPE_CHECKING:
-    from allanscope.analysis.result import Analysis
+    from allanscope.analysis import Analysis
     from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 
 __all__ = ["parser"]

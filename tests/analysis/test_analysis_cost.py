@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from allanscope.allan import AllanBank
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.lanes import WORTH_IT, side_by_side
+from allanscope.analysis import Analyser, AnalyserSettings
+from allanscope.analysis.rows import WORTH_IT, in_parallel
 from allanscope.pipeline.decoding import Decoding
 from allanscope.recording import Chunk, Recording, write_recording
 from allanscope.samples import Block, StreamInfo, Ticks
@@ -124,7 +124,7 @@ def test_a_recording_is_decoded_by_the_buffer_and_not_by_the_read(tmp_path, monk
 def test_a_second_thread_is_used_for_large_pieces_only():
     def thread_of(rows):
         names = []
-        side_by_side(
+        in_parallel(
             rows,
             lambda: names.append(threading.current_thread().name),
             lambda: names.append("here"),
@@ -143,4 +143,4 @@ def test_an_error_in_either_half_is_raised():
     for halves in ((fails, lambda: None), (lambda: None, fails)):
         for rows in (1, WORTH_IT):
             with pytest.raises(ValueError, match="broken"):
-                side_by_side(rows, *halves)
+                in_parallel(rows, *halves)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.summary import summarise
+from allanscope.analysis import Analyser, AnalyserSettings, summarise
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.wire.base import LinkStats
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from allanscope.analysis.verdict import verdict
+from allanscope.analysis import verdict
 from allanscope.explain.effect import ResidualError
 from support.demo_analysis import demo_analysis
 

@@ -12,8 +12,8 @@ import pytest
 from allanscope import AXES, SCHEMA, analyse
 from allanscope.__main__ import main
 from allanscope.allan.estimators import REGISTRY
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.summary import FULL_KINDS, summarise
+from allanscope.analysis import Analyser, summarise
+from allanscope.analysis.summary import FULL_KINDS
 from allanscope.explain.effects import KINDS
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.wire.base import LinkStats

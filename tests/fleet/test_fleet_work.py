@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from allanscope.analysis.lanes import WORTH_IT
+from allanscope.analysis.rows import WORTH_IT
 from allanscope.fleet.work import new_analyser
 from allanscope.pipeline.analyse import full_settings
 from allanscope.pipeline.settings import DeviceSettings

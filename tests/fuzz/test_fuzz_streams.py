@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.summary import summarise
+from allanscope.analysis import Analyser, summarise
 from allanscope.errors import AllanscopeError
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.decoding import Decoding

@@ -19,7 +19,7 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["allanscope"]):
-    from allanscope.analysis.analyser import Analyser
+    from allanscope.analysis import Analyser
     from allanscope.errors import AllanscopeError
     from allanscope.recording import Recording
     from allanscope.wire import format_named, sniff

@@ -14,7 +14,7 @@ import serial
 from serial.tools import list_ports
 
 from allanscope.__main__ import main
-from allanscope.analysis.verdict import verdict
+from allanscope.analysis import verdict
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
 

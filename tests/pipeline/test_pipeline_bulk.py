@@ -7,8 +7,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.summary import summarise
+from allanscope.analysis import Analyser, AnalyserSettings, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.recording import Chunk, Fingerprint, Recording, SessionWriter

@@ -5,9 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.summary import summarise
-from allanscope.analysis.verdict import verdict
+from allanscope.analysis import Analyser, summarise, verdict
 from allanscope.pipeline.inbox import Inbox, joined
 from allanscope.pipeline.looking import Looking
 from allanscope.recording import Buffer

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.summary import summarise
+from allanscope.analysis import Analyser, summarise
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.live import run_replay

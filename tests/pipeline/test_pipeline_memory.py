@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from allanscope.analysis.analyser import Analyser
+from allanscope.analysis import Analyser
 from allanscope.pipeline import refreshing
 from allanscope.pipeline.memory import _unchanged_libraries
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from allanscope.__main__ import main
-from allanscope.analysis.verdict import verdict
+from allanscope.analysis import verdict
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.view.terminal import summary_lines

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from allanscope.analysis.analyser import Analyser
+from allanscope.analysis import Analyser
 from allanscope.pipeline.refreshing import Refresher, _pause
 from allanscope.pipeline.session import UNWATCHED_SHARE, WATCHED_SHARE
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allanscope.analysis.analyser import MOST_CONFIGURATIONS, MOST_ERRORS, Analyser
+from allanscope.analysis import Analyser
+from allanscope.analysis.analyser import MOST_CONFIGURATIONS, MOST_ERRORS
 from allanscope.pipeline.decoding import Decoding
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks
 from allanscope.simulator import Simulator

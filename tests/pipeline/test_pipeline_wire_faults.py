@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from allanscope.analysis.analyser import Analyser
+from allanscope.analysis import Analyser
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.session import Session
 from allanscope.samples import Block, Gap, StreamInfo

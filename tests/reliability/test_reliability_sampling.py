@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from allanscope.analysis.result import Analysis, Rate
+from allanscope.analysis import Analysis, Rate
 from allanscope.analysis.sampling import sampling_remarks
 from allanscope.parts import PARTS
 from allanscope.pipeline.analyse import analyse_input

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from allanscope.analysis.result import AxisAnalysis, Level
+from allanscope.analysis import AxisAnalysis, Level
 from allanscope.explain.effect import Effect, Parameter
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.datasheet import compare

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from allanscope.allan.deviation import Deviation
-from allanscope.analysis.result import Analysis, AxisAnalysis, Level, ModelCurve, Rate
+from allanscope.analysis import Analysis, AxisAnalysis, Level, ModelCurve, Rate
 from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError
 from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
 from allanscope.samples import AXES, unit_of

@@ -6,8 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.result import Analysis
+from allanscope.analysis import Analyser, Analysis
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.live import run_live
 from allanscope.pipeline.session import Session

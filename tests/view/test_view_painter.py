@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allanscope.analysis.result import Analysis, ModelCurve
+from allanscope.analysis import Analysis, ModelCurve
 from allanscope.quantities import DENSITY, DEVIATION
 from allanscope.view.chart import HEIGHT, WIDTH
 from allanscope.view.drawing import percent_of_model

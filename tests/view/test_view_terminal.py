@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from allanscope.analysis.verdict import verdict
+from allanscope.analysis import verdict
 from allanscope.samples import Gap, Notice
 from allanscope.view.diary import Trends
 from allanscope.view.terminal import TerminalView, summary_lines

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allanscope.analysis.wording import coefficient_text, rate_text, wait_text
+from allanscope.analysis import coefficient_text, rate_text, wait_text
 from allanscope.noise.coefficients import Coefficient
 from allanscope.samples import Gap
 from allanscope.sanitize import markdown, one_line

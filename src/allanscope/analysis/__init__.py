@@ -7,10 +7,131 @@
     Notice         configuration            └▶ Clock, temperature
 
     Analyser ──▶ summarise ─┬▶ curves, noise, datasheet, effects ──▶ Analysis ─┬▶ to_dict: the JSON
-                            └─ look: what the closed loop is given             └▶ verdict, wording
+                            └─ LoopInput: what the closed loop is given        └▶ verdict, wording
 
 Taking samples is cheap and never ends; `summarise` reads the sums without changing them, coarsely
 at each refresh (``live``) or with every estimator and the closed loop (``full``). `Analysis` is the
-result for all who show it: terminal, viewer, report and JSON. `verdict` and `wording` put it into
-the words that they share.
+result for all who show it: terminal, viewer, report and JSON. `verdict_lines` and `wording` put it
+into the words that they share.
 """
+
+from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
+
+if TYPE_CHECKING:
+    from allanscope.analysis.analyser import (
+        Analyser,
+        AnalyserSettings,
+        LoopInput,
+        StreamState,
+        loop_input,
+    )
+    from allanscope.analysis.result import (
+        SCHEMA,
+        Analysis,
+        AsOf,
+        AxisAnalysis,
+        Level,
+        ModelCurve,
+        Rate,
+    )
+    from allanscope.analysis.summary import Depth, summarise
+    from allanscope.analysis.verdict_lines import (
+        ASSUMED,
+        Grade,
+        Verdict,
+        VerdictLine,
+        searched,
+        verdict,
+    )
+    from allanscope.analysis.wording import (
+        as_of_text,
+        best_text,
+        clock_text,
+        coefficient_text,
+        coefficient_unit,
+        density_verdict,
+        effect_brief,
+        effect_text,
+        losses_text,
+        not_measured,
+        parameter_text,
+        rate_text,
+        wait_text,
+    )
+
+__all__ = [
+    "ASSUMED",
+    "SCHEMA",
+    "Analyser",
+    "AnalyserSettings",
+    "Analysis",
+    "AsOf",
+    "AxisAnalysis",
+    "Depth",
+    "Grade",
+    "Level",
+    "LoopInput",
+    "ModelCurve",
+    "Rate",
+    "StreamState",
+    "Verdict",
+    "VerdictLine",
+    "as_of_text",
+    "best_text",
+    "clock_text",
+    "coefficient_text",
+    "coefficient_unit",
+    "density_verdict",
+    "effect_brief",
+    "effect_text",
+    "loop_input",
+    "losses_text",
+    "not_measured",
+    "parameter_text",
+    "rate_text",
+    "searched",
+    "summarise",
+    "verdict",
+    "wait_text",
+]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "ASSUMED": "verdict_lines",
+        "Analyser": "analyser",
+        "AnalyserSettings": "analyser",
+        "Analysis": "result",
+        "AsOf": "result",
+        "AxisAnalysis": "result",
+        "Depth": "summary",
+        "Grade": "verdict_lines",
+        "Level": "result",
+        "LoopInput": "analyser",
+        "ModelCurve": "result",
+        "Rate": "result",
+        "SCHEMA": "result",
+        "StreamState": "analyser",
+        "Verdict": "verdict_lines",
+        "VerdictLine": "verdict_lines",
+        "as_of_text": "wording",
+        "best_text": "wording",
+        "clock_text": "wording",
+        "coefficient_text": "wording",
+        "coefficient_unit": "wording",
+        "density_verdict": "wording",
+        "effect_brief": "wording",
+        "effect_text": "wording",
+        "loop_input": "analyser",
+        "losses_text": "wording",
+        "not_measured": "wording",
+        "parameter_text": "wording",
+        "rate_text": "wording",
+        "searched": "verdict_lines",
+        "summarise": "summary",
+        "verdict": "verdict_lines",
+        "wait_text": "wording",
+    },
+)

@@ -1,18 +1,46 @@
-"""The analyser: events in, a result out whenever one is asked for."""
+"""What is summed up while samples pass by, and what the closed loop is given of it.
+
+An `Analyser` takes events. Each configuration of the device has sums of its own, a `StreamState`:
+as small after a night as after a minute. They are read at any moment without being changed.
+"""
 
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
-from allanscope.analysis.state import StreamState
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.allan import AllanBank
+from allanscope.analysis.rows import BUFFERED, RowBuffer, in_parallel, lowest_and_highest
+from allanscope.clock import Clock
+from allanscope.history import History, Record
+from allanscope.noise.quantised import find_step
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
+from allanscope.spectrum import Density, SpectrumBank
 
-__all__ = ["Analyser", "AnalyserSettings", "Mark"]
+__all__ = [
+    "FEWEST_ROWS",
+    "Analyser",
+    "AnalyserSettings",
+    "LoopInput",
+    "Mark",
+    "StreamState",
+    "loop_input",
+]
 
 MOST_CONFIGURATIONS = 8
 MOST_ERRORS = 16
 """A device that tells of ever new scales, or of ever new troubles, must not fill the memory."""
+
+FEWEST_ROWS = 64
+"""Rows below which nothing is fitted."""
+
+FULL_COUNT = 32767
+"""Largest int16 count: a sample there, or at the opposite end, says only `at least this much`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,3 +158,184 @@ class Analyser:
 def _with(lines: list[str], line: str) -> list[str]:
     """Return the latest lines, each once: a night may bring the same one a thousand times."""
     return [*(one for one in lines if one != line), line][-MOST_ERRORS:]
+
+
+class Temperature:
+    """The last temperature, held from tick to tick, and the extremes of the run."""
+
+    def __init__(self) -> None:
+        self.first = np.nan
+        self.last = np.nan
+        self.lowest = np.inf
+        self.highest = -np.inf
+
+    def at_samples(self, block: Block) -> NDArray[np.float64] | None:
+        """Return the temperature at each sample of a block, or None where there never was one."""
+        ticks = block.ticks
+        seen = np.isfinite(ticks.temperature_c)
+        if seen.any():
+            values = ticks.temperature_c[seen]
+            if np.isnan(self.first):
+                self.first = float(values[0])
+            held = np.concatenate([[self.last], values])
+            bounds = np.concatenate([[0], ticks.offset[seen], [len(block)]])
+            self.last = float(values[-1])
+            self.lowest = min(self.lowest, float(values.min()))
+            self.highest = max(self.highest, float(values.max()))
+            return np.repeat(held, np.diff(bounds))
+        return None if np.isnan(self.last) else np.full(len(block), self.last)
+
+    def summary(self) -> dict[str, float]:
+        """Return first, last, lowest and highest in degC; empty when none was seen."""
+        if np.isnan(self.first):
+            return {}
+        return {
+            "first": self.first,
+            "last": self.last,
+            "lowest": self.lowest,
+            "highest": self.highest,
+        }
+
+
+class StreamState:
+    """The running sums of one configuration: as small after a night as after a minute.
+
+    Parameters
+    ----------
+    info : StreamInfo
+        What the samples mean.
+    per_octave : int
+        Averaging times in each octave.
+    history_rows : int
+        Most rows of block means that are kept for what needs a time series.
+    gathered_rows : int
+        Rows that are summed up at a time.
+    """
+
+    def __init__(
+        self, info: StreamInfo, per_octave: int, history_rows: int, gathered_rows: int = BUFFERED
+    ) -> None:
+        rate_hz = info.nominal_hz or 1.0
+        columns = len(info.axes)
+        self.info = info
+        self.bank = AllanBank(rate_hz, axes=columns, per_octave=per_octave)
+        self.spectrum = SpectrumBank(rate_hz, axes=columns)
+        self.history = History(columns, history_rows)
+        self.clock = Clock.of(info)
+        self.temperature = Temperature()
+        self.samples = 0
+        self.lost = 0
+        self.unknown_losses = 0
+        self.segments = 0
+        self.lowest = np.full(columns, np.inf)
+        self.highest = np.full(columns, -np.inf)
+        self.saturated = np.zeros(columns, np.int64)
+        self.counted = True
+        self._in_segment = False
+        self._buffer = RowBuffer(gathered_rows)
+
+    def block(self, block: Block) -> None:
+        """Take a run of samples."""
+        if not self._in_segment:
+            self.segments += 1
+            self._in_segment = True
+        counts = block.counts
+        self.counted = self.counted and np.issubdtype(counts.dtype, np.integer)
+        self.samples += len(block)
+        self.clock.update(block.index, block.ticks)
+        temperature_c = self.temperature.at_samples(block)
+        for piece in self._buffer.take(counts, temperature_c):
+            self._sum_up(*piece)
+
+    def gap(self, gap: Gap) -> None:
+        """Take a hole."""
+        self.settle()
+        self._in_segment = False
+        self.bank.gap()
+        self.spectrum.gap()
+        self.history.gap(gap.lost)
+        self.clock.gap(gap)
+        if gap.lost is None:
+            self.unknown_losses += 1
+        else:
+            self.lost += gap.lost
+
+    def settle(self) -> None:
+        """Sum up what has been gathered; must come before any of the sums is read."""
+        for piece in self._buffer.rest():
+            self._sum_up(*piece)
+
+    def _sum_up(self, counts: NDArray[Any], temperature_c: NDArray[np.float64] | None) -> None:
+        def everything_else() -> None:
+            self.spectrum.update(counts)
+            self.history.update(counts, temperature_c)
+            self._extremes(counts)
+
+        in_parallel(len(counts), lambda: self.bank.update(counts), everything_else)
+
+    def _extremes(self, counts: NDArray[Any]) -> None:
+        lowest, highest = lowest_and_highest(counts)
+        self.lowest = np.minimum(self.lowest, lowest)
+        self.highest = np.maximum(self.highest, highest)
+        if counts.dtype == np.int16:
+            full = (lowest == -FULL_COUNT - 1) | (highest == FULL_COUNT)
+            for column in np.flatnonzero(full):
+                values = counts[:, column]
+                at_end = (values == FULL_COUNT) | (values == -FULL_COUNT - 1)
+                self.saturated[column] += int(np.count_nonzero(at_end))
+
+
+@dataclass(frozen=True, slots=True)
+class LoopInput:
+    """A run so far, as the closed loop sees it.
+
+    Attributes
+    ----------
+    record : Record
+        Rows of all axes.
+    densities : mapping of str to Density
+        What there is above the rows of a long run.
+    nominal_hz : float or None
+        Sample rate that the device claims.
+    rate_fit : (float, float) or None
+        Measured rate and its standard error in Hz.
+    """
+
+    record: Record
+    densities: Mapping[str, Density]
+    nominal_hz: float | None
+    rate_fit: tuple[float, float] | None
+
+    @property
+    def length_s(self) -> float:
+        """Time that the rows cover, in s."""
+        return len(self.record.values) / self.record.rate_hz
+
+
+def loop_input(state: StreamState) -> LoopInput:
+    """Return what the sums of one configuration have to show."""
+    state.settle()
+    fit = state.clock.rate()
+    rate_hz = fit.hz or 1.0
+    claimed_hz = state.info.nominal_hz if state.info.rate_claimed else 0.0
+    measured = None
+    if fit.is_measured and state.info.nominal_hz:
+        measured = (fit.hz, fit.hz * fit.uncertainty_ppm * 1e-6)
+    return LoopInput(
+        _record(state, rate_hz), _densities(state, rate_hz), claimed_hz or None, measured
+    )
+
+
+def _record(state: StreamState, rate_hz: float) -> Record:
+    """Return the memory of the run; the step of numbers that are no counts is found from them."""
+    record = state.history.record(rate_hz, state.info.axes, state.info.scale)
+    if state.counted:
+        return record
+    steps = tuple(find_step(column * record.stride) for column in record.values.T)
+    return replace(record, lsb=steps)
+
+
+def _densities(state: StreamState, rate_hz: float) -> dict[str, Density]:
+    """Return the measured density of every axis."""
+    found = state.spectrum.densities(rate_hz, list(state.info.scale))
+    return dict(zip(state.info.axes, found, strict=True))

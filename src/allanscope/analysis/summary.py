@@ -10,12 +10,17 @@ from typing import Any, Literal
 import numpy as np
 
 from allanscope.allan.deviation import Deviation
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.look import FEWEST_ROWS, Look, look_of
+from allanscope.analysis.analyser import (
+    FEWEST_ROWS,
+    Analyser,
+    AnalyserSettings,
+    LoopInput,
+    StreamState,
+    loop_input,
+)
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
-from allanscope.analysis.state import StreamState
 from allanscope.clock.rate import DISAGREEMENT
 from allanscope.explain import explain, fit_beside
 from allanscope.explain.failure import failed, failure_text
@@ -83,8 +88,8 @@ def summarise(
     state.settle()
     rate = _rate(state)
     rate_hz = rate.best_hz or 1.0
-    look = look_of(state)
-    axes = _axes(state, look, rate, depth, settings, known)
+    given = loop_input(state)
+    axes = _axes(state, given, rate, depth, settings, known)
     part = settings.part or state.info.part
     offered = PARTS[part or POLLED_PART].rates_hz if state.info.wire in POLLED_WIRES else ()
     return Analysis(
@@ -107,7 +112,7 @@ def summarise(
             *sampling_remarks(axes, _claimed(state, rate), offered),
         ),
         version=version("allanscope"),
-        record=look.record if depth == "full" else None,
+        record=given.record if depth == "full" else None,
         origin=state.info.origin,
     )
 
@@ -170,7 +175,7 @@ def _rate(state: StreamState) -> Rate:
 
 def _axes(
     state: StreamState,
-    look: Look,
+    given: LoopInput,
     rate: Rate,
     depth: Depth,
     settings: AnalyserSettings,
@@ -181,20 +186,20 @@ def _axes(
     part = settings.part or state.info.part
     curves = _curves(state, depth, rate_hz, settings.level)
     as_of = AsOf(state.samples / rate_hz, state.samples)
-    loop = _loop(look, settings.threads) if depth == "full" else known
+    loop = _loop(given, settings.threads) if depth == "full" else known
     if loop is not None and depth == "live":
-        loop = loop.with_rate(look.nominal_hz, look.rate_fit)
+        loop = loop.with_rate(given.nominal_hz, given.rate_fit)
         try:
-            loop = _with_noise_of_now(loop, look)
+            loop = _with_noise_of_now(loop, given)
         except Exception:  # the last search stands, and says of when it is
             as_of = AsOf(loop.length_s, loop.samples)
     return {
         name: _axis_or_failure(
             state,
-            look.record,
+            given.record,
             name,
             curves=curves[name],
-            density=look.densities[name],
+            density=given.densities[name],
             loop=loop,
             rate=rate,
             part=part,
@@ -224,9 +229,9 @@ def _axis_or_failure(
     return replace(axis, failure=failure, remarks=(remark, *axis.remarks))
 
 
-def _with_noise_of_now(loop: Explanation, look: Look) -> Explanation:
+def _with_noise_of_now(loop: Explanation, given: LoopInput) -> Explanation:
     """Return what the last search found with the noise of this moment, the effects held."""
-    beside = fit_beside(loop.held, look.record, look.densities)
+    beside = fit_beside(loop.held, given.record, given.densities)
     return replace(
         loop,
         models_before={k: v for k, v in loop.models_before.items() if k in beside},
@@ -251,19 +256,19 @@ def _curves(
     return out
 
 
-def _loop(look: Look, threads: int) -> Explanation | None:
-    if len(look.record.values) < FEWEST_ROWS:
+def _loop(given: LoopInput, threads: int) -> Explanation | None:
+    if len(given.record.values) < FEWEST_ROWS:
         return None
     try:
         return explain(
-            look.record,
-            look.densities,
-            nominal_hz=look.nominal_hz,
-            rate_fit=look.rate_fit,
+            given.record,
+            given.densities,
+            nominal_hz=given.nominal_hz,
+            rate_fit=given.rate_fit,
             threads=threads,
         )
     except Exception as error:  # curves and noise are known all the same
-        return Explanation({axis: failed(error) for axis in look.record.axes})
+        return Explanation({axis: failed(error) for axis in given.record.axes})
 
 
 def _axis(

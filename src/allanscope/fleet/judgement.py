@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.analysis.verdict import Grade, Verdict, VerdictLine
+from allanscope.analysis import Grade, Verdict, VerdictLine
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.outliers import FALSE_ALARMS, Outlier, far_units, far_values
 from allanscope.fleet.shared import SharedEffect

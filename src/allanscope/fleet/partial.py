@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
 from allanscope.allan.shard import ALIGNED, Shard
-from allanscope.analysis.analyser import AnalyserSettings
+from allanscope.analysis import AnalyserSettings
 from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.spectrum.bank import SpectrumBank
 from allanscope.spectrum.shard import SpectrumShard

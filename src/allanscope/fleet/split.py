@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
 from allanscope.allan.archive import ROWS
-from allanscope.analysis.analyser import Analyser
+from allanscope.analysis import Analyser
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.partial import Partial
 from allanscope.fleet.places import Place

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.result import Analysis
-from allanscope.analysis.summary import summarise
+from allanscope.analysis import Analyser, Analysis, summarise
 from allanscope.errors import AllanscopeError, InputError
 from allanscope.fleet.outcome import Outcome, packed
 from allanscope.fleet.places import Place

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.result import Analysis
-from allanscope.analysis.summary import summarise
+from allanscope.analysis import Analyser, AnalyserSettings, Analysis, summarise
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import with_units
 from allanscope.pipeline.compiling import tell_when_compiling

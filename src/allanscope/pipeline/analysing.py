@@ -10,7 +10,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from allanscope.analysis.result import Analysis
+from allanscope.analysis import Analysis
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.column_analysis import analyse_columns
 from allanscope.pipeline.columns import (

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from allanscope.analysis.result import Analysis
+from allanscope.analysis import Analysis
 from allanscope.errors import CheckFailed, InputError
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.result import Analysis
-from allanscope.analysis.summary import summarise
+from allanscope.analysis import Analyser, Analysis, summarise
 from allanscope.pipeline.analyse import full_settings
 from allanscope.pipeline.arrays import events_of_columns, words_of
 from allanscope.pipeline.columns import Columns, with_guesses

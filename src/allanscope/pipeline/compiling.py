@@ -13,8 +13,7 @@ import threading
 from collections.abc import Callable
 from importlib import import_module
 
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.summary import summarise
+from allanscope.analysis import Analyser, AnalyserSettings, summarise
 from allanscope.simulator import Simulator
 from allanscope.spectrum.level import SEGMENT
 from allanscope.wire.base import LinkStats

@@ -12,8 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from allanscope.analysis.analyser import Analyser, AnalyserSettings
-from allanscope.analysis.result import Analysis
+from allanscope.analysis import Analyser, AnalyserSettings, Analysis
 from allanscope.errors import AllanscopeError, DeviceError, InputError
 from allanscope.pipeline.analyse import analyse_input, recorded_settings
 from allanscope.pipeline.compiling import load_kernels, tell_when_compiling

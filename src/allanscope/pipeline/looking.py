@@ -21,8 +21,7 @@ import subprocess
 import sys
 import threading
 
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.look import Look, look_of
+from allanscope.analysis import Analyser, LoopInput, loop_input
 from allanscope.explain import Explanation, LiveLoop
 from allanscope.samples import StreamInfo
 
@@ -79,7 +78,7 @@ class Looking:
             self._info, self._due_s = state.info, self._first_s
         if state.samples < self._due_s * state.info.nominal_hz:
             return
-        look = look_of(state)
+        look = loop_input(state)
         if not self._loop.due(look.record):
             return
         self._due_s = 1.9 * look.length_s  # a little early: the true rate may be a little lower
@@ -94,7 +93,7 @@ class Looking:
         if self._thread is not None:
             self._thread.join(timeout=5.0)
 
-    def _look(self, look: Look) -> None:
+    def _look(self, look: LoopInput) -> None:
         loop, request = self._loop, pickle.dumps((self._loop, look), pickle.HIGHEST_PROTOCOL)
         # A session of its own: Ctrl-C in the terminal is for us to understand, not for the child.
         command = [sys.executable, "-m", __name__]

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from allanscope.analysis.result import Analysis
+from allanscope.analysis import Analysis
 from allanscope.errors import UsageError
 from allanscope.whole_file import refuse_place, written_whole
 

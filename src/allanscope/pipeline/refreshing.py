@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from allanscope.analysis.analyser import Analyser
+from allanscope.analysis import Analyser
 from allanscope.pipeline.memory import let_go_of_what_rests
 
 __all__ = ["Refresher"]

@@ -8,7 +8,7 @@
 
 The second thread decodes the next piece while the last one is summed up. Everything that takes
 long is compiled code that lets go of the interpreter. The result is that of taking the same reads
-one by one, to the last bit: see `allanscope.analysis.gathering`.
+one by one, to the last bit: see `allanscope.analysis.rows`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from allanscope.analysis.analyser import Analyser
+from allanscope.analysis import Analyser
 from allanscope.errors import InputError
 from allanscope.pipeline.ahead import ahead
 from allanscope.pipeline.decoding import Decoding

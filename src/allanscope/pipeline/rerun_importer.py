@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from allanscope.analysis.analyser import Analyser
+    from allanscope.analysis import Analyser
     from allanscope.samples import Event
     from allanscope.view.rerun_view import RerunView
 
@@ -74,8 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _show(path: Path, application: str, identity: str) -> None:
-    from allanscope.analysis.analyser import Analyser, AnalyserSettings
-    from allanscope.analysis.summary import summarise
+    from allanscope.analysis import Analyser, AnalyserSettings, summarise
     from allanscope.pipeline.analyse import recorded_settings
     from allanscope.pipeline.decoding import Decoding
     from allanscope.pipeline.settings import DeviceSettings

@@ -23,9 +23,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
-from allanscope.analysis.analyser import Analyser
-from allanscope.analysis.result import Analysis
-from allanscope.analysis.summary import Depth, summarise
+from allanscope.analysis import Analyser, Analysis, Depth, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.inbox import Inbox, joined
 from allanscope.pipeline.looking import Looking

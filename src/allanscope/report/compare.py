@@ -6,8 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.analysis.verdict import verdict
+from allanscope.analysis import Analysis, AxisAnalysis, verdict
 from allanscope.quantities import COEFFICIENTS, duration, number, symbols
 from allanscope.report import words
 from allanscope.report.curve_pictures import compare_picture

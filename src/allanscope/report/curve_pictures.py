@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.deviation import Deviation
-from allanscope.analysis.result import AxisAnalysis, ModelCurve
+from allanscope.analysis import AxisAnalysis, ModelCurve
 from allanscope.quantities import DEVIATION, symbols
 from allanscope.report.picture import (
     BEFORE,

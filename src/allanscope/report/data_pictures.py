@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from allanscope.analysis.result import AxisAnalysis
+from allanscope.analysis import AxisAnalysis
 from allanscope.history import Record
 from allanscope.quantities import DENSITY, LEVEL, number, symbols
 from allanscope.report.curve_pictures import scale_loglog

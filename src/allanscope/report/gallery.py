@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.analysis.verdict import searched
+from allanscope.analysis import Analysis, AxisAnalysis, searched
 from allanscope.report.curve_pictures import deviation_picture, residual_picture
 from allanscope.report.data_pictures import (
     density_picture,

@@ -10,8 +10,7 @@ from typing import Any
 
 import jinja2
 
-from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.analysis.verdict import searched, verdict
+from allanscope.analysis import Analysis, AxisAnalysis, searched, verdict
 from allanscope.quantities import COEFFICIENTS, duration, symbols
 from allanscope.report import words
 from allanscope.report.gallery import SENSORS, pictures

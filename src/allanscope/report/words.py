@@ -8,9 +8,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
 
-from allanscope.analysis.result import Analysis, AxisAnalysis, Level
-from allanscope.analysis.verdict import searched
-from allanscope.analysis.wording import losses_text, parameter_text, wait_text
+from allanscope.analysis import (
+    Analysis,
+    AxisAnalysis,
+    Level,
+    losses_text,
+    parameter_text,
+    searched,
+    wait_text,
+)
 from allanscope.explain.effect import AxisExplanation, Effect
 from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
 from allanscope.quantities import (

@@ -17,8 +17,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from allanscope.analysis.result import Analysis
-from allanscope.analysis.wording import (
+from allanscope.analysis import (
+    Analysis,
     coefficient_text,
     coefficient_unit,
     effect_brief,

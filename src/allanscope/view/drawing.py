@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from allanscope.allan.deviation import Deviation
-from allanscope.analysis.result import ModelCurve
+from allanscope.analysis import ModelCurve
 from allanscope.explain.effect import AxisExplanation
 from allanscope.noise.coefficients import DatasheetVerdict
 from allanscope.quantities import Reading, number, symbols

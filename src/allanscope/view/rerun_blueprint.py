@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
-from allanscope.analysis.wording import coefficient_unit
+from allanscope.analysis import coefficient_unit
 from allanscope.quantities import LEVEL, symbols
 from allanscope.samples import unit_of
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from allanscope.analysis.result import Analysis
+from allanscope.analysis import Analysis
 from allanscope.errors import DeviceError
 from allanscope.sanitize import one_line
 from allanscope.view.diary import Diary, Level

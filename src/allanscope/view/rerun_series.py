@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from allanscope.analysis.result import Analysis
+from allanscope.analysis import Analysis
 from allanscope.noise.coefficients import Coefficient
 from allanscope.quantities import COEFFICIENTS, LEVEL, symbols
 from allanscope.samples import unit_of

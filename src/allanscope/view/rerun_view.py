@@ -23,7 +23,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from allanscope.analysis.result import Analysis
+from allanscope.analysis import Analysis
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.view.decimator import Decimator, Pace, Rows
 from allanscope.view.diary import GapTeller, Level

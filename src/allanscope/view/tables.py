@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.analysis.verdict import verdict
-from allanscope.analysis.wording import (
+from allanscope.analysis import (
+    Analysis,
+    AxisAnalysis,
     as_of_text,
     best_text,
     coefficient_text,
@@ -15,6 +15,7 @@ from allanscope.analysis.wording import (
     effect_text,
     losses_text,
     rate_text,
+    verdict,
     wait_text,
 )
 from allanscope.explain.effect import AxisExplanation

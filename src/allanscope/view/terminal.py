@@ -12,8 +12,7 @@ from typing import Literal, TextIO
 from rich.live import Live
 from rich.text import Text
 
-from allanscope.analysis.result import Analysis
-from allanscope.analysis.wording import not_measured
+from allanscope.analysis import Analysis, not_measured
 from allanscope.quantities import duration
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.sanitize import one_line

@@ -13,9 +13,11 @@ from rich.console import Console, ConsoleOptions, Group, RenderResult
 from rich.table import Table
 from rich.text import Text
 
-from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.analysis.verdict import ASSUMED, VerdictLine, searched, verdict
-from allanscope.analysis.wording import (
+from allanscope.analysis import (
+    ASSUMED,
+    Analysis,
+    AxisAnalysis,
+    VerdictLine,
     as_of_text,
     best_text,
     clock_text,
@@ -25,6 +27,8 @@ from allanscope.analysis.wording import (
     losses_text,
     not_measured,
     rate_text,
+    searched,
+    verdict,
     wait_text,
 )
 from allanscope.quantities import COEFFICIENTS, DEVIATION, count, duration, number, symbols

@@ -196,6 +196,42 @@ def test_the_real_limit_of_a_file_keeps_whole_seconds(tmp_path: Path) -> None:
     assert numbers(path) == list(range(1000))
 
 
+def test_a_file_that_is_deleted_or_replaced_is_saved_again(tmp_path: Path) -> None:
+    folder = tmp_path / "night"
+    folder.mkdir()
+    recorder = Recorder(folder, {}, commit_s=0.01)
+    recorder.rx(noise(0))
+    wait_until(lambda: numbers(folder) == [0])
+    (folder / "session.mcap").unlink()
+    folder.rmdir()
+    recorder.rx(noise(1))
+    wait_until(lambda: "another program has removed session.mcap" in recorder.alarm)
+    wait_until(lambda: numbers(folder) == [0, 1])
+    (folder / "session.mcap").rename(tmp_path / "moved.mcap")
+    (folder / "session.mcap").write_bytes(b"something else")
+    recorder.rx(noise(2))
+    wait_until(lambda: "saved again as session-001.mcap" in recorder.alarm)
+    recorder.close()
+    assert (folder / "session.mcap").read_bytes() == b"something else"
+    assert numbers(folder / "session-001.mcap") == [0, 1, 2]
+
+
+@pytest.mark.parametrize("left", [0, -100])
+def test_a_file_that_is_cut_keeps_the_rest_and_recording_goes_on(tmp_path: Path, left: int) -> None:
+    recorder = Recorder(tmp_path, {}, commit_s=0.01)
+    for index in range(3):
+        recorder.rx(noise(index))
+        wait_until(lambda index=index: numbers(tmp_path) == list(range(index + 1)))  # type: ignore[misc]
+    path = tmp_path / "session.mcap"
+    os.truncate(path, left if left == 0 else path.stat().st_size + left)
+    recorder.rx(noise(3))
+    wait_until(lambda: "bytes off session.mcap: recording goes on in" in recorder.alarm)
+    recorder.rx(noise(4))
+    recorder.close()
+    assert numbers(tmp_path / "session-001.mcap") == [3, 4]
+    assert numbers(tmp_path) == ([3, 4] if left == 0 else [0, 1, 3, 4])
+
+
 def test_scarce_space_is_told_with_the_time_left(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap", {}, commit_s=0.01, free_bytes=lambda _: 2000)
     recorder.rx(noise(1))

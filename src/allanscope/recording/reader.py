@@ -280,20 +280,27 @@ class _Gathering:
 def _segments(path: Path) -> list[tuple[Path, Outline]]:
     """Return the files of a session with their outlines; strangers with a fitting name are not."""
     first, *later = session_files(path)
-    outline = outline_of(first)
+    outline = _outline(first) if later and first.exists() else outline_of(first)
     beginning = any(damage.offset <= len(MAGIC) for damage in outline.damage)
     if not beginning and outline.profile != PROFILE and not outline.metadata:
         raise InputError(f"no recording: {first} is an MCAP file of something else")
     session = outline.metadata.get("session")
     found = [(first, outline)]
     for file in later:
-        try:
-            following = outline_of(file)
-        except InputError as error:
-            following = Outline(damage=[Damage(file, 0, file.stat().st_size, str(error))])
+        following = _outline(file)
+        # Where the beginning is lost the next file says which session it is.
+        session = session or following.metadata.get("session")
         if following.metadata.get("session", session) == session:
             found.append((file, following))
     return found
+
+
+def _outline(path: Path) -> Outline:
+    """Return the outline of one of several files; one that is none of ours is damage."""
+    try:
+        return outline_of(path)
+    except InputError as error:
+        return Outline(damage=[Damage(path, 0, path.stat().st_size, str(error))])
 
 
 def _some(

@@ -219,6 +219,9 @@ class Recorder:
 
     def _remaining(self) -> str:
         """Return what is wrong although the disk has just taken everything."""
+        return "; ".join(one for one in (self._session.incident, self._room()) if one)
+
+    def _room(self) -> str:
         folder = self.path.parent
         rate = self.bytes_written / max(time.monotonic() - self._began, 1.0)
         left_s = self.space_left_s = self._free_bytes(folder) / rate

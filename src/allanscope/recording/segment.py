@@ -3,7 +3,8 @@
 The MCAP writer writes into memory; `Segment.commit` brings what has gathered there to the disk in
 one call. If the disk takes only a part of it (it is full), the file is cut back to the last whole
 record and the rest stays in memory for the next try, so that a file never has a tear in its middle
-and a disk that has room again in time costs nothing at all.
+and a disk that has room again in time costs nothing at all. A file that another program deletes or
+replaces is still there as long as it is open: `Segment.restore` saves it under a name again.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from allanscope.recording.metadata import sealed
 
 __all__ = ["Segment"]
 
+_COPIED_BYTES = 1 << 22
 CHUNK_BYTES = 1 << 18
 """A chunk is closed at this size even when no commit is due: what rots is lost by the chunk."""
 
@@ -43,9 +45,7 @@ class Segment:
     def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
         self.path = path
         self.committed = 0
-        self._fd = os.open(
-            path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644
-        )
+        self._fd = _made(path)
         self._spool = _Spool()
         self._writer: Any = Writer(
             cast("IO[bytes]", self._spool), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD
@@ -107,6 +107,55 @@ class Segment:
         """Wait until what was committed would survive a power cut."""
         getattr(os, "fdatasync", os.fsync)(self._fd)
 
+    @property
+    def is_gone(self) -> bool:
+        """Whether another program has deleted the file, or put another one in its place."""
+        try:
+            named = self.path.stat()
+        except FileNotFoundError:
+            return True
+        own = os.fstat(self._fd)
+        return (named.st_dev, named.st_ino) != (own.st_dev, own.st_ino)
+
+    def restore(self, path: Path) -> None:
+        """Save all that was committed in a new file, and go on there.
+
+        Raises
+        ------
+        OSError
+            If there is no room for it; then nothing has changed.
+        """
+        path.parent.mkdir(parents=True, exist_ok=True)
+        fd = _made(path)
+        try:
+            for at in range(0, self.committed, _COPIED_BYTES):
+                os.lseek(self._fd, at, os.SEEK_SET)
+                piece = os.read(self._fd, min(_COPIED_BYTES, self.committed - at))
+                _write_all(fd, bytearray(piece))
+            _sync_folder(path.parent)
+        except OSError:
+            os.lseek(self._fd, self.committed, os.SEEK_SET)
+            os.close(fd)
+            path.unlink(missing_ok=True)
+            raise
+        os.close(self._fd)
+        self._fd, self.path = fd, path
+
+    def recount(self) -> int:
+        """Go on at the end of the file as it is; return the bytes that another program added.
+
+        Negative where it has cut the file.
+        """
+        added = os.lseek(self._fd, 0, os.SEEK_END) - self.committed
+        self.committed += added
+        return added
+
+    def take_over(self, former: Segment) -> None:
+        """Take what another segment has not written yet: whole chunks, the same in every file."""
+        former._writer.flush()
+        self._spool.write(bytes(former._spool.waiting))
+        former._spool.waiting.clear()
+
     def close(self) -> None:
         """Write the index at the end and close; the file is readable even if this fails."""
         try:
@@ -134,6 +183,11 @@ class _Spool:
 
     def flush(self) -> None:
         """Nothing: the commit is ours."""
+
+
+def _made(path: Path) -> int:
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    return os.open(path, flags, 0o644)
 
 
 def _write_all(fd: int, data: bytearray) -> None:

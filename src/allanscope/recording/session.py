@@ -58,6 +58,11 @@ class SessionWriter:
     UsageError
         If the session exists, or does not exist although it is to be resumed, or cannot be
         written there.
+
+    Attributes
+    ----------
+    incident : str
+        The last thing that another program has done to the files; empty if nothing.
     """
 
     def __init__(
@@ -86,6 +91,7 @@ class SessionWriter:
         self._began_ns: int | None = None
         self._last_ns = 0
         self._finished_bytes = 0
+        self.incident = ""
         try:
             self._segment = self._open()
         except OSError as error:
@@ -144,10 +150,26 @@ class SessionWriter:
         OSError
             If the disk does not take it. Nothing is lost then: the next commit tries again.
         """
+        self._look_after_the_file()
         written = self._segment.commit()
         if self._is_long():
             self._rotate()
         return written
+
+    def _look_after_the_file(self) -> None:
+        """Notice what another program has done to the file, and lose as little as can be."""
+        name = self.path.name
+        if self._segment.is_gone:
+            if self.path.exists():
+                self._segment_number += 1
+            self._segment.restore(segment_path(self.first, self._segment_number))
+            self.incident = f"another program has removed {name}: saved again as {self.path.name}"
+        elif added := self._segment.recount():
+            self._rotate(torn=True)
+            self.incident = (
+                f"another program has {'cut' if added < 0 else 'added'} {abs(added)} bytes "
+                f"{'off' if added < 0 else 'to'} {name}: recording goes on in {self.path.name}"
+            )
 
     def sync(self) -> None:
         """Make what was committed survive a power cut."""
@@ -170,8 +192,11 @@ class SessionWriter:
             return True
         return self._began_ns is not None and self._last_ns - self._began_ns >= self._max_ns
 
-    def _rotate(self) -> None:
-        """Open the next file before the old one is given up, so that a failure costs nothing."""
+    def _rotate(self, torn: bool = False) -> None:
+        """Open the next file before the old one is given up, so that a failure costs nothing.
+
+        What waits for a file that is torn goes into the next: behind a tear it could not be read.
+        """
         self._segment_number += 1
         try:
             following = self._open()
@@ -179,6 +204,8 @@ class SessionWriter:
             self._segment_number -= 1
             raise
         finished, self._segment = self._segment, following
+        if torn:
+            following.take_over(finished)
         self._began_ns = None
         try:
             finished.close()

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from allanscope.__main__ import main
 from allanscope.recording import Recording
-from allanscope.recording.unpack import MOST_MESSAGES
+from allanscope.recording.records import MOST_MESSAGES
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.wire.native import NativeEncoder
 

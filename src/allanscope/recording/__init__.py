@@ -8,9 +8,9 @@ decoder never costs a night::
                       own thread           numbers, times     memory      session-001.mcap
                                            rotation           commit      ...
 
-    session.mcap ──▶ outline ──▶ unpack ──▶ Recording ──▶ chunks(), buffers(), events(), tx()
-                     where the   checked,                  │
-                     records     one by one                └──▶ recover() ──▶ one sound file
+    session.mcap ──▶ outline ──▶ records ─▶ Recording ──▶ chunks(), buffers(), events(), tx()
+                     where the   unpacked,                 │
+                     records     checked                   └──▶ recover() ──▶ one sound file
                      lie
 
 The files are plain MCAP, which other tools open; `layout` says what is in them. Written twice
@@ -26,11 +26,9 @@ from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.recording.chunk import Chunk, LinkEvent
-    from allanscope.recording.export import ExportReport, export_csv
-    from allanscope.recording.fingerprint import Fingerprint
+    from allanscope.recording.export import ExportReport, export_csv, export_parquet
     from allanscope.recording.outline import Damage
-    from allanscope.recording.parquet import export_parquet
-    from allanscope.recording.reader import Buffer, Recording, is_recording
+    from allanscope.recording.reader import Buffer, Fingerprint, Recording, is_recording
     from allanscope.recording.recorder import Recorder
     from allanscope.recording.recovery import RecoveryReport, recover
     from allanscope.recording.session import SessionWriter, write_recording
@@ -60,14 +58,14 @@ __getattr__, __dir__ = lazily(
         "Chunk": "chunk",
         "Damage": "outline",
         "ExportReport": "export",
-        "Fingerprint": "fingerprint",
+        "Fingerprint": "reader",
         "LinkEvent": "chunk",
         "Recorder": "recorder",
         "Recording": "reader",
         "RecoveryReport": "recovery",
         "SessionWriter": "session",
         "export_csv": "export",
-        "export_parquet": "parquet",
+        "export_parquet": "export",
         "is_recording": "reader",
         "recover": "recovery",
         "write_recording": "session",

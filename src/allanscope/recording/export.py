@@ -1,4 +1,4 @@
-"""Export of samples: a table of times, axes and temperature, as delimited text.
+"""Export of samples: a table of times, axes and temperature, as delimited text or as Parquet.
 
 Time is the index of a sample divided by the sample rate, so a hole of known length is a jump in
 time. A hole of which nobody knows the length is shown as one missing sample: neighbours in the
@@ -8,21 +8,24 @@ configurations of a device, whose indices have nothing to do with each other.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.errors import InputError
+from allanscope.errors import InputError, UsageError
 from allanscope.samples import Block, Event, Gap, StreamInfo, unit_of
 from allanscope.whole_file import written_whole
 
-__all__ = ["ExportReport", "Table", "Unit", "export_csv", "tables"]
+__all__ = ["ExportReport", "Table", "Unit", "export_csv", "export_parquet", "tables"]
 
 Unit = Literal["physical", "lsb"]
+GROUP_ROWS = 1 << 17
 
 
 @dataclass(slots=True)
@@ -217,3 +220,94 @@ def _rows(table: Table, unit: Unit) -> str:
         formats.append("%.4f")
     line = ",".join(formats) + "\n"
     return "".join(line % row for row in zip(*(c.tolist() for c in columns), strict=True))
+
+
+def export_parquet(
+    events: Iterable[Event], out: Path, *, rate_hz: float | None = None, unit: Unit = "physical"
+) -> ExportReport:
+    """Write samples as a Parquet file.
+
+    The columns are named as in the text export. The metadata key ``allanscope`` holds the axes,
+    scales, rate, part and wire format as JSON.
+
+    Parameters
+    ----------
+    events : iterable of StreamInfo, Block, Gap and Notice
+        What a decoder says.
+    out : Path
+        The file; it is replaced when everything has been written.
+    rate_hz : float, optional
+        Measured sample rate; the nominal one if not given.
+    unit : {'physical', 'lsb'}
+        dps and g, or counts: smaller, exact, and their scale is in the metadata.
+
+    Raises
+    ------
+    InputError
+        If one table cannot hold the stream.
+    UsageError
+        If the file cannot be written, or pyarrow is not installed.
+    """
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        raise UsageError("Parquet needs pyarrow: pip install pyarrow") from error
+    report = ExportReport(out)
+    with written_whole(out) as part, ExitStack() as opened:
+        writer: Any = None
+        for table in _batches(tables(events, report, rate_hz, unit)):
+            rows = pa.table(_columns(table, unit), metadata=_facts(table, rate_hz))
+            if writer is None:
+                # Opened by us: Arrow takes no names that are not UTF-8.
+                file = opened.enter_context(part.open("wb"))
+                writer = pq.ParquetWriter(file, rows.schema, compression="zstd")
+                opened.enter_context(writer)
+            writer.write_table(rows.cast(writer.schema))
+        if writer is None:
+            raise UsageError("there are no samples to export")
+    return report
+
+
+def _batches(parts: Iterable[Table]) -> Iterator[Table]:
+    """Join small tables, because every one that is written becomes a row group of its own."""
+    waiting: list[Table] = []
+    rows = 0
+    for part in parts:
+        if waiting and (waiting[0].info is not part.info or rows >= GROUP_ROWS):
+            yield _joined(waiting)
+            waiting, rows = [], 0
+        waiting.append(part)
+        rows += len(part.time_s)
+    if waiting:
+        yield _joined(waiting)
+
+
+def _joined(parts: list[Table]) -> Table:
+    temperatures = [part.temperature_c for part in parts if part.temperature_c is not None]
+    return Table(
+        parts[0].info,
+        np.concatenate([part.time_s for part in parts]),
+        np.concatenate([part.values for part in parts]),
+        np.concatenate(temperatures) if temperatures else None,
+    )
+
+
+def _columns(table: Table, unit: Unit) -> dict[str, Any]:
+    columns = [table.time_s, *table.values.T]
+    if table.temperature_c is not None:
+        columns.append(table.temperature_c)
+    return dict(zip(table.tokens(unit), columns, strict=True))
+
+
+def _facts(table: Table, rate_hz: float | None) -> dict[str, str]:
+    info = table.info
+    facts = {
+        "axes": info.axes,
+        "scale": info.scale,
+        "rate_hz": rate_hz or info.nominal_hz,
+        "measured": rate_hz is not None or not info.rate_claimed,
+        "part": info.part,
+        "wire": info.wire,
+    }
+    return {"allanscope": json.dumps(facts)}

@@ -17,12 +17,22 @@ back. ``log_time`` is the same moment as time since 1970, computed from the mono
 anchor taken at the start, so that a clock that is set in the night tears no hole. ``sequence``
 counts the messages of a topic from 1; a number that is missing on ``/serial/rx`` is a read that is
 missing, and that is how a reader knows that two reads are no neighbours.
+
+The metadata record says what a recording is. MCAP protects chunks by a checksum but not metadata
+records, and a part name that one flipped bit has changed into another would be believed. The record
+therefore carries a CRC-32 of its own (`sealed`).
 """
 
 from __future__ import annotations
 
 import glob
+import json
+import platform
 import re
+import zlib
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from allanscope.errors import InputError
@@ -30,7 +40,10 @@ from allanscope.errors import InputError
 __all__ = [
     "MAGIC",
     "TOPICS",
+    "circumstances",
     "first_segment",
+    "is_sound",
+    "sealed",
     "segment_number",
     "segment_path",
     "session_files",
@@ -51,6 +64,7 @@ TOPICS: dict[int, str] = {1: RX, 2: TX, 3: EVENTS}
 EVENT_SCHEMA = b'{"type":"object","properties":{"kind":{"type":"string"}},"required":["kind"]}'
 
 _NUMBERED = re.compile(r"(?P<stem>.+)-(?P<number>\d{3,})\.mcap")
+SEAL = "crc32"
 
 
 def segment_path(first: Path, number: int) -> Path:
@@ -113,3 +127,43 @@ def session_files(path: Path) -> list[Path]:
 def _continues_one_of(names: set[str], name: str) -> bool:
     match = _NUMBERED.fullmatch(name)
     return match is not None and match["stem"] + ".mcap" in names
+
+
+def circumstances(epoch_ns: int) -> dict[str, str]:
+    """Return what every recording says: who made it, where, and when."""
+    try:
+        own = version("allanscope")
+    except PackageNotFoundError:
+        own = ""
+    return {
+        "allanscope": own,
+        "format": "1",
+        "host": platform.node(),
+        "system": platform.platform(),
+        "started": datetime.fromtimestamp(epoch_ns * 1e-9, UTC).isoformat(timespec="milliseconds"),
+    }
+
+
+def sealed(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Return the metadata with its checksum.
+
+    >>> sealed({"part": "LSM6DSM"})
+    {'part': 'LSM6DSM', 'crc32': '8f5026e9'}
+    """
+    plain = {key: _encodable(value) for key, value in metadata.items() if key != SEAL}
+    return {**plain, SEAL: _checksum(plain)}
+
+
+def is_sound(metadata: Mapping[str, str]) -> bool:
+    """Return whether the metadata is what was written."""
+    plain = {key: value for key, value in metadata.items() if key != SEAL}
+    return metadata.get(SEAL) == _checksum(plain)
+
+
+def _encodable(value: object) -> str:
+    """Text without lone surrogates, which paths may hold and UTF-8 may not."""
+    return str(value).encode("utf-8", "replace").decode()
+
+
+def _checksum(plain: Mapping[str, str]) -> str:
+    return f"{zlib.crc32(json.dumps(plain, sort_keys=True).encode()):08x}"

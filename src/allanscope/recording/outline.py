@@ -17,8 +17,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 
 from allanscope.errors import InputError
-from allanscope.recording.layout import MAGIC, PROFILE
-from allanscope.recording.metadata import SEAL, is_sound
+from allanscope.recording.layout import MAGIC, PROFILE, SEAL, is_sound
 from allanscope.recording.records import (
     END_BYTES,
     HEAD_BYTES,

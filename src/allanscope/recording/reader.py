@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 
 from allanscope.errors import InputError
 from allanscope.recording.chunk import Chunk, LinkEvent
-from allanscope.recording.fingerprint import Fingerprint
 from allanscope.recording.layout import (
     EVENTS,
     MAGIC,
@@ -26,7 +26,7 @@ from allanscope.recording.layout import (
     session_files,
 )
 from allanscope.recording.outline import Damage, Outline, outline_of
-from allanscope.recording.unpack import (
+from allanscope.recording.records import (
     MOST_MESSAGES,
     Message,
     RottenChunkError,
@@ -34,7 +34,7 @@ from allanscope.recording.unpack import (
     unpacked,
 )
 
-__all__ = ["Buffer", "Recording", "is_recording"]
+__all__ = ["Buffer", "Fingerprint", "Recording", "is_recording"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,3 +338,25 @@ def _text(fields: dict[str, Any]) -> str:
     """Return the words of a remark; empty if it has none."""
     text = fields.get("text", "")
     return text if isinstance(text, str) else ""
+
+
+class Fingerprint:
+    """A hash of bytes and times that grows with a recording that is read for another purpose.
+
+    How the reads are joined to Buffers does not change it; neither does recovery, or rotation over
+    several files.
+    """
+
+    def __init__(self) -> None:
+        self._content = hashlib.sha256()
+        self._times = hashlib.sha256()
+
+    def add(self, buffer: Buffer) -> None:
+        """Take the next piece."""
+        self._content.update(buffer.data)
+        lengths = np.diff(buffer.offset, append=len(buffer.data))
+        self._times.update(np.column_stack([buffer.host_ns, lengths]).astype("<i8").tobytes())
+
+    def hexdigest(self) -> str:
+        """Return the fingerprint of everything so far, 64 hexadecimal digits."""
+        return hashlib.sha256(self._content.digest() + self._times.digest()).hexdigest()

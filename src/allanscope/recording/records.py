@@ -1,15 +1,19 @@
-"""The bytes of MCAP records, as far as a walk over a file needs them. Nothing here reads a file.
+"""The bytes of MCAP records: headers, as far as a walk over a file needs them, and chunk contents.
 
-Every function says None, or raises ValueError, where lengths within a record do not agree with each
-other: that agreement is what tells a record from rot.
+Nothing here reads a file, and nothing is trusted: neither a length nor the bytes. The functions for
+headers say None, or raise ValueError, where lengths within a record do not agree with each other:
+that agreement is what tells a record from rot. A chunk is unpacked and checked against its checksum
+(`unpacked`) before its messages are taken out (`messages_of`).
 """
 
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import zstandard
 from mcap.opcode import Opcode
 
 from allanscope.recording.layout import MAGIC, PROFILE
@@ -20,20 +24,28 @@ __all__ = [
     "HEAD_BYTES",
     "MAX_CHUNK_BYTES",
     "MAX_METADATA_BYTES",
+    "MOST_MESSAGES",
     "ChunkRecord",
+    "Message",
+    "RottenChunkError",
     "candidates",
     "chunk_at",
     "chunk_seconds",
     "has_believable_length",
+    "messages_of",
     "metadata_in",
     "profile_in",
     "summary_start",
+    "unpacked",
 ]
 
 MAX_CHUNK_BYTES = 64 << 20
 """Chunks larger than this, before or after decompression, are refused: ours hold a second."""
 
 MAX_METADATA_BYTES = 1 << 16
+
+MOST_MESSAGES = 1 << 18
+"""Ours hold a second of reads; empty messages pack to nothing, but each costs memory here."""
 
 HEADER = struct.Struct("<BQ")
 """Opcode and length, before every record."""
@@ -51,6 +63,16 @@ _NAME_MARK = len(PROFILE).to_bytes(4, "little") + PROFILE.encode()
 _KNOWN = frozenset(int(opcode) for opcode in Opcode)
 _FIXED = {int(Opcode.FOOTER): 20, int(Opcode.DATA_END): 4, int(Opcode.SUMMARY_OFFSET): 17}
 _LONGEST_DAY_S = 86400.0
+
+_LAST_NS = (1 << 63) - 1
+_MESSAGE = struct.Struct("<BQHIQQ").unpack_from  # opcode, length, channel, number, two times
+_HEADER_BYTES, _MESSAGE_BYTES = HEADER.size, 22
+
+Message = tuple[str, int, int, int, int, int]
+"""Topic, number, time since 1970 and host time in ns, then where its bytes begin and end.
+
+A plain tuple: a night has millions of them, and this is the loop that a replay waits for.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,3 +182,81 @@ def _strings(data: bytes) -> Iterator[str]:
         if position > len(data):
             raise ValueError("a string is longer than what holds it")
         yield data[position - length : position].decode("utf-8")
+
+
+class RottenChunkError(Exception):
+    """A chunk does not hold what was written to it."""
+
+
+def unpacked(record: ChunkRecord, packed: bytes) -> bytes:
+    """Return the records of a chunk, checked against its checksum.
+
+    Raises
+    ------
+    RottenChunkError
+        If it is short, claims a size that is not believable, cannot be unpacked or has another
+        checksum.
+    """
+    if len(packed) < record.length:
+        raise RottenChunkError("a chunk is torn")
+    if record.compression == "zstd":
+        data = _zstd(packed, record.unpacked_length)
+    elif not record.compression:
+        data = packed
+    else:
+        raise RottenChunkError(
+            f"a chunk is packed with {record.compression!r}, which is not supported"
+        )
+    if record.unpacked_crc and zlib.crc32(data) != record.unpacked_crc:
+        raise RottenChunkError("a chunk has the wrong checksum")
+    return data
+
+
+def messages_of(data: bytes, topics: dict[int, str]) -> list[Message]:
+    """Return the messages of an unpacked chunk; note in `topics` the channels that it declares.
+
+    Raises
+    ------
+    RottenChunkError
+        If the records do not fill the chunk exactly, are more than a chunk of ours can hold, or
+        have times that no clock shows.
+    """
+    found: list[Message] = []
+    position, end = 0, len(data)
+    padded = data + bytes(_MESSAGE_BYTES)  # so that the last record need not be a message
+    while position + _HEADER_BYTES <= end:
+        opcode, length, channel, sequence, epoch_ns, host_ns = _MESSAGE(padded, position)
+        body, position = position + _HEADER_BYTES, position + _HEADER_BYTES + length
+        if opcode == Opcode.MESSAGE and length >= _MESSAGE_BYTES:
+            if host_ns > _LAST_NS:
+                raise RottenChunkError("a chunk has a message of a time that no clock shows")
+            if len(found) == MOST_MESSAGES:
+                raise RottenChunkError(f"a chunk holds more than {MOST_MESSAGES} messages")
+            topic, start = topics.get(channel, ""), body + _MESSAGE_BYTES
+            found.append((topic, sequence, epoch_ns, host_ns, start, position))
+        elif opcode == Opcode.CHANNEL:
+            _note_channel(data[body:position], topics)
+    if position != end:
+        raise RottenChunkError("the records of a chunk do not fill it")
+    return found
+
+
+def _zstd(packed: bytes, expected: int) -> bytes:
+    """Decompress, having looked at the size that the frame itself claims."""
+    try:
+        claimed = zstandard.frame_content_size(packed)
+        if claimed > min(expected, MAX_CHUNK_BYTES):
+            raise RottenChunkError(f"a chunk claims to unpack to {claimed} bytes")
+        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=expected)
+    except zstandard.ZstdError as error:
+        raise RottenChunkError("a chunk cannot be unpacked") from error
+
+
+def _note_channel(body: bytes, topics: dict[int, str]) -> None:
+    """Remember the topic of a channel that is not one of ours by number."""
+    try:
+        number, _, length = struct.unpack_from("<HHI", body)
+        topic = body[8 : 8 + length].decode("utf-8")
+    except (struct.error, UnicodeDecodeError) as error:
+        raise RottenChunkError("a channel record is damaged") from error
+    topics[number] = topic

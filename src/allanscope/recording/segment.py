@@ -16,8 +16,7 @@ from typing import IO, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
-from allanscope.recording.layout import EVENT_SCHEMA, EVENTS, PROFILE, TOPICS
-from allanscope.recording.metadata import sealed
+from allanscope.recording.layout import EVENT_SCHEMA, EVENTS, PROFILE, TOPICS, sealed
 
 __all__ = ["Segment"]
 

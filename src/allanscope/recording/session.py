@@ -17,14 +17,14 @@ from allanscope.recording.layout import (
     RX,
     TOPICS,
     TX,
+    circumstances,
     segment_number,
     segment_path,
     session_files,
 )
-from allanscope.recording.metadata import circumstances
 from allanscope.recording.outline import outline_of
+from allanscope.recording.records import MOST_MESSAGES
 from allanscope.recording.segment import Segment
-from allanscope.recording.unpack import MOST_MESSAGES
 
 __all__ = ["SessionWriter", "write_recording"]
 

@@ -24,17 +24,16 @@ from allanscope.lazy import lazily
 from allanscope.sources.base import Chunk, LinkEvent, Source
 
 if TYPE_CHECKING:
+    from allanscope.sources.base import SourceSettings
     from allanscope.sources.discovery import (
         PortDescription,
         auto_port,
         describe_ports,
         find_ports,
     )
-    from allanscope.sources.file import FileSource
-    from allanscope.sources.recorded import RecordedSource
+    from allanscope.sources.file import FileSource, RecordedSource
     from allanscope.sources.registry import must_be_there, open_file, open_source
     from allanscope.sources.serial_port import SerialSource
-    from allanscope.sources.settings import SourceSettings
 
 __all__ = [
     "Chunk",
@@ -58,9 +57,9 @@ __getattr__, __dir__ = lazily(
     {
         "FileSource": "file",
         "PortDescription": "discovery",
-        "RecordedSource": "recorded",
+        "RecordedSource": "file",
         "SerialSource": "serial_port",
-        "SourceSettings": "settings",
+        "SourceSettings": "base",
         "auto_port": "discovery",
         "describe_ports": "discovery",
         "find_ports": "discovery",

@@ -1,23 +1,32 @@
-"""A file of bytes as a source: a raw capture of a serial port, or a table as text."""
+"""Files as sources: a recording, or any file of bytes.
+
+A `RecordedSource` gives the chunks of that night again, at any speed; a `FileSource` the bytes of a
+raw capture of a serial port, or of a table as text, which have no times.
+"""
 
 from __future__ import annotations
 
 import gzip
+import math
 import threading
+import time
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, cast
 
 from allanscope.errors import InputError
 from allanscope.recording.chunk import Chunk
+from allanscope.recording.reader import Recording
 
-__all__ = ["FileSource"]
+__all__ = ["FileSource", "RecordedSource"]
 
 READ_BYTES = 1 << 18
 MAX_UNPACKED_BYTES = 1 << 36
 """More than this out of a compressed file is a bomb and no capture: months of a device."""
 
 _GZIP_MAGIC = b"\x1f\x8b"
+WAIT_S = 0.05
 
 
 class FileSource:
@@ -105,3 +114,78 @@ def _opened(path: Path) -> IO[bytes]:
         return file
     file.close()
     return cast("IO[bytes]", gzip.open(path, "rb"))
+
+
+class RecordedSource:
+    """Replays a recording; times are those that were recorded, whatever the speed.
+
+    Parameters
+    ----------
+    path : Path
+        A recording or the folder of a session.
+    speed : float
+        Multiple of real time; infinity for as fast as possible.
+    clock : callable
+        Seconds that pass while replaying.
+
+    Raises
+    ------
+    InputError
+        If it is no recording.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        speed: float = math.inf,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.recording = Recording(path)
+        self._speed = speed
+        self._clock = clock
+        self._chunks = self.recording.chunks()
+        self._next: Chunk | None = next(self._chunks, None)
+        self._anchor: tuple[float, int] | None = None
+        self._last_ns = self._next.host_ns if self._next else 0
+        self._closing = threading.Event()
+
+    @property
+    def name(self) -> str:
+        """The file or folder."""
+        return str(self.recording.path)
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """What the recording says about the device and itself."""
+        return self.recording.metadata
+
+    def read(self) -> Chunk:
+        """Return the next chunk when its time has come, else an empty one after 50 ms."""
+        chunk = self._next
+        if chunk is None or self._closing.is_set():
+            return Chunk(self._last_ns, event="end")
+        wait_s = self._wait_s(chunk)
+        if wait_s > 0.0:
+            self._closing.wait(min(wait_s, WAIT_S))
+            wait_s = self._wait_s(chunk)
+            if wait_s > 0.0:
+                return Chunk(max(chunk.host_ns - int(wait_s * self._speed * 1e9), self._last_ns))
+        self._next = next(self._chunks, None)
+        self._last_ns = chunk.host_ns
+        return chunk
+
+    def write(self, data: bytes) -> None:
+        """Do nothing: a recording does not listen."""
+
+    def close(self) -> None:
+        """Stop."""
+        self._closing.set()
+
+    def _wait_s(self, chunk: Chunk) -> float:
+        if math.isinf(self._speed):
+            return 0.0
+        # Behind a hole the clock may be another: a resumed session, perhaps after a reboot.
+        if self._anchor is None or chunk.event == "hole" or chunk.host_ns < self._anchor[1]:
+            self._anchor = self._clock(), chunk.host_ns
+        began_s, began_ns = self._anchor
+        return began_s + (chunk.host_ns - began_ns) * 1e-9 / self._speed - self._clock()

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from allanscope.errors import InputError
 from allanscope.recording.reader import is_recording
-from allanscope.sources.base import Source
-from allanscope.sources.settings import SourceSettings
+from allanscope.sources.base import Source, SourceSettings
 
 __all__ = ["must_be_there", "open_file", "open_source"]
 
@@ -37,7 +36,7 @@ def _open_board(spec: str, settings: SourceSettings) -> Source:
 
 
 def _open_recording(spec: str, settings: SourceSettings) -> Source:
-    from allanscope.sources.recorded import RecordedSource
+    from allanscope.sources.file import RecordedSource
 
     return RecordedSource(Path(spec), settings.speed)
 

@@ -18,14 +18,14 @@ from collections.abc import Callable
 
 from allanscope.errors import DeviceError, UsageError
 from allanscope.recording.chunk import Chunk, LinkEvent
+from allanscope.sources.base import SourceSettings
 from allanscope.sources.discovery import Comports, PortDescription, find_ports
-from allanscope.sources.open_errors import why_not_open
-from allanscope.sources.settings import SourceSettings
 from allanscope.sources.transport import (
     LINK_ERRORS,
     Transport,
     WriteTimeoutError,
     open_transport,
+    why_not_open,
 )
 
 __all__ = ["SerialSource"]

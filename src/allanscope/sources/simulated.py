@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from allanscope.simulator import Device, FaultSpec, Simulator
-from allanscope.sources.base import Chunk
+from allanscope.sources.base import Chunk, SourceSettings
 from allanscope.sources.serial_port import SerialSource
-from allanscope.sources.settings import SourceSettings
 
 __all__ = ["SimulatedSource"]
 

@@ -56,7 +56,8 @@ def maximise(
     >>> theta.round(6).tolist()
     [2.0, 3.0]
     """
-    smallest = 1e-9 * float(np.median(power)) + 1e-300
+    middle = len(power) // 2
+    smallest = 1e-9 * float(np.partition(power, middle)[middle]) + 1e-300
     known = start is not None and len(start) == len(columns)
     theta, loglik, expected = _maximise(
         np.ascontiguousarray(columns),

@@ -113,23 +113,29 @@ class ExponentialCovariance:
         return ExponentialCovariance(tuple(amplitudes), tuple(rates), delta, neighbour)
 
     def ordinates(self, k: ArrayLike, n: int) -> Array:
-        """Return E[d_k^2] of the orthonormal DCT-II of n samples, exact.
+        r"""Return E[d_k^2] of the orthonormal DCT-II of n samples, exact.
 
         The covariance of cosine k with itself at lag h is
         ((n - h) cos(t h) - sin(t h) / sin t) / n with t = pi k / n, so the expectation is a sum of
-        geometric series.
+        geometric series: with u = cosh e - cos t and the pole exp(-e)
+
+        .. math:: \frac{1}{u} \left(\sinh e - \frac{(1 - (-1)^k e^{-e n})
+                  (\cosh e - 1)(1 + \cos t)}{n u}\right)
+
+        The first term is the spectrum. What the ends of the record take from it is largest for a
+        correlation time of 1 / t, the share 1 / (pi k) then.
         """
         angle = np.pi * np.asarray(k, np.float64) / n
         sign = 1 - 2 * (np.rint(k).astype(np.int64) % 2)
+        square = 2 * np.sin(angle / 2) ** 2
         beside = ((n - 1) * np.cos(angle) - 1) / n
         total = self.delta + 2 * self.neighbour * beside
-        for a, e in zip(self.amplitudes, self.rates, strict=True):
-            end = np.exp(-e * n) * sign
-            sums = [_geometric(e - 1j * s * angle, n, end) for s in (1, -1)]
-            cosine = (sums[0][0] + sums[1][0] - (sums[0][1] + sums[1][1]) / n) / 2
-            sine = (sums[0][0] - sums[1][0]) / 2j
-            total = total + (a * (1 + 2 * cosine - 2 * sine / (n * np.sin(angle)))).real
-        return total
+        for a, pole in zip(self.amplitudes, self.rates, strict=True):
+            e = pole if pole.imag else pole.real  # real numbers are four times as quick
+            gap = 2 * np.sinh(e / 2) ** 2
+            ends = (1 - np.exp(-e * n) * sign) * (gap * (2 - square) / n)
+            total = total + (a * (np.sinh(e) - ends / (gap + square)) / (gap + square)).real
+        return np.asarray(total)
 
     def avar(self, m: ArrayLike) -> Array:
         """Return the Allan variance at averaging factors `m`, exact."""
@@ -153,15 +159,6 @@ class ExponentialCovariance:
 def _block_variance(e: complex, m: int) -> complex:
     """Variance of the sum of m samples for gamma = exp(-e h)."""
     return complex(m / np.tanh(e / 2) + np.expm1(-m * e) / (2 * np.sinh(e / 2) ** 2))
-
-
-def _geometric(e: Complex, n: int, end: Array | Complex) -> tuple[Complex, Complex]:
-    """Return the sums over h = 1..n-1 of q^h and of h q^h for q = exp(-e), given q^n."""
-    rest: Complex = -np.expm1(-e)
-    q: Complex = np.exp(-e)
-    plain = (q - end) / rest
-    weighted = (q - n * end + (n - 1) * end * q) / rest**2
-    return plain, weighted
 
 
 def _sinh_rest(e: complex) -> complex:

@@ -29,6 +29,12 @@ _LOW = 8192
 """Ordinates kept one by one for slow regressors: what is slow has no power beyond."""
 _SINGLE, _BINS_PER_OCTAVE = 128, 32
 _SIMPSON = np.array([1, 4, 2, 4, 1]) / 12
+_GAUSS_NODES = np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
+_GAUSS_WEIGHTS = np.array([5, 8, 5]) / 18
+_RESOLVED = 16.0
+"""Least width of a band in ordinates: those within twice that are taken one by one."""
+_FARTHEST = 1e8
+"""Distance from a band, in bandwidths, up to which it is cut finer than the bins are."""
 _TOP_NODES = 4096
 _FINEST_NODES = 64
 
@@ -161,11 +167,31 @@ def _kept(grid: Grid, excluded: Ranges) -> NDArray[np.bool_]:
 
 @lru_cache(maxsize=256)
 def _column(grid: Grid, unit: Component) -> Array:
-    if unit.is_narrow:
-        return grid.bin_means(unit.spectrum(grid.frequency, grid.dt, grid.stride))
+    if unit.band is not None:
+        return _narrow_column(grid, unit, *unit.band)
     nodes = _bin_nodes(grid)
     values = unit.ordinates(nodes.ravel(), grid.n, grid.dt, grid.stride).reshape(nodes.shape)
     return np.asarray(_SIMPSON @ values)
+
+
+def _narrow_column(grid: Grid, unit: Component, frequency: float, width: float) -> Array:
+    """Return the column of a component that changes within a bin, from panels around its band.
+
+    Panels are narrow beside the distance from the band; over each the mean is that of a Gauss rule
+    for the ordinates in it.
+    """
+    spacing = grid.rate_hz / (2 * grid.n)
+    alias = abs(frequency - grid.rate_hz * round(frequency / grid.rate_hz)) / spacing
+    away = np.concatenate([np.linspace(0.0, 2.0, 33), np.geomspace(2.0, _FARTHEST, 96)[1:]])
+    away *= max(width / spacing, _RESOLVED)
+    around = np.concatenate([alias - away, alias + away])
+    around = around[(around > 0) & (around < grid.n - 1)].astype(np.int64)
+    edges = np.unique(np.concatenate([grid.edges, around]))
+    count = np.diff(np.append(edges, grid.n - 1)).astype(np.float64)
+    nodes = edges + (count + 1) / 2 + _GAUSS_NODES[:, np.newaxis] * np.sqrt(count**2 - 1) / 2
+    values = unit.spectrum(nodes.ravel() * spacing, grid.dt, grid.stride).reshape(nodes.shape)
+    total = np.add.reduceat(count * (_GAUSS_WEIGHTS @ values), np.searchsorted(edges, grid.edges))
+    return np.asarray(total / grid.count)
 
 
 @lru_cache(maxsize=128)

@@ -19,67 +19,9 @@ _WIDEST = 1.98
 """Largest bandwidth in units of the frequency: just below critical damping."""
 
 
-_BAND = (
-    Quantity("sigma", "{unit}"),
-    Quantity("frequency", "Hz", "shape", 1e-9, 1e6),
-    Quantity("bandwidth", "Hz", "shape", 1e-9, 1e6),
-)
-
-
 @dataclass(frozen=True)
-class Narrowband(Correlated):
-    """Position of a damped oscillator driven by white noise, point-sampled.
-
-    Natural frequency f0, half-power bandwidth b = 2 z f0 with the damping ratio z < 1:
-    gamma(t) = sigma^2 exp(-pi b |t|) (cos wd t + (z w0 / wd) sin wd |t|).
-
-    Parameters
-    ----------
-    sigma : float
-        Stationary standard deviation in the unit of the axis.
-    frequency : float
-        f0 in Hz.
-    bandwidth : float
-        b in Hz; values beyond 1.98 f0 act as 1.98 f0.
-    """
-
-    sigma: float
-    frequency: float
-    bandwidth: float
-    symbol: ClassVar[str] = "narrowband"
-    is_narrow: ClassVar[bool] = True
-    quantities: ClassVar[tuple[Quantity, ...]] = _BAND
-
-    def covariance(self, dt: float) -> ExponentialCovariance:
-        """Return the autocovariance of the samples."""
-        damping = min(self.bandwidth / self.frequency, _WIDEST) / 2
-        unit = ExponentialCovariance.second_order(2 * np.pi * self.frequency * dt, damping)
-        return ExponentialCovariance((unit.amplitudes[0] * self.sigma**2,), unit.rates)
-
-    def band_density(self, f: ArrayLike, width: ArrayLike, dt: float) -> Array:
-        """Return the mean over each band, which may be wider than the resonance."""
-        offsets = (np.arange(9) - 4)[:, np.newaxis] / 9
-        nodes = np.asarray(f, np.float64) + offsets * np.asarray(width, np.float64)
-        return np.asarray(self.density(nodes, dt).mean(axis=0))
-
-    def corners(self, dt: float) -> tuple[float, ...]:
-        """Return the resonance."""
-        return (self.frequency,) if self.frequency < 0.5 / dt else ()
-
-
-@dataclass(frozen=True)
-class WanderingLine(Narrowband):
-    """A line whose amplitude and phase wander: gamma(t) = sigma^2 exp(-pi b |t|) cos(2 pi f0 t)."""
-
-    def covariance(self, dt: float) -> ExponentialCovariance:
-        """Return the autocovariance of the samples."""
-        rate = complex(np.pi * self.bandwidth * dt, -2 * np.pi * self.frequency * dt)
-        return ExponentialCovariance((complex(self.sigma**2),), (rate,))
-
-
-@dataclass(frozen=True)
-class _Passed(Component):
-    """White noise behind a filter that passes one band.
+class _InBand(Component):
+    """Noise that has a size, a frequency and a bandwidth.
 
     Parameters
     ----------
@@ -93,11 +35,19 @@ class _Passed(Component):
     frequency: float
     bandwidth: float
     symbol: ClassVar[str] = "narrowband"
-    is_narrow: ClassVar[bool] = True
-    quantities: ClassVar[tuple[Quantity, ...]] = _BAND
+    quantities: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("sigma", "{unit}"),
+        Quantity("frequency", "Hz", "shape", 1e-9, 1e6),
+        Quantity("bandwidth", "Hz", "shape", 1e-9, 1e6),
+    )
 
     def __post_init__(self) -> None:
         self._check_positive()
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Frequency and bandwidth."""
+        return self.frequency, self.bandwidth
 
     def corners(self, dt: float) -> tuple[float, ...]:
         """Return the centre of the band."""
@@ -105,7 +55,40 @@ class _Passed(Component):
 
 
 @dataclass(frozen=True)
-class BandPassed(_Passed):
+class Narrowband(Correlated, _InBand):
+    """Position of a damped oscillator driven by white noise, point-sampled.
+
+    Natural frequency f0, half-power bandwidth b = 2 z f0 with the damping ratio z < 1:
+    gamma(t) = sigma^2 exp(-pi b |t|) (cos wd t + (z w0 / wd) sin wd |t|).
+
+    Values of b beyond 1.98 f0 act as 1.98 f0.
+    """
+
+    def covariance(self, dt: float) -> ExponentialCovariance:
+        """Return the autocovariance of the samples."""
+        damping = min(self.bandwidth / self.frequency, _WIDEST) / 2
+        unit = ExponentialCovariance.second_order(2 * np.pi * self.frequency * dt, damping)
+        return ExponentialCovariance((unit.amplitudes[0] * self.sigma**2,), unit.rates)
+
+    def band_density(self, f: ArrayLike, width: ArrayLike, dt: float) -> Array:
+        """Return the mean over each band, which may be wider than the resonance."""
+        offsets = (np.arange(9) - 4)[:, np.newaxis] / 9
+        nodes = np.asarray(f, np.float64) + offsets * np.asarray(width, np.float64)
+        return np.asarray(self.density(nodes, dt).mean(axis=0))
+
+
+@dataclass(frozen=True)
+class WanderingLine(Narrowband):
+    """A line whose amplitude and phase wander: gamma(t) = sigma^2 exp(-pi b |t|) cos(2 pi f0 t)."""
+
+    def covariance(self, dt: float) -> ExponentialCovariance:
+        """Return the autocovariance of the samples."""
+        rate = complex(np.pi * self.bandwidth * dt, -2 * np.pi * self.frequency * dt)
+        return ExponentialCovariance((complex(self.sigma**2),), (rate,))
+
+
+@dataclass(frozen=True)
+class BandPassed(_InBand):
     """White noise behind a Butterworth band-pass: density 1 / (1 + x^2p), x = 2 (f - f0) / b.
 
     Parameters
@@ -126,7 +109,7 @@ class BandPassed(_Passed):
 
 
 @dataclass(frozen=True)
-class PeakFiltered(_Passed):
+class PeakFiltered(_InBand):
     """White noise behind a digital peak filter: one pole a side, nothing at the ends of the band.
 
     Power response 1 / (1 + x^2), x = (g / g0 - g0 / g) g0 / w, g = tan(pi f dt), of which the mean

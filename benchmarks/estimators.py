@@ -28,7 +28,7 @@ from allantools.realtime import oadev_realtime, ohdev_realtime, tdev_realtime
 from figures import Figure
 
 from allanscope import allan
-from allanscope.allan.bank import AllanBank
+from allanscope.allan import AllanBank
 
 STREAMED = ("stdev", "ostdev", "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "pdev")
 KINDS = (*STREAMED, "mtotdev", "ttotdev", "htotdev", "theo1", "theobr", "theoh")

@@ -37,7 +37,7 @@ from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
 from allanscope.sources import open_source
 from allanscope.view import RerunView, TerminalView, load_rerun
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings
 
 WARM_S = 5.0
 """Until all code is loaded and the first result was shown."""

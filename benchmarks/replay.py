@@ -32,7 +32,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.recording import Fingerprint, Recording
 from allanscope.samples import Block, StreamInfo
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings
 
 BOUND_NS = 12.6
 NIGHT_H = 12.0

@@ -39,7 +39,7 @@ from allanscope.recording import Recorder, Recording
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.simulator import Simulator
 from allanscope.sources import SerialSource
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings
 
 CURVES = ("oadev", "mdev", "ohdev", "totdev")
 TELLING_HOURS = 0.25

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from allanscope.allan.bank import AllanBank
+from allanscope.allan import AllanBank
 from allanscope.allan.estimators import REGISTRY
 from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance

@@ -86,7 +86,7 @@ def analyse(options: Namespace) -> int:
         page, figures = (Path(x) if x else None for x in (options.report, options.figures))
         write_report(analysis, page, figures)
     if not options.quiet and options.json != "-":
-        from allanscope.view.terminal import summary_lines
+        from allanscope.view import summary_lines
 
         print("\n".join(summary_lines(analysis)))
     _name_outputs(options, options.report, options.figures, options.json)

@@ -4,7 +4,7 @@ Numerical code with its compiled kernels is not light to load, and reading a res
 it. So a package says in which of its modules a name lives, and whoever uses the name pays for it::
 
     if TYPE_CHECKING:
-        from allanscope.spectrum.bank import SpectrumBank
+        from allanscope.spectrum import SpectrumBank
 
     __all__ = ["SpectrumBank"]
 
@@ -51,9 +51,7 @@ def lazily(
     def find(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(f"{package}.{homes[name]}"), name)
-        setattr(sys.modules[package], name, value)
-        return value
+        return getattr(import_module(f"{package}.{homes[name]}"), name)
 
     def names() -> list[str]:
         return sorted({*vars(sys.modules[package]), *homes})

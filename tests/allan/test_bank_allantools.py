@@ -4,7 +4,7 @@ import allantools
 import numpy as np
 import pytest
 
-from allanscope.allan.bank import AllanBank
+from allanscope.allan import AllanBank
 
 N = 2000
 

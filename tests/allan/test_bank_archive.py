@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from allanscope.allan import AllanBank
 from allanscope.allan.archive import Archive
-from allanscope.allan.bank import AllanBank
 from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
 from allanscope.allan.estimators.theo1 import _sum_of_powers, theo1_variance, thinned_theo1_variance

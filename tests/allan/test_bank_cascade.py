@@ -4,8 +4,7 @@ import allantools
 import numpy as np
 import pytest
 
-from allanscope.allan import kernels
-from allanscope.allan.bank import AllanBank
+from allanscope.allan import AllanBank, kernels
 from allanscope.allan.cascade import Cascade, lags_of_level
 from allanscope.allan.kernels import BATCH, COLUMNS
 

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from allanscope.allan.bank import AllanBank
+from allanscope.allan import AllanBank
 
 SUB = 1 << 12
 """Samples that are summed in int64 before Python's integers take over."""

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from allanscope.allan import deviation
-from allanscope.allan.bank import AllanBank
+from allanscope.allan import AllanBank, deviation
 from allanscope.allan.estimators import REGISTRY
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allanscope.allan.bank import AllanBank
+from allanscope.allan import AllanBank
 
 
 def samples(n, seed=0):

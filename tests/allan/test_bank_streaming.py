@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allanscope.allan.bank import AllanBank
+from allanscope.allan import AllanBank
 from allanscope.allan.estimators import REGISTRY
 from allanscope.samples import Block, Ticks
 

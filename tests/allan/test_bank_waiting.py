@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allanscope.allan.bank import AllanBank
+from allanscope.allan import AllanBank
 from allanscope.allan.curves import factors_of_rows
 from allanscope.allan.estimators import REGISTRY
 from allanscope.allan.kernels import COLUMNS

@@ -13,9 +13,8 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.recording import Chunk, Recording, write_recording
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.simulator import Simulator, simulate_blocks
-from allanscope.spectrum import SpectrumBank
-from allanscope.spectrum.level import SEGMENT
-from allanscope.wire.base import WireSettings
+from allanscope.spectrum import SEGMENT, SpectrumBank
+from allanscope.wire import WireSettings
 from allanscope.wire.native import NativeDecoder
 
 ROOM = 1000

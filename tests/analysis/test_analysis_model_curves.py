@@ -5,7 +5,7 @@ import pytest
 
 from allanscope.analysis import Analyser, AnalyserSettings, summarise
 from allanscope.samples import Block, StreamInfo, Ticks
-from allanscope.wire.base import LinkStats
+from allanscope.wire import LinkStats
 
 RATE_HZ = 100.0
 SAMPLES = 1 << 16

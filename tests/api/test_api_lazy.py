@@ -1,7 +1,6 @@
 """What packages offer is what type checkers read, lives where it is said, and is found by name."""
 
 import ast
-import pickle
 import subprocess
 import sys
 from importlib import import_module
@@ -58,9 +57,3 @@ def test_a_name_is_found_whichever_module_was_imported_before(package):
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout == "[]\n"
-
-
-def test_what_is_found_is_found_once():
-    _ = allanscope.Gap
-    assert "Gap" in vars(allanscope)
-    assert pickle.loads(pickle.dumps(allanscope.Gap("link", 3))) == allanscope.Gap("link", 3)

@@ -16,7 +16,7 @@ from allanscope.analysis import Analyser, summarise
 from allanscope.analysis.summary import FULL_KINDS
 from allanscope.explain.effects import KINDS
 from allanscope.samples import Block, StreamInfo, Ticks
-from allanscope.wire.base import LinkStats
+from allanscope.wire import LinkStats
 
 COEFFICIENTS = {"Q", "ramp"}  # compete with the effects, reported as Q and R
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from allanscope.clock.line import LineFit, fit_line
+from allanscope.clock import LineFit
+from allanscope.clock.line import fit_line
 
 ROWS = 200
 ONE_SEGMENT = np.zeros(ROWS, np.int64)

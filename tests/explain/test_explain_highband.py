@@ -12,7 +12,7 @@ from allanscope.explain.series import Series
 from allanscope.explain.view import View
 from allanscope.noise.filters import Butterworth, OnePole
 from allanscope.noise.grid import grid_of
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import pytest
 
 from allanscope.explain import Budget, LiveLoop, explain
 from allanscope.explain.effects import KINDS
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 RATE, SIGMA = 52.0, 4e-3 * 52.0**0.5
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from allanscope.samples import Block, Gap, Notice, StreamInfo
-from allanscope.wire import format_named
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings, format_named
 from support.encoder_ring import Ring
 from support.lsm6dsm_driver import RESET, SILENT, WELL, Batch, Config, Driver, numbers
 from support.lsm6dsm_model import Lsm6dsm

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from allanscope.samples import Block, Gap, Notice, StreamInfo
-from allanscope.wire import format_named
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings, format_named
 from allanscope.wire.native.framing import stuff, unstuff
 from support.encoder_ring import Ring
 

@@ -9,7 +9,7 @@ import pytest
 from allanscope.pipeline.decoding import Decoding
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.sources import open_source
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings
 from support.synthetic_sensor import count
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"

@@ -13,7 +13,7 @@ from allanscope.allan.shard import ALIGNED
 from allanscope.fleet.partial import Partial
 from allanscope.fleet.tail import Tail
 from allanscope.samples import Block, Event, Gap, Ticks
-from allanscope.spectrum.bank import SpectrumBank
+from allanscope.spectrum import SpectrumBank
 
 LENGTHS = (ALIGNED * 3 + 77, 40, ALIGNED * 33 + 5000, 1000, ALIGNED + 3, 2 * ALIGNED)
 """Samples between holes."""

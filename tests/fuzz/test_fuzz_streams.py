@@ -19,8 +19,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Chunk, Recording, write_recording
 from allanscope.samples import Block, Event, StreamInfo
-from allanscope.wire import format_named, sniff
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings, format_named, sniff
 from support.damaged_streams import FORMATS, damaged, real_stream
 
 SLOW_S = 20.0

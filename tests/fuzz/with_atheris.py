@@ -22,8 +22,7 @@ with atheris.instrument_imports(include=["allanscope"]):
     from allanscope.analysis import Analyser
     from allanscope.errors import AllanscopeError
     from allanscope.recording import Recording
-    from allanscope.wire import format_named, sniff
-    from allanscope.wire.base import WireSettings
+    from allanscope.wire import WireSettings, format_named, sniff
 
 
 def decode(name: str) -> Callable[[bytes], None]:

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from allanscope.allan.bank import AllanBank
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import AllanBank, Deviation
 from allanscope.noise import find_best_averaging
 from allanscope.noise.components import Flicker, RandomWalk, White
 from allanscope.noise.model import NoiseModel

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 from allanscope.noise.components import (
     Flicker,
     GaussMarkov,

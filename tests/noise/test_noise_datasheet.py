@@ -7,7 +7,7 @@ from allanscope.errors import UsageError
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.datasheet import compare, published_density, published_rms, rms_of
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, PARTS, full_scale_of, part_named
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 
 def white(value, spread=0.01, unit="dps/sqrt(Hz)", detected=True):

@@ -18,7 +18,7 @@ from allanscope.noise.grid import Grid
 from allanscope.noise.likelihood import Likelihood
 from allanscope.noise.model import Free, NoiseModel
 from allanscope.noise.whiteness import whitened
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 DT = 0.5
 TRUTH = (White(4e-3), Flicker(1.255e-3), RandomWalk(1e-4))

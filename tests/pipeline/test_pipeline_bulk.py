@@ -12,7 +12,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.recording import Chunk, Fingerprint, Recording, SessionWriter
 from allanscope.simulator import Simulator, simulate_blocks
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings
 
 SECONDS = 40.0
 

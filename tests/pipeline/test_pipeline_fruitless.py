@@ -17,7 +17,7 @@ from allanscope.__main__ import main
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.inbox import joined
 from allanscope.samples import AXES, Block, Gap, Notice, StreamInfo, Ticks
-from allanscope.sources.base import Chunk
+from allanscope.sources import Chunk
 from allanscope.wire import WireSettings
 from allanscope.wire.native import NativeEncoder
 

@@ -13,7 +13,7 @@ from allanscope.pipeline.compiling import COMPILING
 from allanscope.pipeline.decoding import Decoding
 from allanscope.recording import Recording
 from allanscope.samples import Block
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings
 from support.readback import read_back
 
 

@@ -10,9 +10,9 @@ from allanscope.pipeline.inbox import Inbox, joined
 from allanscope.pipeline.looking import Looking
 from allanscope.recording import Buffer
 from allanscope.samples import Block, StreamInfo, Ticks
-from allanscope.sources.base import Chunk
+from allanscope.sources import Chunk
 from allanscope.view.diary import Diary
-from allanscope.wire.base import LinkStats
+from allanscope.wire import LinkStats
 
 RATE = 52.0
 

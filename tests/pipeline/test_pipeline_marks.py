@@ -17,8 +17,7 @@ from allanscope.recording import Recorder, Recording
 from allanscope.samples import Block, Gap, Notice, StreamInfo, Ticks
 from allanscope.simulator import Simulator
 from allanscope.sources import Chunk
-from allanscope.wire import format_named
-from allanscope.wire.base import LinkStats, WireSettings
+from allanscope.wire import LinkStats, WireSettings, format_named
 
 RATE = 104.0
 SECONDS = 6

@@ -8,7 +8,7 @@ from allanscope.__main__ import main
 from allanscope.analysis import verdict
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
-from allanscope.view.terminal import summary_lines
+from allanscope.view import summary_lines
 from allanscope.view.terminal_screen import status_line
 
 

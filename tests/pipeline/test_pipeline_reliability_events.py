@@ -11,8 +11,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks
 from allanscope.simulator import Simulator
 from allanscope.sources import Chunk
-from allanscope.wire import format_named
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings, format_named
 
 SECOND = 1_000_000_000
 

@@ -21,7 +21,7 @@ from allanscope.pipeline.session import Session
 from allanscope.samples import Block, Gap, StreamInfo
 from allanscope.simulator import Device, Ledger, Simulator
 from allanscope.sources import SerialSource
-from allanscope.wire.base import LinkStats, WireSettings
+from allanscope.wire import LinkStats, WireSettings
 
 NOISE = ("bit_flip:rate={0}", "byte_loss:rate={0}", "byte_repeat:rate={0}", "garbage:rate={0}")
 BYTES = {

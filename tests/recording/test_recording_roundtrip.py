@@ -15,12 +15,12 @@ from mcap.stream_reader import StreamReader
 from allanscope.errors import InputError, UsageError
 from allanscope.recording import (
     Chunk,
+    LinkEvent,
     Recording,
     SessionWriter,
     is_recording,
     write_recording,
 )
-from allanscope.recording.chunk import LinkEvent
 
 Session = Callable[..., tuple[Path, list[Chunk]]]
 

@@ -23,7 +23,7 @@ from allanscope.recording import Chunk, write_recording
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.simulator import Simulator
 from allanscope.view import TerminalView
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings
 from allanscope.wire.native.encoder import NativeEncoder
 
 EVIL = "<script>alert(1)</script>\x1b[2J\x1b]0;owned\x07\r\n\u202e{{7*7}}"

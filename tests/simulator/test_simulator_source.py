@@ -12,7 +12,7 @@ import pytest
 from allanscope.errors import UsageError
 from allanscope.samples import Block
 from allanscope.simulator import Simulator
-from allanscope.sources.simulated import SimulatedSource
+from allanscope.sources import SimulatedSource
 from allanscope.wire import WireSettings, format_named
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from allanscope.errors import DeviceError
-from allanscope.sources import auto_port, describe_ports, find_ports
-from allanscope.sources.discovery import PortDescription
+from allanscope.sources import PortDescription, auto_port, describe_ports, find_ports
 
 
 def port(device: str, usb: str = "", serial: str = "", location: str = "") -> Any:

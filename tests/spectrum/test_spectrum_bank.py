@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from allanscope.spectrum import SpectrumBank
+from allanscope.spectrum import SEGMENT, SpectrumBank
 from allanscope.spectrum.density import independent_averages
 from allanscope.spectrum.ladder import TAPS, Decimator
-from allanscope.spectrum.level import SEGMENT, hann
+from allanscope.spectrum.level import hann
 
 RATE = 104.0
 

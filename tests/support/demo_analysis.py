@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 from allanscope.analysis import Analysis, AxisAnalysis, Level, ModelCurve, Rate
 from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError
 from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
 from allanscope.samples import AXES, unit_of
-from allanscope.spectrum.density import Density
-from allanscope.wire.base import LinkStats
+from allanscope.spectrum import Density
+from allanscope.wire import LinkStats
 
 RATE_HZ = 6664.2
 LINE_HZ, LINE_DPS = 49.98, 20e-3

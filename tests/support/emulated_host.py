@@ -5,8 +5,7 @@ import time
 import serial
 
 from allanscope.samples import Block, Gap, Notice
-from allanscope.wire import format_named
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings, format_named
 from allanscope.wire.native.framing import seal
 
 PATIENCE_S = 60.0

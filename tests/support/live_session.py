@@ -13,7 +13,7 @@ from allanscope.pipeline.session import Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.recording import Recorder
 from allanscope.sources import open_source
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings
 
 
 def watch_in_full(port: str, out: Path | None, seconds: float, **more: Any) -> Analysis:

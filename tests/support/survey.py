@@ -9,7 +9,7 @@ from typing import Any
 from allanscope.pipeline.decoding import Decoding
 from allanscope.recording import Recording
 from allanscope.samples import Block, Gap, StreamInfo
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings
 
 
 @dataclass

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from allanscope.quantities import DEVIATION
+from allanscope.view import RerunView
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
 from allanscope.view.painter import Frames
 from allanscope.view.palette import AXIS, EFFECT
-from allanscope.view.rerun_view import RerunView
 from support.demo_analysis import demo_analysis
 from support.headless_viewer import HeadlessViewer, why_no_viewer
 

@@ -10,8 +10,8 @@ import pytest
 from allanscope.noise.coefficients import Coefficient
 from allanscope.quantities import COEFFICIENTS
 from allanscope.samples import Gap, Notice
+from allanscope.view import RerunView
 from allanscope.view.painter import Frames
-from allanscope.view.rerun_view import RerunView
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, LEVELS, blocks, perform
 from support.readback import read_back

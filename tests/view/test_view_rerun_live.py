@@ -12,9 +12,8 @@ import pytest
 
 import allanscope.view.rerun_canvas as canvas
 from allanscope.errors import DeviceError
-from allanscope.view import viewer_process
-from allanscope.view.rerun_view import RerunView
-from allanscope.view.viewer_process import ViewerProcess, free_port, has_display, optimise
+from allanscope.view import RerunView, ViewerProcess, has_display, viewer_process
+from allanscope.view.viewer_process import free_port, optimise
 from support.demo_analysis import demo_analysis
 from support.demo_session import perform
 from support.headless_viewer import HeadlessViewer, why_no_viewer

@@ -14,8 +14,8 @@ from rich.console import Console
 
 from allanscope.analysis import verdict
 from allanscope.samples import Gap, Notice
+from allanscope.view import TerminalView, summary_lines
 from allanscope.view.diary import Trends
-from allanscope.view.terminal import TerminalView, summary_lines
 from allanscope.view.terminal_screen import Screen
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, blocks
@@ -25,7 +25,7 @@ RUN = """
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO
 from allanscope.samples import Gap, Notice
-from allanscope.view.terminal import TerminalView
+from allanscope.view import TerminalView
 view = TerminalView("auto")
 view.info(INFO)
 view.snapshot(demo_analysis(60.0))
@@ -38,7 +38,7 @@ view.close()
 WAIT = """
 import time
 from support.demo_analysis import demo_analysis
-from allanscope.view.terminal import TerminalView
+from allanscope.view import TerminalView
 done = []
 mark = lambda text: view.line(f"set {text}")
 view = TerminalView("auto", on_mark=mark, on_quit=lambda: done.append(1))
@@ -52,7 +52,7 @@ view.close()
 LONG_UNTIL_THE_NEXT_RESULT = """
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, blocks
-from allanscope.view.terminal import TerminalView
+from allanscope.view import TerminalView
 now = [0.0]
 view = TerminalView("auto", clock=lambda: now[0])
 view.snapshot(demo_analysis(60.0))

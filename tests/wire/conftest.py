@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from allanscope.samples import AXES, Block, Event, Gap, Notice, StreamInfo, Ticks
-from allanscope.wire.base import Decoder
+from allanscope.wire import Decoder
 
 Joined = Callable[[Iterable[Event]], list[Event]]
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks
-from allanscope.wire.base import Command
+from allanscope.wire import Command
 from allanscope.wire.native import Flag, NativeDecoder, NativeEncoder
 from allanscope.wire.native.framing import unstuff
 from allanscope.wire.native.layout import float32, pack_entries

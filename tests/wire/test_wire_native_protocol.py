@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from allanscope.samples import Block, Gap, Notice, StreamInfo, Ticks
-from allanscope.wire.base import Command
+from allanscope.wire import Command
 from allanscope.wire.native import NativeDecoder, NativeEncoder, samples_per_frame
 from allanscope.wire.native.framing import seal
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
-from allanscope.wire import WireSettings, format_named
-from allanscope.wire.base import LinkStats
+from allanscope.wire import LinkStats, WireSettings, format_named
 from allanscope.wire.continuity import Pacer
 from allanscope.wire.row import Meaning, Row
 from allanscope.wire.rows import Rows

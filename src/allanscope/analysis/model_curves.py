@@ -12,15 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan import AllanBank
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import AllanBank, Deviation
 from allanscope.analysis.result import ModelCurve
 from allanscope.explain.effect import Effect
 from allanscope.explain.loop import Explanation
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import Component, Sinusoid, White
 from allanscope.noise.model import NoiseModel
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 __all__ = ["DrawnModels", "draw_models"]
 

@@ -10,13 +10,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
 from allanscope.history import Record
 from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
 from allanscope.samples import Origin
-from allanscope.spectrum.density import Density
-from allanscope.wire.base import LinkStats
+from allanscope.spectrum import Density
+from allanscope.wire import LinkStats
 
 __all__ = ["SCHEMA", "Analysis", "AsOf", "AxisAnalysis", "Level", "ModelCurve", "Rate"]
 

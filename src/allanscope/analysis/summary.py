@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 from allanscope.analysis.analyser import (
     FEWEST_ROWS,
     Analyser,
@@ -21,7 +21,7 @@ from allanscope.analysis.analyser import (
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
-from allanscope.clock.rate import DISAGREEMENT
+from allanscope.clock import DISAGREEMENT
 from allanscope.explain import explain, fit_beside
 from allanscope.explain.failure import failed, failure_text
 from allanscope.explain.loop import Explanation
@@ -34,8 +34,8 @@ from allanscope.noise.quantised import advice
 from allanscope.parts import PARTS, full_scale_of
 from allanscope.quantities import number
 from allanscope.samples import unit_of
-from allanscope.spectrum.density import Density
-from allanscope.wire.base import LinkStats
+from allanscope.spectrum import Density
+from allanscope.wire import LinkStats
 
 __all__ = ["Depth", "summarise"]
 

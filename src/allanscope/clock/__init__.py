@@ -15,6 +15,6 @@ only a file.
 from __future__ import annotations
 
 from allanscope.clock.line import LineFit
-from allanscope.clock.rate import Clock, ClockError, RateFit
+from allanscope.clock.rate import DISAGREEMENT, Clock, ClockError, RateFit
 
-__all__ = ["Clock", "ClockError", "LineFit", "RateFit"]
+__all__ = ["DISAGREEMENT", "Clock", "ClockError", "LineFit", "RateFit"]

@@ -11,8 +11,7 @@ from allanscope.allan import AllanBank
 from allanscope.allan.shard import ALIGNED, Shard
 from allanscope.analysis import AnalyserSettings
 from allanscope.samples import Block, Event, Gap, StreamInfo
-from allanscope.spectrum.bank import SpectrumBank
-from allanscope.spectrum.shard import SpectrumShard
+from allanscope.spectrum import SpectrumBank, SpectrumShard
 
 __all__ = ["Partial"]
 

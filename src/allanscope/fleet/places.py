@@ -18,7 +18,7 @@ from typing import Any, cast
 
 from allanscope.errors import UsageError
 from allanscope.fleet.remote_path import RemotePath
-from allanscope.recording.layout import segment_number
+from allanscope.recording import segment_number
 
 __all__ = ["Place", "find_places", "is_of_this_machine"]
 

@@ -40,7 +40,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Fingerprint, Recording
 from allanscope.samples import Event, StreamInfo
-from allanscope.spectrum.bank import SpectrumBank
+from allanscope.spectrum import SpectrumBank
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -9,7 +9,7 @@ from allanscope.pipeline.analyse import full_settings
 from allanscope.pipeline.arrays import events_of_columns, words_of
 from allanscope.pipeline.columns import Columns, with_guesses
 from allanscope.pipeline.settings import DeviceSettings
-from allanscope.wire.base import LinkStats
+from allanscope.wire import LinkStats
 
 __all__ = ["analyse_columns"]
 

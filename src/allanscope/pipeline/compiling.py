@@ -15,8 +15,8 @@ from importlib import import_module
 
 from allanscope.analysis import Analyser, AnalyserSettings, summarise
 from allanscope.simulator import Simulator
-from allanscope.spectrum.level import SEGMENT
-from allanscope.wire.base import LinkStats
+from allanscope.spectrum import SEGMENT
+from allanscope.wire import LinkStats
 
 __all__ = ["COMPILING", "load_kernels", "tell_when_compiling"]
 

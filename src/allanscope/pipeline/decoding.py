@@ -18,9 +18,17 @@ from allanscope.pipeline.fruitless import Fruitless
 from allanscope.recording import Buffer
 from allanscope.samples import Event, Gap, Notice, StreamInfo
 from allanscope.sanitize import excerpt
-from allanscope.sources.base import Chunk
-from allanscope.wire import WireFormat, feed_chunks, format_named, formats, sniff
-from allanscope.wire.base import Decoder, LinkStats, WireSettings
+from allanscope.sources import Chunk
+from allanscope.wire import (
+    Decoder,
+    LinkStats,
+    WireFormat,
+    WireSettings,
+    feed_chunks,
+    format_named,
+    formats,
+    sniff,
+)
 from allanscope.wire.text.refusal import why_no_rows
 
 __all__ = ["Decoding"]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.samples import Block, Event, Notice
-from allanscope.wire.base import LinkStats
+from allanscope.wire import LinkStats
 
 __all__ = ["FRUITLESS_S", "Fruitless"]
 

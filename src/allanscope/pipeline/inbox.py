@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from allanscope.recording import Buffer
-from allanscope.sources.base import Chunk
+from allanscope.sources import Chunk
 
 __all__ = ["TOGETHER_S", "Inbox", "joined"]
 

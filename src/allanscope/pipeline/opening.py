@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from allanscope.errors import DeviceError, InputError, UsageError
 from allanscope.pipeline.settings import ViewMode
 from allanscope.pipeline.signals import stopped_by_signals
-from allanscope.view.viewer_process import ViewerProcess, has_display
+from allanscope.view import ViewerProcess, has_display
 
 __all__ = ["charts_of", "open_charts"]
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from allanscope.analysis import Analyser
     from allanscope.samples import Event
-    from allanscope.view.rerun_view import RerunView
+    from allanscope.view import RerunView
 
 __all__ = ["NOT_OURS", "is_ours", "main"]
 
@@ -79,8 +79,7 @@ def _show(path: Path, application: str, identity: str) -> None:
     from allanscope.pipeline.decoding import Decoding
     from allanscope.pipeline.settings import DeviceSettings
     from allanscope.recording import Recording
-    from allanscope.view.rerun_canvas import Canvas
-    from allanscope.view.rerun_view import RerunView
+    from allanscope.view import Canvas, RerunView
 
     recording = Recording(path)
     device = recorded_settings(recording, DeviceSettings())

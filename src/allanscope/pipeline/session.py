@@ -31,7 +31,7 @@ from allanscope.pipeline.refreshing import Refresher
 from allanscope.quantities import duration
 from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
-from allanscope.sources.base import Chunk, Source
+from allanscope.sources import Chunk, Source
 
 __all__ = ["Audience", "Ledger", "News", "Session"]
 

@@ -10,8 +10,7 @@ from typing import Literal
 from allanscope.errors import UsageError
 from allanscope.parts import part_named
 from allanscope.samples import Origin
-from allanscope.wire import format_named
-from allanscope.wire.base import WireSettings
+from allanscope.wire import WireSettings, format_named
 from allanscope.wire.text.units import quantity_named
 
 __all__ = ["DeviceSettings", "SessionSettings", "SimulatedSettings", "ViewMode"]

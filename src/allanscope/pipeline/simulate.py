@@ -100,7 +100,7 @@ def run_emulated_device(
     UsageError
         When it is asked for what only the simulated device can do.
     """
-    from allanscope.simulator.emulated import run_emulated
+    from allanscope.simulator import run_emulated
 
     if device.wire not in ("", "native") or simulated.faults or simulated.effects:
         raise UsageError(

@@ -15,7 +15,7 @@ from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
 from allanscope.pipeline.simulate import simulator
 from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.sources import Source, open_source
-from allanscope.wire.base import LinkStats
+from allanscope.wire import LinkStats
 
 __all__ = ["Stream", "device_source", "nothing_heard", "open_stream"]
 
@@ -197,7 +197,7 @@ def device_source(port: str, device: DeviceSettings, simulated: SimulatedSetting
     """
     if port != "sim":
         return open_source(port)
-    from allanscope.sources.simulated import SimulatedSource
+    from allanscope.sources import SimulatedSource
 
     return SimulatedSource(
         device.wire or "native",

@@ -27,6 +27,7 @@ from allanscope.lazy import lazily
 if TYPE_CHECKING:
     from allanscope.recording.chunk import Chunk, LinkEvent
     from allanscope.recording.export import ExportReport, export_csv, export_parquet
+    from allanscope.recording.layout import segment_number
     from allanscope.recording.outline import Damage
     from allanscope.recording.reader import Buffer, Fingerprint, Recording, is_recording
     from allanscope.recording.recorder import Recorder
@@ -48,6 +49,7 @@ __all__ = [
     "export_parquet",
     "is_recording",
     "recover",
+    "segment_number",
     "write_recording",
 ]
 
@@ -68,6 +70,7 @@ __getattr__, __dir__ = lazily(
         "export_parquet": "export",
         "is_recording": "reader",
         "recover": "recovery",
+        "segment_number": "layout",
         "write_recording": "session",
     },
 )

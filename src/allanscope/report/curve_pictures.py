@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 from allanscope.analysis import AxisAnalysis, ModelCurve
 from allanscope.quantities import DEVIATION, symbols
 from allanscope.report.picture import (

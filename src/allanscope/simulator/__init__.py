@@ -25,6 +25,7 @@ from allanscope.lazy import lazily
 if TYPE_CHECKING:
     from allanscope.simulator.device import Device, run_device
     from allanscope.simulator.effect_spec import EffectSpec, effect_help, parse_effect
+    from allanscope.simulator.emulated import run_emulated
     from allanscope.simulator.faults import FaultSpec, fault_help, parse_fault
     from allanscope.simulator.firmware import Firmware
     from allanscope.simulator.ledger import Ledger, Loss
@@ -48,6 +49,7 @@ __all__ = [
     "parse_effect",
     "parse_fault",
     "run_device",
+    "run_emulated",
     "simulate_blocks",
 ]
 
@@ -69,6 +71,7 @@ __getattr__, __dir__ = lazily(
         "parse_effect": "effect_spec",
         "parse_fault": "faults",
         "run_device": "device",
+        "run_emulated": "emulated",
         "simulate_blocks": "record",
     },
 )

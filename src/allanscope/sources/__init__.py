@@ -21,10 +21,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from allanscope.lazy import lazily
-from allanscope.sources.base import Chunk, LinkEvent, Source
+from allanscope.sources.base import Chunk, LinkEvent, Source, SourceSettings
 
 if TYPE_CHECKING:
-    from allanscope.sources.base import SourceSettings
     from allanscope.sources.discovery import (
         PortDescription,
         auto_port,
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from allanscope.sources.file import FileSource, RecordedSource
     from allanscope.sources.registry import must_be_there, open_file, open_source
     from allanscope.sources.serial_port import SerialSource
+    from allanscope.sources.simulated import SimulatedSource
 
 __all__ = [
     "Chunk",
@@ -42,6 +42,7 @@ __all__ = [
     "PortDescription",
     "RecordedSource",
     "SerialSource",
+    "SimulatedSource",
     "Source",
     "SourceSettings",
     "auto_port",
@@ -59,7 +60,7 @@ __getattr__, __dir__ = lazily(
         "PortDescription": "discovery",
         "RecordedSource": "file",
         "SerialSource": "serial_port",
-        "SourceSettings": "base",
+        "SimulatedSource": "simulated",
         "auto_port": "discovery",
         "describe_ports": "discovery",
         "find_ports": "discovery",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from allanscope.errors import UsageError
-from allanscope.recording.chunk import Chunk, LinkEvent
+from allanscope.recording import Chunk, LinkEvent
 
 __all__ = ["Chunk", "LinkEvent", "Source", "SourceSettings"]
 

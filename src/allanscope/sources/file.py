@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import IO, cast
 
 from allanscope.errors import InputError
-from allanscope.recording.chunk import Chunk
-from allanscope.recording.reader import Recording
+from allanscope.recording import Chunk, Recording
 
 __all__ = ["FileSource", "RecordedSource"]
 

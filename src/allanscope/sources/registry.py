@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from allanscope.errors import InputError
-from allanscope.recording.reader import is_recording
+from allanscope.recording import is_recording
 from allanscope.sources.base import Source, SourceSettings
 
 __all__ = ["must_be_there", "open_file", "open_source"]

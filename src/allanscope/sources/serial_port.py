@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable
 
 from allanscope.errors import DeviceError, UsageError
-from allanscope.recording.chunk import Chunk, LinkEvent
+from allanscope.recording import Chunk, LinkEvent
 from allanscope.sources.base import SourceSettings
 from allanscope.sources.discovery import Comports, PortDescription, find_ports
 from allanscope.sources.transport import (

@@ -21,7 +21,11 @@ from allanscope.spectrum.density import Density
 
 if TYPE_CHECKING:
     from allanscope.spectrum.bank import SpectrumBank
+    from allanscope.spectrum.level import SEGMENT
+    from allanscope.spectrum.shard import SpectrumShard
 
-__all__ = ["Density", "SpectrumBank"]
+__all__ = ["SEGMENT", "Density", "SpectrumBank", "SpectrumShard"]
 
-__getattr__, __dir__ = lazily(__name__, {"SpectrumBank": "bank"})
+__getattr__, __dir__ = lazily(
+    __name__, {"SEGMENT": "level", "SpectrumBank": "bank", "SpectrumShard": "shard"}
+)

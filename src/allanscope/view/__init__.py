@@ -22,16 +22,30 @@ from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.view.progress_bar import progress
+    from allanscope.view.rerun_canvas import Canvas
     from allanscope.view.rerun_view import RerunView, load_rerun
     from allanscope.view.terminal import TerminalView, summary_lines
+    from allanscope.view.viewer_process import ViewerProcess, has_display
 
-__all__ = ["RerunView", "TerminalView", "load_rerun", "progress", "summary_lines"]
+__all__ = [
+    "Canvas",
+    "RerunView",
+    "TerminalView",
+    "ViewerProcess",
+    "has_display",
+    "load_rerun",
+    "progress",
+    "summary_lines",
+]
 
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "Canvas": "rerun_canvas",
         "RerunView": "rerun_view",
         "TerminalView": "terminal",
+        "ViewerProcess": "viewer_process",
+        "has_display": "viewer_process",
         "load_rerun": "rerun_view",
         "progress": "progress_bar",
         "summary_lines": "terminal",

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 from allanscope.analysis import ModelCurve
 from allanscope.explain.effect import AxisExplanation
 from allanscope.noise.coefficients import DatasheetVerdict
 from allanscope.quantities import Reading, number, symbols
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 from allanscope.view.chart import HEIGHT, WIDTH, Chart, Points, Strips, dashed
 from allanscope.view.palette import EFFECT, GRID, MODEL, REFERENCE, TEXT, Colour, muted
 

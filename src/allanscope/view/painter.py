@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 from allanscope.analysis import Analysis, AxisAnalysis
 from allanscope.quantities import DENSITY, DEVIATION, Reading, symbols
 from allanscope.view.chart import Chart, Linear, Log

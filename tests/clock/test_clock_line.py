@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from allanscope.clock import LineFit
-from allanscope.clock.line import fit_line
+from allanscope.clock.rate import fit_line
 
 ROWS = 200
 ONE_SEGMENT = np.zeros(ROWS, np.int64)

@@ -14,7 +14,7 @@ only a file.
 
 from __future__ import annotations
 
-from allanscope.clock.line import LineFit
-from allanscope.clock.rate import DISAGREEMENT, Clock, ClockError, RateFit
+from allanscope.clock.clock import Clock
+from allanscope.clock.rate import DISAGREEMENT, ClockError, LineFit, RateFit
 
 __all__ = ["DISAGREEMENT", "Clock", "ClockError", "LineFit", "RateFit"]

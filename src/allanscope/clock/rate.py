@@ -1,4 +1,10 @@
-"""The clock of a run: which rate is the true one, and how well it is known."""
+"""The rate: a straight line through the earliest arrivals, robust against stalls and steps.
+
+Numbers n and times t obey t = t0 + n T + e, with a t0 of its own for every segment and one period T
+for all. The remaining delays e are small, never far below the line, sometimes far above it, and
+neighbours may be alike, because polling and sampling beat against each other. `fit_line` gives the
+rate by one clock with its error (`LineFit`); a `RateFit` is the best that is known by all clocks.
+"""
 
 from __future__ import annotations
 
@@ -6,32 +12,253 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from allanscope.clock.envelope import Envelope
-from allanscope.clock.line import LineFit
-from allanscope.samples import Gap, StreamInfo, Ticks
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
-__all__ = ["Clock", "ClockError", "RateFit"]
+__all__ = ["ClockError", "LineFit", "RateFit", "fit_line"]
 
-USB_FRAME_S = 1e-3
-"""A host asks a full-speed USB device once in a millisecond; arrivals have that step."""
+Floats = NDArray[np.float64]
 
-ROUNDING_S = 1e-7
-"""No device time is trusted more finely than this."""
+FEWEST_ROWS = 6
+SHORTEST_STRETCH = 3
+SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 1e-7, 1e5
+STEP_ROWS = 4
+STEP_SIGMAS = 8.0
+STEP_S = 0.05
+OUTLIER_SIGMAS = 4.0
+LAG_SHARE = 0.25
+FIXED_LAG_WIDENING = 3.2 / 1.96
+"""The 95 % point of slope over its sigma when lags up to a quarter of the points are taken in, over
+that of a normal; found by simulation of 1500 straight lines in white noise."""
 
-KNOWN_BELOW = 0.01
-"""A rate whose relative standard deviation is larger than this is not worth replacing the nominal
-one: these parts are off by several per cent at most."""
+LEAST_WARMING_C = 0.5
+"""Over less than this the noise of a thermometer would be taken for temperature."""
 
-CRYSTAL = 40e-6
-"""Standard deviation of a crystal's rate: 50 ppm of tolerance, temperature and ageing."""
+THERMOMETER = 0.01
+"""Share of a temperature coefficient that the noise and the scale of the thermometer may make."""
 
-CONTRADICTION = 4.0
-"""Standard deviations that two clocks may be apart."""
-
+MAD_TO_SIGMA = 1.4826
+TIGHTEST_S = 1e-7
+"""No clock is read more finely than this; residuals below are rounding."""
 
 DISAGREEMENT = 1e-3
 """Crystals are off by less than a tenth of this. A host that sees the device's crystal off by more
 has read late: what had waited while it was held up came in a rush, and looks like a high rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineFit:
+    """A rate, and how well it is known.
+
+    Attributes
+    ----------
+    hz : float
+        Samples per second of the clock that gave the times.
+    relative_sigma : float
+        Standard deviation of `hz`, relative.
+    residual_s : float
+        Standard deviation of the arrivals about the line, in seconds.
+    span_s : float
+        Time covered.
+    drift_per_h, drift_sigma_per_h : float
+        Relative change of the rate in an hour, and its standard deviation; NaN when the run is too
+        short to tell.
+    steps : int
+        Places at which the line was broken because the delay changed for good.
+    per_degc, per_degc_sigma : float
+        Relative change of the rate per degC, and its standard deviation; NaN when the temperature
+        is unknown or hardly moved. It takes all of the drift for the temperature's: a run that only
+        warms up cannot tell one from the other.
+    """
+
+    hz: float
+    relative_sigma: float
+    residual_s: float
+    span_s: float
+    drift_per_h: float
+    drift_sigma_per_h: float
+    steps: int
+    per_degc: float = np.nan
+    per_degc_sigma: float = np.nan
+
+
+def fit_line(
+    index: NDArray[np.int64],
+    time_s: Floats,
+    segment: NDArray[np.int64],
+    resolution_s: float,
+    temperature_c: Floats | None = None,
+) -> LineFit | None:
+    """Fit one rate to several stretches of numbers and times.
+
+    Parameters
+    ----------
+    index, time_s, segment : ndarray, shape (k,)
+        Sample numbers, their times in seconds, and the stretch that each belongs to, ascending.
+    resolution_s : float
+        Step of the time stamps. A phase that creeps through one step cannot be told from a rate,
+        so the rate is never known better than a step over the span, uniformly distributed.
+    temperature_c : ndarray, shape (k,), optional
+        Temperature at these samples; NaN where it is not known.
+
+    Returns
+    -------
+    LineFit or None
+        None while there are too few points, or while they show no progress.
+    """
+    if len(index) < FEWEST_ROWS:
+        return None
+    x = (index - index[0]).astype(np.float64)
+    y = time_s - time_s[0]
+    period_s = _typical_period(x, y, segment)
+    if not SHORTEST_PERIOD_S < period_s < LONGEST_PERIOD_S:
+        return None
+    stretch = _split_at_steps(y - period_s * x, segment)
+    steps = int(stretch[-1] + 1 - len(np.unique(segment)))
+    telling = np.bincount(stretch)[stretch] >= SHORTEST_STRETCH
+    if telling.sum() < FEWEST_ROWS:
+        return None
+    x, y, stretch = x[telling], y[telling], stretch[telling]
+    line = _line(x, y, stretch)
+    if line is None:
+        return None
+    period_s, residual, kept = line
+    freedom = int(kept.sum()) - len(np.unique(stretch[kept])) - 1
+    if freedom < 3 or not SHORTEST_PERIOD_S < period_s < LONGEST_PERIOD_S:
+        return None
+    xc, residual = _centred(x, stretch, kept)[kept], residual[kept]
+    span_s = float(np.ptp(x[kept])) * period_s
+    slope_sigma = _slope_sigma(xc, residual, freedom)
+    floor = resolution_s / np.sqrt(12.0) / span_s
+    drift, drift_sigma = _bend(xc**2, xc, residual, stretch[kept], freedom)
+    drift_floor = 8.0 * floor / span_s  # a bend of one step, as the floor is a slope of one
+    per_degc = per_degc_sigma = np.nan
+    if temperature_c is not None:
+        warmth = _warmth(x, temperature_c[telling], stretch)
+        per_degc, per_degc_sigma = _bend(warmth[kept], xc, residual, stretch[kept], freedom)
+        per_degc_sigma = float(np.hypot(per_degc_sigma, THERMOMETER * per_degc))
+    return LineFit(
+        hz=1.0 / period_s,
+        relative_sigma=float(np.hypot(slope_sigma / period_s, floor)),
+        residual_s=float(np.sqrt(residual @ residual / freedom)),
+        span_s=span_s,
+        drift_per_h=-3600.0 * 2.0 * drift / period_s**2,
+        drift_sigma_per_h=3600.0 * float(np.hypot(2.0 * drift_sigma / period_s**2, drift_floor)),
+        steps=steps,
+        per_degc=-per_degc / period_s,
+        per_degc_sigma=per_degc_sigma / period_s,
+    )
+
+
+def _line(
+    x: Floats, y: Floats, stretch: NDArray[np.int64]
+) -> tuple[float, Floats, NDArray[np.bool_]] | None:
+    """Return slope, residuals and inliers of the common line; None where nothing moves."""
+    kept = np.ones(len(x), bool)
+    for _ in range(4):
+        xc, yc = _centred(x, stretch, kept), _centred(y, stretch, kept)
+        sxx = float(xc[kept] @ xc[kept])
+        if sxx <= 0.0:
+            return None
+        slope = float(xc[kept] @ yc[kept]) / sxx
+        residual = yc - slope * xc
+        kept = _inliers(residual)
+    return slope, residual, kept
+
+
+def _typical_period(x: Floats, y: Floats, segment: NDArray[np.int64]) -> float:
+    """Median of slopes over so short a part of the run that most of them span no stall or step."""
+    _, inverse, count = np.unique(segment, return_inverse=True, return_counts=True)
+    lag = max(1, min(len(x) // 8, int(np.median(count[inverse])) // 2))
+    same = segment[lag:] == segment[:-lag]
+    dx, dy = (x[lag:] - x[:-lag])[same], (y[lag:] - y[:-lag])[same]
+    moved = dx > 0.0
+    return float(np.median(dy[moved] / dx[moved])) if moved.any() else 0.0
+
+
+def _split_at_steps(residual: Floats, segment: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the stretches between steps, numbered: at a step the medians of both sides differ.
+
+    Only what changes within a few windows counts, so a rate that drifts is no step.
+    """
+    breaks = np.diff(segment, prepend=segment[0]) != 0
+    if len(residual) >= 4 * STEP_ROWS:
+        medians = np.median(sliding_window_view(residual, STEP_ROWS), axis=1)
+        jump = medians[STEP_ROWS:] - medians[:-STEP_ROWS]
+        whole = segment[2 * STEP_ROWS - 1 :] == segment[: 1 - 2 * STEP_ROWS]
+        if whole.sum() >= 2 * STEP_ROWS:
+            size = np.where(whole, np.abs(jump - np.median(jump[whole])), 0.0)
+            limit = max(STEP_SIGMAS * MAD_TO_SIGMA * float(np.median(size[whole])), STEP_S)
+            while size.max() > limit:
+                at = int(size.argmax())
+                breaks[at + STEP_ROWS] = True
+                size[max(0, at - STEP_ROWS) : at + STEP_ROWS + 1] = 0.0
+    return np.cumsum(breaks)
+
+
+def _centred(values: Floats, stretch: NDArray[np.int64], kept: NDArray[np.bool_]) -> Floats:
+    """Subtract from every stretch the mean of what is kept of it."""
+    weight = kept.astype(np.float64)
+    count = np.maximum(np.bincount(stretch, weight), 1.0)
+    mean: Floats = np.bincount(stretch, weight * values) / count
+    return values - mean[stretch]
+
+
+def _inliers(residual: Floats) -> NDArray[np.bool_]:
+    """Pass over what came too late; what came early is no outlier but says where the line is."""
+    excess = residual - np.median(residual)
+    sigma = MAD_TO_SIGMA * float(np.median(np.abs(excess)))
+    return (excess <= OUTLIER_SIGMAS * max(sigma, TIGHTEST_S)) & (excess >= -STEP_S)
+
+
+def _slope_sigma(xc: Floats, residual: Floats, freedom: int) -> float:
+    """Return the sigma of a slope whose residuals may be correlated over much of the run.
+
+    Lags up to a quarter of the points are taken in, with linearly falling weights. The sum over so
+    many lags scatters and is too small on average; it is widened to its own 95 % point, as Kiefer
+    and Vogelsang do (Econometric Theory 21, 2005). Never less than for uncorrelated residuals.
+    """
+    score = xc * residual
+    longest = max(1, round(LAG_SHARE * len(score)))
+    lags = np.arange(1, longest)
+    products = np.correlate(score, score, "full")[len(score) - 1 :]
+    total = products[0] + 2.0 * float((1.0 - lags / longest) @ products[1:longest])
+    sxx = float(xc @ xc)
+    few = len(score) / (freedom - 2.0)
+    white = float(residual @ residual) / freedom / sxx
+    return float(np.sqrt(max(FIXED_LAG_WIDENING**2 * total * few / sxx**2, white)))
+
+
+def _warmth(x: Floats, temperature_c: Floats, stretch: NDArray[np.int64]) -> Floats:
+    """Integral of the temperature over the sample number, about its mean: what the times follow.
+
+    A period that changes with the temperature, T (1 + k (theta - mean)), adds k T times this.
+    NaN where it hardly moved.
+    """
+    known = np.isfinite(temperature_c)
+    if known.sum() < FEWEST_ROWS or np.ptp(temperature_c[known]) < LEAST_WARMING_C:
+        return np.full(len(x), np.nan)
+    number = np.arange(len(x))
+    theta = np.interp(number, number[known], temperature_c[known])
+    theta -= theta.mean()
+    areas = np.diff(x) * (theta[1:] + theta[:-1]) / 2.0
+    areas[np.diff(stretch) != 0] = 0.0
+    return np.concatenate([[0.0], np.cumsum(areas)])
+
+
+def _bend(
+    shape: Floats, xc: Floats, residual: Floats, stretch: NDArray[np.int64], freedom: int
+) -> tuple[float, float]:
+    """How much of a shape that is no line is in the residual, and its sigma; NaN if unknown."""
+    if freedom < 8 or not np.isfinite(shape).all():
+        return np.nan, np.nan
+    bend = _centred(shape, stretch, np.ones(len(xc), bool))
+    bend -= xc * float(xc @ bend) / float(xc @ xc)
+    if not float(bend @ bend) > 0.0:
+        return np.nan, np.nan
+    share = float(bend @ residual) / float(bend @ bend)
+    return share, _slope_sigma(bend, residual - share * bend, freedom - 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,126 +342,3 @@ class RateFit:
         if self.host is None or self.device is None:
             return None
         return self.host.hz / self.device.hz - 1.0
-
-
-class Clock:
-    """Follow a stream and know its true sample rate, in memory that does not grow.
-
-    Parameters
-    ----------
-    nominal_hz : float
-        Rate that the device claims; 0 when it claims none.
-    device_clock : bool
-        Whether the device's time is a clock of its own, a crystal. The time of the sensor's own
-        oscillator is not: it is off by as much as the rate is.
-    device_resolution_s : float
-        Step of the device's time.
-    crystal : bool
-        Whether the device's clock is known to be a crystal, which is believed against the host.
-
-    Examples
-    --------
-    Records of a file, 51 in a second, with no other time than the device's:
-
-    >>> import numpy as np
-    >>> clock = Clock(nominal_hz=50.0)
-    >>> offset, unknown = np.arange(1000), np.full(1000, np.nan)
-    >>> clock.update(0, Ticks(offset, offset / 51.0, unknown, unknown))
-    >>> rate = clock.rate()
-    >>> print(f"{rate.hz:.3f} Hz by the {rate.source}, {rate.clock_error.relative:+.1%}")
-    51.000 Hz by the device, +2.0%
-    """
-
-    def __init__(
-        self,
-        nominal_hz: float = 0.0,
-        device_clock: bool = True,
-        device_resolution_s: float = 0.0,
-        crystal: bool = False,
-    ) -> None:
-        self.nominal_hz = nominal_hz
-        self._device_clock = device_clock
-        self._crystal = crystal
-        self._device_resolution_s = device_resolution_s
-        self.restart()
-
-    @classmethod
-    def of(cls, info: StreamInfo) -> Clock:
-        """Return the clock of a stream that describes itself."""
-        # The times of a table may be anybody's; a device that frames its samples has a clock.
-        crystal = info.device_clock and info.wire not in ("text", "arrays")
-        return cls(info.nominal_hz, info.device_clock, info.time_resolution_s, crystal)
-
-    def update(self, index: int, ticks: Ticks) -> None:
-        """Take the ticks of a block whose first sample has the number `index`."""
-        number = index + ticks.offset
-        self._host.add(number, ticks.host_s, ticks.temperature_c)
-        if self._device_clock:
-            self._device.add(number, ticks.device_s, ticks.temperature_c)
-
-    def gap(self, gap: Gap) -> None:
-        """Take a hole; only one that leaves the numbers without meaning breaks the lines."""
-        if gap.lost is None or gap.reason in ("restarted", "resumed", "file"):
-            self._host.cut()
-            self._device.cut()
-
-    def restart(self, nominal_hz: float | None = None) -> None:
-        """Forget everything, because the device has been told to run at another rate."""
-        if nominal_hz is not None:
-            self.nominal_hz = nominal_hz
-        self._host = Envelope(USB_FRAME_S, self.nominal_hz, polled=True)
-        self._device = Envelope(max(self._device_resolution_s, ROUNDING_S), self.nominal_hz)
-
-    def rate(self) -> RateFit:
-        """Return the best rate that is known now: by the host, by the device, or the nominal one.
-
-        The host's clock is the truth. But its arrivals come unevenly, and in the first seconds the
-        crystal of the device knows better: then its rate is given, with all that a crystal may be
-        off. Where the two contradict each other by more than crystals can, a device that says that
-        its clock is a crystal is believed: the host has read late. Otherwise its time is none.
-        """
-        host, device = self._host.fit(), self._device.fit()
-        host_sigma = host.relative_sigma if host is not None else math.inf
-        device_sigma = device.relative_sigma if device is not None else math.inf
-        if host is not None and device is not None:
-            if self._crystal and device_sigma < KNOWN_BELOW and _apart(host, device):
-                return self._fit(device, "device", device_sigma, host, device)
-            device_sigma = math.hypot(device_sigma, CRYSTAL)
-            apart = abs(host.hz / device.hz - 1.0)
-            if apart > CONTRADICTION * math.hypot(host_sigma, device_sigma):
-                device_sigma = math.inf
-        if device is not None and device_sigma < min(host_sigma, KNOWN_BELOW):
-            return self._fit(device, "device", device_sigma, host, device)
-        if host is not None and host_sigma < KNOWN_BELOW:
-            return self._fit(host, "host", host_sigma, host, device)
-        return RateFit(self.nominal_hz, self.nominal_hz, "nominal", host=host, device=device)
-
-    def _fit(
-        self,
-        fit: LineFit,
-        source: Literal["host", "device"],
-        relative_sigma: float,
-        host: LineFit | None,
-        device: LineFit | None,
-    ) -> RateFit:
-        return RateFit(
-            self.nominal_hz,
-            fit.hz,
-            source,
-            relative_sigma * 1e6,
-            fit.residual_s,
-            fit.span_s,
-            fit.drift_per_h * 1e6,
-            fit.drift_sigma_per_h * 1e6,
-            fit.per_degc * 1e6,
-            fit.per_degc_sigma * 1e6,
-            fit.steps,
-            host,
-            device,
-        )
-
-
-def _apart(host: LineFit, device: LineFit) -> bool:
-    """Return whether two clocks disagree by more than crystals do, and more than by chance."""
-    sigma = math.hypot(host.relative_sigma, device.relative_sigma)
-    return abs(host.hz / device.hz - 1.0) > DISAGREEMENT + 3.0 * sigma

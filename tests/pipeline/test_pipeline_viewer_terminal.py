@@ -125,3 +125,16 @@ def test_piped_it_is_plain_lines_and_quiet_is_silent(session):
     with Terminal(run("replay", session[0], "--view", "none", "--quiet"), 80, 24) as terminal:
         assert terminal.finish() == 0
         assert terminal.raw == ""
+
+
+def test_a_terminal_that_takes_nothing_holds_up_nothing(tmp_path):
+    folder = tmp_path / "session"
+    script = run("live", "sim", "--view", "none", "--for", "8s", "--out", folder)
+    with Terminal(script, 80, 24) as terminal:
+        terminal.read_until("receiving")
+        terminal.type("\x13")  # Ctrl-S
+        assert terminal.process.wait(timeout=100) == 0
+        assert terminal.modes == terminal.modes_before
+    result = json.loads((folder / "result.json").read_text())
+    assert result["samples"] > 7 * 100
+    assert result["lost_samples"] == 0

@@ -58,6 +58,7 @@ view = TerminalView("auto", clock=lambda: now[0])
 view.snapshot(demo_analysis(60.0))
 for now[0], block in zip((0.5, 1.5, 2.0), blocks(3.0)):
     view.samples(INFO, block)
+    view._worker.settle(30.0)
 """
 
 

@@ -79,15 +79,19 @@ class Keys:
         self._thread = threading.Thread(target=self._run, name="keys", daemon=True)
         self._thread.start()
 
-    def close(self) -> None:
-        """Stop reading and put the terminal back; may be called twice."""
+    def close(self, drain: bool = True) -> None:
+        """Stop reading and put the terminal back; may be called twice.
+
+        With `drain` what was written is shown first, which a stopped terminal never does.
+        """
         if not self.active:
             return
         self.active = False
         import termios
 
         with contextlib.suppress(OSError, termios.error):  # the terminal may be gone
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._saved)
+            when = termios.TCSADRAIN if drain else termios.TCSANOW
+            termios.tcsetattr(self._fd, when, self._saved)
         atexit.unregister(self.close)
         os.write(self._wake_write, b"x")
         if threading.current_thread() is not self._thread:

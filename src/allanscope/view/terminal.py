@@ -1,4 +1,9 @@
-"""The terminal view: one calm screen when someone watches, a line a minute when nobody does."""
+"""The terminal view: one calm screen when someone watches, a line a minute when nobody does.
+
+A terminal may take nothing for hours (Ctrl-S, a connection that hangs), and whoever writes to it
+then waits. So standard output is written to by a thread of its own: what comes while it waits is
+dropped, but for the newest screen, and the measurement knows nothing of it.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +24,7 @@ from allanscope.sanitize import one_line
 from allanscope.view.console import Keys, SteadyConsole
 from allanscope.view.diary import Diary, GapTeller, Level, Trends
 from allanscope.view.terminal_screen import Screen, status_line, summary_lines
+from allanscope.view.worker import Task, Worker
 
 __all__ = ["TerminalMode", "TerminalView", "summary_lines"]
 
@@ -27,6 +33,9 @@ TerminalMode = Literal["auto", "live", "plain", "quiet"]
 _STATUS_EVERY_S = 60.0
 _ALIVE_EVERY_S = 1.0
 """So often a screen that waits for the next result says what has come by now."""
+
+_PATIENCE_S = 2.0
+"""So long the end of a run waits for a terminal that takes nothing."""
 
 _KEYS = "m mark   q end and report      ↑ ↓ moved, = settled since half of the run"
 _STYLES: dict[Level, str] = {"info": "", "warn": "bold", "error": "bold red"}
@@ -45,7 +54,7 @@ class TerminalView:
     on_quit : callable, optional
         Called when q is pressed, from another thread.
     stream : text file, optional
-        Where to write; standard output by default.
+        Where to write, at once; by default standard output, by a thread that may wait for it.
     clock : callable
         Time in seconds, for tests.
     whole_s : float, optional
@@ -61,6 +70,7 @@ class TerminalView:
         clock: Callable[[], float] = time.monotonic,
         whole_s: float | None = None,
     ) -> None:
+        self._worker = Worker("terminal") if stream is None else None
         stream = stream or sys.stdout
         if mode == "auto":
             mode = "live" if stream.isatty() and os.environ.get("TERM") != "dumb" else "plain"
@@ -77,6 +87,8 @@ class TerminalView:
         self._on_mark, self._on_quit = on_mark, on_quit
         self._console = SteadyConsole(stream, soft_wrap=mode != "live")
         self._live: Live | None = None
+        self._screen: Screen | None = None
+        self._closed = False
         self._keys: Keys | None = None
         if mode == "live":
             self._go_live()
@@ -134,9 +146,26 @@ class TerminalView:
         self._write(f"{duration(self._elapsed_s()):>11}  {one_line(text)}", _STYLES[level])
 
     def close(self) -> None:
-        """Leave the last screen standing, or a summary, and the terminal as it was."""
+        """Leave the last screen standing, or a summary, and the terminal as it was.
+
+        May be called twice.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        taken = True
+        if self._worker is None:
+            self._show_last()
+        else:
+            taken = self._worker.close(self._show_last, _PATIENCE_S)
         if self._keys is not None:
-            self._keys.close()
+            self._keys.close(drain=taken)
+        if not taken:
+            # What Python writes at its end would wait as well.
+            sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+        self._mode = "quiet"
+
+    def _show_last(self) -> None:
         live, self._live = self._live, None
         if live is not None:
             with contextlib.suppress(OSError):
@@ -145,8 +174,7 @@ class TerminalView:
                 live.stop()
         elif self._mode == "plain" and self._latest is not None:
             for row in ("", *summary_lines(self._latest)):
-                self._write(row)
-        self._mode = "quiet"
+                self._print(Text(row))
 
     def _elapsed_s(self) -> float:
         """Return the time of the run: results may be far apart, what happens between is not."""
@@ -187,21 +215,34 @@ class TerminalView:
     def _draw(self, analysis: Analysis) -> None:
         self._drawn_at = self._clock()
         keys = _KEYS if self._keys is not None and self._keys.active else ""
-        screen = Screen(
+        self._screen = Screen(
             analysis, self._trends, keys, self._left(analysis), self._recorded(analysis)
         )
+        self._submit(self._refresh, once="screen")
+
+    def _refresh(self) -> None:
         try:
-            if self._live is not None:
-                self._live.update(screen, refresh=True)
+            if self._live is not None and self._screen is not None:
+                self._live.update(self._screen, refresh=True)
         except OSError:
             self._fall_silent()
 
     def _write(self, text: str, style: str = "") -> None:
+        line = Text(text, style=style)
+        self._submit(lambda: self._print(line))
+
+    def _print(self, line: Text) -> None:
         try:
             if self._mode != "quiet":
-                self._console.print(Text(text, style=style))
+                self._console.print(line)
         except OSError:
             self._fall_silent()
+
+    def _submit(self, task: Task, once: str = "") -> None:
+        if self._worker is None:
+            task()
+        else:
+            self._worker.submit(task, once)
 
     def _fall_silent(self) -> None:
         """Say no more: the terminal is gone, as when a connection drops."""

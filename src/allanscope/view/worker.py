@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 
-__all__ = ["Worker"]
+__all__ = ["Task", "Worker"]
 
 Task = Callable[[], None]
 

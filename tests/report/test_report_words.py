@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from allanscope.analysis import AxisAnalysis, Level
+from allanscope.analysis.datasheet import compare
 from allanscope.explain.effect import Effect, Parameter
 from allanscope.noise.coefficients import Coefficient
-from allanscope.noise.datasheet import compare
 from allanscope.parts import part_named
 from allanscope.report import words
 

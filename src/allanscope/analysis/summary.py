@@ -18,6 +18,7 @@ from allanscope.analysis.analyser import (
     StreamState,
     loop_input,
 )
+from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
@@ -28,7 +29,6 @@ from allanscope.explain.loop import Explanation
 from allanscope.history import Record
 from allanscope.noise import find_best_averaging, fit_noise
 from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
-from allanscope.noise.datasheet import compare, rms_of
 from allanscope.noise.fit import NoiseFit
 from allanscope.noise.quantised import advice
 from allanscope.parts import PARTS, full_scale_of

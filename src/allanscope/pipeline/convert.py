@@ -28,7 +28,7 @@ from allanscope.view import progress
 from allanscope.whole_file import refuse_place
 
 if TYPE_CHECKING:
-    from allanscope.noise.exports import UpperLimits
+    from allanscope.pipeline.exports import UpperLimits
 
 __all__ = ["export_recording", "import_capture"]
 
@@ -122,7 +122,7 @@ def _export_coefficients(
     layout: str,
     upper_limits: UpperLimits,
 ) -> None:
-    from allanscope.noise.exports import LAYOUTS, NotDetected
+    from allanscope.pipeline.exports import LAYOUTS, NotDetected
 
     refuse_place(out)
     analysis = analyse_input(source, device, quiet)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allanscope.noise.coefficients import Coefficient
-from allanscope.noise.exports import (
+from allanscope.pipeline.exports import (
     LAYOUTS,
     NotDetected,
     kalibr_yaml,

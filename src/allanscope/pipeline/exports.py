@@ -79,21 +79,22 @@ def kalibr_yaml(
     chosen = _Chosen(axes, upper_limits)
     gyro_n, gyro_k = chosen.worst("g", "N"), chosen.worst("g", "K")
     accel_n, accel_k = chosen.worst("a", "N"), chosen.worst("a", "K")
-    return "\n".join(
+    return chosen.file(
+        "#",
         [
-            "# Noise of an IMU for Kalibr, estimated by allanscope." + _of(source),
-            "# Continuous-time values: white noise is N, the two-sided density of IEEE 952",
-            "# (half of a datasheet's one-sided power density), random walk is K.",
-            "# Each value is that of the worst axis.",
-            *chosen.remarks("#"),
+            "Noise of an IMU for Kalibr, estimated by allanscope." + _of(source),
+            "Continuous-time values: white noise is N, the two-sided density of IEEE 952",
+            "(half of a datasheet's one-sided power density), random walk is K.",
+            "Each value is that of the worst axis.",
+        ],
+        [
             f"accelerometer_noise_density: {accel_n:.6e}   # m/s^2/sqrt(Hz)",
             f"accelerometer_random_walk: {accel_k:.6e}   # m/s^3/sqrt(Hz)",
             f"gyroscope_noise_density: {gyro_n:.6e}   # rad/s/sqrt(Hz)",
             f"gyroscope_random_walk: {gyro_k:.6e}   # rad/s^2/sqrt(Hz)",
             f"rostopic: {rostopic}",
             f"update_rate: {rate_hz:.6g}   # Hz",
-            "",
-        ]
+        ],
     )
 
 
@@ -110,15 +111,16 @@ def ros_covariance_yaml(
     the value here is the one that, used once a sample, integrates correctly.
     """
     chosen = _Chosen(axes, upper_limits)
-    rows = [
-        "# Covariances of sensor_msgs/Imu, estimated by allanscope." + _of(source),
-        f"# Discrete: variance of one sample at {rate_hz:.6g} Hz, N^2 times the rate, row by row.",
-    ]
+    lines = []
     for kind, name in (("g", "angular_velocity"), ("a", "linear_acceleration")):
         variances = np.square(chosen.each(kind, "N")) * rate_hz
         matrix = ", ".join(f"{value:.6e}" for value in np.diag(variances).ravel())
-        rows.append(f"{name}_covariance: [{matrix}]   # ({_SI[kind]})^2")
-    return "\n".join([*rows[:2], *chosen.remarks("#"), *rows[2:], ""])
+        lines.append(f"{name}_covariance: [{matrix}]   # ({_SI[kind]})^2")
+    about = [
+        "Covariances of sensor_msgs/Imu, estimated by allanscope." + _of(source),
+        f"Discrete: variance of one sample at {rate_hz:.6g} Hz, N^2 times the rate, row by row.",
+    ]
+    return chosen.file("#", about, lines)
 
 
 def vins_yaml(
@@ -137,19 +139,20 @@ def vins_yaml(
     root = float(np.sqrt(rate_hz))
     gyro_n, gyro_k = (chosen.worst("g", name) * root for name in "NK")
     accel_n, accel_k = (chosen.worst("a", name) * root for name in "NK")
-    return "\n".join(
+    return chosen.file(
+        "#",
         [
-            "# IMU noise for VINS-Mono and VINS-Fusion, estimated by allanscope." + _of(source),
-            f"# Discrete values at {rate_hz:.6g} Hz: continuous-time N and K times sqrt(rate).",
-            "# Each value is that of the worst axis.",
-            *chosen.remarks("#"),
+            "IMU noise for VINS-Mono and VINS-Fusion, estimated by allanscope." + _of(source),
+            f"Discrete values at {rate_hz:.6g} Hz: continuous-time N and K times sqrt(rate).",
+            "Each value is that of the worst axis.",
+        ],
+        [
             f"acc_n: {accel_n:.6e}   # m/s^2",
             f"gyr_n: {gyro_n:.6e}   # rad/s",
             f"acc_w: {accel_k:.6e}   # m/s^3",
             f"gyr_w: {gyro_k:.6e}   # rad/s^2",
             f"g_norm: {GRAVITY}   # m/s^2",
-            "",
-        ]
+        ],
     )
 
 
@@ -167,21 +170,19 @@ def matlab_imu_sensor(
     """
     chosen = _Chosen(axes, upper_limits)
     about = [
-        "% Noise of an IMU for imuSensor, estimated by allanscope." + _of(source),
-        "% Continuous-time, double-sided densities (IEEE 952); B is the floor of ADEV over 0.664.",
+        "Noise of an IMU for imuSensor, estimated by allanscope." + _of(source),
+        "Continuous-time, double-sided densities (IEEE 952); B is the floor of ADEV over 0.664.",
     ]
-    lines = [
-        f"imu = imuSensor('accel-gyro', 'SampleRate', {rate_hz:.9g});",
-    ]
+    lines = [f"imu = imuSensor('accel-gyro', 'SampleRate', {rate_hz:.9g});"]
     for kind, params in (("g", "Gyroscope"), ("a", "Accelerometer")):
         unit = _SI[kind]
         lines += [
             f"imu.{params}.NoiseType = 'double-sided';",
-            f"imu.{params}.NoiseDensity = {_row(chosen, kind, 'N')};   % ({unit})/sqrt(Hz)",
-            f"imu.{params}.BiasInstability = {_row(chosen, kind, 'B')};   % {unit}",
-            f"imu.{params}.RandomWalk = {_row(chosen, kind, 'K')};   % ({unit})*sqrt(Hz)",
+            f"imu.{params}.NoiseDensity = {chosen.row(kind, 'N')};   % ({unit})/sqrt(Hz)",
+            f"imu.{params}.BiasInstability = {chosen.row(kind, 'B')};   % {unit}",
+            f"imu.{params}.RandomWalk = {chosen.row(kind, 'K')};   % ({unit})*sqrt(Hz)",
         ]
-    return "\n".join([*about, *chosen.remarks("%"), *lines, ""])
+    return chosen.file("%", about, lines)
 
 
 LAYOUTS: Mapping[str, Callable[..., str]] = {
@@ -239,30 +240,31 @@ class _Chosen:
                 self._limited.setdefault(name, []).append(axis)
         return _TO_SI[kind] * max(known, *(self._number(found) for found in mine.values()))
 
-    def remarks(self, comment: str) -> list[str]:
-        """Return a line of comment on what was not detected.
+    def row(self, kind: str, name: str) -> str:
+        """Return a coefficient of the three axes of a sensor as a row vector."""
+        return "[" + " ".join(f"{value:.6e}" for value in self.each(kind, name)) + "]"
+
+    def file(self, comment: str, about: list[str], lines: list[str]) -> str:
+        """Return a file: comments on what it is and on what was not detected, then its lines.
 
         Raises
         ------
         NotDetected
-            Where that is something, and it is to be refused.
+            Where something was not detected, and that is to be refused.
         """
-        if not self._limited:
-            return []
-        what = ", ".join(f"{name} on {' '.join(on)}" for name, on in self._limited.items())
-        if self._upper_limits == "refuse":
-            raise NotDetected(f"not detected, only limited from above: {what}")
-        number = "its upper limit" if self._upper_limits == "include" else "0"
-        return [f"{comment} Not detected: {what}; {number} was taken there."]
+        remarks = []
+        if self._limited:
+            what = ", ".join(f"{name} on {' '.join(on)}" for name, on in self._limited.items())
+            if self._upper_limits == "refuse":
+                raise NotDetected(f"not detected, only limited from above: {what}")
+            number = "its upper limit" if self._upper_limits == "include" else "0"
+            remarks.append(f"Not detected: {what}; {number} was taken there.")
+        return "\n".join([*(f"{comment} {text}" for text in (*about, *remarks)), *lines, ""])
 
     def _number(self, found: Coefficient) -> float:
         if found.detected:
             return found.value
         return 0.0 if self._upper_limits == "zero" else found.upper
-
-
-def _row(chosen: _Chosen, kind: str, name: str) -> str:
-    return "[" + " ".join(f"{value:.6e}" for value in chosen.each(kind, name)) + "]"
 
 
 def _of(source: str) -> str:

@@ -11,11 +11,9 @@ from allanscope.noise.components import (
     Sinusoid,
     White,
 )
-from allanscope.noise.covariance import deviation_covariance
+from allanscope.noise.covariance import deviation_covariance, half_octaves, log_bias, log_covariance
 from allanscope.noise.crlb import relative_bounds
-from allanscope.noise.curve_fit import fit_curve
-from allanscope.noise.gls import gls_chi2
-from allanscope.noise.log_curve import half_octaves, log_bias, log_covariance
+from allanscope.noise.curve_fit import fit_curve, gls_chi2
 from allanscope.noise.model import NoiseModel
 
 DT = 0.25

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allanscope.noise.exponential import ExponentialCovariance
+from allanscope.noise.components.correlated import ExponentialCovariance
 
 PROCESSES = [
     ExponentialCovariance((2.0,), (0.05,)),

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from allanscope.noise.folding import aliases, fold
-from allanscope.noise.transfer import estimator_variance, response
+from allanscope.noise.transfer import aliases, estimator_variance, fold, response
 
 PHASE = np.array([0.01, 0.5, 1.5, 3.0])
 

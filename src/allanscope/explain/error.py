@@ -20,7 +20,7 @@ from allanscope.explain.effect import ResidualError
 from allanscope.explain.residual import band_scores
 from allanscope.explain.view import View
 from allanscope.noise.components import Ramp
-from allanscope.noise.gls import gls_chi2
+from allanscope.noise.curve_fit import gls_chi2
 from allanscope.noise.model import NoiseModel
 
 __all__ = ["deviation_of", "error_of"]

@@ -4,17 +4,16 @@
 
     History rows ──▶ DCT ordinates ─┐
                                     ├─▶ likelihood ──▶ NoiseFit: Q N B K R, band limit, model
-    SpectrumBank ──▶ density bands ─┘        ▲             │
-                              components/, filters/        ├─▶ datasheet, exports
+    SpectrumBank ──▶ density bands ─┘
     AllanBank ──▶ Deviation ──▶ GLS with the full covariance of the curve: a second opinion
 
 `components/` holds what noise can be and `filters/` what stands between it and the samples, one a
-file, exact in discrete time; a `NoiseModel` (`model`) is components behind filters. `grid` and
-`evidence` make the data independent, `likelihood` and `amplitudes` find the most likely numbers,
-`drift` and `selection` decide what else the data demand where no search has run, `bias`, `profile`
-and `estimates` turn the maximum into coefficients with intervals, and `fit` puts it together.
-`crlb` says how well any of it can be known; `gls`, `log_curve` and `covariance` judge a model by
-the Allan curve, `curve_fit` fits one to it, and `whiteness` looks at the spectrum.
+file, exact in discrete time (`part`, `transfer`); a `NoiseModel` (`model`) is components behind
+filters. `grid` and `evidence` make the data independent, `likelihood` and `amplitudes` find the
+most likely numbers, `drift` and `selection` decide what else the data demand where no search has
+run, `estimates` turns the maximum into `coefficients` with intervals, and `fit` puts it together.
+`crlb` says how well any of it can be known; `covariance` and `curve_fit` judge a model by the Allan
+curve and fit one to it, and `whiteness` looks at the spectrum.
 """
 
 from typing import TYPE_CHECKING
@@ -22,12 +21,15 @@ from typing import TYPE_CHECKING
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
-    from allanscope.noise.best_averaging import find_best_averaging
-    from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
+    from allanscope.noise.coefficients import (
+        BestAveraging,
+        Coefficient,
+        DatasheetVerdict,
+        find_best_averaging,
+    )
     from allanscope.noise.crlb import relative_bounds, wait_until
-    from allanscope.noise.curve_fit import fit_curve
+    from allanscope.noise.curve_fit import CurveResidual, fit_curve, gls_chi2
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
-    from allanscope.noise.gls import CurveResidual, gls_chi2
     from allanscope.noise.model import NoiseModel
 
 __all__ = [
@@ -54,12 +56,12 @@ __getattr__, __dir__ = lazily(
         "DatasheetVerdict": "coefficients",
         "NoiseFit": "fit",
         "NoiseModel": "model",
-        "find_best_averaging": "best_averaging",
+        "find_best_averaging": "coefficients",
         "fit_array": "fit",
         "fit_curve": "curve_fit",
         "fit_noise": "fit",
-        "CurveResidual": "gls",
-        "gls_chi2": "gls",
+        "CurveResidual": "curve_fit",
+        "gls_chi2": "curve_fit",
         "relative_bounds": "crlb",
         "wait_until": "crlb",
     },

@@ -1,18 +1,38 @@
-"""From the maximum of a likelihood to coefficients: value, interval, detected, time to wait."""
+"""From the maximum of a likelihood to coefficients: value, interval, detected, time to wait.
+
+The value is that of the maximum without its first-order bias. With a coefficient known to 30 %, as
+K is after an hour, the maximum of the likelihood is biased by -8 % and lies at exactly zero in one
+run out of twenty-five. Firth (Biometrika 80, 1993) adds half the logarithm of the determinant of
+the information about the amplitudes (Jeffreys' prior), which takes the first-order bias away and,
+vanishing where an amplitude does, keeps the estimate off the boundary. On records that determine a
+coefficient to a few per cent it changes nothing.
+
+The interval is that of the profile of the likelihood. It holds every value at which the likelihood,
+with everything else fitted again, is at most half the 95 % quantile of chi-square below its
+maximum. It needs no symmetry and holds at zero, where an interval of estimate +- 2 standard errors
+does not: there its lower end is 0 and its upper end is the limit. A coefficient that few ordinates
+determine makes the ratio a little larger than chi-square; a scaled chi-square variance with nu
+degrees of freedom does by 1 + 1 / (3 nu) (Bartlett), nu = 1 / (2 relative_sd^2).
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from allanscope.noise.bias import bias_reduced
+import numpy as np
+from numpy.typing import NDArray
+
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.crlb import wait_until
 from allanscope.noise.drift import Drift
 from allanscope.noise.likelihood import Fit
-from allanscope.noise.profile import profile_interval
+from allanscope.noise.model import Free, NoiseModel
 from allanscope.noise.selection import quantization_score
 
-__all__ = ["Estimates", "ramp_coefficient"]
+__all__ = ["Estimates", "bias_reduced", "profile_interval", "ramp_coefficient"]
+
+Array = NDArray[np.float64]
 
 _DETECTED = 9.55
 """Twice the nats against zero: 1 in 1000 of half a chi-square with one degree of freedom."""
@@ -22,6 +42,15 @@ _KNOWN = 0.2
 """Relative standard deviation at which a coefficient counts as known."""
 _Z = 1.959963984540054
 """97.5 % quantile of the normal distribution."""
+_STEPS = 40
+_DIFFERENCE = 1e-3
+_LONGEST = 0.7
+_GAIN = 1e-6
+_RIDGE = 1e-12
+_QUANTILE = 3.841458820694124
+"""95 % quantile of chi-square with one degree of freedom."""
+_LOOKS = 12
+_CLOSE = 0.02
 
 
 class Estimates:
@@ -113,3 +142,171 @@ def ramp_coefficient(
     # The slope is limited by the random walk: its error falls as 1 / sqrt(time).
     wait = duration * ((relative / _KNOWN) ** 2 - 1) if detected and relative > _KNOWN else None
     return Coefficient(value, lower if detected else 0.0, upper, f"{unit}/s", detected, wait)
+
+
+def bias_reduced(fit: Fit) -> NoiseModel:
+    """Return the model with bias-reduced amplitudes; shapes stay where the fit put them."""
+    free = tuple(f for f in fit.free if fit.model.quantity(f).role == "amplitude")
+    if not free:
+        return fit.model
+    problem = _Penalised(fit, free)
+    point = np.log(problem.start())
+    value = problem.objective(point)
+    for _ in range(_STEPS):
+        gradient, information = problem.slopes(point)
+        scale = np.sqrt(np.diag(information)) + 1e-12
+        block = information / np.outer(scale, scale) + 0.1 * np.eye(len(point))
+        step = np.clip(np.linalg.solve(block, gradient / scale) / scale, -_LONGEST, _LONGEST)
+        fraction, gained = 1.0, -np.inf
+        while gained < 0 and fraction > 1e-3:
+            trial = point + fraction * step
+            gained = problem.objective(trial) - value
+            fraction /= 3
+        if gained < 0:
+            break
+        point, value = trial, value + gained
+        if gained < _GAIN:
+            break
+    return problem.at(point)
+
+
+class _Penalised:
+    """Log-likelihood plus half the log-determinant of the information about the amplitudes."""
+
+    def __init__(self, fit: Fit, free: tuple[Free, ...]) -> None:
+        self.fit, self.likelihood, self.free = fit, fit.likelihood, free
+        self.amplitudes = np.array([fit.model.number(f) for f in free])
+        components = fit.model.components
+        units = [components[f.part].with_power(1.0) for f in free]
+        self.columns = np.array([self.likelihood.column(fit.model, unit) for unit in units]).T
+        self.rest = np.maximum(fit.expected - self.columns @ self.amplitudes**2, 0.0)
+
+    def start(self) -> Array:
+        """Return where to start: for an amplitude at zero, the smallest that could be seen."""
+        amplitudes = self.amplitudes
+        expected = np.maximum(self.rest + self.columns @ amplitudes**2, 1e-300)
+        relative = self.columns / expected[:, np.newaxis]
+        visible = (0.5 * np.sum(self.likelihood.dof[:, np.newaxis] * relative**2, axis=0)) ** -0.25
+        return np.where(amplitudes > 0.3 * visible, amplitudes, visible)
+
+    def objective(self, point: Array) -> float:
+        expected, information = self._information(point)
+        # About the amplitudes themselves: the determinant in logarithms over their squares.
+        penalty = 0.5 * _log_determinant(information) - float(point.sum())
+        return self.likelihood.value(expected) + penalty
+
+    def slopes(self, point: Array) -> tuple[Array, Array]:
+        """Return the gradient of the objective and the information, by logarithms."""
+        expected, information = self._information(point)
+        relative = 2 * self.columns * np.exp(2 * point) / expected[:, np.newaxis]
+        data = self.likelihood
+        score = 0.5 * relative.T @ (data.dof * (data.power / expected - 1))
+        penalty = np.empty(len(point))
+        for i in range(len(point)):
+            moved = np.zeros(len(point))
+            moved[i] = _DIFFERENCE
+            up, down = (self._information(point + s * moved)[1] for s in (1, -1))
+            change = _log_determinant(up) - _log_determinant(down)
+            penalty[i] = 0.5 * change / (2 * _DIFFERENCE) - 1
+        return score + penalty, information
+
+    def at(self, point: Array) -> NoiseModel:
+        """Return the model with these logarithms of amplitudes."""
+        return self.fit.model.with_numbers(self.free, np.exp(point))
+
+    def _information(self, point: Array) -> tuple[Array, Array]:
+        powers = np.exp(2 * point)
+        expected = np.maximum(self.rest + self.columns @ powers, 1e-300)
+        relative = (
+            self.columns * (2 * powers) * (np.sqrt(self.likelihood.dof / 2) / expected)[:, None]
+        )
+        return expected, relative.T @ relative
+
+
+def _log_determinant(information: Array) -> float:
+    """Return ln det of an information matrix; finite where columns cannot be told apart."""
+    scale = np.sqrt(np.diag(information)) + 1e-150
+    correlation = information / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    return float(np.linalg.slogdet(correlation)[1] + 2 * np.sum(np.log(scale)))
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A 95 % interval, and how strongly zero is ruled out.
+
+    Attributes
+    ----------
+    lower, upper : float
+        Limits; `lower` is 0 where zero lies inside.
+    against_zero : float
+        Twice the nats lost at zero. Without the component it is 0 in half of all runs and
+        chi-square with one degree of freedom in the other half.
+    """
+
+    lower: float
+    upper: float
+    against_zero: float
+
+
+def profile_interval(fit: Fit, index: int) -> Interval:
+    """Return the interval of one of `fit.free`."""
+    free = fit.free[index]
+    quantity = fit.model.quantity(free)
+    is_shape = quantity.role == "shape"
+
+    def lost(value: float) -> float:
+        """Twice the nats lost with the number held at a value."""
+        value = float(np.clip(value, quantity.lower, quantity.upper))
+        model = fit.model.with_numbers([free], [value])
+        held = fit.likelihood.maximise(model, held=fit.held | {free})
+        return 2 * (fit.loglik - held.loglik)
+
+    best, spread = float(fit.values[index]), float(fit.relative_sd()[index])
+    known = np.isfinite(spread) and best > 0
+    spread = min(spread, 1.0) if known else 1.0
+    target = _QUANTILE * (1 + 2 / 3 * spread**2)
+    against_zero = np.inf if is_shape else max(0.0, lost(0.0))
+    scale = best if known else _visible(fit, index)
+    upper = _crossing(lost, best, best + 2 * spread * scale, target)
+    if against_zero <= target:
+        return Interval(0.0, upper, against_zero)
+    lower = _crossing(lost, best, best / (1 + 2 * spread), target, floor=0.0)
+    return Interval(lower, upper, against_zero)
+
+
+def _visible(fit: Fit, index: int) -> float:
+    """Return the amplitude at which a component that was put to zero begins to be seen."""
+    unit = fit.model.components[fit.free[index].part].with_power(1.0)
+    relative = fit.likelihood.column(fit.model, unit) / fit.expected
+    information = 0.5 * float(np.sum(fit.likelihood.dof * relative**2))
+    return float(max(information, 1e-300) ** -0.25)
+
+
+def _crossing(
+    lost: Callable[[float], float], best: float, first: float, target: float, floor: float = -1.0
+) -> float:
+    """Find where the loss crosses the target on the side of `first`, by regula falsi.
+
+    The square root of the loss is nearly linear in the value.
+    """
+    inside, at_inside = best, 0.0
+    outside, at_outside = first, np.inf
+    guess = first
+    for _ in range(_LOOKS):
+        value = float(np.sqrt(max(lost(guess), 0.0)))
+        root = float(np.sqrt(target))
+        if abs(value - root) < _CLOSE:
+            return guess
+        if value < root:
+            inside, at_inside = guess, value
+        else:
+            outside, at_outside = guess, value
+        if np.isinf(at_outside):
+            reach = (guess - best) * min(4.0, root / max(value, 0.25 * root) + 0.1)
+            guess = max(best + reach, floor) if reach < 0 else best + reach
+            if guess <= floor:
+                return max(floor, 0.0)
+        else:
+            share = (root - at_inside) / (at_outside - at_inside)
+            guess = inside + float(np.clip(share, 0.05, 0.95)) * (outside - inside)
+    return guess

@@ -7,7 +7,7 @@
 A coefficient is *detected* when the likelihood without it is too poor for chance: at zero twice the
 loss is 0 or chi-square(1) with equal odds, and 9.5 has a probability of 1 in 1000. Otherwise its
 interval begins at 0 and its upper end is the limit that the run sets. The values are bias-reduced
-(`bias`), the intervals profiles of the likelihood (`profile`), and the model for curves and
+and the intervals profiles of the likelihood (`estimates`), and the model for curves and
 residuals is the maximum of the likelihood itself.
 """
 

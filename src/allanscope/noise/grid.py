@@ -15,9 +15,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.noise.components.base import Component
-from allanscope.noise.filters.base import Filter
 from allanscope.noise.once import once
+from allanscope.noise.part import Component, Filter
 
 __all__ = ["Grid", "Ranges", "grid_of"]
 

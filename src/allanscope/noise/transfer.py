@@ -1,4 +1,4 @@
-"""From a density to a variance: what each estimator passes.
+"""From the density of samples to variances, and to the density of their means.
 
 With the two-sided spectrum S(w) of the samples (w in rad per sample)::
 
@@ -7,6 +7,14 @@ With the two-sided spectrum S(w) of the samples (w in rad per sample)::
     MVAR(m) = (1/pi) int_0^pi S(w) 4 sin^6(m w/2) / (m^4 sin^4(w/2)) / 2 dw
 
 exact for any averaging factor m, because S holds the aliases.
+
+Averaging `stride` samples into a row folds the spectrum. At phase phi (rad per row) that of the
+rows is a weighted mean of that of the samples at the s phases that alias onto it::
+
+    S_row(phi) = (1/s) sum_j W_j S(w_j),   w_j = (phi + 2 pi j) / s,
+    W_j = sin^2(phi/2) / (s^2 sin^2(w_j/2)),   sum_j W_j = 1
+
+so white noise of variance v becomes white noise of variance v / s exactly.
 """
 
 from __future__ import annotations
@@ -17,7 +25,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Kind", "estimator_variance", "response"]
+__all__ = ["Kind", "estimator_variance", "fold", "response"]
 
 Array = NDArray[np.float64]
 Kind = Literal["avar", "mvar", "hvar"]
@@ -29,6 +37,9 @@ _MEAN = {4: 3.0 / 8.0, 6: 5.0 / 16.0}
 _RESOLVED = 24
 """Periods of the response that are integrated one by one; beyond, its mean is used."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+_SINGLE = 8
+"""Aliases on each side that are taken one by one; those beyond are taken in groups."""
+_GROWTH = 1.5
 
 
 def response(kind: Kind, w: Array, m: float, *, mean: bool = False) -> Array:
@@ -116,3 +127,69 @@ def _sum(
     w = middle[:, np.newaxis] + half[:, np.newaxis] * _NODES
     values = spectrum(w.ravel()).reshape(w.shape) * response(kind, w, m, mean=mean)
     return float(np.sum(half * (values @ _WEIGHTS)))
+
+
+def fold(spectrum: Callable[[Array], Array], phase: Array, stride: int) -> Array:
+    """Return the spectrum of means over `stride` samples.
+
+    Parameters
+    ----------
+    spectrum : callable
+        Two-sided spectrum of the samples (variance per sample; white noise: its variance) at
+        phases in rad per sample, 0 < w <= pi. Smooth where aliases are grouped.
+    phase : ndarray, shape (k,)
+        Phases in rad per row, 0 < phi <= pi.
+    stride : int
+        Samples in a row.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Spectrum of the rows.
+
+    Examples
+    --------
+    >>> fold(lambda w: np.full_like(w, 3.0), np.array([0.1, 3.0]), 100)
+    array([0.03, 0.03])
+    """
+    if stride == 1:
+        return spectrum(phase)
+    phases, weights = aliases(phase, stride)
+    return np.asarray(np.sum(weights * spectrum(phases), axis=0) / stride)
+
+
+def aliases(phase: Array, stride: int) -> tuple[Array, Array]:
+    """Return the phases in rad per sample that alias onto `phase`, and their weights.
+
+    Returns
+    -------
+    phases, weights : ndarray, shape (a, k)
+        The weights of each column sum to 1. Beyond the first few, neighbours share one phase.
+    """
+    if stride <= 4 * _SINGLE:
+        turn = np.arange(stride)[:, np.newaxis]
+        wrapped = (phase + 2 * np.pi * turn) / stride
+        phases = np.minimum(wrapped, 2 * np.pi - wrapped)
+        return phases, (np.sin(phase / 2) / (stride * np.sin(phases / 2))) ** 2
+    single = np.arange(_SINGLE)[:, np.newaxis]
+    near = np.concatenate([phase + 2 * np.pi * single, 2 * np.pi * (single + 1) - phase]) / stride
+    near_weights = (np.sin(phase / 2) / (stride * np.sin(near / 2))) ** 2
+    far, share = _groups(phase, stride)
+    far_weights = share * (1 - near_weights.sum(axis=0)) / share.sum(axis=0)
+    return np.concatenate([near, far]), np.concatenate([near_weights, far_weights])
+
+
+def _groups(phase: Array, stride: int) -> tuple[Array, Array]:
+    """Return the groups of far aliases: a middle phase of each, and what it weighs relatively.
+
+    Within a group the sum of 1/sin^2 is taken as its integral, the difference of two cotangents.
+    """
+    count = 1 + int(np.ceil(np.log(stride / (2 * _SINGLE)) / np.log(_GROWTH)))
+    turns = np.geomspace(_SINGLE, stride / 2, count + 1)[:, np.newaxis]
+    phases, weights = [], []
+    for side in (phase - np.pi, np.pi - phase):
+        edges = (2 * np.pi * turns + side) / stride
+        edges[-1] = np.pi
+        phases.append(np.sqrt(edges[:-1] * edges[1:]))
+        weights.append(-np.diff(1 / np.tan(edges / 2), axis=0))
+    return np.concatenate(phases), np.concatenate(weights)

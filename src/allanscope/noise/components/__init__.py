@@ -22,7 +22,6 @@ sinusoid              Sinusoid                              amplitude, frequency
 """
 
 from allanscope.noise.components.angle_quantization import AngleQuantization
-from allanscope.noise.components.base import Component
 from allanscope.noise.components.flicker import Flicker
 from allanscope.noise.components.gauss_markov import GaussMarkov
 from allanscope.noise.components.narrowband import (
@@ -37,6 +36,7 @@ from allanscope.noise.components.random_walk import RandomWalk
 from allanscope.noise.components.rounding import Rounding
 from allanscope.noise.components.sinusoid import Sinusoid
 from allanscope.noise.components.white import White
+from allanscope.noise.part import Component
 
 __all__ = [
     "AngleQuantization",

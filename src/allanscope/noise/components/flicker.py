@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import digamma
 
-from allanscope.noise.components.base import Array, Component
-from allanscope.noise.folding import fold
-from allanscope.noise.part import Quantity
+from allanscope.noise.part import Array, Component, Quantity
+from allanscope.noise.transfer import fold
 
 __all__ = ["Flicker"]
 

@@ -8,10 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Component
-from allanscope.noise.components.correlated import Correlated
-from allanscope.noise.exponential import ExponentialCovariance
-from allanscope.noise.part import Quantity
+from allanscope.noise.components.correlated import Correlated, ExponentialCovariance
+from allanscope.noise.part import Array, Component, Quantity
 
 __all__ = ["BandPassed", "Narrowband", "PeakFiltered", "WanderingLine"]
 

@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Component
-from allanscope.noise.part import Quantity
+from allanscope.noise.part import Array, Component, Quantity
 
 __all__ = ["Ramp"]
 

@@ -7,8 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from allanscope.noise.components.correlated import Correlated
-from allanscope.noise.exponential import ExponentialCovariance
+from allanscope.noise.components.correlated import Correlated, ExponentialCovariance
 from allanscope.noise.part import Quantity
 
 __all__ = ["RandomTelegraph"]

@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.noise.components.base import Array, Component
 from allanscope.noise.components.white import White
+from allanscope.noise.part import Array, Component
 
 __all__ = ["Rounding"]
 

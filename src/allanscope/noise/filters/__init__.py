@@ -11,10 +11,14 @@ repeated_samples        HeldPattern                 none: counted        N
 ======================  ==========================  ===================  ======================
 """
 
-from allanscope.noise.filters.base import Filter
-from allanscope.noise.filters.combined import combined_response, made_white_share
-from allanscope.noise.filters.held_samples import HeldPattern, HeldSamples
+from allanscope.noise.filters.held_samples import (
+    HeldPattern,
+    HeldSamples,
+    combined_response,
+    made_white_share,
+)
 from allanscope.noise.filters.low_pass import AnalogueLowPass, Butterworth, LowPass, OnePole
+from allanscope.noise.part import Filter
 
 __all__ = [
     "AnalogueLowPass",

@@ -13,8 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.noise.filters.base import Filter
-from allanscope.noise.part import Quantity
+from allanscope.noise.part import Filter, Quantity
 
 __all__ = ["AnalogueLowPass", "Butterworth", "LowPass", "OnePole"]
 

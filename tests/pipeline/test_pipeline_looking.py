@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allanscope.analysis import Analyser, summarise, verdict
-from allanscope.pipeline.inbox import Inbox, joined
+from allanscope.pipeline.inbox import LIVE_ROOM, Inbox, joined
 from allanscope.pipeline.looking import Looking
 from allanscope.recording import Buffer
 from allanscope.samples import Block, StreamInfo, Ticks
@@ -171,7 +171,7 @@ def test_reads_that_come_together_are_taken_together_and_in_order():
 
 
 def test_a_reader_waits_when_there_is_no_room_and_is_let_go_at_the_end():
-    inbox = Inbox(most=1, together_s=0.0)
+    inbox = Inbox(room=1, together_s=0.0)
     inbox.put(Chunk(1, b"a"))
     reader = threading.Thread(target=inbox.put, args=(Chunk(2, b"b"),), daemon=True)
     reader.start()
@@ -185,3 +185,12 @@ def test_a_reader_waits_when_there_is_no_room_and_is_let_go_at_the_end():
     inbox.give_up()
     blocked.join(10.0)
     assert not blocked.is_alive()
+
+
+def test_a_port_at_its_fastest_is_read_for_half_an_hour_while_nobody_decodes():
+    inbox = Inbox(LIVE_ROOM)
+    reads = [Chunk(number, bytes(1900)) for number in range(50 * 1800)]  # 6.66 kHz, six axes
+    reader = threading.Thread(target=lambda: [inbox.put(read) for read in reads], daemon=True)
+    reader.start()
+    reader.join(30.0)
+    assert not reader.is_alive()

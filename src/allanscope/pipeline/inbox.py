@@ -19,32 +19,39 @@ from allanscope.sources import Chunk
 
 __all__ = ["TOGETHER_S", "Inbox", "joined"]
 
-MOST_CHUNKS = 1 << 14
-"""Reads that may wait to be decoded: minutes of a live port at its fastest."""
+REPLAY_ROOM, LIVE_ROOM = 8 << 20, 256 << 20
+"""Bytes that may wait to be decoded. A replay can wait; a port is read for three quarters of an
+hour at its fastest while the past of a resumed session is taken up."""
+
+_OVERHEAD = 200
+"""Bytes that a read takes beside what it brings."""
 
 TOGETHER_S = 0.08
 """How long reads are gathered: a third of what it may take from the port to the chart."""
 
 
 class Inbox:
-    """A queue of reads with room for so many; the reader waits when it is full.
+    """A queue of reads with room for so many bytes; the reader waits when it is full.
 
     Parameters
     ----------
-    most : int
-        Reads that may wait.
+    room : int
+        Bytes that may wait.
     together_s : float
         How long to gather after the first one.
     """
 
-    def __init__(self, most: int = MOST_CHUNKS, together_s: float = TOGETHER_S) -> None:
+    def __init__(self, room: int = REPLAY_ROOM, together_s: float = TOGETHER_S) -> None:
         self._queue: queue.SimpleQueue[Chunk] = queue.SimpleQueue()
-        self._room = threading.Semaphore(most)
+        self._taken = threading.Condition()
+        self._left = room
         self._together_s = together_s
 
     def put(self, chunk: Chunk) -> None:
         """Add a read; waits for room."""
-        self._room.acquire()
+        with self._taken:
+            self._taken.wait_for(lambda: self._left > 0)
+            self._left -= len(chunk.data) + _OVERHEAD
         self._queue.put(chunk)
 
     def end(self) -> None:
@@ -53,7 +60,7 @@ class Inbox:
 
     def give_up(self) -> None:
         """Let a reader go that waits for room: nobody takes anything any more."""
-        self._room.release()
+        self._free(1 << 60)
 
     def take(self) -> list[Chunk]:
         """Wait for a read, and return all that have come a moment later, in order."""
@@ -65,8 +72,13 @@ class Inbox:
                 taken.append(self._queue.get_nowait())
             except queue.Empty:
                 break
-        self._room.release(len(taken))
+        self._free(sum(len(chunk.data) + _OVERHEAD for chunk in taken))
         return taken
+
+    def _free(self, size: int) -> None:
+        with self._taken:
+            self._left += size
+            self._taken.notify_all()
 
 
 def joined(chunks: Iterable[Chunk]) -> Iterator[Chunk | Buffer]:

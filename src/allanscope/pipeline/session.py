@@ -25,7 +25,7 @@ from typing import Protocol
 
 from allanscope.analysis import Analyser, Analysis, Depth, summarise
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.inbox import Inbox, joined
+from allanscope.pipeline.inbox import LIVE_ROOM, REPLAY_ROOM, Inbox, joined
 from allanscope.pipeline.looking import Looking
 from allanscope.pipeline.refreshing import Refresher
 from allanscope.quantities import duration
@@ -134,7 +134,7 @@ class Session:
         self._input_facts = input_facts
         self._earlier = earlier
         self._stop = threading.Event()
-        self._inbox = Inbox()
+        self._inbox = Inbox(REPLAY_ROOM if ledger is None else LIVE_ROOM)
         self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
         self.looking = Looking()

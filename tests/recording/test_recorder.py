@@ -243,6 +243,14 @@ def test_scarce_space_is_told_with_the_time_left(tmp_path: Path) -> None:
     assert numbers(tmp_path / "a.mcap") == [1]
 
 
+def test_what_grows_beside_the_recording_takes_room_too(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, {}, commit_s=0.01, free_bytes=lambda _: 1_000_000)
+    recorder.rx(noise(0))
+    (tmp_path / "session.rrd").write_bytes(bytes(100_000))
+    wait_until(lambda: 0 < (recorder.space_left_s or 0) < 11)
+    recorder.close()
+
+
 def test_a_bug_in_the_writer_is_an_alarm_and_no_crash(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap", {}, commit_s=0.01)
     recorder.event({"kind": "mark", "what": object()})

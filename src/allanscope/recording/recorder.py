@@ -11,6 +11,7 @@ replay knows of the hole. `alarm` says all this in one line; monitoring goes on 
 from __future__ import annotations
 
 import math
+import os
 import queue
 import shutil
 import threading
@@ -99,6 +100,7 @@ class Recorder:
         self._queued_bytes = 0
         self._missed_reads = 0
         self._began = time.monotonic()
+        self._size_before = _size_beside(self._session.first)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -223,7 +225,9 @@ class Recorder:
 
     def _room(self) -> str:
         folder = self.path.parent
-        rate = self.bytes_written / max(time.monotonic() - self._began, 1.0)
+        # The viewer's file grows beside the recording, and at low rates faster.
+        grown = max(_size_beside(self._session.first) - self._size_before, self.bytes_written)
+        rate = grown / max(time.monotonic() - self._began, 1.0)
         left_s = self.space_left_s = self._free_bytes(folder) / rate
         if left_s < self._scarce_s or left_s > 1.5 * self._scarce_s:
             self._scarce_s = next((step for step in SCARCE_S if left_s < step), math.inf)
@@ -239,3 +243,9 @@ class Recorder:
         if line != self.alarm:
             self.alarm = line
             self._on_alarm(line)
+
+
+def _size_beside(first: Path) -> int:
+    """Return the bytes of a session: of all files that are named after its first one."""
+    with os.scandir(first.parent) as entries:
+        return sum(one.stat().st_size for one in entries if one.name.startswith(first.stem))

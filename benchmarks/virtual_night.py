@@ -18,7 +18,7 @@ import numpy as np
 from allanscope.samples import Block, Ticks
 from allanscope.simulator import Ledger, Simulator
 from allanscope.wire import format_named
-from allanscope.wire.native import samples_per_frame
+from allanscope.wire.native import NativeEncoder
 
 __all__ = ["KINDS", "Night"]
 
@@ -67,7 +67,7 @@ class Night:
             kind: deque(np.sort(self._rng.uniform(5.0, seconds - 10.0, faults))) for kind in KINDS
         }
         self._encoder = format_named("native").encoder()
-        self._frame = samples_per_frame(rate_hz)
+        self._frame = NativeEncoder().samples_per_frame(rate_hz)
         self._ring: deque[tuple[bytes, int, int]] = deque()
         self._ring_bytes = 0
         self._silent_until_s = self._away_until_s = 0.0

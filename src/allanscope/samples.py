@@ -85,6 +85,13 @@ class StreamInfo:
         recorded, never interpreted.
     origin : {'', 'measured', 'synthetic', 'emulated'}
         Where the samples come from, as the device says.
+    numbered : bool
+        True when samples carry their numbers: what is missing is known even without times.
+    polled : bool
+        True when firmware reads the sensor by a timer of its own, so that rows may repeat samples
+        or skip them, and the rate of the rows need not be one that the sensor can be set to.
+    tabular : bool
+        True for rows of a table: the times in it may be anybody's, and are no crystal's.
     """
 
     axes: tuple[str, ...]
@@ -99,6 +106,9 @@ class StreamInfo:
     details: Mapping[str, str] = field(default_factory=dict)
     rate_claimed: bool = True
     origin: Origin = ""
+    numbered: bool = False
+    polled: bool = False
+    tabular: bool = False
 
     @property
     def configuration(self) -> tuple[tuple[str, ...], tuple[float, ...], float]:

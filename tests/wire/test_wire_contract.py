@@ -357,3 +357,23 @@ def test_formats_are_imported_when_they_are_asked_for() -> None:
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert said.stdout.strip() == "[]"
+
+
+def test_what_a_format_can_do_is_declared_by_its_class_and_its_streams() -> None:
+    traits = ("numbered", "polled", "tabular")
+    declared = {}
+    for name in formats():
+        events = format_named(name).decoder(SETTINGS).feed(STREAMS[name], 0.0)
+        info = next(event for event in events if isinstance(event, StreamInfo))
+        declared[name] = {trait for trait in traits if getattr(info, trait)}
+        assert (format_named(name).encoder().samples_per_frame(RATE) > 1) == (
+            format_named(name).framed
+        )
+    assert declared == {
+        "native": {"numbered"},
+        "tmsg": set(),
+        "tmsg-sensortile": set(),
+        "datalog": {"polled"},
+        "datalog11": {"polled"},
+        "text": {"tabular"},
+    }

@@ -14,7 +14,7 @@ import pytest
 
 from allanscope.samples import Block, Gap, Notice, StreamInfo, Ticks
 from allanscope.wire import Command
-from allanscope.wire.native import NativeDecoder, NativeEncoder, samples_per_frame
+from allanscope.wire.native import NativeDecoder, NativeEncoder
 from allanscope.wire.native.framing import seal
 
 PROTOCOL = Path(__file__).parents[2] / "firmware_protocol" / "PROTOCOL.md"
@@ -217,6 +217,6 @@ def test_the_byte_budget_is_what_frames_of_that_size_cost() -> None:
     rows = re.findall(r"^\| ([\d.]+) \| (\d+) \| ([\d.]+) \| (\d+) \|$", TEXT, re.M)
     assert len(rows) == 10
     for rate, n, frames, size in rows:
-        assert samples_per_frame(float(rate)) == int(n)
+        assert NativeEncoder().samples_per_frame(float(rate)) == int(n)
         assert float(frames) == pytest.approx(float(rate) / int(n), abs=0.06)
         assert int(size) == pytest.approx(float(rate) / int(n) * (32 + 12 * int(n)), abs=1)

@@ -25,7 +25,7 @@ from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
 from allanscope.parts import Mode, Part
 from allanscope.quantities import DENSITY, LEVEL
 from allanscope.samples import unit_of
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 __all__ = ["compare", "published_density", "published_rms", "rms_of"]
 

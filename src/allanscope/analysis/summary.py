@@ -49,11 +49,8 @@ FULL_KINDS = (
 )
 TENTHS = 10
 
-TIMED = ("text", "arrays")
-"""Sources whose nominal rate, where nobody gave one, is what their times show."""
-
-POLLED_WIRES, POLLED_PART = ("datalog", "datalog11"), "LSM6DSM"
-"""Stock firmware that reads its sensor by a timer, and the sensor of the board that it is for."""
+POLLED_PART = "LSM6DSM"
+"""The sensor of the board for which there is firmware that reads it by a timer."""
 
 
 def summarise(
@@ -91,7 +88,7 @@ def summarise(
     given = loop_input(state)
     axes = _axes(state, given, rate, depth, settings, known)
     part = settings.part or state.info.part
-    offered = PARTS[part or POLLED_PART].rates_hz if state.info.wire in POLLED_WIRES else ()
+    offered = PARTS[part or POLLED_PART].rates_hz if state.info.polled else ()
     return Analysis(
         input=dict(input_facts),
         part=part,
@@ -119,8 +116,7 @@ def summarise(
 
 def _claimed(state: StreamState, rate: Rate) -> Rate:
     """Return the rate as it may be compared: what was read off the times is nobody's setting."""
-    off_the_times = state.info.wire in TIMED and not state.info.rate_claimed
-    return replace(rate, nominal_hz=0.0) if off_the_times else rate
+    return rate if state.info.rate_claimed else replace(rate, nominal_hz=0.0)
 
 
 def _empty(

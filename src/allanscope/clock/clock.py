@@ -99,8 +99,7 @@ class Clock:
     @classmethod
     def of(cls, info: StreamInfo) -> Clock:
         """Return the clock of a stream that describes itself."""
-        # The times of a table may be anybody's; a device that frames its samples has a clock.
-        crystal = info.device_clock and info.wire not in ("text", "arrays")
+        crystal = info.device_clock and not info.tabular
         return cls(info.nominal_hz, info.device_clock, info.time_resolution_s, crystal)
 
     def update(self, index: int, ticks: Ticks) -> None:

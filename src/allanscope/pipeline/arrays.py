@@ -159,6 +159,7 @@ def _described(
         rate_claimed=bool(device.rate_hz),
         part=device.part,
         wire="arrays",
+        tabular=True,
         time_resolution_s=0.0 if times is None else resolution_of(cast("Any", times[:1000])),
         device_clock=times is not None,
     )

@@ -11,12 +11,11 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable
-from importlib import import_module
 
 from allanscope.analysis import Analyser, AnalyserSettings, summarise
 from allanscope.simulator import Simulator
 from allanscope.spectrum import SEGMENT
-from allanscope.wire import LinkStats
+from allanscope.wire import LinkStats, format_named, formats
 
 __all__ = ["COMPILING", "load_kernels", "tell_when_compiling"]
 
@@ -47,8 +46,8 @@ def tell_when_compiling(say: Callable[[str], None] = _on_stderr) -> None:
 
 def load_kernels(wire: str) -> None:
     """Take as many samples as a spectrum needs through everything that live samples go through."""
-    if wire in ("", "native"):
-        import_module("allanscope.wire.native.kernel")
+    for name in (wire,) if wire else formats():
+        format_named(name).load_kernels()
     sensor = Simulator(rate=104.0, seed=0)
     analyser = Analyser(AnalyserSettings())
     analyser.take(sensor.info)

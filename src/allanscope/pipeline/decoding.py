@@ -199,7 +199,7 @@ class Decoding:
         """Note whether samples are numbered or timed; ask the device for what the decoder needs."""
         for at, event in enumerate(events):
             if isinstance(event, StreamInfo):
-                self._numbered = event.wire == "native" or event.time_resolution_s > 0.0
+                self._numbered = event.numbered or event.time_resolution_s > 0.0
                 events[at] = replace(event, origin=event.origin or self._settings.origin)
         if self._write is None or self._format is None:
             return
@@ -217,7 +217,8 @@ class Decoding:
         self._fruitless.take(events, read_ns)
         if self._write is None:
             return []
-        text = self._fruitless.news(self._decoder.stats, self.wire == "native")
+        framed = self._format is not None and self._format.framed
+        text = self._fruitless.news(self._decoder.stats, framed)
         if not text:
             return []
         missing = [] if self._numbered else self._decoder.interrupt("stalled")

@@ -54,18 +54,18 @@ class Fruitless:
         if self._first_ns is None and len(later):
             self._first_ns = int(later[0])
 
-    def news(self, stats: LinkStats, native: bool) -> str:
+    def news(self, stats: LinkStats, framed: bool) -> str:
         """Return what is to be said now, once; empty when all is well.
 
         Parameters
         ----------
         stats : LinkStats
             Counters of the decoder.
-        native : bool
+        framed : bool
             Whether frames may hold no samples. In all other formats one is a row, and rows are
             held back until it is known what they mean.
         """
-        if not native and stats.frames > self._frames:
+        if not framed and stats.frames > self._frames:
             self._held_ns = self._last_ns
         self._frames = stats.frames
         held = self._last_ns - self._held_ns <= FRUITLESS_S * 1e9

@@ -51,6 +51,11 @@ class DeviceSettings:
         for group, unit in self.units:
             quantity_named(group, unit)
 
+    @property
+    def simulated_wire(self) -> str:
+        """What a simulated device speaks: the native protocol unless the user chose another."""
+        return self.wire or "native"
+
     def for_wire(self) -> WireSettings:
         """Return the part of it that decoders need."""
         return WireSettings(

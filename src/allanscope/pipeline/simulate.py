@@ -46,7 +46,7 @@ def simulate_recording(
     if not 0.0 < hours < 1e5:
         raise UsageError(f"{hours:g} hours make no recording")
     sensor = simulator(device, simulated, hours * 3600.0)
-    wire = device.wire or "native"
+    wire = device.simulated_wire
     with progress(hours * 3600.0, "simulating", unit="s", quiet=quiet) as advance:
 
         def chunks() -> Iterator[Chunk]:
@@ -75,7 +75,7 @@ def run_virtual_device(
     """
     one = Device(
         simulator(device, simulated),
-        device.wire or "native",
+        device.simulated_wire,
         simulated.faults,
         path=link,
         seed=simulated.seed,
@@ -100,9 +100,9 @@ def run_emulated_device(
     UsageError
         When it is asked for what only the simulated device can do.
     """
-    from allanscope.simulator import run_emulated
+    from allanscope.simulator import EMULATED_WIRE, run_emulated
 
-    if device.wire not in ("", "native") or simulated.faults or simulated.effects:
+    if device.simulated_wire != EMULATED_WIRE or simulated.faults or simulated.effects:
         raise UsageError(
             "the emulated board runs the native firmware, without faults or effects; "
             "leave out --emulated for those"

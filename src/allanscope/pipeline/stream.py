@@ -200,7 +200,7 @@ def device_source(port: str, device: DeviceSettings, simulated: SimulatedSetting
     from allanscope.sources import SimulatedSource
 
     return SimulatedSource(
-        device.wire or "native",
+        device.simulated_wire,
         sensor=simulator(device, simulated),
         faults=simulated.faults,
         seed=simulated.seed,

@@ -25,7 +25,7 @@ from allanscope.lazy import lazily
 if TYPE_CHECKING:
     from allanscope.simulator.device import Device, run_device
     from allanscope.simulator.effect_spec import EffectSpec, effect_help, parse_effect
-    from allanscope.simulator.emulated import run_emulated
+    from allanscope.simulator.emulated import EMULATED_WIRE, run_emulated
     from allanscope.simulator.faults import FaultSpec, fault_help, parse_fault
     from allanscope.simulator.firmware import Firmware
     from allanscope.simulator.ledger import Ledger, Loss
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from allanscope.simulator.truth import AxisTruth, TemperatureTruth, Truth
 
 __all__ = [
+    "EMULATED_WIRE",
     "AxisTruth",
     "Device",
     "EffectSpec",
@@ -58,6 +59,7 @@ __getattr__, __dir__ = lazily(
     {
         "AxisTruth": "truth",
         "Device": "device",
+        "EMULATED_WIRE": "emulated",
         "EffectSpec": "effect_spec",
         "FaultSpec": "faults",
         "Firmware": "firmware",

@@ -10,7 +10,10 @@ from pathlib import Path
 
 from allanscope.errors import DeviceError, UsageError
 
-__all__ = ["run_emulated"]
+__all__ = ["EMULATED_WIRE", "run_emulated"]
+
+EMULATED_WIRE = "native"
+"""What the firmware of the board speaks."""
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_protocol" / "device"
 

@@ -19,7 +19,6 @@ from allanscope.simulator.line import Line, Ring, Unit
 from allanscope.simulator.random_streams import stream
 from allanscope.simulator.simulator import Simulator
 from allanscope.wire import Command, format_named
-from allanscope.wire.native import samples_per_frame
 
 __all__ = ["Firmware", "reconfigure"]
 
@@ -90,9 +89,6 @@ class Firmware:
         self.epoch = int(stream(seed, "epoch").integers(1 << 16))
         self.plugged = True
         self._encoder = format_named(wire).encoder()
-        # All other formats send each sample by itself; a unit must be one frame, so that a fault
-        # on the line destroys exactly the samples that the ledger names.
-        self._one_sample_a_frame = wire != "native"
         self._ring = Ring(ring_bytes)
         self._line = Line(self._ring, LineNoise(faults, rng), self.ledger)
         self._happenings = [
@@ -210,7 +206,9 @@ class Firmware:
         self.epoch = (self.epoch + 1) & 0xFFFF
         self._info = replace(self.sensor.info, epoch=self.epoch)
         rate = self.sensor.info.nominal_hz
-        self._frame = 1 if self._one_sample_a_frame else samples_per_frame(rate)
+        # What is sent at a time is one frame, so that a fault on the line destroys exactly the
+        # samples that the ledger names.
+        self._frame = self._encoder.samples_per_frame(rate)
         self._origin_s = self.now_s - self.sensor.time_s
         self._zero = self.sensor.index
         self._counts = _Counts()

@@ -13,7 +13,6 @@ from allanscope.samples import Block
 from allanscope.simulator.random_streams import stream
 from allanscope.simulator.simulator import Simulator
 from allanscope.wire import WireSettings, format_named
-from allanscope.wire.native import samples_per_frame
 
 __all__ = ["simulate_blocks"]
 
@@ -75,7 +74,7 @@ def simulate_blocks(
     for order in format_named(wire).start(WireSettings()) if encoder.silent_until_started else ():
         greeting += b"".join(encoder.reply(command) for command in encoder.receive(order))
     rate = sensor.clock.true_hz
-    frame = samples_per_frame(info.nominal_hz) if wire == "native" else 1
+    frame = encoder.samples_per_frame(info.nominal_hz)
     a_second = frame * max(1, round(rate / frame))
     total = int(hours * 3600.0 * rate)
     reads = _Reads(start_ns, stream(seed, "host"))

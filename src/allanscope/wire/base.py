@@ -133,6 +133,9 @@ class Encoder(Protocol):
     silent_until_started: ClassVar[bool]
     """True when the device says nothing before it has been told to start."""
 
+    def samples_per_frame(self, rate_hz: float) -> int:
+        """Return how many samples a frame holds at a rate; 1 where each is sent by itself."""
+
     def describe(self, info: StreamInfo) -> bytes:
         """Return what the device sends to say what follows; empty when the format has none."""
 
@@ -153,13 +156,21 @@ class Encoder(Protocol):
 class WireFormat:
     """One entry of the registry.
 
+    Nobody asks which format it is: what one can do it declares, here for all of its streams and in
+    the `StreamInfo` of each stream (``numbered``, ``polled``, ``tabular``).
+
     Attributes
     ----------
     name : str
         As used on the command line.
     summary : str
         One line for the help.
+    framed : bool
+        True when samples come in frames, between others that hold none. Elsewhere what is counted
+        as a frame is a row of samples.
     """
+
+    framed: ClassVar[bool] = False
 
     name: str
     summary: str
@@ -171,6 +182,9 @@ class WireFormat:
     def encoder(self) -> Encoder:
         """Return a fresh encoder."""
         raise NotImplementedError
+
+    def load_kernels(self) -> None:
+        """Load what is compiled; before a port is opened, because it takes a while."""
 
     def start(self, settings: WireSettings) -> list[bytes]:
         """Return what a host writes, each in a single write, to make a device stream."""

@@ -22,6 +22,10 @@ class OneWayEncoder:
     def __init__(self, info: StreamInfo) -> None:
         self._info = info
 
+    def samples_per_frame(self, rate_hz: float) -> int:
+        """Return 1: each sample is sent by itself."""
+        return 1
+
     def describe(self, info: StreamInfo) -> bytes:
         """Take note of the scales; the format has no words for them."""
         self._info = info

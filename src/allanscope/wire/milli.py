@@ -47,6 +47,8 @@ class MilliUnits:
         Step of its time stamps.
     accel_choices : tuple of float
         Sensitivities in mg per count that are coarse enough to be seen in the numbers.
+    polled : bool
+        Whether this firmware reads the sensor by a timer of its own.
     """
 
     def __init__(
@@ -56,8 +58,10 @@ class MilliUnits:
         usual_rates: tuple[float, ...],
         time_resolution_s: float,
         accel_choices: tuple[float, ...] = (),
+        polled: bool = False,
     ) -> None:
         self._wire = wire
+        self._polled = polled
         self._settings = settings
         self._usual_rates = usual_rates
         self._time_resolution_s = time_resolution_s
@@ -89,6 +93,7 @@ class MilliUnits:
             nominal_hz=self._settings.rate_hz or nominal_rate(rows, self._usual_rates),
             part=self._settings.part,
             wire=self._wire,
+            polled=self._polled,
             time_resolution_s=self._time_resolution_s,
             device_clock=True,
             epoch=self._epoch,

@@ -73,6 +73,7 @@ class DataLogDecoder:
             usual_rates=_USUAL_RATES,
             time_resolution_s=1e-2 if clock else 1e-3,
             accel_choices=() if clock else (_LSM303AGR_MG,),
+            polled=True,
         )
         self._rows = Rows(self.stats, units.decide)
 

@@ -14,20 +14,24 @@ for people and for the device.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
+from typing import ClassVar
 
 from allanscope.wire.base import WireFormat, WireSettings
 from allanscope.wire.native.decoder import NativeDecoder
-from allanscope.wire.native.encoder import NativeEncoder, samples_per_frame
+from allanscope.wire.native.encoder import NativeEncoder
 from allanscope.wire.native.framing import Deframer
 from allanscope.wire.native.layout import VERSION_MAJOR, Flag, FrameType
 from allanscope.wire.native.messages import request, settings_body
 
-__all__ = ["Flag", "NativeDecoder", "NativeEncoder", "NativeFormat", "samples_per_frame"]
+__all__ = ["Flag", "NativeDecoder", "NativeEncoder", "NativeFormat"]
 
 
 @dataclass(frozen=True, slots=True)
 class NativeFormat(WireFormat):
     """allanscope's own protocol: the only one that tells losses to the sample."""
+
+    framed: ClassVar[bool] = True
 
     name: str = "native"
     summary: str = "allanscope's own protocol: int16 counts, device time, losses to the sample"
@@ -39,6 +43,10 @@ class NativeFormat(WireFormat):
     def encoder(self) -> NativeEncoder:
         """Return a fresh encoder."""
         return NativeEncoder()
+
+    def load_kernels(self) -> None:
+        """Load the loop that finds frames in many reads at once."""
+        import_module("allanscope.wire.native.kernel")
 
     def start(self, settings: WireSettings) -> list[bytes]:
         """Ask for the settings that the user gave, for a descriptor, and for data."""

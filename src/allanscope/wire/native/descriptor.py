@@ -164,6 +164,7 @@ def read(body: bytes, epoch: int) -> Descriptor | None:
             nominal_hz=max(rate, 0.0),
             part=text_of(entries.get(Tag.PART, b""), 40),
             wire="native",
+            numbered=True,
             time_resolution_s=1e-6 if clock is not Clock.NONE else tick_ns * 1e-9,
             # An emulated clock is that of the emulated world, in which the samples are made.
             device_clock=clock in (Clock.CRYSTAL, Clock.EMULATED),

@@ -23,20 +23,11 @@ from allanscope.wire.native.layout import (
 )
 from allanscope.wire.native.messages import EVENT_HEAD, REPLY_HEAD, STATUS, command_of
 
-__all__ = ["NativeEncoder", "samples_per_frame"]
+__all__ = ["NativeEncoder"]
 
 _LONGEST_WAIT_S = 0.02
 _USUAL_SAMPLES = 16
 _TICKS_PER_S = 40_000
-
-
-def samples_per_frame(rate_hz: float) -> int:
-    """Return how many samples a device puts in a frame: 16, or what 20 ms bring.
-
-    >>> [samples_per_frame(rate) for rate in (26, 104, 416, 6660)]
-    [1, 3, 9, 16]
-    """
-    return max(1, min(_USUAL_SAMPLES, 1 + int(rate_hz * _LONGEST_WAIT_S)))
 
 
 class NativeEncoder:
@@ -59,6 +50,14 @@ class NativeEncoder:
         self._deframer = Deframer()
         self._received = 0
 
+    def samples_per_frame(self, rate_hz: float) -> int:
+        """Return how many samples a device puts in a frame: 16, or what 20 ms bring.
+
+        >>> [NativeEncoder().samples_per_frame(rate) for rate in (26, 104, 416, 6660)]
+        [1, 3, 9, 16]
+        """
+        return max(1, min(_USUAL_SAMPLES, 1 + int(rate_hz * _LONGEST_WAIT_S)))
+
     def describe(self, info: StreamInfo) -> bytes:
         """Return the descriptor of what follows, after a zero that ends any torn frame."""
         if info.epoch != self._info.epoch:
@@ -79,7 +78,7 @@ class NativeEncoder:
         if len(block) == 0:
             return b""
         samples, saturated = self._samples(block.counts)
-        size = samples_per_frame(self._info.nominal_hz)
+        size = self.samples_per_frame(self._info.nominal_hz)
         starts = np.arange(0, len(block), size)
         headers = self._headers(block, starts, size, saturated)
         if self._next_index is not None and block.index != self._next_index:

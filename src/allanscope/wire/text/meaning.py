@@ -147,6 +147,7 @@ class TextMeaning:
             rate_claimed=bool(self._settings.rate_hz),
             part=self._settings.part,
             wire="text",
+            tabular=True,
             time_resolution_s=resolution_of(times) if timed else 0.0,
             device_clock=timed,
             epoch=self._epoch,

@@ -110,7 +110,7 @@ class Clock:
             self._device.add(number, ticks.device_s, ticks.temperature_c)
 
     def gap(self, gap: Gap) -> None:
-        """Take a hole; only one that leaves the numbers without meaning breaks the lines."""
+        """Take a gap; only one that leaves the numbers without meaning breaks the lines."""
         if gap.lost is None or gap.reason in ("restarted", "resumed", "file"):
             self._host.cut()
             self._device.cut()

@@ -1,4 +1,4 @@
-"""Recording: every byte of a session, safe against crashes, full disks and rotten sectors.
+"""Recording: every byte of a session, safe against crashes, full disks and bad sectors.
 
 What is kept is what the device said, not what we understood of it: the raw bytes of every read with
 the time at which they came. A replay feeds the same bytes to the same decoder, so a mistake in a
@@ -15,7 +15,7 @@ decoder never costs a night::
 
 The files are plain MCAP, which other tools open; `layout` says what is in them. Written twice
 a second, they lose less than a second when the process is killed. The reader uses no index, checks
-every length before it believes it, skips what has rotted, and says so.
+every length before it believes it, skips what is corrupt, and says so.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Export of samples: a table of times, axes and temperature, as delimited text or as Parquet.
 
-Time is the index of a sample divided by the sample rate, so a hole of known length is a jump in
-time. A hole of which nobody knows the length is shown as one missing sample: neighbours in the
+Time is the index of a sample divided by the sample rate, so a gap of known length is a jump in
+time. A gap of which nobody knows the length is shown as one missing sample: neighbours in the
 table that are no neighbours in time must never look like neighbours. The same holds between two
 configurations of a device, whose indices have nothing to do with each other.
 """
@@ -49,8 +49,8 @@ class ExportReport:
 
     def __str__(self) -> str:
         """Return one line for the user."""
-        holes = f", {self.gaps} gaps ({self.unknown_gaps} of unknown length)" if self.gaps else ""
-        return f"{self.out}: {self.rows} samples{holes}"
+        gaps = f", {self.gaps} gaps ({self.unknown_gaps} of unknown length)" if self.gaps else ""
+        return f"{self.out}: {self.rows} samples{gaps}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def tables(
     events : iterable of StreamInfo, Block, Gap and Notice
         What a decoder says.
     report : ExportReport
-        Counts rows and holes.
+        Counts rows and gaps.
     rate_hz : float, optional
         Measured sample rate; the nominal one if not given.
     unit : {'lsb', 'physical'}
@@ -164,7 +164,7 @@ def export_csv(
 
 
 class _SampleClock:
-    """Times of samples over holes and restarts: index over rate, plus what cannot be counted."""
+    """Times of samples over gaps and restarts: index over rate, plus what cannot be counted."""
 
     def __init__(self, rate_hz: float, before: _SampleClock | None) -> None:
         if not rate_hz > 0.0:

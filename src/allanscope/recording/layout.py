@@ -14,7 +14,7 @@ topic           one message is             data
 
 ``publish_time`` is the host's monotonic clock, exactly as it was read: it is what a replay gives
 back. ``log_time`` is the same moment as time since 1970, computed from the monotonic time and one
-anchor taken at the start, so that a clock that is set in the night tears no hole. ``sequence``
+anchor taken at the start, so that a clock that is set in the night makes no gap. ``sequence``
 counts the messages of a topic from 1; a number that is missing on ``/serial/rx`` is a read that is
 missing, and that is how a reader knows that two reads are no neighbours.
 
@@ -59,7 +59,7 @@ TX = "/serial/tx"
 EVENTS = "/events"
 
 TOPICS: dict[int, str] = {1: RX, 2: TX, 3: EVENTS}
-"""Channel numbers, always these: a file whose first chunk has rotted can still be read."""
+"""Channel numbers, always these: a file whose first chunk is corrupt can still be read."""
 
 EVENT_SCHEMA = b'{"type":"object","properties":{"kind":{"type":"string"}},"required":["kind"]}'
 

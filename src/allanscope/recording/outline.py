@@ -1,11 +1,11 @@
 """Where the records of a file lie, found by walking over their headers and never by its index.
 
-A file that was killed has no index, and one whose index has rotted is not worse than one without,
+A file that was killed has no index, and one whose index is corrupt is not worse than one without,
 so the index is not used. The walk goes from header to header. Where it meets something that can be
-no header (a tear, a flipped byte, zeros that a crash left) it searches for the next chunk, whose
-header is unmistakable: the name of the compression followed by a length that must agree with the
-length of the record. What lies between is reported as damage. Nothing is believed on its word: a
-length is checked against the file and against a limit before a byte is read.
+no header (a truncation, a flipped byte, zeros that a crash left) it searches for the next chunk,
+whose header is unmistakable: the name of the compression followed by a length that must agree with
+the length of the record. What lies between is reported as damage. Nothing is believed on its word:
+a length is checked against the file and against a limit before a byte is read.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ from allanscope.recording.layout import (
 from allanscope.recording.outline import Damage, Outline, outline_of
 from allanscope.recording.records import (
     MOST_MESSAGES,
+    CorruptChunkError,
     Message,
-    RottenChunkError,
     messages_of,
     unpacked,
 )
@@ -226,7 +226,7 @@ class Recording:
                         try:
                             data = unpacked(record, file.read(record.length))
                             yield data, messages_of(data, topics)
-                        except RottenChunkError as error:
+                        except CorruptChunkError as error:
                             self._rotten[path, record.offset] = Damage(
                                 path, record.offset, record.length, str(error), record.seconds
                             )

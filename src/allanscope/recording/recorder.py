@@ -5,7 +5,7 @@ writer thread takes what has come and closes an MCAP chunk twice a second, which
 killed process loses, and every few seconds waits for the disk itself, which bounds what a power cut
 loses. When the disk is full, the session goes on in memory for a while and is written as soon as
 there is room again; beyond that, reads are dropped, counted, and their numbers left out so that a
-replay knows of the hole. `alarm` says all this in one line; monitoring goes on in every case.
+replay knows of the gap. `alarm` says all this in one line; monitoring goes on in every case.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Nothing here reads a file, and nothing is trusted: neither a length nor the bytes. The functions for
 headers say None, or raise ValueError, where lengths within a record do not agree with each other:
-that agreement is what tells a record from rot. A chunk is unpacked and checked against its checksum
-(`unpacked`) before its messages are taken out (`messages_of`).
+that agreement is what tells a record from corruption. A chunk is unpacked and checked against its
+checksum (`unpacked`) before its messages are taken out (`messages_of`).
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ __all__ = [
     "MAX_METADATA_BYTES",
     "MOST_MESSAGES",
     "ChunkRecord",
+    "CorruptChunkError",
     "Message",
-    "RottenChunkError",
     "candidates",
     "chunk_at",
     "chunk_seconds",
@@ -93,7 +93,7 @@ def has_believable_length(head: bytes) -> bool:
         return False
     opcode, length = HEADER.unpack_from(head)
     if opcode != Opcode.CHUNK and head.startswith(_ZSTD_MARK, _ZSTD_OFFSET):
-        return False  # a chunk whose first byte has rotted
+        return False  # a chunk whose first byte is corrupt
     if opcode == Opcode.MESSAGE_INDEX:
         return _sized(head, HEADER.size + 2, length - 6)
     return opcode in _KNOWN and bool(_FIXED.get(opcode, length) == length)
@@ -184,7 +184,7 @@ def _strings(data: bytes) -> Iterator[str]:
         yield data[position - length : position].decode("utf-8")
 
 
-class RottenChunkError(Exception):
+class CorruptChunkError(Exception):
     """A chunk does not hold what was written to it."""
 
 
@@ -193,22 +193,22 @@ def unpacked(record: ChunkRecord, packed: bytes) -> bytes:
 
     Raises
     ------
-    RottenChunkError
+    CorruptChunkError
         If it is short, claims a size that is not believable, cannot be unpacked or has another
         checksum.
     """
     if len(packed) < record.length:
-        raise RottenChunkError("a chunk is torn")
+        raise CorruptChunkError("a chunk is torn")
     if record.compression == "zstd":
         data = _zstd(packed, record.unpacked_length)
     elif not record.compression:
         data = packed
     else:
-        raise RottenChunkError(
+        raise CorruptChunkError(
             f"a chunk is packed with {record.compression!r}, which is not supported"
         )
     if record.unpacked_crc and zlib.crc32(data) != record.unpacked_crc:
-        raise RottenChunkError("a chunk has the wrong checksum")
+        raise CorruptChunkError("a chunk has the wrong checksum")
     return data
 
 
@@ -217,7 +217,7 @@ def messages_of(data: bytes, topics: dict[int, str]) -> list[Message]:
 
     Raises
     ------
-    RottenChunkError
+    CorruptChunkError
         If the records do not fill the chunk exactly, are more than a chunk of ours can hold, or
         have times that no clock shows.
     """
@@ -229,15 +229,15 @@ def messages_of(data: bytes, topics: dict[int, str]) -> list[Message]:
         body, position = position + _HEADER_BYTES, position + _HEADER_BYTES + length
         if opcode == Opcode.MESSAGE and length >= _MESSAGE_BYTES:
             if host_ns > _LAST_NS:
-                raise RottenChunkError("a chunk has a message of a time that no clock shows")
+                raise CorruptChunkError("a chunk has a message of a time that no clock shows")
             if len(found) == MOST_MESSAGES:
-                raise RottenChunkError(f"a chunk holds more than {MOST_MESSAGES} messages")
+                raise CorruptChunkError(f"a chunk holds more than {MOST_MESSAGES} messages")
             topic, start = topics.get(channel, ""), body + _MESSAGE_BYTES
             found.append((topic, sequence, epoch_ns, host_ns, start, position))
         elif opcode == Opcode.CHANNEL:
             _note_channel(data[body:position], topics)
     if position != end:
-        raise RottenChunkError("the records of a chunk do not fill it")
+        raise CorruptChunkError("the records of a chunk do not fill it")
     return found
 
 
@@ -246,10 +246,10 @@ def _zstd(packed: bytes, expected: int) -> bytes:
     try:
         claimed = zstandard.frame_content_size(packed)
         if claimed > min(expected, MAX_CHUNK_BYTES):
-            raise RottenChunkError(f"a chunk claims to unpack to {claimed} bytes")
+            raise CorruptChunkError(f"a chunk claims to unpack to {claimed} bytes")
         return zstandard.ZstdDecompressor().decompress(packed, max_output_size=expected)
     except zstandard.ZstdError as error:
-        raise RottenChunkError("a chunk cannot be unpacked") from error
+        raise CorruptChunkError("a chunk cannot be unpacked") from error
 
 
 def _note_channel(body: bytes, topics: dict[int, str]) -> None:
@@ -258,5 +258,5 @@ def _note_channel(body: bytes, topics: dict[int, str]) -> None:
         number, _, length = struct.unpack_from("<HHI", body)
         topic = body[8 : 8 + length].decode("utf-8")
     except (struct.error, UnicodeDecodeError) as error:
-        raise RottenChunkError("a channel record is damaged") from error
+        raise CorruptChunkError("a channel record is damaged") from error
     topics[number] = topic

@@ -33,7 +33,7 @@ class RecoveryReport:
     lost_reads : int
         Reads that are missing between saved ones, by their numbers.
     lost_s : float
-        Time between the neighbours of every hole, in seconds: no more than that is missing.
+        Time between the neighbours of every gap, in seconds: no more than that is missing.
     damage : list of Damage
         Where the files could not be read, and how many bytes of them that is.
     """
@@ -57,10 +57,10 @@ class RecoveryReport:
 def recover(
     damaged: Path, out: Path, advance: Callable[[float], None] = lambda _: None
 ) -> RecoveryReport:
-    """Save all that can be read of a session, rotten chunks skipped, into one new file.
+    """Save all that can be read of a session, corrupt chunks skipped, into one new file.
 
     Times, numbers and order stay as they were, so that a replay of what was saved gives the same
-    samples and knows of every hole. The damaged files are only read.
+    samples and knows of every gap. The damaged files are only read.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ class SessionWriter:
         self._add(RX, data, host_ns)
 
     def missed(self, reads: int) -> None:
-        """Leave out the numbers of reads that are not kept, so that a replay knows of the hole."""
+        """Leave out the numbers of reads that are not kept, so that a replay knows of the gap."""
         self._numbers[RX] += reads
 
     def tx(self, data: bytes, host_ns: int) -> None:

@@ -183,7 +183,7 @@ class RecordedSource:
     def _wait_s(self, chunk: Chunk) -> float:
         if math.isinf(self._speed):
             return 0.0
-        # Behind a hole the clock may be another: a resumed session, perhaps after a reboot.
+        # Behind a gap the clock may be another: a resumed session, perhaps after a reboot.
         if self._anchor is None or chunk.event == "hole" or chunk.host_ns < self._anchor[1]:
             self._anchor = self._clock(), chunk.host_ns
         began_s, began_ns = self._anchor

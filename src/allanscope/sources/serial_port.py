@@ -52,7 +52,7 @@ LATE_BYTES = 3072
 
 READ_BYTES, FULL_BYTES = 4095, 15_000
 """What one read of a tty of Linux brings at most, and what it and the queue behind it hold at
-least before more is thrown away: a port that had so many waiting when it was opened has a hole
+least before more is thrown away: a port that had so many waiting when it was opened has a gap
 behind them."""
 
 FIRST_RETRY_S = 0.1

@@ -93,7 +93,7 @@ class SpectrumBank:
         self.samples += len(values)
 
     def gap(self) -> None:
-        """Mark a hole: no segment spans it."""
+        """Mark a gap: no segment spans it."""
         self._ladder.clear()
 
     def merge(self, other: SpectrumBank) -> None:

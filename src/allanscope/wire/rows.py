@@ -3,7 +3,7 @@
 Text and stock firmware send rows of values. What they mean (which axes, which scale) shows in the
 first few of them, so the first 25 are held back until a format has decided (of a file up to 1024
 where their times come unevenly); then come the StreamInfo and the Blocks. Losses are told by the
-time stamps where there are any (`continuity`); where there are none, a damaged row leaves a hole of
+time stamps where there are any (`continuity`); where there are none, a damaged row leaves a gap of
 unknown length.
 """
 

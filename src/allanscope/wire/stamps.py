@@ -83,7 +83,7 @@ def mean_rate(times: Sequence[float] | NDArray[np.float64]) -> float:
 
     Where rows come in bursts it is from the beginning of one burst to that of another: the part of
     a burst at the end would count for a whole one. Of a long record it is the median over half of
-    it, which neither one wrong stamp nor one hole carries.
+    it, which neither one wrong stamp nor one gap carries.
 
     >>> mean_rate([0.0, 0.002, 0.004, 0.02, 0.022, 0.024, 0.04, 0.042])
     150.0

@@ -5,7 +5,7 @@ Every generation prints the same things in other words::
     V2.0, V2.2   TimeStamp: 1234 / Acc_X: 1, Acc_Y: 2, Acc_Z :3 / Gyro_X:4, ... / Press:.., Temp:..
     V1.1         TimeStamp: 12:34:56.78 / ACC_X: 1, ACC_Y: 2, ACC_Z: 3 / GYR_X: 4, ... / TEMP: 24.5
 
-The firmware writes through a ring without an overflow check: when the host is slow, lines are torn
+The firmware writes through a ring without an overflow check: when the host is slow, lines are cut
 anywhere. So a line counts only when all of it fits, and a record only when its time, its
 accelerometer and its gyroscope line came in this order.
 """

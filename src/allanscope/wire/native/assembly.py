@@ -143,7 +143,7 @@ class Assembler:
         yield Block(index, counts, self._ticking.ticks(run, known))
 
     def _continue_index(self, run: Run, frames_missing: bool) -> tuple[int, Gap | None]:
-        """Return the unwrapped index of a run's first sample, and the hole before it."""
+        """Return the unwrapped index of a run's first sample, and the gap before it."""
         first = int(run.headers["index"][0])
         due, self._gap_due = self._gap_due, None
         if self._next_index is None:

@@ -59,7 +59,7 @@ class NativeEncoder:
         return max(1, min(_USUAL_SAMPLES, 1 + int(rate_hz * _LONGEST_WAIT_S)))
 
     def describe(self, info: StreamInfo) -> bytes:
-        """Return the descriptor of what follows, after a zero that ends any torn frame."""
+        """Return the descriptor of what follows, after a zero that ends any truncated frame."""
         if info.epoch != self._info.epoch:
             self._next_index = None
         self._info = info

@@ -108,7 +108,7 @@ def _unstuff(data, start, end, frame, places):  # type: ignore[no-untyped-def]
         frame[i] = source[i]
         zeros += source[i] == 0
     if zeros:
-        return -1  # the walk has stepped over the end of a torn frame
+        return -1  # the walk has stepped over the end of a truncated frame
     for k in range(np.uint64(1), count):
         frame[places[k] - np.uint64(1)] = 0
     return start + np.intp(here)

@@ -33,7 +33,7 @@ than as many thousands ns."""
 _AGREES = 0.1
 """Relative difference of a given rate and the times' that a sensor's own clock may make."""
 _FARTHEST = 2.5
-"""So many times the longest step between bursts is a hole all the same."""
+"""So many times the longest step between bursts is a gap all the same."""
 _LARGEST = 1e9
 """In dps or g: no sensor, in whatever unit it was taken for. Its square would spoil every sum."""
 _AFTER_RESET = {"gyro": 250.0, "accel": 2.0}

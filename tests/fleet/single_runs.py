@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from allanscope.fleet.table import rows_of, write_table
+from allanscope.fleet.lot import rows_of, write_table
 from allanscope.pipeline.analyse import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Recording

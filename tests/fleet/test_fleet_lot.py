@@ -12,17 +12,14 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from allanscope.fleet.drift import drifts_of
+from allanscope.fleet.effects import effects_in, replications, shared_effects
 from allanscope.fleet.judgement import findings, lot_verdict, reservations
-from allanscope.fleet.lot import Lot
+from allanscope.fleet.lot import Lot, schema, write_table
 from allanscope.fleet.outliers import Outlier, far_units, far_values
 from allanscope.fleet.page import render_lot
 from allanscope.fleet.pictures import distribution_picture, history_picture
-from allanscope.fleet.replicates import replications
-from allanscope.fleet.shared import effects_in, shared_effects
-from allanscope.fleet.spread import log_sigma, spread_of
-from allanscope.fleet.table import schema, write_table
+from allanscope.fleet.repeats import log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical import typical_of
-from allanscope.fleet.unit_estimates import unit_estimates
 
 Floats = NDArray[np.float64]
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
 from allanscope.allan.shard import ALIGNED
-from allanscope.fleet.partial import Partial
-from allanscope.fleet.tail import Tail
+from allanscope.fleet.partial import Partial, Tail
 from allanscope.samples import Block, Event, Gap, Ticks
 from allanscope.spectrum import SpectrumBank
 

@@ -18,8 +18,7 @@ from moto.server import ThreadedMotoServer
 from allanscope.errors import UsageError
 from allanscope.fleet import FleetSettings, run_fleet
 from allanscope.fleet.places import find_places
-from allanscope.fleet.result_folder import result_folder
-from allanscope.fleet.store import Store
+from allanscope.fleet.store import Store, result_folder
 from allanscope.fleet.work import analyse_place
 from allanscope.pipeline.settings import DeviceSettings
 

@@ -9,7 +9,7 @@ import pytest
 from distributed import Future, LocalCluster
 
 from allanscope.fleet import FleetSettings, desk, run_fleet, split
-from allanscope.fleet.crew import Crew
+from allanscope.fleet.cluster import Crew
 from allanscope.fleet.places import Place, find_places
 from allanscope.fleet.split import Survey, join, submit_split, sum_part, survey
 from allanscope.fleet.work import analyse_place

@@ -13,15 +13,14 @@
 The engine is Dask's, from the optional extra ``fleet``: a cluster on this machine
 (`cluster`), or a scheduler that is there already. A task is one recording, read where it lies with
 fsspec, through the same decoder, sums and closed loop as a single run. Only whoever started the
-fleet writes; workers need to read the recordings, and this version of allanscope (`crew`).
+fleet writes; workers need to read the recordings, and this version of allanscope.
 
 One recording that is large while workers are idle is split in time: see `split`.
 
 The report asks what no single run can answer: how much of the spread is between boards and how
-much between repeats of one (`spread`), which boards do not belong (`outliers`), which effects are
-the rack's and not the board's (`shared`), what changes with date and temperature (`drift`), and
-whether an effect that one night shows is there again in another night of the same board
-(`replicates`).
+much between repeats of one (`repeats`), which boards do not belong (`outliers`), which effects are
+the rack's and not the board's, and whether an effect that one night shows is there again in another
+night of the same board (`effects`), and what changes with date and temperature (`drift`).
 """
 
 from __future__ import annotations
@@ -31,9 +30,8 @@ from typing import TYPE_CHECKING
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
-    from allanscope.fleet.desk import FleetResult
+    from allanscope.fleet.desk import FleetResult, complaint_lines, summary_lines
     from allanscope.fleet.run import FleetSettings, run_fleet
-    from allanscope.fleet.wording import complaint_lines, summary_lines
 
 __all__ = ["FleetResult", "FleetSettings", "complaint_lines", "run_fleet", "summary_lines"]
 
@@ -42,8 +40,8 @@ __getattr__, __dir__ = lazily(
     {
         "FleetResult": "desk",
         "FleetSettings": "run",
-        "complaint_lines": "wording",
+        "complaint_lines": "desk",
         "run_fleet": "run",
-        "summary_lines": "wording",
+        "summary_lines": "desk",
     },
 )

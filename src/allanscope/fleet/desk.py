@@ -1,28 +1,32 @@
-"""What is to do and what has come back, recording by recording; whom it is handed to is Dask's."""
+"""What is to do and what has come back, recording by recording, and the last words about it.
+
+Whom a recording is handed to is Dask's.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from allanscope.fleet.losses import Loss
-from allanscope.fleet.outcome import Outcome
+from allanscope.fleet.outcome import Loss, Outcome
 from allanscope.fleet.places import Place
-from allanscope.fleet.result_folder import Folder
-from allanscope.fleet.store import Store
+from allanscope.fleet.store import Folder, Store
 from allanscope.pipeline.settings import DeviceSettings
 
 if TYPE_CHECKING:
     from distributed import Future
 
-    from allanscope.fleet.crew import Crew
+    from allanscope.fleet.cluster import Crew
 
-__all__ = ["Desk", "FleetResult"]
+__all__ = ["Desk", "FleetResult", "complaint_lines", "summary_lines"]
 
 PART_BYTES = 128 << 20
 """Of packed bytes: smaller parts cost more in a second decoding than they gain."""
+
+MOST_LINES = 20
+"""Of one kind; the report has them all."""
 
 
 @dataclass(slots=True)
@@ -121,3 +125,53 @@ class Desk:
         for one in place.later:
             if one.name not in files:  # numbered like a part of this session, but of another
                 self._consider(one)
+
+
+def complaint_lines(result: FleetResult) -> list[str]:
+    """Return what went wrong, recording by recording, the worst first.
+
+    Examples
+    --------
+    >>> complaint_lines(FleetResult(failures={"c": "c is empty"}, copies={"b": "a"}, left=2))
+    ['c is empty', 'b is a copy of a: left out of the lot',
+     'stopped before it was done; 2 recordings left: the same command goes on']
+    """
+    copies = [
+        f"{one} is a copy of {other}: left out of the lot"
+        for one, other in sorted(result.copies.items())
+    ]
+    lines = [*result.failures.values(), *_some([str(one) for one in result.losses]), *_some(copies)]
+    if result.left:
+        left = f"{result.left} recording{'s' * (result.left != 1)} left"
+        lines.append(f"stopped before it was done; {left}: the same command goes on")
+    return lines
+
+
+def summary_lines(result: FleetResult) -> list[str]:
+    """Return what was done, what was not, and where it is.
+
+    Examples
+    --------
+    >>> summary_lines(FleetResult({"a": "1", "b": "2"}, 1, {"c": "c is empty"}, left=4))
+    ['2 recordings analysed, 1 of them before; 1 failed; 4 left: the same command goes on']
+    """
+    ready = len(result.keys)
+    before = ready - result.done
+    text = f"{ready} recording{'s' * (ready != 1)} analysed"
+    if before:
+        text += f", {before} of them before"
+    if result.copies:
+        text += f", {len(result.copies)} of them copies"
+    if result.losses:
+        text += f"; {len(result.losses)} incomplete"
+    if result.failures:
+        text += f"; {len(result.failures)} failed"
+    if result.left:
+        text += f"; {result.left} left: the same command goes on"
+    files = [str(path) for path in (result.table, result.report) if path is not None]
+    return [text, *files]
+
+
+def _some(lines: Sequence[str]) -> list[str]:
+    more = len(lines) - MOST_LINES
+    return [*lines[:MOST_LINES], *([f"and {more} more like this"] if more > 0 else [])]

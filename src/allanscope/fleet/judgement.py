@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.analysis import Grade, Verdict, VerdictLine
+from allanscope.fleet.effects import SharedEffect
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.outliers import FALSE_ALARMS, Outlier, far_units, far_values
-from allanscope.fleet.shared import SharedEffect
-from allanscope.fleet.unit_estimates import (
+from allanscope.fleet.repeats import (
     TWO_SIDED_95,
     excess_of_repeats,
     unit_estimates,

@@ -1,8 +1,13 @@
-"""The table of a lot in memory, by columns: what the report is reckoned from."""
+"""The table of a lot: one row for each recording and axis, written as Parquet, read by columns.
+
+A row is made of the JSON of a single run and of nothing else, so a fleet and single runs give the
+same table, byte for byte. Coefficients, levels and effects are in the internal units (dps, g, s).
+The report is reckoned from what was read back, a `Lot`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.samples import AXES
+from allanscope.whole_file import written_whole
 
-__all__ = ["Lot"]
+__all__ = ["COEFFICIENT_NAMES", "Lot", "rows_of", "schema", "write_table"]
 
 _UNREAD = ("remarks", "sha256", "firmware", "unique_id", "serial_number")
+
+COEFFICIENT_NAMES = ("N", "B", "K", "Q", "R")
+_COEFFICIENT = ("value", "lower", "upper", "detected")
+_ERROR = ("chi2_per_dof", "p_value", "rms_percent", "expected_rms_percent", "worst_band_z")
+_LINK = ("bytes", "frames", "crc_errors", "resyncs", "reconnects")
+_TEMPERATURE = ("first", "last", "lowest", "highest")
+_TEXTS = ("started", "unique_id", "serial_number", "firmware")
+GROUP_ROWS = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -80,3 +94,174 @@ class Lot:
     def detected(self, name: str) -> Lot:
         """Return the rows in which a coefficient was found, and not only an upper limit for it."""
         return self.where((self[f"{name}_detected"] == 1.0) & (self[f"{name}_value"] > 0.0))
+
+
+def schema() -> Any:
+    """Return the columns of the table."""
+    import pyarrow as pa
+
+    text, real, whole, truth = pa.string(), pa.float64(), pa.int64(), pa.bool_()
+    parameter = pa.struct(
+        {"name": text, "value": real, "text": text, "lower": real, "upper": real, "unit": text}
+    )
+    effect = pa.struct(
+        {
+            "kind": text,
+            "parameters": pa.list_(parameter),
+            "axes": pa.list_(text),
+            "equivalent": pa.list_(text),
+            "words": text,
+        }
+    )
+    columns = {"recording": text, "unit": text, "axis": text, "sensor_unit": text, "part": text}
+    columns |= {"sha256": text, "allanscope": text} | dict.fromkeys(_TEXTS, text)
+    columns |= {"duration_s": real, "samples": whole, "lost_samples": whole}
+    columns |= {"unknown_losses": whole, "segments": whole, "damaged_places": whole}
+    columns |= {f"link_{name}": whole for name in _LINK}
+    columns |= {"nominal_hz": real, "measured_hz": real, "rate_uncertainty_ppm": real}
+    columns |= {f"temperature_{name}": real for name in _TEMPERATURE}
+    columns |= {"level_mean": real, "level_stability": real}
+    for prefix in ("", "before_"):
+        for name in COEFFICIENT_NAMES:
+            types = (real, real, real, truth)
+            pairs = zip(_COEFFICIENT, types, strict=True)
+            columns |= {f"{prefix}{name}_{part}": kind for part, kind in pairs}
+    columns |= {"datasheet_limit": real, "datasheet_measured": real, "datasheet_verdict": text}
+    for when in ("before", "after"):
+        columns |= {f"residual_{when}_{name}": real for name in _ERROR}
+    columns |= {"held_out_nats": real, "held_out_nats_se": real, "explained": truth}
+    columns |= {"effects": pa.list_(effect), "remarks": pa.list_(text)}
+    return pa.schema(columns.items())
+
+
+def rows_of(recording: str, unit: str, result: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of one recording, one for each axis.
+
+    Parameters
+    ----------
+    recording : str
+        Its path or URL.
+    unit : str
+        The board that it is of.
+    result : mapping
+        What is kept of it: ``analysis`` is the JSON of a single run, ``circumstances`` what that
+        does not say.
+    """
+    analysis, facts = result["analysis"], result["circumstances"]
+    common = {
+        "recording": _encodable(recording),
+        "unit": _encodable(unit),
+        "part": analysis["part"],
+        "sha256": analysis["input"]["sha256"],
+        "allanscope": analysis["allanscope"],
+        **{name: facts.get(name) or None for name in _TEXTS},
+        **{name: analysis[name] for name in ("duration_s", "samples", "lost_samples")},
+        **{name: analysis[name] for name in ("unknown_losses", "segments")},
+        "damaged_places": facts.get("damaged_places"),
+        **{f"link_{name}": analysis["link"].get(name) for name in _LINK},
+        "nominal_hz": analysis["rate"]["nominal_hz"],
+        "measured_hz": analysis["rate"]["measured_hz"],
+        "rate_uncertainty_ppm": analysis["rate"]["uncertainty_ppm"],
+        **{f"temperature_{name}": analysis["temperature"].get(name) for name in _TEMPERATURE},
+    }
+    for name, axis in analysis["axes"].items():
+        remarks = [*analysis["remarks"], *axis["remarks"]]
+        yield {**common, "axis": name, "sensor_unit": axis["unit"], **_axis(axis, remarks)}
+
+
+def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> int:
+    """Write the rows, whole or not at all, a group at a time; return how many there were.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    written = 0
+    with (
+        written_whole(path) as part,
+        part.open("wb") as file,  # by us: Arrow takes no names that are not UTF-8
+        pq.ParquetWriter(file, schema(), compression="zstd") as writer,
+    ):
+        for group in _groups(rows):
+            writer.write_table(pa.Table.from_pylist(group, schema=schema()))
+            written += len(group)
+    return written
+
+
+def _groups(rows: Iterable[Mapping[str, Any]]) -> Iterator[list[Mapping[str, Any]]]:
+    group: list[Mapping[str, Any]] = []
+    for row in rows:
+        group.append(row)
+        if len(group) == GROUP_ROWS:
+            yield group
+            group = []
+    if group:
+        yield group
+
+
+def _encodable(name: str) -> str:
+    """Return a name without the bytes of a path that stand for no character."""
+    return name.encode("utf-8", "replace").decode("utf-8")
+
+
+def _axis(axis: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:
+    residual = axis.get("residual", {})
+    density = axis.get("datasheet", {}).get("density", {})
+    level = axis.get("level", {})
+    return {
+        "level_mean": level.get("mean"),
+        "level_stability": level.get("stability"),
+        **_coefficients("", axis.get("coefficients", {})),
+        **_coefficients("before_", axis.get("coefficients_before", {})),
+        "datasheet_limit": density.get("limit"),
+        "datasheet_measured": density.get("measured"),
+        "datasheet_verdict": density.get("verdict"),
+        **{
+            f"residual_{when}_{name}": residual.get(when, {}).get(name)
+            for when in ("before", "after")
+            for name in _ERROR
+        },
+        "held_out_nats": residual.get("held_out_nats"),
+        "held_out_nats_se": residual.get("held_out_nats_se"),
+        "explained": residual.get("explained"),
+        "effects": [_effect(one) for one in axis.get("effects", [])],
+        "remarks": [*remarks, *residual.get("remarks", [])],
+    }
+
+
+def _coefficients(prefix: str, found: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        f"{prefix}{name}_{part}": found.get(name, {}).get(part)
+        for name in COEFFICIENT_NAMES
+        for part in _COEFFICIENT
+    }
+
+
+def _effect(effect: Mapping[str, Any]) -> dict[str, Any]:
+    parameters = [_parameter(name, one) for name, one in effect["parameters"].items()]
+    words = effect["evidence"].get("words")
+    return {
+        "kind": effect["kind"],
+        "parameters": parameters,
+        "axes": effect["axes"],
+        "equivalent": effect["equivalent"],
+        "words": None if words is None else str(words),
+    }
+
+
+def _parameter(name: str, one: Mapping[str, Any]) -> dict[str, Any]:
+    """Return one parameter: a number, or a name such as the axis that is coupled to."""
+    value = one["value"]
+    told = isinstance(value, str)
+    return {
+        "name": name,
+        "value": None if told else value,
+        "text": value if told else None,
+        "lower": one["lower"],
+        "upper": one["upper"],
+        "unit": one["unit"],
+    }

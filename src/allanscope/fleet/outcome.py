@@ -1,17 +1,19 @@
-"""What one recording came to: its result, or the one line that says why there is none."""
+"""What one recording came to: its result and what it lacks, or the one line that says why none."""
 
 from __future__ import annotations
 
 import gzip
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from typing import Any
 
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.quantities import count, number
 
-__all__ = ["Outcome", "packed", "result_key", "unpacked"]
+__all__ = ["Loss", "Outcome", "loss_of", "packed", "result_key", "unpacked"]
 
 FORMAT = 1
 """Raised when what is kept of a recording changes, so that results of old are not taken for new."""
@@ -87,3 +89,60 @@ def unpacked(data: bytes) -> dict[str, Any]:
     if not isinstance(result, dict):
         raise ValueError("a stored result is damaged: it is no JSON object")
     return result
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """What one recording lacks.
+
+    Attributes
+    ----------
+    url : str
+        Which.
+    samples, lost : int
+        That it has, and that are known to be missing.
+    unknown : int
+        Gaps of unknown length.
+    damaged : int
+        Places where the file is damaged.
+    """
+
+    url: str
+    samples: int
+    lost: int
+    unknown: int
+    damaged: int
+
+    @property
+    def share(self) -> float:
+        """Lost samples over all that there should be."""
+        return self.lost / max(self.samples + self.lost, 1)
+
+    def __str__(self) -> str:
+        """Return one line.
+
+        >>> str(Loss("night.mcap", samples=500, lost=500, unknown=0, damaged=1))
+        'night.mcap: 500 samples lost (50 %), 1 damaged place'
+        """
+        parts = []
+        if self.lost:
+            percent = number(100.0 * self.share, 2)
+            parts.append(f"{count(self.lost)} samples lost ({percent} %)")
+        if self.unknown:
+            parts.append(f"{self.unknown} gap{'s' * (self.unknown > 1)} of unknown length")
+        if self.damaged:
+            parts.append(f"{self.damaged} damaged place{'s' * (self.damaged > 1)}")
+        return f"{self.url}: {', '.join(parts)}"
+
+
+def loss_of(url: str, kept: Mapping[str, Any]) -> Loss | None:
+    """Return what a recording lacks by its result; None when it is complete."""
+    analysis = kept["analysis"]
+    loss = Loss(
+        url,
+        int(analysis["samples"]),
+        int(analysis["lost_samples"] or 0),
+        int(analysis["unknown_losses"] or 0),
+        int(kept["circumstances"].get("damaged_places") or 0),
+    )
+    return loss if loss.lost or loss.unknown or loss.damaged else None

@@ -11,14 +11,18 @@ from typing import Any
 import numpy as np
 
 from allanscope.fleet.drift import Drift, drifts_of
+from allanscope.fleet.effects import (
+    Replication,
+    SharedEffect,
+    effects_in,
+    replications,
+    shared_effects,
+)
 from allanscope.fleet.judgement import NAMES, Finding, findings, lot_verdict, reservations
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.pictures import distribution_picture, history_picture
-from allanscope.fleet.replicates import Replication, replications
-from allanscope.fleet.shared import SharedEffect, effects_in, shared_effects
-from allanscope.fleet.spread import Spread, log_sigma, spread_of
+from allanscope.fleet.repeats import Spread, log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical import Typical, typical_of
-from allanscope.fleet.unit_estimates import unit_estimates
 from allanscope.quantities import COEFFICIENTS, LEVEL, Reading, compact, duration, number, symbols
 from allanscope.report.page import template
 from allanscope.samples import AXES

@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from allanscope.errors import DeviceError
-from allanscope.fleet.cluster import connected, dashboard_line, require_extra
-from allanscope.fleet.crew import MOST_STRANDED, Crew
+from allanscope.fleet.cluster import MOST_STRANDED, Crew, connected, dashboard_line, require_extra
 from allanscope.fleet.desk import Desk, FleetResult
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import Place, find_places
 from allanscope.fleet.store import Store
-from allanscope.fleet.units import UnitNames
+from allanscope.fleet.writing import UnitNames
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.signals import stopped_by_signals
 

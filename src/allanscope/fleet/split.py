@@ -31,9 +31,8 @@ from allanscope.allan import AllanBank
 from allanscope.allan.archive import ROWS
 from allanscope.analysis import Analyser
 from allanscope.fleet.outcome import Outcome
-from allanscope.fleet.partial import Partial
+from allanscope.fleet.partial import Nothing, Partial, Tail
 from allanscope.fleet.places import Place
-from allanscope.fleet.tail import Nothing, Tail
 from allanscope.fleet.work import PIECE_BYTES, analyse_place, failure, new_analyser, outcome_of
 from allanscope.pipeline.analyse import recorded_settings
 from allanscope.pipeline.decoding import Decoding
@@ -45,7 +44,7 @@ from allanscope.spectrum import SpectrumBank
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-    from allanscope.fleet.crew import Crew
+    from allanscope.fleet.cluster import Crew
 
 __all__ = ["Cut", "Survey", "join", "submit_split", "sum_part", "survey"]
 

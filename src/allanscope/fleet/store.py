@@ -1,31 +1,42 @@
-"""What is done, on the disk of whoever started the fleet; written by one process alone.
+"""What is done, where whoever started the fleet wants it: on the disk, or wherever fsspec writes.
 
 ::
 
     OUT/results/ab/abcd....json.gz   one result, named by content, settings and version
     OUT/index.jsonl                  a line for each file that was seen: size, time, fingerprint;
-                                     at a URL index-NUMBER.jsonl, see `allanscope.fleet.index`
+                                     at a URL index-NUMBER.jsonl, see `RemoteIndex`
 
-A result is there whole or not at all. The index spares reading a file again only to know that it is
-done: a file whose size and time of change are as they were has the fingerprint it had. A line that
-a crash has torn is passed over; its recording is then looked at anew.
+One process alone writes. A result is there whole or not at all. The index spares reading a file
+again only to know that it is done: a file whose size and time of change are as they were has the
+fingerprint it had. A line that a crash has torn is passed over; its recording is then looked at
+anew.
 """
 
 from __future__ import annotations
 
 import json
+import re
+import tempfile
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
 from allanscope.errors import UsageError
-from allanscope.fleet.index import RemoteIndex
 from allanscope.fleet.outcome import Outcome, result_key, unpacked
-from allanscope.fleet.places import Place
-from allanscope.fleet.result_folder import Folder, put_file, result_folder
+from allanscope.fleet.places import Place, RemotePath, is_of_this_machine
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.whole_file import written_whole
 
-__all__ = ["Store"]
+__all__ = ["Folder", "RemoteIndex", "Store", "put_file", "result_folder", "staged"]
+
+FLUSH_S = 30.0
+"""A killed run forgets the files that it saw in this time, and looks at them anew."""
+
+Folder = Path | RemotePath
+
+_SQUEEZED_URL = re.compile(r"\w{2,}:/")
 
 
 class Store:
@@ -170,3 +181,115 @@ def _lines(folder: Folder) -> list[tuple[str, dict[str, Any]]]:
         if isinstance(seen, dict) and seen.keys() >= {"url", "size", "state", "sha256", "files"}:
             found.append((seen["url"], seen))
     return found
+
+
+class RemoteIndex:
+    """Lines that go into numbered files of a folder, one every half minute and one at the end.
+
+    The first is written at once, empty: a folder that cannot be written to is refused before work.
+
+    Parameters
+    ----------
+    folder : RemotePath
+        Where ``index-NUMBER.jsonl`` go; numbers are times, so that those of later runs are higher.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to.
+    """
+
+    def __init__(self, folder: RemotePath) -> None:
+        self._folder = folder
+        self._lines: list[str] = []
+        self._flushed_s = time.monotonic()
+        self._next()
+        self._path.write_bytes(b"")
+
+    @property
+    def name(self) -> str:
+        """The file that is written next."""
+        return str(self._path)
+
+    def write(self, line: str) -> None:
+        """Add a line."""
+        self._lines.append(line)
+
+    def flush(self) -> None:
+        """Write what has gathered, when it is time."""
+        if time.monotonic() - self._flushed_s > FLUSH_S:
+            self._put()
+            self._next()
+
+    def close(self) -> None:
+        """Write the rest."""
+        if self._lines:
+            self._put()
+
+    def _put(self) -> None:
+        self._path.write_bytes("".join(self._lines).encode())
+        self._lines = []
+        self._flushed_s = time.monotonic()
+
+    def _next(self) -> None:
+        self._path = self._folder / f"index-{time.time_ns():020d}.jsonl"
+
+
+def result_folder(out: str | Path) -> Folder:
+    """Return the folder that a path or URL names.
+
+    Raises
+    ------
+    UsageError
+        If fsspec has no file system for the URL, or a URL was made a `Path`, which squeezes it.
+
+    Examples
+    --------
+    >>> result_folder("lot-result")
+    PosixPath('lot-result')
+    >>> result_folder("memory://bench/result/")
+    RemotePath('memory://bench/result')
+    """
+    text = str(out)
+    if isinstance(out, Path) and _SQUEEZED_URL.match(text):
+        raise UsageError(f"cannot write to {text}: give a URL as text, a Path loses its slashes")
+    if "://" not in text:
+        return Path(out)
+    import fsspec
+
+    try:
+        filesystem, inside = fsspec.core.url_to_fs(text)
+    except Exception as error:
+        raise UsageError(f"cannot write to {text}: {error}") from error
+    return Path(inside) if is_of_this_machine(filesystem) else RemotePath(text.rstrip("/"))
+
+
+def put_file(path: Folder, data: bytes) -> None:
+    """Write a file, whole or not at all.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be written.
+    """
+    if isinstance(path, Path):
+        with written_whole(path) as part:
+            path.parent.mkdir(exist_ok=True)
+            part.write_bytes(data)
+        return
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+@contextmanager
+def staged(folder: Folder) -> Iterator[Path]:
+    """Yield a folder of this machine whose files are in `folder` when all went well."""
+    if isinstance(folder, Path):
+        yield folder
+        return
+    with tempfile.TemporaryDirectory(prefix="allanscope-") as here:
+        yield Path(here)
+        for path in sorted(Path(here).iterdir()):
+            put_file(folder / path.name, path.read_bytes())

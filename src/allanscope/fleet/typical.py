@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.fleet.random_effects import restricted
-from allanscope.fleet.unit_estimates import UnitEstimates
+from allanscope.fleet.outliers import restricted
+from allanscope.fleet.repeats import UnitEstimates
 
 __all__ = ["Typical", "typical_of"]
 

@@ -1,21 +1,26 @@
-"""What is written of a lot: the table of all results, and the report that is made from it."""
+"""What is written of a lot: which board each recording is of, the table, and the report of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from allanscope.fleet.losses import loss_of
-from allanscope.fleet.result_folder import staged
-from allanscope.fleet.store import Store
-from allanscope.fleet.table import rows_of, write_table
-from allanscope.fleet.units import UnitNames
+from allanscope.errors import UsageError
+from allanscope.fleet.lot import Lot, rows_of, write_table
+from allanscope.fleet.outcome import loss_of
+from allanscope.fleet.store import Store, staged
 
 if TYPE_CHECKING:
     from allanscope.fleet.desk import FleetResult
     from allanscope.fleet.run import FleetSettings
 
-__all__ = ["copies_among", "write_lot"]
+__all__ = ["UnitNames", "copies_among", "write_lot"]
+
+_IDENTITIES = ("unit", "unique_id", "serial_number")
+"""What a recording says of its board, the best first: a name given at import, the controller's own
+number, the USB serial number."""
 
 
 def write_lot(result: FleetResult, store: Store, settings: FleetSettings) -> None:
@@ -36,7 +41,6 @@ def write_lot(result: FleetResult, store: Store, settings: FleetSettings) -> Non
         if not write_table(table, _rows(result, sorted(originals), store, names)):
             table.unlink()
             return
-        from allanscope.fleet.lot import Lot
         from allanscope.fleet.page import render_lot
         from allanscope.pipeline.outputs import write_whole
 
@@ -74,3 +78,52 @@ def _rows(
             result.losses.append(loss)
         yield from rows_of(url, names.of(url, kept["circumstances"]), kept)
     result.losses.sort(key=lambda one: -one.share)
+
+
+class UnitNames:
+    r"""Names the unit of a recording.
+
+    A pattern overrules what the recording says of its board, and that overrules where it lies. By
+    place, all recordings of a folder are runs of one unit; where all lie in one folder nothing
+    tells which belong together, and each is a unit of its own.
+
+    Parameters
+    ----------
+    urls : iterable of str
+        All recordings of the lot.
+    pattern : str
+        Regular expression whose first group, found in the path, is the name; empty for none.
+
+    Raises
+    ------
+    UsageError
+        If it is no regular expression with a group.
+
+    Examples
+    --------
+    >>> names = UnitNames(["/lot/a/1.mcap", "/lot/a/2.mcap", "/lot/b/1.mcap"])
+    >>> names.of("/lot/a/2.mcap", {}), names.of("/lot/b/1.mcap", {"serial_number": "0042"})
+    ('a', '0042')
+    >>> UnitNames(["/lot/a7-1.mcap"], r"/(\w+)-").of("/lot/a7-1.mcap", {})
+    'a7'
+    """
+
+    def __init__(self, urls: Iterable[str], pattern: str = "") -> None:
+        self._by_folder = len({PurePosixPath(url).parent for url in urls}) > 1
+        try:
+            self._pattern = re.compile(pattern) if pattern else None
+        except re.error as error:
+            raise UsageError(f"--unit-name {pattern!r} is no regular expression: {error}") from None
+        if self._pattern is not None and self._pattern.groups < 1:
+            raise UsageError(f"--unit-name {pattern!r} has no group; write e.g. '/(unit-[0-9]+)/'")
+
+    def of(self, url: str, circumstances: Mapping[str, Any]) -> str:
+        """Return the name of the unit of one recording."""
+        found = self._pattern.search(url) if self._pattern is not None else None
+        if found is not None and found[1]:
+            return str(found[1])
+        for name in _IDENTITIES:
+            if circumstances.get(name):
+                return str(circumstances[name])
+        path = PurePosixPath(url)
+        return path.parent.name if self._by_folder else path.stem

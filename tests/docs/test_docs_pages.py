@@ -100,7 +100,7 @@ def test_code_on_the_page_runs(page, tmp_path, monkeypatch):
     for kind, code in blocks(page):
         if kind == "sh":
             with monkeypatch.context() as undrawn:
-                undrawn.setattr("allanscope.report.gallery.pictures", lambda _: {})
+                undrawn.setattr("allanscope.report.page.pictures", lambda _: {})
                 undrawn.setattr("allanscope.report.page.render", lambda *_: "<html>")
                 run_shell(code)
         else:

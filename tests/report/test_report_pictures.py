@@ -11,7 +11,7 @@ from PIL import Image
 
 from allanscope.report.curve_pictures import compare_picture, deviation_picture
 from allanscope.report.data_pictures import lag_picture
-from allanscope.report.gallery import pictures, save_pictures
+from allanscope.report.page import pictures, save_pictures
 from allanscope.report.picture import MEASURED, MODEL, Picture
 
 

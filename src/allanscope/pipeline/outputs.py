@@ -48,8 +48,7 @@ def write_report(analysis: Analysis, path: Path | None, figures: Path | None = N
     figures : Path, optional
         Folder that gets every picture as SVG and as PNG.
     """
-    from allanscope.report.gallery import pictures
-    from allanscope.report.page import render
+    from allanscope.report.page import pictures, render
 
     drawn = pictures(analysis)
     if path is not None:
@@ -59,7 +58,7 @@ def write_report(analysis: Analysis, path: Path | None, figures: Path | None = N
 
 
 def _save(drawn: Mapping[str, Picture], folder: Path) -> None:
-    from allanscope.report.gallery import save_pictures
+    from allanscope.report.page import save_pictures
 
     try:
         save_pictures(drawn, folder)

@@ -18,7 +18,11 @@ __all__ = ["main"]
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     spell_out_standard_streams()
-    arguments = parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    if "" in words:
+        # As a path it would stand for the present folder.
+        parser().error("an argument is empty, as when a variable of the shell is not set")
+    arguments = parser().parse_args(words)
     try:
         with _searches_shown() if arguments.debug else nullcontext():
             return int(arguments.command(arguments))

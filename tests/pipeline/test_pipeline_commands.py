@@ -25,6 +25,13 @@ def test_without_a_command_there_is_help(capsys):
     assert said.err == ""
 
 
+def test_an_empty_argument_does_not_stand_for_the_present_folder(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["live", ""])
+    assert ended.value.code == 2
+    assert "an argument is empty" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("text", "seconds"),
     [

@@ -18,6 +18,7 @@ from allanscope.samples import StreamInfo, Ticks
 from allanscope.wire.stamps import period_of
 
 __all__ = [
+    "ABSENT",
     "HELD",
     "Convert",
     "Meaning",
@@ -36,9 +37,11 @@ HELD = 25
 Values = NDArray[np.float64]
 Convert = Callable[[Values], tuple[NDArray[np.generic], NDArray[np.bool_]]]
 Triple = tuple[float, float, float]
+ABSENT = (math.nan,) * 3
+"""The triple of a sensor that a row does not have."""
 
 _ALONE = 8
-_ABSENT = (math.nan,) * 3
+"""Records of one sensor in a row after which the other is taken to be switched off."""
 
 
 class Row(NamedTuple):
@@ -168,9 +171,9 @@ class Pairing:
             self._without_gyro += 1
         gyro, accel = self._gyro, self._accel
         if gyro is not None and self._without_accel > _ALONE:
-            accel = _ABSENT
+            accel = ABSENT
         elif accel is not None and self._without_gyro > _ALONE:
-            gyro = _ABSENT
+            gyro = ABSENT
         if gyro is None or accel is None:
             return None
         self._gyro = self._accel = None

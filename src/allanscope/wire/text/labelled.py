@@ -23,7 +23,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from allanscope.samples import AXES
-from allanscope.wire.row import Pairing, Triple
+from allanscope.wire.row import ABSENT, Pairing, Triple
 from allanscope.wire.text.columns import column_of
 from allanscope.wire.text.units import DIVISORS, Quantity, unit_of_text
 
@@ -47,7 +47,6 @@ _REMARK = re.compile(r"\([^()]*\)")
 _SENSOR = re.compile(r"\b(?:(acc\w*)|(gyr\w*|angular rate))\b", re.IGNORECASE)
 _WHOLE = re.compile(r"[-+]?\d+")
 _ENOUGH = 12
-_ABSENT = (math.nan,) * 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +211,7 @@ class Spoken:
     def _values(self, line: Labelled) -> tuple[float, ...] | None:
         if len(self.chosen) > 1:
             return self._pairing.take(line.gyro, line.accel)
-        return (*(line.gyro or _ABSENT), *(line.accel or _ABSENT))
+        return (*(line.gyro or ABSENT), *(line.accel or ABSENT))
 
     def begins_like_a_row(self, text: str) -> bool:
         """Return whether a line that says nothing has the label of one that was chosen."""

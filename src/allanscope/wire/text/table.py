@@ -31,12 +31,12 @@ _LATEST_S = 1e12
 _EXACT, _LONGEST_NUMBER = 2.0**53, 1e21
 """Whole numbers between these, nanoseconds since 1970 for instance, lose digits as float64."""
 _WARMTH = (-60.0, 150.0)
-_WRITTEN = re.compile(
+_WRITTEN_TIME = re.compile(
     r"(?:(\d{4})-(\d\d)-(\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d{1,12})?)"
     r"(?:Z|[+-]\d\d(?::?\d\d)?)?"
 )
 _DATE_AND_TIME = re.compile(rb"(\d{4}-\d\d-\d\d) +(?=\d{1,2}:\d\d:)")
-_LONGEST = 48
+_LONGEST_TIME = 48
 _DAY_S = 86_400.0
 
 
@@ -281,7 +281,7 @@ def _fit(columns: Columns, values: NDArray[np.float64]) -> float:
 
 def _is_clock_time(cell: str) -> bool:
     """Return whether a cell is a time of day, with or without a date."""
-    return len(cell) <= _LONGEST and _WRITTEN.fullmatch(cell) is not None
+    return len(cell) <= _LONGEST_TIME and _WRITTEN_TIME.fullmatch(cell) is not None
 
 
 def joined_dates(line: bytes) -> bytes:
@@ -315,7 +315,7 @@ class ClockTimes:
         >>> clock.seconds("23:59:59.5"), clock.seconds("00:00:00.5")
         (86399.5, 86400.5)
         """
-        match = _WRITTEN.fullmatch(cell) if len(cell) <= _LONGEST else None
+        match = _WRITTEN_TIME.fullmatch(cell) if len(cell) <= _LONGEST_TIME else None
         if match is None:
             raise ValueError(f"{cell!r} is no time")
         of_day = 3600.0 * int(match[4]) + 60.0 * int(match[5]) + float(match[6].replace(",", "."))

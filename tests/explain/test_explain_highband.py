@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.series import Series
 from allanscope.explain.view import View
@@ -39,8 +40,8 @@ def test_a_low_pass_above_the_rows_is_found_with_either_order(poles: int, cutoff
     covered = 0
     for seed in range(5):
         (limit,) = seen_above(shape, seed)
-        assert limit.kind == "band_limit"
-        found = limit.parameters["cutoff"]
+        assert isinstance(limit.effect, BandLimit)
+        found = limit.effect.cutoff
         assert found.value == pytest.approx(cutoff, rel=0.1)
         covered += found.lower <= cutoff <= found.upper  # type: ignore[operator]
     assert covered >= 4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import KINDS
+from allanscope.explain.effects.narrowband import Narrowband
+from allanscope.explain.effects.sinusoid import Sinusoid
+from allanscope.explain.effects.unexplained import Unexplained
 from allanscope.explain.gates import judge, owed, penalty_passed
 from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.drop import drop
@@ -41,8 +46,12 @@ def line(frequency: float, amplitude: float) -> Array:
     return np.asarray(amplitude * np.sin(2 * np.pi * frequency * TIME + 0.3))
 
 
+def lines_of(candidates: Iterable[Candidate]) -> list[Sinusoid]:
+    return [c.effect for c in candidates if isinstance(c.effect, Sinusoid)]
+
+
 def best_of(view: View, kind: str) -> Candidate:
-    return max(KINDS[kind].propose(view), key=lambda c: c.gain)
+    return max(KINDS[kind].candidates(view), key=lambda c: c.gain)
 
 
 def test_add_takes_the_best_candidate_and_keeps_the_path() -> None:
@@ -66,7 +75,7 @@ def test_add_refuses_what_gains_less_than_its_penalty() -> None:
 def test_every_effect_before_makes_the_next_dearer() -> None:
     view = view_of(noise(3) + line(7.0, 0.4))
     candidate = best_of(view, "sinusoid")
-    just = replace(candidate, gain=candidate.price + 0.5)
+    just = replace(candidate, gain=candidate.penalty + 0.5)
     assert penalty_passed(view, just, 0.0)
     assert not penalty_passed(view.accept(candidate), just, 0.0)  # ln 2 more
     assert not penalty_passed(view, just, 0.6931)
@@ -93,7 +102,7 @@ def test_refit_moves_an_estimate_when_another_effect_has_been_taken_out() -> Non
     first = view.accept(best_of(view, "sinusoid"))
     both = first.accept(best_of(first, "warm_up"))
     again = refit(both, path)
-    size = next(c for c in again.accepted if c.kind == "sinusoid").number("amplitude")
+    size = next(c.effect.amplitude.value for c in again.accepted if isinstance(c.effect, Sinusoid))
     assert size == pytest.approx(1.0, abs=0.06)  # three standard errors
     assert path.evaluations == 2
     assert again.spectrum.loglik >= both.spectrum.loglik - 1e-6
@@ -105,11 +114,11 @@ def test_drop_removes_what_no_longer_pays_and_it_is_not_taken_again() -> None:
     grown = view.accept(poor)
     grown = grown.accept(best_of(grown, "sinusoid"))
     left = drop(grown, path)
-    assert [round(c.shape[0]) for c in left.accepted] == [11]
+    assert [round(line.frequency.value) for line in lines_of(left.accepted)] == [11]
     assert path.was_dropped(poor, view.grid)
     assert path.steps[-1].move == "drop"
     again = proposals(left, [KINDS["sinusoid"]], path)
-    assert all(round(c.shape[0]) != 7 for c in again)
+    assert all(round(line.frequency.value) != 7 for line in lines_of(again))
 
 
 def test_sidebands_are_folded_into_one_tone() -> None:
@@ -119,9 +128,10 @@ def test_sidebands_are_folded_into_one_tone() -> None:
         view = view.accept(best_of(view, "sinusoid"))
     folded = fold_sidebands(view, path)
     assert [c.kind for c in folded.accepted] == ["unexplained"]
-    low, high = folded.accepted[0].shape
-    assert low < 8.5
-    assert high > 9.5
+    tone = folded.accepted[0].effect
+    assert isinstance(tone, Unexplained)
+    assert tone.frequency_low.value < 8.5
+    assert tone.frequency_high.value > 9.5
     assert path.steps[-1].move == "fold sidebands"
 
 
@@ -135,7 +145,8 @@ def test_three_unrelated_lines_are_not_folded() -> None:
 def test_a_rival_that_gained_as_much_and_now_gains_nothing_is_named() -> None:
     view = view_of(noise(11) + line(7.0, 0.4))
     accepted = best_of(view, "sinusoid")
-    rival = replace(accepted, kind="narrowband", gain=accepted.gain - 1.0)
+    band = Narrowband(Estimate(7.0), Estimate(0.1), Estimate(0.3))
+    rival = replace(accepted, effect=band, gain=accepted.gain - 1.0)
     after = with_rivals(view.accept(accepted), [accepted, rival], [])
     assert after.accepted[-1].equivalent == ("narrowband",)
     stays = with_rivals(view.accept(accepted), [accepted, rival], [rival])
@@ -157,5 +168,5 @@ def test_a_search_ends_where_its_bounds_are_and_says_so() -> None:
 def test_what_is_owed_is_the_penalty_of_all_that_was_added() -> None:
     view = view_of(noise(13) + line(7.0, 0.4))
     candidate = best_of(view, "sinusoid")
-    assert owed(view.accept(candidate), 0) == pytest.approx(candidate.price)
+    assert owed(view.accept(candidate), 0) == pytest.approx(candidate.penalty)
     assert owed(view.accept(candidate), 1) == pytest.approx(np.log(2))

@@ -37,8 +37,8 @@ def _record(values: np.ndarray) -> Record:
 def _proposed(values: np.ndarray) -> float:
     """Return the share of repeats that passes the test, 0 for none."""
     view = _view(series_of(_record(values)), "gx", None)
-    found = [c for c in RepeatedSamples().propose(view) if c.excess > 0]
-    return float(found[0].parameters["fraction"].value) if found else 0.0
+    found = [c for c in RepeatedSamples.candidates(view) if c.excess > 0]
+    return float(found[0].effect.parameters["fraction"].value) if found else 0.0
 
 
 def _rounded(values: np.ndarray, step: float) -> np.ndarray:

@@ -119,7 +119,7 @@ def test_a_loud_stretch_of_which_hardly_any_frequency_is_left_is_not_judged(benc
     view = View(series, series.grid, "gx", series.values[:, 0], LSB)
     for band in ((0.9, 12.0), (12.5, 25.6)):
         view = view.accept(left_over(view, band, 0.0, 0.0, ""))
-    assert list(KINDS["variance_change"].propose(view)) == []
+    assert list(KINDS["variance_change"].candidates(view)) == []
 
 
 # Axes that are one signal

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.base import estimate
-from allanscope.explain.tones import constancy, sidebands, sweeps, unsteadiness
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
+from allanscope.explain.tones import constancy, sweeps, unsteadiness
 
 
 def _noise_and(tone: np.ndarray) -> np.ndarray:
@@ -24,11 +24,7 @@ def test_a_chirp_through_a_broad_band_is_unsteady_and_noise_in_it_is_not():
 
 
 def line(frequency):
-    parameters = {
-        "frequency": estimate(frequency, 1e-5, "Hz"),
-        "amplitude": estimate(1e-3, 1e-4, "dps"),
-    }
-    return Candidate("sinusoid", parameters, gain=100.0, price=20.0)
+    return Sinusoid(Estimate.of(frequency, 1e-5, "Hz"), Estimate.of(1e-3, 1e-4, "dps"))
 
 
 def test_sidebands_are_told_from_the_odd_harmonics_of_a_square_wave():

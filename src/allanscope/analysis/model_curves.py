@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank, Deviation
 from allanscope.analysis.result import ModelCurve
-from allanscope.explain.effect import Effect
 from allanscope.explain.loop import Explanation
 from allanscope.noise.coefficients import Coefficient
-from allanscope.noise.components import Component, Sinusoid, White
+from allanscope.noise.components import Component, White
 from allanscope.noise.model import NoiseModel
 from allanscope.spectrum import Density
 
@@ -122,21 +121,12 @@ def _signal_variances(
     """Return the Allan variance of everything that is no noise, by kind of effect."""
     found: dict[str, Array] = {}
     for effect in loop.axes[axis].effects:
-        if (line := _line(effect)) is not None:
-            found["sinusoid"] = found.get("sinusoid", 0.0) + line.avar(curve.m, dt)
+        if effect.curve is not None:
+            found[effect.kind] = found.get(effect.kind, 0.0) + effect.curve.avar(curve.m, dt)
     for kind, signal in loop.signals.get(axis, {}).items():
-        if kind != "sinusoid":
+        if kind not in found:
             found[kind] = _variance_of(signal, loop.row_s, curve.tau)
     return found
-
-
-def _line(effect: Effect) -> Sinusoid | None:
-    if effect.kind != "sinusoid":
-        return None
-    frequency, amplitude = (effect.parameters[name].value for name in ("frequency", "amplitude"))
-    if isinstance(frequency, str) or isinstance(amplitude, str):
-        return None
-    return Sinusoid(abs(amplitude), frequency)
 
 
 def _variance_of(signal: Array, row_s: float, tau: Array) -> Array:

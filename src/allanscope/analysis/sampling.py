@@ -119,6 +119,6 @@ def _repeated(axes: Mapping[str, AxisAnalysis]) -> float:
         for axis in axes.values()
         if axis.explanation is not None
         for effect in axis.explanation.effects
-        if effect.kind == "repeated_samples" and "fraction" in effect.parameters
+        if effect.repeats_rows
     ]
     return max(found, default=0.0)

@@ -101,13 +101,9 @@ def effect_brief(effect: Effect) -> str:
 
     >>> effect_brief(Effect("step", {"time": Parameter(2999.8, 2999.0, 3000.9, "s")}))
     'step (time 50 min)'
-    >>> effect_brief(Effect("clock_error", {"relative": Parameter(-0.014305)}))
-    'clock 1.43 % slow'
     """
-    if effect.kind == "clock_error" and not isinstance(
-        relative := effect.parameters["relative"].value, str
-    ):
-        return f"clock {number(100.0 * abs(relative))} % {'fast' if relative > 0.0 else 'slow'}"
+    if effect.brief:
+        return effect.brief
     parts = (
         f"{name.replace('_', ' ')} {parameter_text(Parameter(p.value, unit=p.unit), False)}"
         for name, p in effect.parameters.items()

@@ -7,18 +7,15 @@ what the square of the temperature explains as well as a line or a process does 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.unexplained import DRIFT_PRICE, left_over
+from allanscope.explain.effects.unexplained import DRIFT_PRICE, slow_drift
 from allanscope.explain.regression import joint_fit, ordinates_of
 from allanscope.explain.view import View
 
 __all__ = ["bent_by_temperature"]
 
-_MISTAKEN_FOR = ("sinusoid", "narrowband", "gauss_markov")
 _AS_WELL = 0.9
 """Share of the gain: the temperature is known less well than the level."""
 _MOST_OF_IT = 0.99
@@ -28,7 +25,7 @@ _MOST_OF_IT = 0.99
 def bent_by_temperature(view: View, candidate: Candidate) -> Candidate | None:
     """Return what the square of the temperature explains of a candidate; None if it is less."""
     thermal = view.series.thermal
-    if thermal is None or candidate.kind not in _MISTAKEN_FOR or view.drifts:
+    if thermal is None or view.drifts:
         return None
     m = view.grid.low
     square = thermal**2 - np.mean(thermal**2)
@@ -46,10 +43,8 @@ def bent_by_temperature(view: View, candidate: Candidate) -> Candidate | None:
     slope, curvature = bent.amplitude
     drift = slope * thermal + curvature * square
     high = (last + 1.5) * view.grid.rate_hz / (2 * view.grid.n)
-    share = float(np.var(drift) / np.var(view.data))
     words = (
         f"the level follows the temperature in a curve, with {curvature:.3g} {view.unit}/degC^2: "
         "no slope describes it"
     )
-    found = left_over(view, (0.0, high), bent.gain, share, words)
-    return replace(found, signal=drift, price=DRIFT_PRICE)
+    return slow_drift(view, drift, bent.gain, high, words)

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.effect import Parameter
 from allanscope.noise.part import Part
 
-__all__ = ["Candidate", "HeldOut"]
+if TYPE_CHECKING:
+    from allanscope.explain.effects.base import EffectKind
+
+__all__ = ["ALPHA", "Candidate", "HeldOut"]
 
 Array = NDArray[np.float64]
+
+ALPHA = 1e-3
+"""Probability of a false alarm that each kind may spend on one axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,70 +48,64 @@ class Candidate:
 
     Attributes
     ----------
-    kind : str
-        Word of the vocabulary; ``ramp`` is the textbook's R and never reported as an effect.
+    effect : EffectKind
+        What it is, with its numbers; textbook coefficients that compete are never reported.
     gain : float
         Log-likelihood gained with the noise refitted under both hypotheses, in nats.
-    price : float
-        What the search cost: log of (alternatives looked at / false-alarm probability), in nats.
-        A candidate passes when its gain exceeds it.
+    log_alternatives : float
+        Log of the number of alternatives that were looked at, 0 for one.
+    alpha : float
+        Probability of a false alarm among all of them.
+    is_paid : bool
+        Whether there is no penalty: something else paid for the search already.
     signal : ndarray, shape (n,), or None
         Deterministic part, to be subtracted from the data.
     parts : tuple of Part
         Stationary part: processes and filters, to be added to the model.
     excluded : tuple of (low, high)
         Frequencies in Hz that are left out of the fit.
-    shape : tuple of float
-        Numbers from which `EffectKind.refine` starts.
     rivals : mapping
         Log-likelihood gains of other kinds for the same symptom, in nats.
-    log_alternatives : float or None
-        Log of the number of alternatives looked at, where `price` does not tell it: a range without
-        a name has no price of its own.
+    held_out : HeldOut or None
+        What it gained on other data.
+    axes : tuple of str
+        Where the same effect is seen.
+    seen_in : str
+        What showed it where it was not the rows.
     """
 
-    kind: str
-    parameters: Mapping[str, Parameter]
+    effect: EffectKind
     gain: float
-    price: float
+    log_alternatives: float = 0.0
+    alpha: float = ALPHA
+    is_paid: bool = False
     signal: Array | None = field(default=None, repr=False)
     parts: tuple[Part, ...] = ()
     excluded: tuple[tuple[float, float], ...] = ()
-    shape: tuple[float, ...] = ()
-    words: str = ""
-    evidence: Mapping[str, Any] = field(default_factory=dict)
     rivals: Mapping[str, float] = field(default_factory=dict)
     held_out: HeldOut | None = None
     axes: tuple[str, ...] = ()
-    log_alternatives: float | None = None
+    seen_in: str = ""
 
-    def number(self, name: str) -> float:
-        """Return the value of a parameter that is a number."""
-        value = self.parameters[name].value
-        if isinstance(value, str):
-            raise TypeError(f"{name} of {self.kind} is a name")
-        return value
+    @property
+    def kind(self) -> str:
+        """Word of the vocabulary."""
+        return self.effect.kind
+
+    @property
+    def penalty(self) -> float:
+        """What the search cost in nats: a candidate passes when its gain exceeds it."""
+        return 0.0 if self.is_paid else self.log_alternatives - float(np.log(self.alpha))
 
     @property
     def excess(self) -> float:
-        """Gain above the price: what candidates are ranked by."""
-        return self.gain - self.price
-
-    def log_looked_at(self, alpha: float) -> float:
-        """Return the log of the number of alternatives, at the false-alarm rate of the price."""
-        if self.log_alternatives is not None:
-            return self.log_alternatives
-        return self.price + float(np.log(alpha))
+        """Gain above the penalty: what candidates are ranked by."""
+        return self.gain - self.penalty
 
     @property
-    def is_range(self) -> bool:
-        """Whether it is a range of frequencies without a name; a drift is one."""
-        return self.kind == "unexplained" and len(self.shape) == 2
-
-    @property
-    def is_drift(self) -> bool:
-        """Whether it is a slow drift without a name."""
-        return self.is_range and self.shape[0] == 0
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return self.effect.words + (f", seen in the {self.seen_in}" if self.seen_in else "")
 
     @property
     def equivalent(self) -> tuple[str, ...]:

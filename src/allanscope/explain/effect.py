@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 from allanscope.noise.coefficients import Coefficient
+from allanscope.noise.components import Component
 
-__all__ = ["AxisExplanation", "Effect", "Parameter", "ResidualError", "SearchStep"]
+__all__ = ["AxisExplanation", "Effect", "Estimate", "Parameter", "ResidualError", "SearchStep"]
 
-_OF_THE_STREAM = frozenset({"clock_error"})
-"""Kinds that are the same on every axis, and take nothing out of the data of any."""
-
-_OF_THE_STREAM = frozenset({"clock_error"})
-"""Kinds that are the same on every axis, and take nothing out of the data of any."""
+_QUANTILE = 1.96
+"""Half of a 95 % interval of a Gaussian in standard errors."""
+_VAGUE = 5.0
+"""Standard error of a logarithm beyond which its interval grows no more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +26,43 @@ class Parameter:
     lower: float | None = None
     upper: float | None = None
     unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate(Parameter):
+    """A parameter that is a number.
+
+    Examples
+    --------
+    >>> Estimate.of(2.0, 0.5, "s")
+    Estimate(value=2.0, lower=1.02, upper=2.98, unit='s')
+    """
+
+    value: float
+
+    @classmethod
+    def of(cls, value: float, error: float, unit: str = "") -> Self:
+        """Return it with the 95 % interval of a Gaussian estimate."""
+        half = _QUANTILE * error
+        return cls(float(value), float(value - half), float(value + half), unit)
+
+    @classmethod
+    def of_log(cls, value: float, error: float, unit: str = "") -> Self:
+        """Return a positive number with the 95 % interval of an estimate of its logarithm."""
+        factor = math.exp(_QUANTILE * min(error, _VAGUE))
+        return cls(float(value), float(value / factor), float(value * factor), unit)
+
+    @classmethod
+    def exact(cls, value: float, unit: str = "") -> Self:
+        """Return a number that is known without error."""
+        return cls(value, value, value, unit)
+
+    @property
+    def error(self) -> float:
+        """Standard error; NaN where there is no interval."""
+        if self.lower is None or self.upper is None:
+            return math.nan
+        return (self.upper - self.lower) / (2 * _QUANTILE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +82,16 @@ class Effect:
     evidence : mapping
         What convinced: ``words`` (one sentence) and the numbers it speaks of, such as
         ``held_out_nats``, ``p_value``, ``replicated``.
+    of_the_stream : bool
+        Whether it is a property of the stream: one finding, though every axis lists it.
+    located_by : str
+        Parameter that tells two effects of this kind on one axis apart; empty where there is one.
+    brief : str
+        A phrase for a line of its own; empty where its parameters say all.
+    curve : Component or None
+        What has its Allan variance; None where that follows from what it adds to the samples.
+    repeats_rows : bool
+        Whether its ``fraction`` is that of rows which repeat the row before.
     """
 
     kind: str
@@ -51,11 +99,11 @@ class Effect:
     equivalent: tuple[str, ...] = ()
     axes: tuple[str, ...] = ()
     evidence: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def of_the_stream(self) -> bool:
-        """Whether it is a property of the stream: one finding, though every axis lists it."""
-        return self.kind in _OF_THE_STREAM
+    of_the_stream: bool = False
+    located_by: str = ""
+    brief: str = ""
+    curve: Component | None = None
+    repeats_rows: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,6 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Effect, Parameter
-from allanscope.explain.effects import KINDS
-from allanscope.explain.effects.base import ALPHA
 
 __all__ = ["effect_of"]
 
@@ -22,18 +20,21 @@ def effect_of(candidate: Candidate, axis: str) -> Effect | None:
     detection, because only those that noise lifted over it are seen (``detection_selected``). What
     is read off the values, such as their step, has no gain.
     """
-    if KINDS[candidate.kind].is_coefficient:
+    kind = candidate.effect
+    if kind.is_coefficient:
         return None
-    log_p = candidate.log_looked_at(ALPHA) - min(candidate.gain, 700.0)
+    log_p = candidate.log_alternatives - min(candidate.gain, 700.0)
     p_value = float(np.exp(np.clip(log_p, -700.0, 0.0)))
     evidence: dict[str, Any] = {
         "words": _words(candidate),
         "gain_nats": float(candidate.gain) if np.isfinite(candidate.gain) else None,
-        "price_nats": float(candidate.price),
+        "price_nats": float(candidate.penalty),
         "p_value": p_value,
         "detection_selected": bool(0 < candidate.excess < 10.0),
-        **candidate.evidence,
+        **kind.evidence,
     }
+    if candidate.seen_in:
+        evidence["seen_in"] = candidate.seen_in
     held = candidate.held_out
     if held is not None:
         evidence |= {
@@ -45,10 +46,15 @@ def effect_of(candidate: Candidate, axis: str) -> Effect | None:
     evidence["replicated"] = "not replicated" if replicated is None else replicated
     return Effect(
         kind=candidate.kind,
-        parameters={name: _plain(p) for name, p in candidate.parameters.items()},
+        parameters={name: _plain(p) for name, p in kind.parameters.items()},
         equivalent=candidate.equivalent,
         axes=candidate.axes or (axis,),
         evidence=evidence,
+        of_the_stream=kind.of_the_stream,
+        located_by=kind.located_by,
+        brief=kind.brief,
+        curve=kind.curve,
+        repeats_rows=kind.repeats_rows,
     )
 
 

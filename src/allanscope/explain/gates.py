@@ -15,7 +15,6 @@ import numpy as np
 
 from allanscope.explain.adequacy import adequate
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.unexplained import covered, is_remnant
 from allanscope.explain.view import View
 
@@ -26,7 +25,7 @@ _RECURRING, _SMALL = 0.25, 30.0
 
 def penalty_passed(view: View, candidate: Candidate, spent: float) -> bool:
     """Tell whether a candidate gains more than its search and those before it cost."""
-    accepted = [c for c in view.accepted if not KINDS[c.kind].is_coefficient]
+    accepted = [c for c in view.accepted if not c.effect.is_coefficient]
     return bool(candidate.excess > spent + len(accepted) * np.log(2))
 
 
@@ -42,9 +41,8 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
         return None, "adequacy: that range is known already"
     if is_remnant(view, verdict):
         return None, "adequacy: the end of a loud tone"
-    held = KINDS[verdict.kind].hold_out(view, verdict)
-    is_process = KINDS[verdict.kind].is_process
-    recurring = _RECURRING * (verdict.gain - _SMALL) if is_process else 0.0
+    held = verdict.effect.hold_out(view, verdict)
+    recurring = _RECURRING * (verdict.gain - _SMALL) if verdict.effect.is_process else 0.0
     if held is not None and held.nats <= max(0.0, recurring):
         return None, f"held out: {held.nats:.1f} nats on other data"
     if held is not None and _is_refuted(verdict, held):
@@ -59,7 +57,7 @@ def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:
         if all(candidate is not c for c in members):
             judged.append(candidate)
             continue
-        held = KINDS[candidate.kind].hold_out(view.without(candidate), candidate)
+        held = candidate.effect.hold_out(view.without(candidate), candidate)
         if held is not None and (held.nats <= 0 or _is_refuted(candidate, held)):
             return None
         judged.append(replace(candidate, held_out=held))
@@ -68,8 +66,8 @@ def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:
 
 def owed(view: View, first: int) -> float:
     """Return the penalty of everything accepted after the first so many effects."""
-    return float(sum(c.price for c in view.accepted[first:]) + first * np.log(2))
+    return float(sum(c.penalty for c in view.accepted[first:]) + first * np.log(2))
 
 
 def _is_refuted(candidate: Candidate, held: HeldOut) -> bool:
-    return KINDS[candidate.kind].must_replicate and held.replicated is False
+    return candidate.effect.must_replicate and held.replicated is False

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects import KINDS
 from allanscope.explain.series import Series, series_of
 from allanscope.explain.view import View
 from allanscope.history import Record
@@ -76,7 +75,8 @@ def known_of(view: View) -> Known:
 
     The ramp is left to that fit: R is a coefficient.
     """
-    signals = [c.signal for c in view.accepted if c.signal is not None and c.kind != "ramp"]
+    effects = [c for c in view.accepted if not c.effect.is_coefficient]
+    signals = [c.signal for c in effects if c.signal is not None]
     signal = view.series.at_record(np.sum(signals, axis=0)) if signals else None
     return Known(view.parts, signal, view.excluded)
 
@@ -134,7 +134,7 @@ def _prolonged(held: HeldEffects, series: Series, axis: str) -> View:
     known = [_moved(c, ratio, late, len(series)) for c in held.accepted[axis]]
     # Processes first: a signal is estimated beside the noise that the others leave.
     for candidate in sorted(known, key=lambda c: c.signal is not None):
-        view = view.accept(KINDS[candidate.kind].prolong(view, candidate))
+        view = view.accept(candidate.effect.prolong(view, candidate))
     return view
 
 

@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, estimate, log_interval
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.band_limit import BandLimit
+from allanscope.explain.effects.narrowband import Narrowband
+from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.view import View
 from allanscope.noise.filters import Butterworth, OnePole
 from allanscope.spectrum.density import Density
 
 __all__ = ["above_the_rows"]
+
+_SEEN_IN = "streaming spectrum"
 
 Array = NDArray[np.float64]
 
@@ -108,31 +112,24 @@ def above_the_rows(view: View, density: Density) -> View:
 
 def _unfolded(view: View, seen: Candidate, tone: Candidate) -> Candidate | None:
     """Return a line of the rows at the frequency of which it is the alias, if the tone has it."""
-    if seen.kind != "sinusoid" or tone.kind != "sinusoid":
+    line, near = seen.effect, tone.effect
+    if not isinstance(line, Sinusoid) or not isinstance(near, Sinusoid):
         return None
-    at, size = seen.parameters["frequency"], seen.parameters["amplitude"]
-    band = tone.parameters["frequency"]
-    assert isinstance(at.value, float)
-    assert isinstance(size.value, float)
+    at, size, band = line.frequency, line.amplitude, near.frequency
     row_hz, stride = view.series.rate_hz, view.series.stride
     for fold in range(1, stride // 2 + 1):
         for sign in (-1, 1):
             f = fold * row_hz + sign * at.value
-            if not band.lower <= f <= band.upper:  # type: ignore[operator]
+            if abs(f - band.value) > 1.96 * band.error:
                 continue
             x = np.pi * f / (row_hz * stride)
             passed = float(abs(np.sin(stride * x) / (stride * np.sin(x))))
-            half = (at.upper - at.lower) / 2  # type: ignore[operator]
-            spread = (size.upper - size.lower) / 2 / passed  # type: ignore[operator]
-            value = size.value / passed
-            return replace(
-                seen,
-                parameters={
-                    "frequency": Parameter(f, f - half, f + half, "Hz"),
-                    "amplitude": Parameter(value, value - spread, value + spread, size.unit),
-                },
-                words=f"a line at {f:.6g} Hz, seen in the rows at its alias {at.value:.4g} Hz",
+            found = replace(
+                line,
+                frequency=Estimate.of(f, at.error, "Hz"),
+                amplitude=Estimate.of(size.value / passed, size.error / passed, size.unit),
             )
+            return replace(seen, effect=found, seen_in=f"rows at its alias {at.value:.4g} Hz")
     return None
 
 
@@ -149,19 +146,11 @@ def _baseline(view: View, bands: _Bands) -> tuple[Array, Candidate | None]:
         quiet = (power / filtered - 1) * np.sqrt(bands.averages) < _NEXT_Z
     use = weight * quiet
     gain = _deviance(use, power, flat) - _deviance(use, power, filtered)
-    price = float(np.log(30 / ALPHA))
-    if gain < price or view.has("band_limit"):
-        return (flat if gain < price else filtered), None
-    return filtered, Candidate(
-        kind="band_limit",
-        parameters={
-            "cutoff": log_interval(found.cutoff, _error_of_cutoff(bands, use, found), "Hz")
-        },
-        gain=gain,
-        price=price,
-        words=f"the top of the band is cut above {found.cutoff:.3g} Hz",
-        evidence={"seen_in": "streaming spectrum"},
-    )
+    cutoff = Estimate.of_log(found.cutoff, _error_of_cutoff(bands, use, found), "Hz")
+    limit = Candidate(BandLimit(cutoff), gain, float(np.log(30)), seen_in=_SEEN_IN)
+    if limit.excess < 0:
+        return flat, None
+    return filtered, None if view.has(BandLimit.kind) else limit
 
 
 def _filter(bands: _Bands, use: Array) -> _Filter:
@@ -224,34 +213,13 @@ def _tone(view: View, bands: _Bands, excess: Array, z: Array, inside: slice) -> 
     error = float(np.sqrt(np.sum((np.abs(excess[inside]) * width[inside]) ** 2 / averages[inside])))
     centre = float(np.average(f[inside], weights=np.maximum(excess[inside], 0) * width[inside]))
     half = float(np.sum(width[inside])) / 2
-    where = Parameter(centre, centre - half, centre + half, "Hz")
-    gain = float(np.max(z[inside]) ** 2 / 2)
-    price = float(np.log(len(z) / ALPHA))
-    evidence = {"seen_in": "streaming spectrum"}
+    where = Estimate(centre, centre - half, centre + half, "Hz")
+    gain, looked_at = float(np.max(z[inside]) ** 2 / 2), float(np.log(len(z)))
     if inside.stop - inside.start <= _NARROW:
         amplitude = np.sqrt(2 * power)
-        return Candidate(
-            kind="sinusoid",
-            parameters={
-                "frequency": where,
-                "amplitude": estimate(amplitude, error / amplitude, view.unit),
-            },
-            gain=gain,
-            price=price,
-            rivals={"narrowband": gain},
-            words=f"a line near {centre:.4g} Hz, as narrow as the streaming spectrum can tell",
-            evidence=evidence,
-        )
-    sigma = np.sqrt(power)
-    return Candidate(
-        kind="narrowband",
-        parameters={
-            "frequency": where,
-            "bandwidth": Parameter(half, half / 2, 2 * half, "Hz"),
-            "sigma": estimate(sigma, error / (2 * sigma), view.unit),
-        },
-        gain=gain,
-        price=price,
-        words=f"noise in a band around {centre:.4g} Hz",
-        evidence=evidence,
-    )
+        line = Sinusoid(where, Estimate.of(amplitude, error / amplitude, view.unit))
+        rivals = {Narrowband.kind: gain}
+        return Candidate(line, gain, looked_at, rivals=rivals, seen_in=_SEEN_IN)
+    sigma = Estimate.of(np.sqrt(power), error / (2 * np.sqrt(power)), view.unit)
+    band = Narrowband(where, Estimate(half, half / 2, 2 * half, "Hz"), sigma)
+    return Candidate(band, gain, looked_at, seen_in=_SEEN_IN)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects import KINDS
 from allanscope.explain.regression import joint_fit, marginal_covariance
 from allanscope.explain.view import View
 
@@ -32,7 +31,7 @@ def refit_jointly(view: View) -> View:
 
     A view with fewer than two of them is returned as it is.
     """
-    members = [c for c in view.accepted if KINDS[c.kind].columns(view, c) is not None]
+    members = [c for c in view.accepted if c.effect.columns(view) is not None]
     if len(members) < 2:
         return view
     bare = view.without(*members)
@@ -50,7 +49,7 @@ def refit_jointly(view: View) -> View:
 
 
 def _columns(view: View, candidate: Candidate) -> Array:
-    columns = KINDS[candidate.kind].columns(view, candidate)
+    columns = candidate.effect.columns(view)
     assert columns is not None
     return columns
 
@@ -64,16 +63,15 @@ def _solved(bare: View, members: list[Candidate]) -> list[Candidate]:
     found = []
     for candidate, part, end in zip(members, parts, ends, strict=True):
         own = slice(int(end) - len(part), int(end))
-        kind = KINDS[candidate.kind]
-        found.append(kind.solved(bare, candidate, fit.amplitude[own], covariance[own, own]))
+        amplitude, error = fit.amplitude[own], covariance[own, own]
+        found.append(candidate.effect.solved(bare, candidate, amplitude, error))
     return found
 
 
 def _moved(before: list[Candidate], after: list[Candidate]) -> float:
     """Return the largest relative change of what the regression is not linear in."""
-    pairs = zip(before, after, strict=True)
-    return max((abs(b.shape[0] / a.shape[0] - 1) for a, b in pairs if a.kind == "warm_up"),
-               default=0.0)  # fmt: skip
+    times = [[c.effect.relaxation_s for c in members] for members in (before, after)]
+    return max((abs(b / a - 1) for a, b in zip(*times, strict=True) if a and b), default=0.0)
 
 
 def _with_gains(bare: View, members: list[Candidate]) -> list[Candidate]:

@@ -28,8 +28,6 @@ from allanscope.spectrum.density import Density
 
 __all__ = ["Finding", "LiveLoop"]
 
-_PLACES = ("frequency", "time", "source", "frequency_low", "start")
-"""Parameters that tell two effects of one kind apart."""
 _WIDTHS = 3.0
 """Half-widths of both intervals within which two estimates speak of one place."""
 _COARSE = 0.02
@@ -166,12 +164,9 @@ def _length_s(record: Record) -> float:
 
 def _same(first: Effect, second: Effect) -> bool:
     """Tell whether two looks speak of one effect: same kind, in the same place."""
-    if first.kind != second.kind:
-        return False
-    name = next((n for n in _PLACES if n in first.parameters and n in second.parameters), None)
-    if name is None:
-        return True
-    a, b = first.parameters[name], second.parameters[name]
+    if first.kind != second.kind or not first.located_by:
+        return first.kind == second.kind
+    a, b = first.parameters[first.located_by], second.parameters[first.located_by]
     if isinstance(a.value, str) or isinstance(b.value, str):
         return a.value == b.value
     room = _WIDTHS * (_half_width(a) + _half_width(b))

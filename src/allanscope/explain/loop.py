@@ -16,6 +16,7 @@ from allanscope.allan.deviation import Deviation
 from allanscope.clock.rate import RateFit
 from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
 from allanscope.explain.effects.clock_error import clock_error_of
+from allanscope.explain.effects.ramp import Ramp
 from allanscope.explain.error import error_of
 from allanscope.explain.evidence import effect_of
 from allanscope.explain.failure import failed
@@ -252,13 +253,14 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
     after = _fit(record, axis, density, known_of(view))
     before_model = before.model if before else textbook.spectrum.model
     after_model = after.model if after else view.spectrum.model
-    if view.has("ramp"):  # it has been subtracted
-        after_model = after_model.without("R")
+    for c in view.accepted:
+        if c.effect.is_coefficient and c.signal is not None:  # it has been subtracted
+            after_model = after_model.without(*c.effect.parameters)
     effects = tuple(e for c in view.accepted if (e := effect_of(c, axis)) is not None)
     error_before = error_of(replace(textbook, data=bare.data), before_model)
     error_after = error_of(view, after_model)
     held = [c.held_out for c in view.accepted if c.held_out is not None]
-    clean = all(effect.kind != "unexplained" for effect in effects)
+    clean = all(c.effect.is_named for c in view.accepted)
     explained = clean and not error_after.p_value < _ACCEPTED_P and not view.stopped
     explanation = AxisExplanation(
         effects=effects,
@@ -287,10 +289,8 @@ def _fit(record: Record, axis: str, density: Density | None, known: Known) -> No
 
 def _textbook(view: View) -> View:
     """Fit Q, N, B, K and, where it is significant, R: what everyone fits, to all there is."""
-    from allanscope.explain.effects import KINDS
-
     view = replace(view, base=(*view.base, AngleQuantization(1.0)))
-    for ramp in KINDS["ramp"].propose(view):
+    for ramp in Ramp.candidates(view):
         if ramp.excess > 0:
             view = view.accept(ramp)
     return view

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects import KINDS
 from allanscope.explain.view import View
 
 __all__ = ["merged"]
@@ -31,9 +30,9 @@ def merged(views: Mapping[str, View]) -> dict[str, View]:
 
 
 def _with_axes(candidate: Candidate, axis: str, views: Mapping[str, View]) -> Candidate:
-    if not KINDS[candidate.kind].is_shared:
+    key = candidate.effect.shared_by
+    if not key:
         return candidate
-    key = KINDS[candidate.kind].located_by
     axes = tuple(
         other
         for other, view in views.items()
@@ -47,7 +46,7 @@ def _with_axes(candidate: Candidate, axis: str, views: Mapping[str, View]) -> Ca
 
 
 def _same(first: Candidate, second: Candidate, key: str) -> bool:
-    a, b = first.parameters[key], second.parameters[key]
+    a, b = first.effect.parameters[key], second.effect.parameters[key]
     (a_low, a_high), (b_low, b_high) = _limits(a), _limits(b)
     return a_low <= b_high and b_low <= a_high
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import SearchStep
-from allanscope.explain.effects import KINDS
 from allanscope.noise.grid import Grid
 
 __all__ = ["SearchPath"]
@@ -69,7 +68,7 @@ class SearchPath:
                 candidate.kind,
                 candidate.words,
                 float(candidate.gain),
-                float(candidate.price),
+                float(candidate.penalty),
                 outcome,
             )
         )
@@ -88,6 +87,6 @@ class SearchPath:
     def was_dropped(self, candidate: Candidate, grid: Grid) -> bool:
         """Tell whether this hypothesis was taken before and dropped."""
         return any(
-            candidate.kind == former.kind and KINDS[former.kind].is_same(candidate, former, grid)
+            candidate.kind == former.kind and candidate.effect.is_same(former.effect, grid)
             for former in self._dropped
         )

@@ -14,8 +14,6 @@ the noise beside the process is scaled by the power of its part at all other fre
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
@@ -26,7 +24,7 @@ from allanscope.explain.view import View
 from allanscope.noise.components import Component, White
 from allanscope.noise.filters import made_white_share
 
-__all__ = ["UNSTEADY", "as_band", "unsteadiness_of"]
+__all__ = ["UNSTEADY", "reach_of", "unsteadiness_of"]
 
 Array = NDArray[np.float64]
 
@@ -47,7 +45,7 @@ _COUNTS = 0.25
 """Process over the noise beside it from which a frequency counts, if it comes so far."""
 
 
-def _reach_of(view: View, candidate: Candidate) -> tuple[float, float]:
+def reach_of(view: View, candidate: Candidate) -> tuple[float, float]:
     """Return the lowest and the highest frequency where a process counts in the spectrum.
 
     A filter counts everywhere but where the level drifts.
@@ -63,14 +61,8 @@ def _reach_of(view: View, candidate: Candidate) -> tuple[float, float]:
 
 def unsteadiness_of(view: View, candidate: Candidate) -> float:
     """Return by how many sigma a process comes and goes more than a stationary one does."""
-    low, high = _reach_of(view, candidate)
+    low, high = reach_of(view, candidate)
     return max((_unsteadiness(view, candidate, low, high, parts) for parts in _PARTS), default=0.0)
-
-
-def as_band(view: View, candidate: Candidate) -> Candidate:
-    """Return a process as the band that it covers, for what cuts bands out."""
-    _, high = _reach_of(view, candidate)
-    return replace(candidate, kind="narrowband", shape=(high / 2, high / 2))
 
 
 def _shares(view: View, candidate: Candidate, f: Array) -> tuple[Array, Array]:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, polygamma
 from scipy.stats import chi2, spearmanr
 
-from allanscope.explain.candidate import Candidate
 from allanscope.explain.demodulation import demodulate
-from allanscope.explain.effect import Parameter
 from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.view import View
 
@@ -19,7 +15,6 @@ __all__ = [
     "constancy",
     "evenness",
     "local_level",
-    "sidebands",
     "sweeps",
     "unsteadiness",
 ]
@@ -34,10 +29,6 @@ _IN_ORDER = 0.85
 _CELLS = 12
 _REACH = 2.5
 """Half of the range around a band that is looked at, in bandwidths."""
-_AGREE = 5.0
-"""Standard errors within which sidebands count as equal, and as equally far from the carrier."""
-_ASIDE = 0.25
-"""Farthest sideband, as a share of the carrier: beyond, lines are harmonics or strangers."""
 
 
 def local_level(view: View, frequency: float, ordinates: int = 400) -> float:
@@ -157,57 +148,3 @@ def evenness(data: Array, rate: float, frequency: float, bandwidth: float) -> fl
     power = np.abs(demodulate(data, rate, frequency, parts)) ** 2
     ratio = float(np.mean(power**2) / np.mean(power) ** 2)
     return (2 - ratio) * float(np.sqrt(np.pi * bandwidth * duration)) / 2
-
-
-def sidebands(lines: list[Candidate]) -> tuple[Candidate, ...]:
-    """Return a carrier with two equal lines at equal distances beside it, if there is one.
-
-    A tone whose amplitude or phase is modulated steadily is exactly three (or more) constant lines.
-    Three names for one thing would be three wrong names. Where a swinging frequency leaves nothing
-    at the carrier itself, two such pairs about one centre show it.
-    """
-    ordered = sorted(lines, key=lambda line: line.number("frequency"))
-    for low, carrier, high in combinations(ordered, 3):
-        f = [line.number("frequency") for line in (low, carrier, high)]
-        errors = [_error(line.parameters["frequency"]) for line in (low, carrier, high)]
-        uneven = abs(f[0] + f[2] - 2 * f[1])
-        if f[2] - f[1] > _ASIDE * f[1] or uneven > 2 * _AGREE * float(np.linalg.norm(errors)):
-            continue
-        if _is_of_a_wave(ordered, (f[2] - f[0]) / 2, float(np.linalg.norm(errors))):
-            continue
-        if _are_equal(low, high):
-            return low, carrier, high
-    return _without_carrier(ordered)
-
-
-def _without_carrier(ordered: list[Candidate]) -> tuple[Candidate, ...]:
-    """Return two pairs of equal lines about one centre, if there are such."""
-    for family in combinations(ordered, 4):
-        f = [line.number("frequency") for line in family]
-        error = float(np.linalg.norm([_error(line.parameters["frequency"]) for line in family]))
-        if f[3] - f[0] > _ASIDE * f[0] or abs(f[0] + f[3] - f[1] - f[2]) > _AGREE * error:
-            continue
-        if any(_is_of_a_wave(ordered, apart, error) for apart in (f[1] - f[0], f[2] - f[1])):
-            continue
-        if _are_equal(family[0], family[3]) and _are_equal(family[1], family[2]):
-            return family
-    return ()
-
-
-def _are_equal(first: Candidate, second: Candidate) -> bool:
-    """Tell whether two lines have the same size."""
-    spread = [_error(line.parameters["amplitude"]) for line in (first, second)]
-    apart = first.number("amplitude") - second.number("amplitude")
-    return bool(abs(apart) < _AGREE * float(np.linalg.norm(spread)))
-
-
-def _is_of_a_wave(lines: list[Candidate], apart: float, error: float) -> bool:
-    """Tell whether lines so far apart are harmonics, all or the odd ones, of a line there is."""
-    found = [line.number("frequency") for line in lines]
-    return any(abs(f - wave) < _AGREE * error for f in found for wave in (apart, apart / 2))
-
-
-def _error(parameter: Parameter) -> float:
-    assert parameter.lower is not None
-    assert parameter.upper is not None
-    return (parameter.upper - parameter.lower) / (2 * 1.96)

@@ -225,7 +225,7 @@ class View:
     @property
     def drifts(self) -> bool:
         """Whether a slow drift without a name has been accepted."""
-        return any(c.is_drift for c in self.accepted)
+        return any(c.effect.is_unnamed_drift for c in self.accepted)
 
     def has(self, kind: str) -> bool:
         """Tell whether an effect of this kind has been accepted."""

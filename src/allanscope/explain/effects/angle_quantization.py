@@ -7,22 +7,22 @@ fitted Q usually is vibration or a filter in disguise, which is why it must win 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from allanscope.explain.adequacy import lasting
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects.base import ALPHA, EffectKind
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectrum import fit_spectrum
 from allanscope.explain.view import View
 from allanscope.noise.components import AngleQuantization as Differenced
 from allanscope.noise.selection import Q_PENALTY
 
-Array = NDArray[np.float64]
 
-
+@dataclass(frozen=True)
 class AngleQuantization(EffectKind):
     """Differenced white noise."""
 
@@ -30,23 +30,27 @@ class AngleQuantization(EffectKind):
     meaning = "noise that was differenced (Q)"
     is_process = True
     is_coefficient = True
+    is_single = True
+    excluded_by = frozenset({"band_limit", "repeated_samples"})
     confused_with: ClassVar[Mapping[str, str]] = {
         "band_limit": "a filter takes away at the top, Q adds"
     }
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Fit its size."""
-        if view.has(self.kind) or view.has("band_limit") or view.has("repeated_samples"):
-            return
         model = view.model.plus(Differenced(1.0))
         fit = fit_spectrum(view.grid, view.power, model, excluded=view.excluded)
         yield Candidate(
-            kind=self.kind,
-            parameters={},
-            gain=fit.loglik - view.spectrum.loglik,
-            price=Q_PENALTY,
+            cls(),
+            fit.loglik - view.spectrum.loglik,
+            Q_PENALTY + float(np.log(ALPHA)),
             parts=(Differenced(1.0),),
         )
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Tell whether it removes its part of the residual."""
+        return lasting(view, candidate)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""

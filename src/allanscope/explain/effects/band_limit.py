@@ -19,11 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effect import Parameter
+from allanscope.explain.adequacy import removes
+from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
+from allanscope.explain.effect import Estimate
 from allanscope.explain.effects.base import EffectKind, errors_of
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
+from allanscope.explain.steadiness import UNSTEADY, unsteadiness_of
 from allanscope.explain.view import View
 from allanscope.noise.filters import AnalogueLowPass, Butterworth, LowPass, OnePole
 from allanscope.noise.selection import LOW_PASS_PENALTY
@@ -66,26 +68,46 @@ _FAMILIES = (
 )
 
 
+@dataclass(frozen=True)
 class BandLimit(EffectKind):
     """A low-pass filter."""
 
+    cutoff: Estimate
+    order: float | None = None
+    response: str | None = None
+
     kind = "band_limit"
     meaning = "a low-pass cuts the white noise"
+    is_single = True
     is_process = True
+    excluded_by = frozenset({"Q"})
     confused_with: ClassVar[Mapping[str, str]] = {
         "repeated_samples": "rows that repeat are counted, and the deficit has another shape",
         "gauss_markov": "leaves the top of the band flat",
     }
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return f"the top of the band is cut above {self.cutoff.value:.3g} Hz"
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Fit the family from several cutoffs, if the top of the band lacks power at all."""
-        if view.has(self.kind) or view.has("Q"):
-            return []
         return [_best(view, [c * view.grid.rate_hz for c in _CUTOFFS])]
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    def refine(self, view: View) -> Candidate:
         """Estimate the cutoff again."""
-        return _best(view, [candidate.shape[0]])
+        return _best(view, [self.cutoff.value])
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Tell whether it removes its part of the residual and is there all along.
+
+        What comes and goes more than a filter may is what a tone in it bends.
+        """
+        if removes(view, candidate) and unsteadiness_of(view, candidate) <= 2 * UNSTEADY:
+            return candidate
+        return None
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""
@@ -120,16 +142,14 @@ def _candidate(view: View, low_pass: LowPass) -> Candidate:
     fit = _fit(view, low_pass)
     cutoff, *order = low_pass.values
     factor = float(np.exp(1.96 * _error(view, low_pass, fit.loglik)))
-    return Candidate(
-        kind="band_limit",
-        parameters={"cutoff": Parameter(cutoff, cutoff / factor, cutoff * factor, "Hz")},
-        gain=fit.loglik - view.spectrum.loglik,
-        price=LOW_PASS_PENALTY,
-        parts=(low_pass,),
-        shape=low_pass.values,
-        words=f"the top of the band is cut above {cutoff:.3g} Hz",
-        evidence={"order": order[0] if order else 1.0, "response": type(low_pass).__name__},
+    effect = BandLimit(
+        Estimate(cutoff, cutoff / factor, cutoff * factor, "Hz"),
+        order[0] if order else 1.0,
+        type(low_pass).__name__,
     )
+    gain = fit.loglik - view.spectrum.loglik
+    looked_at = LOW_PASS_PENALTY + float(np.log(ALPHA))
+    return Candidate(effect, gain, looked_at, parts=(low_pass,))
 
 
 def _error(view: View, low_pass: LowPass, top: float) -> float:

@@ -1,4 +1,4 @@
-"""What an effect is to the loop: declared facts, and how it proposes itself.
+"""What an effect is to the loop: declared facts, numbers, and how it proposes itself.
 
 To add a kind, add a file to this folder with one subclass of `EffectKind`; it registers itself.
 """
@@ -7,45 +7,39 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from typing import ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effect import Parameter
+from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
+from allanscope.explain.effect import Estimate, Parameter
+from allanscope.explain.heldout import interleaved
+from allanscope.explain.regression import joint_fit, marginal_covariance
 from allanscope.explain.view import View
+from allanscope.noise.components import Component
 from allanscope.noise.grid import Grid
 
-__all__ = [
-    "ALPHA",
-    "KINDS",
-    "EffectKind",
-    "errors_of",
-    "estimate",
-    "is_near",
-    "is_of_one_scale",
-    "log_interval",
-    "rescaled",
-]
+__all__ = ["ALPHA", "KINDS", "EffectKind", "SizedSignal", "errors_of", "is_alike"]
 
 Array = NDArray[np.float64]
-
-ALPHA = 1e-3
-"""Probability of a false alarm that each kind may spend on one axis."""
 
 _ALIKE = 1.5
 """Ratio up to which two time constants are the same."""
 _SINGULAR = 1e-6
 """Least eigenvalue of a correlation matrix that is not rounding."""
 
-KINDS: dict[str, EffectKind] = {}
+KINDS: dict[str, type[EffectKind]] = {}
 """Every kind by name, in the order in which the files of the folder are read."""
 
 
+@dataclass(frozen=True)
 class EffectKind(ABC):
-    """One kind of effect.
+    """One kind of effect; an instance is one effect of that kind, with its numbers.
+
+    A subclass is a frozen dataclass. Its fields that are `Parameter` are reported as the parameters
+    of the effect, all others as evidence. The class declares what the loop asks of a kind.
 
     Attributes
     ----------
@@ -64,9 +58,15 @@ class EffectKind(ABC):
     excluded_by : frozenset of str
         Kinds beside which it is not looked for.
     located_by : str
-        Parameter that tells two effects of this kind apart; empty where there can be one.
-    is_shared : bool
-        Whether the same on several axes is one physical effect.
+        Parameter that tells two effects of this kind on one axis apart; empty where there can be
+        one.
+    shared_by : str
+        Parameter in which several axes agree where one physical effect is seen on all of them;
+        empty where every axis has its own.
+    is_single : bool
+        Whether an axis has it once at most.
+    is_named : bool
+        Whether it says what it is, so that an axis that has it may be explained.
     is_process : bool
         Whether it is a part of the spectrum: it must recur in both halves of the record.
     is_slow : bool
@@ -78,6 +78,19 @@ class EffectKind(ABC):
     is_coefficient : bool
         Whether it is one of the textbook's coefficients, which take part in the competition and are
         no effects.
+    is_rival : bool
+        Whether it may be named as what an effect could be instead.
+    is_fitted : bool
+        Whether its numbers maximise a likelihood, as those of every process do: each must then have
+        an interval.
+    resembles_bend : bool
+        Whether a level that follows the temperature in a curve may look like it.
+    is_not_gaussian : bool
+        Whether beside it the innovations are not a Gaussian's.
+    of_the_stream : bool
+        Whether it is the same on every axis, and takes nothing out of the data of any.
+    repeats_rows : bool
+        Whether its ``fraction`` is that of rows which repeat the row before.
     must_replicate : bool
         Whether the quarters of a record must agree on it.
     """
@@ -89,30 +102,111 @@ class EffectKind(ABC):
     confused_with: ClassVar[Mapping[str, str]] = {}
     excluded_by: ClassVar[frozenset[str]] = frozenset()
     located_by: ClassVar[str] = ""
-    is_shared: ClassVar[bool] = False
+    shared_by: ClassVar[str] = ""
+    is_single: ClassVar[bool] = False
+    is_named: ClassVar[bool] = True
     is_process: ClassVar[bool] = False
     is_slow: ClassVar[bool] = False
     is_drift: ClassVar[bool] = False
     is_piecewise: ClassVar[bool] = False
     is_thermal: ClassVar[bool] = False
     is_coefficient: ClassVar[bool] = False
+    is_rival: ClassVar[bool] = True
+    is_fitted: ClassVar[bool] = False
+    resembles_bend: ClassVar[bool] = False
+    is_not_gaussian: ClassVar[bool] = False
+    of_the_stream: ClassVar[bool] = False
+    repeats_rows: ClassVar[bool] = False
     must_replicate: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        KINDS[cls.kind] = cls()
+        if "kind" in cls.__dict__:
+            KINDS[cls.kind] = cls
 
+    @classmethod
     @abstractmethod
-    def propose(self, view: View) -> Iterable[Candidate]:
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Return candidates that would explain part of the residual, the noise refitted."""
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    @classmethod
+    def candidates(cls, view: View) -> list[Candidate]:
+        """Return what it proposes; nothing where what is known already leaves it no place."""
+        taken = cls.is_single and view.has(cls.kind)
+        if taken or (cls.is_drift and view.drifts) or any(map(view.has, cls.excluded_by)):
+            return []
+        return list(cls.propose(view))
+
+    @classmethod
+    def available(cls, view: View) -> bool:
+        """Tell whether the record has what this kind needs."""
+        has = {
+            "samples": view.series.stride == 1,
+            "temperature": view.series.thermal is not None,
+            "axes": len(view.series.axes) > 1,
+            "clock": view.clock is not None,
+        }
+        return all(has[need] for need in cls.needs)
+
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return self.meaning
+
+    @property
+    def brief(self) -> str:
+        """A phrase for a line of its own; empty where the parameters say all."""
+        return ""
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Name to value of what is reported of it."""
+        return {n: v for n, v in self._fields().items() if isinstance(v, Parameter)}
+
+    @property
+    def evidence(self) -> dict[str, Any]:
+        """What else it knows of itself."""
+        return {
+            n: v
+            for n, v in self._fields().items()
+            if not isinstance(v, Parameter) and v is not None
+        }
+
+    def _fields(self) -> dict[str, Any]:
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+    @property
+    def curve(self) -> Component | None:
+        """The component that has its Allan variance; None where that follows from its signal."""
+        return None
+
+    @property
+    def is_unnamed_drift(self) -> bool:
+        """Whether it is a slow drift without a name."""
+        return False
+
+    @property
+    def relaxation_s(self) -> float | None:
+        """Time constant of a relaxation, None for anything else."""
+        return None
+
+    def waves(self, view: View) -> float:
+        """Return how many waves of it the record holds: without end for what is no wave."""
+        del view
+        return float("inf")
+
+    def from_end_s(self, view: View) -> float | None:
+        """Return how far from an end of the record it changes the level; None where it does not."""
+        del view
+        return None
+
+    def refine(self, view: View) -> Candidate | None:
         """Estimate an accepted effect again, given everything else that was accepted.
 
-        `view` is without this effect. The default keeps it as it is.
+        `view` is without this effect. None leaves it as it is.
         """
         del view
-        return candidate
+        return None
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Return an accepted effect on a record that has grown since, not searched for again.
@@ -123,18 +217,33 @@ class EffectKind(ABC):
         del view
         return candidate
 
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Return the candidate if it is what its name says, `unexplained` in its place, or None."""
+        del view
+        return candidate
+
+    def is_resolved(self, view: View) -> bool:
+        """Tell whether the record can tell it from what was accepted already."""
+        del view
+        return True
+
+    def holds(self, other: EffectKind) -> bool:
+        """Tell whether another effect, if it is there, may be all that there is to this one."""
+        del other
+        return False
+
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the candidate on data that was not used to fit it; None where nothing can be."""
         del view, candidate
         return None
 
-    def columns(self, view: View, candidate: Candidate) -> Array | None:
+    def columns(self, view: View) -> Array | None:
         """Return the first ordinates of what a slow signal is a sum of, shape (p, grid.low).
 
         One column a number: the signal is linear in them around the candidate. None for what is
         not deterministic, or not slow: that is estimated on its own.
         """
-        del view, candidate
+        del view
         return None
 
     def solved(
@@ -144,36 +253,69 @@ class EffectKind(ABC):
         del view, amplitude, covariance
         return candidate
 
-    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
-        """Tell whether two candidates of this kind are one hypothesis."""
-        del first, second, grid
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether another effect of this kind is the same hypothesis."""
+        del other, grid
         return True
 
-    def available(self, view: View) -> bool:
-        """Tell whether the record has what this kind needs."""
-        has = {
-            "samples": view.series.stride == 1,
-            "temperature": view.series.thermal is not None,
-            "axes": len(view.series.axes) > 1,
-            "clock": view.clock is not None,
-        }
-        return all(has[need] for need in self.needs)
+
+@dataclass(frozen=True)
+class SizedSignal(EffectKind):
+    """A slow signal of known form in time, of which the size is fitted together with the noise.
+
+    Attributes
+    ----------
+    sized_by : str
+        Field that holds the size; what `propose` puts there before it was fitted is only its unit.
+    """
+
+    sized_by: ClassVar[str]
+    is_slow = True
+
+    @abstractmethod
+    def form(self, view: View) -> Array:
+        """Return the signal of size 1, shape (n,)."""
+
+    @abstractmethod
+    def columns(self, view: View) -> Array:
+        """Return its first ordinates, shape (1, grid.low)."""
+
+    @property
+    def _factor(self) -> Estimate:
+        """What the form is multiplied by."""
+        size: Estimate = getattr(self, self.sized_by)
+        return size
+
+    def signal(self, view: View) -> Array:
+        """Return the signal of its size, shape (n,)."""
+        return self._factor.value * self.form(view)
+
+    def measured(self, view: View, log_alternatives: float) -> Candidate:
+        """Fit the size and the noise together."""
+        columns = self.columns(view)
+        fit = joint_fit(view, columns)
+        covariance = marginal_covariance(view, columns, fit)
+        bare = Candidate(self, fit.gain, log_alternatives)
+        return self.solved(view, bare, fit.amplitude, covariance)
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the candidate with the size that a regression found."""
+        size = Estimate.of(float(amplitude[0]), float(np.sqrt(covariance[0, 0])), self._factor.unit)
+        sized = replace(self, **{self.sized_by: size})
+        return replace(candidate, effect=sized, signal=sized.signal(view))
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
+        """Judge the size by interleaved blocks."""
+        del candidate
+        columns = self.columns(view)
+        return interleaved(view, joint_fit(view, columns), columns, recurs=self.must_replicate)
 
 
-def estimate(value: float, error: float, unit: str = "") -> Parameter:
-    """Return a parameter with the 95 % interval of a Gaussian estimate."""
-    return Parameter(float(value), float(value - 1.96 * error), float(value + 1.96 * error), unit)
-
-
-def is_near(first: Candidate, second: Candidate, distance: float) -> bool:
-    """Tell whether two candidates lie at one place."""
-    return abs(first.shape[0] - second.shape[0]) < distance
-
-
-def is_of_one_scale(first: Candidate, second: Candidate) -> bool:
-    """Tell whether the time constants of two candidates are alike."""
-    ratio = first.shape[-1] / second.shape[-1]
-    return 1 / _ALIKE < ratio < _ALIKE
+def is_alike(first: Estimate, second: Estimate) -> bool:
+    """Tell whether two time constants are alike."""
+    return 1 / _ALIKE < first.value / second.value < _ALIKE
 
 
 def errors_of(information: Array) -> Array:
@@ -186,21 +328,3 @@ def errors_of(information: Array) -> Array:
     if not scale.all() or np.linalg.eigvalsh(information / np.outer(scale, scale))[0] <= _SINGULAR:
         return np.full(len(scale), np.nan)
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))
-
-
-def rescaled(candidate: Candidate, name: str, value: float, error: float) -> Candidate:
-    """Return a candidate whose signal is proportional to a parameter, with another value of it."""
-    assert candidate.signal is not None
-    old = candidate.number(name)
-    parameter = estimate(value, error, candidate.parameters[name].unit)
-    return replace(
-        candidate,
-        parameters={**candidate.parameters, name: parameter},
-        signal=candidate.signal * (value / old) if old else candidate.signal,
-    )
-
-
-def log_interval(value: float, error: float, unit: str = "") -> Parameter:
-    """Return a positive parameter with the 95 % interval of an estimate of its logarithm."""
-    factor = float(np.exp(1.96 * min(error, 5.0)))
-    return Parameter(float(value), float(value / factor), float(value * factor), unit)

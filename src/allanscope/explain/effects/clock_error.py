@@ -16,30 +16,52 @@ look) and be more than a host's crystal may be wrong by.
 from __future__ import annotations
 
 from collections.abc import Iterable
-
-import numpy as np
+from dataclasses import dataclass
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.view import Clock, View
+from allanscope.quantities import number
 
 _CRYSTAL = 1e-4
 """A difference that a host's own crystal (20 to 50 ppm) could make says nothing of the sensor."""
 
 
+@dataclass(frozen=True)
 class ClockError(EffectKind):
     """The sample rate is not the nominal one."""
+
+    relative: Estimate
+    measured_hz: float
+    nominal_hz: float
+    z: float
 
     kind = "clock_error"
     meaning = "the true rate differs from the nominal one"
     needs = frozenset({"clock"})
     stage = 0
+    is_single = True
+    of_the_stream = True
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return (
+            f"the true rate is {self.measured_hz:.6g} Hz, {1e6 * self.relative.value:+.0f} ppm off "
+            f"the nominal {self.nominal_hz:.6g} Hz; all times and frequencies are by the true one"
+        )
+
+    @property
+    def brief(self) -> str:
+        """How fast or slow the clock is."""
+        relative = self.relative.value
+        return f"clock {number(100 * abs(relative))} % {'fast' if relative > 0 else 'slow'}"
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Compare the measured rate with the nominal one."""
         assert view.clock is not None
-        if view.has(self.kind):
-            return []
         found = clock_error_of(view.clock, view.series.axes)
         return [] if found is None else [found]
 
@@ -52,17 +74,6 @@ def clock_error_of(clock: Clock, axes: tuple[str, ...]) -> Candidate | None:
     error = clock.error_hz / clock.nominal_hz
     if abs(relative) < _CRYSTAL:
         return None
-    z = relative / max(error, 1e-12)
-    return Candidate(
-        kind=ClockError.kind,
-        parameters={"relative": estimate(relative, error)},
-        gain=float(z**2 / 2),
-        price=float(np.log(1 / ALPHA)),
-        words=(
-            f"the true rate is {clock.measured_hz:.6g} Hz, {1e6 * relative:+.0f} ppm off "
-            f"the nominal {clock.nominal_hz:.6g} Hz; all times and frequencies are by the "
-            "true one"
-        ),
-        evidence={"z": float(z)},
-        axes=axes,
-    )
+    z = float(relative / max(error, 1e-12))
+    effect = ClockError(Estimate.of(relative, error), clock.measured_hz, clock.nominal_hz, z)
+    return Candidate(effect, z**2 / 2, axes=axes)

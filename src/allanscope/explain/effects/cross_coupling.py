@@ -13,17 +13,17 @@ taken in which source and rest together are more probable,
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
+from allanscope.explain.effect import Estimate, Parameter
+from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.series import LOUD, multiple_of
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
@@ -42,8 +42,13 @@ _AMBIGUOUS = 3.0
 """Nats below which the direction cannot be told: both axes then name each other."""
 
 
+@dataclass(frozen=True)
 class CrossCoupling(EffectKind):
     """One axis leaks into another."""
+
+    source: Parameter
+    slope: Estimate
+    direction_nats: float
 
     kind = "cross_coupling"
     meaning = "another axis leaks in, at all frequencies alike"
@@ -54,33 +59,41 @@ class CrossCoupling(EffectKind):
         "temperature": "a common temperature correlates only what is slow",
     }
 
-    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
-        """Tell whether two candidates are one hypothesis."""
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        leak = f"{self.source.value} leaks in with {self.slope.value:.3g} {self.slope.unit}"
+        return leak + (", or the other way round: the record cannot tell" if self.is_open else "")
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the source may be this axis and not the other."""
+        return self.direction_nats < _AMBIGUOUS
+
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether another coupling is the same hypothesis."""
         del grid
-        return first.parameters["source"].value == second.parameters["source"].value
+        return self.source == other.source
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Regress on every other axis."""
-        taken = {c.parameters["source"].value for c in view.accepted if c.kind == self.kind}
-        for source in view.series.axes:
-            if source != view.axis and source not in taken:
-                candidate = _candidate(view, source)
-                if candidate is not None:
-                    yield candidate
+        taken = {c.effect.source.value for c in view.accepted if isinstance(c.effect, cls)}
+        free = [a for a in view.series.axes if a != view.axis and a not in taken]
+        return [found for a in free if (found := _candidate(view, a)) is not None]
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    def refine(self, view: View) -> Candidate | None:
         """Estimate the slope again."""
-        source = str(candidate.parameters["source"].value)
-        return _candidate(view, source) or candidate
+        return _candidate(view, str(self.source.value))
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Follow the other axis with the slope that is known."""
-        x = view.cleaned_source(str(candidate.parameters["source"].value))
-        return replace(candidate, signal=candidate.number("slope") * (x - x.mean()))
+        x = view.cleaned_source(str(self.source.value))
+        return replace(candidate, signal=self.slope.value * (x - x.mean()))
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge the slope by interleaved blocks; quarters must agree."""
-        x = view.cleaned_source(str(candidate.parameters["source"].value))
+        x = view.cleaned_source(str(self.source.value))
         return interleaved_signal(view, x[np.newaxis], candidate.gain)
 
 
@@ -107,21 +120,16 @@ def _candidate(view: View, source: str) -> Candidate | None:
     telling = _direction(view, source, slope)
     if telling < -_AMBIGUOUS:
         return None
-    open_ = telling < _AMBIGUOUS
+    unit = f"{view.unit}/{view.unit_of(source)}"
+    error = float(1 / np.sqrt(normal))
+    effect = CrossCoupling(Parameter(source), Estimate.of(slope, error, unit), telling)
     return Candidate(
-        kind="cross_coupling",
-        parameters={
-            "source": Parameter(source),
-            "slope": estimate(slope, 1 / np.sqrt(normal), f"{view.unit}/{view.unit_of(source)}"),
-        },
-        gain=z2 / 2,
-        price=price,
+        effect,
+        z2 / 2,
+        price + float(np.log(ALPHA)),
         signal=slope * (x - x.mean()),
-        words=f"{source} leaks in with {slope:.3g} {view.unit}/{view.unit_of(source)}"
-        + (", or the other way round: the record cannot tell" if open_ else ""),
-        evidence={"direction_nats": telling},
         rivals={} if _is_seen_fast(view, d, e, weight, price) else {"temperature": z2 / 2},
-        axes=(view.axis, source) if open_ else (view.axis,),
+        axes=(view.axis, source) if effect.is_open else (view.axis,),
     )
 
 

@@ -9,23 +9,23 @@ are scanned at once (`StepScan`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import EffectKind, estimate, is_near, rescaled
-from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
+from allanscope.explain.candidate import ALPHA, Candidate
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import SizedSignal
+from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.stepscan import StepScan
 from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
+Span = tuple[int, int]
 
 _NEAR_S = 5.0
 """Distance in time up to which two jumps are the same."""
@@ -40,61 +40,106 @@ _TURNS = 3
 _INTERVAL_NATS = 3.68
 
 
-class Excursion(EffectKind):
+@dataclass(frozen=True)
+class Excursion(SizedSignal):
     """A box."""
+
+    time: Estimate
+    duration: Estimate
+    size: Estimate
 
     kind = "excursion"
     meaning = "the level leaves once and comes back"
+    sized_by = "size"
     located_by = "time"
-    is_slow = True
     is_piecewise = True
+    excluded_by = frozenset({"random_telegraph", "gauss_markov"})
     confused_with: ClassVar[Mapping[str, str]] = {
         "step": "does not come back",
         "random_telegraph": "leaves again and again by the same amount",
         "outliers": "last one sample",
     }
 
-    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
-        """Tell whether two candidates are one hypothesis."""
-        return is_near(first, second, _NEAR_S * grid.rate_hz)
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return (
+            f"the level leaves by {self.size.value:.3g} {self.size.unit} at {self.time.value:.0f} s"
+            f" and comes back after {self.duration.value:.0f} s"
+        )
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether another box is the same hypothesis."""
+        del grid
+        return abs(self.time.value - other.time.value) < _NEAR_S
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Scan all instants for a ladder of durations."""
-        if view.has("random_telegraph") or view.has("gauss_markov"):
+        found = [(rows, cls._at(view, *rows)) for rows in _boxes(view)]
+        if not found:
             return []
-        best: Candidate | None = None
-        for first, last in _boxes(view):
-            candidate = _candidate(view, first, last)
-            if candidate is not None and (best is None or candidate.gain > best.gain):
-                best = candidate
-        if best is None:
-            return []
-        first, last = (int(x) for x in best.shape)
-        uneven = loudness(view.data, view.grid.rate_hz, first, last)
+        rows, best = max(found, key=lambda one: one[1].gain)
+        uneven = loudness(view.data, view.grid.rate_hz, *rows)
         best = replace(best, gain=best.gain / uneven)
-        return [_refined(view, best) if best.excess > 0 else best]
+        return [(cls._near(view, *rows) or best) if best.excess > 0 else best]
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    def refine(self, view: View) -> Candidate | None:
         """Estimate instant, duration and size again."""
-        first, last = (int(x) for x in candidate.shape)
-        again = _candidate(view, first, last)
-        return _refined(view, again) if again is not None else candidate
+        return self._near(view, *self._rows(view))
 
-    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
-        """Judge the size by interleaved blocks."""
-        column = _column(view, int(candidate.shape[0]), int(candidate.shape[1]))
-        return interleaved(view, joint_fit(view, column), column)
+    def from_end_s(self, view: View) -> float:
+        """Return how far from an end of the record the box is."""
+        after = view.series.duration_s - self.time.value - self.duration.value
+        return min(self.time.value, after)
 
-    def columns(self, view: View, candidate: Candidate) -> Array:
-        """Return the ordinates of the jump."""
-        return _column(view, int(candidate.shape[0]), int(candidate.shape[1]))
+    def form(self, view: View) -> Array:
+        """Return a box of height 1."""
+        first, last = self._rows(view)
+        signal = np.zeros(view.grid.n)
+        signal[first:last] = 1.0
+        return signal
 
-    def solved(
-        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    def columns(self, view: View) -> Array:
+        """Return the ordinates of the box."""
+        return _column(view, *self._rows(view))
+
+    def _rows(self, view: View) -> tuple[int, int]:
+        rate = view.grid.rate_hz
+        return round(self.time.value * rate), round((self.time.value + self.duration.value) * rate)
+
+    @classmethod
+    def _at(
+        cls, view: View, first: int, last: int, early: Span = (0, 0), late: Span = (0, 0)
     ) -> Candidate:
-        """Return the size that a joint regression found."""
-        del view
-        return rescaled(candidate, "size", float(amplitude[0]), float(np.sqrt(covariance[0, 0])))
+        """Fit the size of a box from a row to before another, each off by so many at most."""
+        rate, rows = view.grid.rate_hz, last - first
+        time = Estimate(first / rate, (first + early[0]) / rate, (first + early[1]) / rate, "s")
+        duration = Estimate(
+            rows / rate,
+            (rows + late[0] - early[1]) / rate,
+            (rows + late[1] - early[0]) / rate,
+            "s",
+        )
+        length = max(view.series.duration_s / _PRICED_S, 1.0)
+        looked_at = _PRICE + float(np.log(length) + np.log(ALPHA))
+        return cls(time, duration, Estimate(1.0, unit=view.unit)).measured(view, looked_at)
+
+    @classmethod
+    def _near(cls, view: View, first: int, last: int) -> Candidate | None:
+        """Move both borders in turn to where the gain is largest, bound them, and fit the size."""
+        if not 0 < first < last < view.grid.n:
+            return None
+        noise = joint_fit(view, _column(view, first, last)).spectrum
+        scan = StepScan(view.grid, view.ordinates, noise)
+        early = late = (0, 0)
+        for _ in range(_TURNS):
+            reach = (last - first) // 2
+            tried = np.arange(max(1, first - reach), first + reach)
+            first, early = _best(tried, scan.box(tried, np.full_like(tried, last)))
+            tried = np.arange(max(first + 2, last - reach), min(view.grid.n - 1, last + reach))
+            last, late = _best(tried, scan.box(np.full_like(tried, first), tried))
+        return cls._at(view, first, last, early, late)
 
 
 def _column(view: View, first: int, last: int) -> Array:
@@ -121,58 +166,9 @@ def _boxes(view: View) -> list[tuple[int, int]]:
     return [(a, b) for _, a, b in found[:_PROPOSALS]]
 
 
-def _candidate(view: View, first: int, last: int) -> Candidate | None:
-    if not 0 < first < last < view.grid.n:
-        return None
-    column = _column(view, first, last)
-    fit = joint_fit(view, column)
-    covariance = marginal_covariance(view, column, fit)
-    size, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
-    rate = view.grid.rate_hz
-    signal = np.zeros(view.grid.n)
-    signal[first:last] = size
-    return Candidate(
-        kind="excursion",
-        parameters={
-            "time": Parameter(first / rate, first / rate, first / rate, "s"),
-            "duration": Parameter((last - first) / rate, 0.0, 0.0, "s"),
-            "size": estimate(size, error, view.unit),
-        },
-        gain=fit.gain,
-        price=_PRICE + float(np.log(max(view.series.duration_s / _PRICED_S, 1.0))),
-        signal=signal,
-        shape=(float(first), float(last)),
-        words=(
-            f"the level leaves by {size:.3g} {view.unit} at {first / rate:.0f} s and comes back "
-            f"after {(last - first) / rate:.0f} s"
-        ),
-    )
-
-
-def _refined(view: View, candidate: Candidate) -> Candidate:
-    """Move both borders in turn to where the gain is largest, and bound them."""
-    first, last = (int(x) for x in candidate.shape)
-    noise = joint_fit(view, _column(view, first, last)).spectrum
-    scan = StepScan(view.grid, view.ordinates, noise)
-    n, rate = view.grid.n, view.grid.rate_hz
-    (a0, a1), (b0, b1) = (first, first), (last, last)
-    for _ in range(_TURNS):
-        reach = (last - first) // 2
-        tried = np.arange(max(1, first - reach), first + reach)
-        first, a0, a1 = _best(tried, scan.box(tried, np.full_like(tried, last)))
-        tried = np.arange(max(first + 2, last - reach), min(n - 1, last + reach))
-        last, b0, b1 = _best(tried, scan.box(np.full_like(tried, first), tried))
-    again = _candidate(view, first, last) or candidate
-    parameters = {
-        **again.parameters,
-        "time": Parameter(first / rate, a0 / rate, a1 / rate, "s"),
-        "duration": Parameter((last - first) / rate, (b0 - a1) / rate, (b1 - a0) / rate, "s"),
-    }
-    return replace(again, parameters=parameters)
-
-
-def _best(tried: NDArray[np.int64], gains: Array) -> tuple[int, int, int]:
-    """Return the most likely sample and the range that covers the jump before it with 95 %."""
+def _best(tried: NDArray[np.int64], gains: Array) -> tuple[int, Span]:
+    """Return the most likely sample, and around it what covers the jump before it with 95 %."""
     top = int(np.argmax(gains))
     near = tried[gains > gains[top] - _INTERVAL_NATS]
-    return int(tried[top]), int(near[0]) - 1, int(near[-1])
+    best = int(tried[top])
+    return best, (int(near[0]) - 1 - best, int(near[-1]) - best)

@@ -12,16 +12,20 @@ A random telegraph signal has the same spectrum; only its two levels tell them a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from allanscope.explain.adequacy import lasting
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, is_of_one_scale, log_interval
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind, is_alike
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
+from allanscope.explain.steadiness import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import GaussMarkov as Process
 from allanscope.noise.grid import Grid
@@ -35,27 +39,38 @@ _LONGEST = 0.15
 """Longest correlation time looked for, as a share of the record: beyond, it is a random walk."""
 
 
+@dataclass(frozen=True)
 class GaussMarkov(EffectKind):
     """First-order Gauss-Markov noise."""
+
+    sigma: Estimate
+    correlation_time: Estimate
 
     kind = "gauss_markov"
     meaning = "a stationary bias that forgets itself after the correlation time"
     is_process = True
+    resembles_bend = True
+    excluded_by = frozenset({"quantization"})
     confused_with: ClassVar[Mapping[str, str]] = {
         "random_telegraph": "same spectrum; two levels instead of a bell",
         "step": "happens once",
         "band_limit": "an excess at low frequencies against a deficit at high ones",
     }
 
-    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
-        """Tell whether two candidates are one hypothesis."""
-        del grid
-        return is_of_one_scale(first, second)
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        tc = self.correlation_time.value
+        return f"noise that forgets itself after {tc:.3g} s explains what N, B and K cannot"
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether another process is the same hypothesis."""
+        del grid
+        return is_alike(self.correlation_time, other.correlation_time)
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Profile the likelihood over the correlation time."""
-        if view.has("quantization"):
-            return []
         shortest, longest = 3 / view.grid.rate_hz, _LONGEST * view.series.duration_s
         if longest < 2 * shortest:
             return []
@@ -64,10 +79,14 @@ class GaussMarkov(EffectKind):
         best = int(np.argmax(gains))
         return [_candidate(view, bank[max(0, best - 1)], bank[min(len(bank) - 1, best + 1)])]
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    def refine(self, view: View) -> Candidate:
         """Estimate correlation time and size again."""
-        tc = candidate.shape[0]
+        tc = self.correlation_time.value
         return _candidate(view, tc / 2, tc * 2)
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Tell whether it removes its part of the residual and is there all along."""
+        return lasting(view, candidate, UNSTEADY)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""
@@ -117,16 +136,8 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     noise = fit.model.value("N") ** 2 + fit.model.value("B") ** 2 * tc
     signal = 2 * tc * sigma**2 / max(noise, 1e-300)
     spread = min(1.96 * sigma_error / max(sigma, 1e-300), 20.0)
-    return Candidate(
-        kind="gauss_markov",
-        parameters={
-            "sigma": log_interval(sigma, spread / 1.96, view.unit),
-            "correlation_time": log_interval(tc, error, "s"),
-        },
-        gain=gain,
-        price=float(np.log(12 / ALPHA)),
-        parts=(Process(1.0, tc),),
-        shape=(tc,),
-        rivals={"random_telegraph": gain} if signal < _TELLING else {},
-        words=f"noise that forgets itself after {tc:.3g} s explains what N, B and K cannot",
+    effect = GaussMarkov(
+        Estimate.of_log(sigma, spread / 1.96, view.unit), Estimate.of_log(tc, error, "s")
     )
+    rivals = {"random_telegraph": gain} if signal < _TELLING else {}
+    return Candidate(effect, gain, float(np.log(12)), parts=(Process(1.0, tc),), rivals=rivals)

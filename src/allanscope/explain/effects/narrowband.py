@@ -16,24 +16,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import gammaincc
 
-from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import (
-    ALPHA,
-    EffectKind,
-    errors_of,
-    estimate,
-    is_near,
-    log_interval,
-)
+from allanscope.explain.adequacy import removes
+from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind, errors_of
+from allanscope.explain.effects.sinusoid import Sinusoid
+from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.heldout import halves
 from allanscope.explain.spectrum import fit_spectrum
+from allanscope.explain.steadiness import UNSTEADY, unsteadiness_of
+from allanscope.explain.tones import evenness, sweeps, unsteadiness
 from allanscope.explain.unevenness import crowding
 from allanscope.explain.view import View
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
@@ -58,6 +57,16 @@ _SHAPELY, _BROAD = 100.0, 500.0
 any tone that moves has a flat top too."""
 _BROADEST = 0.7
 """Beyond, as a share of the frequency, no one would call the band narrow."""
+_FEWEST_COHERENCES = 12.0
+"""Fewer coherence times in a record cannot show that a band holds noise."""
+_UNSTEADY = 6.0
+"""Sigma; noise in bands of any width stayed below 2 in some hundred records."""
+_TOO_EVEN, _MISSHAPEN, _MISSED = 5.0, 6.0, 0.02
+"""Sigma of the envelope; sigma and share of the gain of what a band leaves: beyond all three it is
+a tone whose frequency moves."""
+_SUB_BANDS = 64
+_WITHIN = 3.0
+"""Distance in bandwidths up to which a frequency belongs to a band."""
 
 
 def _resonance(f0: float, width: float) -> Component:
@@ -80,49 +89,103 @@ def _passed_steeply(f0: float, width: float) -> Component:
     return BandPassed(1.0, f0, width, order=4)
 
 
+@dataclass(frozen=True)
 class Narrowband(EffectKind):
     """Noise in a band."""
+
+    frequency: Estimate
+    bandwidth: Estimate
+    sigma: Estimate
 
     kind = "narrowband"
     meaning = "noise in a band: a resonance, or a line that wanders"
     located_by = "frequency"
+    shared_by = "frequency"
     is_process = True
-    is_shared = True
+    resembles_bend = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "sinusoid": "a line stays one bin wide",
         "gauss_markov": "its excess goes down to zero frequency",
         "unexplained": "a chirp goes through its band once, in one direction",
     }
 
-    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
-        """Tell whether two candidates are one hypothesis."""
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return (
+            f"noise in a band of {self.bandwidth.value:.3g} Hz around {self.frequency.value:.4g} Hz"
+        )
+
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether another band is the same hypothesis."""
         del grid
-        return is_near(first, second, min(first.shape[-1], second.shape[-1]) / 2)
+        apart = abs(self.frequency.value - other.frequency.value)
+        return apart < min(self.bandwidth.value, other.bandwidth.value) / 2
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    def holds(self, other: EffectKind) -> bool:
+        """Tell whether a constant line within the band may be all that there is to it."""
+        if not isinstance(other, Sinusoid) or not other.is_constant:
+            return False
+        apart = abs(other.frequency.value - self.frequency.value)
+        return apart < _WITHIN * self.bandwidth.value
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Take the most improbable run of ordinates of every width."""
-        best: Candidate | None = None
-        same = crowding(view.data)
-        for start, width in _runs(view):
-            candidate = _fit(view, start, width)
-            if candidate is not None and not _kept(view, candidate.shape[0]):
-                continue  # what is beside a range that was cut out belongs to it
-            if candidate is not None:
-                candidate = replace(candidate, gain=candidate.gain / same)
-            if candidate is not None and (best is None or candidate.gain > best.gain):
-                best = candidate
-        return [best] if best is not None else []
+        fits = (_fit(view, start, width) for start, width in _runs(view))
+        # What is beside a range that was cut out belongs to it.
+        found = [fit for fit in fits if fit is not None and _kept(view, fit[0].frequency.value)]
+        if not found:
+            return []
+        _, best = max(found, key=_gain)
+        return [replace(best, gain=best.gain / crowding(view.data))]
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    def refine(self, view: View) -> Candidate | None:
         """Estimate the band again."""
-        f0, width = candidate.shape[:2]
+        f0, width = self.frequency.value, self.bandwidth.value
         k = 2 * view.grid.n / view.grid.rate_hz
         again = _fit(view, int(max(0, (f0 - width / 2) * k)), max(2, int(width * k)))
-        return again if again is not None else candidate
+        return None if again is None else again[1]
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Return it where it holds noise all along; what holds a tone has no name."""
+        f0, width = self.frequency.value, self.bandwidth.value
+        if not beside(view, f0) and self._is_steady(view, candidate):
+            return candidate
+        return tone_left_over(view, candidate, f0, width)
+
+    def _is_steady(self, view: View, candidate: Candidate) -> bool:
+        rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
+        return (
+            width * view.series.duration_s >= _FEWEST_COHERENCES
+            and unsteadiness(view.data, rate, f0, width) < _UNSTEADY
+            and unsteadiness_of(view, candidate) < UNSTEADY
+            and not sweeps(view.data, rate, f0, width)
+            and not (
+                evenness(view.data, rate, f0, width) > _TOO_EVEN
+                and self._is_misshapen(view, candidate)
+            )
+            and removes(view, candidate)
+        )
+
+    def _is_misshapen(self, view: View, candidate: Candidate) -> bool:
+        """Tell whether the spectrum within the band differs from the shape that was fitted."""
+        after = view.with_parts(*candidate.parts)
+        apart = np.abs(view.grid.frequency - self.frequency.value)
+        near = np.flatnonzero(apart < _WITHIN * self.bandwidth.value)
+        parts = np.array_split(near, min(_SUB_BANDS, max(1, len(near) // 8)))
+        u = after.squares / after.spectrum.ordinates
+        ratio = np.array([u[part].mean() for part in parts])
+        count = np.array([len(part) for part in parts])
+        left = float(np.sum(count * (ratio - 1 - np.log(ratio)) - 1)) / 2
+        return bool(left > max(_MISSHAPEN * np.sqrt(len(parts) / 2), _MISSED * candidate.gain))
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge by the two halves."""
         return halves(view, candidate)
+
+
+Fitted = tuple[Narrowband, Candidate]
 
 
 def _kept(view: View, frequency: float) -> bool:
@@ -196,17 +259,27 @@ def _window(view: View, beside: Beside, f0: float, width: float, shape: Shape) -
     return _Window(f, power, beside(f), size, grid, shape)
 
 
-def _fit(view: View, start: int, width: int) -> Candidate | None:
+def _gain(fit: Fitted) -> float:
+    return fit[1].gain
+
+
+def _fit(view: View, start: int, width: int) -> Fitted | None:
     """Return the likeliest shape; flat tops are looked for only where one could be seen."""
-    fits = [_fit_shape(view, start, width, shape) for shape in (_resonance, _wandering)]
-    best = max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
-    if best is None or best.gain < _SHAPELY or best.shape[1] * view.series.duration_s < _BROAD:
+
+    def likeliest(shapes: tuple[Shape, ...]) -> Fitted | None:
+        fits = (_fit_shape(view, start, width, shape) for shape in shapes)
+        return max((fit for fit in fits if fit is not None), key=_gain, default=None)
+
+    best = likeliest((_resonance, _wandering))
+    if best is None or best[1].gain < _SHAPELY:
         return best
-    fits += [_fit_shape(view, start, width, shape) for shape in (_peaked, _passed, _passed_steeply)]
-    return max((f for f in fits if f is not None), key=lambda f: f.gain, default=None)
+    if best[0].bandwidth.value * view.series.duration_s < _BROAD:
+        return best
+    flat = likeliest((_peaked, _passed, _passed_steeply))
+    return best if flat is None else max(best, flat, key=_gain)
 
 
-def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Candidate | None:
+def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | None:
     grid = view.grid
     unit = grid.rate_hz / (2 * grid.n)
     f0, w = (start + width / 2) * unit, max(width * unit * 0.5, 3 * unit)
@@ -234,19 +307,13 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Candidate | 
         gain = max(gain, window.flat() - float(found.fun))
     error = _errors(window.loss, point)
     sigma = float(np.exp(point[1] / 2))
-    return Candidate(
-        kind="narrowband",
-        parameters={
-            "frequency": estimate(f0, error[2], "Hz"),
-            "bandwidth": log_interval(w, error[3], "Hz"),
-            "sigma": log_interval(sigma, error[1] / 2, view.unit),
-        },
-        gain=gain,
-        price=float(np.log(4 * grid.n / ALPHA) * 0.5 + 7.0),
-        parts=(band,),
-        shape=(f0, w),
-        words=f"noise in a band of {w:.3g} Hz around {f0:.4g} Hz",
+    effect = Narrowband(
+        Estimate.of(f0, error[2], "Hz"),
+        Estimate.of_log(w, error[3], "Hz"),
+        Estimate.of_log(sigma, error[1] / 2, view.unit),
     )
+    looked_at = float(0.5 * np.log(4 * grid.n / ALPHA) + 7.0 + np.log(ALPHA))
+    return effect, Candidate(effect, gain, looked_at, parts=(band,))
 
 
 def _errors(loss: Callable[[Array], float], at: Array) -> Array:

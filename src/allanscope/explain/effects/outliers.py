@@ -9,6 +9,7 @@ limit than a Gaussian has, the whole distribution has heavy tails and no single 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -17,7 +18,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.stats import norm
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effect import Parameter
+from allanscope.explain.effect import Estimate
 from allanscope.explain.effects.base import ALPHA, EffectKind
 from allanscope.explain.view import View
 
@@ -33,22 +34,36 @@ _MOST = 0.002
 """More than this share of outliers is a distribution."""
 
 
+@dataclass(frozen=True)
 class Outliers(EffectKind):
     """Isolated samples."""
+
+    count: Estimate
+    largest_deviations: float
 
     kind = "outliers"
     meaning = "isolated samples that the rest does not allow"
     needs = frozenset({"samples"})
     stage = 1
+    is_single = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "variance_change": "crowds in one stretch",
         "unexplained": "heavy tails fill the range between, outliers leave it empty",
         "step": "stays",
     }
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return (
+            f"{self.count.value:.0f} isolated samples, up to {self.largest_deviations:.1f} "
+            "deviations away"
+        )
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """List the samples beyond the limit."""
-        if view.has(self.kind) or len(view.data) < 4 * _NEIGHBOURS:
+        if len(view.data) < 4 * _NEIGHBOURS:
             return []
         n = len(view.data)
         limit = float(norm.isf(ALPHA / (2 * n)))
@@ -67,22 +82,9 @@ class Outliers(EffectKind):
         signal[at] = view.data[at] - level[at]
         close = int(np.count_nonzero(np.abs(z[at]) < limit + 1.0))
         sizes = np.abs(z[at])
-        return [
-            Candidate(
-                kind=self.kind,
-                parameters={
-                    "count": Parameter(
-                        float(len(at)), float(len(at)), float(len(at) + 2 * close + 1), ""
-                    )
-                },
-                gain=float(-np.sum(np.log(2 * n) + norm.logsf(sizes - rounding))),
-                price=float(np.log(1 / ALPHA)),
-                signal=signal,
-                shape=tuple(at.astype(float)),
-                words=f"{len(at)} isolated samples, up to {sizes.max():.1f} deviations away",
-                evidence={"largest_deviations": float(sizes.max())},
-            )
-        ]
+        gain = float(-np.sum(np.log(2 * n) + norm.logsf(sizes - rounding)))
+        count = Estimate(float(len(at)), float(len(at)), float(len(at) + 2 * close + 1))
+        return [Candidate(cls(count, float(sizes.max())), gain, signal=signal)]
 
 
 def deviations(data: Array) -> tuple[Array, Array]:

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effect import Parameter
+from allanscope.explain.effect import Estimate
 from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.lattice import noise_on_lattice
 from allanscope.explain.view import View
@@ -28,41 +29,40 @@ _ENOUGH = 0.5
 _KNOWN_TO = 1e-3
 
 
+@dataclass(frozen=True)
 class Quantization(EffectKind):
     """A coarse step."""
+
+    step: Estimate
+    noise_in_steps: float
 
     kind = "quantization"
     meaning = "the LSB is coarser than twice the noise"
     needs = frozenset({"samples"})
     stage = 0
+    is_single = True
+    is_not_gaussian = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "repeated_samples": "neighbours are equal because there are few values"
     }
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        step = f"{self.step.value:.3g} {self.step.unit}"
+        return f"the noise is {self.noise_in_steps:.2g} of the step of {step}"
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Compare the noise beneath the rounding with the step."""
-        if view.has(self.kind) or view.step <= 0:
-            return []
-        if float(view.data.std()) > 20 * view.step:
+        if view.step <= 0 or float(view.data.std()) > 20 * view.step:
             return []
         sigma = noise_on_lattice(view.samples, view.step)
         lsb = view.series.lsb[view.series.column(view.axis)]
         span = float(np.ptp(view.samples))
         known_to = max(_KNOWN_TO, lsb / span if view.step > 1.5 * lsb and span > 0 else 0.0)
-        return [
-            Candidate(
-                kind=self.kind,
-                parameters={
-                    "step": Parameter(
-                        view.step,
-                        view.step * (1 - known_to),
-                        view.step * (1 + known_to),
-                        view.unit,
-                    )
-                },
-                gain=math.inf if sigma < _ENOUGH else 0.0,  # read off, not inferred
-                price=1.0,
-                words=f"the noise is {sigma:.2g} of the step of {view.step:.3g} {view.unit}",
-                evidence={"noise_in_steps": sigma},
-            )
-        ]
+        step = Estimate(
+            view.step, view.step * (1 - known_to), view.step * (1 + known_to), view.unit
+        )
+        gain = math.inf if sigma < _ENOUGH else 0.0  # read off, not inferred
+        return [Candidate(cls(step, sigma), gain)]

@@ -14,15 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct, prev_fast_len
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, is_of_one_scale
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind, is_alike
 from allanscope.explain.effects.gauss_markov import GaussMarkov, fitted
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, ordinates_of
@@ -61,49 +61,69 @@ _MOVED = 16.0
 """Variance of the level over that of white noise from which slow hops are looked for."""
 
 
+@dataclass(frozen=True)
 class RandomTelegraph(EffectKind):
     """Two levels."""
 
+    amplitude: Estimate
+    dwell: Estimate
+    switches: int
+    path_amplitude: float
+    """Size of the hops on the path, from which it is found again."""
+
     kind = "random_telegraph"
     meaning = "the level hops between two values"
+    is_single = True
+    is_fitted = True
+    is_not_gaussian = True
+    excluded_by = frozenset({"gauss_markov", "quantization"})
     confused_with: ClassVar[Mapping[str, str]] = {
         "gauss_markov": "same spectrum; two levels instead of a bell",
         "step": "fewer than four switches are steps",
     }
 
-    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
-        """Tell whether two candidates are one hypothesis."""
-        del grid
-        return is_of_one_scale(first, second)
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        apart = f"{2 * self.amplitude.value:.3g} {self.amplitude.unit}"
+        return f"the level hops between two values {apart} apart"
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether other hops are the same hypothesis."""
+        del grid
+        return is_alike(self.dwell, other.dwell)
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Start from the Gauss-Markov process of the same spectrum."""
-        if view.has(self.kind) or view.has("gauss_markov") or view.has("quantization"):
+        found = _twin(view)
+        if found is None:
             return
-        twin = next(iter(_TWIN.propose(view)), None)
-        if twin is None:
-            return
-        if twin.gain > twin.price:
-            tc, sigma = twin.shape[0], float(twin.number("sigma"))
-            candidates = [_candidate(view, sigma, 2 * tc)]
+        process, twin = found
+        seen = process.excess >= 0
+        if seen:
+            candidates = [_candidate(view, twin.sigma.value, 2 * twin.correlation_time.value)]
         else:  # a few slow hops are a random walk to any spectrum
             moved = _moved(view)
             candidates = [_candidate(view, moved, view.series.duration_s / k) for k in (15, 45)]
             candidates = candidates if moved > 0 else []
         best = max((c for c in candidates if c is not None), key=lambda c: c.gain, default=None)
         if best is not None:
-            yield replace(_with_spectrum(view, best, twin), rivals={"gauss_markov": twin.gain})
+            best = _with_spectrum(view, best, twin) if seen else best
+            yield replace(best, rivals={GaussMarkov.kind: process.gain})
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    def refine(self, view: View) -> Candidate | None:
         """Find the path again."""
-        again = _candidate(view, *candidate.shape)
-        twin = next(iter(_TWIN.propose(view)), None)
-        return candidate if again is None or twin is None else _with_spectrum(view, again, twin)
+        again = _candidate(view, self.path_amplitude, self.dwell.value)
+        found = _twin(view)
+        if again is None or found is None:
+            return None
+        process, twin = found
+        return _with_spectrum(view, again, twin) if process.excess >= 0 else again
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the amplitude by interleaved blocks, on the path found in all of them."""
-        size, dwell_s = candidate.shape
-        path = _path(view, size, dwell_s, _TO_JUDGE)
+        path = _path(view, self.path_amplitude, self.dwell.value, _TO_JUDGE)
         if path is None:
             return None
         column = _column(view, path)
@@ -159,22 +179,14 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     size, error = float(measured.amplitude[0]), float(np.sqrt(measured.covariance[0, 0]))
     dwell = finer.dwell_s
     spread = 1.96 * _MISSED / np.sqrt(finer.switches)
-    process = Process(1.0, dwell)
-    return Candidate(
-        kind="random_telegraph",
-        parameters={
-            "amplitude": estimate(size, float(np.hypot(error, _BLURRED * size)), view.unit),
-            "dwell": Parameter(
-                dwell, dwell * float(np.exp(-spread)), dwell * float(np.exp(spread)), "s"
-            ),
-        },
-        gain=fit.gain + path.log_prior + path.slack,
-        price=float(np.log(12 / ALPHA)),
-        parts=(process,),
-        shape=(size, dwell),
-        words=f"the level hops between two values {2 * size:.3g} {view.unit} apart",
-        evidence={"switches": path.switches},
+    effect = RandomTelegraph(
+        Estimate.of(size, float(np.hypot(error, _BLURRED * size)), view.unit),
+        Estimate(dwell, dwell * float(np.exp(-spread)), dwell * float(np.exp(spread)), "s"),
+        path.switches,
+        size,
     )
+    gain = fit.gain + path.log_prior + path.slack
+    return Candidate(effect, gain, float(np.log(12)), parts=(Process(1.0, dwell),))
 
 
 def _stretch(view: View, rows: int) -> View:
@@ -216,7 +228,15 @@ def _is_regular(path: _Path) -> bool:
     return bool(np.std(dwells) < _EVEN * np.mean(dwells))
 
 
-def _with_spectrum(view: View, candidate: Candidate, twin: Candidate) -> Candidate:
+def _twin(view: View) -> tuple[Candidate, GaussMarkov] | None:
+    """Return the Gauss-Markov process that the spectrum shows."""
+    for found in GaussMarkov.candidates(view):
+        if isinstance(found.effect, GaussMarkov):
+            return found, found.effect
+    return None
+
+
+def _with_spectrum(view: View, candidate: Candidate, twin: GaussMarkov) -> Candidate:
     """Take from the spectrum what the path does not tell.
 
     The size, where the path misses hops and takes noise for others, which blurs it by some per
@@ -224,28 +244,23 @@ def _with_spectrum(view: View, candidate: Candidate, twin: Candidate) -> Candida
     seen but one is held longer than the other, the path is right: the spectrum, with
     1/Tc = 1/dwell_1 + 1/dwell_2, holds for the noise that enters the model only.
     """
-    tc, sigma = twin.parameters["correlation_time"], twin.parameters["sigma"]
+    effect, tc = candidate.effect, twin.correlation_time
+    assert isinstance(effect, RandomTelegraph)
     assert tc.lower is not None
     assert tc.upper is not None
-    half = candidate.number("dwell") / 2
+    half = effect.dwell.value / 2
     white = max(view.spectrum.model.value("N") ** 2, 1e-300)
-    seen = 2 * candidate.number("amplitude") ** 2 / white
-    if twin.gain < twin.price:
-        return candidate
+    seen = 2 * effect.amplitude.value**2 / white
     if tc.lower <= half <= tc.upper:
         if seen * half > _SHARP:
             return candidate
-        return replace(candidate, parameters={**candidate.parameters, "amplitude": sigma})
-    parts = (Process(1.0, 2 * twin.shape[0]),)
+        return replace(candidate, effect=replace(effect, amplitude=twin.sigma))
+    parts = (Process(1.0, 2 * tc.value),)
     if half > tc.upper and seen * tc.lower > _CLEAR:
         return replace(candidate, parts=parts)
-    found = Parameter(2 * twin.number("correlation_time"), 2 * tc.lower, 2 * tc.upper, "s")
-    return replace(
-        candidate,
-        parameters={"amplitude": sigma, "dwell": found},
-        parts=parts,
-        shape=(twin.number("sigma"), twin.number("correlation_time") * 2),
-    )
+    dwell = Estimate(2 * tc.value, 2 * tc.lower, 2 * tc.upper, "s")
+    slower = replace(effect, amplitude=twin.sigma, dwell=dwell, path_amplitude=twin.sigma.value)
+    return replace(candidate, effect=slower, parts=parts)
 
 
 def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Path | None:
@@ -308,6 +323,3 @@ def _parts(view: View, tc: float, f: Array) -> list[Array]:
     white = [c for c in fit.model if isinstance(c, White | Rounding)]
     slow = [c for c in fit.model if isinstance(c, Flicker | RandomWalk)]
     return [fit.of(some, f) for some in (white, slow, fit.model.components[-1:])]
-
-
-_TWIN = GaussMarkov()

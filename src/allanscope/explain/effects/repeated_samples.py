@@ -19,6 +19,7 @@ repeats is not d^j, and the factor is :math:`1 + 2 \sum_j r_j \cos 2\pi j f/f_s`
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -27,8 +28,8 @@ from scipy.optimize import brentq
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.coincidence import Coincidence, beyond_runs, typical_and_limit
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.view import View
 from allanscope.noise.filters import Filter, HeldPattern, HeldSamples
 
@@ -54,23 +55,33 @@ _LOOKED_AT, _PIECES = 1 << 17, 16
 """Rows of a long record that tell how its far rows differ, and pieces that they come from."""
 
 
+@dataclass(frozen=True)
 class RepeatedSamples(EffectKind):
     """Repeated rows."""
+
+    fraction: Estimate
 
     kind = "repeated_samples"
     meaning = "rows repeat the row before although they should not"
     needs = frozenset({"samples"})
     stage = 0
+    is_single = True
+    repeats_rows = True
+    is_not_gaussian = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "band_limit": "a filter makes neighbours alike, not equal",
         "quantization": "few values repeat by chance, each axis on its own",
         "saturation": "neighbours are equal at the end of the range alone",
     }
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return f"{100 * self.fraction.value:.3g} % of the rows repeat the row before"
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Count equal neighbours."""
-        if view.has(self.kind):
-            return []
         column = view.series.column(view.axis)
         equal = view.series.equal
         coincidence = view.series.coincidence
@@ -78,34 +89,19 @@ class RepeatedSamples(EffectKind):
         if column not in moving:
             return []
         found = _alone(view, equal[:, column])
+        axes: tuple[str, ...] = (view.axis,)
         if len(moving) > 1:
             together = _together(equal[:, moving], coincidence)
             if found is None or together[1] >= found[1] or found[0] < 3 * together[0]:
                 found = together
                 axes = tuple(view.series.axes[c] for c in moving)
-            else:
-                axes = (view.axis,)
-        else:
-            axes = (view.axis,)
         if found is None:
             return []
         fraction, gain, rows = found
         error = np.sqrt(max(fraction * (1 - fraction), 1 / len(equal)) / len(equal)) * rows
-        return [
-            Candidate(
-                kind=self.kind,
-                parameters={
-                    "fraction": Parameter(
-                        fraction, max(0.0, fraction - 1.96 * error), fraction + 1.96 * error
-                    )
-                },
-                gain=gain,
-                price=float(np.log(2 / ALPHA)),
-                parts=(_held(equal[:, [view.series.column(a) for a in axes]], fraction),),
-                words=f"{100 * fraction:.3g} % of the rows repeat the row before",
-                axes=axes,
-            )
-        ]
+        share = Estimate(fraction, max(0.0, fraction - 1.96 * error), fraction + 1.96 * error)
+        held = _held(equal[:, [view.series.column(a) for a in axes]], fraction)
+        return [Candidate(cls(share), gain, float(np.log(2)), parts=(held,), axes=axes)]
 
 
 def _held(equal: NDArray[np.bool_], fraction: float) -> Filter:

@@ -15,49 +15,53 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import EffectKind, estimate
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.view import View
 
 
+@dataclass(frozen=True)
 class Saturation(EffectKind):
     """A limit that the samples run into."""
+
+    level: Estimate
+    side: Estimate
+    fraction: Estimate
 
     kind = "saturation"
     meaning = "samples beyond a limit are cut off at it"
     needs = frozenset({"samples"})
     stage = 0
+    is_not_gaussian = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "repeated_samples": "repeats at every value alike, not at the limit alone",
         "unexplained": "a dead zone collects samples within the range, not at its end",
     }
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        end = "upper" if self.side.value > 0 else "lower"
+        return (
+            f"{100 * self.fraction.value:.3g} % of the samples lie at the {end} end, "
+            f"{self.level.value:.4g} {self.level.unit}: the axis is saturated there, and its noise "
+            "is not what the figures say"
+        )
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Look at both ends of the values that occur."""
-        known = [c.shape[0] for c in view.accepted if c.kind == self.kind]
+        known = [c.effect.side.value for c in view.accepted if isinstance(c.effect, cls)]
         n = view.grid.n
         for pile in view.piles:
             if pile.side == 0 or pile.side in known:
                 continue
             half = view.step / 2
             error = math.sqrt(pile.share * (1 - pile.share) / n)
-            end = "upper" if pile.side > 0 else "lower"
-            yield Candidate(
-                kind=self.kind,
-                parameters={
-                    "level": Parameter(pile.value, pile.value - half, pile.value + half, view.unit),
-                    "side": Parameter(float(pile.side), float(pile.side), float(pile.side)),
-                    "fraction": estimate(pile.share, error),
-                },
-                gain=math.inf,  # read off, not inferred
-                price=1.0,
-                shape=(float(pile.side),),
-                words=(
-                    f"{100 * pile.share:.3g} % of the samples lie at the {end} end, "
-                    f"{pile.value:.4g} {view.unit}: the axis is saturated there, and its noise is "
-                    "not what the figures say"
-                ),
-            )
+            level = Estimate(pile.value, pile.value - half, pile.value + half, view.unit)
+            side, share = Estimate.exact(float(pile.side)), Estimate.of(pile.share, error)
+            yield Candidate(cls(level, side, share), math.inf)  # read off, not inferred

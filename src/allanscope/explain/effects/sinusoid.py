@@ -12,11 +12,11 @@ with the one-sided density S_1 beside the line. It enters the model as a signal 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
-from typing import ClassVar
+from itertools import combinations, pairwise
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +24,15 @@ from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import minimum_filter1d
 from scipy.optimize import minimize_scalar
 
-from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, is_near, rescaled
+from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
 from allanscope.explain.tones import constancy, local_level
 from allanscope.explain.view import View
+from allanscope.noise.components import Sinusoid as Line
 from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
@@ -40,95 +43,185 @@ _SLOW_CYCLES = 40.0
 _PROPOSALS = 3
 _MARGIN = 8
 """Ordinates beside an excluded range into which what was excluded leaks."""
+_CONSTANT_P = 1e-5
+"""Chance below which the parts of a line differ too much to be one line."""
+_AGREE = 5.0
+"""Standard errors within which sidebands count as equal, and as equally far from the carrier."""
+_ASIDE = 0.25
+"""Farthest sideband, as a share of the carrier: beyond, lines are harmonics or strangers."""
 
 
+@dataclass(frozen=True)
 class Sinusoid(EffectKind):
     """A line in the spectrum."""
+
+    frequency: Estimate
+    amplitude: Estimate
+    constancy_p: float | None = None
 
     kind = "sinusoid"
     meaning = "a tone of constant amplitude and frequency"
     located_by = "frequency"
-    is_shared = True
+    shared_by = "frequency"
+    is_fitted = True
+    resembles_bend = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "narrowband": "a line is one bin wide however long the record is",
         "unexplained": "a chirp or a modulated tone changes between parts of the record",
     }
 
-    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
-        """Tell whether two candidates are one hypothesis."""
-        return is_near(first, second, grid.rate_hz / grid.n)
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        peak = f"{self.amplitude.value:.3g} {self.amplitude.unit}"
+        return f"a line at {self.frequency.value:.6g} Hz of amplitude {peak}"
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def curve(self) -> Line:
+        """The tone."""
+        return Line(abs(self.amplitude.value), self.frequency.value)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the parts of the record may hold one and the same line."""
+        return self.constancy_p is not None and self.constancy_p >= _CONSTANT_P
+
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether another line is the same hypothesis."""
+        return abs(self.frequency.value - other.frequency.value) < grid.rate_hz / grid.n
+
+    def waves(self, view: View) -> float:
+        """Return how many waves the record holds."""
+        return self.frequency.value * view.series.duration_s
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Look at every frequency from three cycles per record to Nyquist."""
-        yield from (self._at(view, f) for f in _fast_lines(view))
-        yield from (self._at(view, f) for f in _slow_lines(view))
+        yield from (_at(view, f) for f in _fast_lines(view))
+        yield from (_at(view, f) for f in _slow_lines(view))
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    def refine(self, view: View) -> Candidate:
         """Estimate frequency, amplitude and phase again."""
-        return self._at(view, candidate.shape[0])
+        return _at(view, self.frequency.value)
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Estimate it again: no phase is known well enough to be good for twice the time."""
         rate = view.grid.rate_hz
-        f = candidate.shape[0] % rate
+        f = self.frequency.value % rate
         f = min(f, rate - f)  # where longer rows show it
         if f * view.series.duration_s < _FEWEST_CYCLES:
             return replace(candidate, signal=None)
-        return self._at(view, f)
+        return _at(view, f)
+
+    def is_resolved(self, view: View) -> bool:
+        """Tell whether it is farther from every line there is than the record resolves.
+
+        Two nearer lines of opposite phase are any slow bend at all: they cancel except at the ends.
+        """
+        known = (c.effect for c in view.accepted)
+        near = 1 / view.series.duration_s
+        return all(
+            abs(one.frequency.value - self.frequency.value) >= near
+            for one in known
+            if isinstance(one, Sinusoid)
+        )
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Return it where it is one line all along; a tone that changes has no name."""
+        f = self.frequency.value
+        steady = not beside(view, f) and self.is_constant
+        return candidate if steady else tone_left_over(view, candidate, f)
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge amplitude and phase by interleaved blocks."""
-        return interleaved_signal(view, _pair(view, candidate.shape[0]), candidate.gain)
+        return interleaved_signal(view, _pair(view, self.frequency.value), candidate.gain)
 
-    def columns(self, view: View, candidate: Candidate) -> Array | None:
+    def columns(self, view: View) -> Array | None:
         """Return the ordinates of cosine and sine of a slow line."""
-        frequency = candidate.shape[0]
-        slow = frequency * view.series.duration_s < _SLOW_CYCLES
-        return _slow_pair(view.grid, frequency) if slow else None
+        slow = self.waves(view) < _SLOW_CYCLES
+        return _slow_pair(view.grid, self.frequency.value) if slow else None
 
     def solved(
         self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
     ) -> Candidate:
         """Return the amplitude and phase that a joint regression found."""
         size, error = float(np.hypot(*amplitude)), float(np.sqrt(np.trace(covariance) / 2))
-        again = rescaled(candidate, "amplitude", size, error)
-        return replace(again, signal=amplitude @ _pair(view, candidate.shape[0]))
+        found = replace(self, amplitude=Estimate.of(size, error, self.amplitude.unit))
+        signal = amplitude @ _pair(view, self.frequency.value)
+        return replace(candidate, effect=found, signal=signal)
 
-    def _at(self, view: View, frequency: float) -> Candidate:
-        n, rate = view.grid.n, view.grid.rate_hz
-        duration = n / rate
-        frequency = _peak(view.data, rate, frequency, 0.75 / duration)
-        slow = frequency * duration < _SLOW_CYCLES
+
+def sidebands(lines: Sequence[Sinusoid]) -> tuple[Sinusoid, ...]:
+    """Return a carrier with two equal lines at equal distances beside it, if there is one.
+
+    A tone whose amplitude or phase is modulated steadily is exactly three (or more) constant lines.
+    Three names for one thing would be three wrong names. Where a swinging frequency leaves nothing
+    at the carrier itself, two such pairs about one centre show it.
+    """
+    ordered = sorted(lines, key=lambda line: line.frequency.value)
+    for family in combinations(ordered, 3):
+        f, error = _places(family)
+        uneven = abs(f[0] + f[2] - 2 * f[1])
+        if f[2] - f[1] > _ASIDE * f[1] or uneven > 2 * _AGREE * error:
+            continue
+        if _is_of_a_wave(ordered, (f[2] - f[0]) / 2, error):
+            continue
+        if _are_equal(family[0], family[2]):
+            return family
+    for pairs in combinations(ordered, 4):
+        f, error = _places(pairs)
+        if f[3] - f[0] > _ASIDE * f[0] or abs(f[0] + f[3] - f[1] - f[2]) > _AGREE * error:
+            continue
+        if any(_is_of_a_wave(ordered, apart, error) for apart in (f[1] - f[0], f[2] - f[1])):
+            continue
+        if _are_equal(pairs[0], pairs[3]) and _are_equal(pairs[1], pairs[2]):
+            return pairs
+    return ()
+
+
+def _places(lines: Sequence[Sinusoid]) -> tuple[list[float], float]:
+    """Return the frequencies of lines, and the error of them all together."""
+    errors = [line.frequency.error for line in lines]
+    return [line.frequency.value for line in lines], float(np.linalg.norm(errors))
+
+
+def _are_equal(first: Sinusoid, second: Sinusoid) -> bool:
+    """Tell whether two lines have the same size."""
+    spread = float(np.hypot(first.amplitude.error, second.amplitude.error))
+    return abs(first.amplitude.value - second.amplitude.value) < _AGREE * spread
+
+
+def _is_of_a_wave(lines: Sequence[Sinusoid], apart: float, error: float) -> bool:
+    """Tell whether lines so far apart are harmonics, all or the odd ones, of a line there is."""
+    found = [line.frequency.value for line in lines]
+    return any(abs(f - wave) < _AGREE * error for f in found for wave in (apart, apart / 2))
+
+
+def _at(view: View, frequency: float) -> Candidate:
+    """Fit a line near a frequency."""
+    n, rate = view.grid.n, view.grid.rate_hz
+    duration = n / rate
+    frequency = _peak(view.data, rate, frequency, 0.75 / duration)
+    if frequency * duration < _SLOW_CYCLES:
+        frequency, fit = _slow_fit(view, frequency)
         pair = _pair(view, frequency)
-        if slow:
-            frequency, fit = _slow_fit(view, frequency)
-            pair = _pair(view, frequency)
-            gain, amplitudes = fit.gain, fit.amplitude
-            error = float(np.sqrt(np.trace(fit.covariance) / 2))
-        else:
-            normal = pair @ pair.T
-            amplitudes = np.linalg.solve(normal, pair @ (view.data - view.data.mean()))
-            level = max(
-                local_level(view, frequency), float(view.spectrum.at(np.array([frequency]))[0])
-            )
-            gain = float(amplitudes @ normal @ amplitudes / (2 * level))
-            error = float(np.sqrt(2 * level / n))
-        amplitude = float(np.hypot(*amplitudes))
-        sd_frequency = np.sqrt(3.0) * error / (np.pi * amplitude * duration)
-        looked_at = 0.75 * n
-        return Candidate(
-            kind=self.kind,
-            parameters={
-                "frequency": estimate(frequency, sd_frequency, "Hz"),
-                "amplitude": estimate(amplitude, error, view.unit),
-            },
-            gain=gain,
-            price=float(np.log(looked_at / ALPHA)),
-            signal=amplitudes @ pair,
-            shape=(frequency,),
-            words=f"a line at {frequency:.6g} Hz stands {gain:.0f} nats above the noise around it",
-            evidence={"constancy_p": constancy(view.data, rate, frequency)},
-        )
+        gain, amplitudes = fit.gain, fit.amplitude
+        error = float(np.sqrt(np.trace(fit.covariance) / 2))
+    else:
+        pair = _pair(view, frequency)
+        normal = pair @ pair.T
+        amplitudes = np.linalg.solve(normal, pair @ (view.data - view.data.mean()))
+        level = max(local_level(view, frequency), float(view.spectrum.at(np.array([frequency]))[0]))
+        gain = float(amplitudes @ normal @ amplitudes / (2 * level))
+        error = float(np.sqrt(2 * level / n))
+    amplitude = float(np.hypot(*amplitudes))
+    sd_frequency = np.sqrt(3.0) * error / (np.pi * amplitude * duration)
+    effect = Sinusoid(
+        Estimate.of(frequency, sd_frequency, "Hz"),
+        Estimate.of(amplitude, error, view.unit),
+        constancy(view.data, rate, frequency),
+    )
+    return Candidate(effect, gain, float(np.log(0.75 * n)), signal=amplitudes @ pair)
 
 
 def _fast_lines(view: View) -> list[float]:

@@ -9,17 +9,17 @@ instant is then refined to the sample.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import EffectKind, estimate, is_near, rescaled
-from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, marginal_covariance, step_ordinates
+from allanscope.explain.candidate import ALPHA, Candidate
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind, SizedSignal
+from allanscope.explain.effects.random_telegraph import RandomTelegraph
+from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.stepscan import StepScan
 from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
@@ -41,26 +41,39 @@ _INTERVAL_NATS = 3.68
 """Drop of the likelihood that covers the instant of a change with 95 % (Hansen 2000)."""
 
 
-class Step(EffectKind):
+@dataclass(frozen=True)
+class Step(SizedSignal):
     """A jump of the level."""
+
+    time: Estimate
+    size: Estimate
 
     kind = "step"
     meaning = "the level jumps once and stays"
+    sized_by = "size"
     located_by = "time"
-    is_slow = True
+    shared_by = "time"
     is_piecewise = True
-    is_shared = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "random_telegraph": "comes back",
         "warm_up": "bends; a step does not",
         "temperature": "the temperature jumps with it",
     }
 
-    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
-        """Tell whether two candidates are one hypothesis."""
-        return is_near(first, second, _NEAR_S * grid.rate_hz)
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return (
+            f"the level jumps by {self.size.value:.3g} {self.size.unit} at {self.time.value:.1f} s"
+        )
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether another jump is the same hypothesis."""
+        del grid
+        return abs(self.time.value - other.time.value) < _NEAR_S
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Scan the whole record."""
         n, rate = view.grid.n, view.grid.rate_hz
         edge = int(_EDGE_S * rate)
@@ -68,88 +81,71 @@ class Step(EffectKind):
         if len(at) == 0:
             return []
         statistic = view.scan.step(at)
-        best: Candidate | None = None
+        found: list[tuple[int, Candidate]] = []
         for _ in range(_PROPOSALS):
             k = int(np.argmax(statistic))
             if statistic[k] <= 1.0:
                 break
-            candidate = _candidate(view, int(at[k]))
-            if best is None or candidate.gain > best.gain:
-                best = candidate
+            found.append((int(at[k]), cls._at(view, Estimate.exact(at[k] / rate, "s"))))
             statistic[np.abs(at - at[k]) < max(edge, n // 100)] = 0.0
-        if best is None or _is_hop(view, best):
+        if not found:
             return []
-        uneven = loudness(view.data, rate, int(best.shape[0]), int(best.shape[0]))
-        best = replace(best, gain=best.gain / uneven)
-        return [_refined(view, best) if best.excess > 0 else best]
+        start, best = max(found, key=lambda one: one[1].gain)
+        if _is_hop(view, best.effect):
+            return []
+        best = replace(best, gain=best.gain / loudness(view.data, rate, start, start))
+        return [cls._near(view, start) if best.excess > 0 else best]
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    def refine(self, view: View) -> Candidate:
         """Estimate instant and size again."""
-        return _refined(view, _candidate(view, int(candidate.shape[0])))
+        return self._near(view, self._row(view))
 
-    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
-        """Judge the size by interleaved blocks."""
-        column = step_ordinates(view.grid, int(candidate.shape[0]), view.grid.low)[np.newaxis]
-        return interleaved(view, joint_fit(view, column), column)
+    def from_end_s(self, view: View) -> float:
+        """Return how far from an end of the record the jump is."""
+        return min(self.time.value, view.series.duration_s - self.time.value)
 
-    def columns(self, view: View, candidate: Candidate) -> Array:
+    def form(self, view: View) -> Array:
+        """Return a jump of 1."""
+        return (np.arange(view.grid.n) >= self._row(view)).astype(np.float64)
+
+    def columns(self, view: View) -> Array:
         """Return the ordinates of the jump."""
-        return step_ordinates(view.grid, int(candidate.shape[0]), view.grid.low)[np.newaxis]
+        return step_ordinates(view.grid, self._row(view), view.grid.low)[np.newaxis]
 
-    def solved(
-        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
-    ) -> Candidate:
-        """Return the size that a joint regression found."""
-        del view
-        return rescaled(candidate, "size", float(amplitude[0]), float(np.sqrt(covariance[0, 0])))
+    def _row(self, view: View) -> int:
+        return round(self.time.value * view.grid.rate_hz)
+
+    @classmethod
+    def _at(cls, view: View, time: Estimate) -> Candidate:
+        """Fit the size of a jump at an instant."""
+        length = max(view.series.duration_s / _PRICED_S, 1.0)
+        looked_at = _PRICE + float(np.log(length) + np.log(ALPHA))
+        return cls(time, Estimate(1.0, unit=view.unit)).measured(view, looked_at)
+
+    @classmethod
+    def _near(cls, view: View, row: int) -> Candidate:
+        """Fit a jump at the most likely row near one, under the noise of the joint fit."""
+        grid, rate = view.grid, view.grid.rate_hz
+        column = step_ordinates(grid, row, grid.low)[np.newaxis]
+        scan = StepScan(grid, view.ordinates, joint_fit(view, column).spectrum)
+        reach, edge = int(max(20 * rate, 4 * grid.n / grid.low)), int(_EDGE_S * rate)
+        tried = np.arange(max(edge, row - reach), min(grid.n - edge, row + reach))
+        gains = scan.step(tried)
+        best = int(np.argmax(gains))
+        near = tried[gains > gains[best] - _INTERVAL_NATS]
+        time = Estimate(
+            float(tried[best] / rate),
+            float((near[0] - 1) / rate),  # after the last sample of the old level
+            float((near[-1] + 0.5) / rate),
+            "s",
+        )
+        return cls._at(view, time)
 
 
-def _is_hop(view: View, candidate: Candidate) -> bool:
+def _is_hop(view: View, found: EffectKind) -> bool:
     """Tell whether a step is one of the hops of a telegraph signal that is already known."""
-    size = abs(candidate.number("size"))
-    hops = [c.number("amplitude") for c in view.accepted if c.kind == "random_telegraph"]
-    return any(size < _HOPS * amplitude for amplitude in hops)
-
-
-def _candidate(view: View, at: int) -> Candidate:
-    column = step_ordinates(view.grid, at, view.grid.low)[np.newaxis]
-    fit = joint_fit(view, column)
-    covariance = marginal_covariance(view, column, fit)
-    size, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
-    seconds = at / view.grid.rate_hz
-    signal = np.zeros(view.grid.n)
-    signal[at:] = size
-    return Candidate(
-        kind="step",
-        parameters={
-            "time": Parameter(seconds, seconds, seconds, "s"),
-            "size": estimate(size, error, view.unit),
-        },
-        gain=fit.gain,
-        price=_PRICE + float(np.log(max(view.series.duration_s / _PRICED_S, 1.0))),
-        signal=signal,
-        shape=(float(at),),
-        words=f"the level jumps by {size:.3g} {view.unit} at {seconds:.1f} s",
+    return isinstance(found, Step) and any(
+        abs(found.size.value) < _HOPS * c.effect.amplitude.value
+        for c in view.accepted
+        if isinstance(c.effect, RandomTelegraph)
     )
-
-
-def _refined(view: View, candidate: Candidate) -> Candidate:
-    """Move the instant to the most likely sample, under the noise of the joint fit."""
-    grid = view.grid
-    at = int(candidate.shape[0])
-    column = step_ordinates(grid, at, grid.low)[np.newaxis]
-    scan = StepScan(grid, view.ordinates, joint_fit(view, column).spectrum)
-    reach = int(max(20 * grid.rate_hz, 4 * grid.n / grid.low))
-    edge = int(_EDGE_S * grid.rate_hz)
-    tried = np.arange(max(edge, at - reach), min(grid.n - edge, at + reach))
-    gains = scan.step(tried)
-    best = int(np.argmax(gains))
-    near = tried[gains > gains[best] - _INTERVAL_NATS]
-    refined = _candidate(view, int(tried[best]))
-    time = Parameter(
-        float(tried[best] / grid.rate_hz),
-        float((near[0] - 1) / grid.rate_hz),  # after the last sample of the old level
-        float((near[-1] + 0.5) / grid.rate_hz),
-        "s",
-    )
-    return replace(refined, parameters={**refined.parameters, "time": time})

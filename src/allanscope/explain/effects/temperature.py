@@ -9,29 +9,33 @@ record must agree.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate, rescaled
-from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, marginal_covariance
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import SizedSignal
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
 
 
-class Temperature(EffectKind):
+@dataclass(frozen=True)
+class Temperature(SizedSignal):
     """The level follows the temperature."""
+
+    slope: Estimate
+    temperature_span_c: float
 
     kind = "temperature"
     meaning = "the level follows the measured temperature"
-    is_slow = True
+    sized_by = "slope"
     is_drift = True
     is_thermal = True
+    is_single = True
     must_replicate = True
     needs = frozenset({"temperature"})
     confused_with: ClassVar[Mapping[str, str]] = {
@@ -39,58 +43,39 @@ class Temperature(EffectKind):
         "ramp": "the temperature may drift in a straight line too",
     }
 
-    def propose(self, view: View) -> Iterable[Candidate]:
-        """Fit one slope."""
-        return [] if view.has(self.kind) or view.drifts else [self.refine(view, None)]
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return f"the level follows the temperature with {self.slope.value:.3g} {self.slope.unit}"
 
-    def refine(self, view: View, candidate: Candidate | None) -> Candidate:
-        """Estimate the slope."""
-        del candidate
-        thermal = view.series.thermal
-        assert thermal is not None
-        column = _column(view)
-        fit = joint_fit(view, column)
-        covariance = marginal_covariance(view, column, fit)
-        slope, error = float(fit.amplitude[0]), float(np.sqrt(covariance[0, 0]))
-        return Candidate(
-            kind="temperature",
-            parameters={"slope": estimate(slope, error, f"{view.unit}/degC")},
-            gain=fit.gain,
-            price=float(np.log(1 / ALPHA)),
-            signal=slope * thermal,
-            words=f"the level follows the temperature with {slope:.3g} {view.unit}/degC",
-            evidence={"temperature_span_c": float(np.ptp(thermal))},
-        )
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
+        """Fit one slope."""
+        span = float(np.ptp(_thermal(view)))
+        return [cls(Estimate(1.0, unit=f"{view.unit}/degC"), span).measured(view, 0.0)]
+
+    def refine(self, view: View) -> Candidate:
+        """Estimate the slope again."""
+        return self.measured(view, 0.0)
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Follow the temperature with the slope that is known."""
-        thermal = view.series.thermal
-        slope = candidate.number("slope")
-        return candidate if thermal is None else replace(candidate, signal=slope * thermal)
+        if view.series.thermal is None:
+            return candidate
+        return replace(candidate, signal=self.signal(view))
 
-    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
-        """Judge the slope by interleaved blocks; quarters must agree."""
-        del candidate
-        column = _column(view)
-        return interleaved(view, joint_fit(view, column), column, recurs=True)
+    def form(self, view: View) -> Array:
+        """Return the temperature."""
+        return _thermal(view)
 
-    def columns(self, view: View, candidate: Candidate) -> Array:
+    def columns(self, view: View) -> Array:
         """Return the ordinates of the temperature."""
-        del candidate
-        return _column(view)
-
-    def solved(
-        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
-    ) -> Candidate:
-        """Return the slope that a joint regression found."""
-        del view
-        slope = float(amplitude[0])
-        again = rescaled(candidate, "slope", slope, float(np.sqrt(covariance[0, 0])))
-        unit = again.parameters["slope"].unit
-        return replace(again, words=f"the level follows the temperature with {slope:.3g} {unit}")
+        ordinates = view.series.thermal_ordinates
+        assert ordinates is not None
+        return ordinates[np.newaxis, : view.grid.low]
 
 
-def _column(view: View) -> Array:
-    ordinates = view.series.thermal_ordinates
-    assert ordinates is not None
-    return ordinates[np.newaxis, : view.grid.low]
+def _thermal(view: View) -> Array:
+    thermal = view.series.thermal
+    assert thermal is not None
+    return thermal

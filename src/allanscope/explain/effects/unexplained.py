@@ -8,17 +8,18 @@ spectrum, a slow drift that nothing explains, tails of the innovations.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import eval_legendre
 
-from allanscope.explain.candidate import Candidate
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.candidate import ALPHA, Candidate
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
 from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness
 from allanscope.explain.series import CHI_SQUARE_MEDIAN
@@ -32,15 +33,12 @@ _NEIGHBOUR_Z = 3.0
 _TAIL_Z = 6.0
 _COARSE = 0.12
 """Share of the rounding in the power, at 0.75 of a step of noise, from which it is not Gaussian."""
-_HIDDEN_BY = (
-    *("variance_change", "quantization", "random_telegraph", "repeated_samples", "saturation"),
-)
-"""With these the innovations are no Gaussian's in any case."""
 _TURNS = 4
 _WAVES = 5.0
 _REMNANT = 0.1
 """Waves of a cut tone from an end of the record, and share of its gain, of what it may leave."""
-_CHANGES_OF_LEVEL, _OF_A_DRIFT = ("warm_up", "step", "excursion"), 0.03
+_OF_A_DRIFT = 0.03
+"""Share of the gain of a drift without a name up to which a change of the level is left of it."""
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
 _MOST = 0.5
@@ -56,22 +54,67 @@ DRIFT_PRICE = 20.0
 """Nats that the polynomial gains on one clean record in 1000 or fewer (by simulation)."""
 
 
+@dataclass(frozen=True)
 class Unexplained(EffectKind):
-    """A residual without a name."""
+    """A residual without a name.
+
+    Attributes
+    ----------
+    frequency_low, frequency_high : Estimate
+        Where it sits.
+    share : Estimate
+        Of the power there.
+    domain : str
+        ``spectrum`` for a range that is cut out of the fit, ``level`` for a slow drift that is
+        subtracted, ``distribution`` for values that are no Gaussian's.
+    description : str
+        What was seen, in a phrase.
+    figures : mapping
+        Numbers that it speaks of.
+    """
+
+    frequency_low: Estimate
+    frequency_high: Estimate
+    share: Estimate
+    domain: Literal["spectrum", "level", "distribution"]
+    description: str
+    figures: Mapping[str, float] = field(default_factory=dict)
 
     kind = "unexplained"
     meaning = "left over, and no name fits"
     located_by = "frequency_low"
+    is_named = False
     stage = 4
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return self.description
+
+    @property
+    def evidence(self) -> dict[str, Any]:
+        """What else it knows of itself."""
+        return {"domain": self.domain, **self.figures}
+
+    @property
+    def is_unnamed_drift(self) -> bool:
+        """Whether it is a slow drift."""
+        return self.domain == "level"
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Look at what is left in the spectrum, the slow drift and the distribution."""
         yield from _bands(view)
         drift = drift_left_over(view)
         if drift is not None:
             yield drift
-        if not any(c.shape == (0.0,) for c in view.accepted if c.kind == self.kind):
+        if not any(one.domain == "distribution" for _, one in _known(view)):
             yield from _piles(view) or _tails(view)
+
+
+def _known(view: View) -> list[tuple[Candidate, Unexplained]]:
+    """Return what has been accepted without a name."""
+    return [(c, c.effect) for c in view.accepted if isinstance(c.effect, Unexplained)]
 
 
 def left_over(
@@ -94,33 +137,34 @@ def left_over(
     parts : tuple of (float, float), optional
         Ranges within it that are cut out; by default all of it.
     """
-    top = view.grid.rate_hz / 2
-    low, high = max(band[0], 0.0), min(band[1], top)
-    return Candidate(
-        kind="unexplained",
-        parameters={
-            "frequency_low": Parameter(low, unit="Hz"),
-            "frequency_high": Parameter(high, unit="Hz"),
-            "share": Parameter(share),
-        },
-        gain=gain,
-        price=0.0,
-        excluded=parts or ((low, high),),
-        shape=(low, high),
-        words=words,
-        log_alternatives=log_alternatives,
-    )
+    effect = _unexplained(view, band, share, "spectrum", words)
+    cut = parts or ((effect.frequency_low.value, effect.frequency_high.value),)
+    return Candidate(effect, gain, log_alternatives, is_paid=True, excluded=cut)
 
 
-def tone_left_over(view: View, candidate: Candidate) -> Candidate | None:
+def _unexplained(
+    view: View,
+    band: tuple[float, float],
+    share: float,
+    domain: Literal["spectrum", "level", "distribution"],
+    words: str,
+    **figures: float,
+) -> Unexplained:
+    low, high = max(band[0], 0.0), min(band[1], view.grid.rate_hz / 2)
+    low_hz, high_hz = Estimate(low, unit="Hz"), Estimate(high, unit="Hz")
+    return Unexplained(low_hz, high_hz, Estimate(share), domain, words, figures)
+
+
+def tone_left_over(
+    view: View, candidate: Candidate, f0: float, width: float = 0.0
+) -> Candidate | None:
     """Return the range that a tone or band covers which is not what its name would say.
 
     None where it has no end: what covers most of the spectrum is no tone, but a model of the rest
     that does not fit, and with all of it cut out there would be nothing left to fit.
     """
-    f0 = candidate.shape[0]
     unit = view.grid.rate_hz / (2 * view.grid.n)
-    reach = max(candidate.shape[1] if candidate.kind == "narrowband" else 0.0, 8 * unit)
+    reach = max(width, 8 * unit)
     low, high, cut = f0 - reach, f0 + reach, view
     for _ in range(_TURNS):
         # What is beside it is known only once it is out of the fit.
@@ -133,21 +177,21 @@ def tone_left_over(view: View, candidate: Candidate) -> Candidate | None:
         cut = view.without_range(low, high)
     inside = view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1]
     share = float(inside.sum() / view.squares.sum())
-    words, searched = _CHANGES.format(low, high), candidate.log_looked_at(ALPHA)
+    words, searched = _CHANGES.format(low, high), candidate.log_alternatives
     return left_over(view, (low, high), candidate.gain, share, words, searched)
 
 
-def tones_left_over(view: View, lines: tuple[Candidate, ...]) -> Candidate | None:
-    """Return the range that several lines cover which are one modulated tone."""
-    ranges = [found for line in lines if (found := tone_left_over(view, line)) is not None]
-    if not ranges:
-        return None
-    low, high = min(r.shape[0] for r in ranges), max(r.shape[1] for r in ranges)
-    share = sum(r.number("share") for r in ranges)
-    gain = sum(line.gain for line in lines)
+def tones_left_over(view: View, lines: Sequence[tuple[Candidate, float]]) -> Candidate | None:
+    """Return the range that lines at several frequencies cover which are one modulated tone."""
+    found = [tone_left_over(view, line, frequency) for line, frequency in lines]
     # What is between a carrier and sidebands far from it is noise like any other.
-    parts = tuple((r.shape[0], r.shape[1]) for r in ranges)
-    searched = sum(line.log_looked_at(ALPHA) for line in lines)
+    parts = tuple(cut for one in found if one is not None for cut in one.excluded)
+    if not parts:
+        return None
+    low, high = min(p[0] for p in parts), max(p[1] for p in parts)
+    share = sum(_share(one) for one in found if one is not None)
+    gain = sum(line.gain for line, _ in lines)
+    searched = sum(line.log_alternatives for line, _ in lines)
     words = _CHANGES.format(low, high)
     return left_over(view, (low, high), gain, share, words, searched, parts)
 
@@ -188,33 +232,36 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
     Returns the view without the ranges that were swallowed, and the candidate for all of them.
     """
     room = _GAP * view.grid.rate_hz / (2 * view.grid.n)
-    while (near := _touched(view, candidate, room)) is not None:
-        low = min(near.shape[0], candidate.shape[0])
-        high = max(near.shape[1], candidate.shape[1])
-        share = near.number("share") + candidate.number("share")
+    while (
+        isinstance(own := candidate.effect, Unexplained)
+        and own.domain == "spectrum"
+        and (touched := _touched(view, *_limits(own), room)) is not None
+    ):
+        near, other = touched
+        low = min(other.frequency_low.value, own.frequency_low.value)
+        high = max(other.frequency_high.value, own.frequency_high.value)
+        share = other.share.value + own.share.value
         view = view.without(near)
+        gain = near.gain + candidate.gain
+        searched = near.log_alternatives + candidate.log_alternatives
         words = _CHANGES.format(low, high)
-        gain, searched = (
-            near.gain + candidate.gain,
-            near.log_looked_at(ALPHA) + candidate.log_looked_at(ALPHA),
-        )
         candidate = left_over(view, (low, high), gain, share, words, searched)
     return view, candidate
 
 
-def beside(view: View, tone: Candidate) -> bool:
+def beside(view: View, frequency: float) -> bool:
     """Tell whether a tone lies so near to one that has no name that it will be part of it."""
     unit = view.grid.rate_hz / (2 * view.grid.n)
-    near = left_over(view, (tone.shape[0] - unit, tone.shape[0] + unit), 0.0, 0.0, "")
-    return _touched(view, near, _GAP * unit) is not None
+    return _touched(view, frequency - unit, frequency + unit, _GAP * unit) is not None
 
 
 def covered(view: View, candidate: Candidate) -> bool:
     """Tell whether a range without a name has been cut out of the fit already."""
-    if not candidate.is_range or candidate.signal is not None:
+    effect = candidate.effect
+    if not isinstance(effect, Unexplained) or effect.domain != "spectrum":
         return False
     unit = view.grid.rate_hz / (2 * view.grid.n)
-    low, high = (round(f / unit) for f in candidate.shape)
+    low, high = (round(f / unit) for f in _limits(effect))
     return not view.spectrum.kept[max(0, low - 1) : max(1, high)].any()
 
 
@@ -224,38 +271,40 @@ def is_remnant(view: View, candidate: Candidate) -> bool:
     Cutting frequencies out does not cut where the record begins and ends in the middle of a wave,
     and what describes a drift without a name describes it to some per cent of its gain.
     """
-    drifts = [c for c in view.accepted if c.is_drift]
-    if candidate.kind in _CHANGES_OF_LEVEL and any(
-        candidate.gain < _OF_A_DRIFT * c.gain for c in drifts
-    ):
-        return True
-    if candidate.kind == "warm_up":
-        distance_s = candidate.shape[0]
-    elif candidate.kind in ("step", "excursion"):
-        ends = min(candidate.shape[0], view.grid.n - candidate.shape[-1])
-        distance_s = ends / view.grid.rate_hz
-    else:
+    distance_s = candidate.effect.from_end_s(view)
+    if distance_s is None:
         return False
     return any(
-        distance_s * c.shape[0] < _WAVES and candidate.gain < _REMNANT * c.gain
-        for c in view.accepted
-        if c.is_range and c.shape[0] > 0
+        candidate.gain < _OF_A_DRIFT * known.gain
+        if one.is_unnamed_drift
+        else one.domain == "spectrum"
+        and distance_s * one.frequency_low.value < _WAVES
+        and candidate.gain < _REMNANT * known.gain
+        for known, one in _known(view)
     )
 
 
-def _touched(view: View, candidate: Candidate, room: float) -> Candidate | None:
-    """Return a range of the view that the candidate touches; none where either is a drift.
+def _limits(effect: Unexplained) -> tuple[float, float]:
+    return effect.frequency_low.value, effect.frequency_high.value
+
+
+def _share(candidate: Candidate) -> float:
+    return candidate.effect.share.value if isinstance(candidate.effect, Unexplained) else 0.0
+
+
+def _touched(
+    view: View, low: float, high: float, room: float
+) -> tuple[Candidate, Unexplained] | None:
+    """Return what is cut out of the view and touches a range; drifts are not cut out.
 
     The narrower of the two tells how near is near: what is united grows, and if the wider did,
     every union would reach for the next stranger.
     """
-    if not candidate.is_range or candidate.signal is not None:
-        return None
-    low, high = candidate.shape
-    for near in (c for c in view.accepted if c.is_range and c.signal is None):
-        gap = max(room, min(high - low, near.shape[1] - near.shape[0]))
-        if near.shape[0] < high + gap and low < near.shape[1] + gap:
-            return near
+    for near, one in _known(view):
+        first, last = _limits(one)
+        gap = max(room, min(high - low, last - first))
+        if one.domain == "spectrum" and first < high + gap and low < last + gap:
+            return near, one
     return None
 
 
@@ -264,7 +313,7 @@ def _bands(view: View) -> Iterable[Candidate]:
     if view.has("quantization"):
         return
     bands = band_scores(view)
-    known = [c.shape for c in view.accepted if c.is_range]
+    known = [_limits(one) for _, one in _known(view) if one.domain != "distribution"]
     worst = int(np.argmax(np.abs(bands.z)))
     z = float(bands.z[worst])
     low = high = worst
@@ -326,12 +375,20 @@ def relaxation_left_over(view: View, tau: float) -> Candidate:
     return _drift(view, drift, fit.gain, words)
 
 
+def slow_drift(view: View, drift: Array, gain: float, high: float, words: str) -> Candidate:
+    """Return a drift below a frequency that has no name and is subtracted.
+
+    The noise that it took along is missing there: the fit must not count it as low.
+    """
+    share = float(np.var(drift) / np.var(view.data))
+    effect = _unexplained(view, (0.0, high), share, "level", words)
+    looked_at = DRIFT_PRICE + float(np.log(ALPHA))
+    return Candidate(effect, gain, looked_at, signal=drift, excluded=((0.0, high),))
+
+
 def _drift(view: View, drift: Array, gain: float, words: str) -> Candidate:
     high = (DEGREE + 0.5) * view.grid.rate_hz / (2 * view.grid.n)
-    share = float(np.var(drift) / np.var(view.data))
-    found = left_over(view, (0.0, high), gain, share, words.format(1 / high))
-    # The noise that the drift took along is missing there: the fit must not count it as low.
-    return replace(found, signal=drift - drift.mean(), price=DRIFT_PRICE, log_alternatives=None)
+    return slow_drift(view, drift - drift.mean(), gain, high, words.format(1 / high))
 
 
 def _piles(view: View) -> list[Candidate]:
@@ -344,33 +401,20 @@ def _piles(view: View) -> list[Candidate]:
         f"{100 * most.share:.2g} % of the samples are {most.value:.4g} {view.unit}, far more than "
         "of the values beside it: a dead zone, or a value that stands for another"
     )
-    return [_distribution(view, most.share, math.inf, words, {"values": len(inside)})]
+    return [_distribution(view, most.share, math.inf, words, values=len(inside))]
 
 
-def _distribution(
-    view: View, share: float, gain: float, words: str, evidence: dict[str, float]
-) -> Candidate:
+def _distribution(view: View, share: float, gain: float, words: str, **figures: float) -> Candidate:
     """Return what is wrong with the distribution of the samples, at all frequencies."""
-    return Candidate(
-        kind="unexplained",
-        parameters={
-            "frequency_low": Parameter(0.0, unit="Hz"),
-            "frequency_high": Parameter(view.grid.rate_hz / 2, unit="Hz"),
-            "share": Parameter(share),
-        },
-        gain=gain,
-        price=float(np.log(1 / ALPHA)),
-        shape=(0.0,),
-        words=words,
-        evidence=evidence,
-    )
+    band = (0.0, view.grid.rate_hz / 2)
+    return Candidate(_unexplained(view, band, share, "distribution", words, **figures), gain)
 
 
 def _tails(view: View) -> list[Candidate]:
     kurtosis, error = excess_kurtosis(view)
     # The rounding's part of the power: what it adds is flat, with an excess kurtosis of -1.2.
     rounding = view.floor / float(np.median(view.spectrum.ordinates))
-    hidden = rounding > _COARSE or any(view.has(kind) for kind in _HIDDEN_BY)
+    hidden = rounding > _COARSE or any(c.effect.is_not_gaussian for c in view.accepted)
     if hidden:
         return []
     skewness, uncertain = excess_skewness(view)
@@ -378,11 +422,11 @@ def _tails(view: View) -> list[Candidate]:
         side = "upper" if skewness < 0 else "lower"
         words = f"the samples are lopsided, cut short on the {side} side (skewness {skewness:.2g})"
         gain = (skewness / uncertain) ** 2 / 2
-        return [_distribution(view, abs(skewness) / 2, gain, words, {"skewness": skewness})]
+        return [_distribution(view, abs(skewness) / 2, gain, words, skewness=skewness)]
     if abs(kurtosis + 1.2 * rounding**2) < _TAIL_Z * error:
         return []
     tails = "heavier" if kurtosis > 0 else "lighter"
     words = f"the samples have {tails} tails than a Gaussian (excess kurtosis {kurtosis:.2g})"
     share = abs(kurtosis) / (3 + kurtosis)
     gain = (kurtosis / error) ** 2 / 2
-    return [_distribution(view, share, gain, words, {"excess_kurtosis": kurtosis})]
+    return [_distribution(view, share, gain, words, excess_kurtosis=kurtosis)]

@@ -12,6 +12,7 @@ Tails heavier than a Gaussian's raise the scatter of the squares, and the gain i
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -20,8 +21,8 @@ from scipy.fft import idct
 from scipy.stats import chi2
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effect import Parameter
-from allanscope.explain.effects.base import ALPHA, EffectKind, estimate
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import ALPHA, EffectKind
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -31,30 +32,45 @@ _MOST = 40
 _QUARTERS = 4
 _LEFT = 0.2
 """Least share of a quarter of the band that must not have been cut out of the fit."""
-_HIDDEN_BY = ("quantization", "random_telegraph")
-"""With these the innovations are not Gaussian: a hop is whitened to a burst."""
 _CAP = 20.0
 """Squares are cut here, so that one sample cannot make a stretch."""
 _LONGEST = 0.5
 
 
+@dataclass(frozen=True)
 class VarianceChange(EffectKind):
     """Intervals of another white level."""
+
+    intervals: Estimate
+    start: Estimate
+    stop: Estimate
+    ratio: Estimate
+    blocks: int
 
     kind = "variance_change"
     meaning = "the white level is not one level"
     located_by = "start"
-    is_shared = True
+    shared_by = "start"
+    is_single = True
+    is_not_gaussian = True
+    excluded_by = frozenset({"quantization", "random_telegraph"})  # a hop is whitened to a burst
     stage = 3
     confused_with: ClassVar[Mapping[str, str]] = {
         "outliers": "single samples, not a stretch",
         "unexplained": "heavy tails are everywhere",
     }
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return (
+            f"between {self.start.value:.0f} s and {self.stop.value:.0f} s the white noise is "
+            f"{self.ratio.value:.3g} times that of the rest"
+        )
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Look for intervals whose mean square differs from the rest's."""
-        if any(view.has(k) for k in (self.kind, *_HIDDEN_BY)):
-            return []
         size = max(8, int(_BLOCK_S * view.grid.rate_hz))
         blocks = len(view.innovations) // size
         if blocks < 16:
@@ -64,36 +80,22 @@ class VarianceChange(EffectKind):
         spread = float(np.mean((np.diff(power)) ** 2)) / 2
         freedom = float(np.clip(2 / spread * np.median(power) ** 2, 1.0, size))
         found = _intervals(power, freedom)
-        if not found:
+        if not found or not _at_all_frequencies(view, max(found), size):
             return []
-        if not _at_all_frequencies(view, max(found), size):
-            return []
-        gain = sum(g for g, *_ in found)
-        price = _price(blocks)
-        seconds = size / view.grid.rate_hz
         best = max(found)
+        seconds = size / view.grid.rate_hz
         ratio, inside = float(np.sqrt(best[3])), best[2] - best[1]
-        error = ratio / np.sqrt(2 * freedom * inside)
+        gain, looked_at = float(sum(g for g, *_ in found)), _log_alternatives(blocks)
         count = float(len(found))
-        weak = float(sum(g < 2 * price for g, *_ in found))
-        return [
-            Candidate(
-                kind=self.kind,
-                parameters={
-                    "intervals": Parameter(count, count - weak, count + weak),
-                    "start": _instant(best[1], seconds, best[3], freedom),
-                    "stop": _instant(best[2], seconds, best[3], freedom),
-                    "ratio": estimate(ratio, error),
-                },
-                gain=float(gain),
-                price=price,
-                words=(
-                    f"between {best[1] * seconds:.0f} s and {best[2] * seconds:.0f} s the white "
-                    f"noise is {ratio:.3g} times that of the rest"
-                ),
-                evidence={"blocks": blocks},
-            )
-        ]
+        weak = float(sum(g < 2 * (looked_at - np.log(ALPHA)) for g, *_ in found))
+        effect = cls(
+            intervals=Estimate(count, count - weak, count + weak),
+            start=_instant(best[1], seconds, best[3], freedom),
+            stop=_instant(best[2], seconds, best[3], freedom),
+            ratio=Estimate.of(ratio, ratio / np.sqrt(2 * freedom * inside)),
+            blocks=blocks,
+        )
+        return [Candidate(effect, gain, looked_at)]
 
 
 def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: int) -> bool:
@@ -123,23 +125,23 @@ def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: 
     return bool(chi2.sf(max(distance - room, 0.0), max(len(ratios) - 1, 1)) > 1e-3)
 
 
-def _price(blocks: int) -> float:
-    """Price of looking at all intervals: by simulation, 1 in 1000 clean records gains so much."""
-    return float(np.log(1.5 * blocks / ALPHA))
+def _log_alternatives(blocks: int) -> float:
+    """Log of how many intervals there are: by simulation, 1 in 1000 clean records gains more."""
+    return float(np.log(1.5 * blocks))
 
 
-def _instant(block: int, seconds: float, ratio: float, freedom: float) -> Parameter:
+def _instant(block: int, seconds: float, ratio: float, freedom: float) -> Estimate:
     """Return a border with the blocks by which it may be off: 11 over the squared contrast."""
     contrast = freedom * np.log(ratio) ** 2 / 2
     off = (1 + 11.0 / max(contrast, 1e-3)) * seconds
-    return Parameter(block * seconds, block * seconds - off, block * seconds + off, "s")
+    return Estimate(block * seconds, block * seconds - off, block * seconds + off, "s")
 
 
 def _intervals(power: Array, freedom: float) -> list[tuple[float, int, int, float]]:
     """Find (gain, first, last, ratio) of intervals, strongest first."""
     power = power.copy()
     n = len(power)
-    price = _price(n)
+    price = _log_alternatives(n) - float(np.log(ALPHA))
     found: list[tuple[float, int, int, float]] = []
     for _ in range(_MOST):
         gain, first, last = _best(power, freedom)

@@ -9,21 +9,16 @@ cosines better, which is why those compete (see `unexplained`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import (
-    ALPHA,
-    EffectKind,
-    estimate,
-    is_of_one_scale,
-    log_interval,
-)
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.base import EffectKind, is_alike
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
     Regression,
@@ -46,16 +41,20 @@ _LEAP = 0.4
 """Most that ln tau moves in one step of a joint regression."""
 
 
+@dataclass(frozen=True)
 class WarmUp(EffectKind):
     """An exponential at the start."""
 
+    time_constant: Estimate
+    amplitude: Estimate
+
     kind = "warm_up"
     meaning = "the level relaxes exponentially from the start of the record"
-    located_by = "time_constant"
+    shared_by = "time_constant"
+    is_single = True
     is_slow = True
     is_drift = True
     is_thermal = True
-    is_shared = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "temperature": "the measured temperature explains it",
         "step": "does not bend",
@@ -63,15 +62,34 @@ class WarmUp(EffectKind):
         "unexplained": "another slow drift fits free cosines better",
     }
 
-    def is_same(self, first: Candidate, second: Candidate, grid: Grid) -> bool:
-        """Tell whether two candidates are one hypothesis."""
-        del grid
-        return is_of_one_scale(first, second)
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return (
+            f"the level relaxes by {self.amplitude.value:.3g} {self.amplitude.unit}, time constant "
+            f"{self.time_constant.value:.4g} s"
+        )
 
-    def propose(self, view: View) -> Iterable[Candidate]:
+    @property
+    def relaxation_s(self) -> float:
+        """Time constant."""
+        return self.time_constant.value
+
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether another warm-up is the same hypothesis."""
+        del grid
+        return is_alike(self.time_constant, other.time_constant)
+
+    def from_end_s(self, view: View) -> float:
+        """Return for how long it moves the level from the start on."""
+        del view
+        return self.time_constant.value
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
         """Fit a bank of time constants."""
         longest = _LONGEST * view.series.duration_s
-        if longest < 2 * _SHORTEST_S or view.has(self.kind) or view.drifts:
+        if longest < 2 * _SHORTEST_S:
             return []
         bank = np.geomspace(_SHORTEST_S, longest, _BANK)
         gains = [joint_fit(view, _column(view, tc), rounds=5).gain for tc in bank]
@@ -80,25 +98,29 @@ class WarmUp(EffectKind):
             return []
         return [_candidate(view, bank[max(0, best - 1)], bank[min(_BANK - 1, best + 1)])]
 
-    def refine(self, view: View, candidate: Candidate) -> Candidate:
+    def refine(self, view: View) -> Candidate:
         """Estimate time constant and amplitude again."""
-        tc = candidate.shape[0]
+        tc = self.time_constant.value
         return _candidate(view, tc / 1.6, tc * 1.6)
+
+    def signal(self, view: View) -> Array:
+        """Return the exponential."""
+        t = np.arange(view.grid.n) / view.grid.rate_hz
+        return np.asarray(self.amplitude.value * np.exp(-t / self.time_constant.value))
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Let the exponential go on."""
-        t = np.arange(view.grid.n) / view.grid.rate_hz
-        signal = candidate.number("amplitude") * np.exp(-t / candidate.shape[0])
-        return replace(candidate, signal=signal)
+        return replace(candidate, signal=self.signal(view))
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Judge the amplitude by interleaved blocks."""
-        column = _column(view, candidate.shape[0])
+        del candidate
+        column = _column(view, self.time_constant.value)
         return interleaved(view, joint_fit(view, column), column)
 
-    def columns(self, view: View, candidate: Candidate) -> Array:
+    def columns(self, view: View) -> Array:
         """Return the ordinates of the exponential, and what they change by with ln tau."""
-        tc = candidate.shape[0]
+        tc = self.time_constant.value
         return np.vstack([_column(view, tc), _derivative(view, tc)])
 
     def solved(
@@ -108,10 +130,11 @@ class WarmUp(EffectKind):
         size = float(amplitude[0])
         step = float(np.clip(amplitude[1] / size if size else 0.0, -_LEAP, _LEAP))
         longest = _LONGEST * view.series.duration_s
-        tc = float(np.clip(candidate.shape[0] * np.exp(step), _SHORTEST_S, longest))
+        tc = float(np.clip(self.time_constant.value * np.exp(step), _SHORTEST_S, longest))
         error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         log_error = log_error / max(abs(size), 1e-300)
-        return replace(candidate, **_described(view, tc, size, float(error), float(log_error)))
+        found = _warm_up(view, tc, size, float(error), float(log_error))
+        return replace(candidate, effect=found, signal=found.signal(view))
 
 
 def _column(view: View, tc: float) -> Array:
@@ -143,25 +166,9 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     found = Regression(np.array([amplitude, 0.0]), covariance, spectrum, fit.gain)
     covariance = marginal_covariance(view, jacobian, found)
     error, log_error = np.sqrt(np.maximum(np.diag(covariance), 0))
-    return Candidate(
-        kind="warm_up",
-        gain=fit.gain,
-        price=float(np.log(8 / ALPHA)),
-        **_described(view, tc, amplitude, float(error), float(log_error)),
-    )
+    effect = _warm_up(view, tc, amplitude, float(error), float(log_error))
+    return Candidate(effect, fit.gain, float(np.log(8)), signal=effect.signal(view))
 
 
-def _described(
-    view: View, tc: float, amplitude: float, error: float, log_error: float
-) -> dict[str, Any]:
-    """Return numbers, signal and words of an exponential."""
-    t = np.arange(view.grid.n) / view.grid.rate_hz
-    return {
-        "parameters": {
-            "time_constant": log_interval(tc, log_error, "s"),
-            "amplitude": estimate(amplitude, error, view.unit),
-        },
-        "signal": amplitude * np.exp(-t / tc),
-        "shape": (tc,),
-        "words": f"the level relaxes by {amplitude:.3g} {view.unit}, time constant {tc:.4g} s",
-    }
+def _warm_up(view: View, tc: float, size: float, error: float, log_error: float) -> WarmUp:
+    return WarmUp(Estimate.of_log(tc, log_error, "s"), Estimate.of(size, error, view.unit))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from allanscope.explain.adequacy import CONSTANT_P, WITHIN
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.effects.unexplained import united
@@ -20,12 +19,12 @@ _GOOD_PART = 0.3
 _SIMILAR = 3.0
 
 
-def proposals(view: View, kinds: Iterable[EffectKind], path: SearchPath) -> list[Candidate]:
+def proposals(view: View, kinds: Iterable[type[EffectKind]], path: SearchPath) -> list[Candidate]:
     """Ask kinds for candidates, but for those that were taken before and dropped."""
     found = []
     for kind in kinds:
         path.evaluations += 1
-        found += [c for c in kind.propose(view) if not path.was_dropped(c, view.grid)]
+        found += [c for c in kind.candidates(view) if not path.was_dropped(c, view.grid)]
     return found
 
 
@@ -45,7 +44,7 @@ def add(
             path.note("add", candidate, why)
             continue
         path.accept("add", accepted)
-        if unite and accepted.kind == "unexplained":
+        if unite:
             view, accepted = united(view, accepted)
         return view.accept(accepted)
     return None
@@ -58,15 +57,9 @@ def _ranked(candidates: list[Candidate]) -> list[Candidate]:
     side by side are lines, and so are those of a modulated tone.
     """
     ranked = sorted(candidates, key=lambda c: -c.excess)
-    for band in [c for c in ranked if c.kind == "narrowband"]:
-        f0, width = band.shape[:2]
+    for band in tuple(ranked):
         lines = [
-            c
-            for c in ranked
-            if c.kind == "sinusoid"
-            and abs(c.shape[0] - f0) < WITHIN * width
-            and c.excess > _GOOD_PART * band.excess
-            and c.evidence["constancy_p"] > CONSTANT_P
+            c for c in ranked if band.effect.holds(c.effect) and c.excess > _GOOD_PART * band.excess
         ]
         if lines and band.excess > 0:
             ranked.remove(lines[0])
@@ -81,7 +74,8 @@ def with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> Vi
     last = view.accepted[-1]
     rivals = dict(last.rivals)
     for rival in former:
-        if rival.kind in (last.kind, "ramp") or rival.gain < last.gain - _SIMILAR:
+        is_other = rival.kind != last.kind and rival.effect.is_rival
+        if not is_other or rival.gain < last.gain - _SIMILAR:
             continue
         left = max((c.gain for c in now if c.kind == rival.kind), default=0.0)
         if left < 0.5 * rival.gain:

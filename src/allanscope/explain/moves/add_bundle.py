@@ -8,7 +8,6 @@ for by every member, and each must be worth its penalty given the others.
 from __future__ import annotations
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.base import EffectKind
 from allanscope.explain.effects.unexplained import is_remnant
 from allanscope.explain.gates import judge_members, owed
@@ -28,7 +27,7 @@ _PROMISING = 5.0
 
 
 def add_bundle(
-    view: View, kinds: list[EffectKind], candidates: list[Candidate], path: SearchPath
+    view: View, kinds: list[type[EffectKind]], candidates: list[Candidate], path: SearchPath
 ) -> View | None:
     """Return the view with a bundle, or None."""
     slow = [kind for kind in kinds if kind.is_slow]
@@ -37,7 +36,7 @@ def add_bundle(
     for _ in range(_MOST):
         if trial is not view:
             candidates = proposals(trial, slow, path)
-        own = [c for c in candidates if KINDS[c.kind].is_slow and not is_remnant(trial, c)]
+        own = [c for c in candidates if c.effect.is_slow and not is_remnant(trial, c)]
         promising = [c for c in own if c.gain > _PROMISING]
         if not promising:
             return None

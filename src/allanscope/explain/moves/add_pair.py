@@ -19,7 +19,7 @@ __all__ = ["add_pair"]
 
 
 def add_pair(
-    view: View, kinds: list[EffectKind], candidates: list[Candidate], path: SearchPath
+    view: View, kinds: list[type[EffectKind]], candidates: list[Candidate], path: SearchPath
 ) -> View | None:
     """Return the view with both, or None."""
     pair = {kind.kind for kind in KINDS.values() if kind.is_thermal}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from allanscope.explain.adequacy import is_measured
-from allanscope.explain.effects import KINDS
 from allanscope.explain.search_path import SearchPath
 from allanscope.explain.view import View
 
@@ -17,9 +16,9 @@ def drop(view: View, path: SearchPath) -> View:
     """
     last = view.accepted[-1:]
     for candidate in view.accepted:
-        if KINDS[candidate.kind].stage != 2 or candidate.kind == "unexplained":
+        if candidate.effect.stage != 2:
             continue
-        superfluous = candidate.gain < candidate.price and all(candidate is not c for c in last)
+        superfluous = candidate.gain < candidate.penalty and all(candidate is not c for c in last)
         if superfluous or not is_measured(candidate):
             view = view.without(candidate)
             path.drop(candidate)

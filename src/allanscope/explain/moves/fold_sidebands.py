@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
 from allanscope.explain.effects.unexplained import tones_left_over, united
 from allanscope.explain.search_path import SearchPath
-from allanscope.explain.tones import sidebands
 from allanscope.explain.view import View
 
 __all__ = ["fold_sidebands"]
@@ -12,11 +12,13 @@ __all__ = ["fold_sidebands"]
 
 def fold_sidebands(view: View, path: SearchPath) -> View:
     """Return the view with the tone in the place of the family of lines, if there is one."""
-    family = sidebands([c for c in view.accepted if c.kind == "sinusoid"])
+    lines = [(c, c.effect) for c in view.accepted if isinstance(c.effect, Sinusoid)]
+    family = sidebands([line for _, line in lines])
     if not family:
         return view
-    bare = view.without(*family)
-    whole = tones_left_over(bare, family)
+    members = [(c, line.frequency.value) for c, line in lines if line in family]
+    bare = view.without(*(c for c, _ in members))
+    whole = tones_left_over(bare, members)
     if whole is None:
         return view
     bare, tone = united(bare, whole)

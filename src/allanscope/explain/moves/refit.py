@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from allanscope.explain.effects import KINDS
 from allanscope.explain.search_path import SearchPath
 from allanscope.explain.view import View
 
@@ -13,14 +12,14 @@ __all__ = ["refit"]
 
 def refit(view: View, path: SearchPath) -> View:
     """Return the view with every effect of the spectrum and the level estimated again."""
-    if len([c for c in view.accepted if KINDS[c.kind].stage == 2 or c.is_drift]) < 2:
+    if len([c for c in view.accepted if c.effect.stage == 2 or c.effect.is_unnamed_drift]) < 2:
         return view
     for candidate in view.accepted:
-        if KINDS[candidate.kind].stage != 2:
+        if candidate.effect.stage != 2:
             continue
         path.evaluations += 1
         bare = view.without(candidate)
-        again = KINDS[candidate.kind].refine(bare, candidate)
+        again = candidate.effect.refine(bare) or candidate
         again = replace(again, held_out=candidate.held_out, rivals=candidate.rivals)
         grown = bare.accept(again)
         order = [again if c is candidate else c for c in view.accepted]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.unexplained import (
     DEGREE,
     RELAXATIONS,
@@ -19,7 +18,7 @@ _CLEARLY = 5.0
 _UNFINISHED = 0.3
 """Share of the gain of the named effects that a polynomial may still find behind them."""
 _FEW_WAVES = 4.0
-"""A slower line may be a piece of something else."""
+"""A slower wave may be a piece of something else."""
 
 
 def replace_drift(view: View, path: SearchPath) -> View:
@@ -29,10 +28,10 @@ def replace_drift(view: View, path: SearchPath) -> View:
     significant and none is true.
     """
     view = _replace_relaxation(view)
-    slow = [c for c in view.accepted if KINDS[c.kind].is_drift or _is_slow_line(view, c)]
+    slow = [c for c in view.accepted if c.effect.is_drift or _is_slow_wave(view, c)]
     if not slow:
         return view
-    bare = view.without(*slow, *(c for c in view.accepted if c.is_drift))
+    bare = view.without(*slow, *(c for c in view.accepted if c.effect.is_unnamed_drift))
     named = view.spectrum.loglik - bare.spectrum.loglik
     free, rest = drift_left_over(bare), drift_left_over(view)
     if free is None:
@@ -49,14 +48,15 @@ def replace_drift(view: View, path: SearchPath) -> View:
 
 def _replace_relaxation(view: View) -> View:
     """Replace a warm-up by `unexplained` where several exponentials do clearly better than one."""
-    warm = next((c for c in view.accepted if c.kind == "warm_up"), None)
+    known = ((c, c.effect.relaxation_s) for c in view.accepted)
+    warm, tau = next(((c, tau) for c, tau in known if tau is not None), (None, 0.0))
     if warm is None:
         return view
     bare = view.without(warm)
-    free = relaxation_left_over(bare, warm.shape[0])
+    free = relaxation_left_over(bare, tau)
     named = view.spectrum.loglik - bare.spectrum.loglik
     better = free.gain - len(RELAXATIONS) > named + _CLEARLY
-    return _without_pieces(bare.accept(free), free, warm.shape[0]) if better else view
+    return _without_pieces(bare.accept(free), free, tau) if better else view
 
 
 def _without_pieces(view: View, free: Candidate, tau: float) -> View:
@@ -64,16 +64,15 @@ def _without_pieces(view: View, free: Candidate, tau: float) -> View:
 
     The relaxation is fitted again without each; what is worth its price beside that was no piece.
     """
-    slow = [c for c in view.accepted if KINDS[c.kind].is_piecewise or _is_slow_line(view, c)]
+    slow = [c for c in view.accepted if c.effect.is_piecewise or _is_slow_wave(view, c)]
     for piece in sorted(slow, key=lambda c: c.excess):
         bare = view.without(piece, free)
         again = relaxation_left_over(bare, tau)
         trial = bare.accept(again)
-        if view.spectrum.loglik - trial.spectrum.loglik < piece.price:
+        if view.spectrum.loglik - trial.spectrum.loglik < piece.penalty:
             view, free = trial, again
     return view
 
 
-def _is_slow_line(view: View, candidate: Candidate) -> bool:
-    is_line = candidate.kind == "sinusoid"
-    return is_line and candidate.shape[0] * view.series.duration_s < _FEW_WAVES
+def _is_slow_wave(view: View, candidate: Candidate) -> bool:
+    return candidate.effect.waves(view) < _FEW_WAVES

@@ -14,14 +14,10 @@ import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "tests" / "view"))
+sys.path.insert(0, str(HERE.parent / "tests"))
 os.environ.setdefault("RUST_LOG", "off")
 
 import rerun as rr  # noqa: E402
-from browser import picture_of, why_no_browser  # noqa: E402
-from demo_analysis import ESTIMATORS  # noqa: E402
-from demo_session import perform  # noqa: E402
-from headless_viewer import HeadlessViewer, why_no_viewer  # noqa: E402
 from PIL import Image  # noqa: E402
 from rerun.chunk import RrdReader  # noqa: E402
 
@@ -29,6 +25,10 @@ from allanscope.samples import AXES  # noqa: E402
 from allanscope.view.rerun_blueprint import TABS, layout  # noqa: E402
 from allanscope.view.rerun_canvas import APPLICATION  # noqa: E402
 from allanscope.view.rerun_view import RerunView  # noqa: E402
+from support.browser import picture_of, why_no_browser  # noqa: E402
+from support.demo_analysis import ESTIMATORS  # noqa: E402
+from support.demo_session import perform  # noqa: E402
+from support.headless_viewer import HeadlessViewer, why_no_viewer  # noqa: E402
 
 VIEWS = (
     "allan",

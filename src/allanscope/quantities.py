@@ -28,6 +28,7 @@ __all__ = [
     "DEVIATION",
     "GRAVITY",
     "LEVEL",
+    "SENSOR_NAMES",
     "Reading",
     "between",
     "compact",
@@ -75,6 +76,9 @@ class Reading:
         """Return an upper limit given in the internal unit, without the unit."""
         return limit(upper * self.factor)
 
+
+SENSOR_NAMES: Mapping[str, str] = {"dps": "gyroscope", "g": "accelerometer"}
+"""By the unit of its axes."""
 
 DEVIATION: Mapping[str, Reading] = {"dps": Reading(1e3, "mdps"), "g": Reading(1e6, "ug")}
 """For sigma and amplitudes, by the unit of the axis."""

@@ -23,7 +23,16 @@ from allanscope.fleet.lot import Lot
 from allanscope.fleet.pictures import distribution_picture, history_picture
 from allanscope.fleet.repeats import Spread, log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical import Typical, typical_of
-from allanscope.quantities import COEFFICIENTS, LEVEL, Reading, compact, duration, number, symbols
+from allanscope.quantities import (
+    COEFFICIENTS,
+    LEVEL,
+    SENSOR_NAMES,
+    Reading,
+    compact,
+    duration,
+    number,
+    symbols,
+)
 from allanscope.report.page import template
 from allanscope.samples import AXES
 
@@ -34,8 +43,6 @@ MOST_ROWS = 500
 
 _NINETY_PERCENT = 1.644854
 """Standard deviations to either side that hold 90 % of the units."""
-
-_SENSORS = {"dps": "gyroscope", "g": "accelerometer"}
 
 
 def render_lot(
@@ -61,7 +68,7 @@ def render_lot(
         subtitle=_subtitle(lot),
         verdict=lot_verdict(lot, named, shared, failures),
         sensors=[
-            _sensor(lot, unit, named) for unit in _SENSORS if (lot["sensor_unit"] == unit).any()
+            _sensor(lot, unit, named) for unit in SENSOR_NAMES if (lot["sensor_unit"] == unit).any()
         ],
         outliers=named[:MOST_ROWS],
         reservations=reservations(lot)[:MOST_ROWS],
@@ -94,7 +101,7 @@ def _sensor(lot: Lot, sensor_unit: str, named: list[Finding]) -> dict[str, Any]:
     here = lot.where(lot["sensor_unit"] == sensor_unit)
     history = history_picture(lot, sensor_unit)
     return {
-        "name": _SENSORS[sensor_unit],
+        "name": SENSOR_NAMES[sensor_unit],
         "svg": distribution_picture(lot, sensor_unit, named).svg(),
         "history": history.svg() if history is not None else "",
         "rows": [

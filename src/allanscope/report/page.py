@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 
 from allanscope.analysis import Analysis, AxisAnalysis, searched, verdict
-from allanscope.quantities import COEFFICIENTS, duration, symbols
+from allanscope.quantities import COEFFICIENTS, SENSOR_NAMES, duration, symbols
 from allanscope.report import words
 from allanscope.report.curve_pictures import deviation_picture, residual_picture
 from allanscope.report.data_pictures import (
@@ -23,9 +23,7 @@ from allanscope.report.data_pictures import (
 from allanscope.report.picture import Picture
 from allanscope.sanitize import sanitize
 
-__all__ = ["SENSORS", "pictures", "render", "save_pictures", "template"]
-
-SENSORS = {"dps": "gyroscope", "g": "accelerometer"}
+__all__ = ["pictures", "render", "save_pictures", "template"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +73,7 @@ def render(analysis: Analysis, drawn: Mapping[str, Picture] | None = None) -> st
         axes=[_axis(name, axis, svgs) for name, axis in shown.items()],
         series=[
             {"name": sensor, "svg": svgs[f"{sensor}-series"]}
-            for sensor in SENSORS.values()
+            for sensor in SENSOR_NAMES.values()
             if f"{sensor}-series" in svgs
         ],
         ratio_svg=svgs.get("ratio", ""),
@@ -119,7 +117,7 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str]) -> _Axis:
     loop = axis.explanation
     return _Axis(
         name=name,
-        sensor=SENSORS[axis.unit],
+        sensor=SENSOR_NAMES[axis.unit],
         remarks=axis.remarks,
         coefficients=words.coefficient_rows(axis),
         facts=words.axis_facts(axis),
@@ -138,7 +136,7 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str]) -> _Axis:
 def _summary(axes: Mapping[str, AxisAnalysis]) -> list[dict[str, Any]]:
     """Return a table for each sensor: N, B and K of its axes and what the datasheet says."""
     tables = []
-    for unit, sensor in SENSORS.items():
+    for unit, sensor in SENSOR_NAMES.items():
         here = {name: axis for name, axis in axes.items() if axis.unit == unit}
         if here:
             letters = ("N", "B", "K")
@@ -170,7 +168,7 @@ def pictures(analysis: Analysis) -> dict[str, Picture]:
     for name, axis in shown.items():
         found |= {f"{name}-{what}": one for what, one in _of_axis(name, axis, analysis).items()}
     record = analysis.record
-    for unit, sensor in SENSORS.items():
+    for unit, sensor in SENSOR_NAMES.items():
         names = [name for name, axis in shown.items() if axis.unit == unit]
         if record is not None and names:
             found[f"{sensor}-series"] = series_picture(record, names, unit, analysis.marks)

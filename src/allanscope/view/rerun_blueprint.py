@@ -12,7 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from allanscope.analysis import coefficient_unit
-from allanscope.quantities import LEVEL, symbols
+from allanscope.quantities import LEVEL, SENSOR_NAMES, symbols
 from allanscope.samples import unit_of
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
 from allanscope.view.painter import DEFAULT_ESTIMATOR, TIME_DEVIATIONS
@@ -33,8 +33,6 @@ TABS = (
     "tables",
 )
 """Names of the tabs, in order."""
-
-_SENSOR_TITLES = {"dps": "gyroscope", "g": "accelerometer"}
 
 
 def layout(axes: Sequence[str], estimators: Sequence[str], active_tab: int = 0) -> rrb.Blueprint:
@@ -153,7 +151,7 @@ def _loop(unit: str, axes: Sequence[str]) -> rrb.Vertical:
         rrb.Grid(*curves, *residuals, grid_columns=len(chosen)),
         _text(f"/tables/loop_{SENSORS[unit]}", "the error before and after"),
         row_shares=[7, 2],
-        name=_SENSOR_TITLES[unit],
+        name=SENSOR_NAMES[unit],
     )
 
 
@@ -175,7 +173,7 @@ def _time_series(unit: str, axes: Sequence[str]) -> rrb.Grid:
             shown = [part in parts and other == axis for part in range(3) for other in chosen]
             style = rr.SeriesLines.from_fields(visible_series=shown)
             views.append(_plot(origin, name, last_s, {origin: style}, False))
-    return rrb.Grid(*views, grid_columns=3, name=_SENSOR_TITLES[unit])
+    return rrb.Grid(*views, grid_columns=3, name=SENSOR_NAMES[unit])
 
 
 def _link() -> rrb.Vertical:

@@ -28,7 +28,8 @@ from allanscope.view.tables import (
     run_table,
     verdict_text,
 )
-from allanscope.view.viewer_process import LOOPBACK, free_port, refuse_taken
+from allanscope.view.viewer_process import free_port, refuse_taken
+from allanscope.view.web_page import LOOPBACK
 
 __all__ = ["APPLICATION", "SERVER_MEMORY", "Canvas", "open_output", "open_stream"]
 

@@ -24,6 +24,7 @@ from allanscope.quantities import (
     COEFFICIENTS,
     DEVIATION,
     LEVEL,
+    SENSOR_NAMES,
     between,
     count,
     duration,
@@ -42,7 +43,6 @@ __all__ = [
     "verdict_text",
 ]
 
-_SENSORS = {"dps": "Gyroscope", "g": "Accelerometer"}
 _KEY = (
     "*Line: measured. Hatch: 95 % interval. Dashed end: not trusted. Broad line: the model; dashed "
     "letters: its parts. Grey: what the datasheet promises.*"
@@ -66,10 +66,10 @@ def coefficients_table(analysis: Analysis) -> str:
     """Return N, B and K of all axes, with what averaging and the datasheet say."""
     moments = as_of_text(analysis.axes) or f"After {duration(analysis.duration_s)}"
     parts = [f"*{moments}; 95 % intervals; < is an upper limit*"]
-    for unit, sensor in _SENSORS.items():
+    for unit, sensor in SENSOR_NAMES.items():
         axes = {name: axis for name, axis in analysis.axes.items() if axis.unit == unit}
         if axes:
-            parts += [f"### {sensor}", _sensor_table(unit, axes)]
+            parts += [f"### {sensor.capitalize()}", _sensor_table(unit, axes)]
     return "\n\n".join(parts)
 
 

@@ -31,14 +31,21 @@ from allanscope.analysis import (
     verdict,
     wait_text,
 )
-from allanscope.quantities import COEFFICIENTS, DEVIATION, count, duration, number, symbols
+from allanscope.quantities import (
+    COEFFICIENTS,
+    DEVIATION,
+    SENSOR_NAMES,
+    count,
+    duration,
+    number,
+    symbols,
+)
 from allanscope.sanitize import one_line
 from allanscope.view.diary import Direction, Trends
 from allanscope.view.palette import AXIS, GRADE, Colour
 
 __all__ = ["Screen", "status_line", "summary_lines"]
 
-_SENSORS = {"dps": "gyroscope", "g": "accelerometer"}
 _LETTERS = ("N", "B", "K")
 _WIDE = 130
 _ARROWS: dict[Direction, str] = {"up": "↑", "down": "↓", "settled": "=", "": " "}
@@ -134,7 +141,7 @@ class Screen:
         table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
         for _ in range(len(_LETTERS) + 1 + (3 if wide else 0)):
             table.add_column(no_wrap=True, overflow="ellipsis")
-        for unit in _SENSORS:
+        for unit in SENSOR_NAMES:
             axes = {k: axis for k, axis in self._analysis.axes.items() if axis.unit == unit}
             if axes:
                 table.add_row(*self._head(unit, wide))

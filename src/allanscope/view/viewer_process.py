@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import quote, urlsplit
 
-from allanscope.errors import DeviceError, UsageError
-from allanscope.view.web_page import WebPage
+from allanscope.errors import DeviceError
+from allanscope.view.web_page import LOOPBACK, WebPage, port_taken
 
 __all__ = [
     "DATA_PORT_AFTER_PAGE",
@@ -38,7 +38,6 @@ __all__ = [
     "rerun_binary",
 ]
 
-LOOPBACK = "127.0.0.1"
 MEMORY_LIMIT = "1GiB"
 
 _NO_PROXY_THERE = f"http://{LOOPBACK}:9"  # the port of the discard protocol, which nobody serves
@@ -92,9 +91,7 @@ def refuse_taken(port: int) -> None:
         try:
             probe.bind((LOOPBACK, port))
         except OSError as error:
-            raise UsageError(
-                f"port {port} of {LOOPBACK} cannot be had: {error.strerror}; choose another --port"
-            ) from None
+            raise port_taken(port, error) from None
 
 
 def has_display() -> bool:

@@ -20,7 +20,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from allanscope.errors import UsageError
 
-__all__ = ["WebPage", "policy", "without_links"]
+__all__ = ["LOOPBACK", "WebPage", "policy", "port_taken", "without_links"]
 
 LOOPBACK = "127.0.0.1"
 
@@ -62,9 +62,7 @@ class WebPage:
         try:
             self._server = ThreadingHTTPServer((LOOPBACK, port), Handler)
         except OSError as error:
-            raise UsageError(
-                f"port {port} of {LOOPBACK} cannot be had: {error.strerror}; choose another --port"
-            ) from None
+            raise port_taken(port, error) from None
         self.port = int(self._server.server_address[1])
         threading.Thread(target=self._server.serve_forever, name="web-page", daemon=True).start()
 
@@ -72,6 +70,13 @@ class WebPage:
         """Serve no more."""
         self._server.shutdown()
         self._server.server_close()
+
+
+def port_taken(port: int, error: OSError) -> UsageError:
+    """Return what to raise when a port of the user's choice cannot be bound."""
+    return UsageError(
+        f"port {port} of {LOOPBACK} cannot be had: {error.strerror}; choose another --port"
+    )
 
 
 def policy(data: int) -> str:

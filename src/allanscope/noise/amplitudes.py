@@ -72,7 +72,15 @@ def maximise(
 
 
 @njit(cache=True, nogil=True)
-def _maximise(columns, power, count, fixed, smallest, theta, known):  # type: ignore[no-untyped-def]
+def _maximise(
+    columns: Array,
+    power: Array,
+    count: Array,
+    fixed: Array,
+    smallest: float,
+    theta: Array,
+    known: bool,
+) -> tuple[Array, float, Array]:
     variance, tried = np.empty(power.size), np.empty(power.size)
     target = power - fixed
     if not known:
@@ -95,7 +103,15 @@ def _maximise(columns, power, count, fixed, smallest, theta, known):  # type: ig
 
 
 @njit(cache=True, nogil=True)
-def _loglik(columns, power, count, fixed, smallest, theta, variance):  # type: ignore[no-untyped-def]
+def _loglik(
+    columns: Array,
+    power: Array,
+    count: Array,
+    fixed: Array,
+    smallest: float,
+    theta: Array,
+    variance: Array,
+) -> float:
     """Fill in the variances and return the log-likelihood."""
     variance[:] = fixed
     for j in range(theta.size):
@@ -110,7 +126,7 @@ def _loglik(columns, power, count, fixed, smallest, theta, variance):  # type: i
 
 
 @njit(cache=True, nogil=True)
-def _least_squares(columns, target, count, variance):  # type: ignore[no-untyped-def]
+def _least_squares(columns: Array, target: Array, count: Array, variance: Array) -> Array:
     """Return the non-negative variances nearest to the target, weighted by its own variance."""
     weight = np.sqrt(count / 2) / variance
     scaled = columns * weight
@@ -120,11 +136,12 @@ def _least_squares(columns, target, count, variance):  # type: ignore[no-untyped
             size[j] = 1.0
         scaled[j] /= size[j]
     triangle, right = _triangle(scaled, target * weight)
-    return _nonnegative(triangle, right) / size
+    solution: Array = _nonnegative(triangle, right) / size
+    return solution
 
 
 @njit(cache=True, nogil=True)
-def _triangle(columns, target):  # type: ignore[no-untyped-def]
+def _triangle(columns: Array, target: Array) -> tuple[Array, Array]:
     """Orthogonalise columns one after the other (modified Gram-Schmidt), and the target by them.
 
     Taken as one more column, the target makes least squares as stable as Householder's reflections
@@ -150,7 +167,7 @@ def _triangle(columns, target):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _nonnegative(triangle, right):  # type: ignore[no-untyped-def]
+def _nonnegative(triangle: Array, right: Array) -> Array:
     """Solve a triangular least-squares problem with no unknown below zero."""
     p = right.size
     solution, passive = np.zeros(p), np.zeros(p, np.bool_)
@@ -187,7 +204,7 @@ def _nonnegative(triangle, right):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _among(triangle, right, passive):  # type: ignore[no-untyped-def]
+def _among(triangle: Array, right: Array, passive: NDArray[np.bool_]) -> Array:
     """Solve for some of the unknowns, all others zero."""
     p = right.size
     chosen = np.flatnonzero(passive)

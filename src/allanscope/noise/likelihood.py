@@ -86,13 +86,7 @@ class Likelihood:
         """Return the log-likelihood of expected powers."""
         return float(-0.5 * np.sum(self.dof * (np.log(expected) + self.power / expected)))
 
-    def maximise(
-        self,
-        model: NoiseModel,
-        *,
-        held: Collection[Free] = (),
-        start: Array | None = None,
-    ) -> Fit:
+    def maximise(self, model: NoiseModel, *, held: Collection[Free] = ()) -> Fit:
         """Find the numbers that maximise the likelihood.
 
         Parameters
@@ -101,13 +95,11 @@ class Likelihood:
             Its shapes are where the search starts.
         held : collection of Free
             What keeps its value.
-        start : ndarray, optional
-            Powers of the amplitudes to start from.
         """
         held = frozenset(held)
-        shapes = [f for f in model.numbers if f not in held and _is_shape(model, f)]
+        shapes = sorted(model.shapes - held)
         if not shapes:
-            return self._with_amplitudes(model, held, start)
+            return self._with_amplitudes(model, held)
         low, high = (
             np.array([getattr(model.quantity(f), side) for f in shapes])
             for side in ("lower", "upper")
@@ -138,27 +130,25 @@ class Likelihood:
 
     def amplitudes(self, model: NoiseModel, start: Array | None = None) -> Fit:
         """Find the powers that maximise the likelihood, all shapes held."""
-        held = frozenset(f for f in model.numbers if _is_shape(model, f))
-        return self._with_amplitudes(model, held, start)
+        return self._with_amplitudes(model, model.shapes, start)
 
     def _with_amplitudes(
         self, model: NoiseModel, held: frozenset[Free], start: Array | None = None
     ) -> Fit:
         free = [
-            c.has_amplitude and Free(i, c.amplitude_index) not in held
-            for i, c in enumerate(model.components)
+            bool(c.amplitude_name) and Free(i, c.amplitude_index) not in held
+            for i, c in enumerate(model)
         ]
-        unit = [c.with_power(1.0) if f else c for c, f in zip(model, free, strict=True)]
-        columns = [self.column(model, c) for c in unit]
-        fixed = np.zeros(len(self.power))
-        for column, is_free in zip(columns, free, strict=True):
-            if not is_free:
-                fixed += column
-        if not any(free):
+        fixed, basis = np.zeros(len(self.power)), []
+        for component, is_free in zip(model, free, strict=True):
+            if is_free:
+                basis.append(self.column(model, component.with_power(1.0)))
+            else:
+                fixed += self.column(model, component)
+        if not basis:
             expected = np.maximum(fixed, self._tiny)
             return Fit(self, model, self.value(expected), held, True, expected)
-        basis = np.array([c for c, is_free in zip(columns, free, strict=True) if is_free])
-        powers, loglik, expected = maximise(basis, self.power, self.dof, fixed, start)
+        powers, loglik, expected = maximise(np.array(basis), self.power, self.dof, fixed, start)
         left = iter(powers.tolist())
         components = tuple(
             c.with_power(next(left)) if f else c for c, f in zip(model, free, strict=True)
@@ -226,7 +216,7 @@ class Fit:
         """Return the derivatives of the expected powers by the logarithms of some numbers."""
         columns = []
         for one in free:
-            if _is_shape(self.model, one):
+            if one in self.model.shapes:
                 columns.append(self._by_shape(one))
             else:
                 component = self.model.components[one.part]
@@ -260,7 +250,3 @@ class Fit:
     def index(self, name: str) -> int | None:
         """Return the position of the first value with this name, None where it was not varied."""
         return self.names.index(name) if name in self.names else None
-
-
-def _is_shape(model: NoiseModel, free: Free) -> bool:
-    return model.quantity(free).role == "shape"

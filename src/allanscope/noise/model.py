@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +19,6 @@ __all__ = ["Free", "NoiseModel"]
 
 Array = NDArray[np.float64]
 
-_VARIANCE: Mapping[Kind, Callable[[Component, Array, float], Array]] = {
-    "avar": lambda component, m, dt: component.avar(m, dt),
-    "mvar": lambda component, m, dt: component.mvar(m, dt),
-    "hvar": lambda component, m, dt: component.hvar(m, dt),
-}
 _FAMILY: Mapping[str, Kind] = {
     **dict.fromkeys(("avar", "adev", "oadev", "totdev", "theobr", "theoh"), "avar"),
     **dict.fromkeys(("mvar", "mdev", "tdev", "mtotdev", "ttotdev"), "mvar"),
@@ -124,7 +120,7 @@ class NoiseModel:
         """Return the closed form, or the integral of what the filters leave of the density."""
         filters = self.filters_on(component)
         if not filters or component.power == 0.0:
-            return _VARIANCE[family](component, m, self.dt)
+            return np.asarray(getattr(component, family)(m, self.dt))
         corners = (c for part in (component, *filters) for c in part.corners(self.dt))
         return estimator_variance(
             lambda w: self._density(component, w / (2 * np.pi * self.dt)) / (2 * self.dt),
@@ -141,9 +137,12 @@ class NoiseModel:
     @property
     def numbers(self) -> tuple[Free, ...]:
         """Every number of the model."""
-        return tuple(
-            Free(i, j) for i, part in enumerate(self.parts) for j in range(len(part.quantities))
-        )
+        return _numbers(tuple(map(type, self.parts)))
+
+    @property
+    def shapes(self) -> frozenset[Free]:
+        """Those that are no amplitudes."""
+        return _shapes(tuple(map(type, self.parts)))
 
     def quantity(self, free: Free) -> Quantity:
         """Return what a number is."""
@@ -187,6 +186,18 @@ class NoiseModel:
     def without(self, *symbols: str) -> NoiseModel:
         """Return the model without the parts of these symbols."""
         return self._of([part for part in self.parts if part.symbol not in symbols])
+
+
+@lru_cache(maxsize=1024)  # a search fits the same few models thousands of times
+def _numbers(kinds: tuple[type[Part], ...]) -> tuple[Free, ...]:
+    return tuple(Free(i, j) for i, kind in enumerate(kinds) for j in range(len(kind.quantities)))
+
+
+@lru_cache(maxsize=1024)
+def _shapes(kinds: tuple[type[Part], ...]) -> frozenset[Free]:
+    return frozenset(
+        f for f in _numbers(kinds) if kinds[f.part].quantities[f.quantity].role == "shape"
+    )
 
 
 def _family(kind: str) -> Kind:

@@ -100,16 +100,19 @@ class Component(Part):
         What the fields mean.
     is_filtered : bool
         Whether a low-pass of the sensor acts on it.
-    amplitude_name : str
-        The number whose square the density is proportional to; empty where there is none.
+    amplitude_name, amplitude_index : str, int
+        The number whose square the density is proportional to, and its position among the numbers;
+        empty where there is none.
     """
 
     is_filtered: ClassVar[bool] = False
     amplitude_name: ClassVar[str] = ""
+    amplitude_index: ClassVar[int] = -1
 
     def __init_subclass__(cls) -> None:
-        sizes = (quantity.name for quantity in cls.quantities if quantity.role == "amplitude")
-        cls.amplitude_name = next(sizes, "")
+        for index, quantity in enumerate(cls.quantities):
+            if quantity.role == "amplitude":
+                cls.amplitude_name, cls.amplitude_index = quantity.name, index
 
     @property
     def band(self) -> tuple[float, float] | None:
@@ -137,11 +140,6 @@ class Component(Part):
     def has_amplitude(self) -> bool:
         """Whether there is a power to be fitted."""
         return bool(self.amplitude_name)
-
-    @property
-    def amplitude_index(self) -> int:
-        """Position of the amplitude among the numbers."""
-        return [quantity.name for quantity in self.quantities].index(self.amplitude_name)
 
     @abstractmethod
     def density(self, f: ArrayLike, dt: float) -> Array:

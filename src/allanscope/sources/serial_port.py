@@ -110,6 +110,7 @@ class SerialSource:
         self._random = random.Random(0)
         self._streaming = False
         self._waited: int | None = 0
+        self._was_short = False
         self._overrun = False
         self._stalled = False
         self._pause_s = 0.0
@@ -191,8 +192,12 @@ class SerialSource:
         self._overrun = False
         if self._waited is not None:
             self._waited += len(data)
-            if len(data) < READ_BYTES:  # that was the last of what waited
-                self._overrun, self._waited = self._waited >= FULL_BYTES, None
+            self._overrun = len(data) < READ_BYTES and self._waited >= FULL_BYTES
+            # A busy computer may pass on what waited in two goes: one short read is not its end.
+            is_short = len(data) < LATE_BYTES
+            if self._overrun or (is_short and self._was_short):
+                self._waited = None
+            self._was_short = is_short
         self._streaming, self._stalled, self._heard_ns = True, False, now
         self._retry_s = FIRST_RETRY_S
         return Chunk(now, data, event)
@@ -258,7 +263,7 @@ class SerialSource:
             port = back[0]
             name = port.device
         self._link = self._opener(name, self._settings.baud)
-        self._waited, self._port = 0, port
+        self._waited, self._was_short, self._port = 0, False, port
 
     # --- opening ------------------------------------------------------------------------------
 

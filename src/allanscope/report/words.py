@@ -18,7 +18,7 @@ from allanscope.analysis import (
     wait_text,
 )
 from allanscope.explain.effect import AxisExplanation, Effect
-from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
+from allanscope.noise import Coefficient, DatasheetVerdict
 from allanscope.quantities import (
     COEFFICIENT_NAMES,
     COEFFICIENTS,

@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from allanscope.analysis import Analysis
-from allanscope.noise.coefficients import Coefficient
+from allanscope.noise import Coefficient
 from allanscope.quantities import COEFFICIENTS, LEVEL, symbols
 from allanscope.samples import unit_of
 from allanscope.view.decimator import Rows

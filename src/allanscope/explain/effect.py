@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from allanscope.noise.coefficients import Coefficient
-from allanscope.noise.components import Component
+
+if TYPE_CHECKING:  # a component brings scipy along, which whoever reads a result can do without
+    from allanscope.noise.components import Component
 
 __all__ = ["AxisExplanation", "Effect", "Estimate", "Parameter", "ResidualError", "SearchStep"]
 

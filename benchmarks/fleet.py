@@ -34,8 +34,7 @@ from allanscope.fleet import FleetResult, FleetSettings, run_fleet
 from allanscope.fleet.cluster import local_cluster
 from allanscope.fleet.places import find_places
 from allanscope.fleet.work import analyse_place
-from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
-from allanscope.pipeline.simulate import simulate_recording
+from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
 
 DEVICE = DeviceSettings(rate_hz=104.0)
 ASKED = DeviceSettings()

@@ -29,10 +29,9 @@ import numpy as np
 from figures import Figure, written
 
 from allanscope.analysis import Analyser
-from allanscope.pipeline.compiling import load_kernels
-from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.looking import Looking
-from allanscope.pipeline.memory import give_large_blocks_back
+from allanscope.pipeline import Decoding
+from allanscope.pipeline.process import give_large_blocks_back, load_kernels
+from allanscope.pipeline.refreshing import LoopProcess
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
 from allanscope.sources import open_source
@@ -154,14 +153,16 @@ def run(port: str, seconds: float, folder: Path) -> dict[str, Any]:
     recorder = Recorder(folder, {"name": "benchmark"})
     decoding = Decoding(WireSettings(), write=source.write)
     session = Session(source, decoding, Analyser(), ledger=recorder, duration_s=WARM_S + seconds)
-    session.looking = Looking(first_s=WARM_S + seconds / 2)  # one look falls into every run
+    session.loop_process = LoopProcess(
+        first_s=WARM_S + seconds / 2
+    )  # one look falls into every run
     viewer = RerunView(folder, "none", {"name": "benchmark"}, lambda line, level="info": None)
     session.audience = (watch, TerminalView("quiet"), viewer)
     viewer.start()
     session.run()
     spent_s, passed_s = time.process_time() - watch.began_cpu_s, time.monotonic() - watch.began_s
     recorder.close()
-    looks = session.looking.looks
+    looks = session.loop_process.looks
     viewer.close(None)
     stats = decoding.stats
     late_ms, away_ms = 1e3 * np.array(watch.late_s), 1e3 * np.array(source.away_s)

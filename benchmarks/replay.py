@@ -27,8 +27,8 @@ from long_recording import make
 
 from allanscope.analysis import Analyser, AnalyserSettings, StreamState, summarise
 from allanscope.analysis import rows as row_tools
-from allanscope.pipeline.analyse import FULL_GATHERED, FULL_ROWS
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
+from allanscope.pipeline.analyse_file import FULL_GATHERED, FULL_ROWS
 from allanscope.pipeline.replaying import analysed
 from allanscope.recording import Fingerprint, Recording
 from allanscope.samples import Block, StreamInfo

@@ -32,7 +32,7 @@ from virtual_night import KINDS, Night
 
 from allanscope.allan import AllanBank
 from allanscope.analysis import Analyser, Analysis
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder, Recording

@@ -104,7 +104,7 @@ def _view(session: Path, tab: int, path: Path, size: str) -> None:
 
 def _report(folder: Path) -> Path:
     """Analyse a simulated hour and return the page."""
-    from allanscope.pipeline.analyse import analyse_input
+    from allanscope.pipeline.analyse_file import analyse_input
     from allanscope.pipeline.outputs import write_report
     from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
     from allanscope.pipeline.simulate import simulate_recording

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         InputError,
         UsageError,
     )
-    from allanscope.pipeline.analysing import analyse
+    from allanscope.pipeline.analyse_arrays import analyse
     from allanscope.pipeline.stream import Stream, open_stream
     from allanscope.recording.reader import Recording
     from allanscope.samples import AXES, Block, Gap, StreamInfo, Ticks
@@ -57,7 +57,7 @@ _HOMES = {
     "StreamInfo": "samples",
     "Ticks": "samples",
     "UsageError": "errors",
-    "analyse": "pipeline.analysing",
+    "analyse": "pipeline.analyse_arrays",
     "deviation": "allan.oneshot",
     "open_stream": "pipeline.stream",
 }

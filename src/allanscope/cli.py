@@ -19,7 +19,7 @@ from allanscope.sanitize import sanitize
 
 if TYPE_CHECKING:
     from allanscope.analysis import Analysis
-    from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
+    from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings
 
 __all__ = ["parser"]
 
@@ -29,7 +29,7 @@ __all__ = ["parser"]
 
 def live(options: Namespace) -> int:
     """Watch a device, draw its curves while they grow, keep every byte."""
-    from allanscope.pipeline.live import run_live
+    from allanscope.pipeline import run_live
 
     analysis = run_live(
         options.port,
@@ -44,7 +44,7 @@ def live(options: Namespace) -> int:
 
 def replay(options: Namespace) -> int:
     """Run a recording through the same path as a live device."""
-    from allanscope.pipeline.live import run_replay
+    from allanscope.pipeline import run_replay
 
     analysis = run_replay(
         Path(options.recording),
@@ -58,7 +58,7 @@ def replay(options: Namespace) -> int:
 
 def open_view(options: Namespace) -> int:
     """Show the charts of a session again, in a window or in the browser."""
-    from allanscope.pipeline.opening import open_charts
+    from allanscope.pipeline import open_charts
 
     def say(line: str) -> None:
         print(sanitize(line), flush=True)
@@ -69,8 +69,7 @@ def open_view(options: Namespace) -> int:
 
 def analyse(options: Namespace) -> int:
     """Analyse a recording, a raw capture or a text file to the end."""
-    from allanscope.pipeline.analyse import analyse_input
-    from allanscope.pipeline.outputs import write_json, write_report
+    from allanscope.pipeline import analyse_input, write_json, write_report
     from allanscope.whole_file import refuse_place
 
     for name in (options.report, options.json):
@@ -95,7 +94,7 @@ def analyse(options: Namespace) -> int:
 
 def simulate(options: Namespace) -> int:
     """Record the simulated device, much faster than real time."""
-    from allanscope.pipeline.simulate import simulate_recording
+    from allanscope.pipeline import simulate_recording
 
     simulate_recording(
         Path(options.out),
@@ -110,7 +109,7 @@ def simulate(options: Namespace) -> int:
 
 def device(options: Namespace) -> int:
     """Run the simulated device on a virtual serial port until it is stopped."""
-    from allanscope.pipeline.simulate import run_emulated_device, run_virtual_device
+    from allanscope.pipeline import run_emulated_device, run_virtual_device
 
     link = Path(options.link) if options.link else None
     asked = _device_settings(options), _simulated_settings(options), options.duration, link
@@ -126,7 +125,7 @@ def device(options: Namespace) -> int:
 
 def import_data(options: Namespace) -> int:
     """Turn a text file or a raw capture into a recording."""
-    from allanscope.pipeline.convert import import_capture
+    from allanscope.pipeline import import_capture
 
     import_capture(Path(options.input), Path(options.out), _device_settings(options), options.quiet)
     _name_outputs(options, options.out)
@@ -135,7 +134,7 @@ def import_data(options: Namespace) -> int:
 
 def export_data(options: Namespace) -> int:
     """Write samples as CSV or Parquet, or coefficients for Kalibr, ROS, VINS or MATLAB."""
-    from allanscope.pipeline.convert import export_recording
+    from allanscope.pipeline import export_recording
 
     export_recording(
         Path(options.recording),
@@ -164,8 +163,7 @@ def recover(options: Namespace) -> int:
 
 def check(options: Namespace) -> int:
     """Compare a recording's coefficients with the limits of a specification."""
-    from allanscope.pipeline.check import check_against, failure, to_json, to_junit
-    from allanscope.pipeline.outputs import write_whole
+    from allanscope.pipeline import check_against, failure, to_json, to_junit, write_whole
     from allanscope.whole_file import refuse_place
 
     asked = Path(options.recording), Path(options.against)
@@ -189,7 +187,7 @@ def check(options: Namespace) -> int:
 
 def report(options: Namespace) -> int:
     """Write one HTML report from one session or several, compared."""
-    from allanscope.pipeline.outputs import report_sessions
+    from allanscope.pipeline import report_sessions
 
     paths, figures = [Path(path) for path in options.sessions], options.figures
     page = report_sessions(
@@ -303,7 +301,7 @@ class _Version(argparse.Action):
 
 
 def _device_settings(options: Namespace) -> DeviceSettings:
-    from allanscope.pipeline.settings import DeviceSettings
+    from allanscope.pipeline import DeviceSettings
 
     return DeviceSettings(
         part=options.part,
@@ -316,7 +314,7 @@ def _device_settings(options: Namespace) -> DeviceSettings:
 
 
 def _session_settings(options: Namespace, duration_s: float | None) -> SessionSettings:
-    from allanscope.pipeline.settings import SessionSettings
+    from allanscope.pipeline import SessionSettings
 
     return SessionSettings(
         out=Path(options.out) if options.out else None,
@@ -328,7 +326,7 @@ def _session_settings(options: Namespace, duration_s: float | None) -> SessionSe
 
 
 def _simulated_settings(options: Namespace) -> SimulatedSettings:
-    from allanscope.pipeline.settings import SimulatedSettings
+    from allanscope.pipeline import SimulatedSettings
 
     return SimulatedSettings(
         seed=options.seed,

@@ -9,7 +9,7 @@ import pytest
 from allanscope.allan import AllanBank
 from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.analysis.rows import WORTH_IT, in_parallel
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
 from allanscope.recording import Chunk, Recording, write_recording
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.simulator import Simulator, simulate_blocks

@@ -6,8 +6,7 @@ import pytest
 
 from allanscope import AXES, AllanBank, Block, DeviceError, Gap, UsageError, open_stream
 from allanscope.__main__ import main
-from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.stream import Stream
+from allanscope.pipeline import Decoding, Stream
 from allanscope.recording import Chunk
 from allanscope.simulator import Device, Simulator
 from allanscope.wire import WireSettings, format_named

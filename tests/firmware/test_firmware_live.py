@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from allanscope.__main__ import main
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
 from allanscope.recording import Recording
 from allanscope.samples import Block, Gap, Notice
 from allanscope.wire import WireSettings

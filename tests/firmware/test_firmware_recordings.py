@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.sources import open_source
 from allanscope.wire import WireSettings

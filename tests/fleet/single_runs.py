@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from allanscope.fleet.lot import rows_of, write_table
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings, analyse_input
 from allanscope.recording import Recording
 
 

@@ -23,7 +23,7 @@ from allanscope.fleet.places import find_places
 from allanscope.fleet.run import TASKS_PER_WORKER
 from allanscope.fleet.split import submit_split
 from allanscope.fleet.work import analyse_place
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings
 
 pytestmark = pytest.mark.timeout(300)
 """Processes are started, and a busy machine takes its time for that."""

@@ -22,7 +22,7 @@ from allanscope.fleet.places import READ_AHEAD_BYTES, find_places
 from allanscope.fleet.run import FleetSettings, run_fleet
 from allanscope.fleet.store import Store
 from allanscope.fleet.work import analyse_place, fingerprint_place
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings
 from allanscope.recording import Chunk, Recording, write_recording
 
 DEVICE = DeviceSettings()

@@ -20,7 +20,7 @@ from allanscope.fleet import FleetSettings, run_fleet
 from allanscope.fleet.places import find_places
 from allanscope.fleet.store import Store, result_folder
 from allanscope.fleet.work import analyse_place
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings
 
 pytestmark = pytest.mark.timeout(300)
 """Processes are started, and a busy machine takes its time for that."""

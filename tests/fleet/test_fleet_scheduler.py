@@ -22,7 +22,7 @@ from allanscope.fleet.desk import Desk
 from allanscope.fleet.outcome import Outcome, result_key
 from allanscope.fleet.places import Place
 from allanscope.fleet.store import Store
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings
 
 pytestmark = pytest.mark.timeout(300)
 """Processes are started, and a busy machine takes its time for that."""

@@ -13,7 +13,7 @@ from allanscope.fleet.cluster import Crew
 from allanscope.fleet.places import Place, find_places
 from allanscope.fleet.split import Survey, join, submit_split, sum_part, survey
 from allanscope.fleet.work import analyse_place
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings
 from allanscope.recording import Chunk, Recording, write_recording
 
 DEVICE = DeviceSettings()

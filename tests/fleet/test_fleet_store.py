@@ -15,7 +15,7 @@ from allanscope.fleet.outcome import Outcome, packed, result_key, unpacked
 from allanscope.fleet.places import Place
 from allanscope.fleet.store import Store
 from allanscope.fleet.writing import write_lot
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings
 
 DEVICE = DeviceSettings()
 PLACE = Place("/lot/a.mcap", 100, "yesterday")

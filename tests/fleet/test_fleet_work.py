@@ -6,8 +6,7 @@ from dataclasses import replace
 
 from allanscope.analysis.rows import WORTH_IT
 from allanscope.fleet.work import new_analyser
-from allanscope.pipeline.analyse import full_settings
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings, full_settings
 
 
 def test_a_worker_does_the_same_on_one_core() -> None:

@@ -14,9 +14,7 @@ from hypothesis import strategies as st
 
 from allanscope.analysis import Analyser, summarise
 from allanscope.errors import AllanscopeError
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import Decoding, DeviceSettings, analyse_input
 from allanscope.recording import Chunk, Recording, write_recording
 from allanscope.samples import Block, Event, StreamInfo
 from allanscope.wire import WireSettings, format_named, sniff

@@ -15,8 +15,7 @@ from serial.tools import list_ports
 
 from allanscope.__main__ import main
 from allanscope.analysis import verdict
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings, analyse_input
 
 HEADER = "t[s],gx[dps],gy[dps],gz[dps]\n"
 ROWS = "".join(f"{i / 104:.6f},0.1,0.2,0.{i % 7}\n" for i in range(600))
@@ -255,7 +254,9 @@ def test_a_session_is_never_overwritten(complaint, tmp_path):
 
 
 def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(complaint, monkeypatch):
-    monkeypatch.setattr("allanscope.pipeline.analyse.analyse_input", lambda *_: pytest.fail("late"))
+    monkeypatch.setattr(
+        "allanscope.pipeline.analyse_file.analyse_input", lambda *_: pytest.fail("late")
+    )
     for call in (["analyse", "a.mcap", "--json", "no/x.json"], ["report", "S", "--out", "."]):
         code, line = complaint(*call)
         assert code == 2
@@ -277,7 +278,7 @@ def test_what_is_stopped_before_its_end_says_so(complaint, monkeypatch):
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("allanscope.pipeline.analyse.analyse_input", stopped)
+    monkeypatch.setattr("allanscope.pipeline.analyse_file.analyse_input", stopped)
     code, line = complaint("analyse", "night.mcap")
     assert (code, line) == (130, "allanscope: stopped before it was done\n")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allanscope.analysis import Analyser, AnalyserSettings, summarise
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.recording import Chunk, Fingerprint, Recording, SessionWriter
 from allanscope.simulator import Simulator, simulate_blocks

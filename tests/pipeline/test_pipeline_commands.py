@@ -6,8 +6,7 @@ import pytest
 
 from allanscope.__main__ import main
 from allanscope.arguments import _duration
-from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
-from allanscope.pipeline.simulate import simulate_recording
+from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
 
 
 @pytest.fixture(scope="module")

@@ -11,15 +11,14 @@ import pytest
 
 import allanscope
 from allanscope.errors import DeviceError
-from allanscope.pipeline import live
-from allanscope.pipeline.ahead import ahead
-from allanscope.pipeline.compiling import COMPILING, load_kernels
-from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
+from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings, live
+from allanscope.pipeline.process import COMPILING, load_kernels
+from allanscope.pipeline.replaying import prefetch
 from allanscope.spectrum import level
 
 PROGRAM = """
 import numba
-from allanscope.pipeline.compiling import tell_when_compiling
+from allanscope.pipeline.process import tell_when_compiling
 tell_when_compiling(print)
 from kernel import double
 assert double(3) == 6 and double(3.0) == 6.0
@@ -80,7 +79,7 @@ def test_what_reads_ahead_gives_everything_in_order_and_errors_in_their_place():
         yield from range(10)
         raise ValueError("torn")
 
-    few = ahead(items(), depth=3)
+    few = prefetch(items(), depth=3)
     assert [next(few) for _ in range(10)] == list(range(10))
     with pytest.raises(ValueError, match="torn"):
         next(few)
@@ -94,7 +93,7 @@ def test_what_reads_ahead_stays_no_more_than_its_depth_ahead_and_ends_when_nobod
             made.append(number)
             yield number
 
-    few = ahead(items(), depth=2)
+    few = prefetch(items(), depth=2)
     assert next(few) == 0
     few.close()
     assert len(made) <= 5

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from allanscope.__main__ import main
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
 from allanscope.pipeline.inbox import joined
 from allanscope.samples import AXES, Block, Gap, Notice, StreamInfo, Ticks
 from allanscope.sources import Chunk

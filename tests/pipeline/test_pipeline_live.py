@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from allanscope.__main__ import main
-from allanscope.pipeline.compiling import COMPILING
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
+from allanscope.pipeline.process import COMPILING
 from allanscope.recording import Recording
 from allanscope.samples import Block
 from allanscope.wire import WireSettings

@@ -7,7 +7,7 @@ import pytest
 
 from allanscope.analysis import Analyser, summarise, verdict
 from allanscope.pipeline.inbox import LIVE_ROOM, Inbox, joined
-from allanscope.pipeline.looking import Looking
+from allanscope.pipeline.refreshing import LoopProcess
 from allanscope.recording import Buffer
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.sources import Chunk
@@ -36,7 +36,7 @@ def finished(looking):
 
 
 def test_a_line_is_found_by_the_child_and_announced_once(analyser):
-    looking, diary = Looking(first_s=120.0), Diary()
+    looking, diary = LoopProcess(first_s=120.0), Diary()
     before = summarise(analyser.frozen(), LinkStats(), "live", {}, known=looking.explanation)
     assert not any("found" in text for _, text in diary.news(before))
     looking.offer(analyser.frozen())
@@ -64,7 +64,7 @@ def more(analyser, seconds, sigma):
 
 def test_coefficients_follow_the_run_while_effects_are_held(analyser):
     """Between two searches N grows with the noise, and says of when it is."""
-    looking = Looking(first_s=120.0)
+    looking = LoopProcess(first_s=120.0)
     looking.offer(analyser.frozen())
     finished(looking)
     results = []
@@ -95,7 +95,7 @@ def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
     host_s = offset / RATE
     ticks = Ticks(offset, unknown, host_s, unknown)
     taken.take(Block(0, np.rint(noise).astype(np.int16), ticks))
-    looking = Looking(first_s=120.0)
+    looking = LoopProcess(first_s=120.0)
     looking.offer(taken.frozen())
     finished(looking)
     result = summarise(taken.frozen(), LinkStats(), "live", {}, known=looking.explanation)
@@ -118,7 +118,7 @@ def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
 
 
 def test_nobody_looks_again_before_the_run_has_doubled(analyser):
-    looking = Looking(first_s=120.0)
+    looking = LoopProcess(first_s=120.0)
     looking.offer(analyser.frozen())
     finished(looking)
     thread = looking._thread
@@ -127,14 +127,14 @@ def test_nobody_looks_again_before_the_run_has_doubled(analyser):
 
 
 def test_nobody_looks_at_a_run_that_is_too_short(analyser):
-    looking = Looking(first_s=200.0)
+    looking = LoopProcess(first_s=200.0)
     looking.offer(analyser.frozen())
     assert not looking.busy
     assert looking.explanation is None
 
 
 def test_the_end_of_the_run_ends_a_look_at_once(analyser):
-    looking = Looking(first_s=120.0)
+    looking = LoopProcess(first_s=120.0)
     looking.offer(analyser.frozen())
     while (child := looking._child) is None:
         looking._thread.join(0.01)
@@ -146,7 +146,7 @@ def test_the_end_of_the_run_ends_a_look_at_once(analyser):
 
 
 def test_a_look_that_fails_says_why_and_harms_nothing(analyser):
-    looking = Looking(first_s=120.0)
+    looking = LoopProcess(first_s=120.0)
     analyser.state.history._sums[:10] = np.nan
     looking.offer(analyser.frozen())
     finished(looking)

@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from allanscope.analysis import Analyser, summarise
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.live import run_replay
-from allanscope.pipeline.resuming import earlier_events
-from allanscope.pipeline.settings import DeviceSettings, SessionSettings
+from allanscope.pipeline import Decoding, DeviceSettings, SessionSettings, analyse_input, run_replay
+from allanscope.pipeline.live import earlier_events
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import Block, Gap, Notice, StreamInfo, Ticks
 from allanscope.simulator import Simulator

@@ -10,7 +10,7 @@ import pytest
 
 from allanscope.analysis import Analyser
 from allanscope.pipeline import refreshing
-from allanscope.pipeline.memory import _unchanged_libraries
+from allanscope.pipeline.process import _unchanged_libraries
 
 SMAPS = """\
 00400000-00500000 r-xp 00000000 fe:00 1    /usr/bin/python3
@@ -36,7 +36,7 @@ Anonymous:             0 kB
 PROGRAM = """
 import numpy as np
 import scipy.linalg
-from allanscope.pipeline.memory import give_large_blocks_back, let_go_of_what_rests
+from allanscope.pipeline.process import give_large_blocks_back, trim_memory
 
 def resident(which):
     text = open("/proc/self/status").read()
@@ -45,7 +45,7 @@ def resident(which):
 give_large_blocks_back()
 data = np.random.default_rng(1).standard_normal((64, 64))
 before, known = resident("RssFile"), scipy.linalg.inv(data)
-let_go_of_what_rests()
+trim_memory()
 after = resident("RssFile")
 assert after < before / 2, (before, after)
 assert np.array_equal(scipy.linalg.inv(data), known)
@@ -84,7 +84,7 @@ def test_it_is_done_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[int] = []
     done: list[int] = []
     monkeypatch.setattr(refreshing, "REFRESH_S", 0.0)
-    monkeypatch.setattr(refreshing, "let_go_of_what_rests", lambda: done.append(len(shown)))
+    monkeypatch.setattr(refreshing, "trim_memory", lambda: done.append(len(shown)))
     refresher = refreshing.Refresher(lambda frozen: shown.append(1), share=1.0)
     while len(shown) < 9:
         refresher.offer(Analyser())

@@ -13,9 +13,8 @@ import psutil
 import pytest
 
 from allanscope.errors import InputError, UsageError
-from allanscope.pipeline.opening import charts_of
-from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
-from allanscope.pipeline.simulate import simulate_recording
+from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
+from allanscope.pipeline.outputs import charts_of
 from allanscope.view.viewer_process import _environment, free_port, rerun_binary
 from allanscope.view.web_page import policy, without_links
 from support.browser import drawn, why_no_browser

@@ -6,8 +6,7 @@ import pytest
 
 from allanscope.__main__ import main
 from allanscope.analysis import verdict
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings, analyse_input
 from allanscope.view import summary_lines
 from allanscope.view.terminal_screen import status_line
 

@@ -7,7 +7,7 @@ import pytest
 
 from allanscope.analysis import Analyser
 from allanscope.analysis.analyser import MOST_CONFIGURATIONS, MOST_ERRORS
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks
 from allanscope.simulator import Simulator
 from allanscope.sources import Chunk

@@ -5,8 +5,7 @@ import re
 import pytest
 
 from allanscope.cli import parser
-from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
-from allanscope.pipeline.simulate import simulate_recording
+from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,7 @@ from numpy.lib import format as npy
 
 from allanscope.__main__ import main
 from allanscope.errors import InputError
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings, analyse_input
 from allanscope.pipeline.table_files import table_of_file
 
 N = 400

@@ -7,9 +7,8 @@ import sys
 
 import pytest
 
+from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
 from allanscope.pipeline.rerun_importer import NOT_OURS, is_ours, main
-from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
-from allanscope.pipeline.simulate import simulate_recording
 from support.headless_viewer import HeadlessViewer, why_no_viewer
 from support.readback import read_back
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from allanscope.analysis import Analyser
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
 from allanscope.pipeline.session import Session
 from allanscope.samples import Block, Gap, StreamInfo
 from allanscope.simulator import Device, Ledger, Simulator

@@ -14,8 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from allanscope.errors import InputError
-from allanscope.pipeline.live import run_live
-from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
+from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings, run_live
 from allanscope.recording import Recording
 
 

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.outputs import report_sessions
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings, analyse_input, report_sessions
 from allanscope.recording import Chunk, Recording, SessionWriter, write_recording
 from allanscope.recording import segment as segment_module
 from allanscope.simulator import Simulator, simulate_blocks

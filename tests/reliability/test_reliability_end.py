@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from allanscope.errors import InputError
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings, analyse_input
 from allanscope.recording import Recording
 from support.device_process import DeviceProcess
 from support.live_session import watch_in_full

@@ -12,8 +12,7 @@ import pytest
 from allanscope.analysis import Analysis, Rate
 from allanscope.analysis.sampling import sampling_remarks
 from allanscope.parts import PARTS
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings, analyse_input
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.wire import format_named
 

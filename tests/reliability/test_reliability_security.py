@@ -14,11 +14,9 @@ from pathlib import Path
 import pytest
 
 from allanscope.__main__ import main
-from allanscope.pipeline.analyse import analyse_input
-from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.outputs import new_session_folder, session_folder, write_json, write_report
+from allanscope.pipeline import Decoding, DeviceSettings, analyse_input, write_json, write_report
+from allanscope.pipeline.outputs import new_session_folder, session_folder
 from allanscope.pipeline.replaying import events_of
-from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Chunk, write_recording
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.simulator import Simulator

@@ -7,10 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from allanscope.analysis import Analyser, Analysis
-from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.live import run_live
+from allanscope.pipeline import (
+    Decoding,
+    DeviceSettings,
+    SessionSettings,
+    SimulatedSettings,
+    run_live,
+)
 from allanscope.pipeline.session import Session
-from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.recording import Recorder
 from allanscope.sources import open_source
 from allanscope.wire import WireSettings

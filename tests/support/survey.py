@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline import Decoding
 from allanscope.recording import Recording
 from allanscope.samples import Block, Gap, StreamInfo
 from allanscope.wire import WireSettings

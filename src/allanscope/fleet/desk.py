@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from allanscope.fleet.outcome import Loss, Outcome
 from allanscope.fleet.places import Place
 from allanscope.fleet.store import Folder, Store
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings
 
 if TYPE_CHECKING:
     from distributed import Future

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from typing import Any
 
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings
 from allanscope.quantities import count, number
 
 __all__ = ["Loss", "Outcome", "loss_of", "packed", "result_key", "unpacked"]

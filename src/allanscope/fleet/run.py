@@ -20,8 +20,7 @@ from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import Place, find_places
 from allanscope.fleet.store import Store
 from allanscope.fleet.writing import UnitNames
-from allanscope.pipeline.settings import DeviceSettings
-from allanscope.pipeline.signals import stopped_by_signals
+from allanscope.pipeline import DeviceSettings, stopped_by_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable

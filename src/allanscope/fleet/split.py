@@ -34,9 +34,7 @@ from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.partial import Nothing, Partial, Tail
 from allanscope.fleet.places import Place
 from allanscope.fleet.work import PIECE_BYTES, analyse_place, failure, new_analyser, outcome_of
-from allanscope.pipeline.analyse import recorded_settings
-from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import Decoding, DeviceSettings, recorded_settings
 from allanscope.recording import Fingerprint, Recording
 from allanscope.samples import Event, StreamInfo
 from allanscope.spectrum import SpectrumBank

@@ -26,7 +26,7 @@ from typing import Any, TextIO
 from allanscope.errors import UsageError
 from allanscope.fleet.outcome import Outcome, result_key, unpacked
 from allanscope.fleet.places import Place, RemotePath, is_of_this_machine
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import DeviceSettings
 from allanscope.whole_file import written_whole
 
 __all__ = ["Folder", "RemoteIndex", "Store", "put_file", "result_folder", "staged"]

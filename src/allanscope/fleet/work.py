@@ -13,9 +13,7 @@ from allanscope.analysis import Analyser, Analysis, summarise
 from allanscope.errors import AllanscopeError, InputError
 from allanscope.fleet.outcome import Outcome, packed
 from allanscope.fleet.places import Place
-from allanscope.pipeline.analyse import full_settings, recorded_settings
-from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline import Decoding, DeviceSettings, full_settings, recorded_settings
 from allanscope.recording import Fingerprint, Recording
 
 __all__ = [

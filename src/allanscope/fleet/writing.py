@@ -42,7 +42,7 @@ def write_lot(result: FleetResult, store: Store, settings: FleetSettings) -> Non
             table.unlink()
             return
         from allanscope.fleet.page import render_lot
-        from allanscope.pipeline.outputs import write_whole
+        from allanscope.pipeline import write_whole
 
         page = render_lot(Lot.read(table), result.failures, result.copies)
         write_whole(here / "lot.html", page)

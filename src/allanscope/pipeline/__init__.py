@@ -2,16 +2,136 @@
 
 ::
 
-    live, replay   source ─▶ Session ─┬▶ Recorder                 session, inbox, signals
+    live, replay   source ─▶ Session ─┬▶ Recorder                 session, inbox, process
                                       ├▶ Decoding ─▶ Analyser     decoding
-                                      └▶ refresh ─▶ audience      refreshing, looking (a child)
+                                      └▶ refresh ─▶ audience      refreshing (and a child)
 
-    analyse        file ─▶ ahead: decode ─▶ Analyser ─▶ Analysis  analyse, replaying, ahead
-    Python         arrays ─▶ events ──────▶ Analyser ─▶ Analysis  analysing, columns, arrays
-                   port ───▶ open_stream ─▶ Block, Gap            stream
+    analyse        file ─▶ prefetch: decode ─▶ Analyser ─▶ Analysis    analyse_file, replaying
+    Python         arrays ─▶ events ─────────▶ Analyser ─▶ Analysis    analyse_arrays, columns
+                   port ───▶ open_stream ─▶ Block, Gap                 stream
 
-A function here is what a command of the same name calls: `live` (with replays and `resuming`),
-`analyse`, `check`, `convert` (import and export), `simulate`. `outputs` writes what a run leaves
-behind. Whichever way samples come, they pass the same decoder and the same sums, so that no two
-ways can disagree.
+A function here is what a command of the same name calls: `live` (with replays), `analyse_file`,
+`check`, `convert` (import and export), `simulate`. `outputs` writes what a run leaves behind, and
+opens its charts again. Whichever way samples come, they pass the same decoder and the same sums, so
+that no two ways can disagree.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
+
+if TYPE_CHECKING:
+    from allanscope.pipeline.analyse_arrays import (
+        analyse,
+    )
+    from allanscope.pipeline.analyse_file import (
+        analyse_input,
+        full_settings,
+        recorded_settings,
+    )
+    from allanscope.pipeline.check import (
+        check_against,
+        failure,
+        to_json,
+        to_junit,
+    )
+    from allanscope.pipeline.convert import (
+        export_recording,
+        import_capture,
+    )
+    from allanscope.pipeline.decoding import (
+        Decoding,
+    )
+    from allanscope.pipeline.live import (
+        run_live,
+        run_replay,
+    )
+    from allanscope.pipeline.outputs import (
+        open_charts,
+        report_sessions,
+        write_json,
+        write_report,
+        write_whole,
+    )
+    from allanscope.pipeline.process import (
+        stopped_by_signals,
+    )
+    from allanscope.pipeline.settings import (
+        DeviceSettings,
+        SessionSettings,
+        SimulatedSettings,
+    )
+    from allanscope.pipeline.simulate import (
+        run_emulated_device,
+        run_virtual_device,
+        simulate_recording,
+    )
+    from allanscope.pipeline.stream import (
+        Stream,
+        open_stream,
+    )
+
+__all__ = [
+    "Decoding",
+    "DeviceSettings",
+    "SessionSettings",
+    "SimulatedSettings",
+    "Stream",
+    "analyse",
+    "analyse_input",
+    "check_against",
+    "export_recording",
+    "failure",
+    "full_settings",
+    "import_capture",
+    "open_charts",
+    "open_stream",
+    "recorded_settings",
+    "report_sessions",
+    "run_emulated_device",
+    "run_live",
+    "run_replay",
+    "run_virtual_device",
+    "simulate_recording",
+    "stopped_by_signals",
+    "to_json",
+    "to_junit",
+    "write_json",
+    "write_report",
+    "write_whole",
+]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "Decoding": "decoding",
+        "DeviceSettings": "settings",
+        "SessionSettings": "settings",
+        "SimulatedSettings": "settings",
+        "Stream": "stream",
+        "analyse": "analyse_arrays",
+        "analyse_input": "analyse_file",
+        "check_against": "check",
+        "export_recording": "convert",
+        "failure": "check",
+        "full_settings": "analyse_file",
+        "import_capture": "convert",
+        "open_charts": "outputs",
+        "open_stream": "stream",
+        "recorded_settings": "analyse_file",
+        "report_sessions": "outputs",
+        "run_emulated_device": "simulate",
+        "run_live": "live",
+        "run_replay": "live",
+        "run_virtual_device": "simulate",
+        "simulate_recording": "simulate",
+        "stopped_by_signals": "process",
+        "to_json": "check",
+        "to_junit": "check",
+        "write_json": "outputs",
+        "write_report": "outputs",
+        "write_whole": "outputs",
+    },
+)

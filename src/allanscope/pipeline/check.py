@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 
 from allanscope.analysis import Analysis
 from allanscope.errors import CheckFailed, InputError
-from allanscope.pipeline.analyse import analyse_input
+from allanscope.pipeline.analyse_file import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.quantities import limit as upper_limit
 from allanscope.quantities import number

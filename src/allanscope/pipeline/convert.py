@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from allanscope.clock import Clock
 from allanscope.errors import InputError, UsageError
-from allanscope.pipeline.analyse import analyse_input, recorded_settings
+from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.extent import Extent
-from allanscope.pipeline.measured_rates import at_rates, measured_rates
 from allanscope.pipeline.outputs import write_whole
-from allanscope.pipeline.replaying import events_of
+from allanscope.pipeline.replaying import Extent, events_of
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file
 from allanscope.recording import (
@@ -23,6 +23,7 @@ from allanscope.recording import (
     is_recording,
     write_recording,
 )
+from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.sources import FileSource
 from allanscope.view import progress
 from allanscope.whole_file import refuse_place
@@ -143,3 +144,50 @@ def _export_coefficients(
     write_whole(out, text)
     if not quiet and out.is_file():
         print(f"{out}: coefficients of {len(coefficients)} axes")
+
+
+Configuration = tuple[tuple[str, ...], tuple[float, ...], float]
+"""As `StreamInfo.configuration` has it."""
+
+
+def measured_rates(events: Iterable[Event]) -> dict[Configuration, float]:
+    """Return the rate in Hz of each configuration of a stream whose times tell it.
+
+    Parameters
+    ----------
+    events : iterable of Event
+        The whole stream.
+
+    Examples
+    --------
+    Blocks of a device that claims 100 Hz and stamps its samples 96 times a second:
+
+    >>> import numpy as np
+    >>> from allanscope.samples import Ticks
+    >>> info = StreamInfo(("gx",), (1.0,), nominal_hz=100.0, device_clock=True)
+    >>> row, unknown = np.arange(1000), np.full(1000, np.nan)
+    >>> block = Block(0, np.zeros((1000, 1), np.int16), Ticks(row, row / 96.0, unknown, unknown))
+    >>> rates = measured_rates([info, block])
+    >>> [round(told.nominal_hz, 3) for told in at_rates([info], rates)]
+    [96.0]
+    """
+    clocks: dict[Configuration, Clock] = {}
+    clock: Clock | None = None
+    for event in events:
+        if isinstance(event, StreamInfo):
+            clock = clocks.setdefault(event.configuration, Clock.of(event))
+        elif isinstance(event, Gap) and clock is not None:
+            clock.gap(event)
+        elif isinstance(event, Block) and clock is not None:
+            clock.update(event.index, event.ticks)
+    fits = {configuration: clock.rate() for configuration, clock in clocks.items()}
+    return {configuration: fit.hz for configuration, fit in fits.items() if fit.is_measured}
+
+
+def at_rates(events: Iterable[Event], rates: Mapping[Configuration, float]) -> Iterator[Event]:
+    """Yield the same stream with the measured rate, which nobody claims, where there is one."""
+    for event in events:
+        if isinstance(event, StreamInfo) and event.configuration in rates:
+            yield replace(event, nominal_hz=rates[event.configuration], rate_claimed=False)
+        else:
+            yield event

@@ -1,4 +1,10 @@
-"""A session with an audience: live from a device, or replayed from a recording."""
+"""A session with an audience: live from a device, or replayed from a recording.
+
+A session that was cut off goes on: what it held is taken again, then the device. The recording is
+the checkpoint. Replayed through a decoder and an analyser it leaves both exactly as they were, and
+both then go on with the device itself; `docs/decisions/0005` says why. The device is read and
+recorded meanwhile, so the time that a replay takes costs no sample.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -14,10 +20,8 @@ from typing import Literal
 
 from allanscope.analysis import Analyser, AnalyserSettings, Analysis
 from allanscope.errors import AllanscopeError, DeviceError, InputError
-from allanscope.pipeline.analyse import analyse_input, recorded_settings
-from allanscope.pipeline.compiling import load_kernels, tell_when_compiling
+from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.memory import give_large_blocks_back
 from allanscope.pipeline.outputs import (
     discard_session,
     made_folder,
@@ -26,13 +30,17 @@ from allanscope.pipeline.outputs import (
     write_json,
     write_report,
 )
-from allanscope.pipeline.resuming import earlier_events, set_view_aside
+from allanscope.pipeline.process import (
+    give_large_blocks_back,
+    load_kernels,
+    stopped_by_signals,
+    tell_when_compiling,
+)
 from allanscope.pipeline.session import News, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
-from allanscope.pipeline.signals import stopped_by_signals
 from allanscope.pipeline.stream import device_source, nothing_heard
 from allanscope.recording import Recorder, Recording
-from allanscope.samples import Notice
+from allanscope.samples import Event, Notice
 from allanscope.sources import RecordedSource, Source, must_be_there
 from allanscope.view import RerunView, TerminalView, load_rerun
 
@@ -280,3 +288,28 @@ def _run(
             viewer.close(final, stay=stay)
             terminal.close()
     return final
+
+
+def earlier_events(
+    past: Recording | None, decoding: Decoding, write: Callable[[bytes], None]
+) -> Iterator[Event]:
+    """Yield the events that a session held before, if it goes on; then `decoding` goes on live.
+
+    Raises
+    ------
+    InputError
+        When the wire format of the past is unknown.
+    """
+    for buffer in past.buffers() if past is not None else ():
+        yield from decoding.take_buffer(buffer)
+    decoding.resume(write)
+
+
+def set_view_aside(folder: Path) -> None:
+    """Keep what was shown before under a name of its own: ``session.rrd`` is the newest part."""
+    shown = folder / "session.rrd"
+    if shown.exists():
+        number = 1
+        while (aside := folder / f"session-before-{number:03d}.rrd").exists():
+            number += 1
+        shown.rename(aside)

@@ -1,18 +1,27 @@
-"""What a run leaves behind: the result as JSON and the report as HTML, each whole or not at all."""
+"""What a run leaves behind: the result as JSON, the report as HTML, and charts to open again.
+
+Each file is written whole or not at all.
+"""
 
 from __future__ import annotations
 
 import json
 import os
 import re
+import threading
 import time
-from collections.abc import Mapping
+import webbrowser
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from allanscope.analysis import Analysis
-from allanscope.errors import UsageError
+from allanscope.errors import DeviceError, InputError, UsageError
+from allanscope.pipeline.process import stopped_by_signals
+from allanscope.pipeline.settings import ViewMode
+from allanscope.view import ViewerProcess, has_display
 from allanscope.whole_file import refuse_place, written_whole
 
 if TYPE_CHECKING:
@@ -20,9 +29,11 @@ if TYPE_CHECKING:
     from allanscope.report.picture import Picture
 
 __all__ = [
+    "charts_of",
     "discard_session",
     "made_folder",
     "new_session_folder",
+    "open_charts",
     "report_sessions",
     "session_folder",
     "write_json",
@@ -132,7 +143,7 @@ def report_sessions(
     figures: Path | None = None,
 ) -> Path:
     """Write the report of one session, or one that compares several; return its path."""
-    from allanscope.pipeline.analyse import analyse_input
+    from allanscope.pipeline.analyse_file import analyse_input
     from allanscope.report.compare import comparing_pictures, render_comparison
 
     refuse_place(out)
@@ -159,3 +170,78 @@ def _short_names(paths: list[Path]) -> list[str]:
         return [str(paths[0])]
     shared = Path(os.path.commonpath(whole))
     return [str(path.relative_to(shared)) for path in whole]
+
+
+_LOOK_EVERY_S = 0.2
+
+
+def open_charts(source: str, view: ViewMode, port: int | None, say: Callable[[str], None]) -> None:
+    """Show what a session has drawn, until the window is closed or Ctrl-C ends the page.
+
+    Parameters
+    ----------
+    source : str
+        The folder of a session, a ``.rrd``, or the address of a session that runs on this machine.
+    view : {'auto', 'window', 'web'}
+        ``auto`` is a window where there is a display, else the web viewer.
+    port : int or None
+        Of the page, with the data at the one after it; None for any free ones.
+    say : callable
+        Called with a line for the user.
+
+    Raises
+    ------
+    InputError
+        When there are no charts to open.
+    UsageError
+        When an address is not of this machine, or the port is taken.
+    DeviceError
+        When no window can be opened, or the viewer is not installed.
+    """
+    charts = charts_of(source)
+    web = view == "web" or (view == "auto" and not has_display())
+    stopped = threading.Event()
+    with stopped_by_signals(stopped.set):
+        if not web:
+            if not _shown(ViewerProcess(charts, web=False, port=port), stopped):
+                return
+            if view == "window":
+                raise DeviceError("no window can be opened here; use --view web")
+            say("no window can be opened here")
+        viewer = ViewerProcess(charts, web=True, port=port)
+        say(f"charts: {viewer.address}  (Ctrl-C ends)")
+        if has_display():
+            webbrowser.open(viewer.address)
+        if _shown(viewer, stopped):
+            raise DeviceError(f"the viewer could not show {charts}")
+
+
+def charts_of(source: str) -> str:
+    """Return what the viewer is to open: a file, or an address on the loopback interface."""
+    if "://" in source:
+        address = urlsplit(source)
+        if address.scheme != "rerun+http" or address.hostname not in ("127.0.0.1", "localhost"):
+            raise UsageError(
+                f"{source} is no address of this machine; write rerun+http://127.0.0.1:PORT/proxy, "
+                "or the folder of a session"
+            )
+        return source
+    path = Path(source)
+    if path.is_dir():
+        path /= "session.rrd"
+    if not path.exists():
+        raise InputError(f"there is no {path}; allanscope replay draws the charts of a recording")
+    if path.suffix != ".rrd":
+        raise InputError(f"{path} is no .rrd; allanscope replay draws the charts of a recording")
+    return str(path)
+
+
+def _shown(viewer: ViewerProcess, stopped: threading.Event) -> bool:
+    """Wait until the viewer ends or is to end; return whether it failed."""
+    try:
+        while not stopped.is_set():
+            if viewer.wait(_LOOK_EVERY_S):
+                return viewer.failed()
+        return False
+    finally:
+        viewer.stop()

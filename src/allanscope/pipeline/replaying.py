@@ -2,7 +2,7 @@
 
 ::
 
-    thread "ahead"   unpack ──▶ decode ──▶ events of 4 MB of bytes
+    thread "prefetch"  unpack ──▶ decode ──▶ events of 4 MB of bytes
     caller           spectrum, history, clock            ◀──┘
     thread "sums"    deviations                          ◀──┘
 
@@ -13,22 +13,24 @@ one by one, to the last bit: see `allanscope.analysis.rows`.
 
 from __future__ import annotations
 
+import queue
+import threading
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 
 from allanscope.analysis import Analyser
 from allanscope.errors import InputError
-from allanscope.pipeline.ahead import ahead
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.extent import Extent
 from allanscope.recording import Buffer
 from allanscope.samples import Event, Notice
 from allanscope.sources import RecordedSource, Source, open_file
 from allanscope.view import progress
 
-__all__ = ["analysed", "buffers_of", "events_of"]
+__all__ = ["Extent", "analysed", "buffers_of", "events_of", "prefetch"]
 
 
 def buffers_of(source: Source) -> Iterator[Buffer]:
@@ -75,7 +77,7 @@ def events_of(
 
     try:
         with progress(extent.total, doing, unit=extent.unit, quiet=quiet) as advance:
-            for size, events in ahead(decoded(buffers_of(source))):
+            for size, events in prefetch(decoded(buffers_of(source))):
                 yield from events
                 advance(size)
     except InputError as error:
@@ -112,3 +114,96 @@ def analysed(
     for event in events_of(path, decoding, quiet, doing, seen):
         analyser.take(event)
     return analyser
+
+
+_GZIP_MAGIC = b"\x1f\x8b"
+
+
+@dataclass(slots=True)
+class Extent:
+    """What there is to read, for a bar that says how much is left.
+
+    Attributes
+    ----------
+    total : float or None
+        None where it cannot be told before the end, as of a compressed file.
+    unit : {'s', 'B'}
+        What it is counted in.
+    """
+
+    total: float | None
+    unit: Literal["s", "B"]
+    _last_ns: int | None = None
+
+    @classmethod
+    def of(cls, source: Source, path: Path) -> Self:
+        """Return the extent of a source that has an end."""
+        if isinstance(source, RecordedSource):
+            return cls(source.recording.duration_s or None, "s")
+        with path.open("rb") as file:
+            packed = file.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
+        return cls(None if packed else float(path.stat().st_size), "B")
+
+    def of_buffer(self, buffer: Buffer) -> float:
+        """Return how much of it a piece is, given the one before."""
+        if self.unit == "B":
+            return float(len(buffer.data))
+        if not len(buffer.host_ns):
+            return 0.0
+        first = int(buffer.host_ns[0]) if self._last_ns is None else self._last_ns
+        self._last_ns = int(buffer.host_ns[-1])
+        return max(0.0, (self._last_ns - first) * 1e-9)
+
+
+Item = TypeVar("Item")
+
+
+class _End:
+    """Says that nothing follows, and why."""
+
+    def __init__(self, error: BaseException | None = None) -> None:
+        self.error = error
+
+
+def prefetch(items: Iterable[Item], depth: int = 2) -> Iterator[Item]:
+    """Yield items that a thread takes from an iterable, `depth` of them before they are asked for.
+
+    An error of the iterable is raised here, in its place. When nobody asks any more the thread
+    ends at its next item.
+
+    Examples
+    --------
+    >>> list(prefetch(range(5)))
+    [0, 1, 2, 3, 4]
+    """
+    ready: queue.Queue[Item | _End] = queue.Queue(depth)
+    given_up = threading.Event()
+
+    def put(item: Item | _End) -> None:
+        while not given_up.is_set():
+            try:
+                return ready.put(item, timeout=0.1)
+            except queue.Full:
+                continue
+
+    def produce() -> None:
+        error: BaseException | None = None
+        try:
+            for item in items:
+                put(item)
+                if given_up.is_set():
+                    return
+        except BaseException as raised:
+            error = raised
+        put(_End(error))
+
+    thread = threading.Thread(target=produce, name="prefetch", daemon=True)
+    thread.start()
+    try:
+        while not isinstance(item := ready.get(), _End):
+            yield item
+        if item.error is not None:
+            raise item.error
+    finally:
+        given_up.set()
+        thread.join()

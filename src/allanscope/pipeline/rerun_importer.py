@@ -75,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _show(path: Path, application: str, identity: str) -> None:
     from allanscope.analysis import Analyser, AnalyserSettings, summarise
-    from allanscope.pipeline.analyse import recorded_settings
+    from allanscope.pipeline.analyse_file import recorded_settings
     from allanscope.pipeline.decoding import Decoding
     from allanscope.pipeline.settings import DeviceSettings
     from allanscope.recording import Recording

@@ -26,8 +26,7 @@ from typing import Protocol
 from allanscope.analysis import Analyser, Analysis, Depth, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.inbox import LIVE_ROOM, REPLAY_ROOM, Inbox, joined
-from allanscope.pipeline.looking import Looking
-from allanscope.pipeline.refreshing import Refresher
+from allanscope.pipeline.refreshing import LoopProcess, Refresher
 from allanscope.quantities import duration
 from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
@@ -137,7 +136,7 @@ class Session:
         self._inbox = Inbox(REPLAY_ROOM if ledger is None else LIVE_ROOM)
         self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
-        self.looking = Looking()
+        self.loop_process = LoopProcess()
         self._refresher = Refresher(self._show, WATCHED_SHARE if watched else UNWATCHED_SHARE)
         self._space_due_ns = 0
         self._space_told = False
@@ -174,7 +173,7 @@ class Session:
         finally:
             self._stop.set()
             self._inbox.give_up()
-            self.looking.close()
+            self.loop_process.close()
             self._refresher.close()
             self.source.close()
             reader.join(timeout=10.0)
@@ -272,8 +271,8 @@ class Session:
             depth="live",
             input_facts={**self._input_facts(), "wire": self.decoding.wire},
             reconnects=self.decoding.reconnects,
-            known=self.looking.explanation,
+            known=self.loop_process.explanation,
         )
         for viewer in self.audience:
             viewer.snapshot(analysis)
-        self.looking.offer(frozen)
+        self.loop_process.offer(frozen)

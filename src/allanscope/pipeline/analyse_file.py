@@ -8,8 +8,8 @@ from pathlib import Path
 from allanscope.analysis import Analyser, AnalyserSettings, Analysis, summarise
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import with_units
-from allanscope.pipeline.compiling import tell_when_compiling
 from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.process import tell_when_compiling
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
@@ -107,7 +107,7 @@ def _analyse_table(
     path: Path, device: DeviceSettings, facts: dict[str, str], quiet: bool
 ) -> Analysis:
     """Return the result of a file of arrays."""
-    from allanscope.pipeline.column_analysis import analyse_columns
+    from allanscope.pipeline.analyse_arrays import analyse_columns
 
     found = table_of_file(path)
     if not quiet:

@@ -1,27 +1,154 @@
-"""Arrays as a stream: a StreamInfo, Blocks and Gaps, as if a decoder had told of them.
+"""`analyse` for Python: whatever holds samples, to the end, as the command of that name does.
 
-That way everything that is done with a device is done with arrays too: the same sums, fit and
-closed loop.
+Arrays become a stream: a StreamInfo, Blocks and Gaps, as if a decoder had told of them. That way
+everything that is done with a device is done with arrays too: the same sums, fit and closed loop.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from allanscope.analysis import Analyser, Analysis, summarise
 from allanscope.parts import PARTS, part_named
-from allanscope.pipeline.columns import Columns, quantity_of
+from allanscope.pipeline.analyse_file import analyse_input, full_settings
+from allanscope.pipeline.columns import (
+    Columns,
+    columns_of_array,
+    columns_of_mapping,
+    quantity_of,
+    with_guesses,
+    with_units,
+)
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.recording import Recording
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks, unit_of
+from allanscope.wire import LinkStats
 from allanscope.wire.stamps import mean_rate, period_of, resolution_of, rows_come_in_bursts
 from allanscope.wire.text.units import DIVISORS
 
-__all__ = ["events_of_columns", "words_of"]
+__all__ = ["analyse", "analyse_columns", "events_of_columns", "words_of"]
+
+
+def analyse(
+    recording_or_arrays: str | os.PathLike[str] | Recording | Mapping[str, ArrayLike] | ArrayLike,
+    rate: float | None = None,
+    *,
+    axes: Sequence[str] | None = None,
+    units: Mapping[str, str] | str | None = None,
+    part: str = "",
+    gyro_fs: float | None = None,
+    accel_fs: float | None = None,
+    wire: str = "",
+    quiet: bool = True,
+) -> Analysis:
+    """Return the full result of a recording, a file or arrays: every curve, and the closed loop.
+
+    Parameters
+    ----------
+    recording_or_arrays
+        A path (a recording, the folder of a session, a raw capture, delimited text, a file of
+        arrays: .npz, .npy, Parquet); a `Recording`;
+        an array of shape (n,) or (n, axes), integers or floats; or a mapping of column names to
+        arrays of shape (n,): t, gx gy gz, ax ay az, temp, each alone or with its unit as in
+        ``"gx[mdps]"`` (a pandas table and an ``.npz`` file will do as well).
+    rate : float, optional
+        Nominal sample rate in Hz. Needed where neither the stream nor a column t tells it, and
+        above times that disagree with it.
+    axes : sequence of str, optional
+        Name of each column of an array; without it one is gx, three the gyro, six both sensors;
+        where gravity is in the first three these are the accelerometer.
+    units : mapping or str, optional
+        Unit by axis (``gx``), by sensor (``gyro``, ``accel``) or of all: dps mdps rad/s, g mg
+        m/s^2, lsb. Without it integers are counts, floats dps and g; an accelerometer that reads
+        9.81 or 1000 at rest is in m/s^2 or mg. `Analysis.assumptions` says so.
+    part : str
+        LSM6DS3H, LSM6DSL or LSM6DSM: whose datasheet the noise is compared with.
+    gyro_fs, accel_fs : float, optional
+        Full scales in dps and g, which give counts their scale. Where counts come without, those
+        that the parts have after a reset are taken, 250 dps and 2 g, and ``input`` says so.
+    wire : str
+        Wire format of a capture; found out if not given.
+    quiet : bool
+        False to show progress while a file is read.
+
+    Returns
+    -------
+    Analysis
+        `Analysis.to_dict` is the JSON result, schema ``allanscope/1``.
+
+    Raises
+    ------
+    ValueError
+        For arrays that make no sense: the message says which column, and why.
+    UsageError
+        For a part, a full scale, a unit or a wire format that does not exist.
+    InputError
+        When a file cannot be read or holds no samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> white = 0.05 * np.random.default_rng(1).standard_normal(20_000)  # dps: N = 0.05 / sqrt(100)
+    >>> result = analyse({"gz[dps]": white}, rate=100.0)
+    >>> N = result.axes["gz"].coefficients["N"]
+    >>> N.unit, N.lower < 0.005 < N.upper
+    ('dps/sqrt(Hz)', True)
+    >>> result.axes["gz"].explanation.effects
+    ()
+    """
+    device = DeviceSettings(part=part, rate_hz=rate, gyro_fs=gyro_fs, accel_fs=accel_fs, wire=wire)
+    source: Any = recording_or_arrays
+    if isinstance(source, Recording):
+        source = source.path
+    if isinstance(source, str | os.PathLike):
+        if axes is not None or isinstance(units, str):
+            raise ValueError("a file names its axes itself; give units as {'gyro': 'mdps'}")
+        device = replace(device, units=tuple((units or {}).items()))
+        return analyse_input(Path(source), device, quiet)
+    if hasattr(source, "keys"):  # a mapping, a table of pandas, an .npz file
+        names = list(source.keys() if axes is None else axes)
+        columns = columns_of_mapping({str(name): source[name] for name in names})
+    else:
+        columns = columns_of_array(source, axes)
+    return analyse_columns(with_units(columns, units), device, {"name": "arrays"})
+
+
+def analyse_columns(columns: Columns, device: DeviceSettings, facts: Mapping[str, str]) -> Analysis:
+    """Return the full result.
+
+    Parameters
+    ----------
+    columns : Columns
+        Samples, times and temperatures.
+    device : DeviceSettings
+        What the user said.
+    facts : mapping
+        Where they came from.
+
+    Raises
+    ------
+    ValueError
+        For samples that make no sense.
+    """
+    columns = with_guesses(columns)
+    analyser = Analyser(full_settings(device.part))
+    for event in events_of_columns(columns, device):
+        analyser.take(event)
+    state = analyser.state
+    if state is None or not state.samples:
+        raise ValueError("the arrays hold no samples; nothing to analyse")
+    known = {"wire": state.info.wire, **facts, "units": words_of(columns, state.info)}
+    link = LinkStats(samples=state.samples, lost_samples=state.lost)
+    return summarise(analyser, link, "full", known)
+
 
 ROWS = 1 << 16
 """Rows of one Block."""

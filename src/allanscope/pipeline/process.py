@@ -1,0 +1,156 @@
+"""What a run asks of its process: compiled code, signals that end it, little memory.
+
+The loops through which every sample goes are compiled by numba when they are first called, and kept
+on disk from then on. That takes some ten seconds once, in which nothing else seems to happen, so it
+is said; and because numba itself tells when it really compiles, it is never said in vain. Loading
+takes a second, more than a board can buffer: so everything runs once before the port is read.
+
+A run that lasts a night keeps its memory small. The C library keeps a heap for every thread, and
+learns from large blocks that were freed to take the next ones from there too; after an hour of
+results, each with copies of some twenty megabytes, those heaps are mostly holes. Told otherwise, it
+gives large blocks back at once. Half of what a process holds when it has begun are pages of
+libraries, LLVM above all, that are used to load compiled code and hardly ever again. They are
+unchanged pages of files, so nothing is lost when they are let go; the few that are still needed
+come back by themselves. Only Linux with its usual C library is told anything.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+__all__ = [
+    "COMPILING",
+    "give_large_blocks_back",
+    "load_kernels",
+    "stopped_by_signals",
+    "tell_when_compiling",
+    "trim_memory",
+]
+
+COMPILING = "compiling the kernels for this machine: once, about a quarter of a minute"
+
+_TOLD = threading.Event()
+
+
+def _on_stderr(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def tell_when_compiling(say: Callable[[str], None] = _on_stderr) -> None:
+    """Say `COMPILING` when numba begins to compile; once in a process, never for cached code."""
+    from numba.core import event
+
+    class Teller(event.Listener):
+        def on_start(self, _: object) -> None:
+            if not _TOLD.is_set():
+                _TOLD.set()
+                say(COMPILING)
+
+        def on_end(self, _: object) -> None:
+            """Nothing: whatever waited for it goes on."""
+
+    event.register("numba:compile", Teller())  # type: ignore[no-untyped-call]
+
+
+def load_kernels(wire: str) -> None:
+    """Take as many samples as a spectrum needs through everything that live samples go through."""
+    from allanscope.analysis import Analyser, AnalyserSettings, summarise
+    from allanscope.simulator import Simulator
+    from allanscope.spectrum import SEGMENT
+    from allanscope.wire import LinkStats, format_named, formats
+
+    for name in (wire,) if wire else formats():
+        format_named(name).load_kernels()
+    sensor = Simulator(rate=104.0, seed=0)
+    analyser = Analyser(AnalyserSettings())
+    analyser.take(sensor.info)
+    analyser.take(sensor.read(2 * SEGMENT))
+    summarise(analyser, LinkStats(), "live", {})
+
+
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""Ctrl-C, the system that shuts down or stops a service, the terminal or connection that closes."""
+
+
+@contextmanager
+def stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Call `stop` when a signal asks to end; the second one raises KeyboardInterrupt.
+
+    A signal that the program was started to ignore, as under ``nohup``, stays ignored.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def ask(number: int, _: object) -> None:
+        signal.signal(number, signal.default_int_handler)
+        stop()
+
+    before = {
+        number: signal.signal(number, ask)
+        for number in ENDING
+        if signal.getsignal(number) is not signal.SIG_IGN
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+_MMAP_THRESHOLD, _ARENA_MAX = -3, -8
+_LARGE_BYTES = 1 << 18
+_HEAPS = 2
+
+_DONTNEED = 4
+
+
+def give_large_blocks_back() -> None:
+    """Keep blocks from 256 KiB on out of the heaps, and share two of them among all threads."""
+    if (libc := _glibc()) is not None:
+        libc.mallopt(_MMAP_THRESHOLD, _LARGE_BYTES)
+        libc.mallopt(_ARENA_MAX, _HEAPS)
+
+
+def trim_memory() -> None:
+    """Let go of free memory, and of library pages; those that are needed again are read again."""
+    if (libc := _glibc()) is None:
+        return
+    libc.malloc_trim(ctypes.c_size_t(0))
+    for start, length in _unchanged_libraries(Path("/proc/self")):
+        libc.madvise(ctypes.c_void_p(start), ctypes.c_size_t(length), _DONTNEED)
+
+
+def _unchanged_libraries(process: Path) -> Iterator[tuple[int, int]]:
+    """Yield address and length of all mappings of libraries that were never written to.
+
+    A library that another thread is just loading is mapped as a whole before its data get pages of
+    their own. Such a mapping is gone when the interpreter's lock is ours again, so that only what
+    two readings show alike is there to stay.
+    """
+    settled = set((process / "maps").read_text("utf-8", "replace").splitlines())
+    found: tuple[int, int] | None = None
+    for line in (process / "smaps").read_text("utf-8", "replace").splitlines():
+        name, *fields = line.split()
+        if not name.endswith(":"):
+            start, stop = (int(end, 16) for end in name.split("-"))
+            is_library = len(fields) > 4 and ".so" in fields[4] and "w" not in fields[0]
+            is_library &= line in settled
+            found = (start, stop - start) if is_library else None
+        elif name == "Anonymous:" and found is not None and fields[0] == "0":
+            yield found
+
+
+def _glibc() -> ctypes.CDLL | None:
+    if not sys.platform.startswith("linux"):
+        return None
+    libc = ctypes.CDLL(None)
+    return libc if hasattr(libc, "mallopt") and hasattr(libc, "malloc_trim") else None

@@ -27,8 +27,11 @@ __all__ = [
     "DENSITY",
     "DEVIATION",
     "GRAVITY",
+    "LETTERS",
     "LEVEL",
+    "MAIN_LETTERS",
     "SENSOR_NAMES",
+    "TWO_SIDED_95",
     "Reading",
     "between",
     "compact",
@@ -105,6 +108,15 @@ COEFFICIENTS: Mapping[tuple[str, str], tuple[Reading, Reading]] = {
     ("g", "R"): (Reading(3.6e9, "ug/h"), Reading(GRAVITY, "m/s^2/s")),
 }
 """For each coefficient of IEEE 952, by the unit of the axis and the name: (usual, other)."""
+
+LETTERS = ("N", "B", "K", "Q", "R")
+"""The coefficients in the order of tables."""
+
+MAIN_LETTERS = LETTERS[:3]
+"""Those that every axis is judged by; Q and R are told where they are found."""
+
+TWO_SIDED_95 = 1.959964
+"""Standard deviations to either side of the mean that hold 95 % of a normal distribution."""
 
 COEFFICIENT_NAMES: Mapping[str, str] = {
     "Q": "quantization",

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 __all__ = [
     "AXES",
+    "INT16_MAX",
+    "INT16_MIN",
     "Block",
     "Event",
     "Gap",
@@ -34,6 +36,10 @@ __all__ = [
 
 AXES = ("gx", "gy", "gz", "ax", "ay", "az")
 """All axes in the order in which every table, chart and file lists them."""
+
+
+INT16_MIN, INT16_MAX = -(1 << 15), (1 << 15) - 1
+"""Least and largest count of these parts: at either end a sample says only `at least this much`."""
 
 
 Origin = Literal["", "measured", "synthetic", "emulated"]

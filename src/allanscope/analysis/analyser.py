@@ -19,7 +19,7 @@ from allanscope.analysis.rows import BUFFERED, RowBuffer, in_parallel, lowest_an
 from allanscope.clock import Clock
 from allanscope.history import History, Record
 from allanscope.noise.quantised import find_step
-from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
+from allanscope.samples import INT16_MAX, INT16_MIN, Block, Event, Gap, Notice, StreamInfo
 from allanscope.spectrum import Density, SpectrumBank
 
 __all__ = [
@@ -38,9 +38,6 @@ MOST_ERRORS = 16
 
 FEWEST_ROWS = 64
 """Rows below which nothing is fitted."""
-
-FULL_COUNT = 32767
-"""Largest int16 count: a sample there, or at the opposite end, says only `at least this much`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,10 +275,10 @@ class StreamState:
         self.lowest = np.minimum(self.lowest, lowest)
         self.highest = np.maximum(self.highest, highest)
         if counts.dtype == np.int16:
-            full = (lowest == -FULL_COUNT - 1) | (highest == FULL_COUNT)
+            full = (lowest == INT16_MIN) | (highest == INT16_MAX)
             for column in np.flatnonzero(full):
                 values = counts[:, column]
-                at_end = (values == FULL_COUNT) | (values == -FULL_COUNT - 1)
+                at_end = (values == INT16_MAX) | (values == INT16_MIN)
                 self.saturated[column] += int(np.count_nonzero(at_end))
 
 

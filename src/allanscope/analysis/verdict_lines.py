@@ -15,14 +15,12 @@ from allanscope.analysis.wording import effect_brief, losses_text, not_measured,
 from allanscope.explain.effect import AxisExplanation
 from allanscope.noise.coefficients import DatasheetVerdict
 from allanscope.parts import PARTS
-from allanscope.quantities import DENSITY, DEVIATION, number, symbols
+from allanscope.quantities import DENSITY, DEVIATION, MAIN_LETTERS, SENSOR_NAMES, number, symbols
 
 __all__ = ["ASSUMED", "Grade", "Verdict", "VerdictLine", "searched", "verdict"]
 
 Grade = Literal["good", "bad", "note"]
 
-_SENSORS = {"dps": "Gyroscope", "g": "Accelerometer"}
-_LETTERS = ("N", "B", "K")
 ASSUMED = "Assumed"
 """Head of the lines on what the input did not say: they come first."""
 
@@ -63,7 +61,7 @@ class Verdict:
 
 def verdict(analysis: Analysis) -> Verdict:
     """Return the verdict on a result, or on a result so far."""
-    noise = [line for unit in _SENSORS for line in _noise_lines(analysis, unit)]
+    noise = [line for unit in SENSOR_NAMES for line in _noise_lines(analysis, unit)]
     found = [*_effect_lines(analysis.axes), *_stream_lines(analysis)]
     losses = _loss_lines(analysis)
     assumed = [VerdictLine("note", ASSUMED, text) for text in analysis.assumptions]
@@ -121,19 +119,20 @@ def _noise_lines(analysis: Analysis, unit: str) -> list[VerdictLine]:
     axes = {name: axis for name, axis in analysis.axes.items() if axis.unit == unit}
     if not axes:
         return []
+    sensor = SENSOR_NAMES[unit].capitalize()
     sheets = {name: _sheet(axis) for name, axis in axes.items()}
     known = {k: v for k, v in sheets.items() if v is not None and v.measured is not None}
     if not any(sheets.values()):
-        return [VerdictLine("note", _SENSORS[unit], _why_no_sheet(analysis.part))]
+        return [VerdictLine("note", sensor, _why_no_sheet(analysis.part))]
     if not known:
-        return [VerdictLine("note", _SENSORS[unit], "the white noise is not known yet")]
+        return [VerdictLine("note", sensor, "the white noise is not known yet")]
     if any(one.limit is None for one in known.values()):
-        return [VerdictLine("note", _SENSORS[unit], "the datasheet publishes no value for it")]
+        return [VerdictLine("note", sensor, "the datasheet publishes no value for it")]
     worse = {name: known[name] for name in _worse(axes)}
     if worse:
         named = ", ".join(f"{k} {_shown(v)}" for k, v in worse.items())
         text = f"noisier than the datasheet's {_limit(worse)}: {named}"
-        return [VerdictLine("bad", _SENSORS[unit], text)]
+        return [VerdictLine("bad", sensor, text)]
     measured = [one.measured for one in known.values() if one.measured is not None]
     low, high = (_number(x, next(iter(known.values()))) for x in (min(measured), max(measured)))
     span = low if low == high else f"{low} ... {high}"
@@ -143,7 +142,7 @@ def _noise_lines(analysis: Analysis, unit: str) -> list[VerdictLine]:
     late = [name for name in axes if name not in known]
     if late:
         text += f" on {' '.join(known)}; {' '.join(late)} not known yet"
-    return [VerdictLine("good", _SENSORS[unit], text)]
+    return [VerdictLine("good", sensor, text)]
 
 
 def _why_no_sheet(part: str) -> str:
@@ -259,7 +258,7 @@ def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
 def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     """Say how much longer to run until the last axis is known, letter by letter."""
     waits = {}
-    for letter in _LETTERS:
+    for letter in MAIN_LETTERS:
         here = [a.coefficients[letter] for a in axes.values() if letter in a.coefficients]
         late = [one for one in here if one.wait_s is not None]
         if late:
@@ -270,7 +269,7 @@ def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     if axes and all(a.coefficients for a in axes.values()):
         limits = [
             f"{letter} of {name}"
-            for letter in _LETTERS
+            for letter in MAIN_LETTERS
             for name, axis in axes.items()
             if letter in axis.coefficients and not axis.coefficients[letter].detected
         ]

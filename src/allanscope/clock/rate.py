@@ -16,6 +16,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from allanscope.quantities import TWO_SIDED_95
+
 __all__ = ["ClockError", "LineFit", "RateFit", "fit_line"]
 
 Floats = NDArray[np.float64]
@@ -28,7 +30,7 @@ STEP_SIGMAS = 8.0
 STEP_S = 0.05
 OUTLIER_SIGMAS = 4.0
 LAG_SHARE = 0.25
-FIXED_LAG_WIDENING = 3.2 / 1.96
+FIXED_LAG_WIDENING = 3.2 / TWO_SIDED_95
 """The 95 % point of slope over its sigma when lags up to a quarter of the points are taken in, over
 that of a normal; found by simulation of 1500 straight lines in white noise."""
 
@@ -329,7 +331,7 @@ class RateFit:
         if not self.is_measured or not self.nominal_hz > 0.0:
             return None
         relative = self.hz / self.nominal_hz - 1.0
-        half = 1.96 * self.uncertainty_ppm * 1e-6 * self.hz / self.nominal_hz
+        half = TWO_SIDED_95 * self.uncertainty_ppm * 1e-6 * self.hz / self.nominal_hz
         return ClockError(relative, relative - half, relative + half)
 
     @property

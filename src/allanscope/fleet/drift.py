@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.outliers import FALSE_ALARMS
+from allanscope.quantities import MAIN_LETTERS
 
 __all__ = ["Drift", "drifts_of", "started_days"]
 
@@ -61,7 +62,7 @@ class Drift:
     is_seen: bool = False
 
 
-def drifts_of(lot: Lot, names: tuple[str, ...] = ("N", "B", "K")) -> list[Drift]:
+def drifts_of(lot: Lot, names: tuple[str, ...] = MAIN_LETTERS) -> list[Drift]:
     """Return the slopes of coefficients and levels of all axes, as far as repeats tell."""
     found: list[Drift] = []
     for axis in lot.axes:

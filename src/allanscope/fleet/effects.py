@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from allanscope.fleet.lot import Lot
+from allanscope.quantities import TWO_SIDED_95
 
 __all__ = [
     "FoundEffect",
@@ -43,7 +44,6 @@ _SIZES = ("amplitude", "sigma", "slope", "size", "relative", "cutoff", "time_con
 """Parameters that should agree from run to run; times of events need not."""
 
 _SIGMAS = 3.0
-_TWO_SIDED_95 = 1.96
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +233,7 @@ def _agree(effects: list[FoundEffect]) -> bool:
     for name in _SIZES:
         known = [one.parameters[name] for one in effects if name in one.parameters]
         value, lower, upper = (np.array([one[i] for one in known], np.float64) for i in range(3))
-        sigma = (upper - lower) / (2.0 * _TWO_SIDED_95)
+        sigma = (upper - lower) / (2.0 * TWO_SIDED_95)
         usable = np.isfinite(sigma) & (sigma > 0.0)
         if usable.sum() < 2:
             continue

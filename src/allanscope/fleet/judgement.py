@@ -14,16 +14,14 @@ from allanscope.fleet.effects import SharedEffect
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.outliers import FALSE_ALARMS, Outlier, far_units, far_values
 from allanscope.fleet.repeats import (
-    TWO_SIDED_95,
     excess_of_repeats,
     unit_estimates,
     unit_means,
 )
-from allanscope.quantities import LEVEL, number, symbols
+from allanscope.quantities import LEVEL, MAIN_LETTERS, TWO_SIDED_95, number, symbols
 
-__all__ = ["NAMES", "Finding", "findings", "lot_verdict", "reservations"]
+__all__ = ["Finding", "findings", "lot_verdict", "reservations"]
 
-NAMES = ("N", "B", "K")
 
 MODEL_LEVEL = 0.01
 """Probability at which a single run says that the model does not explain it."""
@@ -45,10 +43,10 @@ class Finding:
 def findings(lot: Lot) -> list[Finding]:
     """Return the units that stand out, each with the reason, those farthest out first."""
     gyros = [axis for axis in lot.axes if axis.startswith("g")]
-    comparisons = len(lot.axes) * len(NAMES) + len(gyros) + 1
+    comparisons = len(lot.axes) * len(MAIN_LETTERS) + len(gyros) + 1
     far = []
     for axis in lot.axes:
-        for name in NAMES:
+        for name in MAIN_LETTERS:
             units = unit_estimates(lot.of_axis(axis), name)
             for one in far_units(units, comparisons) if units is not None else []:
                 reason = f"{name} is {number(one.value / one.usual)} times that of the others"

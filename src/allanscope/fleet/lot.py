@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.quantities import LETTERS
 from allanscope.samples import AXES
 from allanscope.whole_file import written_whole
 
-__all__ = ["COEFFICIENT_NAMES", "Lot", "rows_of", "schema", "write_table"]
+__all__ = ["Lot", "rows_of", "schema", "write_table"]
 
 _UNREAD = ("remarks", "sha256", "firmware", "unique_id", "serial_number")
 
-COEFFICIENT_NAMES = ("N", "B", "K", "Q", "R")
 _COEFFICIENT = ("value", "lower", "upper", "detected")
 _ERROR = ("chi2_per_dof", "p_value", "rms_percent", "expected_rms_percent", "worst_band_z")
 _LINK = ("bytes", "frames", "crc_errors", "resyncs", "reconnects")
@@ -122,7 +122,7 @@ def schema() -> Any:
     columns |= {f"temperature_{name}": real for name in _TEMPERATURE}
     columns |= {"level_mean": real, "level_stability": real}
     for prefix in ("", "before_"):
-        for name in COEFFICIENT_NAMES:
+        for name in LETTERS:
             types = (real, real, real, truth)
             pairs = zip(_COEFFICIENT, types, strict=True)
             columns |= {f"{prefix}{name}_{part}": kind for part, kind in pairs}
@@ -236,7 +236,7 @@ def _axis(axis: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:
 def _coefficients(prefix: str, found: Mapping[str, Any]) -> dict[str, Any]:
     return {
         f"{prefix}{name}_{part}": found.get(name, {}).get(part)
-        for name in COEFFICIENT_NAMES
+        for name in LETTERS
         for part in _COEFFICIENT
     }
 

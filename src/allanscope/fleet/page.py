@@ -18,7 +18,7 @@ from allanscope.fleet.effects import (
     replications,
     shared_effects,
 )
-from allanscope.fleet.judgement import NAMES, Finding, findings, lot_verdict, reservations
+from allanscope.fleet.judgement import Finding, findings, lot_verdict, reservations
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.pictures import distribution_picture, history_picture
 from allanscope.fleet.repeats import Spread, log_sigma, spread_of, unit_estimates
@@ -26,6 +26,7 @@ from allanscope.fleet.typical import Typical, typical_of
 from allanscope.quantities import (
     COEFFICIENTS,
     LEVEL,
+    MAIN_LETTERS,
     SENSOR_NAMES,
     Reading,
     compact,
@@ -105,7 +106,9 @@ def _sensor(lot: Lot, sensor_unit: str, named: list[Finding]) -> dict[str, Any]:
         "svg": distribution_picture(lot, sensor_unit, named).svg(),
         "history": history.svg() if history is not None else "",
         "rows": [
-            _row(here.of_axis(axis), axis, name, named) for axis in here.axes for name in NAMES
+            _row(here.of_axis(axis), axis, name, named)
+            for axis in here.axes
+            for name in MAIN_LETTERS
         ],
         "datasheet": _datasheet(here),
     }

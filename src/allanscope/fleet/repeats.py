@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.fleet.lot import Lot
+from allanscope.quantities import TWO_SIDED_95
 
 __all__ = [
     "Spread",
@@ -42,7 +43,6 @@ __all__ = [
 Floats = NDArray[np.float64]
 Names = NDArray[np.str_]
 
-TWO_SIDED_95 = 1.959964
 
 _WELL_KNOWN = 0.15
 """Standard error of the logarithm up to which that is normal enough."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from allanscope.fleet.outliers import restricted
 from allanscope.fleet.repeats import UnitEstimates
+from allanscope.quantities import TWO_SIDED_95
 
 __all__ = ["Typical", "typical_of"]
 
@@ -109,10 +110,12 @@ def typical_of(units: UnitEstimates) -> Typical:
 def _alone(units: UnitEstimates) -> Typical:
     value, sigma = float(units.value[0]), float(units.sigma[0])
     if units.well_known[0]:
-        factor = np.exp(1.96 * sigma / value)
+        factor = np.exp(TWO_SIDED_95 * sigma / value)
         return Typical(value, value / factor, value * factor, np.nan)
-    lower = value - 1.96 * sigma
-    return Typical(value if lower > 0.0 else np.nan, max(lower, 0.0), value + 1.96 * sigma, np.nan)
+    lower = value - TWO_SIDED_95 * sigma
+    return Typical(
+        value if lower > 0.0 else np.nan, max(lower, 0.0), value + TWO_SIDED_95 * sigma, np.nan
+    )
 
 
 def _upper_limit(weight: Floats, centres: Floats) -> float:

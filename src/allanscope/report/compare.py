@@ -7,15 +7,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from allanscope.analysis import Analysis, AxisAnalysis, verdict
-from allanscope.quantities import COEFFICIENTS, duration, number, symbols
+from allanscope.quantities import (
+    COEFFICIENTS,
+    MAIN_LETTERS,
+    TWO_SIDED_95,
+    duration,
+    number,
+    symbols,
+)
 from allanscope.report import words
 from allanscope.report.curve_pictures import compare_picture
 from allanscope.report.page import template
 from allanscope.report.picture import Picture
 
 __all__ = ["comparing_pictures", "render_comparison"]
-
-_LETTERS = ("N", "B", "K")
 
 
 def render_comparison(
@@ -70,18 +75,18 @@ def _axis(name: str, sessions: Mapping[str, Analysis], svgs: Mapping[str, str]) 
     return {
         "name": name,
         "svg": svgs.get(f"{name}-comparison", ""),
-        "heads": [f"{k}, {symbols(COEFFICIENTS[unit, k][0].unit)}" for k in _LETTERS],
+        "heads": [f"{k}, {symbols(COEFFICIENTS[unit, k][0].unit)}" for k in MAIN_LETTERS],
         "rows": [
             {
                 "name": label,
                 "cells": [
-                    *(words.coefficient_cell(a.coefficients.get(k), k, unit) for k in _LETTERS),
+                    *(words.coefficient_cell(a.coefficients.get(k), k, unit) for k in MAIN_LETTERS),
                     words.sheet_cell(a),
                 ],
             }
             for label, a in here.items()
         ],
-        "spread": [_spread(list(here.values()), k) for k in _LETTERS],
+        "spread": [_spread(list(here.values()), k) for k in MAIN_LETTERS],
     }
 
 
@@ -97,7 +102,7 @@ def _spread(axes: Sequence[AxisAnalysis], letter: str) -> str:
         return "–"
     mean = math.fsum(one.value for one in known) / len(known)
     variance = math.fsum((one.value - mean) ** 2 for one in known) / (len(known) - 1)
-    errors = [(one.upper - one.lower) / (2 * 1.96) for one in known]
+    errors = [(one.upper - one.lower) / (2 * TWO_SIDED_95) for one in known]
     expected = math.sqrt(math.fsum(error**2 for error in errors) / len(errors))
     text = f"{number(100 * math.sqrt(variance) / mean, 2)} %"
     return f"{text} (by chance {number(100 * expected / mean, 2)} %)"

@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 
 from allanscope.analysis import Analysis, AxisAnalysis, searched, verdict
-from allanscope.quantities import COEFFICIENTS, SENSOR_NAMES, duration, symbols
+from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, duration, symbols
 from allanscope.report import words
 from allanscope.report.curve_pictures import deviation_picture, residual_picture
 from allanscope.report.data_pictures import (
@@ -139,13 +139,15 @@ def _summary(axes: Mapping[str, AxisAnalysis]) -> list[dict[str, Any]]:
     for unit, sensor in SENSOR_NAMES.items():
         here = {name: axis for name, axis in axes.items() if axis.unit == unit}
         if here:
-            letters = ("N", "B", "K")
-            heads = [f"{k}, {symbols(COEFFICIENTS[unit, k][0].unit)}" for k in letters]
+            heads = [f"{k}, {symbols(COEFFICIENTS[unit, k][0].unit)}" for k in MAIN_LETTERS]
             rows = [
                 {
                     "name": name,
                     "cells": [
-                        *(words.coefficient_cell(a.coefficients.get(k), k, unit) for k in letters),
+                        *(
+                            words.coefficient_cell(a.coefficients.get(k), k, unit)
+                            for k in MAIN_LETTERS
+                        ),
                         words.sheet_cell(a),
                     ],
                 }

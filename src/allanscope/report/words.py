@@ -23,6 +23,7 @@ from allanscope.quantities import (
     COEFFICIENT_NAMES,
     COEFFICIENTS,
     DEVIATION,
+    LETTERS,
     LEVEL,
     between,
     count,
@@ -54,8 +55,6 @@ __all__ = [
     "sheet_cell",
     "zero_g",
 ]
-
-ORDER = ("N", "B", "K", "Q", "R")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +111,7 @@ class ErrorRow:
 def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
     """Return the table of one axis' coefficients."""
     rows = []
-    for name in ORDER:
+    for name in LETTERS:
         one = axis.coefficients.get(name)
         if one is None:
             continue

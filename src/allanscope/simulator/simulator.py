@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from allanscope.errors import UsageError
 from allanscope.parts import part_named
-from allanscope.samples import AXES, Block, StreamInfo, Ticks
+from allanscope.samples import AXES, INT16_MAX, INT16_MIN, Block, StreamInfo, Ticks
 from allanscope.simulator.effects import Run, Scene, effect_kinds
 from allanscope.simulator.random_streams import stream
 from allanscope.simulator.signals import AxisSignal, EffectChain, Thermometer
@@ -22,7 +22,6 @@ __all__ = ["DeviceClock", "Simulator"]
 CHUNK = 4096
 """Rows made at a time; reading in other portions only cuts them."""
 REFERENCE_C = 25.0
-INT16 = np.iinfo(np.int16)
 UNKNOWN_DURATION_S = 3600.0
 LARGEST_ERROR = 0.045
 """ST's own logs show -4.4 % and +1.9 % for parts of this family."""
@@ -271,4 +270,4 @@ def _convert(values: NDArray[np.float64], lsb: float) -> NDArray[np.float64]:
     """Return the counts that the sensor's converter gives, saturated as int16."""
     values /= lsb
     np.rint(values, out=values)
-    return np.clip(values, INT16.min, INT16.max, out=values)
+    return np.clip(values, INT16_MIN, INT16_MAX, out=values)

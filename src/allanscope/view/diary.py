@@ -24,7 +24,7 @@ from allanscope.analysis import (
     effect_brief,
     effect_text,
 )
-from allanscope.quantities import count
+from allanscope.quantities import MAIN_LETTERS, count
 from allanscope.samples import Gap
 
 __all__ = ["Diary", "Direction", "Entry", "GapTeller", "Level", "Trends"]
@@ -32,7 +32,6 @@ __all__ = ["Diary", "Direction", "Entry", "GapTeller", "Level", "Trends"]
 Level = Literal["info", "warn", "error"]
 Entry = tuple[Level, str]
 
-_TOLD = ("N", "B", "K")
 
 _NUMBER = re.compile(r"\d+(?: \d{3})*(?:\.\d+)?")
 _GROWN = 10.0
@@ -78,7 +77,7 @@ class Diary:
     def _new_values(self, analysis: Analysis) -> list[Entry]:
         lines: list[Entry] = []
         for name, axis in analysis.axes.items():
-            for letter in _TOLD:
+            for letter in MAIN_LETTERS:
                 known = axis.coefficients.get(letter)
                 if known is None or not known.detected or (name, letter) in self._coefficients:
                     continue

@@ -12,11 +12,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from allanscope.analysis import coefficient_unit
-from allanscope.quantities import LEVEL, SENSOR_NAMES, symbols
+from allanscope.quantities import LEVEL, MAIN_LETTERS, SENSOR_NAMES, symbols
 from allanscope.samples import unit_of
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
 from allanscope.view.painter import DEFAULT_ESTIMATOR, TIME_DEVIATIONS
-from allanscope.view.rerun_series import SENSORS, SHOWN_COEFFICIENTS
+from allanscope.view.rerun_series import SENSORS
 
 __all__ = ["TABS", "layout"]
 
@@ -127,7 +127,7 @@ def _axis(axis: str, others: Sequence[str]) -> rrb.Horizontal:
             f"{letter}, {coefficient_unit(unit_of(axis), letter)}, of {sensor} {about}",
             legend=False,
         )
-        for letter in SHOWN_COEFFICIENTS
+        for letter in MAIN_LETTERS
     ]
     return rrb.Horizontal(
         _chart(f"/{axis}/allan", f"{axis} σ(τ)", hidden=hidden),

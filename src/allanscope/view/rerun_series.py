@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 
 from allanscope.analysis import Analysis
 from allanscope.noise import Coefficient
-from allanscope.quantities import COEFFICIENTS, LEVEL, symbols
+from allanscope.quantities import COEFFICIENTS, LEVEL, MAIN_LETTERS, TWO_SIDED_95, symbols
 from allanscope.samples import unit_of
 from allanscope.view.decimator import Rows
 from allanscope.view.palette import AXIS, LINK, REFERENCE, muted
 
-__all__ = ["SENSORS", "SHOWN_COEFFICIENTS", "Series"]
+__all__ = ["SENSORS", "Series"]
 
 SENSORS = {"dps": "gyro", "g": "accel"}
-SHOWN_COEFFICIENTS = ("N", "B", "K")
 
-_SIGMAS_OF_95_PERCENT = 2.0 * 1.96
 _TEMPERATURE_EVERY_S = 5.0
 _LARGEST_ERROR = 0.3
 """Coefficients are plotted once their relative error is below this; until then their limit is."""
@@ -75,7 +73,7 @@ class Series:
                     aggregation_policy="MinMax",
                 ),
             )
-            for letter in SHOWN_COEFFICIENTS:
+            for letter in MAIN_LETTERS:
                 self._static(
                     f"/coefficients/{sensor}/{letter}/limit",
                     rr.SeriesPoints(
@@ -132,7 +130,7 @@ class Series:
             self._limits_due_s = _LIMIT_SPACING * analysis.duration_s
         for unit, sensor in SENSORS.items():
             axes = [name for name, axis in analysis.axes.items() if axis.unit == unit]
-            for letter in SHOWN_COEFFICIENTS:
+            for letter in MAIN_LETTERS:
                 if axes:
                     path = f"/coefficients/{sensor}/{letter}"
                     self._coefficient(path, unit, letter, analysis, limits_too)
@@ -207,7 +205,7 @@ class Series:
 
 def _worth_drawing(coefficient: Coefficient) -> tuple[float, float]:
     """Return value and standard error; NaN while the error is so large that it hides the rest."""
-    sigma = (coefficient.upper - coefficient.lower) / _SIGMAS_OF_95_PERCENT
+    sigma = (coefficient.upper - coefficient.lower) / (2.0 * TWO_SIDED_95)
     if not coefficient.detected or sigma > _LARGEST_ERROR * coefficient.value:
         return math.nan, math.nan
     return coefficient.value, sigma

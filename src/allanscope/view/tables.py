@@ -23,7 +23,9 @@ from allanscope.quantities import (
     COEFFICIENT_NAMES,
     COEFFICIENTS,
     DEVIATION,
+    LETTERS,
     LEVEL,
+    MAIN_LETTERS,
     SENSOR_NAMES,
     between,
     count,
@@ -47,7 +49,6 @@ _KEY = (
     "*Line: measured. Hatch: 95 % interval. Dashed end: not trusted. Broad line: the model; dashed "
     "letters: its parts. Grey: what the datasheet promises.*"
 )
-_SHOWN = ("N", "B", "K")
 _BEHIND = 7
 
 
@@ -76,7 +77,7 @@ def coefficients_table(analysis: Analysis) -> str:
 def axis_table(name: str, axis: AxisAnalysis) -> str:
     """Return everything that is a number about one axis."""
     rows = []
-    for letter in ("N", "B", "K", "Q", "R"):
+    for letter in LETTERS:
         coefficient = axis.coefficients.get(letter)
         if coefficient is None:
             continue
@@ -178,13 +179,13 @@ def _remarks(analysis: Analysis) -> Iterable[str]:
 def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis]) -> str:
     head = [
         "axis",
-        *(f"{letter}, {coefficient_unit(unit, letter)}" for letter in _SHOWN),
+        *(f"{letter}, {coefficient_unit(unit, letter)}" for letter in MAIN_LETTERS),
         f"least deviation, {symbols(DEVIATION[unit].unit)}",
         "datasheet",
     ]
     rows = []
     for name, axis in axes.items():
-        cells = [coefficient_text(unit, k, axis.coefficients.get(k)) for k in _SHOWN]
+        cells = [coefficient_text(unit, k, axis.coefficients.get(k)) for k in MAIN_LETTERS]
         rows.append((name, *cells, best_text(axis), density_verdict(axis)))
     return _table(head, rows)
 

@@ -34,6 +34,7 @@ from allanscope.analysis import (
 from allanscope.quantities import (
     COEFFICIENTS,
     DEVIATION,
+    MAIN_LETTERS,
     SENSOR_NAMES,
     count,
     duration,
@@ -46,7 +47,6 @@ from allanscope.view.palette import AXIS, GRADE, Colour
 
 __all__ = ["Screen", "status_line", "summary_lines"]
 
-_LETTERS = ("N", "B", "K")
 _WIDE = 130
 _ARROWS: dict[Direction, str] = {"up": "↑", "down": "↓", "settled": "=", "": " "}
 _FOLD_LOSS = 16
@@ -139,7 +139,7 @@ class Screen:
 
     def _axes(self, wide: bool) -> Table:
         table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
-        for _ in range(len(_LETTERS) + 1 + (3 if wide else 0)):
+        for _ in range(len(MAIN_LETTERS) + 1 + (3 if wide else 0)):
             table.add_column(no_wrap=True, overflow="ellipsis")
         for unit in SENSOR_NAMES:
             axes = {k: axis for k, axis in self._analysis.axes.items() if axis.unit == unit}
@@ -150,7 +150,7 @@ class Screen:
         return table
 
     def _head(self, unit: str, wide: bool) -> list[Text]:
-        cells = ["", *(f"{letter}  {coefficient_unit(unit, letter)}" for letter in _LETTERS)]
+        cells = ["", *(f"{letter}  {coefficient_unit(unit, letter)}" for letter in MAIN_LETTERS)]
         if wide:
             deviation = symbols(DEVIATION[unit].unit)
             cells += [f"least deviation, {deviation}", "datasheet", "residual, rms"]
@@ -158,7 +158,7 @@ class Screen:
 
     def _row(self, name: str, axis: AxisAnalysis, wide: bool) -> list[Text]:
         cells = [Text(name, style=_style(AXIS[name]))]
-        cells += [self._coefficient(name, axis, letter, wide) for letter in _LETTERS]
+        cells += [self._coefficient(name, axis, letter, wide) for letter in MAIN_LETTERS]
         if wide:
             cells += [Text(best_text(axis)), Text(density_verdict(axis)), Text(_residual(axis))]
         return cells

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.samples import AXES, Block, StreamInfo
+from allanscope.samples import AXES, INT16_MAX, INT16_MIN, Block, StreamInfo
 from allanscope.wire.base import Command
 from allanscope.wire.device_side import temperatures, times
 from allanscope.wire.native import descriptor
@@ -133,8 +133,8 @@ class NativeEncoder:
         """Return counts in all six columns, and the saturation flags of each sample."""
         wide = np.zeros((len(counts), len(AXES)), np.int16)
         columns = [AXES.index(axis) for axis in self._info.axes]
-        wide[:, columns] = np.clip(np.rint(counts), -32768, 32767)
-        ends = (wide == -32768) | (wide == 32767)
+        wide[:, columns] = np.clip(np.rint(counts), INT16_MIN, INT16_MAX)
+        ends = (wide == INT16_MIN) | (wide == INT16_MAX)
         flags = ends[:, :3].any(axis=1) * np.uint8(Flag.GYRO_SATURATED)
         return wide, flags | ends[:, 3:].any(axis=1) * np.uint8(Flag.ACCEL_SATURATED)
 
@@ -159,5 +159,5 @@ class NativeEncoder:
     def _temperatures(self, block: Block, starts: NDArray[np.int64]) -> NDArray[np.int16]:
         degrees = temperatures(block, starts) - descriptor.ZERO_COUNTS_C
         counts = np.rint(degrees * descriptor.counts_per_degree(self._info.part))
-        known = np.clip(np.nan_to_num(counts), NO_TEMPERATURE + 1, 32767)
+        known = np.clip(np.nan_to_num(counts), NO_TEMPERATURE + 1, INT16_MAX)
         return np.where(np.isnan(degrees), NO_TEMPERATURE, known).astype(np.int16)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.parts import PARTS, part_named
-from allanscope.samples import AXES, StreamInfo
+from allanscope.samples import AXES, INT16_MAX, INT16_MIN, StreamInfo
 from allanscope.wire.base import WireSettings
 from allanscope.wire.row import HELD, Meaning, Row, Values, nominal_rate
 from allanscope.wire.stamps import mean_rate, period_of, resolution_of, rows_come_in_bursts
@@ -276,7 +276,7 @@ def _converted(
 ) -> tuple[NDArray[np.int16] | NDArray[np.float64], NDArray[np.bool_]]:
     """Return the samples, and which rows can be such: a digit too many makes no acceleration."""
     if counted:
-        clipped = np.clip(np.rint(values), -32768, 32767).astype(np.int16)
+        clipped = np.clip(np.rint(values), INT16_MIN, INT16_MAX).astype(np.int16)
         return clipped, np.full(len(values), True)
     samples = np.asarray(values / divisors, np.float64)
     possible = ~(np.abs(samples) > _LARGEST).any(axis=1)

@@ -18,10 +18,8 @@ from typing import TYPE_CHECKING, Any
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
-    from allanscope.allan.bank import AllanBank
-    from allanscope.allan.deviation import Deviation
-    from allanscope.allan.oneshot import deviation
-    from allanscope.analysis.result import SCHEMA, Analysis
+    from allanscope.allan import AllanBank, Deviation, deviation
+    from allanscope.analysis import SCHEMA, Analysis
     from allanscope.errors import (
         AllanscopeError,
         CheckFailed,
@@ -30,36 +28,35 @@ if TYPE_CHECKING:
         InputError,
         UsageError,
     )
-    from allanscope.pipeline.analyse_arrays import analyse
-    from allanscope.pipeline.stream import Stream, open_stream
-    from allanscope.recording.reader import Recording
+    from allanscope.pipeline import Stream, analyse, open_stream
+    from allanscope.recording import Recording
     from allanscope.samples import AXES, Block, Gap, StreamInfo, Ticks
-    from allanscope.simulator.simulator import Simulator
+    from allanscope.simulator import Simulator
 
     __version__: str
 
 _HOMES = {
     "AXES": "samples",
-    "AllanBank": "allan.bank",
+    "AllanBank": "allan",
     "AllanscopeError": "errors",
-    "Analysis": "analysis.result",
+    "Analysis": "analysis",
     "Block": "samples",
     "CheckFailed": "errors",
-    "Deviation": "allan.deviation",
+    "Deviation": "allan",
     "DeviceError": "errors",
     "ExitCode": "errors",
     "Gap": "samples",
     "InputError": "errors",
-    "Recording": "recording.reader",
-    "SCHEMA": "analysis.result",
-    "Simulator": "simulator.simulator",
-    "Stream": "pipeline.stream",
+    "Recording": "recording",
+    "SCHEMA": "analysis",
+    "Simulator": "simulator",
+    "Stream": "pipeline",
     "StreamInfo": "samples",
     "Ticks": "samples",
     "UsageError": "errors",
-    "analyse": "pipeline.analyse_arrays",
-    "deviation": "allan.oneshot",
-    "open_stream": "pipeline.stream",
+    "analyse": "pipeline",
+    "deviation": "allan",
+    "open_stream": "pipeline",
 }
 
 __all__ = [

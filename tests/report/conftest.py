@@ -2,7 +2,7 @@
 
 import pytest
 
-from allanscope.report.page import render
+from allanscope.report import render
 from support.report_session import two_axes
 
 

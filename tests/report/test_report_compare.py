@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from allanscope.noise.coefficients import Coefficient
-from allanscope.report.compare import comparing_pictures, render_comparison
+from allanscope.report import comparing_pictures, render_comparison
 from support.report_session import two_axes
 
 N = {"one": 2.8e-3, "two": 3.0e-3, "<three>": 3.2e-3}

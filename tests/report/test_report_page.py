@@ -9,7 +9,7 @@ import pytest
 
 from allanscope import analyse
 from allanscope.explain.effect import ResidualError
-from allanscope.report.page import render
+from allanscope.report import render
 
 HOSTILE = '<script>alert("1")</script><img src=x onerror=alert(1)> & \' $x^2$ {{ 7 * 7 }}'
 NAMESPACES = {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}

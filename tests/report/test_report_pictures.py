@@ -9,10 +9,9 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+from allanscope.report import MEASURED, MODEL, Picture, pictures, save_pictures
 from allanscope.report.curve_pictures import compare_picture, deviation_picture
 from allanscope.report.data_pictures import lag_picture
-from allanscope.report.page import pictures, save_pictures
-from allanscope.report.picture import MEASURED, MODEL, Picture
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ from allanscope.quantities import (
     number,
     symbols,
 )
-from allanscope.report.page import template
+from allanscope.report import template
 from allanscope.samples import AXES
 
 __all__ = ["render_lot"]

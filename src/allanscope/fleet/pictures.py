@@ -14,7 +14,7 @@ from allanscope.fleet.drift import LEAST, started_days
 from allanscope.fleet.judgement import Finding
 from allanscope.fleet.lot import Lot
 from allanscope.quantities import COEFFICIENTS, symbols
-from allanscope.report.picture import DATASHEET, MEASURED, MODEL, Picture, ink
+from allanscope.report import DATASHEET, MEASURED, MODEL, Picture, ink
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

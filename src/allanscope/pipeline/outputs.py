@@ -26,7 +26,7 @@ from allanscope.whole_file import refuse_place, written_whole
 
 if TYPE_CHECKING:
     from allanscope.pipeline.settings import DeviceSettings
-    from allanscope.report.picture import Picture
+    from allanscope.report import Picture
 
 __all__ = [
     "charts_of",
@@ -59,7 +59,7 @@ def write_report(analysis: Analysis, path: Path | None, figures: Path | None = N
     figures : Path, optional
         Folder that gets every picture as SVG and as PNG.
     """
-    from allanscope.report.page import pictures, render
+    from allanscope.report import pictures, render
 
     drawn = pictures(analysis)
     if path is not None:
@@ -69,7 +69,7 @@ def write_report(analysis: Analysis, path: Path | None, figures: Path | None = N
 
 
 def _save(drawn: Mapping[str, Picture], folder: Path) -> None:
-    from allanscope.report.page import save_pictures
+    from allanscope.report import save_pictures
 
     try:
         save_pictures(drawn, folder)
@@ -144,7 +144,7 @@ def report_sessions(
 ) -> Path:
     """Write the report of one session, or one that compares several; return its path."""
     from allanscope.pipeline.analyse_file import analyse_input
-    from allanscope.report.compare import comparing_pictures, render_comparison
+    from allanscope.report import comparing_pictures, render_comparison
 
     refuse_place(out)
     sessions = {

@@ -5,3 +5,59 @@ turns results into the sentences and cells of the page. `curve_pictures` and `da
 and a `picture` goes into the page or into files of its own. Nothing is fetched when the page is
 opened.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from allanscope.lazy import lazily
+
+if TYPE_CHECKING:
+    from allanscope.report.compare import (
+        comparing_pictures,
+        render_comparison,
+    )
+    from allanscope.report.page import (
+        pictures,
+        render,
+        save_pictures,
+        template,
+    )
+    from allanscope.report.picture import (
+        DATASHEET,
+        MEASURED,
+        MODEL,
+        Picture,
+        ink,
+    )
+
+__all__ = [
+    "DATASHEET",
+    "MEASURED",
+    "MODEL",
+    "Picture",
+    "comparing_pictures",
+    "ink",
+    "pictures",
+    "render",
+    "render_comparison",
+    "save_pictures",
+    "template",
+]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "DATASHEET": "picture",
+        "MEASURED": "picture",
+        "MODEL": "picture",
+        "Picture": "picture",
+        "comparing_pictures": "compare",
+        "ink": "picture",
+        "pictures": "page",
+        "render": "page",
+        "render_comparison": "compare",
+        "save_pictures": "page",
+        "template": "page",
+    },
+)

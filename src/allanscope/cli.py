@@ -69,8 +69,8 @@ def open_view(options: Namespace) -> int:
 
 def analyse(options: Namespace) -> int:
     """Analyse a recording, a raw capture or a text file to the end."""
+    from allanscope.atomic_write import refuse_place
     from allanscope.pipeline import analyse_input, write_json, write_report
-    from allanscope.whole_file import refuse_place
 
     for name in (options.report, options.json):
         if name and name != "-":
@@ -163,8 +163,8 @@ def recover(options: Namespace) -> int:
 
 def check(options: Namespace) -> int:
     """Compare a recording's coefficients with the limits of a specification."""
-    from allanscope.pipeline import check_against, failure, to_json, to_junit, write_whole
-    from allanscope.whole_file import refuse_place
+    from allanscope.atomic_write import refuse_place, write_text
+    from allanscope.pipeline import check_against, failure, to_json, to_junit
 
     asked = Path(options.recording), Path(options.against)
     for name in (options.junit, options.json):
@@ -172,13 +172,13 @@ def check(options: Namespace) -> int:
             refuse_place(Path(name))
     verdicts = check_against(*asked, _device_settings(options))
     if options.junit:
-        write_whole(Path(options.junit), to_junit(verdicts, *asked))
+        write_text(Path(options.junit), to_junit(verdicts, *asked))
     if options.json == "-":
         print(to_json(verdicts, *asked), end="")
     else:
         print("\n".join(str(verdict) for verdict in verdicts))
     if options.json and options.json != "-":
-        write_whole(Path(options.json), to_json(verdicts, *asked))
+        write_text(Path(options.json), to_json(verdicts, *asked))
     failed = failure(verdicts)
     if failed is not None:
         raise failed

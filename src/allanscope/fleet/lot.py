@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.atomic_write import atomic_write
 from allanscope.quantities import LETTERS
 from allanscope.samples import AXES
-from allanscope.whole_file import written_whole
 
 __all__ = ["Lot", "rows_of", "schema", "write_table"]
 
@@ -182,7 +182,7 @@ def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> int:
 
     written = 0
     with (
-        written_whole(path) as part,
+        atomic_write(path) as part,
         part.open("wb") as file,  # by us: Arrow takes no names that are not UTF-8
         pq.ParquetWriter(file, schema(), compression="zstd") as writer,
     ):

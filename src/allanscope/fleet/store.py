@@ -23,11 +23,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
+from allanscope.atomic_write import atomic_write
 from allanscope.errors import UsageError
 from allanscope.fleet.outcome import Outcome, result_key, unpacked
 from allanscope.fleet.places import Place, RemotePath, is_of_this_machine
 from allanscope.pipeline import DeviceSettings
-from allanscope.whole_file import written_whole
 
 __all__ = ["Folder", "RemoteIndex", "Store", "put_file", "result_folder", "staged"]
 
@@ -273,7 +273,7 @@ def put_file(path: Folder, data: bytes) -> None:
         If it cannot be written.
     """
     if isinstance(path, Path):
-        with written_whole(path) as part:
+        with atomic_write(path) as part:
             path.parent.mkdir(exist_ok=True)
             part.write_bytes(data)
         return

@@ -41,11 +41,11 @@ def write_lot(result: FleetResult, store: Store, settings: FleetSettings) -> Non
         if not write_table(table, _rows(result, sorted(originals), store, names)):
             table.unlink()
             return
+        from allanscope.atomic_write import write_text
         from allanscope.fleet.page import render_lot
-        from allanscope.pipeline import write_whole
 
         page = render_lot(Lot.read(table), result.failures, result.copies)
-        write_whole(here / "lot.html", page)
+        write_text(here / "lot.html", page)
     result.table = store.folder / "lot.parquet"
     result.report = store.folder / "lot.html"
 

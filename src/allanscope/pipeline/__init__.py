@@ -53,7 +53,6 @@ if TYPE_CHECKING:
         report_sessions,
         write_json,
         write_report,
-        write_whole,
     )
     from allanscope.pipeline.process import (
         stopped_by_signals,
@@ -100,7 +99,6 @@ __all__ = [
     "to_junit",
     "write_json",
     "write_report",
-    "write_whole",
 ]
 
 __getattr__, __dir__ = lazily(
@@ -132,6 +130,5 @@ __getattr__, __dir__ = lazily(
         "to_junit": "check",
         "write_json": "outputs",
         "write_report": "outputs",
-        "write_whole": "outputs",
     },
 )

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from allanscope.atomic_write import refuse_place, write_text
 from allanscope.clock import Clock
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.outputs import write_whole
 from allanscope.pipeline.replaying import Extent, events_of
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file
@@ -26,7 +26,6 @@ from allanscope.recording import (
 from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.sources import FileSource
 from allanscope.view import progress
-from allanscope.whole_file import refuse_place
 
 if TYPE_CHECKING:
     from allanscope.pipeline.exports import UpperLimits
@@ -141,7 +140,7 @@ def _export_coefficients(
         ) from None
     except ValueError as error:
         raise InputError(f"{source}: {error}; {layout} cannot be given its numbers") from None
-    write_whole(out, text)
+    write_text(out, text)
     if not quiet and out.is_file():
         print(f"{out}: coefficients of {len(coefficients)} axes")
 

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from allanscope.analysis import Analysis
+from allanscope.atomic_write import refuse_place, write_text
 from allanscope.errors import DeviceError, InputError, UsageError
 from allanscope.pipeline.process import stopped_by_signals
 from allanscope.pipeline.settings import ViewMode
 from allanscope.view import ViewerProcess, has_display
-from allanscope.whole_file import refuse_place, written_whole
 
 if TYPE_CHECKING:
     from allanscope.pipeline.settings import DeviceSettings
@@ -38,13 +38,12 @@ __all__ = [
     "session_folder",
     "write_json",
     "write_report",
-    "write_whole",
 ]
 
 
 def write_json(analysis: Analysis, path: Path) -> None:
     """Write the result in the schema ``allanscope/1``."""
-    write_whole(path, json.dumps(analysis.to_dict(), indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(analysis.to_dict(), indent=1, allow_nan=False) + "\n")
 
 
 def write_report(analysis: Analysis, path: Path | None, figures: Path | None = None) -> None:
@@ -63,7 +62,7 @@ def write_report(analysis: Analysis, path: Path | None, figures: Path | None = N
 
     drawn = pictures(analysis)
     if path is not None:
-        write_whole(path, render(analysis, drawn))
+        write_text(path, render(analysis, drawn))
     if figures is not None:
         _save(drawn, figures)
 
@@ -77,18 +76,6 @@ def _save(drawn: Mapping[str, Picture], folder: Path) -> None:
         raise UsageError(
             f"cannot write figures to {folder}: {error.strerror}; choose another folder"
         ) from None
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file so that nobody ever sees half of it.
-
-    Raises
-    ------
-    UsageError
-        When the place cannot be written to.
-    """
-    with written_whole(path) as part:
-        part.write_text(text, encoding="utf-8")
 
 
 def new_session_folder(device: str) -> Path:
@@ -155,7 +142,7 @@ def report_sessions(
         write_report(next(iter(sessions.values())), out, figures)
         return out
     drawn = comparing_pictures(sessions)
-    write_whole(out, render_comparison(sessions, drawn))
+    write_text(out, render_comparison(sessions, drawn))
     if figures is not None:
         _save(drawn, figures)
     return out

@@ -18,9 +18,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.atomic_write import atomic_write
 from allanscope.errors import InputError, UsageError
 from allanscope.samples import Block, Event, Gap, StreamInfo, unit_of
-from allanscope.whole_file import written_whole
 
 __all__ = ["ExportReport", "Table", "Unit", "export_csv", "export_parquet", "tables"]
 
@@ -155,7 +155,7 @@ def export_csv(
         If the file cannot be written.
     """
     report = ExportReport(out)
-    with written_whole(out) as part, part.open("w", encoding="ascii", newline="\n") as file:
+    with atomic_write(out) as part, part.open("w", encoding="ascii", newline="\n") as file:
         for table in tables(events, report, rate_hz, unit):
             if report.rows == len(table.time_s):
                 file.write(",".join(table.tokens(unit)) + "\n")
@@ -254,7 +254,7 @@ def export_parquet(
     except ImportError as error:
         raise UsageError("Parquet needs pyarrow: pip install pyarrow") from error
     report = ExportReport(out)
-    with written_whole(out) as part, ExitStack() as opened:
+    with atomic_write(out) as part, ExitStack() as opened:
         writer: Any = None
         for table in _batches(tables(events, report, rate_hz, unit)):
             rows = pa.table(_columns(table, unit), metadata=_facts(table, rate_hz))

@@ -7,12 +7,12 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from allanscope.atomic_write import atomic_write
 from allanscope.errors import InputError, UsageError
 from allanscope.recording.layout import RX, TOPICS
 from allanscope.recording.outline import Damage
 from allanscope.recording.reader import Recording
 from allanscope.recording.segment import Segment
-from allanscope.whole_file import written_whole
 
 __all__ = ["RecoveryReport", "recover"]
 
@@ -84,7 +84,7 @@ def recover(
             f"{out} exists; name a file that does not, the damaged one is kept as it is"
         )
     report = RecoveryReport(out)
-    with written_whole(out) as part:
+    with atomic_write(out) as part:
         metadata = {**recording.metadata, "recovered_from": str(damaged)}
         _copy(recording, part, metadata, report, advance)
         if not report.reads:

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from allanscope.atomic_write import atomic_write
 from allanscope.errors import InputError, UsageError
-from allanscope.whole_file import written_whole
 
 
 def test_nothing_is_seen_before_all_is_written(tmp_path: Path) -> None:
     out = tmp_path / "curve.csv"
     out.write_text("old")
-    with written_whole(out) as part:
+    with atomic_write(out) as part:
         part.write_text("new")
         assert out.read_text() == "old"
     assert out.read_text() == "new"
@@ -22,7 +22,7 @@ def test_nothing_is_seen_before_all_is_written(tmp_path: Path) -> None:
 
 
 def write_half(out: Path, error: BaseException) -> None:
-    with written_whole(out) as part:
+    with atomic_write(out) as part:
         part.write_text("half")
         raise error
 
@@ -49,7 +49,7 @@ def test_what_fails_leaves_the_old_file_and_no_other(
 def test_what_a_killed_process_left_is_no_obstacle(tmp_path: Path) -> None:
     out = tmp_path / "curve.csv"
     (tmp_path / ".curve.csv.part").write_text("of another process")
-    with written_whole(out) as part:
+    with atomic_write(out) as part:
         assert not part.exists()
         part.write_text("new")
     assert out.read_text() == "new"
@@ -60,7 +60,7 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     out, link = tmp_path / "curve.csv", tmp_path / "newest.csv"
     out.write_text("old")
     link.symlink_to(out)
-    with written_whole(link) as part:
+    with atomic_write(link) as part:
         part.write_text("new")
     assert link.is_symlink()
     assert out.read_text() == "new"
@@ -72,7 +72,7 @@ def test_nothing_takes_the_place_of_a_pipe_or_a_device(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    with written_whole(pipe) as part:
+    with atomic_write(pipe) as part:
         part.write_text("new")
     assert os.read(reader, 10) == b"new"
     os.close(reader)

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all: written beside their place, and moved there at the end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from allanscope.errors import UsageError
 
-__all__ = ["refuse_place", "written_whole"]
+__all__ = ["atomic_write", "refuse_place", "write_text"]
 
 
 def refuse_place(path: Path) -> None:
@@ -34,7 +34,7 @@ def refuse_place(path: Path) -> None:
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Yield the name of a file to write beside `path`, which takes its place when all went well.
 
     Whatever was at `path` stays until then, and for good when the block raises; the other file is
@@ -48,7 +48,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
     Examples
     --------
-    >>> with written_whole(Path("curve.csv")) as part:  # doctest: +SKIP
+    >>> with atomic_write(Path("curve.csv")) as part:  # doctest: +SKIP
     ...     part.write_text("tau,deviation")
     """
     try:
@@ -60,6 +60,18 @@ def written_whole(path: Path) -> Iterator[Path]:
     except OSError as error:
         why = error.strerror or error
         raise UsageError(f"cannot write {path}: {why}; choose another place") from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in UTF-8 so that nobody ever sees half of it.
+
+    Raises
+    ------
+    UsageError
+        When the place cannot be written to.
+    """
+    with atomic_write(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 @contextmanager

@@ -29,8 +29,7 @@ import numpy as np
 from blind_effects import OUTSIDE, Truth
 from blind_oracle import Errors, errors_of
 
-from allanscope.explain import explain
-from allanscope.explain.effect import Effect
+from allanscope.explain import Effect, explain
 
 Cell = tuple[str, str]
 _SKIPPED = ("intervals",)

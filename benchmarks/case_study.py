@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain import Explanation, explain
-from allanscope.explain.effect import AxisExplanation
+from allanscope.explain import AxisExplanation, Explanation, explain
 from allanscope.explain.error import deviation_of
 from allanscope.history import Record
 from allanscope.simulator import Simulator, Truth

@@ -5,7 +5,7 @@ import pytest
 
 from allanscope.analysis.datasheet import compare, published_density, published_rms, rms_of
 from allanscope.errors import UsageError
-from allanscope.noise.coefficients import Coefficient
+from allanscope.noise import Coefficient
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, PARTS, full_scale_of, part_named
 from allanscope.spectrum import Density
 

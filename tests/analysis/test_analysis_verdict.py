@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from allanscope.analysis import verdict
-from allanscope.explain.effect import ResidualError
+from allanscope.explain import ResidualError
 from support.demo_analysis import demo_analysis
 
 UNKNOWN = ResidualError(*[float("nan")] * 5)

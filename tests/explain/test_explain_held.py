@@ -8,7 +8,7 @@ import pytest
 from allanscope.explain import explain, fit_beside
 from allanscope.explain.held import prolonged
 from allanscope.history import Record
-from allanscope.noise.fit import fit_noise
+from allanscope.noise import fit_noise
 
 RATE = 26.0
 SHORT = 8192

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from allanscope.explain import explain
-from allanscope.explain.effect import AxisExplanation, Effect
+from allanscope.explain import AxisExplanation, Effect, explain
 
 RATE, SIGMA, LSB = 52.0, 4e-3 * 52.0**0.5, 4.375e-3
 

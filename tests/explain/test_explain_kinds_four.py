@@ -17,8 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
-from allanscope.explain import explain
-from allanscope.explain.effect import AxisExplanation
+from allanscope.explain import AxisExplanation, explain
 
 RATE, SIGMA, SECONDS = 52.0, 4e-3 * 52.0**0.5, 600.0
 Array = NDArray[np.float64]

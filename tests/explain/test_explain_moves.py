@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from allanscope.explain import Budget
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import KINDS
@@ -20,7 +21,7 @@ from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.drop import drop
 from allanscope.explain.moves.fold_sidebands import fold_sidebands
 from allanscope.explain.moves.refit import refit
-from allanscope.explain.search import Budget, close_loop
+from allanscope.explain.search import close_loop
 from allanscope.explain.search_path import SearchPath
 from allanscope.explain.series import Series
 from allanscope.explain.view import View

@@ -13,7 +13,7 @@ from allanscope.explain.effects.repeated_samples import RepeatedSamples
 from allanscope.explain.loop import _view
 from allanscope.explain.series import series_of
 from allanscope.history import Record
-from allanscope.noise.quantised import find_step
+from allanscope.noise import find_step
 
 N = 30_000
 RATE = 100.0

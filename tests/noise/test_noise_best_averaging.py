@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from allanscope.allan import AllanBank, Deviation
-from allanscope.noise import find_best_averaging
+from allanscope.noise import NoiseModel, find_best_averaging
 from allanscope.noise.components import Flicker, RandomWalk, White
-from allanscope.noise.model import NoiseModel
 
 M = 2 ** np.arange(18)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from allanscope.allan import Deviation
+from allanscope.noise import NoiseModel, fit_curve, gls_chi2, relative_bounds
 from allanscope.noise.components import (
     Flicker,
     GaussMarkov,
@@ -12,9 +13,6 @@ from allanscope.noise.components import (
     White,
 )
 from allanscope.noise.covariance import deviation_covariance, half_octaves, log_bias, log_covariance
-from allanscope.noise.crlb import relative_bounds
-from allanscope.noise.curve_fit import fit_curve, gls_chi2
-from allanscope.noise.model import NoiseModel
 
 DT = 0.25
 TRUTH = NoiseModel((White(4e-3), Flicker(1.255e-3), RandomWalk(1e-4)), DT)

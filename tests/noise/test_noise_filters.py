@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, freqz, lfilter
 
+from allanscope.noise import NoiseModel
 from allanscope.noise.components import Flicker, GaussMarkov, RandomWalk, Rounding, White
 from allanscope.noise.filters import (
     AnalogueLowPass,
@@ -12,7 +13,6 @@ from allanscope.noise.filters import (
     HeldSamples,
     OnePole,
 )
-from allanscope.noise.model import NoiseModel
 
 DT = 0.01
 POLE = np.exp(-2 * np.pi * 20.0 * DT)

@@ -7,12 +7,11 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from allanscope.history import History
-from allanscope.noise import fit_array, fit_noise, relative_bounds, wait_until
+from allanscope.noise import NoiseModel, fit_array, fit_noise, relative_bounds, wait_until
 from allanscope.noise.components import Flicker, RandomWalk, White
 from allanscope.noise.drift import fit_drift, ramp_pattern
 from allanscope.noise.evidence import Ordinates
 from allanscope.noise.likelihood import Likelihood
-from allanscope.noise.model import NoiseModel
 from allanscope.parts import part_named
 from allanscope.spectrum import SpectrumBank
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from allanscope.noise import NoiseModel, relative_bounds, wait_until
 from allanscope.noise.components import (
     AngleQuantization,
     Flicker,
@@ -11,12 +12,11 @@ from allanscope.noise.components import (
     Rounding,
     White,
 )
-from allanscope.noise.crlb import relative_bounds, wait_until
 from allanscope.noise.evidence import DensityBands, Ordinates, evidence_of, stretches_of
 from allanscope.noise.filters import Butterworth
 from allanscope.noise.grid import Grid
 from allanscope.noise.likelihood import Likelihood
-from allanscope.noise.model import Free, NoiseModel
+from allanscope.noise.model import Free
 from allanscope.noise.whiteness import whitened
 from allanscope.spectrum import Density
 

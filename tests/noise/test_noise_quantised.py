@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from allanscope.noise import fit_array
-from allanscope.noise.quantised import advice, find_step, on_lattice
+from allanscope.noise import advice, find_step, fit_array
+from allanscope.noise.quantised import on_lattice
 
 
 def rounded(sigma, mean, n=20_000, seed=1):

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from allanscope.noise.coefficients import Coefficient
+from allanscope.noise import Coefficient
 from allanscope.pipeline.exports import (
     LAYOUTS,
     NotDetected,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from allanscope.noise.coefficients import Coefficient
+from allanscope.noise import Coefficient
 from allanscope.report import comparing_pictures, render_comparison
 from support.report_session import two_axes
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allanscope import analyse
-from allanscope.explain.effect import ResidualError
+from allanscope.explain import ResidualError
 from allanscope.report import render
 
 HOSTILE = '<script>alert("1")</script><img src=x onerror=alert(1)> & \' $x^2$ {{ 7 * 7 }}'

@@ -7,8 +7,8 @@ import pytest
 
 from allanscope.analysis import AxisAnalysis, Level
 from allanscope.analysis.datasheet import compare
-from allanscope.explain.effect import Effect, Parameter
-from allanscope.noise.coefficients import Coefficient
+from allanscope.explain import Effect, Parameter
+from allanscope.noise import Coefficient
 from allanscope.parts import part_named
 from allanscope.report import words
 

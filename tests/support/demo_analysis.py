@@ -8,8 +8,8 @@ from scipy import special
 
 from allanscope.allan import Deviation
 from allanscope.analysis import Analysis, AxisAnalysis, Level, ModelCurve, Rate
-from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError
-from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
+from allanscope.explain import AxisExplanation, Effect, Parameter, ResidualError
+from allanscope.noise import BestAveraging, Coefficient, DatasheetVerdict
 from allanscope.samples import AXES, unit_of
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allanscope.noise.coefficients import Coefficient
+from allanscope.noise import Coefficient
 from allanscope.quantities import COEFFICIENTS
 from allanscope.samples import Gap, Notice
 from allanscope.view import RerunView

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allanscope.analysis import coefficient_text, rate_text, wait_text
-from allanscope.noise.coefficients import Coefficient
+from allanscope.noise import Coefficient
 from allanscope.samples import Gap
 from allanscope.sanitize import markdown, one_line
 from allanscope.view.diary import Diary, GapTeller, Trends

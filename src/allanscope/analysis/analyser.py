@@ -18,7 +18,7 @@ from allanscope.allan import AllanBank
 from allanscope.analysis.rows import BUFFERED, RowBuffer, in_parallel, lowest_and_highest
 from allanscope.clock import Clock
 from allanscope.history import History, Record
-from allanscope.noise.quantised import find_step
+from allanscope.noise import find_step
 from allanscope.samples import INT16_MAX, INT16_MIN, Block, Event, Gap, Notice, StreamInfo
 from allanscope.spectrum import Density, SpectrumBank
 

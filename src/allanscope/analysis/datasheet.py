@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
+from allanscope.noise import Coefficient, DatasheetVerdict
 from allanscope.parts import Mode, Part
 from allanscope.quantities import DENSITY, LEVEL
 from allanscope.samples import unit_of

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank, Deviation
 from allanscope.analysis.result import ModelCurve
-from allanscope.explain.loop import Explanation
-from allanscope.noise.coefficients import Coefficient
+from allanscope.explain import Explanation
+from allanscope.noise import Coefficient, NoiseModel
 from allanscope.noise.components import Component, White
-from allanscope.noise.model import NoiseModel
 from allanscope.spectrum import Density
 
 __all__ = ["DrawnModels", "draw_models"]

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import Deviation
-from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
+from allanscope.explain import AxisExplanation, Effect, ResidualError
 from allanscope.history import Record
-from allanscope.noise.coefficients import BestAveraging, Coefficient, DatasheetVerdict
+from allanscope.noise import BestAveraging, Coefficient, DatasheetVerdict
 from allanscope.samples import Origin
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats

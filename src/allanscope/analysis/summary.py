@@ -23,14 +23,16 @@ from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
 from allanscope.clock import DISAGREEMENT
-from allanscope.explain import explain, fit_beside
-from allanscope.explain.failure import failed, failure_text
-from allanscope.explain.loop import Explanation
+from allanscope.explain import Explanation, explain, failed, failure_text, fit_beside
 from allanscope.history import Record
-from allanscope.noise import find_best_averaging, fit_noise
-from allanscope.noise.coefficients import Coefficient, DatasheetVerdict
-from allanscope.noise.fit import NoiseFit
-from allanscope.noise.quantised import advice
+from allanscope.noise import (
+    Coefficient,
+    DatasheetVerdict,
+    NoiseFit,
+    advice,
+    find_best_averaging,
+    fit_noise,
+)
 from allanscope.parts import PARTS, full_scale_of
 from allanscope.quantities import number
 from allanscope.samples import unit_of

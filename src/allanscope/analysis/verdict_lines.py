@@ -12,8 +12,8 @@ from typing import Literal
 
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.wording import effect_brief, losses_text, not_measured, wait_text
-from allanscope.explain.effect import AxisExplanation
-from allanscope.noise.coefficients import DatasheetVerdict
+from allanscope.explain import AxisExplanation
+from allanscope.noise import DatasheetVerdict
 from allanscope.parts import PARTS
 from allanscope.quantities import DENSITY, DEVIATION, MAIN_LETTERS, SENSOR_NAMES, number, symbols
 

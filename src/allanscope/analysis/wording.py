@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from allanscope.analysis.result import Analysis, AxisAnalysis, Rate
-from allanscope.explain.effect import Effect, Parameter
-from allanscope.noise.coefficients import Coefficient
+from allanscope.explain import Effect, Parameter
+from allanscope.noise import Coefficient
 from allanscope.quantities import (
     COEFFICIENTS,
     DEVIATION,

@@ -22,20 +22,40 @@ from typing import TYPE_CHECKING
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
+    from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError
+    from allanscope.explain.failure import failed, failure_text
     from allanscope.explain.held import fit_beside
     from allanscope.explain.live import LiveLoop
     from allanscope.explain.loop import Explanation, explain
     from allanscope.explain.search import Budget
 
-__all__ = ["Budget", "Explanation", "LiveLoop", "explain", "fit_beside"]
+__all__ = [
+    "AxisExplanation",
+    "Budget",
+    "Effect",
+    "Explanation",
+    "LiveLoop",
+    "Parameter",
+    "ResidualError",
+    "explain",
+    "failed",
+    "failure_text",
+    "fit_beside",
+]
 
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "AxisExplanation": "effect",
         "Budget": "search",
+        "Effect": "effect",
         "Explanation": "loop",
         "LiveLoop": "live",
+        "Parameter": "effect",
+        "ResidualError": "effect",
         "explain": "loop",
+        "failed": "failure",
+        "failure_text": "failure",
         "fit_beside": "held",
     },
 )

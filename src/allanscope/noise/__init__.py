@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from allanscope.noise.curve_fit import CurveResidual, fit_curve, gls_chi2
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
     from allanscope.noise.model import NoiseModel
+    from allanscope.noise.quantised import advice, find_step
 
 __all__ = [
     "BestAveraging",
@@ -39,7 +40,9 @@ __all__ = [
     "DatasheetVerdict",
     "NoiseFit",
     "NoiseModel",
+    "advice",
     "find_best_averaging",
+    "find_step",
     "fit_array",
     "fit_curve",
     "fit_noise",
@@ -53,14 +56,16 @@ __getattr__, __dir__ = lazily(
     {
         "BestAveraging": "coefficients",
         "Coefficient": "coefficients",
+        "CurveResidual": "curve_fit",
         "DatasheetVerdict": "coefficients",
         "NoiseFit": "fit",
         "NoiseModel": "model",
+        "advice": "quantised",
         "find_best_averaging": "coefficients",
+        "find_step": "quantised",
         "fit_array": "fit",
         "fit_curve": "curve_fit",
         "fit_noise": "fit",
-        "CurveResidual": "curve_fit",
         "gls_chi2": "curve_fit",
         "relative_bounds": "crlb",
         "wait_until": "crlb",

@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from allanscope.noise.coefficients import Coefficient
+from allanscope.noise import Coefficient
 from allanscope.quantities import GRAVITY
 
 __all__ = [

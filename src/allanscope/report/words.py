@@ -17,7 +17,7 @@ from allanscope.analysis import (
     searched,
     wait_text,
 )
-from allanscope.explain.effect import AxisExplanation, Effect
+from allanscope.explain import AxisExplanation, Effect
 from allanscope.noise import Coefficient, DatasheetVerdict
 from allanscope.quantities import (
     COEFFICIENT_NAMES,

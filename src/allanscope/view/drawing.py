@@ -18,7 +18,7 @@ from scipy import special
 
 from allanscope.allan import Deviation
 from allanscope.analysis import ModelCurve
-from allanscope.explain.effect import AxisExplanation
+from allanscope.explain import AxisExplanation
 from allanscope.noise import DatasheetVerdict
 from allanscope.quantities import Reading, number, symbols
 from allanscope.spectrum import Density

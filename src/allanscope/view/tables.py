@@ -18,7 +18,7 @@ from allanscope.analysis import (
     verdict,
     wait_text,
 )
-from allanscope.explain.effect import AxisExplanation
+from allanscope.explain import AxisExplanation
 from allanscope.quantities import (
     COEFFICIENT_NAMES,
     COEFFICIENTS,

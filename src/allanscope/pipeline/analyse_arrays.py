@@ -36,6 +36,21 @@ from allanscope.wire.text.units import DIVISORS
 
 __all__ = ["analyse", "analyse_columns", "events_of_columns", "words_of"]
 
+ROWS = 1 << 16
+"""Rows of one Block."""
+
+LOOKED_AT = 1 << 14
+"""Rows by whose times it is told how they are paced."""
+
+AGREES = 0.1
+"""Relative difference of a given rate and the times' that a sensor's own clock may make."""
+
+LONG_STEP = 1.5
+"""Times that lie farther apart than this many periods have samples missing between them."""
+
+AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
+"""Full scales of these parts as long as nobody writes to their registers."""
+
 
 def analyse(
     recording_or_arrays: str | os.PathLike[str] | Recording | Mapping[str, ArrayLike] | ArrayLike,
@@ -148,22 +163,6 @@ def analyse_columns(columns: Columns, device: DeviceSettings, facts: Mapping[str
     known = {"wire": state.info.wire, **facts, "units": words_of(columns, state.info)}
     link = LinkStats(samples=state.samples, lost_samples=state.lost)
     return summarise(analyser, link, "full", known)
-
-
-ROWS = 1 << 16
-"""Rows of one Block."""
-
-LOOKED_AT = 1 << 14
-"""Rows by whose times it is told how they are paced."""
-
-AGREES = 0.1
-"""Relative difference of a given rate and the times' that a sensor's own clock may make."""
-
-LONG_STEP = 1.5
-"""Times that lie farther apart than this many periods have samples missing between them."""
-
-AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
-"""Full scales of these parts as long as nobody writes to their registers."""
 
 
 def words_of(columns: Columns, info: StreamInfo) -> str:

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 
 __all__ = ["export_recording", "import_capture"]
 
+Configuration = tuple[tuple[str, ...], tuple[float, ...], float]
+"""As `StreamInfo.configuration` has it."""
+
 
 def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> None:
     """Keep a text file or a raw capture as a recording, with what the user knows about it.
@@ -143,10 +146,6 @@ def _export_coefficients(
     write_text(out, text)
     if not quiet and out.is_file():
         print(f"{out}: coefficients of {len(coefficients)} axes")
-
-
-Configuration = tuple[tuple[str, ...], tuple[float, ...], float]
-"""As `StreamInfo.configuration` has it."""
 
 
 def measured_rates(events: Iterable[Event]) -> dict[Configuration, float]:

@@ -50,6 +50,9 @@ OURS = {"host": 1}
 ENOUGH = 0.5
 """Score above which a format is taken without waiting for more bytes."""
 
+FRUITLESS_S = 3.0
+"""Bytes that come for so long without a sample are worth a line."""
+
 
 class Decoding:
     """Turn the chunks of one source into events.
@@ -304,10 +307,6 @@ class Decoding:
 def _seconds(chunk: Chunk) -> float:
     """Host time in s; a file has none, which its source says by the time 0."""
     return chunk.host_ns * 1e-9 if chunk.host_ns else math.nan
-
-
-FRUITLESS_S = 3.0
-"""Bytes that come for so long without a sample are worth a line."""
 
 
 class Fruitless:

@@ -40,6 +40,8 @@ __all__ = [
     "write_report",
 ]
 
+_LOOK_EVERY_S = 0.2
+
 
 def write_json(analysis: Analysis, path: Path) -> None:
     """Write the result in the schema ``allanscope/1``."""
@@ -157,9 +159,6 @@ def _short_names(paths: list[Path]) -> list[str]:
         return [str(paths[0])]
     shared = Path(os.path.commonpath(whole))
     return [str(path.relative_to(shared)) for path in whole]
-
-
-_LOOK_EVERY_S = 0.2
 
 
 def open_charts(source: str, view: ViewMode, port: int | None, say: Callable[[str], None]) -> None:

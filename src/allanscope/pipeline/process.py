@@ -37,6 +37,15 @@ COMPILING = "compiling the kernels for this machine: once, about a quarter of a 
 
 _TOLD = threading.Event()
 
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""Ctrl-C, the system that shuts down or stops a service, the terminal or connection that closes."""
+
+_MMAP_THRESHOLD, _ARENA_MAX, _DONTNEED = -3, -8, 4
+_LARGE_BYTES = 1 << 18
+_HEAPS = 2
+
 
 def _on_stderr(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
@@ -74,12 +83,6 @@ def load_kernels(wire: str) -> None:
     summarise(analyser, LinkStats(), "live", {})
 
 
-ENDING = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-)
-"""Ctrl-C, the system that shuts down or stops a service, the terminal or connection that closes."""
-
-
 @contextmanager
 def stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
     """Call `stop` when a signal asks to end; the second one raises KeyboardInterrupt.
@@ -104,13 +107,6 @@ def stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-_MMAP_THRESHOLD, _ARENA_MAX = -3, -8
-_LARGE_BYTES = 1 << 18
-_HEAPS = 2
-
-_DONTNEED = 4
 
 
 def give_large_blocks_back() -> None:

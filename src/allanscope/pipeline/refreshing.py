@@ -39,6 +39,8 @@ FRESH_S, OLDEST_S, OLDEST_SHARE = 5.0, 60.0, 0.1
 """No result grows older than this share of the run, within these limits: whatever it costs, people
 watch the first minute, and nobody believes a number that stands for ten."""
 
+LOW_PRIORITY = 10
+
 
 class Refresher:
     """Computes results in a thread of its own, as often as the machine can bear.
@@ -130,9 +132,6 @@ def _pause(run_s: float, wanted_s: float, took_s: float) -> float:
     """
     oldest_s = min(max(OLDEST_SHARE * run_s, FRESH_S), OLDEST_S)
     return max(min(wanted_s, oldest_s - took_s, 2 * run_s), took_s, REFRESH_S - took_s)
-
-
-LOW_PRIORITY = 10
 
 
 class LoopProcess:

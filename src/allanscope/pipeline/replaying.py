@@ -32,6 +32,10 @@ from allanscope.view import progress
 
 __all__ = ["Extent", "analysed", "buffers_of", "events_of", "prefetch"]
 
+_GZIP_MAGIC = b"\x1f\x8b"
+
+Item = TypeVar("Item")
+
 
 def buffers_of(source: Source) -> Iterator[Buffer]:
     """Yield all that a recording, a capture or a text holds, in pieces of megabytes.
@@ -116,9 +120,6 @@ def analysed(
     return analyser
 
 
-_GZIP_MAGIC = b"\x1f\x8b"
-
-
 @dataclass(slots=True)
 class Extent:
     """What there is to read, for a bar that says how much is left.
@@ -153,9 +154,6 @@ class Extent:
         first = int(buffer.host_ns[0]) if self._last_ns is None else self._last_ns
         self._last_ns = int(buffer.host_ns[-1])
         return max(0.0, (self._last_ns - first) * 1e-9)
-
-
-Item = TypeVar("Item")
 
 
 class _End:

@@ -29,22 +29,22 @@ def analyser():
     return taken
 
 
-def finished(looking):
+def finished(process):
     """Wait for the look that is under way."""
-    looking._thread.join(60.0)
-    assert not looking.busy
+    process._thread.join(60.0)
+    assert not process.busy
 
 
 def test_a_line_is_found_by_the_child_and_announced_once(analyser):
-    looking, diary = LoopProcess(first_s=120.0), Diary()
-    before = summarise(analyser.frozen(), LinkStats(), "live", {}, known=looking.explanation)
+    process, diary = LoopProcess(first_s=120.0), Diary()
+    before = summarise(analyser.frozen(), LinkStats(), "live", {}, known=process.explanation)
     assert not any("found" in text for _, text in diary.news(before))
-    looking.offer(analyser.frozen())
-    finished(looking)
-    assert looking.trouble == ""
+    process.offer(analyser.frozen())
+    finished(process)
+    assert process.trouble == ""
     told = []
     for _ in range(2):
-        result = summarise(analyser.frozen(), LinkStats(), "live", {}, known=looking.explanation)
+        result = summarise(analyser.frozen(), LinkStats(), "live", {}, known=process.explanation)
         told += [text for _, text in diary.news(result) if "found" in text]
     assert len(told) == 1
     assert "3.3" in told[0]
@@ -64,14 +64,14 @@ def more(analyser, seconds, sigma):
 
 def test_coefficients_follow_the_run_while_effects_are_held(analyser):
     """Between two searches N grows with the noise, and says of when it is."""
-    looking = LoopProcess(first_s=120.0)
-    looking.offer(analyser.frozen())
-    finished(looking)
+    process = LoopProcess(first_s=120.0)
+    process.offer(analyser.frozen())
+    finished(process)
     results = []
     for seconds in (0.0, 60.0, 60.0):
         more(analyser, seconds, sigma=20.0)
         frozen = analyser.frozen()
-        results.append(summarise(frozen, LinkStats(), "live", {}, known=looking.explanation))
+        results.append(summarise(frozen, LinkStats(), "live", {}, known=process.explanation))
     axes = [result.axes["gx"] for result in results]
     assert [[e.kind for e in axis.explanation.effects] for axis in axes] == 3 * [["sinusoid"]]
     sizes = [axis.coefficients["N"].value for axis in axes]
@@ -95,10 +95,10 @@ def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
     host_s = offset / RATE
     ticks = Ticks(offset, unknown, host_s, unknown)
     taken.take(Block(0, np.rint(noise).astype(np.int16), ticks))
-    looking = LoopProcess(first_s=120.0)
-    looking.offer(taken.frozen())
-    finished(looking)
-    result = summarise(taken.frozen(), LinkStats(), "live", {}, known=looking.explanation)
+    process = LoopProcess(first_s=120.0)
+    process.offer(taken.frozen())
+    finished(process)
+    result = summarise(taken.frozen(), LinkStats(), "live", {}, known=process.explanation)
     (effect,) = result.effects
     assert effect.kind == "clock_error"
     assert effect.parameters["relative"].value == pytest.approx(0.04, abs=1e-4)
@@ -118,40 +118,40 @@ def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
 
 
 def test_nobody_looks_again_before_the_run_has_doubled(analyser):
-    looking = LoopProcess(first_s=120.0)
-    looking.offer(analyser.frozen())
-    finished(looking)
-    thread = looking._thread
-    looking.offer(analyser.frozen())
-    assert looking._thread is thread
+    process = LoopProcess(first_s=120.0)
+    process.offer(analyser.frozen())
+    finished(process)
+    thread = process._thread
+    process.offer(analyser.frozen())
+    assert process._thread is thread
 
 
 def test_nobody_looks_at_a_run_that_is_too_short(analyser):
-    looking = LoopProcess(first_s=200.0)
-    looking.offer(analyser.frozen())
-    assert not looking.busy
-    assert looking.explanation is None
+    process = LoopProcess(first_s=200.0)
+    process.offer(analyser.frozen())
+    assert not process.busy
+    assert process.explanation is None
 
 
 def test_the_end_of_the_run_ends_a_look_at_once(analyser):
-    looking = LoopProcess(first_s=120.0)
-    looking.offer(analyser.frozen())
-    while (child := looking._child) is None:
-        looking._thread.join(0.01)
-    looking.close()
+    process = LoopProcess(first_s=120.0)
+    process.offer(analyser.frozen())
+    while (child := process._child) is None:
+        process._thread.join(0.01)
+    process.close()
     assert child.poll() is not None
-    assert looking.explanation is None
-    looking.offer(analyser.frozen())
-    assert not looking.busy
+    assert process.explanation is None
+    process.offer(analyser.frozen())
+    assert not process.busy
 
 
 def test_a_look_that_fails_says_why_and_harms_nothing(analyser):
-    looking = LoopProcess(first_s=120.0)
+    process = LoopProcess(first_s=120.0)
     analyser.state.history._sums[:10] = np.nan
-    looking.offer(analyser.frozen())
-    finished(looking)
-    assert "not finite" in looking.trouble
-    assert looking.explanation is None
+    process.offer(analyser.frozen())
+    finished(process)
+    assert "not finite" in process.trouble
+    assert process.explanation is None
 
 
 def test_reads_that_come_together_are_taken_together_and_in_order():

@@ -16,10 +16,10 @@ from fsspec.implementations.local import LocalFileSystem
 from fsspec.spec import AbstractBufferedFile
 
 from allanscope.errors import UsageError
+from allanscope.fleet import FleetSettings, run_fleet
 from allanscope.fleet.desk import Desk
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.places import READ_AHEAD_BYTES, find_places
-from allanscope.fleet.run import FleetSettings, run_fleet
 from allanscope.fleet.store import Store
 from allanscope.fleet.work import analyse_place, fingerprint_place
 from allanscope.pipeline import DeviceSettings

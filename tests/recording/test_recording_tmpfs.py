@@ -40,6 +40,26 @@ def wait_until(condition: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
+def test_a_disk_that_is_full_to_the_end_leaves_a_recording_that_knows_it(
+    small_disk: Path,
+) -> None:
+    assert mount("-o", "remount,size=5m", str(small_disk))
+    recorder = Recorder(small_disk, {}, commit_s=0.01, backlog_bytes=6_000_000)
+    for index in range(16_000):
+        recorder.rx(Chunk(index * 1_000_000, os.urandom(500)))
+        if index % 500 == 0:
+            time.sleep(0.02)
+    wait_until(lambda: recorder.dropped_bytes > 0)
+    recorder.close()
+    chunks = list(Recording(small_disk).chunks())
+    assert [chunk.event for chunk in chunks if chunk.event] == ["hole"]
+    assert chunks[-2].event == "hole"
+    kept = sum(len(chunk.data) for chunk in chunks)
+    assert kept + recorder.dropped_bytes > 16_000 * 500
+    assert "were not recorded" in recorder.alarm
+    assert [path.name for path in small_disk.iterdir()] == ["session.mcap"]
+
+
 def test_a_real_full_disk_is_told_once_and_costs_nothing_when_it_gets_room(
     small_disk: Path,
 ) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,10 +29,11 @@ def test_a_full_disk_is_one_line_at_once_and_monitoring_goes_on(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     device = plug_in({"rate": 104.0, "axes": ["gz"]})
-    began, write = time.monotonic(), segment_module._write_all
+    writes, write = list[float](), segment_module._write_all
 
     def write_all(fd: int, data: bytearray) -> None:
-        if 1.0 < time.monotonic() - began < 4.0:
+        writes.append(time.monotonic())
+        if 1.0 < writes[-1] - writes[0] < 4.0:
             raise OSError(errno.ENOSPC, "No space left on device")
         write(fd, data)
 
@@ -42,6 +45,32 @@ def test_a_full_disk_is_one_line_at_once_and_monitoring_goes_on(
     (whole,) = survey(tmp_path / "S")
     assert analysis.samples == whole.received > 300, "room came in time: nothing was lost"
     assert (tmp_path / "S" / "report.html").exists()
+
+
+def test_results_that_find_no_room_are_left_where_there_is_some(
+    plug_in: Plug,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    device = plug_in({"rate": 104.0, "axes": ["gz"]})
+    fsync = os.fsync
+
+    def full(fd: int) -> None:
+        if str(tmp_path) in os.readlink(f"/proc/self/fd/{fd}") and ".part" in os.readlink(
+            f"/proc/self/fd/{fd}"
+        ):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        fsync(fd)
+
+    monkeypatch.setattr("allanscope.atomic_write.os.fsync", full)
+    monkeypatch.setenv("TMPDIR", str(tmp_path.parent))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    watch_in_full(device.url, tmp_path / "S", 3.0)
+    said = capsys.readouterr()
+    place = re.search(r"takes no more: .* are in (\S+)", said.out + said.err)
+    assert place
+    assert {path.name for path in Path(place[1]).iterdir()} == {"result.json", "report.html"}
 
 
 @pytest.fixture(scope="module")

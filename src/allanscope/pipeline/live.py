@@ -27,8 +27,7 @@ from allanscope.pipeline.outputs import (
     made_folder,
     new_session_folder,
     session_folder,
-    write_json,
-    write_report,
+    write_results,
 )
 from allanscope.pipeline.process import (
     give_large_blocks_back,
@@ -46,7 +45,7 @@ from allanscope.view import RerunView, TerminalView, load_rerun
 
 __all__ = ["run_live", "run_replay"]
 
-_KEPT = ("session.rrd", "result.json", "report.html")
+_RESULTS = ["result.json", "report.html"]
 _LOOK_EVERY_S = 0.2
 
 
@@ -208,6 +207,23 @@ def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettin
     return final
 
 
+def _leave(
+    final: Analysis, folder: Path, recorded: bool, terminal: TerminalView, quiet: bool
+) -> None:
+    """Write the result into the folder of a session, and say what is there."""
+    kept = [*(["session.mcap"] if recorded else []), "session.rrd"]
+    place = write_results(final, folder)
+    if place == folder:
+        kept += _RESULTS
+    else:
+        words = f"{folder} takes no more: {' and '.join(_RESULTS)} are in {place}"
+        terminal.line(words, "error")
+        if quiet:
+            print(f"allanscope: {words}", file=sys.stderr, flush=True)
+    terminal.line(f"wrote {', '.join(kept)} in {folder}")
+    terminal.line(f"to see the charts again: allanscope open {folder}")
+
+
 def _tell_alarm(line: str, news: News, quiet: bool) -> None:
     """Tell what the recorder has to say, at once; called in its thread."""
     if quiet and line:
@@ -278,11 +294,7 @@ def _run(
             final = session.result("full")
             terminal.snapshot(final)
             if folder is not None and final.samples:
-                write_json(final, folder / "result.json")
-                write_report(final, folder / "report.html")
-                kept = (*(("session.mcap",) if recorder else ()), *_KEPT)
-                terminal.line(f"wrote {', '.join(kept)} in {folder}")
-                terminal.line(f"to see the charts again: allanscope open {folder}")
+                _leave(final, folder, recorder is not None, terminal, settings.quiet)
             complete = True
         finally:
             viewer.close(final, stay=stay)

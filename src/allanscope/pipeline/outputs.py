@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import tempfile
 import threading
 import time
 import webbrowser
@@ -38,6 +39,7 @@ __all__ = [
     "session_folder",
     "write_json",
     "write_report",
+    "write_results",
 ]
 
 _LOOK_EVERY_S = 0.2
@@ -67,6 +69,25 @@ def write_report(analysis: Analysis, path: Path | None, figures: Path | None = N
         write_text(path, render(analysis, drawn))
     if figures is not None:
         _save(drawn, figures)
+
+
+def write_results(analysis: Analysis, folder: Path) -> Path:
+    """Write ``result.json`` and ``report.html`` into the folder of a session.
+
+    Returns
+    -------
+    Path
+        Where they are: a new folder among the temporary ones if this one takes no more.
+    """
+    try:
+        write_json(analysis, folder / "result.json")
+        write_report(analysis, folder / "report.html")
+        return folder
+    except UsageError:
+        other = Path(tempfile.mkdtemp(prefix="allanscope-"))
+        write_json(analysis, other / "result.json")
+        write_report(analysis, other / "report.html")
+        return other
 
 
 def _save(drawn: Mapping[str, Picture], folder: Path) -> None:

@@ -17,6 +17,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,9 @@ HURRY_BYTES = 1 << 20
 
 BACKLOG_BYTES = 32 << 20
 """What may wait in memory for the disk: some six minutes of a device at its fastest."""
+
+RESERVE_BYTES = 4 << 20
+"""Kept free for the end of the file, which says what a full disk did not take."""
 
 SCARCE_S = (60.0, 120.0, 300.0, 600.0, 1800.0)
 """Free space that is used up sooner than the last of these is worth an alarm, and another one
@@ -101,6 +105,7 @@ class Recorder:
         self._missed_reads = 0
         self._began = time.monotonic()
         self._size_before = _size_beside(self._session.first)
+        self._reserve = _reserved(self._session.first)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -204,10 +209,28 @@ class Recorder:
             self._raise_alarm(self._refusal(error))
 
     def _finish(self) -> None:
+        """End the file; on a disk that is full to the end, with what is missing said in it."""
+        lost = self._missed_reads > 0
         try:
+            if not self._took_all():
+                self._reserve.unlink(missing_ok=True)
+            if not self._took_all():
+                self.dropped_bytes += self._session.discard()
+                lost = True
+            if lost:
+                self._session.end_with_gap(self._missed_reads)
+            self._reserve.unlink(missing_ok=True)
             self._session.close()
+            self._raise_alarm(self._remaining())
         except OSError as error:
             self._raise_alarm(self._refusal(error))
+
+    def _took_all(self) -> bool:
+        try:
+            self._session.commit()
+        except OSError:
+            return False
+        return True
 
     def _refusal(self, error: OSError) -> str:
         """Return one line that changes only when something new is to be said."""
@@ -221,9 +244,15 @@ class Recorder:
 
     def _remaining(self) -> str:
         """Return what is wrong although the disk has just taken everything."""
-        return "; ".join(one for one in (self._session.incident, self._room()) if one)
+        dropped = (
+            f"{self.dropped_bytes} bytes were not recorded: the disk was full or too slow"
+            if self.dropped_bytes
+            else ""
+        )
+        return "; ".join(one for one in (self._session.incident, dropped, self._scarcity()) if one)
 
-    def _room(self) -> str:
+    def _scarcity(self) -> str:
+        """Return what to say of the room that is left."""
         folder = self.path.parent
         # The viewer's file grows beside the recording, and at low rates faster.
         grown = max(_size_beside(self._session.first) - self._size_before, self.bytes_written)
@@ -235,8 +264,6 @@ class Recorder:
             return (
                 f"{folder} will be full in less than {self._scarce_s / 60:.0f} min; free some space"
             )
-        if self.dropped_bytes:
-            return f"{self.dropped_bytes} bytes were not recorded: the disk was full or too slow"
         return ""
 
     def _raise_alarm(self, line: str) -> None:
@@ -249,3 +276,16 @@ def _size_beside(first: Path) -> int:
     """Return the bytes of a session: of all files that are named after its first one."""
     with os.scandir(first.parent) as entries:
         return sum(one.stat().st_size for one in entries if one.name.startswith(first.stem))
+
+
+def _reserved(first: Path) -> Path:
+    """Return a file that takes up room until the end; there is none where it does not fit."""
+    path = first.with_name(f".{first.stem}.reserve")
+    try:
+        with path.open("wb") as file:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, RESERVE_BYTES)
+    except OSError:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+    return path

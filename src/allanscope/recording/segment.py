@@ -44,6 +44,7 @@ class Segment:
     def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
         self.path = path
         self.committed = 0
+        self._has_index = True
         self._fd = _made(path)
         self._spool = _Spool()
         self._writer: Any = Writer(
@@ -155,10 +156,19 @@ class Segment:
         self._spool.write(bytes(former._spool.waiting))
         former._spool.waiting.clear()
 
+    def discard(self) -> int:
+        """Give up what waits in memory, as the disk will never take it; return its bytes."""
+        self._writer.flush()
+        given_up = len(self._spool.waiting)
+        self._spool.waiting.clear()
+        self._has_index = self._has_index and not given_up
+        return given_up
+
     def close(self) -> None:
         """Write the index at the end and close; the file is readable even if this fails."""
         try:
-            self._writer.finish()
+            if self._has_index:
+                self._writer.finish()
             self.commit()
             self.sync()
         finally:

@@ -125,6 +125,11 @@ class SessionWriter:
         """Leave out the numbers of reads that are not kept, so that a replay knows of the gap."""
         self._numbers[RX] += reads
 
+    def end_with_gap(self, missed: int) -> None:
+        """Add an empty read behind reads that were not kept: without one their gap is not seen."""
+        self.missed(missed)
+        self.rx(b"", self._last_ns)
+
     def tx(self, data: bytes, host_ns: int) -> None:
         """Add one write to the device."""
         self._add(TX, data, host_ns)
@@ -170,6 +175,10 @@ class SessionWriter:
                 f"another program has {'cut' if added < 0 else 'added'} {abs(added)} bytes "
                 f"{'off' if added < 0 else 'to'} {name}: recording goes on in {self.path.name}"
             )
+
+    def discard(self) -> int:
+        """Give up what the disk has refused so far; return its bytes. Their reads become a gap."""
+        return self._segment.discard()
 
     def sync(self) -> None:
         """Make what was committed survive a power cut."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
-from allanscope.noise.coefficients import Coefficient
+from allanscope.noise import Coefficient
 
 if TYPE_CHECKING:  # a component brings scipy along, which whoever reads a result can do without
     from allanscope.noise.components import Component

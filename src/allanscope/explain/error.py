@@ -14,14 +14,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan.bank import AllanBank
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import AllanBank, Deviation
 from allanscope.explain.effect import ResidualError
 from allanscope.explain.residual import band_scores
 from allanscope.explain.view import View
+from allanscope.noise import NoiseModel, gls_chi2
 from allanscope.noise.components import Ramp
-from allanscope.noise.curve_fit import gls_chi2
-from allanscope.noise.model import NoiseModel
 
 __all__ = ["deviation_of", "error_of"]
 

@@ -20,8 +20,9 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.series import Series, series_of
 from allanscope.explain.view import View
 from allanscope.history import Record
-from allanscope.noise.fit import Known, NoiseFit, fit_noise
-from allanscope.spectrum.density import Density
+from allanscope.noise import NoiseFit, fit_noise
+from allanscope.noise.fit import Known
+from allanscope.spectrum import Density
 
 __all__ = ["HeldEffects", "NoiseBeside", "fit_beside", "known_of", "signals_of"]
 

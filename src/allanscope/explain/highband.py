@@ -21,7 +21,7 @@ from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.view import View
 from allanscope.noise.filters import Butterworth, OnePole
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 __all__ = ["above_the_rows"]
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from allanscope.noise.quantised import find_step
+from allanscope.noise import find_step
 
 __all__ = ["noise_on_lattice", "step_of"]
 

@@ -19,12 +19,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from allanscope.clock.rate import RateFit
+from allanscope.clock import RateFit
 from allanscope.explain.effect import Effect, Parameter, ResidualError
 from allanscope.explain.loop import Explanation, explain
 from allanscope.explain.search import Budget
 from allanscope.history import Record
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 __all__ = ["Finding", "LiveLoop"]
 

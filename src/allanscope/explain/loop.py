@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import set_workers
 
-from allanscope.allan.deviation import Deviation
-from allanscope.clock.rate import RateFit
+from allanscope.allan import Deviation
+from allanscope.clock import RateFit
 from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
 from allanscope.explain.effects.clock_error import clock_error_of
 from allanscope.explain.effects.ramp import Ramp
@@ -29,10 +29,10 @@ from allanscope.explain.search import Budget, close_loop
 from allanscope.explain.series import Series, series_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
+from allanscope.noise import NoiseFit, NoiseModel, fit_noise
 from allanscope.noise.components import AngleQuantization
-from allanscope.noise.fit import Known, NoiseFit, fit_noise
-from allanscope.noise.model import NoiseModel
-from allanscope.spectrum.density import Density
+from allanscope.noise.fit import Known
+from allanscope.spectrum import Density
 
 __all__ = ["Explanation", "explain"]
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.noise import NoiseModel
 from allanscope.noise.components import Component
 from allanscope.noise.evidence import Ordinates
 from allanscope.noise.filters import combined_response
 from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.likelihood import Fit, Likelihood
-from allanscope.noise.model import NoiseModel
 from allanscope.noise.once import once
 
 __all__ = ["Spectrum", "fit_spectrum"]

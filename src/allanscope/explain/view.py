@@ -14,10 +14,10 @@ from allanscope.explain.pile_up import Pile, piles
 from allanscope.explain.series import Series
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.stepscan import StepScan
+from allanscope.noise import NoiseModel
 from allanscope.noise.components import Component, Flicker, RandomWalk, Rounding, White
 from allanscope.noise.filters import HeldPattern, HeldSamples
 from allanscope.noise.grid import Grid, Ranges
-from allanscope.noise.model import NoiseModel
 from allanscope.noise.once import once
 from allanscope.noise.part import Part
 from allanscope.samples import unit_of

@@ -3,7 +3,7 @@
 A run that knows its coefficient well says so by a normal distribution of its logarithm. One that
 hardly sees it, or not at all, says so by its likelihood, which is close to a normal one of the
 coefficient itself: the square root of the loss of a profile is nearly linear in the amplitude, so
-estimate and upper limit tell it all (`allanscope.noise.profile`),
+estimate and upper limit tell it all (`allanscope.noise.estimates`),
 
     -2 ln L(c) = ((c - value) / sigma)^2,    sigma = (upper - value) / 1.96,
 

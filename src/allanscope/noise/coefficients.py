@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 
 __all__ = ["BestAveraging", "Coefficient", "DatasheetVerdict", "find_best_averaging"]
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft
 from scipy.special import digamma, polygamma
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 from allanscope.noise.model import NoiseModel
 
 __all__ = [

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaln
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan import Deviation
 from allanscope.noise.components import Component
 from allanscope.noise.covariance import (
     LONGEST,

@@ -18,7 +18,7 @@ from scipy.fft import dct, prev_fast_len
 from allanscope.noise.components import Component
 from allanscope.noise.filters import Filter
 from allanscope.noise.grid import Grid, Ranges, grid_of
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 __all__ = ["SHORTEST", "DensityBands", "Evidence", "Ordinates", "evidence_of", "stretches_of"]
 

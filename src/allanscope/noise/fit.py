@@ -36,7 +36,7 @@ from allanscope.noise.selection import select, textbook
 from allanscope.noise.whiteness import Bands, whitened
 from allanscope.parts import Part
 from allanscope.samples import unit_of
-from allanscope.spectrum.density import Density
+from allanscope.spectrum import Density
 
 __all__ = ["Known", "NoiseFit", "fit_array", "fit_noise"]
 

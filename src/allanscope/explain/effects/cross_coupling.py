@@ -28,8 +28,8 @@ from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.series import LOUD, multiple_of
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.view import View
+from allanscope.noise import NoiseModel
 from allanscope.noise.grid import Grid
-from allanscope.noise.model import NoiseModel
 
 Array = NDArray[np.float64]
 

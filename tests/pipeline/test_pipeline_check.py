@@ -7,7 +7,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from allanscope import analyse
 from allanscope.__main__ import main
+from allanscope.pipeline.check import compare
 
 RATE, SIGMA = 100.0, 0.02
 N = SIGMA / np.sqrt(RATE)
@@ -55,6 +57,17 @@ def test_what_is_missed_is_one_line_and_exit_5(check, limit):
     verdicts = {line[:4]: line for line in out.splitlines()}
     assert verdicts["gx N"].endswith("PASS")
     assert "FAIL  0.0" in verdicts["gy N"]
+
+
+def test_axes_that_explain_each_other_are_judged_as_measured():
+    rng = np.random.default_rng(5)
+    own = SIGMA * rng.standard_normal(30_000)
+    other = own + 0.1 * SIGMA * rng.standard_normal(30_000)
+    analysis = analyse({"gx": own, "gy": other}, RATE)
+    assert analysis.axes["gx"].coefficients["N"].value < N / 5
+    verdicts = compare(analysis, {"gx": {"N": {"max": N / 2}}, "gy": {"N": {"max": 2 * N}}})
+    assert [(v.axis, v.passed) for v in verdicts] == [("gx", False), ("gy", True)]
+    assert verdicts[0].value == pytest.approx(N, rel=0.02)
 
 
 def test_an_axis_that_is_not_there_misses_its_limit(check):

@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from allanscope.analysis import Analysis
+from allanscope.analysis import Analysis, AxisAnalysis
 from allanscope.errors import CheckFailed, InputError
+from allanscope.noise import Coefficient
 from allanscope.pipeline.analyse_file import analyse_input
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.quantities import limit as upper_limit
@@ -152,10 +153,25 @@ def to_junit(verdicts: list[Verdict], recording: Path, specification: Path) -> s
     return text.decode() + "\n"
 
 
+def _measured(axis: AxisAnalysis, name: str) -> Coefficient | None:
+    """Return a coefficient of an axis as it is measured, with what other axes bring.
+
+    Where another axis leaks in, the published coefficients are those without it. Two axes that hold
+    one signal explain each other that way, down to any noise one likes.
+    """
+    found, loop = axis.coefficients.get(name), axis.explanation
+    if loop is None or not any("source" in effect.parameters for effect in loop.effects):
+        return found
+    before = loop.coefficients_before.get(name)
+    if found is None or before is None or before.value <= found.value:
+        return found
+    return before
+
+
 def _judged(analysis: Analysis, axis: str, name: str, bounds: dict[str, float]) -> Verdict:
     minimum, maximum = bounds.get("min"), bounds.get("max")
     there = analysis.axes.get(axis)
-    found = there.coefficients.get(name) if there is not None else None
+    found = _measured(there, name) if there is not None else None
     if there is None or there.failure or found is None:
         reason = "the recording is too short to tell"
         if there is None:

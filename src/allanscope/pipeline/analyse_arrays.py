@@ -32,7 +32,7 @@ from allanscope.recording import Recording
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks, unit_of
 from allanscope.wire import LinkStats
 from allanscope.wire.stamps import mean_rate, period_of, resolution_of, rows_come_in_bursts
-from allanscope.wire.text.units import DIVISORS
+from allanscope.wire.text import DIVISORS
 
 __all__ = ["analyse", "analyse_columns", "events_of_columns", "words_of"]
 

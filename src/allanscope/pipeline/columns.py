@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.samples import AXES, unit_of
-from allanscope.wire.text.columns import Column, column_of
-from allanscope.wire.text.units import (
+from allanscope.wire.text import (
     DIVISORS,
+    Column,
     Quantity,
     accel_comes_first,
+    column_of,
     quantity_named,
     unit_by_gravity,
 )

@@ -28,7 +28,7 @@ from allanscope.wire import (
     formats,
     sniff,
 )
-from allanscope.wire.text.refusal import why_no_rows
+from allanscope.wire.text import why_no_rows
 
 __all__ = ["Decoding"]
 

@@ -11,7 +11,7 @@ from allanscope.errors import UsageError
 from allanscope.parts import part_named
 from allanscope.samples import Origin
 from allanscope.wire import WireSettings, format_named
-from allanscope.wire.text.units import quantity_named
+from allanscope.wire.text import quantity_named
 
 __all__ = ["DeviceSettings", "SessionSettings", "SimulatedSettings", "ViewMode"]
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import Columns, columns_of_array, columns_of_mapping
 from allanscope.samples import AXES
-from allanscope.wire.text.columns import column_of
+from allanscope.wire.text import column_of
 
 __all__ = ["TableFile", "is_table_file", "table_of_file"]
 

@@ -7,6 +7,7 @@
 
 Values arrive as they are written: in dps and g as float64, or in counts when the text says so
 (``[lsb]``) or has nothing but whole numbers. Where no row comes of it, `refusal` says why.
+Columns and units are those of arrays and tables in files as well.
 """
 
 from __future__ import annotations
@@ -15,10 +16,31 @@ from dataclasses import dataclass
 
 from allanscope.wire.base import WireFormat, WireSettings
 from allanscope.wire.lines import is_text
+from allanscope.wire.text.columns import Column, column_of
 from allanscope.wire.text.decoder import TextDecoder
 from allanscope.wire.text.encoder import TextEncoder
+from allanscope.wire.text.refusal import why_no_rows
+from allanscope.wire.text.units import (
+    DIVISORS,
+    Quantity,
+    accel_comes_first,
+    quantity_named,
+    unit_by_gravity,
+)
 
-__all__ = ["TextDecoder", "TextEncoder", "TextFormat"]
+__all__ = [
+    "DIVISORS",
+    "Column",
+    "Quantity",
+    "TextDecoder",
+    "TextEncoder",
+    "TextFormat",
+    "accel_comes_first",
+    "column_of",
+    "quantity_named",
+    "unit_by_gravity",
+    "why_no_rows",
+]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allanscope.noise import Coefficient
-from allanscope.quantities import COEFFICIENTS
+from allanscope.quantities import COEFFICIENTS, TWO_SIDED_95
 from allanscope.samples import Gap, Notice
 from allanscope.view import RerunView
 from allanscope.view.painter import Frames
@@ -121,7 +121,7 @@ def test_a_coefficient_is_plotted_once_it_is_detected_and_known_well_enough():
     from allanscope.view.rerun_series import _worth_drawing
 
     known = Coefficient(2.0, 1.9, 2.1, "dps", detected=True)
-    assert _worth_drawing(known) == (2.0, pytest.approx(0.2 / 3.92))
+    assert _worth_drawing(known) == (2.0, pytest.approx(0.2 / (2 * TWO_SIDED_95)))
     assert np.isnan(_worth_drawing(replace(known, detected=False))).all()
     assert np.isnan(_worth_drawing(replace(known, lower=0.0, upper=4.0))).all()
 
@@ -131,7 +131,7 @@ def test_coefficients_are_plotted_with_their_standard_error(session):
     known = demo_analysis(SECONDS, seed=9).axes["gx"].coefficients["N"]
     assert n["Measurements:values"][0] == pytest.approx(1e3 * known.value)
     sigma = np.sqrt(n["Measurements:variances"][0])
-    assert sigma == pytest.approx(1e3 * (known.upper - known.lower) / 3.92)
+    assert sigma == pytest.approx(1e3 * (known.upper - known.lower) / (2 * TWO_SIDED_95))
     k = session["/coefficients/gyro/K"][-1].values["Measurements:values"]
     assert np.isnan(k).all(), "not detected, not plotted"
 

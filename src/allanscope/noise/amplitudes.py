@@ -129,12 +129,15 @@ def _loglik(
 def _least_squares(columns: Array, target: Array, count: Array, variance: Array) -> Array:
     """Return the non-negative variances nearest to the target, weighted by its own variance."""
     weight = np.sqrt(count / 2) / variance
-    scaled = columns * weight
-    size = np.sqrt(np.sum(scaled**2, axis=1))
-    for j in range(size.size):
-        if size[j] == 0.0:
-            size[j] = 1.0
-        scaled[j] /= size[j]
+    scaled, size = np.empty_like(columns), np.ones(len(columns))
+    for j in range(len(columns)):
+        for b in range(weight.size):
+            scaled[j, b] = columns[j, b] * weight[b]
+        length = np.sqrt(np.dot(scaled[j], scaled[j]))
+        if length > 0.0:
+            size[j] = length
+            for b in range(weight.size):
+                scaled[j, b] /= length
     triangle, right = _triangle(scaled, target * weight)
     solution: Array = _nonnegative(triangle, right) / size
     return solution
@@ -160,9 +163,11 @@ def _triangle(columns: Array, target: Array) -> tuple[Array, Array]:
         unit = columns[j] / triangle[j, j]
         for k in range(j + 1, p):
             triangle[j, k] = np.dot(unit, columns[k])
-            columns[k] -= triangle[j, k] * unit
+            for b in range(target.size):
+                columns[k, b] -= triangle[j, k] * unit[b]
         right[j] = np.dot(unit, target)
-        target -= right[j] * unit
+        for b in range(target.size):
+            target[b] -= right[j] * unit[b]
     return triangle, right
 
 

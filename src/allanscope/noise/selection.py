@@ -11,8 +11,10 @@ is nearly always something else, and it needs the stronger evidence of the two.
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +35,7 @@ __all__ = [
     "LOW_PASS_PENALTY",
     "Q_PENALTY",
     "QuantizationScore",
+    "calibrated_penalty",
     "quantization_score",
     "select",
     "textbook",
@@ -80,6 +83,18 @@ class QuantizationScore:
     def upper(self) -> float:
         """A Q of which 97.5 % of records would show more than this one does."""
         return float(np.sqrt(max(0.0, self.estimate) + 1.96 * self.sd))
+
+
+def calibrated_penalty(kind: str) -> float:
+    """Return the gain in nats that a kind of effect must have, where no equation tells it.
+
+    It comes from `calibration.toml`, beside what `benchmarks/calibrate.py` measured for it.
+
+    >>> calibrated_penalty("step")
+    12.0
+    """
+    table = tomllib.loads(files(__package__).joinpath("calibration.toml").read_text("utf-8"))
+    return float(table[kind]["penalty"])
 
 
 def textbook(dt: float, lsb: float | None) -> NoiseModel:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.unexplained import DRIFT_PRICE, slow_drift
+from allanscope.explain.effects.unexplained import DRIFT_PENALTY, slow_drift
 from allanscope.explain.regression import joint_fit, ordinates_of
 from allanscope.explain.view import View
 
@@ -38,7 +38,7 @@ def bent_by_temperature(view: View, candidate: Candidate) -> Candidate | None:
     straight = view.series.thermal_ordinates[:m]
     bent = joint_fit(view, np.array([straight, ordinates[:m]]))
     gain = bent.gain - joint_fit(view, straight[np.newaxis]).gain
-    if gain < max(_AS_WELL * candidate.gain, DRIFT_PRICE):
+    if gain < max(_AS_WELL * candidate.gain, DRIFT_PENALTY):
         return None
     slope, curvature = bent.amplitude
     drift = slope * thermal + curvature * square

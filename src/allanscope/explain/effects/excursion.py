@@ -23,6 +23,7 @@ from allanscope.explain.stepscan import StepScan
 from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
+from allanscope.noise.selection import calibrated_penalty
 
 Array = NDArray[np.float64]
 Span = tuple[int, int]
@@ -34,8 +35,8 @@ _SHORTEST_S = 5.0
 _LONGEST = 0.12
 """Longest duration as a share of the record: beyond, it is two steps."""
 _PROPOSALS = 2
-_PRICE, _PRICED_S = 15.0, 1200.0
-"""Nats that by chance 1 of 900 clean axes of so many seconds gains (of 2700 simulated, three)."""
+_PENALTY, _PENALTY_S = calibrated_penalty("excursion"), 1200.0
+"""Nats that noise hardly gains by chance in so many seconds."""
 _TURNS = 3
 _INTERVAL_NATS = 3.68
 
@@ -121,8 +122,8 @@ class Excursion(SizedSignal):
             (rows + late[1] - early[0]) / rate,
             "s",
         )
-        length = max(view.series.duration_s / _PRICED_S, 1.0)
-        looked_at = _PRICE + float(np.log(length) + np.log(ALPHA))
+        length = max(view.series.duration_s / _PENALTY_S, 1.0)
+        looked_at = _PENALTY + float(np.log(length) + np.log(ALPHA))
         return cls(time, duration, Estimate(1.0, unit=view.unit)).measured(view, looked_at)
 
     @classmethod

@@ -38,6 +38,7 @@ from allanscope.explain.view import View
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
 from allanscope.noise.components import Narrowband as Resonance
 from allanscope.noise.grid import Grid
+from allanscope.noise.selection import calibrated_penalty
 
 Array = NDArray[np.float64]
 Shape = Callable[[float, float], Component]
@@ -49,6 +50,8 @@ _WIDEST = 0.5
 _SUB_BINS = 400
 _FINEST_HZ = 1e-8
 _ROUNDS = 3
+_PENALTY = calibrated_penalty("narrowband")
+"""Nats beyond half of those of as many independent frequencies as there are rows."""
 _RESOLVED = 0.05
 _FORBIDDEN = 1e15
 """Loss beyond the ends of the window."""
@@ -312,7 +315,7 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
         Estimate.of_log(w, error[3], "Hz"),
         Estimate.of_log(sigma, error[1] / 2, view.unit),
     )
-    looked_at = float(0.5 * np.log(4 * grid.n / ALPHA) + 7.0 + np.log(ALPHA))
+    looked_at = float(0.5 * np.log(4 * grid.n / ALPHA) + _PENALTY + np.log(ALPHA))
     return effect, Candidate(effect, gain, looked_at, parts=(band,))
 
 

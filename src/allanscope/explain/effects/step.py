@@ -24,6 +24,7 @@ from allanscope.explain.stepscan import StepScan
 from allanscope.explain.unevenness import loudness
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
+from allanscope.noise.selection import calibrated_penalty
 
 Array = NDArray[np.float64]
 
@@ -31,8 +32,8 @@ _NEAR_S = 5.0
 """Distance in time up to which two jumps are the same."""
 
 _PROPOSALS = 3
-_PRICE, _PRICED_S = 12.0, 1200.0
-"""Nats that by chance 1 of 900 clean axes of so many seconds gains (of 2700 simulated, three)."""
+_PENALTY, _PENALTY_S = calibrated_penalty("step"), 1200.0
+"""Nats that noise hardly gains by chance in so many seconds."""
 _HOPS = 3.0
 """A hop is twice the amplitude; noise may make it look half as large again."""
 _EDGE_S = 5.0
@@ -118,8 +119,8 @@ class Step(SizedSignal):
     @classmethod
     def _at(cls, view: View, time: Estimate) -> Candidate:
         """Fit the size of a jump at an instant."""
-        length = max(view.series.duration_s / _PRICED_S, 1.0)
-        looked_at = _PRICE + float(np.log(length) + np.log(ALPHA))
+        length = max(view.series.duration_s / _PENALTY_S, 1.0)
+        looked_at = _PENALTY + float(np.log(length) + np.log(ALPHA))
         return cls(time, Estimate(1.0, unit=view.unit)).measured(view, looked_at)
 
     @classmethod

@@ -25,6 +25,7 @@ from allanscope.explain.residual import band_scores, excess_kurtosis, excess_ske
 from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.view import View
 from allanscope.noise.grid import Ranges
+from allanscope.noise.selection import calibrated_penalty
 
 Array = NDArray[np.float64]
 
@@ -50,8 +51,8 @@ _CHANGES = "a tone between {:.5g} and {:.5g} Hz changes in frequency or amplitud
 DEGREE = 7
 RELAXATIONS = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Time constants beside that of the one exponential, relative to it."""
-DRIFT_PRICE = 20.0
-"""Nats that the polynomial gains on one clean record in 1000 or fewer (by simulation)."""
+DRIFT_PENALTY = calibrated_penalty("drift")
+"""Nats that the polynomial hardly gains on a clean record."""
 
 
 @dataclass(frozen=True)
@@ -350,7 +351,7 @@ def drift_left_over(view: View) -> Candidate | None:
     if view.drifts or not view.spectrum.kept[:DEGREE].all():
         return None
     fit = joint_fit(view, _polynomials(view.grid.n, m))
-    if fit.gain < DRIFT_PRICE:
+    if fit.gain < DRIFT_PENALTY:
         return None
     x = np.linspace(-1, 1, view.grid.n)
     drift = np.polynomial.legendre.legval(x, [0.0, *fit.amplitude])
@@ -382,7 +383,7 @@ def slow_drift(view: View, drift: Array, gain: float, high: float, words: str) -
     """
     share = float(np.var(drift) / np.var(view.data))
     effect = _unexplained(view, (0.0, high), share, "level", words)
-    looked_at = DRIFT_PRICE + float(np.log(ALPHA))
+    looked_at = DRIFT_PENALTY + float(np.log(ALPHA))
     return Candidate(effect, gain, looked_at, signal=drift, excluded=((0.0, high),))
 
 

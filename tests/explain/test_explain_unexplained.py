@@ -134,7 +134,7 @@ def test_every_kind_declares_what_it_is():
         assert kind.kind == name
         assert kind.meaning
         assert kind.needs <= {"samples", "temperature", "axes", "clock"}
-        assert set(kind.confused_with) <= set(KINDS) | {"ramp"}
+        assert set(kind.confused_with) | kind.excluded_by <= set(KINDS)
 
 
 def test_a_long_run_of_block_means_still_sees_a_line_in_the_streaming_spectrum(bench):

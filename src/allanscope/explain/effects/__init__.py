@@ -30,7 +30,10 @@ from pkgutil import iter_modules
 
 from allanscope.explain.effects.base import ALPHA, KINDS, EffectKind, SizedSignal
 
-__all__ = ["ALPHA", "KINDS", "EffectKind", "SizedSignal"]
+__all__ = ["ALPHA", "KINDS", "VOCABULARY", "EffectKind", "SizedSignal"]
 
 for _module in sorted(iter_modules(__path__), key=lambda module: module.name):
     import_module(f"{__name__}.{_module.name}")
+
+VOCABULARY = frozenset(name for name, kind in KINDS.items() if not kind.is_coefficient)
+"""Kinds that a result may name; the textbook's coefficients only compete with them."""

@@ -128,6 +128,13 @@ def test_temperature_moves_the_axis_by_the_true_temperature():
     assert reading.std() == pytest.approx(0.02, rel=0.1)
 
 
+def test_a_drift_of_the_scale_multiplies_all_noise():
+    truth = Truth({"gx": AxisTruth(N=0.05, K=0.01)})
+    plain = record(truth, "step:size=0.000001", 5000)
+    grown = record(truth, "scale_drift:relative=1", 5000, duration_s=5000 / RATE)
+    assert grown == pytest.approx(plain * (1 + np.arange(5000) / 5000), abs=0.01)  # rounding
+
+
 def test_cross_coupling_adds_a_share_of_the_source_before_any_coupling():
     truth = Truth({"gx": FLOOR, "ax": AxisTruth(offset=1.0, N=1e-4)}).with_effects(
         ["cross_coupling:source=gx,slope=100,axis=ax"]

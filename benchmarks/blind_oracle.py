@@ -27,7 +27,7 @@ from blind_effects import OUTSIDE, Truth
 from numpy.typing import NDArray
 
 from allanscope.explain import Budget, Explanation, explain
-from allanscope.explain.error import deviation_of
+from allanscope.explain.residual import deviation_of
 
 _RUNS = 4
 _FREE = 1e3

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.explain import AxisExplanation, Explanation, explain
-from allanscope.explain.error import deviation_of
+from allanscope.explain.residual import deviation_of
 from allanscope.history import Record
 from allanscope.simulator import Simulator, Truth
 

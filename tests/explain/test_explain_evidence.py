@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allanscope.explain.candidate import ALPHA, Candidate
+from allanscope.explain.candidate import ALPHA, Candidate, effect_of
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects.ramp import Ramp
 from allanscope.explain.effects.unexplained import Unexplained
-from allanscope.explain.evidence import effect_of
 
 RANGE = Unexplained(Estimate(1.0), Estimate(2.0), Estimate(0.1), "spectrum", "a range")
 

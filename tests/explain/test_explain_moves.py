@@ -17,12 +17,12 @@ from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import Unexplained
 from allanscope.explain.gates import judge, owed, penalty_passed
+from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.drop import drop
 from allanscope.explain.moves.fold_sidebands import fold_sidebands
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.search import close_loop
-from allanscope.explain.search_path import SearchPath
 from allanscope.explain.series import Series
 from allanscope.explain.view import View
 

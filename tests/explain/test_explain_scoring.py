@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from allanscope.explain.demodulation import demodulate
+from allanscope.explain.steadiness import demodulate
 from allanscope.noise.amplitudes import _nonnegative, _triangle, maximise
 from allanscope.noise.components import AngleQuantization, Flicker, RandomWalk, White
 from allanscope.noise.grid import grid_of

@@ -5,7 +5,7 @@ from scipy.signal import lfilter
 
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
-from allanscope.explain.tones import constancy, sweeps, unsteadiness
+from allanscope.explain.steadiness import constancy, sweeps, unsteadiness
 
 
 def _noise_and(tone: np.ndarray) -> np.ndarray:

@@ -22,8 +22,14 @@ from typing import TYPE_CHECKING
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
-    from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError
-    from allanscope.explain.failure import failed, failure_text
+    from allanscope.explain.effect import (
+        AxisExplanation,
+        Effect,
+        Parameter,
+        ResidualError,
+        failed,
+        failure_text,
+    )
     from allanscope.explain.held import fit_beside
     from allanscope.explain.live import LiveLoop
     from allanscope.explain.loop import Explanation, explain
@@ -54,8 +60,8 @@ __getattr__, __dir__ = lazily(
         "Parameter": "effect",
         "ResidualError": "effect",
         "explain": "loop",
-        "failed": "failure",
-        "failure_text": "failure",
+        "failed": "effect",
+        "failure_text": "effect",
         "fit_beside": "held",
     },
 )

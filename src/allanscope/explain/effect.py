@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from allanscope.noise import Coefficient
@@ -12,12 +14,22 @@ from allanscope.noise import Coefficient
 if TYPE_CHECKING:  # a component brings scipy along, which whoever reads a result can do without
     from allanscope.noise.components import Component
 
-__all__ = ["AxisExplanation", "Effect", "Estimate", "Parameter", "ResidualError", "SearchStep"]
+__all__ = [
+    "AxisExplanation",
+    "Effect",
+    "Estimate",
+    "Parameter",
+    "ResidualError",
+    "SearchStep",
+    "failed",
+    "failure_text",
+]
 
 _QUANTILE = 1.96
 """Half of a 95 % interval of a Gaussian in standard errors."""
 _VAGUE = 5.0
 """Standard error of a logarithm beyond which its interval grows no more."""
+_LONGEST = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,3 +215,42 @@ class AxisExplanation:
     def own_effects(self) -> tuple[Effect, ...]:
         """Effects of the axis itself: those that are part of the model of its data."""
         return tuple(effect for effect in self.effects if not effect.of_the_stream)
+
+
+def failure_text(error: Exception) -> str:
+    """Return an error in one bounded line.
+
+    >>> failure_text(ZeroDivisionError("weights sum to zero"))
+    'ZeroDivisionError: weights sum to zero'
+    """
+    words = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
+    words = words if len(words) <= _LONGEST else words[: _LONGEST - 1] + "…"
+    return words + _place(error)
+
+
+def _place(error: Exception) -> str:
+    """Return where in this package it happened, for whoever gets the report."""
+    here = Path(__file__).parent.parent.name
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = [frame for frame in frames if here in Path(frame.filename).parts]
+    return f" ({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
+
+
+def failed(error: Exception) -> AxisExplanation:
+    """Return the explanation of an axis that could not be searched because of an error."""
+    unknown = ResidualError(*[math.nan] * 5)
+    text = failure_text(error)
+    why = f"the search failed: {text}"
+    return AxisExplanation(
+        effects=(),
+        before=unknown,
+        after=unknown,
+        coefficients_before={},
+        coefficients_after={},
+        held_out_nats=math.nan,
+        held_out_nats_se=math.nan,
+        explained=False,
+        remarks=(why,),
+        hindrance=why,
+        failure=text,
+    )

@@ -2,7 +2,7 @@
 
 1. *penalty*: the gain exceeds what the search for it costs, to which each effect that was accepted
    before adds ln 2 (alpha / 2^k is left to spend);
-2. *adequacy*: it is what its name says, or `unexplained` in its place (`adequacy`);
+2. *adequacy*: it is what its name says, or `unexplained` in its place (`adequate`);
 3. *held out*: it gains on data that was not used to fit it; of a large gain of a process at least a
    quarter, else it did not recur; and where a slope must be the same in every quarter, it is.
 """
@@ -13,14 +13,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from allanscope.explain.adequacy import adequate
 from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.unexplained import covered, is_remnant
+from allanscope.explain.effects.unexplained import (
+    DRIFT_PENALTY,
+    covered,
+    is_remnant,
+    slow_drift,
+)
+from allanscope.explain.regression import joint_fit, ordinates_of
 from allanscope.explain.view import View
 
-__all__ = ["judge", "judge_members", "owed", "penalty_passed"]
+__all__ = ["adequate", "is_measured", "judge", "judge_members", "owed", "penalty_passed"]
 
 _RECURRING, _SMALL = 0.25, 30.0
+_AS_WELL = 0.9
+"""Share of the gain: the temperature is known less well than the level."""
+_MOST_OF_IT = 0.99
+"""Share of the power of the square that is called its range of frequencies."""
 
 
 def penalty_passed(view: View, candidate: Candidate, spent: float) -> bool:
@@ -71,3 +80,60 @@ def owed(view: View, first: int) -> float:
 
 def _is_refuted(candidate: Candidate, held: HeldOut) -> bool:
     return candidate.effect.must_replicate and held.replicated is False
+
+
+def adequate(view: View, candidate: Candidate) -> Candidate | None:
+    """Return the candidate, `unexplained` in its place, or None."""
+    if not is_measured(candidate) or not candidate.effect.is_resolved(view):
+        return None
+    if candidate.effect.resembles_bend:
+        curve = _bent_by_temperature(view, candidate)
+        if curve is not None:
+            return curve
+    return candidate.effect.adequate(view, candidate)
+
+
+def is_measured(candidate: Candidate) -> bool:
+    """Tell whether every number has an interval that is one: finite, and wider than nothing.
+
+    Without it the likelihood has no maximum there in some direction, so nothing has been measured.
+    Counts and instants may be known exactly.
+    """
+    effect = candidate.effect
+    return not (effect.is_process or effect.is_fitted) or all(
+        p.lower is not None and p.upper is not None and p.lower < p.upper < np.inf
+        for p in effect.parameters.values()
+    )
+
+
+def _bent_by_temperature(view: View, candidate: Candidate) -> Candidate | None:
+    """Return what the square of the temperature explains of a candidate; None if it is less.
+
+    A room that swings around the turning point of a parabola makes the level swing twice as fast,
+    at constant amplitude: a line, if one looks at the level alone. The vocabulary has a slope only,
+    so what the square explains as well as a line or a process does has no name.
+    """
+    thermal = view.series.thermal
+    if thermal is None or view.drifts:
+        return None
+    m = view.grid.low
+    square = thermal**2 - np.mean(thermal**2)
+    ordinates = ordinates_of(square)
+    power = np.cumsum(ordinates**2)
+    last = int(np.searchsorted(power, _MOST_OF_IT * power[-1]))
+    if last >= m:
+        return None
+    assert view.series.thermal_ordinates is not None
+    straight = view.series.thermal_ordinates[:m]
+    bent = joint_fit(view, np.array([straight, ordinates[:m]]))
+    gain = bent.gain - joint_fit(view, straight[np.newaxis]).gain
+    if gain < max(_AS_WELL * candidate.gain, DRIFT_PENALTY):
+        return None
+    slope, curvature = bent.amplitude
+    drift = slope * thermal + curvature * square
+    high = (last + 1.5) * view.grid.rate_hz / (2 * view.grid.n)
+    words = (
+        f"the level follows the temperature in a curve, with {curvature:.3g} {view.unit}/degC^2: "
+        "no slope describes it"
+    )
+    return slow_drift(view, drift, bent.gain, high, words)

@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
+from allanscope.explain.effects import errors_at
 from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
@@ -172,20 +173,13 @@ def _filter(bands: _Bands, use: Array) -> _Filter:
 def _error_of_cutoff(bands: _Bands, use: Array, found: _Filter) -> float:
     """Return the standard error of the logarithm of the cutoff, the level not being known.
 
-    From the curvature. Far above the cutoff the level may be exchanged for it.
+    Far above the cutoff the level may be exchanged for it.
     """
-    h = 0.01
 
-    def at(level: float, cutoff: float) -> float:
-        moved = replace(found, point=found.point + h * np.array([level, cutoff]))
-        return _deviance(use, bands.power, moved.at(bands))
+    def loss(point: Array) -> float:
+        return _deviance(use, bands.power, replace(found, point=point).at(bands))
 
-    middle = at(0, 0)
-    level = at(1, 0) - 2 * middle + at(-1, 0)
-    cutoff = at(0, 1) - 2 * middle + at(0, -1)
-    both = (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)) / 4
-    curvature = (cutoff - both**2 / max(level, 1e-300)) / h**2
-    return float(1 / np.sqrt(max(curvature, 1e-2)))
+    return float(np.nan_to_num(errors_at(loss, found.point, np.full(2, 0.01))[1], nan=10.0))
 
 
 def _deviance(weight: Array, power: Array, model: Array) -> float:

@@ -14,24 +14,22 @@ from scipy.fft import set_workers
 
 from allanscope.allan import Deviation
 from allanscope.clock import RateFit
-from allanscope.explain.effect import AxisExplanation, Effect, ResidualError
+from allanscope.explain.candidate import Candidate, HeldOut, effect_of
+from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError, failed
 from allanscope.explain.effects.clock_error import clock_error_of
 from allanscope.explain.effects.ramp import Ramp
-from allanscope.explain.error import error_of
-from allanscope.explain.evidence import effect_of
-from allanscope.explain.failure import failed
 from allanscope.explain.held import HeldEffects, known_of, signals_of
 from allanscope.explain.highband import above_the_rows
-from allanscope.explain.lattice import step_of
-from allanscope.explain.merge import merged
-from allanscope.explain.remarks import detection_limits, hindrances, observations
+from allanscope.explain.residual import error_of
 from allanscope.explain.search import Budget, close_loop
-from allanscope.explain.series import Series, series_of
+from allanscope.explain.series import Series, hindrances, observations, series_of
+from allanscope.explain.values import step_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
 from allanscope.noise import NoiseFit, NoiseModel, fit_noise
 from allanscope.noise.components import AngleQuantization
 from allanscope.noise.fit import Known
+from allanscope.quantities import duration
 from allanscope.spectrum import Density
 
 __all__ = ["Explanation", "explain"]
@@ -43,6 +41,8 @@ _NOTHING = ResidualError(*[float("nan")] * 5)
 THREADS = 2
 """Axes that are worked on at a time: much of the loop holds the interpreter's lock."""
 _ACCEPTED_P = 0.01
+_TOLERANCE = 1e-4
+"""Relative difference that counts as equal even where both intervals are narrower."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def explain(
         views = each(open_axes, lambda axis: close_loop(_view(series, axis, clock), budget))
         if densities and series.stride > 1:
             views = each(list(views), lambda axis: _with_high_band(views[axis], densities))
-        views = merged(views)
+        views = _merged(views)
         parts = each(
             list(views),
             lambda axis: _explained(record, (densities or {}).get(axis), views[axis]),
@@ -274,7 +274,7 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
         path=view.path,
         remarks=observations(series, axis)
         + ((view.stopped,) if view.stopped else ())
-        + detection_limits(view),
+        + _detection_limits(view),
     )
     return _Closed(explanation, before_model, after_model, after)
 
@@ -309,4 +309,64 @@ def _unsearched(series: Series, axis: str, why: tuple[str, ...]) -> AxisExplanat
         explained=False,
         remarks=why + series.remarks,
         hindrance=why[0],
+    )
+
+
+def _merged(views: Mapping[str, View]) -> dict[str, View]:
+    """Return the views with the axes of every effect filled in.
+
+    A line of one frequency, a step of one instant, a warm-up of one time constant: where the
+    intervals of two axes overlap in what the effect is shared by, each names the other, and for
+    what happens once in a record a second axis is the replication that time cannot give.
+    """
+    out = {}
+    for axis, view in views.items():
+        accepted = tuple(_with_axes(candidate, axis, views) for candidate in view.accepted)
+        out[axis] = replace(view, accepted=accepted)
+    return out
+
+
+def _with_axes(candidate: Candidate, axis: str, views: Mapping[str, View]) -> Candidate:
+    key = candidate.effect.shared_by
+    if not key:
+        return candidate
+    axes = tuple(
+        other
+        for other, view in views.items()
+        if other == axis
+        or any(c.kind == candidate.kind and _same(c, candidate, key) for c in view.accepted)
+    )
+    held = candidate.held_out
+    if len(axes) > 1 and held is not None and held.replicated is None:
+        held = HeldOut(held.nats, held.error, f"{held.design}; seen on {len(axes)} axes", True)
+    return replace(candidate, axes=axes, held_out=held)
+
+
+def _same(first: Candidate, second: Candidate, key: str) -> bool:
+    a, b = first.effect.parameters[key], second.effect.parameters[key]
+    (a_low, a_high), (b_low, b_high) = _limits(a), _limits(b)
+    return a_low <= b_high and b_low <= a_high
+
+
+def _limits(parameter: Parameter) -> tuple[float, float]:
+    assert isinstance(parameter.value, float)
+    room = _TOLERANCE * abs(parameter.value)
+    low = parameter.value if parameter.lower is None else parameter.lower
+    high = parameter.value if parameter.upper is None else parameter.upper
+    return min(low, parameter.value - room), max(high, parameter.value + room)
+
+
+def _detection_limits(view: View) -> tuple[str, ...]:
+    """Return what could have hidden: the sizes of a line and a step that would have been found."""
+    spectrum = view.spectrum
+    n = view.grid.n
+    top = float(spectrum.at(np.array([view.grid.rate_hz / 8]))[0])
+    line = np.sqrt(4 * top / n * (np.log(0.75 * n / 1e-3) + 2))
+    k = np.arange(1, view.grid.low + 1)
+    shape = np.sin(np.pi * k / 2) ** 2 / (2 * np.sin(np.pi * k / (2 * n))) ** 2 * 2 / n
+    step = 6.3 / np.sqrt(np.sum(shape / spectrum.first(view.grid.low)))
+    return (
+        f"in {duration(view.series.duration_s)} a line above {line:.2g} {view.unit} (at "
+        f"{view.grid.rate_hz / 8:.3g} Hz) or a step above {step:.2g} {view.unit} would have been "
+        "found",
     )

@@ -2,18 +2,24 @@
 
 A score test under the null fit is masked: what is missing inflates K and hides itself. Here the
 noise is fitted jointly with the amplitudes, and the gain is the ratio of two maximised likelihoods.
+
+All slow effects of an axis are solved in one regression. A warm-up that is fitted alone takes along
+what belongs to the temperature, and the temperature that is fitted to the rest then fails in the
+quarter where the warm-up was. Together they share the level as the data do, each has the error that
+it has beside the others, and gains what it gains when all others are free to take its place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
+from allanscope.explain.candidate import Candidate
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
@@ -25,6 +31,7 @@ __all__ = [
     "marginal_covariance",
     "ordinates_of",
     "ramp_ordinates",
+    "refit_jointly",
     "step_ordinates",
 ]
 
@@ -34,6 +41,9 @@ _ROUNDS = 8
 _QUANTILE = 1.96
 _STEPS, _FARTHEST = 12, 30.0
 """Most turns of the search for the end of an interval, and its end in standard errors."""
+_TURNS = 12
+_SETTLED = 3e-3
+"""Largest relative change of a time constant in the last turn."""
 
 
 @dataclass(frozen=True)
@@ -177,3 +187,62 @@ def _low_bins(grid: Grid, bins: int, m: int) -> Callable[[Array, Array], Array]:
     if m < grid.n - 1 and grid.edges[bins] != m:
         raise ValueError("signals must end at the border of a bin")
     return binned
+
+
+def refit_jointly(view: View) -> View:
+    """Estimate the slow deterministic effects of a view again, all at once.
+
+    A view with fewer than two of them is returned as it is.
+    """
+    members = [c for c in view.accepted if c.effect.columns(view) is not None]
+    if len(members) < 2:
+        return view
+    bare = view.without(*members)
+    found = members
+    for _ in range(_TURNS):
+        before, found = found, _solved(bare, found)
+        if _moved(before, found) < _SETTLED:
+            break
+    found = _with_gains(bare, found)
+    grown = bare
+    for candidate in found:
+        grown = grown.accept(candidate)
+    places = {id(old): new for old, new in zip(members, found, strict=True)}
+    return replace(grown, accepted=tuple(places.get(id(c), c) for c in view.accepted))
+
+
+def _columns(view: View, candidate: Candidate) -> Array:
+    columns = candidate.effect.columns(view)
+    assert columns is not None
+    return columns
+
+
+def _solved(bare: View, members: list[Candidate]) -> list[Candidate]:
+    """Take one Gauss-Newton step of all numbers of all members."""
+    parts = [_columns(bare, c) for c in members]
+    fit = joint_fit(bare, np.vstack(parts))
+    covariance = marginal_covariance(bare, np.vstack(parts), fit)
+    ends = np.cumsum([len(part) for part in parts])
+    found = []
+    for candidate, part, end in zip(members, parts, ends, strict=True):
+        own = slice(int(end) - len(part), int(end))
+        amplitude, error = fit.amplitude[own], covariance[own, own]
+        found.append(candidate.effect.solved(bare, candidate, amplitude, error))
+    return found
+
+
+def _moved(before: list[Candidate], after: list[Candidate]) -> float:
+    """Return the largest relative change of what the regression is not linear in."""
+    times = [[c.effect.relaxation_s for c in members] for members in (before, after)]
+    return max((abs(b / a - 1) for a, b in zip(*times, strict=True) if a and b), default=0.0)
+
+
+def _with_gains(bare: View, members: list[Candidate]) -> list[Candidate]:
+    """Give every member what it gains beside the others, these fitted again without it."""
+    parts = [_columns(bare, c) for c in members]
+    whole = joint_fit(bare, np.vstack(parts)).gain
+    found = []
+    for k, candidate in enumerate(members):
+        others = np.vstack(parts[:k] + parts[k + 1 :])
+        found.append(replace(candidate, gain=whole - joint_fit(bare, others).gain))
+    return found

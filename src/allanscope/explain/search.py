@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS
-from allanscope.explain.jointly import refit_jointly
+from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.add_bundle import add_bundle
 from allanscope.explain.moves.add_pair import add_pair
@@ -27,7 +27,7 @@ from allanscope.explain.moves.drop import drop
 from allanscope.explain.moves.fold_sidebands import fold_sidebands
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.moves.replace_drift import replace_drift
-from allanscope.explain.search_path import SearchPath
+from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
 __all__ = ["Budget", "close_loop"]

@@ -2,7 +2,8 @@
 
 The transforms of the loop need equally spaced samples. A hole is bridged with the line between the
 levels on its two sides plus noise resampled from its neighbourhood, so that neither the level nor
-the density around it changes; `bridged` tells how much of the grid is such filling.
+the density around it changes; `bridged` tells how much of the grid is such filling. What must be
+said of an axis before any search (constant, too short, saturated, bridged) is said here too.
 """
 
 from __future__ import annotations
@@ -15,12 +16,24 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
-from allanscope.explain.coincidence import Coincidence
+from allanscope.explain.values import Coincidence
 from allanscope.history import Record
 from allanscope.noise.grid import Grid, grid_of
 from allanscope.noise.once import once
+from allanscope.parts import full_scale_of
+from allanscope.quantities import duration
 
-__all__ = ["CHI_SQUARE_MEDIAN", "LOUD", "Series", "multiple_of", "series_of"]
+__all__ = [
+    "CHI_SQUARE_MEDIAN",
+    "LOUD",
+    "SHORTEST_ROWS",
+    "SHORTEST_S",
+    "Series",
+    "hindrances",
+    "multiple_of",
+    "observations",
+    "series_of",
+]
 
 Array = NDArray[np.float64]
 
@@ -43,6 +56,13 @@ _ROUNDED, _COPIED, _EXACT = 1.5, 0.02, 1e-12
 rounding's power, as a share of its own, and where nothing was rounded."""
 _HALF_AN_OCTAVE = 17
 """Bins over which the power of the temperature is averaged."""
+SHORTEST_ROWS = 2048
+SHORTEST_S = 55.0
+"""A run of a minute, less its first seconds and a clock that is off."""
+_LONGEST_PERIOD = 256
+"""Rows after which a pattern may begin anew: noise never does."""
+_FULL_SCALE = 32767
+_AT_THE_RAIL = 1e-4
 
 
 @dataclass(frozen=True)
@@ -260,3 +280,73 @@ def _temperature(
         remarks.append("the temperature never changes: nothing can be regressed on it")
         return None
     return np.asarray(np.interp(np.arange(size), row[known], measured[known]))
+
+
+def hindrances(series: Series, axis: str) -> tuple[str, ...]:
+    """Return why an axis cannot be searched; empty when it can."""
+    samples = series.values[:, series.column(axis)]
+    n = len(samples)
+    if n == 0 or np.all(samples == samples[0]):
+        value = f" at {samples[0]:.6g}" if n else ""
+        return (f"the channel is constant{value}: it carries no noise to analyse",)
+    period = _period(samples)
+    if period:
+        return (
+            f"the samples repeat every {period} rows to the last digit: a test pattern or a loop "
+            "of the sender, no noise to analyse",
+        )
+    needed = max(SHORTEST_S, SHORTEST_ROWS / series.rate_hz)
+    if n < SHORTEST_ROWS or series.duration_s < SHORTEST_S:
+        missing = duration(np.ceil(needed - series.duration_s))
+        return (
+            f"too short to search for effects: {duration(series.duration_s)} of the "
+            f"{duration(needed)} that it takes; run at least {missing} longer",
+        )
+    if (
+        np.unique(samples[:: max(1, n // 4096)]).size < 2
+        or float(np.mean(np.diff(samples) != 0)) < 1e-3
+    ):
+        return (
+            "fewer than one sample in a thousand changes: the step hides the noise, "
+            "choose a smaller full scale",
+        )
+    return ()
+
+
+def _period(samples: Array) -> int:
+    """Return after how many rows all samples come again exactly, 0 where they do not."""
+    for period in range(2, min(_LONGEST_PERIOD, len(samples) // 4) + 1):
+        if samples[period] == samples[0] and np.array_equal(samples[period:], samples[:-period]):
+            return period
+    return 0
+
+
+def observations(series: Series, axis: str) -> tuple[str, ...]:
+    """Return what the reader must know of an axis although it can be searched."""
+    column = series.column(axis)
+    samples, lsb = series.values[:, column], series.lsb[column]
+    found = list(series.remarks)
+    if full_scale_of(axis, lsb) is not None:  # else nobody knows where the range ends
+        rail = float(np.mean(np.abs(samples) >= (_FULL_SCALE - 1) * lsb))
+        if rail > _AT_THE_RAIL:
+            found.append(
+                f"{100 * rail:.2g} % of the samples are at the end of the range: the axis is "
+                "saturated and its noise is not what the figures say"
+            )
+    for other in series.axes:
+        factor = multiple_of(series, axis, other) if other != axis else None
+        if factor is not None:
+            found.append(
+                f"{axis} is {factor:.6g} times {other}: the two hold one signal, which says "
+                "nothing of how they are coupled"
+            )
+    share = float(series.bridged.mean())
+    if share > 0:
+        found.append(f"{100 * share:.2g} % of the samples are missing and were bridged")
+    if series.stride > 1:
+        found.append(
+            f"rows are means of {series.stride} samples: single samples (outliers, repeats, "
+            "the lattice) could not be judged, and above "
+            f"{series.rate_hz / 2:.3g} Hz there is only the streaming spectrum"
+        )
+    return tuple(found)

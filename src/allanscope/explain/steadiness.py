@@ -1,4 +1,4 @@
-r"""Whether a process of the spectrum is there all along, as its name says.
+r"""Whether a tone or a process of the spectrum is there all along, as its name says.
 
 The spectrum of a record tells how much power is at a frequency, not when: a tone that sweeps
 through 0 Hz has the spectrum of Gauss-Markov noise, a chirp that of noise behind a band-pass. Only
@@ -14,23 +14,37 @@ the noise beside the process is scaled by the power of its part at all other fre
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 from scipy.special import digamma, polygamma
+from scipy.stats import chi2, spearmanr
 
+from allanscope.compiled import njit
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.view import View
 from allanscope.noise.components import Component, White
 from allanscope.noise.filters import made_white_share
 
-__all__ = ["UNSTEADY", "reach_of", "unsteadiness_of"]
+__all__ = [
+    "UNSTEADY",
+    "constancy",
+    "demodulate",
+    "evenness",
+    "reach_of",
+    "sweeps",
+    "unsteadiness",
+    "unsteadiness_of",
+]
 
 Array = NDArray[np.float64]
 
 UNSTEADY = 2.2
 """Sigma; of 220 true processes of all widths and sizes one came beyond."""
-_PARTS = (4, 8, 16, 32)
+_LADDER = (4, 8, 16, 32)
+"""Parts of time into which a record is cut to see a process come and go."""
 _FIRST, _FEWEST, _CELLS = 1, 2, 12
 """First ordinate of a part, ordinates of a cell and most cells."""
 _MARGIN, _ROUNDING = 3, 0.1
@@ -43,6 +57,16 @@ _ALIKE = 8.0
 """Variance of the powers of the parts, over what chance makes of one ordinate, that is nothing."""
 _COUNTS = 0.25
 """Process over the noise beside it from which a frequency counts, if it comes so far."""
+
+_PARTS = 16
+_FEWEST_CYCLES = 8.0
+"""Fewer waves cannot show that they are alike: the noise beside them is of another level."""
+_IN_ORDER = 0.85
+"""Rank correlation of frequency and time: reached by chance once in some 10^4 bands."""
+_REACH = 2.5
+"""Half of the range around a band that is looked at, in bandwidths."""
+_TURNS = 1024
+"""Samples after which the wave is computed afresh: rounding does not build up."""
 
 
 def reach_of(view: View, candidate: Candidate) -> tuple[float, float]:
@@ -62,7 +86,7 @@ def reach_of(view: View, candidate: Candidate) -> tuple[float, float]:
 def unsteadiness_of(view: View, candidate: Candidate) -> float:
     """Return by how many sigma a process comes and goes more than a stationary one does."""
     low, high = reach_of(view, candidate)
-    return max((_unsteadiness(view, candidate, low, high, parts) for parts in _PARTS), default=0.0)
+    return max((_unsteadiness(view, candidate, low, high, parts) for parts in _LADDER), default=0.0)
 
 
 def _shares(view: View, candidate: Candidate, f: Array) -> tuple[Array, Array]:
@@ -120,18 +144,159 @@ def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, par
             loud[:] = 1.0
     expected = process + loud[:, np.newaxis] * rest
     u = power[:, inside] / expected[:, inside]
+    cells = np.array_split(u, min(_CELLS, u.shape[1] // _FEWEST), axis=1)
+    return _bartlett_z((cell, _freedom(cell.mean(axis=0))) for cell in cells)
+
+
+def _freedom(weight: Array) -> float:
+    """Return the degrees of freedom of a sum of ordinates of these mean powers."""
+    pairs = sum(
+        share * float(weight[: len(weight) - lag] @ weight[lag:])
+        for lag, share in enumerate(_COUPLED)
+    )
+    return 2 * float(weight.sum()) ** 2 / pairs
+
+
+def _bartlett_z(cells: Iterable[tuple[Array, float]]) -> float:
+    """Return by how many sigma the powers of cells differ from part to part more than chance does.
+
+    A cell has shape (parts, ordinates) and a number of degrees of freedom.
+    """
     excess = variance = 0.0
-    for cell in np.array_split(u, min(_CELLS, u.shape[1] // _FEWEST), axis=1):
-        weight = cell.mean(axis=0)
-        pairs = sum(
-            share * float(weight[: len(weight) - lag] @ weight[lag:])
-            for lag, share in enumerate(_COUPLED)
-        )
-        d = 2 * float(weight.sum()) ** 2 / pairs
-        total = cell.mean(axis=1)
+    for cell, d in cells:
+        parts, total = len(cell), cell.mean(axis=1)
         bartlett = parts * np.log(total.mean()) - np.sum(np.log(total))
         usual = digamma(parts * d / 2) - digamma(d / 2) - np.log(parts)
         excess += d * float(bartlett - parts * usual)
         spread = parts * polygamma(1, d / 2) - parts**2 * polygamma(1, parts * d / 2)
         variance += d**2 * float(spread)
     return float(excess / np.sqrt(variance)) if variance > 0 else 0.0
+
+
+def constancy(data: Array, rate: float, frequency: float, parts: int = _PARTS) -> float:
+    """Probability that the parts of a record would differ so much if the tone were constant.
+
+    The noise of the amplitudes comes from their neighbours in frequency, two resolutions away. A
+    line of few cycles is taken to be one.
+    """
+    cycles = frequency * len(data) / rate
+    if cycles < _FEWEST_CYCLES:
+        return 1.0
+    parts = int(min(parts, max(2, cycles // 4)))
+    amplitude = demodulate(data, rate, frequency, parts)
+    resolution = rate / (len(data) // parts)
+    offsets = [s * k * resolution for k in (2, 3, 4, 5) for s in (-1, 1)]
+    offsets = [o for o in offsets if 0 < frequency + o < rate / 2]
+    if not offsets:
+        return 1.0
+    beside = [np.abs(demodulate(data, rate, frequency + o, parts)) ** 2 for o in offsets]
+    noise = float(np.median(beside)) / np.log(2)
+    distance = 2 * np.sum(np.abs(amplitude - amplitude.mean()) ** 2) / noise
+    return float(chi2.sf(distance, 2 * (parts - 1)))
+
+
+def sweeps(data: Array, rate: float, frequency: float, bandwidth: float) -> bool:
+    """Tell whether a band is a tone that moves in one direction: a chirp, not noise in a band.
+
+    The centre of the band's power is followed through the record. For noise, or a line that
+    wanders to and fro, it goes up and down; for a chirp it is in the order of time.
+    """
+    reach = 2.5 * bandwidth
+    low, high = max(frequency - reach, 0.0), min(frequency + reach, rate / 2)
+    centres = []
+    for part in np.array_split(data - data.mean(), _PARTS):
+        power = np.abs(np.fft.rfft(part * np.hanning(len(part)))) ** 2
+        f = np.arange(len(power)) * rate / len(part)
+        inside = (f >= low) & (f <= high)
+        if np.count_nonzero(inside) < 4:
+            return False
+        excess = np.maximum(power[inside] - np.median(power[inside]), 0.0)
+        centres.append(float(f[inside][np.argmax(excess)]))
+    if np.ptp(centres) == 0:
+        return False
+    return bool(abs(spearmanr(np.arange(_PARTS), centres).statistic) > _IN_ORDER)
+
+
+def unsteadiness(data: Array, rate: float, frequency: float, bandwidth: float) -> float:
+    r"""Return by how many sigma the power in a band moves through the record more than noise does.
+
+    The band and its surroundings are cut into cells of frequency and parts of time. A chirp through
+    a broad band goes through the cells one after the other, a modulated tone comes and goes: either
+    is tens of sigma where its band is found at all. A narrow chirp has few cells to go through;
+    `sweeps` sees it.
+
+    Parameters
+    ----------
+    data : ndarray, shape (n,)
+        The samples.
+    rate : float
+        In Hz.
+    frequency, bandwidth : float
+        Of the band in Hz.
+    """
+    n = len(data) // _PARTS
+    parts = (data[: n * _PARTS] - data.mean()).reshape(_PARTS, n) * np.hanning(n)
+    f = np.arange(n // 2 + 1) * rate / n
+    inside = np.abs(f - frequency) <= _REACH * bandwidth
+    power = np.abs(np.fft.rfft(parts, axis=1)[:, inside]) ** 2
+    size = max(4, power.shape[1] // _CELLS)
+    starts = range(0, power.shape[1] - size + 1, size)
+    cells = (power[:, start : start + size] for start in starts)
+    # Two degrees an ordinate if all are alike; half of them, for the window couples neighbours.
+    return _bartlett_z(
+        (cell, max(2.0, float(np.sum(mean := cell.mean(axis=0)) ** 2 / np.sum(mean**2))))
+        for cell in cells
+    )
+
+
+def evenness(data: Array, rate: float, frequency: float, bandwidth: float) -> float:
+    r"""Return by how many sigma the envelope of a band is more even than that of noise.
+
+    The power :math:`p = |z|^2` of Gaussian noise in a band is exponentially distributed, with
+    :math:`\overline{p^2} / \bar p^2 = 2`; that of a tone of constant amplitude whose frequency
+    moves has 1. The estimate has the deviation :math:`2 / \sqrt{N}` with the
+    :math:`N = \pi w T` independent powers of a band of width w.
+
+    Parameters
+    ----------
+    data : ndarray, shape (n,)
+        The samples.
+    rate : float
+        In Hz.
+    frequency, bandwidth : float
+        Of the band in Hz.
+    """
+    duration = len(data) / rate
+    parts = int(min(len(data), max(_PARTS, 4 * bandwidth * duration)))
+    power = np.abs(demodulate(data, rate, frequency, parts)) ** 2
+    ratio = float(np.mean(power**2) / np.mean(power) ** 2)
+    return (2 - ratio) * float(np.sqrt(np.pi * bandwidth * duration)) / 2
+
+
+def demodulate(data: Array, rate: float, frequency: float, parts: int) -> NDArray[np.complex128]:
+    """Complex amplitude of a tone in each of `parts` equal parts of the data.
+
+    Examples
+    --------
+    >>> t = np.arange(4000) / 100
+    >>> amplitude = demodulate(3 * np.cos(2 * np.pi * 5 * t + 0.5), 100.0, 5.0, 4)
+    >>> np.abs(amplitude).round(6).tolist(), np.angle(amplitude).round(6).tolist()
+    ([3.0, 3.0, 3.0, 3.0], [0.5, 0.5, 0.5, 0.5])
+    """
+    size = len(data) // parts
+    used = np.ascontiguousarray(data[: size * parts])
+    sums = _demodulated(used, float(used.mean()), 2 * np.pi * frequency / rate, size)
+    return np.asarray(2 * sums / size)
+
+
+@njit(cache=True, nogil=True)
+def _demodulated(data, mean, angle, size):  # type: ignore[no-untyped-def]
+    sums = np.zeros(data.size // size, np.complex128)
+    turn = np.exp(-1j * angle)
+    for part in range(sums.size):
+        for first in range(part * size, (part + 1) * size, _TURNS):
+            wave = np.exp(-1j * (angle * first))
+            for k in range(first, min(first + _TURNS, (part + 1) * size)):
+                sums[part] += (data[k] - mean) * wave
+                wave *= turn
+    return sums

@@ -10,10 +10,9 @@ from scipy.fft import dct, idct
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import SearchStep
-from allanscope.explain.pile_up import Pile, piles
 from allanscope.explain.series import Series
-from allanscope.explain.spectrum import Spectrum, fit_spectrum
-from allanscope.explain.stepscan import StepScan
+from allanscope.explain.spectrum import Spectrum, StepScan, fit_spectrum
+from allanscope.explain.values import Pile, piles
 from allanscope.noise import NoiseModel
 from allanscope.noise.components import Component, Flicker, RandomWalk, Rounding, White
 from allanscope.noise.filters import HeldPattern, HeldSamples

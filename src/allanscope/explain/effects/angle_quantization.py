@@ -12,10 +12,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from allanscope.explain.adequacy import lasting
-from allanscope.explain.candidate import Candidate, HeldOut
-from allanscope.explain.effects.base import ALPHA, EffectKind
-from allanscope.explain.heldout import halves
+from allanscope.explain.candidate import ALPHA, Candidate
+from allanscope.explain.effects import EffectKind
+from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.spectrum import fit_spectrum
 from allanscope.explain.view import View
 from allanscope.noise.components import AngleQuantization as Differenced
@@ -51,7 +50,3 @@ class AngleQuantization(EffectKind):
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Tell whether it removes its part of the residual."""
         return lasting(view, candidate)
-
-    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
-        """Judge by the two halves."""
-        return halves(view, candidate)

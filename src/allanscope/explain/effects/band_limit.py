@@ -12,18 +12,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from allanscope.explain.adequacy import removes
-from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
+from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind, errors_of
-from allanscope.explain.heldout import halves
+from allanscope.explain.effects import EffectKind, errors_at
+from allanscope.explain.residual import removes
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.steadiness import UNSTEADY, unsteadiness_of
 from allanscope.explain.view import View
@@ -109,10 +107,6 @@ class BandLimit(EffectKind):
             return candidate
         return None
 
-    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
-        """Judge by the two halves."""
-        return halves(view, candidate)
-
 
 def _fit(view: View, low_pass: LowPass) -> Spectrum:
     model = view.model.plus(low_pass)
@@ -141,7 +135,7 @@ def _best(view: View, cutoffs: list[float]) -> Candidate:
 def _candidate(view: View, low_pass: LowPass) -> Candidate:
     fit = _fit(view, low_pass)
     cutoff, *order = low_pass.values
-    factor = float(np.exp(1.96 * _error(view, low_pass, fit.loglik)))
+    factor = float(np.exp(1.96 * _error(view, low_pass)))
     effect = BandLimit(
         Estimate(cutoff, cutoff / factor, cutoff * factor, "Hz"),
         order[0] if order else 1.0,
@@ -152,18 +146,11 @@ def _candidate(view: View, low_pass: LowPass) -> Candidate:
     return Candidate(effect, gain, looked_at, parts=(low_pass,))
 
 
-def _error(view: View, low_pass: LowPass, top: float) -> float:
+def _error(view: View, low_pass: LowPass) -> float:
     """Return the standard error of ln cutoff; the order, where it is free, goes along with it."""
-    size = len(low_pass.values)
-    steps = _STEP * np.eye(size)
 
-    def at(offset: Array) -> float:
-        moved = np.array(low_pass.values) * np.exp(offset)
-        return _fit(view, low_pass.with_values(moved.tolist())).loglik
+    def loss(point: Array) -> float:
+        return -_fit(view, low_pass.with_values(np.exp(point).tolist())).loglik
 
-    single = [at(step) + at(-step) - 2 * top for step in steps]
-    information = -np.diag(single) / _STEP**2
-    for i, j in combinations(range(size), 2):
-        both = at(steps[i] + steps[j]) + at(-steps[i] - steps[j]) - 2 * top
-        information[i, j] = information[j, i] = -(both - single[i] - single[j]) / (2 * _STEP**2)
-    return float(min(errors_of(information)[0], _UNKNOWN))
+    point = np.log(low_pass.values)
+    return float(min(errors_at(loss, point, np.full(len(point), _STEP))[0], _UNKNOWN))

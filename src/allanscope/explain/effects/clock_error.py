@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects import EffectKind
 from allanscope.explain.view import Clock, View
 from allanscope.quantities import number
 

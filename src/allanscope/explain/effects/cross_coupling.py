@@ -23,7 +23,7 @@ from scipy.stats import chi2
 
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate, Parameter
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects import EffectKind
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.series import LOUD, multiple_of
 from allanscope.explain.spectrum import Spectrum, fit_spectrum

@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from allanscope.explain.adequacy import lasting
-from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind, is_alike
-from allanscope.explain.heldout import halves
+from allanscope.explain.effects import EffectKind, is_alike
+from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.steadiness import UNSTEADY
 from allanscope.explain.view import View
@@ -87,10 +86,6 @@ class GaussMarkov(EffectKind):
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Tell whether it removes its part of the residual and is there all along."""
         return lasting(view, candidate, UNSTEADY)
-
-    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
-        """Judge by the two halves."""
-        return halves(view, candidate)
 
 
 def fitted(view: View, tc: float) -> Spectrum:

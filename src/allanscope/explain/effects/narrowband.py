@@ -23,17 +23,14 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import gammaincc
 
-from allanscope.explain.adequacy import removes
-from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
+from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind, errors_of
+from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import beside, tone_left_over
-from allanscope.explain.heldout import halves
+from allanscope.explain.residual import removes
 from allanscope.explain.spectrum import fit_spectrum
-from allanscope.explain.steadiness import UNSTEADY, unsteadiness_of
-from allanscope.explain.tones import evenness, sweeps, unsteadiness
-from allanscope.explain.unevenness import crowding
+from allanscope.explain.steadiness import UNSTEADY, evenness, sweeps, unsteadiness, unsteadiness_of
 from allanscope.explain.view import View
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
 from allanscope.noise.components import Narrowband as Resonance
@@ -48,6 +45,8 @@ Beside = Callable[[Array], Array]
 _WIDEST = 0.5
 """Widest run of ordinates looked at, as a share of its frequency."""
 _SUB_BINS = 400
+_PARTS = 256
+"""Of a record, whose powers tell how uneven its noise is."""
 _FINEST_HZ = 1e-8
 _ROUNDS = 3
 _PENALTY = calibrated_penalty("narrowband")
@@ -182,10 +181,6 @@ class Narrowband(EffectKind):
         count = np.array([len(part) for part in parts])
         left = float(np.sum(count * (ratio - 1 - np.log(ratio)) - 1)) / 2
         return bool(left > max(_MISSHAPEN * np.sqrt(len(parts) / 2), _MISSED * candidate.gain))
-
-    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
-        """Judge by the two halves."""
-        return halves(view, candidate)
 
 
 Fitted = tuple[Narrowband, Candidate]
@@ -324,17 +319,27 @@ def _errors(loss: Callable[[Array], float], at: Array) -> Array:
 
     NaN at an end of what is allowed: a band whose centre wants to lie beyond is not measured.
     """
-    p = len(at)
     step = np.array([0.02, 0.05, 0.05 * np.exp(at[3]), 0.05])
     sides = (loss(at + sign * 2 * row) for row in np.diag(step) for sign in (-1, 1))
     if max(sides) >= _FORBIDDEN:
-        return np.full(p, np.nan)
-    hessian = np.empty((p, p))
-    for i in range(p):
-        for j in range(p):
-            a, b = np.zeros(p), np.zeros(p)
-            a[i], b[j] = step[i], step[j]
-            hessian[i, j] = (
-                loss(at + a + b) - loss(at + a - b) - loss(at - a + b) + loss(at - a - b)
-            ) / (4 * step[i] * step[j])
-    return errors_of(hessian)
+        return np.full(len(at), np.nan)
+    return errors_at(loss, at, step)
+
+
+def crowding(data: Array) -> float:
+    """Return how many neighbouring ordinates say the same because the noise is uneven.
+
+    Noise that is loud in a tenth of the record has a spectrum that is smooth over ten ordinates: a
+    run of ten high ones is then no more of a surprise than one.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> loud = np.where(np.arange(100_000) < 10_000, 10.0, 1.0)
+    >>> round(crowding(loud * rng.normal(size=100_000)))
+    8
+    """
+    parts = np.array_split(np.diff(data), _PARTS)
+    power = np.array([float(np.mean(part**2)) for part in parts])
+    mean = float(np.mean(power))
+    return max(1.0, float(np.mean(power**2)) / mean**2) if mean > 0 else 1.0

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import norm
 
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.effects import EffectKind
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]

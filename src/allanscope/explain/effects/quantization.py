@@ -20,8 +20,8 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind
-from allanscope.explain.lattice import noise_on_lattice
+from allanscope.explain.effects import EffectKind
+from allanscope.explain.values import noise_on_lattice
 from allanscope.explain.view import View
 
 _ENOUGH = 0.5

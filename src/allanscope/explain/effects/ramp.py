@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import SizedSignal
+from allanscope.explain.effects import SizedSignal
 from allanscope.explain.regression import ramp_ordinates
 from allanscope.explain.view import View
 

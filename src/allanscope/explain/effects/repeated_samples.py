@@ -2,7 +2,7 @@ r"""Rows that repeat the row before: a reader faster than the sensor, a stuck bu
 
 Two neighbours may be equal by chance, the more so on a coarse lattice or behind a low-pass. With
 several axes: all of them repeat at once far more often than the product of their own chances, times
-what rows far from each other show of their dependence (`coincidence`).
+what rows far from each other show of their dependence (`values`).
 With one: differences of 0 are more frequent than those of +-1, +-2, +-3 steps let expect, whose
 frequencies follow a Gaussian whatever filter came before; by as much as they are among rows far
 from each other this is the shape of the distribution. On a lattice too fine for that, or without
@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.coincidence import Coincidence, beyond_runs, typical_and_limit
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects import EffectKind
+from allanscope.explain.values import Coincidence, beyond_runs, typical_and_limit
 from allanscope.explain.view import View
 from allanscope.noise.filters import Filter, HeldPattern, HeldSamples
 

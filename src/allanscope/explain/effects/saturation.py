@@ -20,7 +20,7 @@ from typing import ClassVar
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects import EffectKind
 from allanscope.explain.view import View
 
 

@@ -26,11 +26,12 @@ from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
-from allanscope.explain.tones import constancy, local_level
+from allanscope.explain.series import CHI_SQUARE_MEDIAN
+from allanscope.explain.steadiness import constancy
 from allanscope.explain.view import View
 from allanscope.noise.components import Sinusoid as Line
 from allanscope.noise.grid import Grid
@@ -43,6 +44,8 @@ _SLOW_CYCLES = 40.0
 _PROPOSALS = 3
 _MARGIN = 8
 """Ordinates beside an excluded range into which what was excluded leaks."""
+_BESIDE = 400
+"""Ordinates on each side that tell the level around a line."""
 _CONSTANT_P = 1e-5
 """Chance below which the parts of a line differ too much to be one line."""
 _AGREE = 5.0
@@ -211,7 +214,9 @@ def _at(view: View, frequency: float) -> Candidate:
         pair = _pair(view, frequency)
         normal = pair @ pair.T
         amplitudes = np.linalg.solve(normal, pair @ (view.data - view.data.mean()))
-        level = max(local_level(view, frequency), float(view.spectrum.at(np.array([frequency]))[0]))
+        level = max(
+            _local_level(view, frequency), float(view.spectrum.at(np.array([frequency]))[0])
+        )
         gain = float(amplitudes @ normal @ amplitudes / (2 * level))
         error = float(np.sqrt(2 * level / n))
     amplitude = float(np.hypot(*amplitudes))
@@ -349,3 +354,11 @@ def _peak(data: Array, rate: float, frequency: float, spread: float) -> float:
     best = minimize_scalar(loss, bounds=(-spread, spread), method="bounded",
                            options={"xatol": 1e-4 * spread})  # fmt: skip
     return frequency + float(best.x)
+
+
+def _local_level(view: View, frequency: float) -> float:
+    """Variance of an ordinate around a frequency, from the median, which a line does not move."""
+    centre = int(frequency * 2 * view.grid.n / view.grid.rate_hz)
+    half = min(_BESIDE, max(8, centre // 3))
+    near = view.squares[max(0, centre - half) : centre + half]
+    return float(np.median(near)) / CHI_SQUARE_MEDIAN

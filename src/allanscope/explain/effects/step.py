@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind, SizedSignal
+from allanscope.explain.effects import EffectKind, SizedSignal
 from allanscope.explain.effects.random_telegraph import RandomTelegraph
 from allanscope.explain.regression import joint_fit, step_ordinates
-from allanscope.explain.stepscan import StepScan
-from allanscope.explain.unevenness import loudness
+from allanscope.explain.spectrum import StepScan, loudness
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty

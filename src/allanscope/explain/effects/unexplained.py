@@ -19,10 +19,11 @@ from scipy.special import eval_legendre
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects import EffectKind
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
-from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness
+from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness, removes
 from allanscope.explain.series import CHI_SQUARE_MEDIAN
+from allanscope.explain.steadiness import reach_of, unsteadiness_of
 from allanscope.explain.view import View
 from allanscope.noise.grid import Ranges
 from allanscope.noise.selection import calibrated_penalty
@@ -180,6 +181,19 @@ def tone_left_over(
     share = float(inside.sum() / view.squares.sum())
     words, searched = _CHANGES.format(low, high), candidate.log_alternatives
     return left_over(view, (low, high), candidate.gain, share, words, searched)
+
+
+def lasting(view: View, process: Candidate, most_sigma: float = float("inf")) -> Candidate | None:
+    """Return a process that removes its part of the residual and is there all along.
+
+    One that comes and goes by more than so many sigma is a tone that sweeps, and has no name.
+    """
+    if not removes(view, process):
+        return None
+    if most_sigma == float("inf") or unsteadiness_of(view, process) <= most_sigma:
+        return process
+    _, high = reach_of(view, process)
+    return tone_left_over(view, process, high / 2, high / 2)
 
 
 def tones_left_over(view: View, lines: Sequence[tuple[Candidate, float]]) -> Candidate | None:

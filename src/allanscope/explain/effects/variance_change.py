@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.fft import idct
 from scipy.stats import chi2
 
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import ALPHA, EffectKind
+from allanscope.explain.effects import EffectKind
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ class VarianceChange(EffectKind):
         best = max(found)
         seconds = size / view.grid.rate_hz
         ratio, inside = float(np.sqrt(best[3])), best[2] - best[1]
-        gain, looked_at = float(sum(g for g, *_ in found)), _log_alternatives(blocks)
+        gain, looked_at = float(sum(g for g, *_ in found)), log_alternatives(blocks)
         count = float(len(found))
         weak = float(sum(g < 2 * (looked_at - np.log(ALPHA)) for g, *_ in found))
         effect = cls(
@@ -125,7 +125,7 @@ def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: 
     return bool(chi2.sf(max(distance - room, 0.0), max(len(ratios) - 1, 1)) > 1e-3)
 
 
-def _log_alternatives(blocks: int) -> float:
+def log_alternatives(blocks: int) -> float:
     """Log of how many intervals there are: by simulation, 1 in 1000 clean records gains more."""
     return float(np.log(1.5 * blocks))
 
@@ -141,10 +141,10 @@ def _intervals(power: Array, freedom: float) -> list[tuple[float, int, int, floa
     """Find (gain, first, last, ratio) of intervals, strongest first."""
     power = power.copy()
     n = len(power)
-    price = _log_alternatives(n) - float(np.log(ALPHA))
+    price = log_alternatives(n) - float(np.log(ALPHA))
     found: list[tuple[float, int, int, float]] = []
     for _ in range(_MOST):
-        gain, first, last = _best(power, freedom)
+        gain, first, last = best_interval(power, freedom)
         if gain < price:
             break
         if last - first > n * _LONGEST:
@@ -158,7 +158,8 @@ def _intervals(power: Array, freedom: float) -> list[tuple[float, int, int, floa
     return found
 
 
-def _best(power: Array, freedom: float) -> tuple[float, int, int]:
+def best_interval(power: Array, freedom: float) -> tuple[float, int, int]:
+    """Return the gain of the most telling interval of another level, and its borders."""
     n = len(power)
     total = np.concatenate([[0.0], np.cumsum(power)])
     best = (0.0, 0, 1)

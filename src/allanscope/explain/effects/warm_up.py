@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.base import EffectKind, is_alike
+from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import (
     Regression,

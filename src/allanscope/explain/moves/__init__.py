@@ -9,4 +9,94 @@
 `fold_sidebands`      a carrier and its sidebands become the one modulated tone that they are
 `replace_drift`       slow effects that are pieces of a drift without a name become `unexplained`
 ====================  ==========================================================================
+
+What every move tries is noted in a `SearchPath`, which also bounds the search. Where no kind fits,
+a search can go round: one band is accepted, the next two make it superfluous, without it they no
+longer hold, and it is found again. So nothing that was dropped is taken again, and acceptances and
+evaluations are counted; not seconds, so that the same record has the same result on every machine.
+As an evaluation costs a few transforms, the bound on the time is linear in the rows.
 """
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import SearchStep
+from allanscope.noise.grid import Grid
+
+__all__ = ["SearchPath"]
+
+
+@dataclass
+class SearchPath:
+    """What one search has tried.
+
+    Attributes
+    ----------
+    most_acceptances, most_evaluations : int
+        Bounds; an evaluation is one kind asked for candidates, or one effect estimated again.
+    spent : float
+        What earlier looks at the same data cost, in nats, added to every penalty.
+    acceptances, evaluations : int
+        Counted so far.
+    steps : list of SearchStep
+        In the order in which they were tried.
+    """
+
+    most_acceptances: int = 20
+    most_evaluations: int = 600
+    spent: float = 0.0
+    acceptances: int = 0
+    evaluations: int = 0
+    steps: list[SearchStep] = field(default_factory=list)
+    _dropped: list[Candidate] = field(default_factory=list)
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the search must stop."""
+        return (
+            self.acceptances >= self.most_acceptances or self.evaluations >= self.most_evaluations
+        )
+
+    @property
+    def remark(self) -> str:
+        """What the reader must know of a search that was stopped; empty otherwise."""
+        if not self.is_spent:
+            return ""
+        return (
+            f"the search was stopped after {self.acceptances} effects had been tried and "
+            f"{self.evaluations} fits: no set of effects describes this axis, and what is named "
+            "may be pieces of something else"
+        )
+
+    def note(self, move: str, candidate: Candidate, outcome: str) -> None:
+        """Enter what became of a candidate."""
+        self.steps.append(
+            SearchStep(
+                move,
+                candidate.kind,
+                candidate.words,
+                float(candidate.gain),
+                float(candidate.penalty),
+                outcome,
+            )
+        )
+
+    def accept(self, move: str, *candidates: Candidate) -> None:
+        """Enter effects that were accepted."""
+        self.acceptances += len(candidates)
+        for candidate in candidates:
+            self.note(move, candidate, "accepted")
+
+    def drop(self, candidate: Candidate) -> None:
+        """Enter that an effect was taken and then found superfluous."""
+        self.note("drop", candidate, "gains less than its penalty beside the others")
+        self._dropped.append(candidate)
+
+    def was_dropped(self, candidate: Candidate, grid: Grid) -> bool:
+        """Tell whether this hypothesis was taken before and dropped."""
+        return any(
+            candidate.kind == former.kind and candidate.effect.is_same(former.effect, grid)
+            for former in self._dropped
+        )

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.unexplained import united
 from allanscope.explain.gates import judge, penalty_passed
-from allanscope.explain.search_path import SearchPath
+from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 
 __all__ = ["add", "proposals", "with_rivals"]

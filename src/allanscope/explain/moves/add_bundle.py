@@ -8,13 +8,13 @@ for by every member, and each must be worth its penalty given the others.
 from __future__ import annotations
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.unexplained import is_remnant
 from allanscope.explain.gates import judge_members, owed
-from allanscope.explain.jointly import refit_jointly
+from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import proposals
 from allanscope.explain.moves.refit import refit
-from allanscope.explain.search_path import SearchPath
+from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
 __all__ = ["add_bundle"]

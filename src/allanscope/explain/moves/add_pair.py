@@ -7,12 +7,11 @@ warm-up is refuted by the quarter in which the warm-up was.
 from __future__ import annotations
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects import KINDS
-from allanscope.explain.effects.base import EffectKind
+from allanscope.explain.effects import KINDS, EffectKind
 from allanscope.explain.gates import judge_members, owed
-from allanscope.explain.jointly import refit_jointly
+from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import proposals
-from allanscope.explain.search_path import SearchPath
+from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
 __all__ = ["add_pair"]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from allanscope.explain.adequacy import is_measured
-from allanscope.explain.search_path import SearchPath
+from allanscope.explain.gates import is_measured
+from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 
 __all__ = ["drop"]

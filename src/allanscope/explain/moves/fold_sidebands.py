@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
 from allanscope.explain.effects.unexplained import tones_left_over, united
-from allanscope.explain.search_path import SearchPath
+from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 
 __all__ = ["fold_sidebands"]

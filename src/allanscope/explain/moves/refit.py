@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from allanscope.explain.search_path import SearchPath
+from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 
 __all__ = ["refit"]

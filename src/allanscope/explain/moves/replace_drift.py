@@ -9,7 +9,7 @@ from allanscope.explain.effects.unexplained import (
     drift_left_over,
     relaxation_left_over,
 )
-from allanscope.explain.search_path import SearchPath
+from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
 
 __all__ = ["replace_drift"]

@@ -1,0 +1,306 @@
+"""The values that occur: their step, how often rows are equal by chance, where they pile up.
+
+*The step*: the greatest of which all differences are multiples, and how a Gaussian falls onto it.
+
+*Equal rows*: samples on a coarse lattice are often equal, all axes at once the more so where their
+noise comes and goes together, or where they hear the same vibration. Rows that lie farther apart
+than any run of repeats are equal by nothing but chance, and that in the same lattice, of the same
+distribution, with the same ups and downs as neighbours.
+
+*Piles*: the frequencies of a signal with noise on it change smoothly from one value to the next,
+whatever its distribution. Clipping collects all that lies beyond a limit on one value, a dead zone
+all that lies within it. Counted are arrivals at a value: a bus that freezes stays, and is no pile.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import ndtr
+
+from allanscope.noise import find_step
+
+__all__ = [
+    "Coincidence",
+    "Pile",
+    "beyond_runs",
+    "noise_on_lattice",
+    "piles",
+    "step_of",
+    "typical_and_limit",
+]
+
+Array = NDArray[np.float64]
+
+_WINDOWS = 48
+_OFF = 5e-3
+"""Distance from a whole count, in counts, that single precision may leave."""
+LAGS = 24
+"""Distances that are looked at: what neighbours show must be more than any of them does."""
+_FAR_SIGMAS = 3.0
+_FEWEST_EQUAL = 3
+"""Equal rows that tell of a dependence; one or two of them are nothing but chance."""
+_ALIKE = 2.0
+"""Scatter over that of counting which the correlation of the noise may make."""
+_MOVING = 0.9
+_FEWEST_ARRIVALS = 20
+"""Arrivals that make a pile."""
+_MORE, _SIGMAS = 1.2, 5.0
+"""Ratio and deviations by which a pile exceeds the fuller of its neighbours."""
+_MOST_PILES = 3
+"""Values within; where there are more the lattice is uneven, as decimals of a binary step are."""
+_FINEST = 0.7
+"""Noise in steps from which the values vary smoothly; below, few codes say nothing."""
+_NEAR = 0.5
+"""Distance from the next value, in deviations, from which an extreme stands apart: no limit."""
+
+
+def step_of(samples: Array, lsb: float) -> float:
+    """Return the greatest step of which all differences are multiples, 0 where there is none.
+
+    A sender that rounds to whole mg after scaling leaves a coarser step than the sensor's. Samples
+    that are no multiples of the LSB (physical units come with an LSB of 1 for want of a better)
+    are asked for a step of their own: numbers printed in dps still lie on the sensor's lattice.
+
+    Examples
+    --------
+    >>> step_of(np.array([1.0, 1.5, 3.0, 0.5]), lsb=0.25)
+    0.5
+    """
+    if lsb <= 0 or len(samples) < 2:
+        return 0.0
+    counts = (samples - samples[0]) / lsb
+    whole = np.round(counts)
+    if np.max(np.abs(counts - whole)) > _OFF or (not whole.any() and counts.any()):
+        return find_step(samples)
+    codes = np.unique(whole).astype(np.int64)
+    common = int(np.gcd.reduce(codes))
+    if common > 1 or len(codes) < 2:
+        return float(max(common, 1) * lsb)
+    return _uneven_step(codes) * lsb
+
+
+def _uneven_step(codes: NDArray[np.int64]) -> float:
+    """Return the step in counts where a coarser rounding came before the converter's own.
+
+    The codes that occur are then the multiples of some step that is no whole number of counts, each
+    rounded: neighbours are alternately, say, 11 and 12 counts apart.
+    """
+    apart = np.diff(codes)
+    smallest = int(apart.min())
+    if smallest < 2:
+        return 1.0
+    index = np.concatenate([[0], np.cumsum(np.round(apart / (smallest + 0.5)))])
+    slope, start = np.polyfit(index, codes.astype(np.float64), 1)
+    even = np.max(np.abs(start + slope * index - codes)) <= 1.0
+    return float(slope) if even else 1.0
+
+
+def noise_on_lattice(samples: Array, step: float) -> float:
+    """Return the median standard deviation, in steps, of the noise before it was rounded.
+
+    In each of many short windows mean and deviation are found by maximum likelihood from how often
+    each value occurs; a window that holds one value only counts as 0.1.
+    """
+    length = max(64, min(2000, len(samples) // _WINDOWS))
+    starts = np.linspace(0, len(samples) - length, min(_WINDOWS, len(samples) // length)).astype(
+        int
+    )
+    found = []
+    for start in starts:
+        codes = np.round((samples[start : start + length] - samples[start]) / step)
+        values, seen = np.unique(codes, return_counts=True)
+        counts = seen.astype(np.float64)
+        if len(values) == 1:
+            found.append(0.1)
+            continue
+        if codes.std() > 1.5:
+            found.append(float(np.sqrt(max(codes.var() - 1 / 12, 0.01))))
+            continue
+
+        def loss(p: Array, values: Array = values, counts: Array = counts) -> float:
+            sigma = np.exp(p[1])
+            chance = ndtr((values + 0.5 - p[0]) / sigma) - ndtr((values - 0.5 - p[0]) / sigma)
+            return float(-np.sum(counts * np.log(np.maximum(chance, 1e-12))))
+
+        first = [codes.mean(), np.log(max(np.sqrt(max(codes.var() - 1 / 12, 0.0)), 0.15))]
+        found.append(float(np.exp(minimize(loss, first, method="Nelder-Mead").x[1])))
+    return float(np.median(found))
+
+
+@dataclass(frozen=True, slots=True)
+class Coincidence:
+    """Equal rows at distances beyond every run of repeats.
+
+    Attributes
+    ----------
+    moving : tuple of int
+        Columns of which not nearly every row equals the row before.
+    dependence : float
+        How much more often all of these are equal at once than if each were by itself; 1 at least.
+    limit : float
+        What it may be at most.
+    far : float
+        Share of the rows at a distance that are equal on all of them.
+    """
+
+    moving: tuple[int, ...]
+    dependence: float
+    limit: float
+    far: float
+
+    @classmethod
+    def of(cls, values: Array, equal: NDArray[np.bool_]) -> Coincidence:
+        """Count equal rows.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, axes)
+            The samples.
+        equal : ndarray of bool, shape (n - 1, axes)
+            Whether a row equals the row before, axis by axis.
+        """
+        moving = tuple(np.flatnonzero(equal.mean(axis=0) < _MOVING).tolist())
+        if len(moving) < 2:
+            return cls(moving, 1.0, 1.0, 0.0)
+        columns = np.ascontiguousarray(values[:, moving].T)
+        repeat = np.logical_and.reduce(equal[:, moving], axis=1)
+        single = 1.0 - float(repeat.mean())  # of equal rows, those that are not of the same run
+        found, counts = [], []
+        for lag in beyond_runs(repeat):
+            same = columns[:, lag:] == columns[:, :-lag]
+            apart = float(np.prod(same.mean(axis=1)))
+            together = np.count_nonzero(np.logical_and.reduce(same, axis=0))
+            counts.append(together)
+            found.append(
+                together / same.shape[1] / apart if together * single >= _FEWEST_EQUAL else 0.0
+            )
+        count = float(sum(counts)) / max(len(counts), 1)
+        relative = np.full(len(found), 1.0 / np.sqrt(max(count * single, 1.0)))
+        typical, limit = typical_and_limit(np.array(found), relative)
+        return cls(moving, max(1.0, typical), max(1.0, limit), count / len(values))
+
+
+def beyond_runs(repeat: NDArray[np.bool_]) -> range:
+    """Return distances at which rows are no repeats of the same row any more.
+
+    Parameters
+    ----------
+    repeat : ndarray of bool, shape (n - 1,)
+        Whether a row equals the row before.
+
+    Examples
+    --------
+    >>> beyond_runs(np.array([True, True, False] * 10)).start
+    4
+    """
+    bounds = np.flatnonzero(np.concatenate([[True], ~repeat, [True]]))
+    runs = np.diff(bounds) - 1
+    runs = runs[runs > 0]
+    longest = int(runs.max()) if len(runs) else 0
+    first = min(longest, len(repeat) // 4) + 2
+    return range(first, min(first + LAGS, len(repeat)))
+
+
+def typical_and_limit(found: Array, relative: Array) -> tuple[float, float]:
+    """Return the mean of what several distances show, and what one more must exceed.
+
+    Where they scatter as counting alone makes them, the mean is known far better than each. Where
+    they scatter more, some distances are like each other and others are not, as in what repeats
+    every few rows: then no distance may show as much.
+
+    Parameters
+    ----------
+    found : ndarray, shape (k,)
+        What each distance shows.
+    relative : ndarray, shape (k,)
+        Relative standard deviation of each by counting.
+    """
+    if not len(found):
+        return 0.0, 0.0
+    mean, scatter = float(found.mean()), float(found.std())
+    counting = mean * float(np.sqrt(np.mean(relative**2)))
+    if scatter <= _ALIKE * counting:
+        return mean, mean + _FAR_SIGMAS * _ALIKE * max(scatter, counting) / np.sqrt(len(found))
+    return mean, float(max(found.max(), mean + _FAR_SIGMAS * scatter))
+
+
+@dataclass(frozen=True)
+class Pile:
+    """A value at which samples pile up.
+
+    Attributes
+    ----------
+    value : float
+        The value.
+    share : float
+        Part of all samples that has it.
+    side : int
+        1 and -1 at the upper and lower end of all values, 0 within.
+    """
+
+    value: float
+    share: float
+    side: int
+
+
+def piles(samples: Array, step: float) -> tuple[Pile, ...]:
+    """Return where samples pile up, in the order of the values.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n,)
+        As measured.
+    step : float
+        Distance of the values that occur, 0 where they lie on no lattice.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(1).normal(size=10_000)
+    >>> piles(np.minimum(noise, 1.5), 0.0)
+    (Pile(value=1.5, share=0.0642, side=1),)
+    """
+    if len(samples) < _FEWEST_ARRIVALS:
+        return ()
+    differences = np.diff(samples)
+    moved = np.append(True, differences != 0)
+    spread = float(np.std(differences[moved[1:]])) / np.sqrt(2) if moved[1:].any() else 0.0
+    if spread <= _FINEST * step:
+        return ()
+    if step > 0:
+        codes = np.round((samples - samples.min()) / step).astype(np.int64)
+    else:
+        codes = np.unique(samples, return_inverse=True)[1]
+    values, arrivals = np.unique(codes[moved], return_counts=True)
+    peak = 1.0 if step <= 0 else float(np.exp(0.5 * (step / spread) ** 2))
+    full = arrivals >= _FEWEST_ARRIVALS
+    found = []
+    for i in np.flatnonzero(full).tolist():
+        side = (-1 if i == 0 else 0) + (1 if i == len(values) - 1 else 0)
+        # Of a value within, a Gaussian of this spread has so many more than of the next.
+        usual = (peak if side == 0 else 1.0) * _beside(values, arrivals, int(i), step)
+        if arrivals[i] < _MORE * usual + _SIGMAS * np.sqrt(max(usual, 1.0)):
+            continue
+        own = codes == values[i]
+        value = float(samples[np.argmax(own)])
+        if side and _gap(samples, own, value, side) > max(2 * step, _NEAR * spread):
+            continue
+        found.append(Pile(value, float(own.mean()), side))
+    uneven = len([pile for pile in found if pile.side == 0]) > _MOST_PILES
+    return tuple(pile for pile in found if pile.side or not uneven)
+
+
+def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step: float) -> float:
+    """Return the arrivals at the fuller one of the values beside one."""
+    near = [j for j in (i - 1, i + 1) if 0 <= j < len(values)]
+    if step > 0:
+        near = [j for j in near if abs(values[j] - values[i]) == 1]
+    return float(max((arrivals[j] for j in near), default=0))
+
+
+def _gap(samples: Array, own: NDArray[np.bool_], value: float, side: int) -> float:
+    rest = samples[~own]
+    return float(value - rest.max() if side > 0 else rest.min() - value) if len(rest) else np.inf

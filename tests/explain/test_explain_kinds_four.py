@@ -259,6 +259,15 @@ def saturation(b):
     return Four(*found.values(), truth, "unexplained")
 
 
+def scale_drift(b):
+    def scaled(relative):
+        return (1 + relative * b.t / b.t[-1]) * b.noise()
+
+    stretch = np.where(b.t > 0.7 * b.t[-1], 1.5, 1.0) * b.noise()
+    found = explain(b.record(scaled(0.5), stretch, scaled(0.06), b.noise())).axes
+    return Four(*found.values(), {"relative": (0.5, 0.1)}, "variance_change")
+
+
 def clock_error(b):
     record = b.record(b.noise())
 
@@ -289,7 +298,7 @@ FOURS: dict[str, Callable[..., Four]] = {
     for make in (
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
-        *(repeated_samples, clock_error, unexplained, saturation),
+        *(repeated_samples, clock_error, unexplained, saturation, scale_drift),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

@@ -9,8 +9,7 @@ from contextlib import contextmanager, nullcontext
 
 from allanscope.cli import parser
 from allanscope.errors import AllanscopeError, ExitCode
-from allanscope.sanitize import sanitize
-from allanscope.spelled import spell_out_standard_streams
+from allanscope.sanitize import sanitize, spell_out_standard_streams
 
 __all__ = ["main"]
 

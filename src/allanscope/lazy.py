@@ -1,4 +1,4 @@
-"""Names that a package offers and imports when they are first asked for.
+"""What is made when it is first asked for: names of a package, and properties of an instance.
 
 Numerical code with its compiled kernels is not light to load, and reading a result needs none of
 it. So a package says in which of its modules a name lives, and whoever uses the name pays for it::
@@ -11,6 +11,11 @@ it. So a package says in which of its modules a name lives, and whoever uses the
     __getattr__, __dir__ = lazily(__name__, {"SpectrumBank": "bank"})
 
 Type checkers and editors read the imports that are never run; the mapping names the same modules.
+
+A property that takes long to compute is `once`. `functools.cached_property` of Python 3.11 holds
+one lock for all instances of a class while it computes: the transforms of two axes, each in its own
+thread, would wait for each other. Here nothing is locked; two threads that ask the same instance at
+once both compute the same.
 """
 
 from __future__ import annotations
@@ -18,9 +23,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any
+from typing import Any, Generic, TypeVar, overload
 
-__all__ = ["lazily"]
+__all__ = ["lazily", "once"]
+
+_Owner = TypeVar("_Owner")
+_Value = TypeVar("_Value")
 
 
 def lazily(
@@ -57,3 +65,39 @@ def lazily(
         return sorted({*vars(sys.modules[package]), *homes})
 
     return find, names
+
+
+class once(Generic[_Owner, _Value]):  # noqa: N801 - reads as `property` does
+    """Decorate a method without arguments.
+
+    Examples
+    --------
+    >>> class Record:
+    ...     @once
+    ...     def mean(self) -> float:
+    ...         print("computed")
+    ...         return 0.5
+    >>> record = Record()
+    >>> record.mean + record.mean
+    computed
+    1.0
+    """
+
+    def __init__(self, compute: Callable[[_Owner], _Value]) -> None:
+        self._compute = compute
+        self._name = compute.__name__
+        self.__doc__ = compute.__doc__
+
+    @overload
+    def __get__(self, owner: None, kind: type[Any]) -> once[_Owner, _Value]: ...
+
+    @overload
+    def __get__(self, owner: _Owner, kind: type[Any]) -> _Value: ...
+
+    def __get__(self, owner: _Owner | None, kind: type[Any]) -> once[_Owner, _Value] | _Value:
+        """Compute the value and put it in the property's place in the instance."""
+        if owner is None:
+            return self
+        value = self._compute(owner)
+        owner.__dict__[self._name] = value
+        return value

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from allanscope.explain.steadiness import demodulate
+from allanscope.lazy import once
 from allanscope.noise.amplitudes import _nonnegative, _triangle, maximise
 from allanscope.noise.components import AngleQuantization, Flicker, RandomWalk, White
 from allanscope.noise.grid import grid_of
-from allanscope.noise.once import once
 
 Array = NDArray[np.float64]
 

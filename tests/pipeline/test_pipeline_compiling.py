@@ -14,7 +14,7 @@ from allanscope.errors import DeviceError
 from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings, live
 from allanscope.pipeline.process import COMPILING, load_kernels
 from allanscope.pipeline.replaying import prefetch
-from allanscope.spectrum import level
+from allanscope.spectrum import ladder
 
 PROGRAM = """
 import numba
@@ -62,7 +62,7 @@ def test_all_that_takes_long_is_loaded_before_the_port_is_opened(monkeypatch):
 def test_the_samples_that_are_taken_first_make_a_spectrum(monkeypatch):
     """So that its kernel, too, is there before the port is opened."""
     made = []
-    monkeypatch.setattr(level, "_add_squares", lambda spectra, power: made.append(spectra.shape))
+    monkeypatch.setattr(ladder, "_add_squares", lambda spectra, power: made.append(spectra.shape))
     load_kernels("native")
     assert made
 

@@ -23,7 +23,7 @@ from allanscope.simulator import (
     parse_effect,
 )
 from allanscope.simulator.effects import Scene, Setting, effect_kinds
-from allanscope.simulator.random_streams import stream
+from allanscope.simulator.noise import stream
 
 RATE = 104.0
 FLOOR = AxisTruth(N=0.003)

@@ -18,9 +18,9 @@ from allanscope.simulator.noise import (
     RandomWalk,
     White,
     WhitePhase,
+    stream,
 )
 from allanscope.simulator.noise.power_law import pole_bank
-from allanscope.simulator.random_streams import stream
 
 RATE = 104.0
 N_SAMPLES = 1 << 20

@@ -5,8 +5,7 @@ import pytest
 
 from allanscope.spectrum import SEGMENT, SpectrumBank
 from allanscope.spectrum.density import independent_averages
-from allanscope.spectrum.ladder import TAPS, Decimator
-from allanscope.spectrum.level import hann
+from allanscope.spectrum.ladder import TAPS, Decimator, hann
 
 RATE = 104.0
 

@@ -18,8 +18,8 @@ from scipy.ndimage import uniform_filter1d
 
 from allanscope.explain.values import Coincidence
 from allanscope.history import Record
+from allanscope.lazy import once
 from allanscope.noise.grid import Grid, grid_of
-from allanscope.noise.once import once
 from allanscope.parts import full_scale_of
 from allanscope.quantities import duration
 

@@ -23,13 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
+from allanscope.lazy import once
 from allanscope.noise import NoiseModel
 from allanscope.noise.components import Component
 from allanscope.noise.evidence import Ordinates
 from allanscope.noise.filters import combined_response
 from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.likelihood import Fit, Likelihood
-from allanscope.noise.once import once
 
 __all__ = ["Spectrum", "StepScan", "fit_spectrum", "loudness"]
 

@@ -13,11 +13,11 @@ from allanscope.explain.effect import SearchStep
 from allanscope.explain.series import Series
 from allanscope.explain.spectrum import Spectrum, StepScan, fit_spectrum
 from allanscope.explain.values import Pile, piles
+from allanscope.lazy import once
 from allanscope.noise import NoiseModel
 from allanscope.noise.components import Component, Flicker, RandomWalk, Rounding, White
 from allanscope.noise.filters import HeldPattern, HeldSamples
 from allanscope.noise.grid import Grid, Ranges
-from allanscope.noise.once import once
 from allanscope.noise.part import Part
 from allanscope.samples import unit_of
 

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.noise.once import once
+from allanscope.lazy import once
 from allanscope.noise.part import Component, Filter
 
 __all__ = ["Grid", "Ranges", "grid_of"]

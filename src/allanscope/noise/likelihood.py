@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from allanscope.lazy import once
 from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components import Component
 from allanscope.noise.evidence import Evidence
 from allanscope.noise.filters import combined_response
 from allanscope.noise.model import Free, NoiseModel
-from allanscope.noise.once import once
 
 __all__ = ["Fit", "Likelihood"]
 

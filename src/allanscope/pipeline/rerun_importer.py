@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return NOT_OURS
     os.environ.setdefault("RUST_LOG", "off")
     from allanscope.errors import AllanscopeError
-    from allanscope.spelled import spell_out_standard_streams
+    from allanscope.sanitize import spell_out_standard_streams
 
     spell_out_standard_streams()
 

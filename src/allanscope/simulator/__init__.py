@@ -23,9 +23,8 @@ from typing import TYPE_CHECKING
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
-    from allanscope.simulator.device import Device, run_device
+    from allanscope.simulator.device import EMULATED_WIRE, Device, run_device, run_emulated
     from allanscope.simulator.effect_spec import EffectSpec, effect_help, parse_effect
-    from allanscope.simulator.emulated import EMULATED_WIRE, run_emulated
     from allanscope.simulator.faults import FaultSpec, fault_help, parse_fault
     from allanscope.simulator.firmware import Firmware
     from allanscope.simulator.ledger import Ledger, Loss
@@ -59,7 +58,7 @@ __getattr__, __dir__ = lazily(
     {
         "AxisTruth": "truth",
         "Device": "device",
-        "EMULATED_WIRE": "emulated",
+        "EMULATED_WIRE": "device",
         "EffectSpec": "effect_spec",
         "FaultSpec": "faults",
         "Firmware": "firmware",
@@ -73,7 +72,7 @@ __getattr__, __dir__ = lazily(
         "parse_effect": "effect_spec",
         "parse_fault": "faults",
         "run_device": "device",
-        "run_emulated": "emulated",
+        "run_emulated": "device",
         "simulate_blocks": "record",
     },
 )

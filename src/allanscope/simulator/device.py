@@ -1,23 +1,34 @@
-"""A board on a cable: firmware, a port, and a thread in which time passes."""
+"""A board on a cable: firmware, a port, and a thread in which time passes.
+
+The real firmware runs as well (`run_emulated`): on QEMU's B-L475E-IOT01A, with its USART on a pty.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import math
+import shutil
+import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import TracebackType
 
-from allanscope.errors import UsageError
+from allanscope.errors import DeviceError, UsageError
 from allanscope.simulator.faults import FaultSpec, parse_fault
 from allanscope.simulator.firmware import RING_BYTES, Firmware
 from allanscope.simulator.ledger import Ledger
 from allanscope.simulator.simulator import Simulator
 from allanscope.simulator.virtual_port import VirtualPort, open_port
 
-__all__ = ["Device", "run_device"]
+__all__ = ["EMULATED_WIRE", "Device", "run_device", "run_emulated"]
+
+EMULATED_WIRE = "native"
+"""What the firmware of the board speaks."""
+
+FIRMWARE = Path(__file__).parents[3] / "firmware_protocol" / "device"
 
 LONGEST_WAIT_S = 0.02
 SHORTEST_WAIT_S = 0.002
@@ -255,3 +266,53 @@ def run_device(
         announce(device.url)
         device.wait(duration_s)
     return device.ledger
+
+
+def run_emulated(duration_s: float | None = None, link: Path | None = None) -> None:
+    """Build the firmware, start it, print its port, and keep it until Ctrl-C or for a time.
+
+    Parameters
+    ----------
+    duration_s : float, optional
+        Real seconds; for ever when not given.
+    link : Path, optional
+        Where the port is to be; in a temporary folder when not given.
+
+    Raises
+    ------
+    DeviceError
+        When the firmware's sources, the compiler or QEMU are not there; says how to get them.
+    """
+    if not FIRMWARE.is_dir():
+        raise DeviceError("the firmware is not part of the installed package: run from a checkout")
+    for tool, package in (
+        ("make", "make"),
+        ("arm-none-eabi-gcc", "gcc-arm-none-eabi"),
+        ("qemu-system-arm", "qemu-system-arm, version 10 or later"),
+    ):
+        if shutil.which(tool) is None:
+            raise DeviceError(f"{tool} is not on this machine; install {package}")
+    with tempfile.TemporaryDirectory(prefix="allanscope-") as folder:
+        subprocess.run(["make", "-s", "-C", str(FIRMWARE), f"OUT={folder}"], check=True)
+        port = link or Path(folder) / "ttySensorTile"
+        if port.exists() and not port.is_symlink():
+            raise UsageError(f"{port} exists and is no link; choose another path")
+        port.unlink(missing_ok=True)  # one that an earlier QEMU has left behind
+        command = ["qemu-system-arm", "-M", "b-l475e-iot01a", "-kernel", f"{folder}/paced.elf"]
+        command += ["-display", "none", "-monitor", "none", "-serial", "chardev:usart"]
+        command += ["-chardev", f"pty,id=usart,path={port}"]
+        quiet = subprocess.DEVNULL
+        process = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=subprocess.PIPE)
+        try:
+            while process.poll() is None and not port.exists():
+                time.sleep(0.02)
+            if port.exists():
+                print(port, flush=True)
+            process.wait(duration_s)
+        except (subprocess.TimeoutExpired, KeyboardInterrupt):
+            return
+        finally:
+            process.terminate()
+            said = process.communicate()[1].decode(errors="replace").split("\n")[0]
+            port.unlink(missing_ok=True)
+        raise DeviceError(f"QEMU ended with status {process.returncode}: {said}")

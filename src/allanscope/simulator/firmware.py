@@ -16,7 +16,7 @@ from allanscope.samples import Block, Ticks
 from allanscope.simulator.faults import FaultSpec, LineNoise, Occurrences
 from allanscope.simulator.ledger import Ledger
 from allanscope.simulator.line import Line, Ring, Unit
-from allanscope.simulator.random_streams import stream
+from allanscope.simulator.noise import stream
 from allanscope.simulator.simulator import Simulator
 from allanscope.wire import Command, format_named
 

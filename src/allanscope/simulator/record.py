@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from allanscope.errors import UsageError
 from allanscope.samples import Block
-from allanscope.simulator.random_streams import stream
+from allanscope.simulator.noise import stream
 from allanscope.simulator.simulator import Simulator
 from allanscope.wire import WireSettings, format_named
 

@@ -13,7 +13,7 @@ from allanscope.errors import UsageError
 from allanscope.parts import part_named
 from allanscope.samples import AXES, INT16_MAX, INT16_MIN, Block, StreamInfo, Ticks
 from allanscope.simulator.effects import Run, Scene, effect_kinds
-from allanscope.simulator.random_streams import stream
+from allanscope.simulator.noise import stream
 from allanscope.simulator.signals import AxisSignal, EffectChain, Thermometer
 from allanscope.simulator.truth import AxisTruth, Truth
 

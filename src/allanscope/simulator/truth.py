@@ -14,7 +14,7 @@ from allanscope.parts import part_named
 from allanscope.samples import AXES
 from allanscope.simulator.effect_spec import EffectSpec, parse_effect
 from allanscope.simulator.grammar import Parameter, number
-from allanscope.simulator.random_streams import stream
+from allanscope.simulator.noise import stream
 
 __all__ = ["AxisTruth", "TemperatureTruth", "Truth"]
 

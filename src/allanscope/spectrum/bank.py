@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.samples import Block
 from allanscope.spectrum.density import Density, Stretch, assemble
-from allanscope.spectrum.ladder import FACTOR, Ladder
-from allanscope.spectrum.level import SEGMENT
+from allanscope.spectrum.ladder import FACTOR, SEGMENT, Ladder
 from allanscope.spectrum.shard import SpectrumShard
 
 __all__ = ["SpectrumBank"]

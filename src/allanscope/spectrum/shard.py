@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.spectrum.ladder import FACTOR, Ladder
-from allanscope.spectrum.level import SEGMENT
+from allanscope.spectrum.ladder import FACTOR, SEGMENT, Ladder
 
 __all__ = ["ALIGNED", "SpectrumShard"]
 

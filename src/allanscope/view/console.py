@@ -12,7 +12,7 @@ from typing import TextIO
 
 from rich.console import Console
 
-from allanscope.spelled import spell_out
+from allanscope.sanitize import spell_out
 
 __all__ = ["Keys", "SteadyConsole"]
 

@@ -19,7 +19,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from allanscope.simulator.grammar import Parameter
-from allanscope.simulator.random_streams import stream
+from allanscope.simulator.noise import stream
 
 __all__ = [
     "Apply",

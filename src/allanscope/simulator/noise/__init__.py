@@ -24,19 +24,32 @@ alpha        generator       coefficient        two-sided density of rate   slop
 `GaussMarkov` and `Narrowband` are no power laws: they have a memory of their own. All are streams
 with one method, `take`: however a record is cut into portions, the samples are the same, bit for
 bit.
+
+Each draws from a random stream of its own (`stream`): then adding an effect, leaving an axis out or
+reading in other portions changes nothing else. The name is part of the seed, so no process needs to
+know which others exist.
 """
 
-from allanscope.simulator.noise.gauss_markov import GaussMarkov, Narrowband
-from allanscope.simulator.noise.power_law import (
-    Flicker,
-    FlickerPhase,
-    FlickerWalk,
-    PowerLaw,
-    RandomRun,
-    RandomWalk,
-    White,
-    WhitePhase,
-)
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+from numpy.random import SFC64, Generator, SeedSequence
+
+from allanscope.errors import UsageError
+from allanscope.lazy import lazily
+
+if TYPE_CHECKING:
+    from allanscope.simulator.noise.gauss_markov import GaussMarkov, Narrowband
+    from allanscope.simulator.noise.power_law import (
+        Flicker,
+        FlickerPhase,
+        FlickerWalk,
+        PowerLaw,
+        RandomRun,
+        RandomWalk,
+        White,
+        WhitePhase,
+    )
 
 __all__ = [
     "Flicker",
@@ -49,4 +62,33 @@ __all__ = [
     "RandomWalk",
     "White",
     "WhitePhase",
+    "stream",
 ]
+
+_POWER_LAWS = "Flicker FlickerPhase FlickerWalk PowerLaw RandomRun RandomWalk White WhitePhase"
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    dict.fromkeys(_POWER_LAWS.split(), "power_law")
+    | dict.fromkeys(("GaussMarkov", "Narrowband"), "gauss_markov"),
+)
+
+
+def stream(seed: int, *name: str) -> Generator:
+    """Return the generator that belongs to `seed` and to a name such as ``("gx", "flicker")``.
+
+    Raises
+    ------
+    UsageError
+        If the seed is negative.
+
+    Examples
+    --------
+    >>> stream(1, "gx", "white").random() == stream(1, "gx", "white").random()
+    True
+    >>> stream(1, "gx", "white").random() == stream(1, "gy", "white").random()
+    False
+    """
+    if seed < 0:
+        raise UsageError(f"a seed is 0 or more, not {seed}")
+    return Generator(SFC64(SeedSequence([seed, *(crc32(word.encode()) for word in name)])))

@@ -34,8 +34,8 @@ from blind_generator import draw_temperature
 from blind_noise import base_noise, draw_noise
 from figures import Figure, written
 
-from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects import ALPHA, KINDS
+from allanscope.explain.candidate import ALPHA, Candidate
+from allanscope.explain.effects import KINDS
 from allanscope.explain.series import series_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record

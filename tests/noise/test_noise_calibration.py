@@ -11,8 +11,9 @@ from allanscope.noise.selection import calibrated_penalty
 TABLE = tomllib.loads(files("allanscope.noise").joinpath("calibration.toml").read_text("utf-8"))
 
 
-def test_every_kind_has_a_row_and_no_other():
-    assert set(TABLE) == {*KINDS, "drift"}
+def test_every_row_is_a_kind():
+    """A kind that is new needs a row only where no equation gives its penalty."""
+    assert set(TABLE) <= {*KINDS, "drift"}
 
 
 @pytest.mark.parametrize("kind", sorted(TABLE))

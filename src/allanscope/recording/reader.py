@@ -280,7 +280,7 @@ class _Gathering:
 def _segments(path: Path) -> list[tuple[Path, Outline]]:
     """Return the files of a session with their outlines; strangers with a fitting name are not."""
     first, *later = session_files(path)
-    outline = _outline(first) if later and first.exists() else outline_of(first)
+    outline = _outline(first) if later else outline_of(first)
     beginning = any(damage.offset <= len(MAGIC) for damage in outline.damage)
     if not beginning and outline.profile != PROFILE and not outline.metadata:
         raise InputError(f"no recording: {first} is an MCAP file of something else")
@@ -296,11 +296,15 @@ def _segments(path: Path) -> list[tuple[Path, Outline]]:
 
 
 def _outline(path: Path) -> Outline:
-    """Return the outline of one of several files; one that is none of ours is damage."""
+    """Return the outline of one of several files; one that is there and none of ours is damage."""
     try:
         return outline_of(path)
     except InputError as error:
-        return Outline(damage=[Damage(path, 0, path.stat().st_size, str(error))])
+        try:
+            size = path.stat().st_size
+        except OSError:
+            raise error from None
+        return Outline(damage=[Damage(path, 0, size, str(error))])
 
 
 def _some(

@@ -274,8 +274,12 @@ class Recorder:
 
 def _size_beside(first: Path) -> int:
     """Return the bytes of a session: of all files that are named after its first one."""
-    with os.scandir(first.parent) as entries:
-        return sum(one.stat().st_size for one in entries if one.name.startswith(first.stem))
+    size = 0
+    with suppress(OSError), os.scandir(first.parent) as entries:
+        for one in entries:
+            if one.name.startswith(first.stem):
+                size += one.stat().st_size
+    return size
 
 
 def _reserved(first: Path) -> Path:

@@ -9,8 +9,12 @@ import pytest
 
 
 @pytest.fixture(scope="session", autouse=True)
-def ctrl_c() -> Iterator[None]:
-    """Let processes hear Ctrl-C, which a shell keeps from what it starts in the background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+def ending_signals() -> Iterator[None]:
+    """Let processes hear the signals that a shell, or nohup, keeps from what runs on its own."""
+    before = {
+        signal.SIGINT: signal.signal(signal.SIGINT, signal.default_int_handler),
+        signal.SIGHUP: signal.signal(signal.SIGHUP, signal.SIG_DFL),
+    }
     yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)

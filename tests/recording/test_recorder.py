@@ -222,7 +222,7 @@ def test_a_file_that_is_cut_keeps_the_rest_and_recording_goes_on(tmp_path: Path,
     recorder = Recorder(tmp_path, {}, commit_s=0.01)
     for index in range(3):
         recorder.rx(noise(index))
-        wait_until(lambda index=index: numbers(tmp_path) == list(range(index + 1)))  # type: ignore[misc]
+        wait_until(lambda index=index: numbers(tmp_path) == list(range(index + 1)))
     path = tmp_path / "session.mcap"
     os.truncate(path, left if left == 0 else path.stat().st_size + left)
     recorder.rx(noise(3))

@@ -290,7 +290,7 @@ def demodulate(data: Array, rate: float, frequency: float, parts: int) -> NDArra
 
 
 @njit(cache=True, nogil=True)
-def _demodulated(data, mean, angle, size):  # type: ignore[no-untyped-def]
+def _demodulated(data: Array, mean: float, angle: float, size: int) -> NDArray[np.complex128]:
     sums = np.zeros(data.size // size, np.complex128)
     turn = np.exp(-1j * angle)
     for part in range(sums.size):

@@ -7,6 +7,7 @@ that have come by then as one. A replay at full speed puts thousands there in th
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
@@ -44,7 +45,7 @@ class Inbox:
     def __init__(self, room: int = REPLAY_ROOM, together_s: float = TOGETHER_S) -> None:
         self._queue: queue.SimpleQueue[Chunk] = queue.SimpleQueue()
         self._taken = threading.Condition()
-        self._left = room
+        self._left: float = room
         self._together_s = together_s
 
     def put(self, chunk: Chunk) -> None:
@@ -60,7 +61,7 @@ class Inbox:
 
     def give_up(self) -> None:
         """Let a reader go that waits for room: nobody takes anything any more."""
-        self._free(1 << 60)
+        self._free(math.inf)
 
     def take(self) -> list[Chunk]:
         """Wait for a read, and return all that have come a moment later, in order."""
@@ -75,7 +76,7 @@ class Inbox:
         self._free(sum(len(chunk.data) + _OVERHEAD for chunk in taken))
         return taken
 
-    def _free(self, size: int) -> None:
+    def _free(self, size: float) -> None:
         with self._taken:
             self._left += size
             self._taken.notify_all()

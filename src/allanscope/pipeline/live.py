@@ -219,7 +219,7 @@ def _leave(
         words = f"{folder} takes no more: {' and '.join(_RESULTS)} are in {place}"
         terminal.line(words, "error")
         if quiet:
-            print(f"allanscope: {words}", file=sys.stderr, flush=True)
+            _complain(words)
     terminal.line(f"wrote {', '.join(kept)} in {folder}")
     terminal.line(f"to see the charts again: allanscope open {folder}")
 
@@ -227,9 +227,14 @@ def _leave(
 def _tell_alarm(line: str, news: News, quiet: bool) -> None:
     """Tell what the recorder has to say, at once; called in its thread."""
     if quiet and line:
-        print(f"allanscope: {line}", file=sys.stderr, flush=True)
+        _complain(line)
     kind: Literal["error", "text"] = "error" if line else "text"
     news.put(Notice(kind, line or "the recording is whole again", {"host": 1}))
+
+
+def _complain(line: str) -> None:
+    """Say what must be known though the terminal is to be quiet."""
+    print(f"allanscope: {line}", file=sys.stderr, flush=True)
 
 
 def _metadata(source: Source, device: DeviceSettings) -> dict[str, str]:

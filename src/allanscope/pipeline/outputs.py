@@ -79,15 +79,16 @@ def write_results(analysis: Analysis, folder: Path) -> Path:
     Path
         Where they are: a new folder among the temporary ones if this one takes no more.
     """
+
+    def write(place: Path) -> Path:
+        write_json(analysis, place / "result.json")
+        write_report(analysis, place / "report.html")
+        return place
+
     try:
-        write_json(analysis, folder / "result.json")
-        write_report(analysis, folder / "report.html")
-        return folder
+        return write(folder)
     except UsageError:
-        other = Path(tempfile.mkdtemp(prefix="allanscope-"))
-        write_json(analysis, other / "result.json")
-        write_report(analysis, other / "report.html")
-        return other
+        return write(Path(tempfile.mkdtemp(prefix="allanscope-")))
 
 
 def _save(drawn: Mapping[str, Picture], folder: Path) -> None:

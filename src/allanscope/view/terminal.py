@@ -70,11 +70,12 @@ class TerminalView:
         clock: Callable[[], float] = time.monotonic,
         whole_s: float | None = None,
     ) -> None:
-        self._worker = Worker("terminal") if stream is None else None
+        is_standard = stream is None
         stream = stream or sys.stdout
         if mode == "auto":
             mode = "live" if stream.isatty() and os.environ.get("TERM") != "dumb" else "plain"
         self._mode = mode
+        self._worker = Worker("terminal") if is_standard and mode != "quiet" else None
         self._clock = clock
         self._whole_s = whole_s
         self._began = clock()

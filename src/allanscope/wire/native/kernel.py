@@ -162,9 +162,17 @@ _INTS = types.int64[::1]
     cache=True,
     nogil=True,
 )
-def _read_frames(  # type: ignore[no-untyped-def]
-    data, joining, table, headers, ends, samples, others, other_rows, other_ends
-):
+def _read_frames(
+    data: NDArray[np.uint8],
+    joining: bool,
+    table: NDArray[np.uint32],
+    headers: NDArray[np.uint8],
+    ends: NDArray[np.int64],
+    samples: NDArray[np.uint8],
+    others: NDArray[np.uint8],
+    other_rows: NDArray[np.int64],
+    other_ends: NDArray[np.int64],
+) -> tuple[int, int, int, int, int, int, int, int]:
     """Read all complete frames of a buffer that starts at the beginning of a chunk.
 
     Parameters

@@ -69,7 +69,14 @@ def test_a_live_lossy_session(live):
     STRICT.validate(live)
     assert live["lost_samples"] > 0
     assert live["segments"] > 1
-    assert set(live["link"]) >= {"bytes", "frames", "crc_errors", "resyncs", "reconnects"}
+    assert set(live["link"]) >= {
+        "bytes",
+        "frames",
+        "crc_errors",
+        "resyncs",
+        "suspect",
+        "reconnects",
+    }
 
 
 def test_a_replay_of_it(live, folder):

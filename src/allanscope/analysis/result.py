@@ -238,6 +238,7 @@ class Analysis:
                 "crc_errors": self.link.crc_errors,
                 "resyncs": self.link.resyncs,
                 "unknown": self.link.unknown,
+                "suspect": self.link.suspect,
                 "reconnects": self.reconnects,
             },
             "temperature": dict(self.temperature),

@@ -247,12 +247,15 @@ def _named(names: Iterable[str], axes: Mapping[str, AxisAnalysis]) -> str:
 
 
 def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
+    suspect = analysis.link.suspect
+    doubt = f"{suspect}, left out: a value far from all rows around it, on a line that damages rows"
+    suspects = [VerdictLine("note", "Suspect rows", doubt)] if suspect else []
     if not analysis.lost_samples and not analysis.unknown_losses:
-        return []
+        return suspects
     share = analysis.lost_samples / max(analysis.samples + analysis.lost_samples, 1)
     grade: Grade = "bad" if share > _NOTICEABLE_LOSS else "note"
     text = f"{losses_text(analysis)} ({number(100.0 * share, 2)} %)"
-    return [VerdictLine(grade, "Lost samples", text)]
+    return [VerdictLine(grade, "Lost samples", text), *suspects]
 
 
 def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:

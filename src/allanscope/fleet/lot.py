@@ -25,7 +25,7 @@ _UNREAD = ("remarks", "sha256", "firmware", "unique_id", "serial_number")
 
 _COEFFICIENT = ("value", "lower", "upper", "detected")
 _ERROR = ("chi2_per_dof", "p_value", "rms_percent", "expected_rms_percent", "worst_band_z")
-_LINK = ("bytes", "frames", "crc_errors", "resyncs", "reconnects")
+_LINK = ("bytes", "frames", "crc_errors", "resyncs", "suspect", "reconnects")
 _TEMPERATURE = ("first", "last", "lowest", "highest")
 _TEXTS = ("started", "unique_id", "serial_number", "firmware")
 GROUP_ROWS = 1 << 14

@@ -312,7 +312,8 @@ def quality(analysis: Analysis) -> list[Fact]:
             "link",
             f"{size(link.bytes)} in {count(link.frames)} frames, "
             f"{link.crc_errors} checksum errors, "
-            f"{link.resyncs} resynchronisations, {analysis.reconnects} reconnections",
+            f"{link.resyncs} resynchronisations, {link.suspect} suspect rows, "
+            f"{analysis.reconnects} reconnections",
         ),
     ]
     if analysis.temperature:

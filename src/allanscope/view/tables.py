@@ -151,8 +151,8 @@ def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
         ("received", f"{size(link.bytes)} in {count(link.frames)} frames"),
         (
             "link errors",
-            f"{link.crc_errors} checksums, {link.resyncs} resyncs, {analysis.reconnects} "
-            "reconnections",
+            f"{link.crc_errors} checksums, {link.resyncs} resyncs, {link.suspect} suspect rows, "
+            f"{analysis.reconnects} reconnections",
         ),
     ]
     if analysis.temperature:

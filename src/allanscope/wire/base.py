@@ -44,6 +44,9 @@ class LinkStats:
         Times that bytes had to be thrown away to find the next frame.
     unknown : int
         Sound frames of a type that this version does not know.
+    suspect : int
+        Rows that no check refused and their neighbours do not bear out, on a line that damages
+        rows: left out like a damaged one, and among the lost where times or numbers tell.
     samples : int
         Samples delivered.
     lost_samples : int
@@ -57,6 +60,7 @@ class LinkStats:
     crc_errors: int = 0
     resyncs: int = 0
     unknown: int = 0
+    suspect: int = 0
     samples: int = 0
     lost_samples: int = 0
     unknown_losses: int = 0

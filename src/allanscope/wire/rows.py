@@ -4,7 +4,8 @@ Text and stock firmware send rows of values. What they mean (which axes, which s
 first few of them, so the first 25 are held back until a format has decided (of a file up to 1024
 where their times come unevenly); then come the StreamInfo and the Blocks. Losses are told by the
 time stamps where there are any (`continuity`); where there are none, a damaged row leaves a gap of
-unknown length.
+unknown length. On a line that damages rows one that its neighbours do not bear out is left out as
+suspect (`plausibility`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from allanscope.samples import Block, Event, Gap, GapReason, Notice
 from allanscope.wire.base import LinkStats
 from allanscope.wire.continuity import Continuity
+from allanscope.wire.plausibility import Plausibility
 from allanscope.wire.row import HELD, Meaning, Row, ticks_of, whole
 
 __all__ = ["Rows"]
@@ -56,6 +58,7 @@ class Rows:
         self._meaning: Meaning | None = None
         self._time_per_second = 1.0
         self._continuity = Continuity(checked)
+        self._plausibility = Plausibility()
         self._index = 0
         self._misfits: list[tuple[int, tuple[float, ...]]] = []
         self._damaged = False
@@ -101,7 +104,7 @@ class Rows:
                 if len(self._pending) < held and not final:
                     break
                 self._settle(events, held)
-            elif not self._deliver(self._meaning, events):
+            elif not self._deliver(self._meaning, events, final):
                 break
         if final:
             self._pending.clear()
@@ -125,6 +128,7 @@ class Rows:
             self._stats.unknown += len(first)
             del self._pending[: len(first)]
             return
+        self._plausibility.restart()
         self._rescale(self._meaning.time_per_second)
         times = [row.device_s for row in whole(self._pending[:HELD], self._meaning)]
         self._continuity.interrupt("restarted")
@@ -142,27 +146,31 @@ class Rows:
                 row._replace(device_s=row.device_s / time_per_second) for row in self._pending
             ]
 
-    def _deliver(self, meaning: Meaning, events: list[Event]) -> bool:
+    def _deliver(self, meaning: Meaning, events: list[Event], final: bool) -> bool:
         """Deliver what is pending; return False when the last row must wait for the one after."""
         rows, self._pending = whole(self._pending, meaning), []
         if not rows:
             return True
         counts, agree = meaning.convert(np.array([row.values for row in rows], np.float64))
+        judged = self._plausibility.judge(counts[agree])
         between = self._continuity
         start = 0
         for i, (row, agrees) in enumerate(zip(rows, agree.tolist(), strict=True)):
             missing = between.missing(row)
             doubtful = agrees and between.in_doubt(row, missing)
             failed = not agrees and self._failed(meaning, row)
-            if failed or (doubtful and i + 1 == len(rows)):
+            suspect = agrees and judged.next(row.damaged_before)
+            waits = doubtful and i + 1 == len(rows)
+            if failed or waits or (suspect and judged.is_last and not final):
                 self._block(rows[start:i], counts[start:i], events)
                 self._pending = rows[i:]
                 self._meaning = None if failed else meaning
+                self._plausibility.follow(counts[:i][agree[:i]])
                 return failed
-            if not agrees or (doubtful and not between.borne_out(row, rows[i + 1])):
+            unsound = not agrees or (doubtful and not between.borne_out(row, rows[i + 1]))
+            if unsound or suspect:
                 self._block(rows[start:i], counts[start:i], events)
-                self._stats.resyncs += 1
-                between.discard()
+                self._leave_out(unsound)
                 start = i + 1
                 continue
             gap = between.follow(row, missing)
@@ -171,7 +179,17 @@ class Rows:
                 self._say(gap, events)
                 start = i
         self._block(rows[start:], counts[start:], events)
+        self._plausibility.follow(counts[agree])
         return True
+
+    def _leave_out(self, unsound: bool) -> None:
+        """Note a row that is left out: damaged for sure, or else suspect."""
+        if unsound:
+            self._stats.resyncs += 1
+            self._plausibility.note_damage()
+        else:
+            self._stats.suspect += 1
+        self._continuity.discard()
 
     def _failed(self, meaning: Meaning, row: Row) -> bool:
         """Note a row that does not fit; return whether it is the meaning that does not.

@@ -1,6 +1,6 @@
 """The case study of docs/closing_the_loop.md, from the recording to numbers and pictures.
 
-python benchmarks/case_study.py [../shared/recordings/st_gyro_8p75mdps_warmup/gyro_x.npz]
+python benchmarks/case_study.py [recordings/measured/st-gyro-warmup.parquet]
 [--figures docs/figures] [--again]
 
 With --again what was found is simulated, and the loop is turned on the simulated sensor.
@@ -17,16 +17,17 @@ from numpy.typing import NDArray
 from allanscope.explain import AxisExplanation, Explanation, explain
 from allanscope.explain.residual import deviation_of
 from allanscope.history import Record
+from allanscope.pipeline.table_files import table_of_file
 from allanscope.simulator import Simulator, Truth
 
 RATE_HZ = 100.0
-RECORDING = Path("../shared/recordings/st_gyro_8p75mdps_warmup/gyro_x.npz")
+RECORDING = Path(__file__).parents[1] / "recordings" / "measured" / "st-gyro-warmup.parquet"
 
 
 def read(path: Path) -> Record:
     """Read the counts of the one axis."""
-    data = np.load(path)
-    return as_record(data["gx_counts"], float(data["dps_per_count"]))
+    columns = table_of_file(path).columns
+    return as_record(columns.axes["gx"], columns.scales["gx"])
 
 
 def as_record(counts: NDArray[np.integer], scale: float) -> Record:

@@ -13,6 +13,7 @@ from allanscope.noise.drift import fit_drift, ramp_pattern
 from allanscope.noise.evidence import Ordinates
 from allanscope.noise.likelihood import Likelihood
 from allanscope.parts import part_named
+from allanscope.pipeline.table_files import table_of_file
 from allanscope.spectrum import SpectrumBank
 
 RATE = 104.0
@@ -256,11 +257,9 @@ def test_the_time_to_wait_is_about_what_it_takes(study, make_noise):
 
 
 def test_real_gyro_with_an_undeclared_warm_up():
-    path = Path("../shared/recordings/st_gyro_8p75mdps_warmup/gyro_x.npz")
-    if not path.exists():
-        pytest.skip("the recording is not beside the project")
-    with np.load(path) as file:
-        samples = file["gx_counts"] * float(file["dps_per_count"])
+    path = Path(__file__).parents[2] / "recordings" / "measured" / "st-gyro-warmup.parquet"
+    columns = table_of_file(path).columns
+    samples = columns.axes["gx"] * columns.scales["gx"]
     fit = fit_array(samples, 100.0, lsb=8.75e-3)
     found = fit.coefficients
     assert found["K"].detected

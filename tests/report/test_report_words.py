@@ -10,7 +10,7 @@ from allanscope.analysis.datasheet import compare
 from allanscope.explain import Effect, Parameter
 from allanscope.noise import Coefficient
 from allanscope.parts import part_named
-from allanscope.report import words
+from allanscope.report import coefficient_words, words
 
 
 def facts(found):
@@ -18,7 +18,7 @@ def facts(found):
 
 
 def test_a_coefficient_that_is_not_detected_is_a_limit_with_the_time_to_wait(analysis):
-    rows = {row.name: row for row in words.coefficient_rows(analysis.axes["gx"])}
+    rows = {row.name: row for row in coefficient_words.coefficient_rows(analysis.axes["gx"])}
     assert list(rows) == ["N", "B", "K", "Q", "R"]
     assert rows["K"].value.startswith("< ")
     assert rows["K"].decision == "known in 10 h"
@@ -34,8 +34,8 @@ def test_the_other_unit_is_the_same_quantity(analysis):
     accel = replace(
         analysis.axes["ax"], coefficients={"N": Coefficient(1e-6, 9e-7, 1.1e-6, "", True)}
     )
-    assert words.coefficient_rows(gyro)[0].other == "0.0600 °/√h"
-    assert words.coefficient_rows(accel)[0].other == "9.81e-6 m/s²/√Hz"
+    assert coefficient_words.coefficient_rows(gyro)[0].other == "0.0600 °/√h"
+    assert coefficient_words.coefficient_rows(accel)[0].other == "9.81e-6 m/s²/√Hz"
 
 
 def test_level_says_how_stable_it_was_or_that_the_run_is_too_short(analysis):

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         Level,
         ModelCurve,
         Rate,
+        Reading,
     )
     from allanscope.analysis.summary import Depth, summarise
     from allanscope.analysis.verdict_lines import (
@@ -75,6 +76,7 @@ __all__ = [
     "LoopInput",
     "ModelCurve",
     "Rate",
+    "Reading",
     "StreamState",
     "Verdict",
     "VerdictLine",
@@ -112,6 +114,7 @@ __getattr__, __dir__ = lazily(
         "LoopInput": "analyser",
         "ModelCurve": "result",
         "Rate": "result",
+        "Reading": "result",
         "SCHEMA": "result",
         "StreamState": "analyser",
         "Verdict": "verdict_lines",

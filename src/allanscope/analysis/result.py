@@ -18,9 +18,22 @@ from allanscope.samples import Origin
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
 
-__all__ = ["SCHEMA", "Analysis", "AsOf", "AxisAnalysis", "Level", "ModelCurve", "Rate"]
+__all__ = [
+    "READINGS",
+    "SCHEMA",
+    "Analysis",
+    "AsOf",
+    "AxisAnalysis",
+    "Level",
+    "ModelCurve",
+    "Rate",
+    "Reading",
+]
 
 SCHEMA = "allanscope/1"
+
+READINGS = ("N", "N_1s", "B", "K")
+"""What can be read, in the order of tables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +113,33 @@ class AsOf:
 
 
 @dataclass(frozen=True, slots=True)
+class Reading:
+    """A coefficient as it is read off a curve.
+
+    Attributes
+    ----------
+    value : float
+        In `unit`.
+    lower, upper : float
+        95 % interval; `lower` is 0 where the curve has not risen from its minimum, so that only the
+        upper limit is known.
+    unit : str
+        E.g. ``dps/sqrt(Hz)``.
+    tau_s : float or None
+        Averaging time in s at which the deviation was read.
+    band_hz : (float, float) or None
+        Lowest and highest frequency in Hz between which the density was read.
+    """
+
+    value: float
+    lower: float
+    upper: float
+    unit: str
+    tau_s: float | None = None
+    band_hz: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class ModelCurve:
     """A fitted model, evaluated for drawing.
 
@@ -130,6 +170,8 @@ class AxisAnalysis:
         Estimator name to its curve (one axis, only taus that have a value).
     coefficients : mapping
         Q, N, B, K, R; empty until the first fit.
+    readings : mapping
+        ``N``, ``N_1s``, ``B``, ``K`` as read off the curves, those that can be.
     coefficients_as_of : AsOf or None
         What they were fitted to: all there is, unless a fit has failed since.
     explanation_as_of : AsOf or None
@@ -158,6 +200,7 @@ class AxisAnalysis:
     explanation: AxisExplanation | None = None
     remarks: tuple[str, ...] = ()
     failure: str = ""
+    readings: Mapping[str, Reading] = field(default_factory=dict)
     coefficients_as_of: AsOf | None = None
     explanation_as_of: AsOf | None = None
 
@@ -263,6 +306,10 @@ def _axis_dict(axis: AxisAnalysis) -> dict[str, Any]:
             else {**_UNKNOWN, "unit": axis.unit + unit}
             for name, unit in _UNITS.items()
         },
+        "readings": {
+            name: asdict(axis.readings[name]) if name in axis.readings else None
+            for name in READINGS
+        },
         "coefficients_as_of": asdict(axis.coefficients_as_of) if axis.coefficients_as_of else None,
         "best_averaging": asdict(axis.best_averaging) if axis.best_averaging else None,
         "datasheet": {k: asdict(v) for k, v in axis.datasheet.items()}
@@ -275,7 +322,10 @@ def _axis_dict(axis: AxisAnalysis) -> dict[str, Any]:
 
 
 _UNITS = {"N": "/sqrt(Hz)", "B": "", "K": "/sqrt(s)", "Q": "*s", "R": "/s"}
-_UNKNOWN = {"value": None, "lower": None, "upper": None, "detected": False, "wait_s": None}
+_UNKNOWN = {
+    **{"value": None, "lower": None, "upper": None, "detected": False, "wait_s": None},
+    **{"white_alone": None, "decoupled": None},
+}
 _NOT_COMPARED: dict[str, Any] = {
     "limit": None,
     "measured": None,

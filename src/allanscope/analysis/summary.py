@@ -20,21 +20,22 @@ from allanscope.analysis.analyser import (
 )
 from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.model_curves import draw_models
+from allanscope.analysis.published import published
+from allanscope.analysis.reading_remarks import disagreement
+from allanscope.analysis.readings import read_axis
+from allanscope.analysis.remarks import axis_remarks, run_remarks
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
-from allanscope.clock import DISAGREEMENT
 from allanscope.explain import Explanation, explain, failed, failure_text, fit_beside
 from allanscope.history import Record
 from allanscope.noise import (
     Coefficient,
     DatasheetVerdict,
     NoiseFit,
-    advice,
     find_best_averaging,
     fit_noise,
 )
 from allanscope.parts import PARTS, full_scale_of
-from allanscope.quantities import number
 from allanscope.samples import unit_of
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
@@ -107,7 +108,7 @@ def summarise(
         marks=_marks(analyser, state, rate_hz),
         assumptions=tuple(analyser.assumptions),
         remarks=(
-            *_remarks(analyser, state, rate),
+            *run_remarks(analyser, state, rate),
             *sampling_remarks(axes, _claimed(state, rate), offered),
         ),
         version=version("allanscope"),
@@ -287,10 +288,20 @@ def _axis(
     if fit is None:
         fit = _fit(record, name, density, part)
     curve = curves.get("oadev")
-    coefficients = dict(fit.coefficients) if fit else {}
+    fits = {**(loop.fits if loop else {}), **({name: fit} if fit else {})}
+    coefficients = published(name, fits, loop.axes if loop else {})
+    readings = read_axis(density, curve, unit_of(name))
     searched = AsOf(loop.length_s, loop.samples) if loop and explanation else None
     model = fit.model if fit else None
-    drawn = draw_models(name, loop, model, curve, density, rate.best_hz, coefficients)
+    own = fit.coefficients if fit else {}
+    drawn = draw_models(name, loop, model, curve, density, rate.best_hz, own)
+    apart = disagreement(
+        unit_of(name),
+        coefficients,
+        readings,
+        explanation.effects if explanation else (),
+        fit.rounding if fit else 0.0,
+    )
     return AxisAnalysis(
         unit=unit_of(name),
         curves=curves,
@@ -311,9 +322,14 @@ def _axis(
         model_before=drawn.before,
         density_model=drawn.density,
         explanation=explanation,
+        readings=readings,
         coefficients_as_of=as_of if coefficients else None,
         explanation_as_of=searched,
-        remarks=(*_axis_remarks(state, column), *(fit.remarks if fit else ())),
+        remarks=(
+            *axis_remarks(state, column),
+            *(fit.remarks if fit else ()),
+            *((apart,) if apart else ()),
+        ),
     )
 
 
@@ -357,35 +373,3 @@ def _datasheet(
         rms=rms_of(density),
         step_limited=step_limited,
     )
-
-
-def _axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:
-    out = []
-    if state.samples and state.lowest[column] == state.highest[column]:
-        unit = unit_of(state.info.axes[column])
-        step = state.info.scale[column] if state.counted else 0.0
-        words = advice(unit, step, constant=True)
-        held = "counts" if state.counted else unit
-        out.append(f"every sample is {state.lowest[column]:g} {held}: {words}")
-    if state.saturated[column]:
-        out.append(f"saturated: {state.saturated[column]} samples at the end of the range")
-    return tuple(out)
-
-
-def _remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str, ...]:
-    out = []
-    others = [one for one in analyser.configurations if one is not state and one.samples]
-    if others:
-        out.append(
-            f"The device changed its configuration: {sum(one.samples for one in others)} samples "
-            "of other configurations are recorded but not part of this result."
-        )
-    if rate.measured_hz is None:
-        out.append("The true sample rate is not known: averaging times use the nominal rate.")
-    apart_ppm = rate.device_against_host_ppm
-    if rate.source == "device" and apart_ppm is not None and abs(apart_ppm) > 1e6 * DISAGREEMENT:
-        out.append(
-            f"The clocks of the device and the computer differ by {number(abs(apart_ppm), 2)} ppm, "
-            "as when the computer reads late: the rate is by the device's clock."
-        )
-    return (*out, *dict.fromkeys(analyser.errors[-5:]))

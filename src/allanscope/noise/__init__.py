@@ -11,7 +11,8 @@
 file, exact in discrete time (`part`, `transfer`); a `NoiseModel` (`model`) is components behind
 filters. `grid` and `evidence` make the data independent, `likelihood` and `amplitudes` find the
 most likely numbers, `drift` and `selection` decide what else the data demand where no search has
-run, `estimates` turns the maximum into `coefficients` with intervals, and `fit` puts it together.
+run, `estimates` turns the maximum into `coefficients` with intervals, and `fit` puts it together;
+`white_level` says what N of an axis is.
 `crlb` says how well any of it can be known; `covariance` and `curve_fit` judge a model by the Allan
 curve and fit one to it, and `whiteness` looks at the spectrum.
 """
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from allanscope.noise.coefficients import (
         BestAveraging,
         Coefficient,
+        CoefficientPart,
         DatasheetVerdict,
         find_best_averaging,
     )
@@ -32,14 +34,17 @@ if TYPE_CHECKING:
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
     from allanscope.noise.model import NoiseModel
     from allanscope.noise.quantised import advice, find_step
+    from allanscope.noise.white_level import add_coupled, total_white
 
 __all__ = [
     "BestAveraging",
     "Coefficient",
+    "CoefficientPart",
     "CurveResidual",
     "DatasheetVerdict",
     "NoiseFit",
     "NoiseModel",
+    "add_coupled",
     "advice",
     "find_best_averaging",
     "find_step",
@@ -48,6 +53,7 @@ __all__ = [
     "fit_noise",
     "gls_chi2",
     "relative_bounds",
+    "total_white",
     "wait_until",
 ]
 
@@ -56,10 +62,12 @@ __getattr__, __dir__ = lazily(
     {
         "BestAveraging": "coefficients",
         "Coefficient": "coefficients",
+        "CoefficientPart": "coefficients",
         "CurveResidual": "curve_fit",
         "DatasheetVerdict": "coefficients",
         "NoiseFit": "fit",
         "NoiseModel": "model",
+        "add_coupled": "white_level",
         "advice": "quantised",
         "find_best_averaging": "coefficients",
         "find_step": "quantised",
@@ -69,5 +77,6 @@ __getattr__, __dir__ = lazily(
         "gls_chi2": "curve_fit",
         "relative_bounds": "crlb",
         "wait_until": "crlb",
+        "total_white": "white_level",
     },
 )

@@ -9,7 +9,28 @@ import numpy as np
 
 from allanscope.allan import Deviation
 
-__all__ = ["BestAveraging", "Coefficient", "DatasheetVerdict", "find_best_averaging"]
+__all__ = [
+    "BestAveraging",
+    "Coefficient",
+    "CoefficientPart",
+    "DatasheetVerdict",
+    "find_best_averaging",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class CoefficientPart:
+    """A part of a coefficient: estimate, 95 % interval, and whether it was detected."""
+
+    value: float
+    lower: float
+    upper: float
+    detected: bool
+
+    @classmethod
+    def of(cls, whole: Coefficient) -> CoefficientPart:
+        """Return a coefficient as the part of another."""
+        return cls(whole.value, whole.lower, whole.upper, whole.detected)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +50,11 @@ class Coefficient:
     wait_s : float or None
         How much longer to run until it can be expected to be known to about 20 %; None when it is
         known already or when nothing can be said.
+    white_alone : CoefficientPart or None
+        Of N: the white noise of the axis alone, where N has more in it, a process of short
+        correlation time or another axis; else None.
+    decoupled : CoefficientPart or None
+        Of N: what it is without other axes that leak in, where one does; else None.
     """
 
     value: float
@@ -37,6 +63,8 @@ class Coefficient:
     unit: str
     detected: bool
     wait_s: float | None = None
+    white_alone: CoefficientPart | None = None
+    decoupled: CoefficientPart | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -156,11 +156,15 @@ def to_junit(verdicts: list[Verdict], recording: Path, specification: Path) -> s
 def _measured(axis: AxisAnalysis, name: str) -> Coefficient | None:
     """Return a coefficient of an axis as it is measured, with what other axes bring.
 
-    Where another axis leaks in, the published coefficients are those without it. Two axes that hold
-    one signal explain each other that way, down to any noise one likes.
+    N has it. Where another axis leaks in, the other published coefficients are those without it:
+    two axes that hold one signal explain each other that way, down to any noise one likes.
     """
     found, loop = axis.coefficients.get(name), axis.explanation
-    if loop is None or not any("source" in effect.parameters for effect in loop.effects):
+    if (
+        name == "N"
+        or loop is None
+        or not any("source" in effect.parameters for effect in loop.effects)
+    ):
         return found
     before = loop.coefficients_before.get(name)
     if found is None or before is None or before.value <= found.value:

@@ -15,7 +15,7 @@ from allanscope.quantities import (
     number,
     symbols,
 )
-from allanscope.report import words
+from allanscope.report import coefficient_words, words
 from allanscope.report.curve_pictures import compare_picture
 from allanscope.report.page import template
 from allanscope.report.picture import Picture
@@ -80,7 +80,10 @@ def _axis(name: str, sessions: Mapping[str, Analysis], svgs: Mapping[str, str]) 
             {
                 "name": label,
                 "cells": [
-                    *(words.coefficient_cell(a.coefficients.get(k), k, unit) for k in MAIN_LETTERS),
+                    *(
+                        coefficient_words.coefficient_cell(a.coefficients.get(k), k, unit)
+                        for k in MAIN_LETTERS
+                    ),
                     words.sheet_cell(a),
                 ],
             }

@@ -12,7 +12,7 @@ import jinja2
 
 from allanscope.analysis import Analysis, AxisAnalysis, searched, verdict
 from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, duration, symbols
-from allanscope.report import words
+from allanscope.report import coefficient_words, words
 from allanscope.report.curve_pictures import deviation_picture, residual_picture
 from allanscope.report.data_pictures import (
     density_picture,
@@ -33,7 +33,7 @@ class _Axis:
     name: str
     sensor: str
     remarks: tuple[str, ...]
-    coefficients: list[words.CoefficientRow]
+    coefficients: list[coefficient_words.CoefficientRow]
     facts: list[words.Fact]
     looked: bool
     effects: list[words.EffectWords]
@@ -119,7 +119,7 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str]) -> _Axis:
         name=name,
         sensor=SENSOR_NAMES[axis.unit],
         remarks=axis.remarks,
-        coefficients=words.coefficient_rows(axis),
+        coefficients=coefficient_words.coefficient_rows(axis),
         facts=words.axis_facts(axis),
         looked=loop is not None,
         effects=[words.effect_words(effect) for effect in loop.own_effects] if loop else [],
@@ -145,7 +145,7 @@ def _summary(axes: Mapping[str, AxisAnalysis]) -> list[dict[str, Any]]:
                     "name": name,
                     "cells": [
                         *(
-                            words.coefficient_cell(a.coefficients.get(k), k, unit)
+                            coefficient_words.coefficient_cell(a.coefficients.get(k), k, unit)
                             for k in MAIN_LETTERS
                         ),
                         words.sheet_cell(a),

@@ -15,36 +15,28 @@ from allanscope.analysis import (
     losses_text,
     parameter_text,
     searched,
-    wait_text,
 )
 from allanscope.explain import AxisExplanation, Effect
-from allanscope.noise import Coefficient, DatasheetVerdict
+from allanscope.noise import DatasheetVerdict
 from allanscope.quantities import (
-    COEFFICIENT_NAMES,
-    COEFFICIENTS,
     DEVIATION,
-    LETTERS,
     LEVEL,
     between,
     count,
     duration,
-    interval,
-    limit,
     number,
     rate,
     size,
     symbols,
 )
+from allanscope.report.coefficient_words import white_facts
 
 __all__ = [
-    "CoefficientRow",
     "EffectWords",
     "ErrorRow",
     "Fact",
     "SearchRow",
     "axis_facts",
-    "coefficient_cell",
-    "coefficient_rows",
     "conclusion",
     "conventions",
     "effect_words",
@@ -63,18 +55,6 @@ class Fact:
 
     name: str
     text: str
-
-
-@dataclass(frozen=True, slots=True)
-class CoefficientRow:
-    """One row of the table of coefficients."""
-
-    name: str
-    meaning: str
-    value: str
-    interval: str
-    other: str
-    decision: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,41 +88,6 @@ class ErrorRow:
     after: str
 
 
-def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
-    """Return the table of one axis' coefficients."""
-    rows = []
-    for name in LETTERS:
-        one = axis.coefficients.get(name)
-        if one is None:
-            continue
-        usual, other = COEFFICIENTS[axis.unit, name]
-        unit = symbols(usual.unit)
-        low, high = one.lower * usual.factor, one.upper * usual.factor
-        if one.detected:
-            value = f"{interval(one.value * usual.factor, low, high).split(' (')[0]} {unit}"
-            second = f"{number(one.value * other.factor)} {symbols(other.unit)}"
-            decision = "detected"
-        else:
-            value = f"{limit(high)} {unit}"
-            second = f"{limit(one.upper * other.factor)} {symbols(other.unit)}"
-            decision = "upper limit" if one.wait_s is None else f"known in {wait_text(one)}"
-        shown = f"{number(low)} … {number(high)}"
-        rows.append(CoefficientRow(name, COEFFICIENT_NAMES[name], value, shown, second, decision))
-    return rows
-
-
-def coefficient_cell(one: Coefficient | None, name: str, unit: str) -> str:
-    """Return one coefficient as a table cell, with its interval."""
-    if one is None:
-        return "–"
-    reading = COEFFICIENTS[unit, name][0]
-    if not one.detected:
-        return limit(one.upper * reading.factor)
-    return interval(
-        one.value * reading.factor, one.lower * reading.factor, one.upper * reading.factor
-    )
-
-
 def sheet_cell(axis: AxisAnalysis) -> str:
     """Return the datasheet's verdicts on one axis, each with what it is about."""
     return ", ".join(f"{name} {one.verdict}" for name, one in axis.datasheet.items()) or "–"
@@ -151,7 +96,7 @@ def sheet_cell(axis: AxisAnalysis) -> str:
 def axis_facts(axis: AxisAnalysis) -> list[Fact]:
     """Return level, best averaging and the datasheet's verdict of one axis."""
     reading = DEVIATION[axis.unit]
-    facts = []
+    facts = [Fact(name, text) for name, text in white_facts(axis)]
     if axis.level is not None:
         name = "zero-rate level" if axis.unit == "dps" else "mean acceleration"
         facts.append(Fact(name, _level(axis.level)))

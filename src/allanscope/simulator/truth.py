@@ -189,7 +189,9 @@ class Truth:
 
 def _axis(axis: Mapping[str, Any]) -> AxisTruth:
     given: dict[str, float] = {}
-    for name, entry in axis.get("coefficients", {}).items():
+    for name, told in axis.get("coefficients", {}).items():
+        # What N has beside its white noise is among the effects.
+        entry = (told.get("white_alone") or told) if isinstance(told, Mapping) else told
         found = entry.get("value") if isinstance(entry, Mapping) else entry
         if isinstance(entry, Mapping) and entry.get("detected") is False:
             found = None

@@ -1,0 +1,84 @@
+"""The coefficients that a result publishes: those of the model, N as engineers read it.
+
+N of an axis is all of its noise that is white at 1 Hz and below (`noise.white_level`), with what
+other axes bring where they leak in. The fit is of the axis without them: what was taken out is the
+slope times the source as measured, whose white part is put back here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from allanscope.explain import AxisExplanation
+from allanscope.noise import Coefficient, NoiseFit, add_coupled, total_white
+
+__all__ = ["published"]
+
+_QUANTILE = 1.96
+
+
+def published(
+    axis: str, fits: Mapping[str, NoiseFit], loop: Mapping[str, AxisExplanation]
+) -> dict[str, Coefficient]:
+    """Return the coefficients of one axis; none where it was not fitted.
+
+    Parameters
+    ----------
+    axis : str
+        Its name.
+    fits : mapping
+        Axis to the fit of its noise beside the effects that were found.
+    loop : mapping
+        Axis to what was found.
+    """
+    fit = fits.get(axis)
+    if fit is None:
+        return {}
+    return {**fit.coefficients, "N": _white(axis, fits, loop, ())}
+
+
+def _white(
+    axis: str,
+    fits: Mapping[str, NoiseFit],
+    loop: Mapping[str, AxisExplanation],
+    path: tuple[str, ...],
+) -> Coefficient:
+    own = total_white(fits[axis])
+    leaks: dict[str, tuple[Coefficient, float, float]] = {}
+    for source, (slope, error) in _sources(loop.get(axis)).items():
+        known = _source(source, axis, fits, loop, path)
+        if known is not None:
+            leaks[source] = (known, slope, error)
+    return add_coupled(own, leaks) if leaks else own
+
+
+def _source(
+    source: str,
+    axis: str,
+    fits: Mapping[str, NoiseFit],
+    loop: Mapping[str, AxisExplanation],
+    path: tuple[str, ...],
+) -> Coefficient | None:
+    """Return N of a source as measured.
+
+    Two axes that name each other each lack what the other brings; there the fit without effects is
+    what was measured.
+    """
+    if any(one in _sources(loop.get(source)) for one in (*path, axis)):
+        return loop[source].coefficients_before.get("N")
+    if source not in fits:
+        return None
+    return _white(source, fits, loop, (*path, axis))
+
+
+def _sources(explanation: AxisExplanation | None) -> dict[str, tuple[float, float]]:
+    """Return the axes that leak into one, each with its slope and the standard error of that."""
+    found = {}
+    for effect in explanation.effects if explanation is not None else ():
+        source, slope = effect.parameters.get("source"), effect.parameters.get("slope")
+        if source is None or slope is None or isinstance(slope.value, str):
+            continue
+        low = slope.value if slope.lower is None else slope.lower
+        high = slope.value if slope.upper is None else slope.upper
+        found[str(source.value)] = (slope.value, (high - low) / (2 * _QUANTILE))
+    return found

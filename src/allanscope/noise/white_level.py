@@ -1,0 +1,160 @@
+r"""N of an axis: all of its noise whose density is flat at 1 Hz and below.
+
+The white term of a model is not what people read as N. A low-pass leaves the density below its
+corner as it is, and there the white term is that density. A Gauss-Markov process, or a telegraph
+signal, of a correlation time well below :math:`1 / (2 \pi\,1\,\mathrm{Hz})` is flat there as well,
+of the two-sided density :math:`2 \sigma^2 T_c`, and nothing that averages over more than its
+correlation time can tell it from white noise:
+
+.. math:: N^2 = N_\text{white}^2 + \sum 2 \sigma^2 T_c
+
+Longer processes are no part of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.noise.coefficients import Coefficient, CoefficientPart
+from allanscope.noise.components import GaussMarkov, RandomTelegraph
+
+if TYPE_CHECKING:
+    from allanscope.noise.fit import NoiseFit
+    from allanscope.noise.likelihood import Fit
+
+__all__ = ["SHORT_S", "add_coupled", "short_processes", "total_white"]
+
+Array = NDArray[np.float64]
+
+SHORT_S = 0.08
+"""Longest correlation time in s of a process that counts as white: half of 1 / (2 pi 1 Hz). Its
+density at 1 Hz is 80 % of that at zero."""
+_Z = 1.959963984540054
+
+
+def correlation_time(component: object) -> float | None:
+    """Return the correlation time in s of a process that forgets exponentially, None for others.
+
+    >>> correlation_time(RandomTelegraph(1.0, 0.06))
+    0.03
+    """
+    match component:
+        case GaussMarkov(correlation_time=tc):
+            return tc
+        case RandomTelegraph(dwell=dwell):
+            return dwell / 2
+        case _:
+            return None
+
+
+def short_processes(fit: NoiseFit) -> tuple[float, ...]:
+    """Return the correlation times in s of the processes that are part of N."""
+    return tuple(tc for c in fit.model if (tc := _short(c)) is not None and c.power > 0)
+
+
+def total_white(fit: NoiseFit) -> Coefficient:
+    """Return N of a fit, with the white term alone beside it where there is more to it.
+
+    The interval follows from the joint information about all powers and correlation times: where
+    white noise and process can hardly be told apart, their sum is known all the same.
+    """
+    white = fit.coefficients["N"]
+    components = list(enumerate(fit.model.components))
+    short = {i: tc for i, c in components if (tc := _short(c)) is not None and c.power > 0}
+    if not short:
+        return white
+    weights = {i: 2 * tc for i, tc in short.items()}
+    weights |= {i: 1.0 for i, c in components if c.symbol == "N"}
+    powers = {i: c.power for i, c in components if i in weights}
+    total = sum(weights[i] * powers[i] for i in weights)
+    # The published white term has no first-order bias; the maximum of the likelihood has.
+    own = sum(weights[i] * powers[i] for i in weights if i not in short)
+    value = math.sqrt(total - own + white.value**2)
+    half = _Z * _relative_error(fit.fit, weights, set(short)) / 2
+    return replace(
+        white,
+        value=value,
+        lower=value * math.exp(-half),
+        upper=value * math.exp(half),
+        detected=True,
+        wait_s=None,
+        white_alone=CoefficientPart.of(white),
+    )
+
+
+def add_coupled(
+    own: Coefficient, leaks: Mapping[str, tuple[Coefficient, float, float]]
+) -> Coefficient:
+    """Return N of an axis with what other axes bring, and without it beside that.
+
+    Parameters
+    ----------
+    own : Coefficient
+        N of the axis itself.
+    leaks : mapping
+        Source to N of that axis, the slope with which it leaks in, and its standard error. Sources
+        are independent of the axis itself, so squares add up.
+    """
+    variances = [_variance(own)]
+    power = own.value**2
+    for source, slope, error in leaks.values():
+        power += (slope * source.value) ** 2
+        variances.append(slope**4 * _variance(source))
+        variances.append((2 * slope * error * source.value**2) ** 2)
+    value = math.sqrt(power)
+    half = _Z * math.sqrt(sum(variances)) / (2 * power) if power > 0 else 0.0
+    detected = own.detected or any(one.detected for one, _, _ in leaks.values())
+    return replace(
+        own,
+        value=value,
+        lower=value * math.exp(-half) if detected else 0.0,
+        upper=max(value * math.exp(half), own.upper),
+        detected=detected,
+        wait_s=None if detected else own.wait_s,
+        white_alone=own.white_alone or CoefficientPart.of(own),
+        decoupled=CoefficientPart.of(own),
+    )
+
+
+def _short(component: object) -> float | None:
+    """Return the correlation time of a process that is part of N, None for everything else."""
+    tc = correlation_time(component)
+    return tc if tc is not None and tc <= SHORT_S else None
+
+
+def _variance(one: Coefficient) -> float:
+    """Return the variance of the square of a coefficient, from its interval."""
+    return ((one.upper**2 - one.lower**2) / (2 * _Z)) ** 2
+
+
+def _relative_error(fit: Fit, weights: Mapping[int, float], short: set[int]) -> float:
+    """Return the relative standard error of a weighted sum of powers, correlation times free.
+
+    The powers themselves are the numbers, not their logarithms: that of one at zero is as certain
+    as any other.
+    """
+    model, data = fit.model, fit.likelihood
+    columns, gradient = [], []
+    for i, component in enumerate(model.components):
+        if component.amplitude_name:
+            columns.append(data.column(model, component.with_power(1.0)))
+            gradient.append(weights.get(i, 0.0))
+    shapes = [free for free in model.numbers if free in model.shapes]
+    slopes = fit.derivatives(shapes).T
+    for free, slope in zip(shapes, slopes, strict=True):
+        columns.append(slope)
+        of_short = free.part in short
+        gradient.append(weights[free.part] * model.components[free.part].power if of_short else 0.0)
+    basis, direction = np.array(columns), np.array(gradient)
+    relative = basis / fit.expected * np.sqrt(data.dof / 2)
+    scale = np.sqrt(np.maximum(np.sum(relative**2, axis=1), 1e-300))
+    relative, direction = relative / scale[:, np.newaxis], direction / scale
+    covariance = np.linalg.pinv(relative @ relative.T, hermitian=True)
+    total = sum(weights[i] * model.components[i].power for i in weights)
+    return float(np.sqrt(max(direction @ covariance @ direction, 0.0)) / total)

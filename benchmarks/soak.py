@@ -4,6 +4,7 @@
     python benchmarks/soak.py --hours 0.1 --faults 5
     python benchmarks/soak.py --real 30m             the same rate in real time over a real port
     python benchmarks/soak.py --real 5m --busy 6     beside six processes that take all they get
+    python benchmarks/soak.py --real 2m --busy 16 --real-time    with an emitter that is never late
 
 The virtual night runs the whole of a live session but its viewer: serial source with its watchdog
 and its search for a lost device, recorder, decoder, sums, a live result whenever the machine can.
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -184,7 +186,7 @@ class _Paced:
         self, source: SerialSource, night: Night, witness: Witness, over: threading.Event
     ) -> None:
         self._source, self._night, self._witness, self._over = source, night, witness, over
-        self.name, self.identity = "virtual", {}
+        self.name, self.identity, self.reader = "virtual", {}, ""
         self.write, self.close = source.write, source.close
 
     def read(self):  # type: ignore[no-untyped-def]
@@ -292,21 +294,26 @@ def _same(what: str, one: AllanBank, other: AllanBank) -> tuple[bool, str]:
 def real(options: argparse.Namespace, folder: Path) -> bool:
     """Run the device and the monitor as two processes, as a user would."""
     run = [sys.executable, "-m", "allanscope"]
+    if options.real_time:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(20))  # the emitter inherits it
+    device = subprocess.Popen(
+        [*run, "device", "--rate", str(options.rate)], stdout=subprocess.PIPE, text=True
+    )
+    if options.real_time:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    assert device.stdout is not None
+    port = device.stdout.readline().strip()
     others = [
         subprocess.Popen([sys.executable, "-c", "while True: sorted(range(20000))"])
         for _ in range(options.busy)
     ]
-    device = subprocess.Popen(
-        [*run, "device", "--rate", str(options.rate)], stdout=subprocess.PIPE, text=True
-    )
-    assert device.stdout is not None
-    port = device.stdout.readline().strip()
     live = [*run, "live", port, "--for", options.real, "--out", str(folder / "S")]
     began = time.monotonic()
     monitor = subprocess.Popen([*live, "--view", "none", "--json"], stdout=subprocess.PIPE)
     health = Health(monitor.pid, lambda: (time.monotonic() - began) / 3600.0)
     health.start()
     out, _ = monitor.communicate()
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)  # of the monitor: the others still run
     health.end()
     for process in (device, *others):
         process.terminate()
@@ -315,6 +322,8 @@ def real(options: argparse.Namespace, folder: Path) -> bool:
     hours = result["samples"] / result["rate"]["measured_hz"] / 3600.0
     health.rows = [row for row in health.rows if row[0] < hours]  # the full analysis comes after
     print("\n".join(health.summary()))
+    print(f"{used.ru_utime + used.ru_stime:.1f} s of processor time, the full analysis included")
+    print(f"read by {result['input'].get('reader') or 'a thread'}")
     rate, load = result["rate"], os.getloadavg()[0]
     print(f"measured {rate['measured_hz']:.3f} Hz; load of the machine at the end {load:.1f}")
     print("\n".join(f"gap at {at:.1f} s: {gap}" for at, gap in _gaps(folder / "S")))
@@ -359,6 +368,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--real", metavar="TIME", help="in real time over a real port, e.g. 30m")
     parser.add_argument("--busy", type=int, default=0, help="processes beside the real-time run")
+    parser.add_argument("--real-time", action="store_true", help="give the emitter SCHED_RR 20")
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="soak-"))
     try:

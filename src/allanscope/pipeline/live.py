@@ -100,7 +100,7 @@ def run_live(
         Analyser(AnalyserSettings(part=device.part)),
         ledger=recorder,
         duration_s=settings.duration_s,
-        input_facts=lambda: facts,
+        input_facts=lambda: {**facts, "reader": source.reader},
         news=news,
         earlier=earlier_events(past, decoding, _recorded_write(source, recorder)),
         watched=settings.view != "none",

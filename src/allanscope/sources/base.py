@@ -23,6 +23,10 @@ class Source(Protocol):
     def identity(self) -> dict[str, str]:
         """What is known of the device: vendor, product, serial number, path."""
 
+    @property
+    def reader(self) -> str:
+        """Who reads a port, and at which priority; empty where nothing can come too fast."""
+
     def read(self) -> Chunk:
         """Return the next chunk, with empty data after at most about 50 ms of silence."""
 
@@ -45,6 +49,8 @@ class SourceSettings:
         A device that has streamed and then says nothing for this long has stalled.
     give_up_s : float
         A device that has gone is waited for this long; for ever, if not given.
+    apart : bool
+        Whether a port is read by a process of its own, where the system allows it (Linux).
     speed : float
         Multiple of real time at which a recording is replayed; infinity for as fast as possible.
 
@@ -58,6 +64,7 @@ class SourceSettings:
     stall_s: float = 3.0
     give_up_s: float = math.inf
     speed: float = math.inf
+    apart: bool = True
 
     def __post_init__(self) -> None:
         for name in ("baud", "stall_s", "give_up_s", "speed"):

@@ -65,6 +65,11 @@ class FileSource:
         """Name and size of the file."""
         return {"file": self._path.name, "file_bytes": str(self._path.stat().st_size)}
 
+    @property
+    def reader(self) -> str:
+        """Nobody in particular: a file waits."""
+        return ""
+
     def read(self) -> Chunk:
         """Return the next piece.
 
@@ -157,6 +162,11 @@ class RecordedSource:
     def identity(self) -> dict[str, str]:
         """What the recording says about the device and itself."""
         return self.recording.metadata
+
+    @property
+    def reader(self) -> str:
+        """Nobody in particular: a file waits."""
+        return ""
 
     def read(self) -> Chunk:
         """Return the next chunk when its time has come, else an empty one after 50 ms."""

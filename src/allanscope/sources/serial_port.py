@@ -11,17 +11,19 @@ from __future__ import annotations
 
 import errno
 import os
-import random
 import threading
 import time
 from collections.abc import Callable
 
 from allanscope.errors import DeviceError, UsageError
 from allanscope.recording import Chunk, LinkEvent
+from allanscope.sources.apart import A_THREAD, ReaderApart, read_apart
 from allanscope.sources.base import SourceSettings
 from allanscope.sources.discovery import Comports, PortDescription, find_ports
+from allanscope.sources.port_reader import LATE_BYTES, Pace
 from allanscope.sources.transport import (
     LINK_ERRORS,
+    Posix,
     Transport,
     WriteTimeoutError,
     open_transport,
@@ -33,22 +35,8 @@ __all__ = ["SerialSource"]
 WAIT_S = 0.05
 """A read returns after this much silence."""
 
-GATHER_S, FAST_GATHER_S = 0.01, 0.02
-"""Bytes gather for so long before the next read, of a slow and of a fast stream: fifty reads a
-second cost a tenth of what a thousand cost, while a row that comes alone is to be stamped when it
-comes."""
-
-WORTH_GATHERING = 1024
-GATHER_BYTES = 2048
-"""Where so many would come in the longer time it is taken, but never more than is likely to bring
-half of the 4096 bytes that a tty of Linux holds for its reader."""
-
-UNEVEN = 0.25
-"""By this share pauses are shorter or longer, at random: a reader that is as regular as the device
-would keep in step with it, and its own pace would be taken for the rate of the device."""
-
-LATE_BYTES = 3072
-"""Who finds so many is late, because the computer is busy, and reads on without a pause."""
+TAKE_EVERY_S = 0.02
+"""What a process of its own has read is taken fifty times a second."""
 
 READ_BYTES, FULL_BYTES = 4095, 15_000
 """What one read of a tty of Linux brings at most, and what it and the queue behind it hold at
@@ -107,7 +95,10 @@ class SerialSource:
         self._writing = threading.Lock()
         self._closing = threading.Event()
         self._sleep = sleep
-        self._random = random.Random(0)
+        self._pace = Pace()
+        self.reader = A_THREAD
+        """Who reads the port: a process of its own at some priority, or a thread of this one."""
+        self._last_ns = 0
         self._streaming = False
         self._waited: int | None = 0
         self._was_short = False
@@ -175,19 +166,27 @@ class SerialSource:
     # --- while the link is there --------------------------------------------------------------
 
     def _listen(self, link: Transport) -> Chunk:
-        if self._pause_s:
-            self._sleep(self._unevenly(self._pause_s))
+        apart = link if isinstance(link, ReaderApart) else None
+        if self._pause_s and not (apart and apart.waiting):
+            self._sleep(self._pause_s)
         try:
             data = link.read(WAIT_S)
         except LINK_ERRORS:
             return self._disconnect()
-        now = self._clock()
+        # A read of the other process may be older than the silence that was just told of.
+        now = self._last_ns = max((apart and apart.came_ns) or self._clock(), self._last_ns)
+        if apart:
+            self.reader = apart.how
+            self._overrun |= apart.missed
+            apart.missed = False
         if not data:
             self._pause_s = 0.0
             return Chunk(now, event=self._stall(now))
-        late = len(data) >= LATE_BYTES
-        pace = len(data) / max(1e-9 * (now - self._heard_ns), 1e-6)
-        self._pause_s = 0.0 if late else _pause(pace)
+        if apart and apart.alone:
+            self._pause_s = TAKE_EVERY_S
+        else:
+            pause_s = self._pace.after(len(data), now - self._heard_ns)
+            self._pause_s = self._pace.unevenly(pause_s)
         event: LinkEvent = "resumed" if self._stalled else "hole" if self._overrun else ""
         self._overrun = False
         if self._waited is not None:
@@ -201,12 +200,6 @@ class SerialSource:
         self._streaming, self._stalled, self._heard_ns = True, False, now
         self._retry_s = FIRST_RETRY_S
         return Chunk(now, data, event)
-
-    def _unevenly(self, pause_s: float) -> float:
-        """Return a pause that is not like the last one, where it is not the buffer that ends it."""
-        if pause_s < GATHER_S:
-            return pause_s
-        return pause_s * self._random.uniform(1.0 - UNEVEN, 1.0 + UNEVEN)
 
     def _stall(self, now: int) -> LinkEvent:
         """Say once when a device that streamed falls silent: one that hangs raises no error."""
@@ -262,18 +255,23 @@ class SerialSource:
                 raise FileNotFoundError(errno.ENOENT, "the device is not there")
             port = back[0]
             name = port.device
-        self._link = self._opener(name, self._settings.baud)
+        self._link = self._opened(name)
         self._waited, self._was_short, self._port = 0, False, port
 
     # --- opening ------------------------------------------------------------------------------
 
     def _open_first(self, name: str) -> Transport:
         try:
-            return self._opener(name, self._settings.baud)
+            return self._opened(name)
         except LINK_ERRORS as error:
             raise why_not_open(name, error, find_ports(self._comports)) from error
         except ValueError as error:
             raise UsageError(f"cannot open {name}: {error}") from error
+
+    def _opened(self, name: str) -> Transport:
+        """Open a port, and have it read by a process of its own where there can be one."""
+        link = self._opener(name, self._settings.baud)
+        return read_apart(link) if isinstance(link, Posix) and self._settings.apart else link
 
     def _described(self, name: str) -> PortDescription:
         if "://" not in name:
@@ -282,15 +280,3 @@ class SerialSource:
                 if os.path.realpath(port.device) == path:
                     return port
         return PortDescription(name)
-
-
-def _pause(pace: float) -> float:
-    """Return for how many seconds bytes may gather that come at a pace, in bytes a second.
-
-    Examples
-    --------
-    >>> _pause(1.5e3), _pause(93e3), round(_pause(1e6), 6)
-    (0.01, 0.02, 0.002048)
-    """
-    longest_s = FAST_GATHER_S if pace * FAST_GATHER_S >= WORTH_GATHERING else GATHER_S
-    return min(longest_s, GATHER_BYTES / pace)

@@ -60,6 +60,11 @@ class SimulatedSource:
         """What it is and where its port is."""
         return {"product": "simulated SensorTile", "path": self.device.url}
 
+    @property
+    def reader(self) -> str:
+        """Who reads the port of the device."""
+        return self._serial.reader
+
     def read(self) -> Chunk:
         """Return the next chunk, with empty data after at most about 50 ms of silence."""
         return self._serial.read()

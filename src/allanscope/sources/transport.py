@@ -24,7 +24,14 @@ import serial
 from allanscope.errors import DeviceError
 from allanscope.sources.discovery import PortDescription, plugged_in
 
-__all__ = ["LINK_ERRORS", "Transport", "WriteTimeoutError", "open_transport", "why_not_open"]
+__all__ = [
+    "LINK_ERRORS",
+    "Posix",
+    "Transport",
+    "WriteTimeoutError",
+    "open_transport",
+    "why_not_open",
+]
 
 READ_BYTES = 1 << 16
 WRITE_TIMEOUT_S = 1.0
@@ -90,7 +97,7 @@ def open_transport(name: str, baud: int) -> Transport:
     if not is_url:
         port.exclusive = None if sys.platform == "win32" else True
     port.open()
-    return _Polled(port) if is_url or sys.platform == "win32" else _Posix(port)
+    return _Polled(port) if is_url or sys.platform == "win32" else Posix(port)
 
 
 class _Port(serial.Serial):
@@ -100,13 +107,18 @@ class _Port(serial.Serial):
         """Throw nothing away; pyserial calls this while it opens a port, where not on Windows."""
 
 
-class _Posix:
+class Posix:
     """A serial port on a system where a file descriptor says when there is something to read."""
 
     def __init__(self, port: Any) -> None:
         self._port = port
 
+    def fileno(self) -> int:
+        """Return the descriptor of the open port."""
+        return int(self._port.fileno())
+
     def read(self, timeout_s: float) -> bytes:
+        """Return what is there, waiting for the first byte at most this long."""
         fd = self._port.fileno()
         if not select.select([fd], [], [], timeout_s)[0]:
             return b""
@@ -116,9 +128,11 @@ class _Posix:
         return data
 
     def write(self, data: bytes) -> None:
+        """Send all of it."""
         _write(self._port, data)
 
     def close(self) -> None:
+        """Let go of the port."""
         _close(self._port)
 
 

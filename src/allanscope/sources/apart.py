@@ -1,0 +1,187 @@
+"""A port that is read by a process of its own (`port_reader`), and by this one until that is there.
+
+The port is opened and configured here, and written to from here. The other process is given the
+open file; while it starts, which takes some hundredths of a second, this one reads, so that a board
+need not wait and a start takes no longer. Then it is told to go on alone: never do both read. If it
+cannot be started, or is killed, this process reads again, and `how` says so.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import sys
+import time
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+
+from allanscope.sources import port_reader
+from allanscope.sources.port_reader import DATA, GONE, HEADER, READY
+from allanscope.sources.transport import Posix
+
+__all__ = ["ReaderApart", "read_apart"]
+
+PIPE_BYTES = 1 << 20
+END_S = 2.0
+A_THREAD = "a thread of the measuring process"
+
+
+def read_apart(link: Posix) -> Posix | ReaderApart:
+    """Return a link that a process of its own reads, where there can be one; else the link."""
+    if not sys.platform.startswith("linux") or not sys.executable:
+        return link
+    try:
+        return ReaderApart(link)
+    except OSError:
+        return link
+
+
+class ReaderApart:
+    """A serial port whose reads are those of another process.
+
+    Parameters
+    ----------
+    link : Posix
+        The open port.
+
+    Attributes
+    ----------
+    came_ns : int
+        Host monotonic time, in ns, of what `read` returned last; 0 where it was read right then.
+    how : str
+        Who reads, at which priority.
+    alone : bool
+        Whether the other process reads.
+    missed : bool
+        Set when that process was killed: bytes that it had read are lost.
+
+    Raises
+    ------
+    OSError
+        If no process can be started.
+    """
+
+    def __init__(self, link: Posix) -> None:
+        self._link = link
+        self.came_ns = 0
+        self.how = A_THREAD
+        self.alone = self.missed = False
+        self._raw = bytearray()
+        self._frames: deque[tuple[bytes, int, bytes]] = deque()
+        self._data, out = os.pipe()
+        control, self._control = os.pipe()
+        try:
+            self._enlarge(out)
+            script = Path(port_reader.__file__)
+            self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
+                # Isolated and without site: it starts in ten milliseconds.
+                [sys.executable, "-I", "-S", script, *map(str, (link.fileno(), out, control))],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                pass_fds=(link.fileno(), out, control),
+                start_new_session=True,  # what the terminal sends is for the measuring process
+            )
+        except BaseException:
+            os.close(self._data)
+            os.close(self._control)
+            raise
+        finally:
+            os.close(out)
+            os.close(control)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether something has been read that `read` returns at once."""
+        return bool(self._frames)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what one read of the port brought, waiting for it at most this long."""
+        until = time.monotonic() + timeout_s
+        while not self._frames:
+            if self._process is None:
+                self.came_ns = 0
+                return self._link.read(max(until - time.monotonic(), 0.0))
+            ports = [] if self.alone else [self._link.fileno()]
+            left_s = max(until - time.monotonic(), 0.0)
+            ready = select.select([self._data, *ports], [], [], left_s)[0]
+            if not ready:
+                self.came_ns = 0
+                return b""
+            if self._data in ready:
+                self._take()
+            elif ready:
+                self.came_ns = 0
+                return self._link.read(0.0)
+        kind, self.came_ns, data = self._frames.popleft()
+        if kind == GONE:
+            number = int(data)
+            raise OSError(number, os.strerror(number) if number else "the device has hung up")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send bytes, from this process."""
+        self._link.write(data)
+
+    def close(self) -> None:
+        """End the other process and close the port, which is free only when both have let go."""
+        self._end()
+        self._link.close()
+
+    def _take(self) -> None:
+        """Take what is in the pipe."""
+        got = os.read(self._data, PIPE_BYTES)
+        if not got:
+            self._fall_back()
+            return
+        self._raw += got
+        at = 0
+        while len(self._raw) - at >= HEADER.size:
+            kind, came_ns, size = HEADER.unpack_from(self._raw, at)
+            if len(self._raw) - at < HEADER.size + size:
+                break
+            at += HEADER.size + size
+            frame = bytes(self._raw[at - size : at])
+            if kind == READY:
+                self._hand_over(frame.decode())
+            elif kind in (DATA, GONE):
+                self._frames.append((kind, came_ns, frame))
+        del self._raw[:at]
+
+    def _hand_over(self, priority: str) -> None:
+        """Let the other process read from here on; nothing is read here any more."""
+        with suppress(BrokenPipeError):
+            os.write(self._control, b"g")
+        self.alone = True
+        self.how = f"a process of its own at {priority}"
+
+    def _fall_back(self) -> None:
+        """Read here again: the other process ended without a word."""
+        self.missed = self.alone
+        self.alone = False
+        self.how = f"{A_THREAD}, because the process for it has ended"
+        self._raw.clear()
+        self._end()
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is None:
+            return
+        os.close(self._control)
+        os.close(self._data)
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(END_S)
+
+    @staticmethod
+    def _enlarge(pipe: int) -> None:
+        """Let the pipe hold seconds instead of a fraction of one, where that is allowed."""
+        import fcntl
+
+        with suppress(OSError, AttributeError):
+            fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -94,3 +96,19 @@ def test_what_cannot_be_read_fails_once(tmp_path: Path, board: Callable[..., Pat
     write_recording(path, [], {"wire": "native"})
     [place] = find_places([str(path)])
     assert "holds no samples" in join(survey(place, DEVICE, 2), [None, None], DEVICE).error
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
+def test_a_name_that_is_no_text_ends_no_fleet(
+    threads: LocalCluster, lot: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "lot"
+    folder.mkdir()
+    for name in (b"good.mcap", b"b\xffd.mcap"):
+        place = Path(os.fsdecode(os.fsencode(folder) + b"/" + name))
+        place.write_bytes((lot / "two" / "a.mcap").read_bytes())
+    out = tmp_path / "out"
+    settings = FleetSettings((str(folder),), out, threads.scheduler_address, quiet=True)
+    result = run_fleet(settings, DEVICE)
+    assert (result.done, result.failures) == (2, {})
+    assert "good.mcap" in (out / "lot.html").read_text("utf-8")

@@ -130,6 +130,8 @@ ENDLESS = {
     "a line without end": b"7",
     "cells without end": b"1,",
     "blank lines": b"\n",
+    "blanks": b" ",
+    "blanks between words": b"a" + b" " * 4000 + b"b\n",
     "short lines": b"1,2,3\n",
     "escape sequences": b"\x1b[",
     "open strings": b"\x1b]",

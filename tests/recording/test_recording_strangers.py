@@ -130,3 +130,32 @@ def test_empty_messages_of_many_chunks_are_not_gathered_without_end(tmp_path: Pa
     longest = [len(buffer.offset) for buffer in Recording(path).buffers()]
     assert sum(longest) == 800_000
     assert max(longest) <= MOST_MESSAGES
+
+
+def chunk_spans(data: bytes) -> list[tuple[int, int]]:
+    """Return where the chunks of a file begin and end."""
+    found, at = [], 8
+    while at < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        if opcode == 6:
+            found.append((at, at + 9 + length))
+        at += 9 + length
+    return found
+
+
+@pytest.mark.parametrize("doubled", [(0,), (1, 2), (-1,)])
+def test_a_chunk_that_stands_there_twice_is_read_once_and_that_is_said(
+    tmp_path: Path, doubled: tuple[int, ...]
+) -> None:
+    data = written(tmp_path / "a.mcap", chunk_size=4096).read_bytes()
+    spans = chunk_spans(data)
+    assert len(spans) > 3
+    copies = b"".join(data[slice(*spans[one])] for one in doubled)
+    end = spans[-1][1]
+    (tmp_path / "b.mcap").write_bytes(data[:end] + copies + data[end:])
+    whole, other = Recording(tmp_path / "a.mcap"), Recording(tmp_path / "b.mcap")
+    assert list(other.chunks()) == list(whole.chunks())
+    said = [str(damage) for damage in other.damage]
+    assert len(said) == len(doubled)
+    assert all("a copy of a chunk that came before" in one for one in said)
+    assert whole.damage == []

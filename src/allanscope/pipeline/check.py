@@ -13,6 +13,7 @@ sensor, and the largest value allowed, in dps, g and s::
 from __future__ import annotations
 
 import json
+import sys
 import tomllib
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -32,6 +33,7 @@ from allanscope.sanitize import sanitize
 __all__ = ["Verdict", "check_against", "compare", "failure", "to_json", "to_junit"]
 
 NAMES = ("Q", "N", "B", "K", "R")
+LARGEST = sys.float_info.max
 
 Limits = dict[str, dict[str, dict[str, float]]]
 
@@ -219,7 +221,7 @@ def _read(path: Path) -> Limits:
             tables = tomllib.load(file)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is no TOML file: {error}") from None
     groups = {"gyro": AXES[:3], "accel": AXES[3:]}
     limits: Limits = {axis: {} for axis in AXES}
@@ -243,7 +245,7 @@ def _bounds(path: Path, title: str, name: str, entry: Any) -> dict[str, float]:
         name in NAMES
         and table
         and set(table) <= {"min", "max"}
-        and all(type(v) in (int, float) and v >= 0 for v in table.values())
+        and all(type(v) in (int, float) and 0 <= v <= LARGEST for v in table.values())
     )
     if not sound:
         raise InputError(

@@ -113,6 +113,7 @@ class _Walk:
         self.size = file.seek(0, 2)
         self.outline = Outline()
         self._loose: list[int] = []
+        self._labels: set[bytes] = set()
         self._records()
 
     def _records(self) -> None:
@@ -149,7 +150,12 @@ class _Walk:
             record = chunk_at(position, head)
             if record is None:
                 return None
-            self.outline.chunks.append(record)
+            if record.is_dated and record.label in self._labels:
+                text = "a copy of a chunk that came before, which is read once"
+                self._report(position, HEADER.size + int(length), text, record.seconds)
+            else:
+                self._labels.add(record.label)
+                self.outline.chunks.append(record)
         elif opcode == Opcode.MESSAGE:
             end = position + HEADER.size + int(length)
             first, count = (self._loose[0], self._loose[2]) if self._loose else (position, 0)

@@ -85,6 +85,13 @@ class ChunkRecord:
     unpacked_length: int
     unpacked_crc: int
     seconds: float | None
+    label: bytes
+    """Times of its first and last message, size and checksum, as they stand in the file."""
+
+    @property
+    def is_dated(self) -> bool:
+        """Whether it has times, so that another one of the same label is a copy."""
+        return any(self.label[:16])
 
 
 def has_believable_length(head: bytes) -> bool:
@@ -116,7 +123,10 @@ def chunk_at(position: int, head: bytes) -> ChunkRecord | None:
         return None
     name = head[name_at : packed_at - 8].decode("ascii", "replace")
     offset = position + packed_at
-    return ChunkRecord(offset, packed_length, name, unpacked_length, crc, chunk_seconds(head))
+    label = head[HEADER.size : name_at - 4]
+    return ChunkRecord(
+        offset, packed_length, name, unpacked_length, crc, chunk_seconds(head), label
+    )
 
 
 def chunk_seconds(head: bytes) -> float | None:

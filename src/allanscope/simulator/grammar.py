@@ -77,7 +77,7 @@ def number(where: str, name: str, value: object, limits: Parameter) -> float:
     """
     try:
         result = float(value)  # type: ignore[arg-type]  # anything else is a TypeError
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         result = math.nan
     if not math.isfinite(result):
         raise UsageError(f"{where}: {name} must be a number, got {value!r}")

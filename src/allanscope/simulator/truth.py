@@ -23,6 +23,10 @@ _UNPUBLISHED_GYRO_DENSITY = 5e-3
 _UNPUBLISHED_ACCEL_DENSITY = 90e-6
 
 
+_LARGEST = 1e9
+"""In the units of a coefficient: no sensor, and its square is still a number."""
+
+
 @dataclass(frozen=True, slots=True)
 class AxisTruth:
     """Noise of one axis in the conventions of IEEE 952, two-sided, and its level.
@@ -52,7 +56,7 @@ class AxisTruth:
 
     def __post_init__(self) -> None:
         for name in ("N", "B", "K", "Q"):
-            number("truth", name, getattr(self, name), Parameter("", "", least=0.0))
+            number("truth", name, getattr(self, name), Parameter("", "", least=0.0, most=_LARGEST))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +164,7 @@ class Truth:
         try:
             text = path.read_text("utf-8")
             content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path}: no JSON or TOML that can be read: {error}") from error
         if not isinstance(content, Mapping):
             raise InputError(f"{path}: no sensor to simulate: must be a table with axes")
@@ -168,7 +172,7 @@ class Truth:
             return cls.from_result(content)
         except AllanscopeError:
             raise
-        except (AttributeError, TypeError, ValueError) as error:
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             raise InputError(f"{path}: no result that could be simulated: {error}") from error
 
     def with_effects(self, effects: Iterable[EffectSpec | str]) -> Truth:
@@ -198,7 +202,8 @@ def _axis(axis: Mapping[str, Any]) -> AxisTruth:
         if found is not None and name in {one.name for one in fields(AxisTruth)}:
             given[name] = number("truth", name, found, Parameter("", ""))
     level = axis.get("level") or {}
-    return AxisTruth(**{"offset": float(level.get("mean") or 0.0), **given})
+    mean = number("truth", "mean", level.get("mean") or 0.0, Parameter("", ""))
+    return AxisTruth(**{"offset": mean, **given})
 
 
 def _effects_of(name: str, axis: Mapping[str, Any]) -> Iterable[EffectSpec]:

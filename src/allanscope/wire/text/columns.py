@@ -60,7 +60,7 @@ def cells_of(line: str) -> list[str]:
     """
     separator = next((s for s in _SEPARATORS if s in line), None)
     if separator is None:
-        cells = re.sub(r"\s+(?=[\[({])", "\0", line).split()
+        cells = re.sub(r"(?<!\s)\s+(?=[\[({])", "\0", line).split()
         cells = [cell.replace("\0", " ").strip(_QUOTES) for cell in cells]
     else:
         cells = [cell.strip(_QUOTES) for cell in line.split(separator)]

@@ -312,6 +312,10 @@ def real(options: argparse.Namespace, folder: Path) -> bool:
     monitor = subprocess.Popen([*live, "--view", "none", "--json"], stdout=subprocess.PIPE)
     health = Health(monitor.pid, lambda: (time.monotonic() - began) / 3600.0)
     health.start()
+    _until_recorded(folder / "S" / "session.mcap", monitor)
+    load = os.getloadavg()[0]
+    for process in others:  # the full analysis that follows is no part of this
+        process.terminate()
     out, _ = monitor.communicate()
     used = resource.getrusage(resource.RUSAGE_CHILDREN)  # of the monitor: the others still run
     health.end()
@@ -324,7 +328,7 @@ def real(options: argparse.Namespace, folder: Path) -> bool:
     print("\n".join(health.summary()))
     print(f"{used.ru_utime + used.ru_stime:.1f} s of processor time, the full analysis included")
     print(f"read by {result['input'].get('reader') or 'a thread'}")
-    rate, load = result["rate"], os.getloadavg()[0]
+    rate = result["rate"]
     print(f"measured {rate['measured_hz']:.3f} Hz; load of the machine at the end {load:.1f}")
     print("\n".join(f"gap at {at:.1f} s: {gap}" for at, gap in _gaps(folder / "S")))
     return _verdict(
@@ -336,6 +340,15 @@ def real(options: argparse.Namespace, folder: Path) -> bool:
             *(_growth(health) if hours > TELLING_HOURS else ()),
         ]
     )
+
+
+def _until_recorded(path: Path, monitor: subprocess.Popen[bytes]) -> None:
+    """Wait until a recording has not grown for five seconds, or its process has ended."""
+    grown, size = time.monotonic(), 0
+    while monitor.poll() is None and (not size or time.monotonic() - grown < 5.0):
+        time.sleep(0.2)
+        if path.exists() and path.stat().st_size != size:
+            grown, size = time.monotonic(), path.stat().st_size
 
 
 def _gaps(folder: Path) -> list[tuple[float, Gap]]:

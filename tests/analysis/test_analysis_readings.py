@@ -73,7 +73,7 @@ def test_the_intervals_hold_in_93_to_97_of_100_records():
 
 
 def test_lines_do_not_raise_n():
-    """Eight harmonics that hold 30 times the variance of the noise, a resonance beside them."""
+    """Eight harmonics that hold three quarters of the variance."""
     rng = np.random.default_rng(5)
     samples = white(rng)
     t = np.arange(SAMPLES) / RATE
@@ -82,6 +82,8 @@ def test_lines_do_not_raise_n():
     clean = read(samples)["N"]
     assert found.lower < N < found.upper
     assert found.value == pytest.approx(clean.value, rel=0.01)
+    assert found.band_hz[0] < 1.0
+    assert found.band_hz[1] > 25.0
 
 
 def test_behind_a_low_pass_n_is_the_density_below_its_corner():

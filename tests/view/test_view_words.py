@@ -67,8 +67,8 @@ def test_the_table_of_an_axis_says_how_long_to_wait(analysis):
 
 def test_findings_name_the_effect_its_twins_and_its_equivalents(analysis):
     text = findings_table(analysis)
-    assert "**gx** **sinusoid**" in text
-    assert "the same on gy" in text
+    assert "- **gx gy** sinusoid (frequency 50.0 Hz, amplitude 20.0 mdps)" in text
+    assert "    - **gy** **sinusoid**" in text
     assert "or temperature" in text
     assert "az: a rise near tau = 300 s is left that no effect explains" in text
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import Deviation
+from allanscope.analysis.findings import Finding, findings_of
 from allanscope.explain import AxisExplanation, Effect, ResidualError
 from allanscope.history import Record
 from allanscope.noise import BestAveraging, Coefficient, DatasheetVerdict
@@ -261,6 +262,12 @@ class Analysis:
                     found.setdefault(effect.kind, effect)
         return tuple(found.values())
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Effects of the axes, with what is one disturbance put together; largest gain first."""
+        looked = {k: a.explanation for k, a in self.axes.items() if not a.failure}
+        return findings_of({k: one.effects for k, one in looked.items() if one is not None})
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result in the schema ``allanscope/1``: plain numbers, null for what is not."""
         result: dict[str, Any] = {
@@ -289,6 +296,7 @@ class Analysis:
             "assumptions": list(self.assumptions),
             "remarks": [*self.assumptions, *self.remarks],
             "effects": [_effect_dict(effect) for effect in self.effects],
+            "findings": [_finding_dict(finding) for finding in self.findings],
             "axes": {name: _axis_dict(axis) for name, axis in self.axes.items()},
         }
         return cast("dict[str, Any]", _plain(result))
@@ -365,6 +373,16 @@ def _effect_dict(effect: Effect) -> dict[str, Any]:
         "equivalent": list(effect.equivalent),
         "axes": list(effect.axes),
         "evidence": dict(effect.evidence),
+    }
+
+
+def _finding_dict(finding: Finding) -> dict[str, Any]:
+    return {
+        "kind": finding.kind,
+        "axes": list(finding.axes),
+        "gain_nats": finding.gain_nats,
+        "harmonics": list(finding.harmonics),
+        "effects": [{"axis": one.axis, "index": one.index} for one in finding.members],
     }
 
 

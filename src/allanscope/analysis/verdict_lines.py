@@ -10,8 +10,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from allanscope.analysis.findings import findings_of
 from allanscope.analysis.result import Analysis, AxisAnalysis
-from allanscope.analysis.wording import effect_brief, losses_text, not_measured, wait_text
+from allanscope.analysis.wording import (
+    effect_brief,
+    finding_brief,
+    losses_text,
+    not_measured,
+    wait_text,
+)
 from allanscope.explain import AxisExplanation
 from allanscope.noise import DatasheetVerdict
 from allanscope.parts import PARTS
@@ -24,6 +31,8 @@ Grade = Literal["good", "bad", "note"]
 ASSUMED = "Assumed"
 """Head of the lines on what the input did not say: they come first."""
 
+_NAMED = 3
+"""Findings that a verdict names: what else there is stands in the report."""
 _NOTICEABLE_LOSS = 1e-3
 """Share of the samples that may be missing before it counts against the run."""
 
@@ -206,13 +215,15 @@ def _effect_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     open_axes = {name: one for name, one in looked.items() if searched(one)}
     if sound and not looked:
         return [VerdictLine("note", "Effects", "not searched for yet")]
-    lines = []
-    phrases: dict[str, list[str]] = {}
-    for name, one in open_axes.items():
-        for effect in one.own_effects:
-            phrases.setdefault(effect_brief(effect), []).append(name)
-    for phrase, names in phrases.items():
-        lines.append(VerdictLine("note", f"Found on {_named(names, axes)}", phrase))
+    found = findings_of({name: one.own_effects for name, one in open_axes.items()})
+    lines = [
+        VerdictLine("note", f"Found on {_named(one.axes, axes)}", finding_brief(one))
+        for one in found[:_NAMED]
+    ]
+    if len(found) > _NAMED:
+        lines.append(
+            VerdictLine("note", "Found also", f"{len(found) - _NAMED} more: see the report")
+        )
     unexplained = [name for name, one in open_axes.items() if not one.explained]
     if unexplained:
         text = "the model does not explain all of the data, and no effect that is known does"

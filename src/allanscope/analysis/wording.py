@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from allanscope.analysis.findings import Finding
 from allanscope.analysis.result import Analysis, AxisAnalysis, Rate
 from allanscope.explain import Effect, Parameter
 from allanscope.noise import Coefficient
@@ -28,6 +29,7 @@ __all__ = [
     "density_verdict",
     "effect_brief",
     "effect_text",
+    "finding_brief",
     "losses_text",
     "not_measured",
     "parameter_text",
@@ -110,6 +112,61 @@ def effect_brief(effect: Effect) -> str:
     )
     inside = ", ".join(parts)
     return effect.kind.replace("_", " ") + (f" ({inside})" if inside else "")
+
+
+def finding_brief(finding: Finding) -> str:
+    """Return a finding as a phrase: its leading effect over all axes, and what belongs to it.
+
+    >>> from allanscope.analysis.findings import findings_of
+    >>> def line(hz, dps):
+    ...     return Effect("sinusoid", {"frequency": Parameter(hz, hz, hz, "Hz"),
+    ...                                "amplitude": Parameter(dps, dps, dps, "dps")})
+    >>> effects = {"gx": [line(50.0, 0.02), line(100.0, 0.002)], "gy": [line(50.0, 0.003)]}
+    >>> finding_brief(findings_of(effects)[0])
+    'sinusoid (frequency 50.0 Hz, amplitude 3.00 ... 20.0 mdps), with harmonic 2'
+    """
+    lead = finding.members[0].effect
+    alike = [one.effect for one in finding.members if one.effect.kind == lead.kind]
+    if finding.harmonics:
+        base = lead.parameters["frequency"].value
+        assert not isinstance(base, str)
+        limit = 1.5 * base
+        alike = [e for e in alike if float(e.parameters["frequency"].value) < limit]
+    if lead.brief:
+        text = lead.brief
+    else:
+        parts = (f"{n.replace('_', ' ')} {_range_text(n, alike)}" for n in lead.parameters)
+        inside = ", ".join(parts)
+        text = lead.kind.replace("_", " ") + (f" ({inside})" if inside else "")
+    others = dict.fromkeys(
+        one.effect.kind.replace("_", " ") for one in finding.members if one.effect.kind != lead.kind
+    )
+    belongs = list(others)
+    if finding.harmonics:
+        plural = "s" if len(finding.harmonics) > 1 else ""
+        belongs.append(f"harmonic{plural} {' '.join(map(str, finding.harmonics))}")
+    return f"{text}, with {' and '.join(belongs)}" if belongs else text
+
+
+def _range_text(name: str, effects: Sequence[Effect]) -> str:
+    """Return what a parameter is on all axes: one value, or the least and the largest of a unit."""
+    by_unit: dict[str, list[Parameter]] = {}
+    for effect in effects:
+        if name in effect.parameters:
+            one = effect.parameters[name]
+            by_unit.setdefault(one.unit, []).append(Parameter(one.value, unit=one.unit))
+    texts = []
+    for known in by_unit.values():
+        if any(isinstance(one.value, str) for one in known):
+            texts.append(" ".join(dict.fromkeys(str(one.value) for one in known)))
+            continue
+        ends = sorted(known, key=lambda one: float(one.value))
+        low, high = (parameter_text(one, intervals=False) for one in (ends[0], ends[-1]))
+        first, _, unit = low.rpartition(" ")
+        texts.append(
+            high if low == high else f"{first if high.endswith(f' {unit}') else low} ... {high}"
+        )
+    return " and ".join(texts)
 
 
 def rate_text(known: Rate) -> str:

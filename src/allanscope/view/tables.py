@@ -13,6 +13,7 @@ from allanscope.analysis import (
     coefficient_unit,
     density_verdict,
     effect_text,
+    finding_brief,
     losses_text,
     rate_text,
     verdict,
@@ -104,16 +105,19 @@ def axis_table(name: str, axis: AxisAnalysis) -> str:
 
 
 def findings_table(analysis: Analysis) -> str:
-    """Return the effects that the textbook model lacks, axis by axis."""
+    """Return what the textbook model lacks: each disturbance with its axes, and its effects."""
     lines = [f"- {_mark(effect_text(effect))}" for effect in analysis.effects]
-    for name, axis in analysis.axes.items():
-        for effect in axis.explanation.own_effects if axis.explanation else ():
-            lines.append(f"- **{name}** {_mark(effect_text(effect))}")
-            others = [other for other in effect.axes if other != name]
-            if others:
-                lines.append(f"    - the same on {', '.join(others)}")
-            if words := effect.evidence.get("words"):
-                lines.append(f"    - {markdown(words)}")
+    for finding in analysis.findings:
+        first = finding.members[0]
+        if len(finding.members) == 1:
+            lines.append(f"- **{first.axis}** {_mark(effect_text(first.effect))}")
+        else:
+            lines.append(f"- **{' '.join(finding.axes)}** {markdown(finding_brief(finding))}")
+            lines += [
+                f"    - **{one.axis}** {_mark(effect_text(one.effect))}" for one in finding.members
+            ]
+        if words := first.effect.evidence.get("words"):
+            lines.append(f"    - {markdown(words)}")
     found = "\n".join(lines) or "*nothing found beyond the textbook noise*"
     remarks = "\n".join(f"- {markdown(remark)}" for remark in _remarks(analysis))
     return f"{found}\n\n### Remarks\n\n{remarks}" if remarks else found

@@ -1,0 +1,233 @@
+"""Findings: the effects of all axes, with what is one disturbance put together.
+
+The search works axis by axis and line by line. A pump that shakes the board is then a dozen effects
+of one cause. Two effects are one finding where they
+
+- are of one kind, on two axes, and agree in what tells effects of this kind apart: the frequency,
+  the time, the source, the range; or, where a kind has no place, in all of their numbers, unless
+  the board has one cause of it, as it has one temperature;
+- are lines of which one is a harmonic of the other, or sits in the other's band;
+- begin or end at one time: a step, an excursion and a burst.
+
+Agreement is by their intervals. Two that only share that they have no name are two findings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+
+from allanscope.explain import Effect, Parameter
+
+__all__ = ["Finding", "Member", "findings_of"]
+
+_WIDER = 2.0
+"""Intervals are stretched by this: of many pairs of 95 % intervals some would miss each other."""
+_RELATIVE = 1e-4
+"""Relative difference that counts as equal even where intervals are narrower."""
+_HIGHEST = 40
+"""Highest order of a harmonic."""
+_BY_CHANCE = 0.02
+"""Largest uncertainty of an order; beyond, any line would be a harmonic of any other."""
+_ONE_CAUSE = frozenset({"temperature", "repeated_samples"})
+"""Kinds that have one cause on all axes, however large they are on each."""
+_AT_ONCE_S = 1.0
+"""Time within which events are one: a knock and what it leaves behind."""
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One effect of a finding: the axis, and its place among the effects of that axis."""
+
+    axis: str
+    index: int
+    effect: Effect
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One disturbance, however many effects it is.
+
+    Attributes
+    ----------
+    kind : str
+        That of its leading effect: the fundamental of lines, else what gained most.
+    axes : tuple of str
+        Where it was seen.
+    members : tuple of Member
+        Its effects, the leading one first.
+    gain_nats : float
+        Log-likelihood that they gained together; findings are sorted by it.
+    harmonics : tuple of int
+        Orders beside the fundamental, ascending.
+    """
+
+    kind: str
+    axes: tuple[str, ...]
+    members: tuple[Member, ...]
+    gain_nats: float
+    harmonics: tuple[int, ...] = field(default=())
+
+
+def findings_of(effects: Mapping[str, Iterable[Effect]]) -> tuple[Finding, ...]:
+    """Return the findings, largest gain first.
+
+    Parameters
+    ----------
+    effects : mapping
+        Axis to its effects, in the order of the result. Those of the stream are left out.
+    """
+    members = [
+        Member(axis, index, effect)
+        for axis, here in effects.items()
+        for index, effect in enumerate(here)
+        if not effect.of_the_stream
+    ]
+    group = list(range(len(members)))
+    for i, j in combinations(range(len(members)), 2):
+        if group[i] != group[j] and _is_one(members[i], members[j]):
+            kept, gone = sorted((group[i], group[j]))
+            group = [kept if one == gone else one for one in group]
+    found = [
+        _finding([m for m, of in zip(members, group, strict=True) if of == one], list(effects))
+        for one in dict.fromkeys(group)
+    ]
+    return tuple(sorted(found, key=lambda one: -one.gain_nats))
+
+
+def _finding(members: list[Member], axes: list[str]) -> Finding:
+    members = sorted(members, key=lambda one: -_gain(one.effect))
+    lines = [one for one in members if _frequency(one.effect) is not None]
+    orders: set[int] = set()
+    if len(lines) == len(members):
+        lowest = min(lines, key=lambda one: _value(one.effect, "frequency"))
+        base = _value(lowest.effect, "frequency")
+        order = {id(one): max(1, round(_value(one.effect, "frequency") / base)) for one in members}
+        members.sort(key=lambda one: (order[id(one)], -_gain(one.effect)))
+        orders = set(order.values()) - {1}
+    seen = {one.axis for one in members}
+    return Finding(
+        kind=members[0].effect.kind,
+        axes=tuple(axis for axis in axes if axis in seen),
+        members=tuple(members),
+        gain_nats=sum(_gain(one.effect) for one in members),
+        harmonics=tuple(sorted(orders)),
+    )
+
+
+def _gain(effect: Effect) -> float:
+    gain = effect.evidence.get("gain_nats")
+    return float(gain) if isinstance(gain, (int, float)) else 0.0
+
+
+def _is_one(first: Member, second: Member) -> bool:
+    """Tell whether two effects are one disturbance."""
+    a, b = first.effect, second.effect
+    if _is_harmonic(a, b) or _at_once(a, b):
+        return True
+    if a.kind != b.kind or first.axis == second.axis:
+        return False
+    source, other = a.parameters.get("source"), b.parameters.get("source")
+    if source is not None and other is not None:
+        mutual = (source.value, other.value) == (second.axis, first.axis)
+        return mutual or source.value == other.value
+    if not a.located_by and (a.kind in _ONE_CAUSE or second.axis in a.axes):
+        return True
+    if a.located_by:
+        unit = a.parameters[a.located_by].unit if a.located_by in a.parameters else ""
+        shared = [n for n, p in a.parameters.items() if p.unit == unit and _places(n, a)]
+    else:
+        shared = list(a.parameters)
+    return bool(shared) and all(
+        name in b.parameters and _agree(a.parameters[name], b.parameters[name]) for name in shared
+    )
+
+
+def _places(name: str, effect: Effect) -> bool:
+    """Tell whether a parameter says where an effect is: both ends of a range do."""
+    where = effect.located_by
+    return name == where or (where.endswith("_low") and name == f"{where[:-4]}_high")
+
+
+def _is_harmonic(a: Effect, b: Effect) -> bool:
+    """Tell whether two lines have one frequency, or one is a multiple of the other."""
+    low, high = _frequency(a), _frequency(b)
+    if low is None or high is None:
+        return False
+    if low.value > high.value:
+        a, b, low, high = b, a, high, low
+    if min(low.value, high.value) <= 0:
+        return False
+    order = round(high.value / low.value)
+    room = order * _half(low) + _half(high)
+    apart = abs(high.value - order * low.value)
+    if order == 1:
+        widths = [_value(e, "bandwidth") / 2 for e in (a, b) if "bandwidth" in e.parameters]
+        return apart <= room + max(widths, default=0.0)
+    return 1 < order <= _HIGHEST and room < _BY_CHANCE * low.value and apart <= room
+
+
+def _frequency(effect: Effect) -> _Number | None:
+    known = effect.parameters.get("frequency")
+    return _number(known) if known is not None else None
+
+
+def _at_once(a: Effect, b: Effect) -> bool:
+    """Tell whether two events begin or end at one time."""
+    return any(
+        abs(one.value - other.value) <= max(_AT_ONCE_S, _half(one) + _half(other))
+        for one in _edges(a)
+        for other in _edges(b)
+    )
+
+
+def _edges(effect: Effect) -> list[_Number]:
+    """Return the times at which an effect begins and ends; none where it is no event."""
+    known = {n: found for n, p in effect.parameters.items() if (found := _number(p)) is not None}
+    if "start" in known:
+        return [known[name] for name in ("start", "stop") if name in known]
+    if "time" not in known:
+        return []
+    time = known["time"]
+    if "duration" not in known:
+        return [time]
+    late = known["duration"]
+    end = (time.value + late.value, time.lower + late.lower, time.upper + late.upper)
+    return [time, _Number(*end)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Number:
+    """A parameter that is a number, with limits."""
+
+    value: float
+    lower: float
+    upper: float
+
+
+def _number(parameter: Parameter) -> _Number | None:
+    value = parameter.value
+    if isinstance(value, str):
+        return None
+    low = value if parameter.lower is None else parameter.lower
+    high = value if parameter.upper is None else parameter.upper
+    return _Number(value, low, high)
+
+
+def _half(number: _Number) -> float:
+    """Return the distance from a number within which another counts as the same."""
+    return max(_WIDER * (number.upper - number.lower) / 2, _RELATIVE * abs(number.value))
+
+
+def _value(effect: Effect, name: str) -> float:
+    value = effect.parameters[name].value
+    return 0.0 if isinstance(value, str) else value
+
+
+def _agree(a: Parameter, b: Parameter) -> bool:
+    """Tell whether two parameters are the same: equal names, or numbers whose intervals overlap."""
+    one, other = _number(a), _number(b)
+    if one is None or other is None:
+        return a.value == b.value
+    return a.unit == b.unit and abs(one.value - other.value) <= _half(one) + _half(other)

@@ -1,0 +1,180 @@
+"""Findings: what is one disturbance is one, and what only looks alike is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allanscope import analyse
+from allanscope.analysis import finding_brief, findings_of, verdict
+from allanscope.explain import Effect, Parameter
+from allanscope.report import render
+from allanscope.view.tables import findings_table
+from support.demo_analysis import demo_analysis
+
+
+def effect(kind, located_by="", gain=10.0, axes=(), **numbers):
+    """Return an effect; a number is (value, half of its interval, unit) or a name."""
+    parameters = {
+        name: Parameter(one)
+        if isinstance(one, str)
+        else Parameter(one[0], one[0] - one[1], one[0] + one[1], one[2])
+        for name, one in numbers.items()
+    }
+    evidence = {"gain_nats": gain}
+    return Effect(kind, parameters, axes=axes, evidence=evidence, located_by=located_by)
+
+
+def line(hz, half=1e-3, dps=0.02, gain=10.0):
+    found = {"frequency": (hz, half, "Hz"), "amplitude": (dps, 0.001, "dps")}
+    return effect("sinusoid", "frequency", gain, **found)
+
+
+def step(s, gain=10.0):
+    return effect("step", "time", gain, time=(s, 0.05, "s"), size=(0.01, 0.001, "dps"))
+
+
+def excursion(s, duration_s):
+    found = {"time": (s, 0.05, "s"), "duration": (duration_s, 0.1, "s"), "size": (1.0, 0.1, "dps")}
+    return effect("excursion", "time", **found)
+
+
+def sizes(effects):
+    return sorted((len(one.members) for one in findings_of(effects)), reverse=True)
+
+
+def test_one_line_on_three_axes_is_one_finding():
+    found = findings_of({"gx": [line(7.0)], "gy": [line(7.002)], "az": [line(6.999)]})
+    assert [one.axes for one in found] == [("gx", "gy", "az")]
+    assert finding_brief(found[0]) == "sinusoid (frequency 7.00 Hz, amplitude 20.0 mdps)"
+
+
+def test_lines_beyond_their_intervals_are_two():
+    assert sizes({"gx": [line(7.0)], "gy": [line(7.01)]}) == [1, 1]
+    assert sizes({"gx": [line(7.0, half=4e-3)], "gy": [line(7.01, half=4e-3)]}) == [2]
+
+
+def test_harmonics_belong_to_their_fundamental():
+    effects = {"gx": [line(21.0, gain=50), line(7.0)], "gy": [line(14.001, dps=0.005)]}
+    (found,) = findings_of(effects)
+    assert (found.kind, found.harmonics, found.gain_nats) == ("sinusoid", (2, 3), 70.0)
+    assert found.members[0].effect is effects["gx"][1]
+    assert [(one.axis, one.index) for one in found.members] == [("gx", 1), ("gy", 0), ("gx", 0)]
+    assert finding_brief(found).endswith("amplitude 20.0 mdps), with harmonics 2 3")
+
+
+@pytest.mark.parametrize("hz", [14.02, 10.5, 17.5, 3.3])
+def test_what_is_no_multiple_stands_alone(hz):
+    assert sizes({"gx": [line(7.0), line(hz)]}) == [1, 1]
+
+
+def test_a_slow_line_is_no_fundamental_of_everything():
+    """At 0.01 +- 0.001 Hz any line is a multiple by chance."""
+    assert sizes({"gx": [line(0.01, half=1e-3), line(0.07), line(5.0)]}) == [1, 1, 1]
+
+
+def test_a_line_in_a_band_is_one_with_it():
+    numbers = {"frequency": (7.3, 0.05, "Hz"), "bandwidth": (1.0, 0.1, "Hz")}
+    band = effect("narrowband", "frequency", **numbers, sigma=(0.01, 0.001, "dps"))
+    assert sizes({"gx": [line(7.0), band]}) == [2]
+    assert sizes({"gx": [line(9.0), band]}) == [1, 1]
+
+
+def test_what_happens_at_one_time_is_one_event():
+    burst = {"intervals": (1.0, 0.0, ""), "start": (299.6, 0.1, "s"), "stop": (301.0, 0.1, "s")}
+    effects = {
+        "gx": [step(300.0, gain=90.0), step(300.6)],
+        "gy": [excursion(300.2, 25.0)],
+        "gz": [effect("variance_change", "start", **burst)],
+        "ax": [step(325.3)],
+    }
+    (found,) = findings_of(effects)
+    assert (found.kind, len(found.members)) == ("step", 5)
+    assert finding_brief(found).endswith("with excursion and variance change")
+    assert sizes({"gx": [step(300.0)], "gy": [step(302.0)]}) == [1, 1]
+
+
+def test_two_that_have_no_name_are_not_one_for_that():
+    def band(low, high):
+        numbers = {"frequency_low": (low, 0.01, "Hz"), "frequency_high": (high, 0.01, "Hz")}
+        return effect("unexplained", "frequency_low", **numbers, share=(0.2, 0.01, ""))
+
+    assert sizes({"gx": [band(1.0, 2.0)], "gy": [band(1.0, 20.0)]}) == [1, 1]
+    assert sizes({"gx": [band(1.0, 2.0), band(5.0, 6.0)]}) == [1, 1]
+    assert sizes({"gx": [band(1.0, 2.0)], "gy": [band(1.0, 2.0)]}) == [2]
+
+
+def test_a_kind_without_a_place_is_one_where_all_of_it_agrees():
+    def process(tc):
+        numbers = {"sigma": (0.01, 0.001, "dps"), "correlation_time": (tc, 0.5, "s")}
+        return effect("gauss_markov", **numbers)
+
+    assert sizes({"gx": [process(5.0)], "gy": [process(5.3)]}) == [2]
+    assert sizes({"gx": [process(5.0)], "gy": [process(50.0)]}) == [1, 1]
+    assert sizes({"gx": [process(5.0), process(5.3)]}) == [1, 1]
+    warm = [effect("temperature", slope=(one, 0.01, "dps/degC")) for one in (0.1, -0.5)]
+    assert sizes({"gx": warm[:1], "gy": warm[1:]}) == [2]
+
+
+def test_couplings_are_one_by_their_source_or_by_each_other():
+    def leak(source):
+        return effect("cross_coupling", "source", source=source, slope=(0.3, 0.01, "dps/g"))
+
+    assert sizes({"gx": [leak("ax")], "gy": [leak("ax")], "gz": [leak("ay")]}) == [2, 1]
+    assert sizes({"gx": [leak("gy")], "gy": [leak("gx")]}) == [2]
+
+
+def test_what_is_of_the_stream_is_no_finding_of_an_axis():
+    clock = replace(effect("clock_error", relative=(1e-4, 1e-6, "")), of_the_stream=True)
+    assert findings_of({"gx": [clock], "gy": [clock]}) == ()
+
+
+def test_the_verdict_names_the_three_largest_and_counts_the_rest():
+    analysis = demo_analysis(7300.0)
+    many = tuple(line(hz, gain=hz) for hz in (7.1, 11.3, 13.7, 17.9, 23.3))
+    axis = analysis.axes["gx"]
+    axes = {"gx": replace(axis, explanation=replace(axis.explanation, effects=many))}
+    known = replace(analysis, axes=axes)
+    lines = [one for one in verdict(known).lines if one.head.startswith("Found")]
+    assert [one.head for one in lines] == ["Found on gx"] * 3 + ["Found also"]
+    for hz, one in zip((23.3, 17.9, 13.7), lines[:3], strict=True):
+        assert f"frequency {hz} Hz" in one.text
+    assert lines[3].text == "2 more: see the report"
+    page = render(replace(known, record=None))
+    assert "Findings: 5, the largest first" in page
+    assert findings_table(known).count("sinusoid") >= 5
+
+
+@pytest.fixture(scope="module")
+def hum():
+    """Return a hum of 7.013 Hz with two harmonics on three axes, and a knock at 300 s."""
+    rng, t = np.random.default_rng(2), np.arange(60_000) / 100.0
+    wave = sum(np.sin(2 * np.pi * 7.013 * k * t + k) / k for k in (1, 2, 3))
+    sizes = {"gx": 0.02, "gy": 0.012, "gz": 0.006}
+    samples = {k: 0.04 * rng.standard_normal(len(t)) + a * wave for k, a in sizes.items()}
+    samples["gx"][30_000:] += 0.05
+    samples["gz"][30_000:32_000] += 0.05
+    return analyse(samples, 100.0)
+
+
+def test_a_hum_with_harmonics_on_three_axes_is_one_finding(hum):
+    assert sum(len(axis.explanation.effects) for axis in hum.axes.values()) >= 11
+    first, second = hum.findings
+    assert (first.kind, first.axes, first.harmonics) == ("sinusoid", ("gx", "gy", "gz"), (2, 3))
+    assert len(first.members) == 9
+    assert set(second.axes) == {"gx", "gz"}
+    assert {one.effect.kind for one in second.members} == {"step", "excursion"}
+    lines = {one.head: one.text for one in verdict(hum).lines}
+    assert lines["Found on all axes"].endswith("with harmonics 2 3")
+    assert "frequency 7.01 Hz" in lines["Found on all axes"]
+
+
+def test_the_json_points_at_the_effects(hum):
+    result = hum.to_dict()
+    for finding in result["findings"]:
+        lead = finding["effects"][0]
+        assert result["axes"][lead["axis"]]["effects"][lead["index"]]["kind"] == finding["kind"]
+    pointed = {(one["axis"], one["index"]) for f in result["findings"] for one in f["effects"]}
+    assert len(pointed) == sum(len(axis["effects"]) for axis in result["axes"].values())

@@ -67,10 +67,12 @@ class Row:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether N is what the density shows; None where one of them is missing."""
-        if math.isnan(self.off):
-            return None
-        return abs(self.off) <= AGREES + 2 * self.reading.N_error / self.reading.N
+        """Whether N, or its upper limit, is what the density shows; None without a reading."""
+        allowed = AGREES + 2 * self.reading.N_error / self.reading.N
+        if math.isnan(self.N):  # only a limit is known
+            least = self.N_upper / self.reading.N - 1
+            return None if math.isnan(least) else least >= -allowed
+        return None if math.isnan(self.off) else abs(self.off) <= allowed
 
     @property
     def worse(self) -> tuple[str, ...]:

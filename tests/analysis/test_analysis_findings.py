@@ -96,14 +96,24 @@ def test_what_happens_at_one_time_is_one_event():
     assert sizes({"gx": [step(300.0)], "gy": [step(302.0)]}) == [1, 1]
 
 
-def test_two_that_have_no_name_are_not_one_for_that():
-    def band(low, high):
-        numbers = {"frequency_low": (low, 0.01, "Hz"), "frequency_high": (high, 0.01, "Hz")}
-        return effect("unexplained", "frequency_low", **numbers, share=(0.2, 0.01, ""))
+def band(low, high):
+    numbers = {"frequency_low": (low, 0.0, "Hz"), "frequency_high": (high, 0.0, "Hz")}
+    return effect("unexplained", "frequency_low", **numbers, share=(0.2, 0.01, ""))
 
+
+def test_two_that_have_no_name_are_not_one_for_that():
     assert sizes({"gx": [band(1.0, 2.0)], "gy": [band(1.0, 20.0)]}) == [1, 1]
     assert sizes({"gx": [band(1.0, 2.0), band(5.0, 6.0)]}) == [1, 1]
     assert sizes({"gx": [band(1.0, 2.0)], "gy": [band(1.0, 2.0)]}) == [2]
+
+
+def test_a_narrow_band_is_where_it_is():
+    assert sizes({"gx": [band(31.0, 33.1)], "gy": [band(32.9, 33.5)]}) == [2]
+    assert sizes({"gx": [band(31.0, 33.1), band(32.9, 33.5)]}) == [1, 1]
+    assert sizes({"gx": [band(31.0, 33.1)], "gy": [band(33.2, 33.5)]}) == [1, 1]
+    assert sizes({"gx": [band(31.0, 33.1)], "gy": [line(32.3)]}) == [2]
+    assert sizes({"gx": [band(30.0, 38.0)], "gy": [line(32.3)]}) == [1, 1]
+    assert sizes({"gx": [band(31.0, 33.1)], "gy": [line(34.0)]}) == [1, 1]
 
 
 def test_a_kind_without_a_place_is_one_where_all_of_it_agrees():

@@ -14,7 +14,7 @@ from allanscope.analysis.reading_remarks import disagreement
 from allanscope.analysis.result import Reading
 from allanscope.explain import Effect, Parameter
 from allanscope.history import Record
-from allanscope.noise import Coefficient, fit_noise
+from allanscope.noise import Coefficient, CoefficientPart, fit_noise
 from allanscope.noise.components import GaussMarkov
 from allanscope.noise.fit import Known
 from allanscope.noise.white_level import add_coupled, total_white
@@ -213,6 +213,26 @@ def test_a_low_pass_explains_a_reading_below_the_coefficient():
     low = {"N": reading(0.5e-3, **DENSITY)}
     line = disagreement("dps", coefficients(), low, [effect("band_limit", cutoff=18.0)])
     assert line.endswith("a low-pass at 18.0 Hz")
+
+
+@pytest.mark.parametrize(("alone", "is_cause"), [(0.99e-3, False), (0.8e-3, True)])
+def test_a_coupling_that_brings_next_to_nothing_is_no_cause(alone, is_cause):
+    known = coefficients()
+    part = CoefficientPart(alone, 0.99 * alone, 1.01 * alone, True)
+    known["N"] = replace(known["N"], decoupled=part)
+    leak = [effect("cross_coupling", source="ay", slope=0.1)]
+    line = disagreement("dps", known, {"N": reading(6.2e-3, **DENSITY)}, leak)
+    assert line.endswith("a coupling from ay") == is_cause
+
+
+@pytest.mark.parametrize("kind", ["band_limit", "sinusoid"])
+def test_what_acts_far_from_where_n_was_read_is_no_cause(kind):
+    name = "cutoff" if kind == "band_limit" else "frequency"
+    low = {"N": reading(0.5e-3, **DENSITY)}
+    far = disagreement("dps", coefficients(), low, [effect(kind, **{name: 38.0})])
+    assert far.endswith("not explained by the model")
+    near = disagreement("dps", coefficients(), low, [effect(kind, **{name: 18.0})])
+    assert "18.0 Hz" in near
 
 
 def test_what_the_coefficients_make_together_is_no_disagreement():

@@ -7,6 +7,7 @@ of one cause. Two effects are one finding where they
   the time, the source, the range; or, where a kind has no place, in all of their numbers, unless
   the board has one cause of it, as it has one temperature;
 - are lines of which one is a harmonic of the other, or sits in the other's band;
+- are narrow bands on two axes that overlap, or a line and a narrow band without a name about it;
 - begin or end at one time: a step, an excursion and a burst.
 
 Agreement is by their intervals. Two that only share that they have no name are two findings.
@@ -32,6 +33,8 @@ _BY_CHANCE = 0.02
 """Largest uncertainty of an order; beyond, any line would be a harmonic of any other."""
 _ONE_CAUSE = frozenset({"temperature", "repeated_samples"})
 """Kinds that have one cause on all axes, however large they are on each."""
+_NARROW = 0.1
+"""Relative width up to which a range of frequencies is taken for one line."""
 _AT_ONCE_S = 1.0
 """Time within which events are one: a knock and what it leaves behind."""
 
@@ -124,7 +127,7 @@ def _gain(effect: Effect) -> float:
 def _is_one(first: Member, second: Member) -> bool:
     """Tell whether two effects are one disturbance."""
     a, b = first.effect, second.effect
-    if _is_harmonic(a, b) or _at_once(a, b):
+    if _is_harmonic(a, b) or _at_once(a, b) or _is_in_band(a, b) or _is_in_band(b, a):
         return True
     if a.kind != b.kind or first.axis == second.axis:
         return False
@@ -132,6 +135,9 @@ def _is_one(first: Member, second: Member) -> bool:
     if source is not None and other is not None:
         mutual = (source.value, other.value) == (second.axis, first.axis)
         return mutual or source.value == other.value
+    bands = _narrow_band(a), _narrow_band(b)
+    if bands[0] and bands[1]:
+        return max(bands[0][0], bands[1][0]) <= min(bands[0][1], bands[1][1])
     if not a.located_by and (a.kind in _ONE_CAUSE or second.axis in a.axes):
         return True
     if a.located_by:
@@ -166,6 +172,22 @@ def _is_harmonic(a: Effect, b: Effect) -> bool:
         widths = [_value(e, "bandwidth") / 2 for e in (a, b) if "bandwidth" in e.parameters]
         return apart <= room + max(widths, default=0.0)
     return 1 < order <= _HIGHEST and room < _BY_CHANCE * low.value and apart <= room
+
+
+def _is_in_band(line: Effect, band: Effect) -> bool:
+    """Tell whether a line lies in a narrow band that has no name."""
+    known, ends = _frequency(line), _narrow_band(band)
+    if known is None or ends is None:
+        return False
+    return ends[0] - _half(known) <= known.value <= ends[1] + _half(known)
+
+
+def _narrow_band(effect: Effect) -> tuple[float, float] | None:
+    """Return the ends of a range of frequencies that is as narrow as a line; else None."""
+    if not {"frequency_low", "frequency_high"} <= set(effect.parameters):
+        return None
+    low, high = _value(effect, "frequency_low"), _value(effect, "frequency_high")
+    return (low, high) if 0 < high - low <= _NARROW * low else None
 
 
 def _frequency(effect: Effect) -> _Number | None:

@@ -65,7 +65,13 @@ def disagreement(
         known = coefficients.get(letter)
         if known is None or _agree(name, coefficients, reading, rounding):
             continue
-        cause = _cause(name, reading.value > known.value, tuple(effects))
+        near = tuple(
+            one
+            for one in effects
+            if _is_near(one, reading.band_hz)
+            and not (one.kind == "cross_coupling" and _is_coupled_little(known))
+        )
+        cause = _cause(name, reading.value > known.value, near)
         usual = COEFFICIENTS[unit, letter][0]
         fitted = (
             usual.limit(known.upper) if not known.detected else number(known.value * usual.factor)
@@ -135,6 +141,21 @@ def _cause(name: str, more: bool, effects: tuple[Effect, ...]) -> str:
             return _phrase(found)
     other = next((effect for effect in known if effect.kind not in order), None)
     return "not explained by the model" if other is None else _phrase(other)
+
+
+def _is_coupled_little(known: Coefficient) -> bool:
+    """Tell whether what other axes bring, which is known, is too little to mention."""
+    alone = known.decoupled
+    return alone is not None and known.value <= (1 + _NOTICEABLE) * alone.value
+
+
+def _is_near(effect: Effect, band_hz: tuple[float, float] | None) -> bool:
+    """Tell whether an effect that has a frequency acts within an octave of where N was read."""
+    place = effect.parameters.get("frequency") or effect.parameters.get("cutoff")
+    if band_hz is None or place is None or isinstance(place.value, str):
+        return True
+    above_the_low_end = place.value >= band_hz[0] / 2 or "cutoff" in effect.parameters
+    return above_the_low_end and place.value <= 2 * band_hz[1]
 
 
 def _phrase(effect: Effect) -> str:

@@ -29,6 +29,7 @@ error). `allanscope --version` prints the version, `allanscope COMMAND --help` w
 | 3 | input that cannot be read |
 | 4 | device lost or not found |
 | 5 | `check` failed |
+| 6 | done, but not all of it: standard error and `failures` in the result say what |
 | 130 | stopped by Ctrl-C before it was done |
 
 An error is one line on standard error: what, where, what to do.

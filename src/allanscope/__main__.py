@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 
 from allanscope.cli import parser
 from allanscope.errors import AllanscopeError, ExitCode
-from allanscope.sanitize import sanitize, spell_out_standard_streams
+from allanscope.sanitize import complain, spell_out_standard_streams
 
 __all__ = ["main"]
 
@@ -24,29 +24,41 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(words)
     try:
         with _searches_shown() if arguments.debug else nullcontext():
-            return int(arguments.command(arguments))
+            code = int(arguments.command(arguments))
+            if sys.stdout is not None:
+                sys.stdout.flush()  # a full disk behind it is told now, and not after the end
+            return code
     except AllanscopeError as error:
         if arguments.debug:
             import traceback  # loaded only where it is shown
 
             traceback.print_exc()
         else:
-            print(f"allanscope: {sanitize(str(error))}", file=sys.stderr)
+            complain(error)
         return int(error.exit_code)
     except KeyboardInterrupt:
         # A session ends in order and does not come here; whatever else was stopped is not done.
-        print("allanscope: stopped before it was done", file=sys.stderr)
+        complain("stopped before it was done")
         return ExitCode.STOPPED
     except BrokenPipeError:
         # The reader of our output (head, less) has gone: nothing is left to say to it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _forget_what_is_not_taken()
         return ExitCode.DONE
     except Exception as error:
+        _forget_what_is_not_taken()
         if arguments.debug:
             raise
-        what = sanitize(f"{type(error).__name__}: {error}")
-        print(f"allanscope: unexpected {what}; --debug shows where", file=sys.stderr)
+        complain(f"unexpected {type(error).__name__}: {error}; --debug shows where")
         return ExitCode.UNEXPECTED
+
+
+def _forget_what_is_not_taken() -> None:
+    """Let what standard output does not take go nowhere: Python would try again at its end."""
+    try:
+        sys.stdout.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from allanscope import arguments
 from allanscope.errors import ExitCode
-from allanscope.sanitize import sanitize
+from allanscope.sanitize import complain, sanitize
 
 if TYPE_CHECKING:
     from allanscope.analysis import Analysis
@@ -216,7 +216,7 @@ def fleet(options: Namespace) -> int:
     )
     result = run_fleet(settings, _device_settings(options))
     for line in complaint_lines(result):
-        print(f"allanscope: {sanitize(line)}", file=sys.stderr)
+        complain(line)
     print("\n".join(map(sanitize, summary_lines(result))))
     if result.left:
         return ExitCode.STOPPED
@@ -352,9 +352,14 @@ def _print_json(analysis: Analysis, wanted: bool) -> None:
 
 
 def _exit_code(analysis: Analysis) -> int:
-    """Return how a command ends whose result is written: an axis that failed is no success."""
+    """Return how a command ends that has a result, and say what is missing of it."""
     failed = {name: axis.failure for name, axis in analysis.axes.items() if axis.failure}
-    for name, why in failed.items():
-        line = f"the analysis of {name} failed: {why}; the other axes are complete"
-        print(f"allanscope: {sanitize(line)}", file=sys.stderr)
-    return ExitCode.UNEXPECTED if failed else ExitCode.DONE
+    lines = [
+        f"the analysis of {name} failed: {why}; the other axes are complete"
+        for name, why in failed.items()
+    ]
+    for line in (*lines, *analysis.failures):
+        complain(line)
+    if failed:
+        return ExitCode.UNEXPECTED
+    return ExitCode.INCOMPLETE if analysis.failures else ExitCode.DONE

@@ -27,6 +27,7 @@ class ExitCode(IntEnum):
     INPUT = 3
     DEVICE = 4
     CHECK_FAILED = 5
+    INCOMPLETE = 6
     STOPPED = 130
 
 

@@ -19,9 +19,11 @@ import codecs
 import io
 import re
 import sys
+from contextlib import suppress
 from typing import TextIO
 
 __all__ = [
+    "complain",
     "excerpt",
     "markdown",
     "one_line",
@@ -76,6 +78,12 @@ def one_line(text: object) -> str:
     """
     line = sanitize(str(text))
     return line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]} ..."
+
+
+def complain(text: object) -> None:
+    """Say one line on standard error, under the name of the program; nobody need be there."""
+    with suppress(OSError, ValueError):
+        print(f"allanscope: {sanitize(str(text))}", file=sys.stderr, flush=True)
 
 
 def markdown(text: object) -> str:

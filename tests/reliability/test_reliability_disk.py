@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import re
 import time
@@ -51,7 +52,6 @@ def test_results_that_find_no_room_are_left_where_there_is_some(
     plug_in: Plug,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     device = plug_in({"rate": 104.0, "axes": ["gz"]})
     fsync = os.fsync
@@ -65,11 +65,12 @@ def test_results_that_find_no_room_are_left_where_there_is_some(
     monkeypatch.setattr("allanscope.atomic_write.os.fsync", full)
     monkeypatch.setenv("TMPDIR", str(tmp_path.parent))
     monkeypatch.setattr("tempfile.tempdir", None)
-    watch_in_full(device.url, tmp_path / "S", 3.0)
-    said = capsys.readouterr()
-    place = re.search(r"takes no more: .* are in (\S+)", said.out + said.err)
-    assert place
-    assert {path.name for path in Path(place[1]).iterdir()} == {"result.json", "report.html"}
+    analysis = watch_in_full(device.url, tmp_path / "S", 3.0)
+    said = "\n".join(analysis.failures)
+    (place,) = map(Path, set(re.findall(r"No space left on device; \S+ is in (\S+)", said)))
+    assert {path.name for path in place.iterdir()} == {"result.json", "report.html"}
+    written = json.loads((place / "result.json").read_text())
+    assert len(written["failures"]) == 2
 
 
 @pytest.fixture(scope="module")

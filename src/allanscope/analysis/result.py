@@ -216,6 +216,8 @@ class Analysis:
         Where the samples came from: name, wire format, file hash, device identity.
     lost_samples : int
         Samples known to be missing; `unknown_losses` counts the gaps of unknown length.
+    failures : tuple of str
+        What failed beside the measurement, a line each: recording, charts, files.
     segments : int
         Contiguous stretches of samples.
     temperature : mapping
@@ -244,6 +246,7 @@ class Analysis:
     axes: Mapping[str, AxisAnalysis]
     reconnects: int = 0
     unknown_losses: int = 0
+    failures: tuple[str, ...] = ()
     temperature: Mapping[str, float] = field(default_factory=dict)
     marks: tuple[tuple[float, str], ...] = ()
     remarks: tuple[str, ...] = ()
@@ -295,6 +298,7 @@ class Analysis:
             "marks": [{"time_s": time_s, "text": text} for time_s, text in self.marks],
             "assumptions": list(self.assumptions),
             "remarks": [*self.assumptions, *self.remarks],
+            "failures": list(self.failures),
             "effects": [_effect_dict(effect) for effect in self.effects],
             "findings": [_finding_dict(finding) for finding in self.findings],
             "axes": {name: _axis_dict(axis) for name, axis in self.axes.items()},

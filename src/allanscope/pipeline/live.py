@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Literal
 
 from allanscope.analysis import Analyser, AnalyserSettings, Analysis
-from allanscope.errors import AllanscopeError, DeviceError, InputError
+from allanscope.errors import AllanscopeError, DeviceError, InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.outputs import (
@@ -27,6 +27,7 @@ from allanscope.pipeline.outputs import (
     made_folder,
     new_session_folder,
     session_folder,
+    write_json,
     write_results,
 )
 from allanscope.pipeline.process import (
@@ -40,12 +41,12 @@ from allanscope.pipeline.settings import DeviceSettings, SessionSettings, Simula
 from allanscope.pipeline.stream import device_source, nothing_heard
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import Event, Notice
+from allanscope.sanitize import complain
 from allanscope.sources import RecordedSource, Source, must_be_there
 from allanscope.view import RerunView, TerminalView, load_rerun
 
 __all__ = ["run_live", "run_replay"]
 
-_RESULTS = ["result.json", "report.html"]
 _LOOK_EVERY_S = 0.2
 
 
@@ -207,34 +208,28 @@ def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettin
     return final
 
 
-def _leave(
-    final: Analysis, folder: Path, recorded: bool, terminal: TerminalView, quiet: bool
-) -> None:
-    """Write the result into the folder of a session, and say what is there."""
-    kept = [*(["session.mcap"] if recorded else []), "session.rrd"]
-    place = write_results(final, folder)
-    if place == folder:
-        kept += _RESULTS
-    else:
-        words = f"{folder} takes no more: {' and '.join(_RESULTS)} are in {place}"
-        terminal.line(words, "error")
-        if quiet:
-            _complain(words)
+def _leave(final: Analysis, folder: Path, recorded: bool, terminal: TerminalView) -> Analysis:
+    """Write the result into the folder of a session, say what is there, and what failed."""
+    written = write_results(final, folder)
+    final = replace(final, failures=(*final.failures, *written.failures))
+    for line in written.failures:
+        terminal.line(line, "error")
+    if written.failures and "result.json" in written.places:
+        with suppress(UsageError):  # once more, with what has just failed
+            write_json(final, written.places["result.json"] / "result.json")
+    here = [name for name, place in written.places.items() if place == folder]
+    kept = [*(["session.mcap"] if recorded else []), "session.rrd", *here]
     terminal.line(f"wrote {', '.join(kept)} in {folder}")
     terminal.line(f"to see the charts again: allanscope open {folder}")
+    return final
 
 
 def _tell_alarm(line: str, news: News, quiet: bool) -> None:
     """Tell what the recorder has to say, at once; called in its thread."""
     if quiet and line:
-        _complain(line)
+        complain(line)
     kind: Literal["error", "text"] = "error" if line else "text"
     news.put(Notice(kind, line or "the recording is whole again", {"host": 1}))
-
-
-def _complain(line: str) -> None:
-    """Say what must be known though the terminal is to be quiet."""
-    print(f"allanscope: {line}", file=sys.stderr, flush=True)
 
 
 def _metadata(source: Source, device: DeviceSettings) -> dict[str, str]:
@@ -291,7 +286,9 @@ def _run(
                     # First of all: the result takes a while, and nothing more comes to the disk.
                     recorder.describe(wire=session.decoding.wire)
                     recorder.close()
-                    session.tell_news(time.monotonic_ns())
+                    if recorder.failure:
+                        session.fail(recorder.failure)
+                session.tell_news(time.monotonic_ns())
             if recorder is not None and folder is not None:
                 with suppress(InputError):
                     facts["sha256"] = Recording(folder).sha256()
@@ -299,12 +296,14 @@ def _run(
             final = session.result("full")
             terminal.snapshot(final)
             if folder is not None and final.samples:
-                _leave(final, folder, recorder is not None, terminal, settings.quiet)
+                final = _leave(final, folder, recorder is not None, terminal)
             complete = True
         finally:
             viewer.close(final, stay=stay)
             terminal.close()
-    return final
+    return (
+        final if not viewer.failure else replace(final, failures=(*final.failures, viewer.failure))
+    )
 
 
 def earlier_events(

@@ -14,6 +14,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
@@ -71,24 +72,48 @@ def write_report(analysis: Analysis, path: Path | None, figures: Path | None = N
         _save(drawn, figures)
 
 
-def write_results(analysis: Analysis, folder: Path) -> Path:
-    """Write ``result.json`` and ``report.html`` into the folder of a session.
+@dataclass(frozen=True, slots=True)
+class Written:
+    """Where the files of a result are, and what became of those that are not where they belong.
 
-    Returns
-    -------
-    Path
-        Where they are: a new folder among the temporary ones if this one takes no more.
+    Attributes
+    ----------
+    places : dict of str to Path
+        Folder of each file that was written.
+    failures : tuple of str
+        A line for what failed.
     """
 
-    def write(place: Path) -> Path:
-        write_json(analysis, place / "result.json")
-        write_report(analysis, place / "report.html")
-        return place
+    places: dict[str, Path]
+    failures: tuple[str, ...]
 
-    try:
-        return write(folder)
-    except UsageError:
-        return write(Path(tempfile.mkdtemp(prefix="allanscope-")))
+
+def write_results(analysis: Analysis, folder: Path) -> Written:
+    """Write ``result.json`` and ``report.html`` into the folder of a session, each by itself.
+
+    What the folder does not take goes to a new folder among the temporary ones. Drawing may fail
+    in ways that nobody has thought of; the numbers, which come first, are there by then.
+    """
+    places: dict[str, Path] = {}
+    failures: list[str] = []
+    spare: Path | None = None
+    for name, write in (("result.json", write_json), ("report.html", write_report)):
+        try:
+            try:
+                write(analysis, folder / name)
+                places[name] = folder
+            except UsageError as error:
+                spare = spare or Path(tempfile.mkdtemp(prefix="allanscope-"))
+                write(analysis, spare / name)
+                places[name] = spare
+                why = str(error).partition("; choose")[0]
+                failures.append(f"{why}; {name} is in {spare}")
+        except Exception as error:
+            failures.append(f"{name} is lost: {error}")
+    if spare is not None:
+        with suppress(OSError):  # where something is in it
+            spare.rmdir()
+    return Written(places, tuple(failures))
 
 
 def _save(drawn: Mapping[str, Picture], folder: Path) -> None:
@@ -140,9 +165,9 @@ def made_folder(path: Path) -> Path:
 
 def discard_session(path: Path) -> None:
     """Remove what a session in which not one byte was heard has left, and its folder if empty."""
-    for name in ("session.mcap", "session.rrd"):
-        (path / name).unlink(missing_ok=True)
     with suppress(OSError):
+        for name in ("session.mcap", "session.rrd"):
+            (path / name).unlink(missing_ok=True)
         path.rmdir()
 
 

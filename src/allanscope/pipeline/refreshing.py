@@ -56,21 +56,23 @@ class Refresher:
         Computes a result from a copy of the analyser, and shows it.
     share : float
         Of one core, that results may take where they are not due anyway.
-
-    Attributes
-    ----------
-    error : Exception or None
-        Why the last result that failed did so: it must not end the recording.
+    fail : callable
+        Called with a line when a result fails: that must not end the recording.
     """
 
-    def __init__(self, show: Callable[[Analyser], None], share: float) -> None:
+    def __init__(
+        self,
+        show: Callable[[Analyser], None],
+        share: float,
+        fail: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self._show = show
+        self._fail = fail
         self._share = share
         self._next = 0.0
         self._began: float | None = None
         self._work: queue.Queue[Analyser | None] = queue.Queue(maxsize=1)
         self._busy = threading.Event()
-        self.error: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="refresh", daemon=True)
         self._thread.start()
 
@@ -96,7 +98,7 @@ class Refresher:
             try:
                 self._show(frozen)
             except Exception as error:
-                self.error = error
+                self._fail(f"a result during the run failed: {type(error).__name__}: {error}")
             spent_s = time.thread_time() - began_cpu_s
             del frozen  # twenty megabytes that nobody needs until the next one
             results += 1
@@ -141,6 +143,8 @@ class LoopProcess:
     ----------
     first_s : float
         Length of the run at the first look.
+    fail : callable
+        Called with a line when a look comes to nothing.
 
     Attributes
     ----------
@@ -148,8 +152,11 @@ class LoopProcess:
         Why the last look came to nothing; empty while all is well.
     """
 
-    def __init__(self, first_s: float = 120.0) -> None:
+    def __init__(
+        self, first_s: float = 120.0, fail: Callable[[str], None] = lambda _: None
+    ) -> None:
         self.trouble = ""
+        self._fail = fail
         self._first_s = self._due_s = first_s
         self._loop = LiveLoop(first_s)
         self._info: StreamInfo | None = None
@@ -198,6 +205,14 @@ class LoopProcess:
             self._thread.join(timeout=5.0)
 
     def _look(self, look: LoopInput) -> None:
+        try:
+            self._search(look)
+        except Exception as error:  # no process, no memory: the end of the run searches in full
+            self.trouble = f"{type(error).__name__}: {error}"
+        if self.trouble and not self._closed:
+            self._fail(f"the search for effects during the run failed: {self.trouble}")
+
+    def _search(self, look: LoopInput) -> None:
         loop, request = self._loop, pickle.dumps((self._loop, look), pickle.HIGHEST_PROTOCOL)
         # A session of its own: Ctrl-C in the terminal is for us to understand, not for the child.
         command = [sys.executable, "-m", __name__]

@@ -21,6 +21,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from allanscope.analysis import Analyser, Analysis, Depth, summarise
@@ -30,6 +31,7 @@ from allanscope.pipeline.refreshing import LoopProcess, Refresher
 from allanscope.quantities import duration
 from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
+from allanscope.sanitize import one_line
 from allanscope.sources import Chunk, Source
 
 __all__ = ["Audience", "Ledger", "News", "Session"]
@@ -136,8 +138,10 @@ class Session:
         self._inbox = Inbox(REPLAY_ROOM if ledger is None else LIVE_ROOM)
         self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
-        self.loop_process = LoopProcess()
-        self._refresher = Refresher(self._show, WATCHED_SHARE if watched else UNWATCHED_SHARE)
+        self.failures: list[str] = []
+        self.loop_process = LoopProcess(fail=self.fail)
+        share = WATCHED_SHARE if watched else UNWATCHED_SHARE
+        self._refresher = Refresher(self._show, share, self.fail)
         self._space_due_ns = 0
         self._space_told = False
 
@@ -148,6 +152,13 @@ class Session:
     def mark(self, text: str) -> None:
         """Set a mark at the present moment; callable from any thread."""
         self._news.put(Notice("mark", text))
+
+    def fail(self, line: str) -> None:
+        """Say that something beside the measurement failed, once; callable from any thread."""
+        line = one_line(line)
+        if line not in self.failures:
+            self.failures.append(line)
+            self._news.put(Notice("error", line, {"host": 1}))
 
     def run(self) -> None:
         """Read until the source ends, the duration is over, or `stop` is called.
@@ -182,13 +193,14 @@ class Session:
 
     def result(self, depth: Depth) -> Analysis:
         """Return the result of what was taken so far."""
-        return summarise(
+        analysis = summarise(
             self.analyser,
             self.decoding.stats,
             depth=depth,
             input_facts={**self._input_facts(), "wire": self.decoding.wire},
             reconnects=self.decoding.reconnects,
         )
+        return replace(analysis, failures=tuple(self.failures))
 
     def tell_news(self, host_ns: int) -> None:
         """Tell what other threads had to say; a mark is recorded with this host time."""
@@ -254,18 +266,27 @@ class Session:
 
     def _tell(self, event: Event) -> None:
         self.analyser.take(event)
-        state = self.analyser.state
         for viewer in self.audience:
-            match event:
-                case StreamInfo():
-                    viewer.info(event)
-                case Block():
-                    assert state is not None
-                    viewer.samples(state.info, event)
-                case Gap():
-                    viewer.gap(event)
-                case Notice():
-                    viewer.notice(event)
+            try:
+                self._tell_one(viewer, event)
+            except Exception as error:  # whoever watches must not end the measurement
+                self.audience = [one for one in self.audience if one is not viewer]
+                self.fail(
+                    f"a view has failed and is shown no more: {type(error).__name__}: {error}"
+                )
+
+    def _tell_one(self, viewer: Audience, event: Event) -> None:
+        state = self.analyser.state
+        match event:
+            case StreamInfo():
+                viewer.info(event)
+            case Block():
+                assert state is not None
+                viewer.samples(state.info, event)
+            case Gap():
+                viewer.gap(event)
+            case Notice():
+                viewer.notice(event)
 
     def _show(self, frozen: Analyser) -> None:
         analysis = summarise(

@@ -91,6 +91,8 @@ class Recorder:
             path, metadata, max_bytes=max_bytes, max_seconds=max_seconds, resume=resume
         )
         self.alarm = ""
+        self.failure = ""
+        """What of the recording is missing, known at its end; empty if nothing."""
         self.dropped_bytes = 0
         self.space_left_s: float | None = None
         self._scarce_s = math.inf
@@ -158,7 +160,7 @@ class Recorder:
         self._hurry.set()
         self._thread.join(timeout_s)
         if self._thread.is_alive():
-            self._raise_alarm(f"{self.path}: the disk does not answer; the end is not written")
+            self._fail(f"{self.path}: the disk does not answer; the end is not written")
 
     def _put(self, task: Callable[[], None]) -> None:
         if self._thread.is_alive():
@@ -170,7 +172,7 @@ class Recorder:
         try:
             self._write()
         except Exception as error:  # whatever it is, it must not end the measurement
-            self._raise_alarm(f"{self.path}: recording has stopped: {error}")
+            self._fail(f"{self.path}: recording has stopped: {error}")
             self._backlog_bytes = -1
 
     def _write(self) -> None:
@@ -221,9 +223,11 @@ class Recorder:
                 self._session.end_with_gap(self._missed_reads)
             self._reserve.unlink(missing_ok=True)
             self._session.close()
-            self._raise_alarm(self._remaining())
         except OSError as error:
-            self._raise_alarm(self._refusal(error))
+            self._fail(f"{self.path}: its end is not written ({error.strerror})")
+        else:
+            self._raise_alarm(self._remaining())
+            self.failure = self._dropped()
 
     def _took_all(self) -> bool:
         try:
@@ -244,12 +248,13 @@ class Recorder:
 
     def _remaining(self) -> str:
         """Return what is wrong although the disk has just taken everything."""
-        dropped = (
-            f"{self.dropped_bytes} bytes were not recorded: the disk was full or too slow"
-            if self.dropped_bytes
-            else ""
-        )
-        return "; ".join(one for one in (self._session.incident, dropped, self._scarcity()) if one)
+        parts = self._session.incident, self._dropped(), self._scarcity()
+        return "; ".join(one for one in parts if one)
+
+    def _dropped(self) -> str:
+        if not self.dropped_bytes:
+            return ""
+        return f"{self.dropped_bytes} bytes were not recorded: the disk was full or too slow"
 
     def _scarcity(self) -> str:
         """Return what to say of the room that is left."""
@@ -269,7 +274,12 @@ class Recorder:
     def _raise_alarm(self, line: str) -> None:
         if line != self.alarm:
             self.alarm = line
-            self._on_alarm(line)
+            with suppress(Exception):  # nobody to tell it to: no reason to stop writing
+                self._on_alarm(line)
+
+    def _fail(self, line: str) -> None:
+        self.failure = "; ".join(one for one in (line, self._dropped()) if one)
+        self._raise_alarm(self.failure)
 
 
 def _size_beside(first: Path) -> int:

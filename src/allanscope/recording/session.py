@@ -89,7 +89,7 @@ class SessionWriter:
         self._max_ns = max_seconds * 1e9
         self._numbers = dict.fromkeys(TOPICS.values(), 0)
         self._began_ns: int | None = None
-        self._last_ns = 0
+        self._last_ns = self._last_epoch_ns = 0
         self._finished_bytes = 0
         self.incident = ""
         try:
@@ -193,7 +193,8 @@ class SessionWriter:
         if self._began_ns is None:
             self._began_ns = host_ns
         self._last_ns = host_ns
-        epoch_ns = max(host_ns + self._offset_ns, 0)
+        # Threads tell of their moments one after the other, not always in the order of time.
+        epoch_ns = self._last_epoch_ns = max(host_ns + self._offset_ns, self._last_epoch_ns)
         self._segment.add(_CHANNEL[topic], self._numbers[topic], epoch_ns, host_ns, data)
 
     def _is_long(self) -> bool:

@@ -83,6 +83,8 @@ class RerunView:
     address : str
         Address from which any Rerun viewer on this machine can fetch the data:
         ``allanscope open ADDRESS``. Empty when nothing is served.
+    failure : str
+        Why what was drawn is not all, known when it is closed; empty if it is.
     viewer : ViewerKeeper or None
         The viewer that was started; ``viewer.process.address`` is that of the web viewer's page.
 
@@ -103,6 +105,7 @@ class RerunView:
         if mode not in ("window", "web", "none", "auto"):
             raise ValueError(f"no view {mode!r}; choose one of auto window web none")
         self.address = ""
+        self.failure = ""
         self.viewer: ViewerKeeper | None = None
         self._mode, self._port = mode, port
         self._file = None if out_dir is None else Path(out_dir) / "session.rrd"
@@ -250,7 +253,11 @@ class RerunView:
                 canvas.close()
             if self.viewer is not None:
                 self.viewer.close()
-        if ended and self._file is not None:
+        if worker.error is not None:
+            self.failure = (
+                f"the charts are not complete: {type(worker.error).__name__}: {worker.error}"
+            )
+        if ended and self._file is not None and self._file.exists():
             if self._file.stat().st_size > _LARGE_FILE:
                 self._say(f"making {self._file.name} smaller, this takes a moment")
             optimise(self._file)

@@ -80,6 +80,7 @@ class TerminalView:
         self._whole_s = whole_s
         self._began = clock()
         self._said_status = -_STATUS_EVERY_S
+        self._said_s = 0.0
         self._diary, self._trends, self._gaps = Diary(), Trends(), GapTeller()
         self._latest: Analysis | None = None
         self._heard, self._before = 0, 0
@@ -140,11 +141,13 @@ class TerminalView:
             self._draw(analysis)
         elif self._mode == "plain" and self._clock() - self._said_status >= _STATUS_EVERY_S:
             self._said_status = self._clock()
-            self._write(f"{status_line(analysis)}{self._left(analysis)}")
+            self._write(
+                f"{self._time(analysis.duration_s)}{status_line(analysis)}{self._left(analysis)}"
+            )
 
     def line(self, text: str, level: Level = "info") -> None:
         """Write one line, with the time of the run, above the screen."""
-        self._write(f"{duration(self._elapsed_s()):>11}  {one_line(text)}", _STYLES[level])
+        self._write(f"{self._time(self._elapsed_s())}{one_line(text)}", _STYLES[level])
 
     def close(self) -> None:
         """Leave the last screen standing, or a summary, and the terminal as it was.
@@ -169,13 +172,21 @@ class TerminalView:
     def _show_last(self) -> None:
         live, self._live = self._live, None
         if live is not None:
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError, ValueError):
                 if self._latest is not None:
                     live.update(Screen(self._latest, self._trends))
                 live.stop()
         elif self._mode == "plain" and self._latest is not None:
             for row in ("", *summary_lines(self._latest)):
                 self._print(Text(row))
+
+    def _time(self, now_s: float) -> str:
+        """Return the column of the time, which never runs backwards.
+
+        Before the first result it is the time that passes, and then the one that is recorded.
+        """
+        self._said_s = max(self._said_s, now_s)
+        return f"{duration(self._said_s):>11}  "
 
     def _elapsed_s(self) -> float:
         """Return the time of the run: results may be far apart, what happens between is not."""
@@ -225,7 +236,7 @@ class TerminalView:
         try:
             if self._live is not None and self._screen is not None:
                 self._live.update(self._screen, refresh=True)
-        except OSError:
+        except (OSError, ValueError):  # ValueError: the stream is closed
             self._fall_silent()
 
     def _write(self, text: str, style: str = "") -> None:
@@ -236,7 +247,7 @@ class TerminalView:
         try:
             if self._mode != "quiet":
                 self._console.print(line)
-        except OSError:
+        except (OSError, ValueError):  # ValueError: the stream is closed
             self._fall_silent()
 
     def _submit(self, task: Task, once: str = "") -> None:

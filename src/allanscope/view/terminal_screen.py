@@ -211,9 +211,9 @@ def _style(colour: Colour) -> str:
 
 
 def status_line(analysis: Analysis) -> str:
-    """Return how a run stands, in one line: time, rate, losses, temperature, N of every axis."""
+    """Return how a run stands, in one line: rate, losses, temperature, N of every axis."""
     parts = [
-        f"{duration(analysis.duration_s):>11}  {rate_text(analysis.rate)}",
+        rate_text(analysis.rate),
         f"{count(analysis.samples)} samples",
         f"lost {losses_text(analysis)}",
     ]

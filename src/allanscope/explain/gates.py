@@ -18,6 +18,7 @@ from allanscope.explain.effects.unexplained import (
     DRIFT_PENALTY,
     covered,
     is_remnant,
+    leaves_too_little,
     slow_drift,
 )
 from allanscope.explain.regression import joint_fit, ordinates_of
@@ -48,6 +49,8 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
         return None, "adequacy: it is not what its name says"
     if covered(view, verdict):
         return None, "adequacy: that range is known already"
+    if leaves_too_little(view, verdict):
+        return None, "adequacy: nothing would be left to fit"
     if is_remnant(view, verdict):
         return None, "adequacy: the end of a loud tone"
     held = verdict.effect.hold_out(view, verdict)

@@ -44,6 +44,8 @@ _OF_A_DRIFT = 0.03
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
 _MOST = 0.5
+_LEAST_KEPT = 0.1
+"""Share of the ordinates that must stay in the fit: of none, no noise can be told."""
 _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
 _OF_THE_MEDIAN = 1.06
@@ -244,7 +246,8 @@ def _extent(u: Array, low_hz: float, high_hz: float, unit: float) -> tuple[float
 def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
     """Let a range swallow those it touches: the sidebands of one tone are named once.
 
-    Returns the view without the ranges that were swallowed, and the candidate for all of them.
+    Returns the view without the ranges that were swallowed, and the candidate for all of them. It
+    ends where the union would leave nothing to fit.
     """
     room = _GAP * view.grid.rate_hz / (2 * view.grid.n)
     while (
@@ -256,11 +259,14 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
         low = min(other.frequency_low.value, own.frequency_low.value)
         high = max(other.frequency_high.value, own.frequency_high.value)
         share = other.share.value + own.share.value
-        view = view.without(near)
+        rest = view.without(near)
         gain = near.gain + candidate.gain
         searched = near.log_alternatives + candidate.log_alternatives
         words = _CHANGES.format(low, high)
-        candidate = left_over(view, (low, high), gain, share, words, searched)
+        union = left_over(rest, (low, high), gain, share, words, searched)
+        if leaves_too_little(rest, union):
+            break
+        view, candidate = rest, union
     return view, candidate
 
 
@@ -278,6 +284,12 @@ def covered(view: View, candidate: Candidate) -> bool:
     unit = view.grid.rate_hz / (2 * view.grid.n)
     low, high = (round(f / unit) for f in _limits(effect))
     return not view.spectrum.kept[max(0, low - 1) : max(1, high)].any()
+
+
+def leaves_too_little(view: View, candidate: Candidate) -> bool:
+    """Tell whether next to nothing is left to fit once a candidate's ranges are cut out too."""
+    kept = view.grid.kept((*view.excluded, *candidate.excluded))
+    return bool(candidate.excluded) and float(kept.mean()) < _LEAST_KEPT
 
 
 def is_remnant(view: View, candidate: Candidate) -> bool:

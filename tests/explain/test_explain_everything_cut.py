@@ -1,0 +1,40 @@
+"""Ranges without a name never take the whole spectrum out of the fit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from allanscope.explain.effects.unexplained import left_over, united
+from allanscope.explain.gates import judge
+from allanscope.explain.loop import _view
+from allanscope.explain.series import series_of
+
+
+@pytest.fixture
+def view(bench):
+    b = bench(501, 120.0)
+    return _view(series_of(b.record(b.noise())), "gx", None)
+
+
+def cut(view, low, high):
+    return left_over(view, (low, high), 1e3, 0.1, "more power than the model")
+
+
+def test_ranges_are_not_united_to_the_whole_spectrum(view):
+    for low, high in ((1.0, 12.0), (15.0, 26.0)):
+        view = view.accept(cut(view, low, high))
+    rest, union = united(view, cut(view, 0.0, 11.0))
+    after = rest.accept(union)
+    assert after.spectrum.kept.mean() > 0.1
+    assert np.all(after.spectrum.ordinates > 0)
+    assert after.spectrum.model.value("N") == pytest.approx(4e-3, rel=0.15)
+
+
+def test_a_range_that_leaves_nothing_to_fit_is_refused(view):
+    view = view.accept(cut(view, 4.0, 26.0))
+    refused, why = judge(view, cut(view, 0.0, 3.9))
+    assert refused is None
+    assert "nothing would be left to fit" in why
+    allowed, _ = judge(view, cut(view, 0.5, 0.8))
+    assert allowed is not None

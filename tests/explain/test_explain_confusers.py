@@ -80,10 +80,11 @@ def test_a_tone_that_is_modulated_steadily_is_not_three_lines(bench):
             b.noise() + carrier * (b.t % 100 < 40),
         )
     )
-    assert kinds(result) == {axis: ["unexplained"] for axis in ("gx", "gy", "gz")}
-    (range_,) = result.axes["gy"].effects
-    assert range_.parameters["frequency_low"].value == pytest.approx(8.7, abs=0.02)
-    assert range_.parameters["frequency_high"].value == pytest.approx(9.3, abs=0.02)
+    assert kinds(result) == {axis: ["drifting_line"] for axis in ("gx", "gy", "gz")}
+    (tone,) = result.axes["gy"].effects
+    assert tone.parameters["frequency"].value == pytest.approx(9.0, abs=0.02)
+    assert tone.parameters["bandwidth"].value == pytest.approx(0.6, abs=0.03)
+    assert tone.parameters["sigma"].value == pytest.approx(0.02 * (1.405 / 2) ** 0.5, rel=0.03)
 
 
 def test_three_lines_of_a_machine_stay_three_lines(bench):
@@ -157,7 +158,7 @@ def test_a_tone_of_even_size_whose_frequency_swings_is_no_noise_in_a_band(bench)
     b = bench(3)
     swing = np.sin(2 * np.pi * 8 * b.t + 30 * np.sin(2 * np.pi * b.t / 200))
     found = explain(b.record(b.noise() + 0.015 * swing)).axes["gx"].effects
-    assert {e.kind for e in found} == {"unexplained"}
+    assert {e.kind for e in found} == {"drifting_line"}
 
 
 def test_levels_held_unequally_long_have_their_own_size(bench):

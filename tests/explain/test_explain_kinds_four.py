@@ -284,6 +284,18 @@ def clock_error(b):
     )
 
 
+def drifting_line(b):
+    def wanders(size):
+        phase = 2 * np.pi * 9 * b.t + 3 * np.sin(2 * np.pi * b.t / 130)
+        return size * SIGMA * (1 + 0.6 * np.sin(2 * np.pi * b.t / 170)) * np.sin(phase)
+
+    return side_by_side(
+        b, wanders(0.5), line(b, 9.0, 4e-3), wanders(0.05),
+        truth={"frequency": (9.0, 2e-3), "sigma": (float(np.std(wanders(0.5))), 0.05)},
+        confuser="sinusoid",
+    )  # fmt: skip
+
+
 def unexplained(b):
     def sweep(size):
         return size * SIGMA * np.sin(2 * np.pi * (4 * b.t + 0.5 * b.t**2 / b.t[-1]))
@@ -298,7 +310,7 @@ FOURS: dict[str, Callable[..., Four]] = {
     for make in (
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
-        *(repeated_samples, clock_error, unexplained, saturation, scale_drift),
+        *(repeated_samples, clock_error, unexplained, saturation, scale_drift, drifting_line),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

@@ -24,11 +24,11 @@ def test_a_chirp_has_no_name(bench):
     assert set(kinds(b.record(b.noise() + sweep))) == {"unexplained"}
 
 
-def test_a_modulated_tone_has_no_name(bench):
+def test_a_modulated_tone_is_a_line_that_drifts(bench):
     b = bench(32)
     envelope = 1 + 0.9 * np.sin(2 * np.pi * 3 * b.t / b.t[-1])
     tone = 0.02 * envelope * np.sin(2 * np.pi * 9.0 * b.t)
-    assert set(kinds(b.record(b.noise() + tone))) == {"unexplained"}
+    assert set(kinds(b.record(b.noise() + tone))) == {"drifting_line"}
 
 
 def test_heavy_tails_are_neither_outliers_nor_a_burst(bench):

@@ -15,6 +15,7 @@ from allanscope.noise.components import (
     Component,
     Flicker,
     GaussMarkov,
+    LineProfile,
     Narrowband,
     PeakFiltered,
     Ramp,
@@ -41,6 +42,7 @@ EXAMPLES = [
     WanderingLine(0.4, 2.0, 0.2),
     BandPassed(0.4, 20.0, 8.0),
     PeakFiltered(0.4, 20.0, 3.0),
+    LineProfile(0.4, 2.0, 2.2, (0.3, 0.6, 0.1)),
 ]
 WEIGHT = {
     "avar": lambda w, m: 2 * np.sin(m * w / 2) ** 4 / (m * np.sin(w / 2)) ** 2,
@@ -63,7 +65,8 @@ def test_every_component_has_an_example():
 def test_variances_are_integrals_of_the_density(component, kind):
     for m in (1, 2, 5, 13):
         low = np.geomspace(1e-7, 0.01, 12)
-        edges = np.unique(np.concatenate([low, np.linspace(0.01, np.pi, 4 * m + 9)]))
+        corners = 2 * np.pi * DT * np.array(component.corners(DT))
+        edges = np.unique(np.concatenate([low, np.linspace(0.01, np.pi, 4 * m + 9), corners]))
 
         def integrand(w, m=m):
             density = component.density(np.array([w / (2 * np.pi * DT)]), DT)[0]

@@ -30,11 +30,13 @@ _SHAPES: Mapping[str, Callable[[float], float]] = {
 _FAST = (
     *("gauss_markov", "random_telegraph", "band_limit", "outliers", "repeated_samples"),
     *("cross_coupling", "variance_change", "scale_drift", "saturation", "narrowband", "sinusoid"),
+    "drifting_line",
     "unexplained",
 )
 _SLOW = (
     *("gauss_markov", "random_telegraph", "step", "excursion", "warm_up", "temperature"),
     *("cross_coupling", "scale_drift", "variance_change", "outliers", "sinusoid", "narrowband"),
+    "drifting_line",
     "unexplained",
 )
 """Which effects explain a difference at short averaging times and at long ones, likeliest first."""
@@ -177,6 +179,7 @@ _PHRASES = {
     "cross_coupling": "a coupling from {source}",
     "sinusoid": "a line at {frequency} Hz",
     "narrowband": "noise in a band at {frequency} Hz",
+    "drifting_line": "a line that drifts around {frequency} Hz",
     "outliers": "outliers",
     "repeated_samples": "repeated samples",
     "saturation": "saturation",

@@ -14,6 +14,7 @@ from allanscope.noise.part import Part
 
 if TYPE_CHECKING:
     from allanscope.explain.effects import EffectKind
+    from allanscope.noise.components import LineProfile
 
 __all__ = ["ALPHA", "Candidate", "HeldOut", "effect_of"]
 
@@ -65,6 +66,8 @@ class Candidate:
         Stationary part: processes and filters, to be added to the model.
     excluded : tuple of (low, high)
         Frequencies in Hz that are left out of the fit.
+    profile : LineProfile or None
+        What stands in their place in the final model, which leaves nothing out.
     rivals : mapping
         Log-likelihood gains of other kinds for the same symptom, in nats.
     held_out : HeldOut or None
@@ -83,6 +86,7 @@ class Candidate:
     signal: Array | None = field(default=None, repr=False)
     parts: tuple[Part, ...] = ()
     excluded: tuple[tuple[float, float], ...] = ()
+    profile: LineProfile | None = None
     rivals: Mapping[str, float] = field(default_factory=dict)
     held_out: HeldOut | None = None
     axes: tuple[str, ...] = ()

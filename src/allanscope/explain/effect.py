@@ -148,7 +148,8 @@ class SearchStep:
     Attributes
     ----------
     move : str
-        ``add``, ``add pair``, ``add bundle``, ``drop``, ``fold sidebands``, ``replace drift``.
+        ``add``, ``add pair``, ``add bundle``, ``drop``, ``fold sidebands``, ``replace drift``,
+        ``resolve``.
     kind, description : str
         The effect.
     gain, penalty : float

@@ -3,8 +3,9 @@
 1. *penalty*: the gain exceeds what the search for it costs, to which each effect that was accepted
    before adds ln 2 (alpha / 2^k is left to spend);
 2. *adequacy*: it is what its name says, or `unexplained` in its place (`adequate`);
-3. *held out*: it gains on data that was not used to fit it; of a large gain of a process at least a
-   quarter, else it did not recur; and where a slope must be the same in every quarter, it is.
+3. *held out*: it gains on data that was not used to fit it, what goes on all along more than its
+   own standard error; of a large gain of a process at least a quarter, else it did not recur; and
+   where a slope must be the same in every quarter, it is.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
         return None, "adequacy: the end of a loud tone"
     held = verdict.effect.hold_out(view, verdict)
     recurring = _RECURRING * (verdict.gain - _SMALL) if verdict.effect.is_process else 0.0
-    if held is not None and held.nats <= max(0.0, recurring):
+    if held is not None and held.nats <= max(_least(verdict, held), recurring):
         return None, f"held out: {held.nats:.1f} nats on other data"
     if held is not None and _is_refuted(verdict, held):
         return None, "held out: quarters of the record disagree"
@@ -70,7 +71,9 @@ def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:
             judged.append(candidate)
             continue
         held = candidate.effect.hold_out(view.without(candidate), candidate)
-        if held is not None and (held.nats <= 0 or _is_refuted(candidate, held)):
+        if held is not None and (
+            held.nats <= _least(candidate, held) or _is_refuted(candidate, held)
+        ):
             return None
         judged.append(replace(candidate, held_out=held))
     return replace(view, accepted=tuple(judged))
@@ -79,6 +82,16 @@ def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:
 def owed(view: View, first: int) -> float:
     """Return the penalty of everything accepted after the first so many effects."""
     return float(sum(c.penalty for c in view.accepted[first:]) + first * np.log(2))
+
+
+def _least(candidate: Candidate, held: HeldOut) -> float:
+    """Return what must be exceeded on other data.
+
+    What goes on all along gains in every block, so that the scatter of the blocks is its error. Of
+    what is slow or happens once a few blocks hold all the gain, and their scatter says nothing.
+    """
+    recurs = held.replicated is not None and not candidate.effect.is_slow
+    return held.error if recurs else 0.0
 
 
 def _is_refuted(candidate: Candidate, held: HeldOut) -> bool:

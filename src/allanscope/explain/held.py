@@ -74,12 +74,19 @@ class NoiseBeside:
 def known_of(view: View) -> Known:
     """Return what a search has found, for a fit of the noise beside it.
 
-    The ramp is left to that fit: R is a coefficient.
+    The ramp is left to that fit: R is a coefficient. Frequencies that the search left out hold a
+    line with its profile, or what the remainder of the final model describes; only those that a
+    subtracted drift has emptied stay out, and those of a tone above the rows.
     """
     effects = [c for c in view.accepted if not c.effect.is_coefficient]
     signals = [c.signal for c in effects if c.signal is not None]
     signal = view.series.at_record(np.sum(signals, axis=0)) if signals else None
-    return Known(view.parts, signal, view.excluded)
+    profiles = [c.profile for c in effects if c.profile is not None]
+    lines = {one for c in effects if c.profile is not None for one in c.excluded}
+    left_out = [c.excluded for c in effects if c.signal is not None or c.seen_in]
+    excluded = tuple(one for ranges in left_out for one in ranges)
+    doubtful = tuple(r for r in view.excluded if r not in excluded and r not in lines)
+    return Known((*view.parts, *profiles), signal, excluded, doubtful, is_complete=True)
 
 
 def fit_beside(

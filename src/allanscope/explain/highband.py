@@ -130,7 +130,10 @@ def _unfolded(view: View, seen: Candidate, tone: Candidate) -> Candidate | None:
                 frequency=Estimate.of(f, at.error, "Hz"),
                 amplitude=Estimate.of(size.value / passed, size.error / passed, size.unit),
             )
-            return replace(seen, effect=found, seen_in=f"rows at its alias {at.value:.4g} Hz")
+            cut = tone.excluded
+            return replace(
+                seen, effect=found, excluded=cut, seen_in=f"rows at its alias {at.value:.4g} Hz"
+            )
     return None
 
 
@@ -209,11 +212,12 @@ def _tone(view: View, bands: _Bands, excess: Array, z: Array, inside: slice) -> 
     half = float(np.sum(width[inside])) / 2
     where = Estimate(centre, centre - half, centre + half, "Hz")
     gain, looked_at = float(np.max(z[inside]) ** 2 / 2), float(np.log(len(z)))
+    cut = ((centre - half, centre + half),)
     if inside.stop - inside.start <= _NARROW:
         amplitude = np.sqrt(2 * power)
         line = Sinusoid(where, Estimate.of(amplitude, error / amplitude, view.unit))
         rivals = {Narrowband.kind: gain}
-        return Candidate(line, gain, looked_at, rivals=rivals, seen_in=_SEEN_IN)
+        return Candidate(line, gain, looked_at, rivals=rivals, seen_in=_SEEN_IN, excluded=cut)
     sigma = Estimate.of(np.sqrt(power), error / (2 * np.sqrt(power)), view.unit)
     band = Narrowband(where, Estimate(half, half / 2, 2 * half, "Hz"), sigma)
-    return Candidate(band, gain, looked_at, seen_in=_SEEN_IN)
+    return Candidate(band, gain, looked_at, seen_in=_SEEN_IN, excluded=cut)

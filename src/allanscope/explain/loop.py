@@ -257,8 +257,8 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
         if c.effect.is_coefficient and c.signal is not None:  # it has been subtracted
             after_model = after_model.without(*c.effect.parameters)
     effects = tuple(e for c in view.accepted if (e := effect_of(c, axis)) is not None)
-    error_before = error_of(replace(textbook, data=bare.data), before_model)
-    error_after = error_of(view, after_model)
+    error_before = error_of(replace(textbook, data=bare.data), before_model, before)
+    error_after = error_of(view, after_model, after)
     held = [c.held_out for c in view.accepted if c.held_out is not None]
     clean = all(c.effect.is_named for c in view.accepted)
     explained = clean and not error_after.p_value < _ACCEPTED_P and not view.stopped

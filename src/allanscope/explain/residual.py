@@ -25,7 +25,7 @@ from allanscope.allan import AllanBank, Deviation
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import ResidualError
 from allanscope.explain.view import View
-from allanscope.noise import NoiseModel, gls_chi2
+from allanscope.noise import NoiseFit, NoiseModel, gls_chi2
 from allanscope.noise.components import Ramp
 
 __all__ = [
@@ -125,8 +125,15 @@ def deviation_of(data: Array, rate_hz: float) -> Deviation:
     return bank.deviation("oadev").axis(0)
 
 
-def error_of(view: View, model: NoiseModel) -> ResidualError:
-    """Compare the data of a view with a model, up to a third of the record."""
+def error_of(view: View, model: NoiseModel, fit: NoiseFit | None) -> ResidualError:
+    """Compare the data of a view with a model, up to a third of the record.
+
+    Parameters
+    ----------
+    fit : NoiseFit or None
+        Of that model: its whitened spectrum holds every frequency there is. None where no stretch
+        was long enough; then that of the view is compared.
+    """
     curve = deviation_of(view.data, view.grid.rate_hz)
     stride = view.grid.stride  # the model is one of samples
     curve = replace(curve, m=stride * curve.m)
@@ -134,11 +141,11 @@ def error_of(view: View, model: NoiseModel) -> ResidualError:
         model.number(f) > 0 for f in model.numbers if not isinstance(model.parts[f.part], Ramp)
     )
     residual = gls_chi2(curve, model, n=stride * view.grid.n, fitted=fitted)
-    bands = band_scores(view)
+    z = band_scores(view).z if fit is None else fit.bands.z
     return ResidualError(
         chi2_per_dof=residual.chi2 / residual.dof,
         p_value=residual.p_value,
         rms_percent=residual.rms_percent,
         expected_rms_percent=residual.expected_rms_percent,
-        worst_band_z=float(bands.z[np.argmax(np.abs(bands.z))]),
+        worst_band_z=float(z[np.argmax(np.abs(z))]),
     )

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS
+from allanscope.explain.effects.unexplained import Unexplained, with_misfits_joined
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.add_bundle import add_bundle
@@ -27,6 +28,7 @@ from allanscope.explain.moves.drop import drop
 from allanscope.explain.moves.fold_sidebands import fold_sidebands
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.moves.replace_drift import replace_drift
+from allanscope.explain.moves.resolve_tones import resolve_tones
 from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
@@ -34,7 +36,7 @@ __all__ = ["Budget", "close_loop"]
 
 _LOG = logging.getLogger(__name__)
 
-_LEVEL_AND_SPECTRUM = 2
+_LEVEL_AND_SPECTRUM, _LEFT_OVER = 2, 4
 """The stage in which effects hide each other, and are fitted again with each new one."""
 
 
@@ -81,9 +83,19 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
                 view = view if replaced is view else _fitted(replaced, path)
         if len(view.accepted) == before or path.is_spent:
             break
+    resolved = resolve_tones(view, path)
+    if resolved is not view:
+        view = _settle(_without_bands(resolved), _LEFT_OVER, budget, path)
+    view = with_misfits_joined(view)
     for step in path.steps:
         _LOG.debug("%s %s", view.axis, step)
     return replace(view, stopped=path.remark, path=tuple(path.steps))
+
+
+def _without_bands(view: View) -> View:
+    """Return the view without the bands that did not fit, which are looked at again."""
+    misfits = [c for c in view.accepted if isinstance(c.effect, Unexplained) and c.effect.is_misfit]
+    return view.without(*misfits)
 
 
 def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:

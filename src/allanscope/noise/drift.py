@@ -30,6 +30,8 @@ _FIRST = 4096
 """Ordinates from which a ramp is taken out."""
 _QUANTILE = 3.841458820694124
 """95 % quantile of chi-square with one degree of freedom."""
+_LEAST_FREEDOM = 1.0
+"""Degrees of freedom of a scale below which a limit says nothing: a line through two points."""
 _PROBE = 2.5
 """Standard errors from the estimate at which the profile of the likelihood is looked at."""
 
@@ -153,7 +155,7 @@ def _half_width(fallen: float) -> float:
     square = _PROBE**2
     if fallen >= square * (1 - 1e-3):
         return float(np.sqrt(_QUANTILE))
-    low, high = np.log(0.3), np.log(1e4)
+    low, high = np.log(_LEAST_FREEDOM), np.log(1e4)
     for _ in range(50):
         middle = 0.5 * (low + high)
         nu = np.exp(middle)

@@ -146,7 +146,11 @@ def ramp_coefficient(
 
 def bias_reduced(fit: Fit) -> NoiseModel:
     """Return the model with bias-reduced amplitudes; shapes stay where the fit put them."""
-    free = tuple(f for f in fit.free if fit.model.quantity(f).role == "amplitude")
+    free = tuple(
+        f
+        for f, relative in zip(fit.free, fit.jacobian.T, strict=True)
+        if fit.model.quantity(f).role == "amplitude" and _is_seen(fit, f, relative)
+    )
     if not free:
         return fit.model
     problem = _Penalised(fit, free)
@@ -168,6 +172,14 @@ def bias_reduced(fit: Fit) -> NoiseModel:
         if gained < _GAIN:
             break
     return problem.at(point)
+
+
+def _is_seen(fit: Fit, free: Free, relative: Array) -> bool:
+    """Tell whether the evidence says anything about an amplitude: one at zero has no slope."""
+    if not relative.any():
+        unit = fit.model.components[free.part].with_power(1.0)
+        relative = fit.likelihood.column(fit.model, unit)
+    return bool(np.any(relative[fit.likelihood.dof > 0] > 0))
 
 
 class _Penalised:

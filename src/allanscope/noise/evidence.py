@@ -20,7 +20,15 @@ from allanscope.noise.filters import Filter
 from allanscope.noise.grid import Grid, Ranges, grid_of
 from allanscope.spectrum import Density
 
-__all__ = ["SHORTEST", "DensityBands", "Evidence", "Ordinates", "evidence_of", "stretches_of"]
+__all__ = [
+    "SHORTEST",
+    "DensityBands",
+    "Evidence",
+    "Ordinates",
+    "evidence_of",
+    "stretches_of",
+    "with_ranges",
+]
 
 Array = NDArray[np.float64]
 
@@ -196,6 +204,30 @@ class DensityBands:
             touched = (self.frequency + half > low) & (self.frequency - half < high)
             dof[touched] = 0.0
         return replace(self, dof=dof)
+
+
+def with_ranges(
+    evidence: Sequence[Evidence], whole: Sequence[Evidence], ranges: Ranges
+) -> tuple[Evidence, ...]:
+    """Return evidence with ranges that were left out of it put back.
+
+    Parameters
+    ----------
+    evidence : sequence of Evidence
+        Without the ranges, a ramp perhaps removed from it.
+    whole : sequence of Evidence
+        What it came from, part by part.
+    ranges : tuple of (low, high)
+        Frequencies in Hz.
+    """
+    if not ranges:
+        return tuple(evidence)
+    return tuple(
+        replace(part, excluded=tuple(r for r in part.excluded if r not in ranges)).binned()
+        if isinstance(part, Ordinates)
+        else source
+        for part, source in zip(evidence, whole, strict=True)
+    )
 
 
 def stretches_of(values: Array, segments: Sequence[tuple[int, int]]) -> tuple[Array, ...]:

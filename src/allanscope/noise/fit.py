@@ -25,13 +25,14 @@ from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import Ramp, Rounding
 from allanscope.noise.drift import fit_drift
 from allanscope.noise.estimates import Estimates, ramp_coefficient
-from allanscope.noise.evidence import Evidence, evidence_of, stretches_of
+from allanscope.noise.evidence import Evidence, evidence_of, stretches_of, with_ranges
 from allanscope.noise.filters import HeldPattern, HeldSamples, LowPass
 from allanscope.noise.grid import Ranges
 from allanscope.noise.likelihood import Fit, Likelihood
 from allanscope.noise.model import NoiseModel
 from allanscope.noise.part import Part as PartOfModel
 from allanscope.noise.quantised import LIMIT, advice, on_lattice
+from allanscope.noise.remainder import with_remainder
 from allanscope.noise.selection import select, textbook
 from allanscope.noise.whiteness import Bands, whitened
 from allanscope.parts import Part
@@ -121,11 +122,18 @@ class Known:
         What is subtracted from the rows of the record: everything deterministic but the ramp.
     excluded : tuple of (low, high)
         Frequencies in Hz that are left out.
+    doubtful : tuple of (low, high)
+        Frequencies in Hz that the parts do not describe: the amplitudes are fitted beside them, and
+        what they hold stands in the model as a smooth remainder.
+    is_complete : bool
+        Whether there is to be such a remainder, wherever the parts leave something over.
     """
 
     parts: tuple[PartOfModel, ...] = ()
     signal: Array | None = field(default=None, repr=False)
     excluded: Ranges = ()
+    doubtful: Ranges = ()
+    is_complete: bool = False
 
 
 def fit_noise(
@@ -247,7 +255,8 @@ def _fit(
 ) -> NoiseFit:
     if known is not None and known.excluded:
         evidence = tuple(part.without(known.excluded) for part in evidence)
-    likelihood = Likelihood(evidence)
+    doubtful = known.doubtful if known is not None else ()
+    likelihood = Likelihood([part.without(doubtful) for part in evidence] if doubtful else evidence)
     if not np.any(likelihood.power > 0):
         raise ValueError("the axis is constant: there is no noise to fit")
     parts = known.parts if known is not None else ()
@@ -258,6 +267,8 @@ def _fit(
     if drift is not None and ramp:
         fit = drift.fit
     fit = _without_stop_band(select(fit, cutoffs) if known is None else fit)
+    if known is not None and known.is_complete:
+        fit = with_remainder(fit, with_ranges(fit.likelihood.evidence, evidence, doubtful))
     estimates = Estimates(fit, dt, duration, unit)
     coefficients = {
         "Q": estimates.quantization(),

@@ -183,7 +183,8 @@ def _narrow_column(grid: Grid, unit: Component, frequency: float, width: float) 
     alias = abs(frequency - grid.rate_hz * round(frequency / grid.rate_hz)) / spacing
     away = np.concatenate([np.linspace(0.0, 2.0, 33), np.geomspace(2.0, _FARTHEST, 96)[1:]])
     away *= max(width / spacing, _RESOLVED)
-    around = np.concatenate([alias - away, alias + away])
+    ends = np.array(unit.corners(grid.dt)) / spacing - 0.5
+    around = np.concatenate([alias - away, alias + away, np.round(ends)])
     around = around[(around > 0) & (around < grid.n - 1)].astype(np.int64)
     edges = np.unique(np.concatenate([grid.edges, around]))
     count = np.diff(np.append(edges, grid.n - 1)).astype(np.float64)

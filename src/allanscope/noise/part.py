@@ -100,12 +100,15 @@ class Component(Part):
         What the fields mean.
     is_filtered : bool
         Whether a low-pass of the sensor acts on it.
+    is_line : bool
+        Whether it is a line, which stands beside the noise.
     amplitude_name, amplitude_index : str, int
         The number whose square the density is proportional to, and its position among the numbers;
         empty where there is none.
     """
 
     is_filtered: ClassVar[bool] = False
+    is_line: ClassVar[bool] = False
     amplitude_name: ClassVar[str] = ""
     amplitude_index: ClassVar[int] = -1
 

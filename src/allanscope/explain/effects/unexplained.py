@@ -25,6 +25,7 @@ from allanscope.explain.residual import band_scores, excess_kurtosis, excess_ske
 from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.steadiness import reach_of, unsteadiness_of
 from allanscope.explain.view import View
+from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Ranges
 from allanscope.noise.selection import calibrated_penalty
 
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 
 _BAND_Z = 5.0
 _NEIGHBOUR_Z = 3.0
+_NEXT = 1.15
+"""Ratio of frequencies up to which two ranges are neighbours."""
 _TAIL_Z = 6.0
 _COARSE = 0.12
 """Share of the rounding in the power, at 0.75 of a step of noise, from which it is not Gaussian."""
@@ -105,6 +108,16 @@ class Unexplained(EffectKind):
         """Whether it is a slow drift."""
         return self.domain == "level"
 
+    @property
+    def is_misfit(self) -> bool:
+        """Whether it is a range in which the power is not that of the model."""
+        return self.domain == "spectrum" and "z" in self.figures
+
+    @property
+    def is_tone(self) -> bool:
+        """Whether it is a tone that changes, or several."""
+        return self.domain == "spectrum" and not self.is_misfit
+
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Look at what is left in the spectrum, the slow drift and the distribution."""
@@ -129,6 +142,7 @@ def left_over(
     words: str,
     log_alternatives: float = 0.0,
     parts: Ranges = (),
+    **figures: float,
 ) -> Candidate:
     """Return an unexplained range of frequencies, which is cut out of the fit.
 
@@ -141,7 +155,7 @@ def left_over(
     parts : tuple of (float, float), optional
         Ranges within it that are cut out; by default all of it.
     """
-    effect = _unexplained(view, band, share, "spectrum", words)
+    effect = _unexplained(view, band, share, "spectrum", words, **figures)
     cut = parts or ((effect.frequency_low.value, effect.frequency_high.value),)
     return Candidate(effect, gain, log_alternatives, is_paid=True, excluded=cut)
 
@@ -196,6 +210,17 @@ def lasting(view: View, process: Candidate, most_sigma: float = float("inf")) ->
         return process
     _, high = reach_of(view, process)
     return tone_left_over(view, process, high / 2, high / 2)
+
+
+def tone_without_name(view: View, profile: LineProfile, searched: Candidate) -> Candidate:
+    """Return what a range holds that is no line, with the size of its power."""
+    share = profile.power * view.grid.n / float(view.squares.sum())
+    words = (
+        f"power between {profile.low:.5g} and {profile.high:.5g} Hz changes in frequency or "
+        f"amplitude; its rms is {profile.sigma:.3g} {view.unit}"
+    )
+    band = (profile.low, profile.high)
+    return left_over(view, band, searched.gain, share, words, searched.log_alternatives)
 
 
 def tones_left_over(view: View, lines: Sequence[tuple[Candidate, float]]) -> Candidate | None:
@@ -348,17 +373,53 @@ def _bands(view: View) -> Iterable[Candidate]:
         low -= 1
     while high < len(bands.z) - 1 and bands.z[high + 1] * np.sign(z) > _NEIGHBOUR_Z:
         high += 1
-    first, last = float(bands.low[low]), float(bands.high[high])
-    if abs(z) < _BAND_Z or any(a < last and first < b for a, b in known):
+    band = float(bands.low[low]), float(bands.high[high])
+    if abs(z) < _BAND_Z or any(a < band[1] and band[0] < b for a, b in known):
         return
-    share = float(np.average(bands.ratio[low : high + 1] - 1, weights=bands.count[low : high + 1]))
+    inside = slice(low, high + 1)
+    share = float(np.average(bands.ratio[inside] - 1, weights=bands.count[inside]))
+    yield _misfit(view, band, share, z, z**2 / 2, float(np.log(len(bands.z))))
+
+
+def _misfit(
+    view: View, band: tuple[float, float], share: float, z: float, gain: float, searched: float
+) -> Candidate:
     side = "more" if share > 0 else "less"
-    yield left_over(
-        view, (first, last), z**2 / 2, share,
-        f"{100 * abs(share):.2g} % {side} power than the model between {first:.3g} and "
-        f"{last:.3g} Hz (z = {z:.1f})",
-        float(np.log(len(bands.z))),
-    )  # fmt: skip
+    words = (
+        f"{100 * abs(share):.2g} % {side} power than the model between {band[0]:.3g} and "
+        f"{band[1]:.3g} Hz (z = {z:.1f})"
+    )
+    return left_over(view, band, gain, share, words, searched, z=z)
+
+
+def with_misfits_joined(view: View) -> View:
+    """Return the view with neighbouring ranges of too much, or too little, power as one.
+
+    Ranges were found one after the other, each without those before it.
+    """
+    misfits = [(c, one, one.figures["z"]) for c, one in _known(view) if one.is_misfit]
+    misfits.sort(key=lambda m: _limits(m[1]))
+    groups: list[list[tuple[Candidate, Unexplained, float]]] = []
+    for misfit in misfits:
+        if groups:
+            _, last, z = groups[-1][-1]
+            is_next = _limits(misfit[1])[0] < _NEXT * _limits(last)[1]
+            if is_next and z * misfit[2] > 0:
+                groups[-1].append(misfit)
+                continue
+        groups.append([misfit])
+    for group in groups:
+        if len(group) < 2:
+            continue
+        ranges = [_limits(one) for _, one, _ in group]
+        band = min(low for low, _ in ranges), max(high for _, high in ranges)
+        widths = [high - low for low, high in ranges]
+        share = float(np.average([one.share.value for _, one, _ in group], weights=widths))
+        z = max((z for _, _, z in group), key=abs)
+        gain = sum(c.gain for c, _, _ in group)
+        view = view.without(*(c for c, _, _ in group))
+        view = view.accept(_misfit(view, band, share, z, gain, group[0][0].log_alternatives))
+    return view
 
 
 @lru_cache(maxsize=4)

@@ -8,6 +8,7 @@
 `drop`                effects that later ones have made superfluous
 `fold_sidebands`      a carrier and its sidebands become the one modulated tone that they are
 `replace_drift`       slow effects that are pieces of a drift without a name become `unexplained`
+`resolve_tones`       what was left out of the fit becomes the lines that drift in it
 ====================  ==========================================================================
 
 What every move tries is noted in a `SearchPath`, which also bounds the search. Where no kind fits,

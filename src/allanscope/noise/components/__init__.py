@@ -18,12 +18,14 @@ random_telegraph      RandomTelegraph                       amplitude, dwell
 narrowband            Narrowband, WanderingLine,            sigma, frequency, bandwidth
                       BandPassed, PeakFiltered
 sinusoid              Sinusoid                              amplitude, frequency
+drifting_line         LineProfile                           sigma; its shape is measured
 ====================  ====================================  ============================
 """
 
 from allanscope.noise.components.angle_quantization import AngleQuantization
 from allanscope.noise.components.flicker import Flicker
 from allanscope.noise.components.gauss_markov import GaussMarkov
+from allanscope.noise.components.line_profile import LineProfile
 from allanscope.noise.components.narrowband import (
     BandPassed,
     Narrowband,
@@ -44,6 +46,7 @@ __all__ = [
     "Component",
     "Flicker",
     "GaussMarkov",
+    "LineProfile",
     "Narrowband",
     "PeakFiltered",
     "Ramp",

@@ -32,6 +32,7 @@ class Sinusoid(Component):
     amplitude: float
     frequency: float
     symbol: ClassVar[str] = "sinusoid"
+    is_line = True
     quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("amplitude", "{unit}"),
         Quantity("frequency", "Hz", "shape", 1e-9, 1e6),

@@ -8,6 +8,7 @@ band_limit              Butterworth                 cutoff, order        N, B an
 band_limit              AnalogueLowPass             cutoff, order        N, B and K
 repeated_samples        HeldSamples                 fraction             N
 repeated_samples        HeldPattern                 none: counted        N
+remainder               Remainder                   none: smooth         all but lines
 ======================  ==========================  ===================  ======================
 """
 
@@ -18,6 +19,7 @@ from allanscope.noise.filters.held_samples import (
     made_white_share,
 )
 from allanscope.noise.filters.low_pass import AnalogueLowPass, Butterworth, LowPass, OnePole
+from allanscope.noise.filters.remainder import Remainder
 from allanscope.noise.part import Filter
 
 __all__ = [
@@ -28,6 +30,7 @@ __all__ = [
     "HeldSamples",
     "LowPass",
     "OnePole",
+    "Remainder",
     "combined_response",
     "made_white_share",
 ]

@@ -1,0 +1,297 @@
+r"""A line that drifts: its amplitude, its phase or its frequency changes through the record.
+
+The commonest thing in measured data: a fan, a pump or a building that is excited by the traffic.
+In the spectrum it is a cluster of ordinates whose form is that of its history, which no shape of a
+few numbers describes; in time it is a tone
+
+.. math:: x(t) = \mathrm{Re}\, a(t) e^{2 \pi i f_0 t}
+
+whose complex amplitude a is smooth over a block of a quarter of the reciprocal width of the
+cluster. That is also how it is judged: the amplitude in each block is predicted from its two
+neighbours, and what the prediction gains in the block, which it did not use, is the held-out gain.
+In the model it is a component with the measured distribution of its power (`LineProfile`).
+
+It is no `sinusoid`: that has one amplitude and phase all along. It is no `narrowband`: that is
+noise, as loud in every part of the record as Gaussian noise of its bandwidth is. A tone that goes
+through a range wider than a tenth of its frequency is `unexplained`: a sweep is no line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import idct
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects import EffectKind
+from allanscope.explain.series import CHI_SQUARE_MEDIAN
+from allanscope.explain.steadiness import demodulate
+from allanscope.explain.view import View
+from allanscope.noise.components import LineProfile
+from allanscope.noise.grid import Grid
+
+Array = NDArray[np.float64]
+
+_WIDEST = 0.1
+"""Width over frequency beyond which a tone sweeps."""
+_HOLDS = 0.9
+"""Share of the power that is called its bandwidth."""
+_SHARES = 96
+"""Sub-bands of a profile."""
+_AROUND, _LOUD = 5, 4.0
+"""Ordinates over which the power is averaged, and that mean over the noise: one in 10^3 by chance
+within a range that holds a tone."""
+_LEAST = 30.0
+"""Excess of a cluster over the noise, in ordinates of noise."""
+_BRIDGED = 100
+"""Ordinates between two loud ones of one line: the sidebands of what is modulated."""
+_BESIDE, _CLEARLY, _ABOVE = 3, 4.0, 10.0
+"""Widths of a cluster that are looked at on each side; standard errors of their median that are
+nothing; factor by which the power of a line exceeds theirs."""
+_SURELY = 3.0
+"""Held-out gain in standard errors: a piece of a weak sweep is predictable for a while too."""
+_BLOCK = 0.25
+"""Length of a block times the bandwidth."""
+_PARTS = 10
+
+
+@dataclass(frozen=True)
+class DriftingLine(EffectKind):
+    """A tone whose amplitude, phase or frequency changes."""
+
+    frequency: Estimate
+    bandwidth: Estimate
+    sigma: Estimate
+    frequency_first: float
+    frequency_last: float
+    amplitude_least: float
+    amplitude_most: float
+
+    kind = "drifting_line"
+    meaning = "a tone whose amplitude, phase or frequency changes slowly"
+    located_by = "frequency"
+    shared_by = "frequency"
+    confused_with: ClassVar[Mapping[str, str]] = {
+        "sinusoid": "its amplitude and phase are the same in every part of the record",
+        "narrowband": "its power is that of noise in every part of the record",
+        "unexplained": "a sweep goes through a range wider than a tenth of its frequency",
+    }
+
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return (
+            f"a line around {self.frequency.value:.5g} Hz drifts within "
+            f"{self.bandwidth.value:.3g} Hz; its rms amplitude is {self.sigma.value:.3g} "
+            f"{self.sigma.unit} ({self.amplitude_least:.3g} to {self.amplitude_most:.3g} over "
+            "tenths of the record)"
+        )
+
+    @property
+    def curve(self) -> LineProfile:
+        """Its power, as if evenly distributed."""
+        half = self.bandwidth.value / 2
+        low, high = self.frequency.value - half, self.frequency.value + half
+        return LineProfile(self.sigma.value, max(low, 0.0), high, (1.0,))
+
+    @classmethod
+    def propose(cls, view: View) -> tuple[()]:
+        """Return nothing: it is what lines and bands turn out to be (`moves.resolve_tones`)."""
+        del view
+        return ()
+
+    def is_same(self, other: DriftingLine, grid: Grid) -> bool:
+        """Tell whether another line is the same hypothesis."""
+        del grid
+        apart = abs(self.frequency.value - other.frequency.value)
+        return apart < max(self.bandwidth.value, other.bandwidth.value)
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A run of ordinates above the noise.
+
+    Attributes
+    ----------
+    first, stop : int
+        Ordinates (0 stands for k = 1).
+    """
+
+    first: int
+    stop: int
+
+
+def range_of(view: View, low: float, high: float) -> Cluster:
+    """Return the ordinates between two frequencies in Hz."""
+    unit = view.grid.rate_hz / (2 * view.grid.n)
+    first = min(max(0, round(low / unit) - 1), view.grid.n - 2)
+    return Cluster(first, max(first + 1, min(view.grid.n - 1, round(high / unit))))
+
+
+def excess(view: View, *parts: Cluster) -> float:
+    """Return the power of clusters above the noise."""
+    inside = [slice(c.first, c.stop) for c in parts]
+    return float(sum(np.sum(view.squares[s] - view.spectrum.ordinates[s]) for s in inside))
+
+
+def clusters(view: View, low: float, high: float) -> list[Cluster]:
+    """Return the clusters of loud ordinates between two frequencies in Hz.
+
+    `view` is without what left them out of its fit.
+    """
+    whole = range_of(view, low, high)
+    first, stop = whole.first, whole.stop
+    u = view.squares[first:stop] / view.spectrum.ordinates[first:stop]
+    if len(u) < _AROUND:
+        return []
+    mean = np.convolve(u, np.ones(_AROUND) / _AROUND, mode="same")
+    loud = np.flatnonzero((mean > _LOUD) | (u > _AROUND * _LOUD))
+    found: list[Cluster] = []
+    for k in loud.tolist():
+        if found:
+            last = found[-1]
+            width = last.stop - last.first
+            if k < last.stop + max(_BRIDGED, width // 2):
+                found[-1] = Cluster(last.first, k + 1)
+                continue
+        found.append(Cluster(k, k + 1))
+    grown = [Cluster(max(0, c.first - 2), min(len(u), c.stop + 2)) for c in found]
+    kept = [c for c in grown if float(np.sum(u[c.first : c.stop] - 1)) > _LEAST]
+    return [Cluster(first + c.first, first + c.stop) for c in kept]
+
+
+def profile_of(view: View, cluster: Cluster) -> tuple[LineProfile, float]:
+    """Return the power of a cluster above the noise, and the relative error of its square root."""
+    grid, n = view.grid, view.grid.n
+    unit = grid.rate_hz / (2 * n)
+    inside = slice(cluster.first, cluster.stop)
+    noise = view.spectrum.ordinates[inside]
+    excess = view.squares[inside] - noise
+    total = max(float(excess.sum()), 1e-12 * float(noise.sum()))
+    width = cluster.stop - cluster.first
+    pieces = min(_SHARES, max(1, width // 2))
+    power = np.array([max(float(p.sum()), 0.0) for p in np.array_split(excess, pieces)])
+    shares = power / power.sum() if power.sum() > 0 else np.full(pieces, 1 / pieces)
+    variance = float(np.sum(4 * noise * np.maximum(excess, 0.0) + 2 * noise**2))
+    low, high = (cluster.first + 0.5) * unit, (cluster.stop + 0.5) * unit
+    profile = LineProfile(float(np.sqrt(total / n)), low, high, tuple(shares.tolist()))
+    return profile, float(np.sqrt(variance)) / (2 * total)
+
+
+def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidate | None:
+    """Return the line that a cluster of ordinates is; None for what is no line.
+
+    Parameters
+    ----------
+    view : View
+        Without the tone, its frequencies in the fit's excluded ranges or not.
+    cluster : Cluster
+        Where its power is.
+    searched : Candidate
+        What was found there first: its gain, and the alternatives that were looked at.
+    """
+    profile, error = profile_of(view, cluster)
+    n, rate = view.grid.n, view.grid.rate_hz
+    unit = rate / (2 * n)
+    weight = np.maximum(
+        view.squares[cluster.first : cluster.stop]
+        - view.spectrum.ordinates[cluster.first : cluster.stop],
+        0.0,
+    )
+    f = (np.arange(cluster.first, cluster.stop) + 1) * unit
+    total = np.cumsum(weight) / weight.sum()
+    centre = float(np.average(f, weights=weight))
+    ends = np.interp([(1 - _HOLDS) / 2, (1 + _HOLDS) / 2], total, f)
+    width = max(float(ends[1] - ends[0]), 2 * unit)
+    if width > _WIDEST * centre:
+        return None
+    held = _predicted(view, centre, width)
+    if held is None or held.nats <= _SURELY * held.error or not _stands_out(view, cluster):
+        return None
+    independent = max(1.0, width * view.series.duration_s)
+    moving = _history(view, centre, width)
+    effect = DriftingLine(
+        Estimate.of(centre, width / np.sqrt(12 * independent), "Hz"),
+        Estimate.of_log(width, 1 / np.sqrt(independent), "Hz"),
+        Estimate.of_log(profile.sigma, error, view.unit),
+        *moving,
+    )
+    return Candidate(
+        effect,
+        searched.gain,
+        searched.log_alternatives,
+        alpha=searched.alpha,
+        is_paid=searched.is_paid,
+        excluded=((profile.low, profile.high),),
+        profile=profile,
+        held_out=held,
+    )
+
+
+def _stands_out(view: View, cluster: Cluster) -> bool:
+    """Tell whether the power is in the cluster: a sweep is as loud beside any piece of it."""
+    width = cluster.stop - cluster.first
+    reach = max(_BESIDE * width, 32)
+    u = view.squares / view.spectrum.ordinates - 1
+    gap = max(2, width // 4)
+    beside = np.concatenate(
+        [
+            u[max(0, cluster.first - gap - reach) : max(0, cluster.first - gap)],
+            u[cluster.stop + gap : cluster.stop + gap + reach],
+        ]
+    )
+    # The median: the next line beside it is no part of it.
+    other = float(np.median(beside + 1)) / CHI_SQUARE_MEDIAN - 1
+    own = float(u[cluster.first : cluster.stop].mean())
+    return bool(other < _CLEARLY * np.sqrt(6 / len(beside)) or own > _ABOVE * other)
+
+
+def _around(view: View, centre: float, reach: float) -> Array:
+    """Return the part of the data within a distance of a frequency, in time."""
+    apart = np.abs(view.grid.frequency - centre)
+    kept = np.where(apart < min(reach, 0.9 * centre), view.ordinates, 0.0)
+    return np.asarray(idct(np.concatenate([[0.0], kept]), norm="ortho"))
+
+
+def _predicted(view: View, centre: float, width: float) -> HeldOut | None:
+    """Predict the amplitude in each block from its neighbours."""
+    n, rate = view.grid.n, view.grid.rate_hz
+    length = int(max(_BLOCK / width, 2 / centre) * rate)
+    blocks = n // length
+    if blocks < 2 * _PARTS:
+        blocks, length = 2 * _PARTS, n // (2 * _PARTS)
+    if length < 4:
+        return None
+    amplitude = demodulate(_around(view, centre, 4 * rate / length), rate, centre, blocks)
+    neighbours = (amplitude[:-2] + amplitude[2:]) / 2
+    middle = amplitude[1:-1]
+    shrunk = float(np.real(np.vdot(neighbours, middle)) / np.vdot(neighbours, neighbours).real)
+    left = middle - max(shrunk, 0.0) * neighbours
+    noise = float(view.spectrum.at(np.array([centre]))[0])
+    gained = (np.abs(middle) ** 2 - np.abs(left) ** 2) * length / (4 * noise)
+    return HeldOut(
+        nats=float(gained.sum()),
+        error=float(np.sqrt(len(gained)) * gained.std()),
+        design=f"each block of {length / rate:.3g} s by its neighbours",
+    )
+
+
+def _history(view: View, centre: float, width: float) -> tuple[float, float, float, float]:
+    """Return the frequency in the first and in the last part, and the least and most amplitude."""
+    rate = view.grid.rate_hz
+    reach = max(2 * width, 4 * _PARTS * rate / view.grid.n)
+    noise = float(view.spectrum.at(np.array([centre]))[0]) * 4 * reach / rate
+    frequencies, amplitudes = [], []
+    for part in np.array_split(_around(view, centre, reach), _PARTS):
+        power = np.abs(np.fft.rfft(part * np.hanning(len(part)))) ** 2
+        f = np.arange(len(power)) * rate / len(part)
+        inside = np.abs(f - centre) < reach
+        weight = np.maximum(power[inside] - np.median(power[inside]), 0.0)
+        frequencies.append(float(np.average(f[inside], weights=weight)) if weight.any() else centre)
+        amplitudes.append(float(np.sqrt(max(float(np.var(part)) - noise, 0.0))))
+    return frequencies[0], frequencies[-1], min(amplitudes), max(amplitudes)

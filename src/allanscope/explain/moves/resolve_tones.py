@@ -1,0 +1,61 @@
+"""Replace what was left out of the fit by the lines that are in it.
+
+While the search goes on, a tone that changes is left out of the fit together with all that touches
+it. Once everything else is known, the noise beside it is known too, and what was left out can be
+looked at: clusters of loud ordinates become drifting lines, and what is between them returns to the
+fit. What is no line stays `unexplained`, with the size and the distribution of its power.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effects.drifting_line import (
+    Cluster,
+    clusters,
+    drifting_line,
+    excess,
+    profile_of,
+    range_of,
+)
+from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
+from allanscope.explain.moves import SearchPath
+from allanscope.explain.view import View
+
+__all__ = ["resolve_tones"]
+
+_MOST = 0.8
+"""Share of the power in a range that its clusters must hold: else it is one thing."""
+
+
+def resolve_tones(view: View, path: SearchPath) -> View:
+    """Return the view with every tone that was left out resolved into what it is."""
+    tones = [
+        (c, c.effect)
+        for c in view.accepted
+        if isinstance(c.effect, Unexplained) and c.effect.is_tone
+    ]
+    for whole, effect in tones:
+        low, high = effect.frequency_low.value, effect.frequency_high.value
+        band, parts = range_of(view, low, high), clusters(view, low, high)
+        is_one = len(whole.excluded) > 1  # a carrier and its sidebands
+        if is_one or excess(view, *parts) < _MOST * excess(view, band):
+            parts = [band]
+        lines = [drifting_line(view, cluster, whole) for cluster in parts]
+        found = [
+            line or _without_name(view, c, whole) for c, line in zip(parts, lines, strict=True)
+        ]
+        if not any(lines):
+            found = [_without_name(view, band, whole)]
+        view = view.without(whole)
+        for one in found:
+            path.note("resolve", one, "accepted")
+            view = view.accept(one)
+    return view
+
+
+def _without_name(view: View, cluster: Cluster, whole: Candidate) -> Candidate:
+    profile, _ = profile_of(view, cluster)
+    left = tone_without_name(view, profile, whole)
+    return replace(left, profile=profile)

@@ -1,0 +1,53 @@
+"""What the named parts of a model leave over in the spectrum: a smooth factor of the density."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.noise.part import Component, Filter
+
+__all__ = ["Remainder"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Remainder(Filter):
+    """A factor of the density that no physics stands for, found by `noise.remainder`.
+
+    Parameters
+    ----------
+    frequency : tuple of float
+        Nodes in Hz, ascending.
+    gain : tuple of float
+        Logarithm of the factor at each; straight between them over the logarithm of the frequency,
+        constant beyond.
+
+    Examples
+    --------
+    >>> Remainder((1.0, 4.0), (0.0, 0.2)).response(np.array([0.5, 2.0, 9.0]), 0.01).round(3)
+    array([1.   , 1.105, 1.221])
+    """
+
+    frequency: tuple[float, ...]
+    gain: tuple[float, ...]
+
+    symbol: ClassVar[str] = "remainder"
+
+    def corners(self, dt: float) -> tuple[float, ...]:
+        """Return the ends of the nodes."""
+        return tuple(f for f in (self.frequency[0], self.frequency[-1]) if 0 < f < 0.5 / dt)
+
+    def response(self, f: Array, dt: float) -> Array:
+        """Return the factor at frequencies in Hz."""
+        del dt
+        at = np.log(np.maximum(f, 1e-300))
+        return np.asarray(np.exp(np.interp(at, np.log(self.frequency), self.gain)))
+
+    def acts_on(self, component: Component) -> bool:
+        """Tell whether a component is part of the noise; a line stands beside it."""
+        return not component.is_line

@@ -1,0 +1,223 @@
+r"""The nameless remainder: what a fitted model leaves over in the spectrum, as a smooth factor.
+
+No vocabulary is complete. What it lacks must neither bend the coefficients nor be cut out of the
+fit, so it stands in the model as a factor exp(s(f)) of the density, fitted last and without a name.
+The logarithm s is a penalised spline over the logarithm of the frequency: Gaussian with independent
+increments between nodes. Powers with :math:`\nu_b` degrees of freedom have the log-likelihood
+
+.. math:: -\tfrac12 \sum_b \nu_b (s_b + r_b e^{-s_b}), \qquad r_b = p_b / \lambda_b ,
+
+whose maximum under the penalty is found by Newton's method. The size of the increments maximises
+the marginal likelihood in Laplace's approximation, which is REML for a spline: where the named
+parts leave nothing the best size is zero and there is no remainder. Source: Littenberg and Cornish,
+BayesLine (arXiv 1410.3852), for the idea of a smooth part below the named lines; Wood, Generalized
+Additive Models (2017), section 6.6, for the marginal likelihood.
+
+A level of its own would compete with N. So s is zero where N is read: half of the ordinates below a
+fifth of the Nyquist frequency, weighted with the share of white noise in them, lie above it and
+half below. A floor that rises towards the top, as vibration makes it, leaves N alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky_banded, solveh_banded
+
+from allanscope.noise.components import White
+from allanscope.noise.evidence import Evidence
+from allanscope.noise.filters import Remainder
+from allanscope.noise.likelihood import Fit, Likelihood
+
+__all__ = ["Smooth", "smooth_log_ratio", "with_remainder"]
+
+Array = NDArray[np.float64]
+
+_PER_OCTAVE = 12
+"""Nodes: narrower features are lines, and have a component of their own."""
+_SIZES = np.geomspace(0.005, 3.0, 11)
+"""Standard deviations of s over an octave that are tried."""
+_TO_ZERO = 0.3
+"""Standard deviation of the level of s at a node, relative to its change over an octave."""
+_GAIN = 4.0
+"""Log of the marginal likelihood ratio from which there is a remainder: on 3,000 clean records of
+17 mixes of N, B and K it stayed below."""
+_SHORT = 0.2
+"""Part of the Nyquist frequency below which N is read."""
+_ROUNDS = 3
+_STEPS = 30
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A smooth log-ratio.
+
+    Attributes
+    ----------
+    frequency : ndarray, shape (k,)
+        Nodes in Hz.
+    value : ndarray, shape (k,)
+        The logarithm of measured over expected power at each.
+    gain : float
+        Log of the marginal likelihood ratio against none.
+    """
+
+    frequency: Array
+    value: Array
+    gain: float
+
+
+def with_remainder(fit: Fit, evidence: Sequence[Evidence]) -> Fit:
+    """Return a fit with what its model leaves over beside it, its amplitudes fitted again.
+
+    The fit itself where nothing is left over.
+
+    Parameters
+    ----------
+    fit : Fit
+        With every named part, perhaps beside ranges that they do not describe.
+    evidence : sequence of Evidence
+        With those ranges.
+    """
+    likelihood = Likelihood(evidence)
+    bare, found = fit, None
+    fit = replace(fit, likelihood=likelihood, expected=likelihood.expected(fit.model))
+    for _ in range(_ROUNDS):
+        power, dof, frequency, expected = _evidence(fit, found)
+        smooth = smooth_log_ratio(frequency, power / expected, dof)
+        if smooth is None or smooth.gain < _GAIN:
+            return bare if found is None else fit
+        gain = smooth.value - _level(smooth, fit, frequency, dof)
+        found = Remainder(tuple(smooth.frequency.tolist()), tuple(gain.tolist()))
+        fit = likelihood.amplitudes(bare.model.plus(found))
+    return fit
+
+
+def _level(smooth: Smooth, fit: Fit, frequency: Array, dof: Array) -> float:
+    """Return the median of s over the ordinates, weighted with the share of white noise."""
+    white = fit.model.get("N")
+    if not isinstance(white, White) or white.power == 0.0:
+        return 0.0
+    weight = dof * fit.likelihood.column(fit.model, white) / fit.expected
+    weight = np.where(frequency < _SHORT * 0.5 / fit.model.dt, weight, 0.0)
+    if not weight.any():
+        return 0.0
+    value = np.interp(
+        np.log2(np.maximum(frequency, 1e-300)), np.log2(smooth.frequency), smooth.value
+    )
+    order = np.argsort(value)
+    total = np.cumsum(weight[order])
+    return float(value[order][np.searchsorted(total, total[-1] / 2)])
+
+
+def smooth_log_ratio(frequency: Array, ratio: Array, dof: Array) -> Smooth | None:
+    """Find the smooth logarithm of power ratios.
+
+    Parameters
+    ----------
+    frequency, ratio, dof : ndarray, shape (b,)
+        Centre in Hz, measured over expected power, and degrees of freedom of each bin.
+
+    Returns
+    -------
+    Smooth or None
+        None where there are too few bins.
+    """
+    used = (dof > 0) & (frequency > 0)
+    if np.count_nonzero(used) < 8:
+        return None
+    x = np.log2(frequency[used])
+    first, last = float(x.min()), float(x.max())
+    nodes = np.linspace(first, last, max(4, int((last - first) * _PER_OCTAVE) + 1))
+    spacing = float(nodes[1] - nodes[0])
+    left = np.clip(((x - first) / spacing).astype(int), 0, len(nodes) - 2)
+    right_share = (x - nodes[left]) / spacing
+    problem = _Problem(len(nodes), left, right_share, ratio[used], dof[used] / 2)
+    best = max((problem.at(size, spacing) for size in _SIZES), key=lambda one: one[1])
+    return Smooth(2.0**nodes, best[0], best[1])
+
+
+class _Problem:
+    """The penalised likelihood of one set of ratios; all matrices are tridiagonal."""
+
+    def __init__(self, k: int, left: NDArray[np.int64], share: Array, r: Array, half: Array):
+        self.k, self.left, self.share, self.r, self.half = k, left, share, r, half
+
+    def at(self, size: float, spacing: float) -> tuple[Array, float]:
+        """Return s at the nodes and the gain in marginal likelihood for one size of increments."""
+        prior = self._prior(size, spacing)
+        s = np.zeros(self.k)
+        value = self._value(s, prior)
+        for _ in range(_STEPS):
+            gradient, weight = self._slopes(s, prior)
+            step = solveh_banded(prior + weight, gradient, lower=True)
+            fraction, gained = 1.0, -np.inf
+            while gained < 0 and fraction > 1e-4:
+                trial = s + fraction * np.clip(step, -1.0, 1.0)
+                gained = self._value(trial, prior) - value
+                fraction /= 2
+            if gained < 0:
+                break
+            s, value = trial, value + gained
+            if gained < 1e-6:
+                break
+        _, weight = self._slopes(s, prior)
+        evidence = value - self._value(np.zeros(self.k), prior)
+        evidence += _log_determinant(prior) / 2 - _log_determinant(prior + weight) / 2
+        return s, float(evidence)
+
+    def _prior(self, size: float, spacing: float) -> Array:
+        """Return the precision of s, (2, k): independent increments, and a weak pull to zero."""
+        increment = 1 / (size**2 * spacing)
+        prior = np.zeros((2, self.k))
+        prior[0] = 2 * increment
+        prior[0, [0, -1]] = increment
+        prior[1, :-1] = -increment
+        prior[0] += spacing / (size / _TO_ZERO) ** 2
+        return prior
+
+    def _between(self, s: Array) -> Array:
+        return (1 - self.share) * s[self.left] + self.share * s[self.left + 1]
+
+    def _value(self, s: Array, prior: Array) -> float:
+        at = self._between(s)
+        penalty = 0.5 * float(np.sum(prior[0] * s * s) + 2 * np.sum(prior[1, :-1] * s[:-1] * s[1:]))
+        return -float(np.sum(self.half * (at + self.r * np.exp(-at)))) - penalty
+
+    def _slopes(self, s: Array, prior: Array) -> tuple[Array, Array]:
+        """Return the gradient, and the expected information as (2, k)."""
+        slope = self.half * (self.r * np.exp(-self._between(s)) - 1)
+        gradient, information = np.zeros(self.k), np.zeros((2, self.k))
+        a, b = 1 - self.share, self.share
+        np.add.at(gradient, self.left, a * slope)
+        np.add.at(gradient, self.left + 1, b * slope)
+        np.add.at(information[0], self.left, a * a * self.half)
+        np.add.at(information[0], self.left + 1, b * b * self.half)
+        np.add.at(information[1], self.left, a * b * self.half)
+        pull = prior[0] * s
+        pull[:-1] += prior[1, :-1] * s[1:]
+        pull[1:] += prior[1, :-1] * s[:-1]
+        return gradient - pull, information
+
+
+def _log_determinant(banded: Array) -> float:
+    return 2 * float(np.sum(np.log(cholesky_banded(banded, lower=True)[0])))
+
+
+def _evidence(fit: Fit, found: Remainder | None) -> tuple[Array, Array, Array, Array]:
+    """Return powers, degrees of freedom, frequencies and what the named parts expect there.
+
+    A line takes its bins with it: its own power is no chi-square of many degrees of freedom.
+    """
+    likelihood, model = fit.likelihood, fit.model
+    named = model.without(found.symbol) if found is not None else model
+    lines = [c for c in named if c.is_line]
+    expected = likelihood.expected(named)
+    dof = likelihood.dof.copy()
+    for line in lines:
+        dof[likelihood.column(named, line) > 0.05 * expected] = 0.0
+    frequency = np.concatenate([part.frequency for part in likelihood.evidence])
+    return likelihood.power, dof, frequency, expected

@@ -48,12 +48,8 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
     verdict = adequate(view, candidate)
     if verdict is None:
         return None, "adequacy: it is not what its name says"
-    if covered(view, verdict):
-        return None, "adequacy: that range is known already"
-    if leaves_too_little(view, verdict):
-        return None, "adequacy: nothing would be left to fit"
-    if is_remnant(view, verdict):
-        return None, "adequacy: the end of a loud tone"
+    if why := _superfluous(view, verdict):
+        return None, f"adequacy: {why}"
     held = verdict.effect.hold_out(view, verdict)
     recurring = _RECURRING * (verdict.gain - _SMALL) if verdict.effect.is_process else 0.0
     if held is not None and held.nats <= max(_least(verdict, held), recurring):
@@ -61,6 +57,15 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
     if held is not None and _is_refuted(verdict, held):
         return None, "held out: quarters of the record disagree"
     return replace(verdict, held_out=held), "accepted"
+
+
+def _superfluous(view: View, verdict: Candidate) -> str:
+    """Return why what was accepted already leaves it no place; empty where it does."""
+    if covered(view, verdict):
+        return "that range is known already"
+    if leaves_too_little(view, verdict):
+        return "nothing would be left to fit"
+    return "the end of a loud tone" if is_remnant(view, verdict) else ""
 
 
 def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:

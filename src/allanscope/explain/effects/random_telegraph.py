@@ -48,7 +48,8 @@ _HARMONICS = 20.0
 _LEAST = 1e-6
 """Share of the variance of the level that counts as white at the least: behind a steep filter there
 is nothing at the top."""
-_FEWEST_SWITCHES = 4
+_FEWEST_SWITCHES, _IN_A_HALF = 8, 2
+"""Switches in the record and in each half of it: what hops now and then only is events."""
 _COUNTED, _EVEN = 16, 0.5
 """Fewest dwells whose scatter is known, and their least deviation over their mean."""
 _VISIBLE, _CLEAR, _SHARP = 4.0, 25.0, 60.0
@@ -79,7 +80,7 @@ class RandomTelegraph(EffectKind):
     excluded_by = frozenset({"gauss_markov", "quantization"})
     confused_with: ClassVar[Mapping[str, str]] = {
         "gauss_markov": "same spectrum; two levels instead of a bell",
-        "step": "fewer than four switches are steps",
+        "step": "fewer than eight switches, or none in half of the record, are steps",
     }
 
     @property
@@ -162,7 +163,7 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     if amplitude**2 * dwell_s < _VISIBLE * view.spectrum.model.value("N") ** 2:
         return None
     path = _path(view, amplitude, dwell_s, _TO_JUDGE)
-    if path is None or path.switches < _FEWEST_SWITCHES or _is_regular(path):
+    if path is None or not _is_lasting(path) or _is_regular(path):
         return None
     fit = joint_fit(view, _column(view, path))
     size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
@@ -215,6 +216,13 @@ def _stretch(view: View, rows: int) -> View:
         excluded=view.excluded,
         base=view.base,
     )
+
+
+def _is_lasting(path: _Path) -> bool:
+    """Tell whether it hops often enough, and all along: a shock makes a path of a few hops too."""
+    hops = np.diff(path.state) != 0
+    first, second = (int(np.count_nonzero(half)) for half in np.array_split(hops, 2))
+    return path.switches >= _FEWEST_SWITCHES and min(first, second) >= _IN_A_HALF
 
 
 def _is_regular(path: _Path) -> bool:

@@ -1,0 +1,51 @@
+"""A level that hops a few times, or in one stretch only, is events and no telegraph signal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import allanscope
+from allanscope.explain import explain
+
+SIGMA = 4e-3 * 52.0**0.5
+MEASURED = Path(__file__).parents[2] / "recordings" / "measured"
+
+
+def kinds(b, signal):
+    found = explain(b.record(b.noise() + signal, lsb=SIGMA / 50)).axes["gx"]
+    return [effect.kind for effect in found.effects]
+
+
+def hops(b, at_s, size):
+    """Return a level that hops between two values at these times."""
+    return size * np.where(np.searchsorted(at_s, b.t) % 2, 1.0, -1.0)
+
+
+@pytest.mark.parametrize("seed", range(540, 543))
+def test_hops_in_one_stretch_are_no_telegraph_signal(bench, seed):
+    b = bench(seed, 120.0)
+    shock = hops(b, 66.0 + np.sort(b.rng.uniform(0, 3, 8)), 6 * SIGMA)
+    assert "random_telegraph" not in kinds(b, shock)
+
+
+@pytest.mark.parametrize("seed", range(543, 546))
+def test_half_a_dozen_hops_are_steps_and_excursions(bench, seed):
+    b = bench(seed, 600.0)
+    at_s = np.array([50.0, 140.0, 230.0, 350.0, 430.0, 540.0]) + b.rng.uniform(-20, 20, 6)
+    assert "random_telegraph" not in kinds(b, hops(b, at_s, 3 * SIGMA))
+
+
+@pytest.mark.parametrize("seed", range(546, 549))
+def test_hops_all_along_are_a_telegraph_signal(bench, seed):
+    b = bench(seed, 600.0)
+    at_s = np.sort(b.rng.uniform(0, 600, 24))
+    assert kinds(b, hops(b, at_s, 3 * SIGMA)) == ["random_telegraph"]
+
+
+def test_a_shock_in_a_car_is_no_telegraph_signal():
+    result = allanscope.analyse(MEASURED / "asm330lhhx-vehicle.parquet")
+    found = result.axes["gy"].explanation.effects
+    assert "random_telegraph" not in [effect.kind for effect in found]

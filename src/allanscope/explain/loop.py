@@ -273,6 +273,7 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
         explained=bool(explained),
         path=view.path,
         remarks=observations(series, axis)
+        + _missing(bare)
         + ((view.stopped,) if view.stopped else ())
         + _detection_limits(view),
     )
@@ -354,6 +355,15 @@ def _limits(parameter: Parameter) -> tuple[float, float]:
     low = parameter.value if parameter.lower is None else parameter.lower
     high = parameter.value if parameter.upper is None else parameter.upper
     return min(low, parameter.value - room), max(high, parameter.value + room)
+
+
+def _missing(view: View) -> tuple[str, ...]:
+    """Return which codes never occur; those beside them then hold more than their share."""
+    return tuple(
+        f"no sample is {value:.6g} {view.unit}, though the values beside it are frequent: a "
+        "missing code of the converter, or of a rounding after it"
+        for value in view.missing_codes
+    )
 
 
 def _detection_limits(view: View) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The values that occur: their step, how often rows are equal by chance, where they pile up.
+"""The values that occur: their step, and how often rows are equal by chance.
 
 *The step*: the greatest of which all differences are multiples, and how a Gaussian falls onto it.
 
@@ -6,10 +6,6 @@
 noise comes and goes together, or where they hear the same vibration. Rows that lie farther apart
 than any run of repeats are equal by nothing but chance, and that in the same lattice, of the same
 distribution, with the same ups and downs as neighbours.
-
-*Piles*: the frequencies of a signal with noise on it change smoothly from one value to the next,
-whatever its distribution. Clipping collects all that lies beyond a limit on one value, a dead zone
-all that lies within it. Counted are arrivals at a value: a bus that freezes stays, and is no pile.
 """
 
 from __future__ import annotations
@@ -25,10 +21,8 @@ from allanscope.noise import find_step
 
 __all__ = [
     "Coincidence",
-    "Pile",
     "beyond_runs",
     "noise_on_lattice",
-    "piles",
     "step_of",
     "typical_and_limit",
 ]
@@ -36,6 +30,8 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _WINDOWS = 48
+_PARTS = (0.5, 0.0, -0.25)
+"""Beside the smallest distance of two codes, what their step may be: each of them is rounded."""
 _OFF = 5e-3
 """Distance from a whole count, in counts, that single precision may leave."""
 LAGS = 24
@@ -46,16 +42,6 @@ _FEWEST_EQUAL = 3
 _ALIKE = 2.0
 """Scatter over that of counting which the correlation of the noise may make."""
 _MOVING = 0.9
-_FEWEST_ARRIVALS = 20
-"""Arrivals that make a pile."""
-_MORE, _SIGMAS = 1.2, 5.0
-"""Ratio and deviations by which a pile exceeds the fuller of its neighbours."""
-_MOST_PILES = 3
-"""Values within; where there are more the lattice is uneven, as decimals of a binary step are."""
-_FINEST = 0.7
-"""Noise in steps from which the values vary smoothly; below, few codes say nothing."""
-_NEAR = 0.5
-"""Distance from the next value, in deviations, from which an extreme stands apart: no limit."""
 
 
 def step_of(samples: Array, lsb: float) -> float:
@@ -93,10 +79,17 @@ def _uneven_step(codes: NDArray[np.int64]) -> float:
     smallest = int(apart.min())
     if smallest < 2:
         return 1.0
-    index = np.concatenate([[0], np.cumsum(np.round(apart / (smallest + 0.5)))])
+    # A code in between may be missing: a gap may be of several steps.
+    found = [_line_through(codes, smallest + part) for part in _PARTS]
+    slope, off = min(found, key=lambda one: one[1])
+    return slope if off <= 1.0 else 1.0
+
+
+def _line_through(codes: NDArray[np.int64], step: float) -> tuple[float, float]:
+    """Return the step of codes numbered by about this step, and how far a code is off the line."""
+    index = np.concatenate([[0], np.cumsum(np.round(np.diff(codes) / step))])
     slope, start = np.polyfit(index, codes.astype(np.float64), 1)
-    even = np.max(np.abs(start + slope * index - codes)) <= 1.0
-    return float(slope) if even else 1.0
+    return float(slope), float(np.max(np.abs(start + slope * index - codes)))
 
 
 def noise_on_lattice(samples: Array, step: float) -> float:
@@ -226,81 +219,3 @@ def typical_and_limit(found: Array, relative: Array) -> tuple[float, float]:
     if scatter <= _ALIKE * counting:
         return mean, mean + _FAR_SIGMAS * _ALIKE * max(scatter, counting) / np.sqrt(len(found))
     return mean, float(max(found.max(), mean + _FAR_SIGMAS * scatter))
-
-
-@dataclass(frozen=True)
-class Pile:
-    """A value at which samples pile up.
-
-    Attributes
-    ----------
-    value : float
-        The value.
-    share : float
-        Part of all samples that has it.
-    side : int
-        1 and -1 at the upper and lower end of all values, 0 within.
-    """
-
-    value: float
-    share: float
-    side: int
-
-
-def piles(samples: Array, step: float) -> tuple[Pile, ...]:
-    """Return where samples pile up, in the order of the values.
-
-    Parameters
-    ----------
-    samples : ndarray, shape (n,)
-        As measured.
-    step : float
-        Distance of the values that occur, 0 where they lie on no lattice.
-
-    Examples
-    --------
-    >>> noise = np.random.default_rng(1).normal(size=10_000)
-    >>> piles(np.minimum(noise, 1.5), 0.0)
-    (Pile(value=1.5, share=0.0642, side=1),)
-    """
-    if len(samples) < _FEWEST_ARRIVALS:
-        return ()
-    differences = np.diff(samples)
-    moved = np.append(True, differences != 0)
-    spread = float(np.std(differences[moved[1:]])) / np.sqrt(2) if moved[1:].any() else 0.0
-    if spread <= _FINEST * step:
-        return ()
-    if step > 0:
-        codes = np.round((samples - samples.min()) / step).astype(np.int64)
-    else:
-        codes = np.unique(samples, return_inverse=True)[1]
-    values, arrivals = np.unique(codes[moved], return_counts=True)
-    peak = 1.0 if step <= 0 else float(np.exp(0.5 * (step / spread) ** 2))
-    full = arrivals >= _FEWEST_ARRIVALS
-    found = []
-    for i in np.flatnonzero(full).tolist():
-        side = (-1 if i == 0 else 0) + (1 if i == len(values) - 1 else 0)
-        # Of a value within, a Gaussian of this spread has so many more than of the next.
-        usual = (peak if side == 0 else 1.0) * _beside(values, arrivals, int(i), step)
-        if arrivals[i] < _MORE * usual + _SIGMAS * np.sqrt(max(usual, 1.0)):
-            continue
-        own = codes == values[i]
-        value = float(samples[np.argmax(own)])
-        if side and _gap(samples, own, value, side) > max(2 * step, _NEAR * spread):
-            continue
-        found.append(Pile(value, float(own.mean()), side))
-    uneven = len([pile for pile in found if pile.side == 0]) > _MOST_PILES
-    return tuple(pile for pile in found if pile.side or not uneven)
-
-
-def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step: float) -> float:
-    """Return the arrivals at the fuller one of the values beside one."""
-    near = [j for j in (i - 1, i + 1) if 0 <= j < len(values)]
-    if step > 0:
-        near = [j for j in near if abs(values[j] - values[i]) == 1]
-    return float(max((arrivals[j] for j in near), default=0))
-
-
-def _gap(samples: Array, own: NDArray[np.bool_], value: float, side: int) -> float:
-    rest = samples[~own]
-    return float(value - rest.max() if side > 0 else rest.min() - value) if len(rest) else np.inf

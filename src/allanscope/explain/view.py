@@ -10,9 +10,9 @@ from scipy.fft import dct, idct
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import SearchStep
+from allanscope.explain.piles import Pile, missing_codes, piles
 from allanscope.explain.series import Series
 from allanscope.explain.spectrum import Spectrum, StepScan, fit_spectrum
-from allanscope.explain.values import Pile, piles
 from allanscope.lazy import once
 from allanscope.noise import NoiseModel
 from allanscope.noise.components import Component, Flicker, RandomWalk, Rounding, White
@@ -157,6 +157,13 @@ class View:
     def piles(self) -> tuple[Pile, ...]:
         """Values at which the samples pile up."""
         return piles(self.samples[~self.series.bridged], self.step)
+
+    @property
+    def missing_codes(self) -> tuple[float, ...]:
+        """Values between frequent ones that never occur; none is known of means of samples."""
+        if self.series.stride > 1:
+            return ()
+        return missing_codes(self.samples[~self.series.bridged], self.step)
 
     @property
     def unit(self) -> str:

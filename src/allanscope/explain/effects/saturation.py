@@ -7,8 +7,8 @@ White noise stays white, so the curve and the spectrum show nothing: N is merely
 .. math:: \mathrm{Var}\,y < \mathrm{Var}\,x,
 
 and nothing that is computed of the axis is that of the sensor. Deterministic: read off the values.
-Both ends may be cut: each is named. Samples that pile up within the range (a dead zone) have no
-name and are `unexplained`.
+Both ends may be cut: each is named. The last code beside a missing one is no limit (`piles`), and
+samples that pile up within the range (a dead zone) have no name and are `unexplained`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,171 @@
+"""Codes that collect samples, and codes that have none.
+
+The frequencies of a signal with noise on it change smoothly from one value to the next, whatever
+its distribution. Clipping collects all that lies beyond a limit on one value, a dead zone all that
+lies within it. Counted are arrivals at a value: a bus that freezes stays, and is no pile.
+
+No converter is even: of all its codes some are a little wider than their neighbours, and one may
+never occur. A code is a pile within the range only where chance among all codes does not make it,
+where it holds twice what its neighbours hold, and where that is enough to matter. The last code
+of a range beside one that is missing takes over what would have been there: it is no limit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import poisson
+
+__all__ = ["Pile", "missing_codes", "piles"]
+
+Array = NDArray[np.float64]
+
+_FEWEST_ARRIVALS = 20
+"""Arrivals that make a pile."""
+_MORE, _SIGMAS = 1.2, 5.0
+"""Ratio and deviations by which a pile at an end exceeds the value beside it."""
+_TWICE, _ALPHA, _MATTERS = 2.0, 1e-4, 0.01
+"""Within: ratio to the fuller neighbour, chance of it among all codes, and share of all samples
+beyond what the neighbours hold."""
+_MOST_PILES = 3
+"""Values within; where there are more the lattice is uneven, as decimals of a binary step are."""
+_FINEST = 0.7
+"""Noise in steps from which the values vary smoothly; below, few codes say nothing."""
+_NEAR = 0.5
+"""Distance from the next value, in deviations, from which an extreme stands apart: no limit."""
+_EXPECTED = 20.0
+"""Arrivals that the codes on both sides let expect where there is none."""
+_CROSSED = 0.02
+"""Part of a code that the one beyond it holds at least: the noise spreads, and does not hop."""
+_MOST_MISSING = 2
+
+
+@dataclass(frozen=True)
+class Pile:
+    """A value at which samples pile up.
+
+    Attributes
+    ----------
+    value : float
+        The value.
+    share : float
+        Part of all samples that has it.
+    side : int
+        1 and -1 at the upper and lower end of all values, 0 within.
+    """
+
+    value: float
+    share: float
+    side: int
+
+
+def piles(samples: Array, step: float) -> tuple[Pile, ...]:
+    """Return where samples pile up, in the order of the values.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n,)
+        As measured.
+    step : float
+        Distance of the values that occur, 0 where they lie on no lattice.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(1).normal(size=10_000)
+    >>> piles(np.minimum(noise, 1.5), 0.0)
+    (Pile(value=1.5, share=0.0642, side=1),)
+    """
+    if len(samples) < _FEWEST_ARRIVALS:
+        return ()
+    differences = np.diff(samples)
+    moved = np.append(True, differences != 0)
+    spread = float(np.std(differences[moved[1:]])) / np.sqrt(2) if moved[1:].any() else 0.0
+    if spread <= _FINEST * step:
+        return ()
+    codes = _codes(samples, step)
+    values, arrivals = np.unique(codes[moved], return_counts=True)
+    # Of a value within, a Gaussian of this spread has so many more than of the next.
+    peak = 1.0 if step <= 0 else float(np.exp(0.5 * (step / spread) ** 2))
+    found = []
+    for i in np.flatnonzero(arrivals >= _FEWEST_ARRIVALS).tolist():
+        side = (-1 if i == 0 else 0) + (1 if i == len(values) - 1 else 0)
+        beside = _beside(values, arrivals, int(i), step)
+        if not (
+            _is_heaped(arrivals, int(i), peak * beside)
+            if side == 0
+            else arrivals[i] >= _MORE * beside + _SIGMAS * np.sqrt(max(beside, 1.0))
+        ):
+            continue
+        own = codes == values[i]
+        value = float(samples[np.argmax(own)])
+        if side and _gap(samples, own, value, side) > max(2 * step, _NEAR * spread):
+            continue
+        found.append(Pile(value, float(own.mean()), side))
+    uneven = len([pile for pile in found if pile.side == 0]) > _MOST_PILES
+    return tuple(pile for pile in found if pile.side or not uneven)
+
+
+def missing_codes(samples: Array, step: float) -> tuple[float, ...]:
+    """Return values of the lattice that never occur though those on both sides are frequent.
+
+    Noise that spreads over codes has a hump of a distribution: between two of its codes there are
+    at least as many samples as in the geometric mean of both.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n,)
+        As measured.
+    step : float
+        Distance of the values that occur, 0 where they lie on no lattice.
+
+    Examples
+    --------
+    >>> rounded = np.round(np.random.default_rng(1).normal(size=10_000))
+    >>> missing_codes(np.where(rounded == 2.0, 3.0, rounded), 1.0)
+    (2.0,)
+    """
+    if step <= 0 or len(samples) < _FEWEST_ARRIVALS:
+        return ()
+    codes = _codes(samples, step)
+    values, seen = np.unique(codes, return_counts=True)
+    counts = dict(zip(values.tolist(), seen.tolist(), strict=True))
+    found = []
+    for code in (values[:-1][np.diff(values) == 2] + 1).tolist():
+        below, above = counts[code - 1], counts[code + 1]
+        falls = counts.get(code - 2, 0) > _CROSSED * below
+        rises = counts.get(code + 2, 0) > _CROSSED * above
+        on_a_flank = (below > 2 * above and falls) or (above > 2 * below and rises)
+        if below * above > _EXPECTED**2 and (on_a_flank or (falls and rises)):
+            sides = [samples[int(np.argmax(codes == one))] for one in (code - 1, code + 1)]
+            found.append(float(np.mean(sides)))
+    return tuple(found) if len(found) <= _MOST_MISSING else ()
+
+
+def _codes(samples: Array, step: float) -> NDArray[np.int64]:
+    """Return the number of each sample's value, from 0 for the least."""
+    if step > 0:
+        return np.asarray(np.round((samples - samples.min()) / step).astype(np.int64))
+    return np.asarray(np.unique(samples, return_inverse=True)[1])
+
+
+def _is_heaped(arrivals: NDArray[np.int64], i: int, usual: float) -> bool:
+    """Tell whether a code within holds more than chance and uneven codes give it."""
+    excess = (arrivals[i] - usual) / arrivals.sum()
+    if arrivals[i] < _TWICE * usual or excess < _MATTERS:
+        return False
+    return bool(poisson.sf(arrivals[i] - 1, max(usual, 1.0)) * len(arrivals) < _ALPHA)
+
+
+def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step: float) -> float:
+    """Return the arrivals at the fuller one of the values beside one, a missing code apart."""
+    near = [j for j in (i - 1, i + 1) if 0 <= j < len(values)]
+    if step > 0:
+        near = [j for j in near if abs(values[j] - values[i]) <= 2]
+    return float(max((arrivals[j] for j in near), default=0))
+
+
+def _gap(samples: Array, own: NDArray[np.bool_], value: float, side: int) -> float:
+    rest = samples[~own]
+    return float(value - rest.max() if side > 0 else rest.min() - value) if len(rest) else np.inf

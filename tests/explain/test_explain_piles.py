@@ -1,0 +1,100 @@
+"""Uneven and missing codes of a converter are neither saturation nor a dead zone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import allanscope
+from allanscope.explain import explain
+from allanscope.explain.piles import missing_codes, piles
+from allanscope.explain.values import step_of
+
+SIGMA = 4e-3 * 52.0**0.5
+STEP = SIGMA / 0.65
+MEASURED = Path(__file__).parents[2] / "recordings" / "measured"
+
+
+def without_a_code(noise, code, step=STEP):
+    """Round to a lattice on which a code is missing: its width goes to both beside it."""
+    codes = np.round(noise / step)
+    return step * np.where(codes == code, code + np.sign(noise / step - code), codes)
+
+
+def found_on(b, column, step):
+    return explain(b.record(column, lsb=step)).axes["gx"]
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3])
+@pytest.mark.parametrize("code", [2, -2])
+def test_the_last_code_beside_a_missing_one_is_no_limit(bench, code, offset):
+    b = bench(510, 120.0)
+    column = without_a_code(b.noise() + np.sign(code) * offset * STEP, code)
+    column = np.clip(column, -3 * STEP, 3 * STEP)  # or one sample farther out hides the end
+    found = found_on(b, column, STEP)
+    assert "saturation" not in [effect.kind for effect in found.effects]
+    (remark,) = [one for one in found.remarks if "missing code" in one]
+    assert f"no sample is {code * STEP:.6g} dps" in remark
+
+
+def test_a_limit_at_which_the_rest_is_collected_is_found_beside_a_missing_code(bench):
+    b = bench(511, 120.0)
+    column = without_a_code(np.minimum(b.noise(), 0.4 * SIGMA), -1, SIGMA / 5)
+    kinds = [effect.kind for effect in found_on(b, column, SIGMA / 5).effects]
+    assert kinds == ["saturation"]
+
+
+def test_an_even_lattice_misses_nothing(bench):
+    b = bench(512, 120.0)
+    for noise_in_steps in (0.1, 0.3, 0.65, 1.0, 3.0):
+        step = SIGMA / noise_in_steps
+        rounded = np.round((b.noise() + 0.3 * step) / step) * step
+        hops = np.round((b.noise() + b.telegraph(step, 5.0)) / step) * step
+        assert missing_codes(rounded, step) == missing_codes(hops, step) == ()
+
+
+def test_codes_printed_in_another_unit_keep_their_step_beside_a_missing_one():
+    rng = np.random.default_rng(513)
+    codes = np.round(rng.normal(-9.0, 0.65, 5000))
+    codes = np.where(codes == -8, codes + np.sign(rng.normal(size=5000)), codes)
+    printed = np.round(2.93 * codes) / 1e3
+    step = step_of(printed, 1e-3)
+    assert step == pytest.approx(2.93e-3, rel=0.08)
+    assert len(missing_codes(printed, step)) == 1
+
+
+@pytest.mark.parametrize("seed", range(520, 524))
+def test_a_code_a_little_wide_or_in_a_tail_is_no_dead_zone(bench, seed):
+    b = bench(seed, 120.0)
+    step = SIGMA / 8
+    width = 1 + 0.15 * np.sign(np.sin(np.pi * (np.arange(-60, 61) + 0.5)))  # every second code
+    width[60 + 16] = 2.3  # and one in a tail
+    edges = np.concatenate([[0.0], np.cumsum(width)])
+    edges = (edges - edges[60]) * step
+    column = (np.searchsorted(edges, b.noise()) - 61) * step
+    assert [effect.kind for effect in found_on(b, column, step).effects] == []
+
+
+def test_a_dead_zone_that_holds_a_per_cent_is_still_a_pile():
+    rng = np.random.default_rng(525)
+    noise = rng.normal(0, 10, 20_000)
+    noise[np.abs(noise) < 1.5] = 0.0
+    (pile,) = piles(np.round(noise), 1.0)
+    assert pile.side == 0
+    assert pile.value == 0.0
+
+
+def test_actigraph_measured_has_a_missing_code_on_every_axis_and_no_limit():
+    result = allanscope.analyse(MEASURED / "actigraph-table.parquet")
+    for axis, at in (("ax", "0.038"), ("ay", "-0.0235"), ("az", "-0.965")):
+        found = result.axes[axis].explanation
+        assert "saturation" not in [effect.kind for effect in found.effects]
+        assert any(f"no sample is {at} g" in remark for remark in found.remarks)
+
+
+def test_fan_off_measured_has_no_dead_zone():
+    result = allanscope.analyse(MEASURED / "ism330dhcx-fan-off.parquet")
+    words = [effect.evidence["words"] for effect in result.axes["ax"].explanation.effects]
+    assert not any("dead zone" in one for one in words)

@@ -86,7 +86,7 @@ def known_of(view: View) -> Known:
     left_out = [c.excluded for c in effects if c.signal is not None or c.seen_in]
     excluded = tuple(one for ranges in left_out for one in ranges)
     doubtful = tuple(r for r in view.excluded if r not in excluded and r not in lines)
-    return Known((*view.parts, *profiles), signal, excluded, doubtful, is_complete=True)
+    return Known((*view.parts, *profiles), signal, excluded, doubtful)
 
 
 def fit_beside(

@@ -249,7 +249,7 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
     series, axis = view.series, view.axis
     bare = _view(series, axis, view.clock)
     textbook = _textbook(bare)
-    before = _fit(record, axis, density, Known((AngleQuantization(1.0),)))
+    before = _fit(record, axis, density, Known((AngleQuantization(1.0),), is_textbook=True))
     after = _fit(record, axis, density, known_of(view))
     before_model = before.model if before else textbook.spectrum.model
     after_model = after.model if after else view.spectrum.model

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.crlb import wait_until
 from allanscope.noise.drift import Drift
+from allanscope.noise.filters import Remainder
 from allanscope.noise.likelihood import Fit
 from allanscope.noise.model import Free, NoiseModel
 from allanscope.noise.selection import quantization_score
@@ -89,6 +90,8 @@ class Estimates:
             detected = interval.against_zero > _DETECTED
             if not detected:
                 lower = 0.0
+        if name == "N":
+            lower, upper = _widened(self.fit, value, lower, upper)
         # Half the interval over that of a coefficient that is just known.
         excess = (upper - lower) / (2 * _Z * _KNOWN * value) if value else np.inf
         known = detected and excess < 1
@@ -123,6 +126,16 @@ class Estimates:
         model = self.reduced.with_numbers([free], [expected])
         wait = wait_until(model, self.dt, self.duration, self.fit.names[index], _KNOWN)
         return self.duration * min(excess**2 - 1, 1.0) if wait == 0.0 else wait
+
+
+def _widened(fit: Fit, value: float, lower: float, upper: float) -> tuple[float, float]:
+    """Return the interval of N with the error of the level at which a remainder is zero."""
+    remainder = fit.model.get(Remainder.symbol)
+    if not isinstance(remainder, Remainder) or value <= 0:
+        return lower, upper
+    error = _Z * remainder.level_error / 2  # of N, half of that of its square
+    low = value * np.exp(-np.hypot(np.log(value / lower), error)) if lower > 0 else 0.0
+    return float(low), float(value * np.exp(np.hypot(np.log(upper / value), error)))
 
 
 def _positions(fit: Fit) -> list[int]:

@@ -125,15 +125,15 @@ class Known:
     doubtful : tuple of (low, high)
         Frequencies in Hz that the parts do not describe: the amplitudes are fitted beside them, and
         what they hold stands in the model as a smooth remainder.
-    is_complete : bool
-        Whether there is to be such a remainder, wherever the parts leave something over.
+    is_textbook : bool
+        Whether there is to be no such remainder: for what everyone fits.
     """
 
     parts: tuple[PartOfModel, ...] = ()
     signal: Array | None = field(default=None, repr=False)
     excluded: Ranges = ()
     doubtful: Ranges = ()
-    is_complete: bool = False
+    is_textbook: bool = False
 
 
 def fit_noise(
@@ -267,7 +267,7 @@ def _fit(
     if drift is not None and ramp:
         fit = drift.fit
     fit = _without_stop_band(select(fit, cutoffs) if known is None else fit)
-    if known is not None and known.is_complete:
+    if known is not None and not known.is_textbook:
         fit = with_remainder(fit, with_ranges(fit.likelihood.evidence, evidence, doubtful))
     estimates = Estimates(fit, dt, duration, unit)
     coefficients = {

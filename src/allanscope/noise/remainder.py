@@ -90,27 +90,32 @@ def with_remainder(fit: Fit, evidence: Sequence[Evidence]) -> Fit:
         smooth = smooth_log_ratio(frequency, power / expected, dof)
         if smooth is None or smooth.gain < _GAIN:
             return bare if found is None else fit
-        gain = smooth.value - _level(smooth, fit, frequency, dof)
-        found = Remainder(tuple(smooth.frequency.tolist()), tuple(gain.tolist()))
+        level, error = _level(smooth, fit, frequency, dof)
+        gain = smooth.value - level
+        found = Remainder(tuple(smooth.frequency.tolist()), tuple(gain.tolist()), error)
         fit = likelihood.amplitudes(bare.model.plus(found))
     return fit
 
 
-def _level(smooth: Smooth, fit: Fit, frequency: Array, dof: Array) -> float:
-    """Return the median of s over the ordinates, weighted with the share of white noise."""
+def _level(smooth: Smooth, fit: Fit, frequency: Array, dof: Array) -> tuple[float, float]:
+    """Return the median of s where N is read, weighted with the share of white noise.
+
+    Its error is that of a median of the logarithms of independent ordinates.
+    """
     white = fit.model.get("N")
     if not isinstance(white, White) or white.power == 0.0:
-        return 0.0
+        return 0.0, 0.0
     weight = dof * fit.likelihood.column(fit.model, white) / fit.expected
     weight = np.where(frequency < _SHORT * 0.5 / fit.model.dt, weight, 0.0)
     if not weight.any():
-        return 0.0
+        return 0.0, 0.0
     value = np.interp(
         np.log2(np.maximum(frequency, 1e-300)), np.log2(smooth.frequency), smooth.value
     )
     order = np.argsort(value)
     total = np.cumsum(weight[order])
-    return float(value[order][np.searchsorted(total, total[-1] / 2)])
+    middle = float(value[order][np.searchsorted(total, total[-1] / 2)])
+    return middle, float(np.sqrt(np.pi / 2 * 2 / total[-1]))
 
 
 def smooth_log_ratio(frequency: Array, ratio: Array, dof: Array) -> Smooth | None:

@@ -26,6 +26,8 @@ class Remainder(Filter):
     gain : tuple of float
         Logarithm of the factor at each; straight between them over the logarithm of the frequency,
         constant beyond.
+    level_error : float
+        Standard error of the level at which it is zero, in logarithms of the density.
 
     Examples
     --------
@@ -35,6 +37,7 @@ class Remainder(Filter):
 
     frequency: tuple[float, ...]
     gain: tuple[float, ...]
+    level_error: float = 0.0
 
     symbol: ClassVar[str] = "remainder"
 

@@ -2,10 +2,12 @@ r"""Another axis leaks in: misalignment, g-sensitivity, a shared supply.
 
 y = c x + rest holds at every frequency and without lag, which a common vibration (one frequency)
 or a common temperature (only slow) does not: the slopes found in separate frequency bands must
-agree. A tilt is slow, so slow bands are looked at too; there what the measured temperature explains
-is taken out of both axes first, and what is known by its slow part alone has the temperature as an
-equivalent. Which axis is the source cannot be seen in white noise of equal colour; the direction is
-taken in which source and rest together are more probable,
+agree. Two axes that hear one source through a structure, as those on a board with a fan, agree in
+nothing but that it is there: the structure turns the phase, so their cross-spectrum has a
+quadrature part, and a leak has none. A tilt is slow, so slow bands are looked at too; there what
+the measured temperature explains is taken out of both axes first, and what is known by its slow
+part alone has the temperature as an equivalent. Which axis is the source cannot be seen in white
+noise of equal colour; the direction is taken in which source and rest together are more probable,
 
 .. math:: L(x) + L(y - c x) \quad \text{against} \quad L(y) + L(x - c' y).
 """
@@ -19,6 +21,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import rfft
 from scipy.stats import chi2
 
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
@@ -38,6 +41,11 @@ _SLOW_HZ = 0.1
 _FIRST = 8
 """First ordinate: within four waves a record, any two drifts are alike."""
 _BANDS = 10
+_IN_QUADRATURE, _TURNED_P = 0.1, 1e-4
+"""Part of the gain that the quadrature may have, as filters that differ turn the phase a little,
+and the chance of what is more than none."""
+_OF_THE_TAPER = 35 / 18
+"""Variance of a sum over tapered bins over that of as many independent ones (Hann)."""
 _AMBIGUOUS = 3.0
 """Nats below which the direction cannot be told: both axes then name each other."""
 
@@ -115,8 +123,11 @@ def _candidate(view: View, source: str) -> Candidate | None:
     price = float(chi2.isf(ALPHA / others, 1)) / 2
     if z2 / 2 < price or not _same_everywhere(d, e, weight, slope):
         return None
-    if multiple_of(view.series, view.axis, source) is not None:
-        return None  # neither leaks into the other: they are one signal
+    # Of two that are one signal neither leaks into the other.
+    if multiple_of(view.series, view.axis, source) is not None or not _in_phase(
+        view, x, weight, z2
+    ):
+        return None
     telling = _direction(view, source, slope)
     if telling < -_AMBIGUOUS:
         return None
@@ -167,6 +178,39 @@ def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
             distance += (own - slope) ** 2 * normal
             freedom += 1
     return freedom < 1 or bool(chi2.sf(distance, freedom) > 1e-3)
+
+
+def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:
+    """Tell whether the quadrature part of the cross-spectrum is nothing, or little beside z2.
+
+    Judged above the frequencies of drifts, which differ in time from axis to axis. The scatter of
+    every band is that of the model or, where it is larger, that of the bins themselves.
+    """
+    n = view.grid.n
+    taper = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
+    size = np.sqrt(n * np.mean(taper**2))
+    y = view.data - view.data.mean()
+    own = np.asarray(rfft(taper * y))[1:] / size
+    other = np.asarray(rfft(taper * (x - x.mean())))[1:] / size
+    # Bin k lies at ordinate 2 k; through the taper it hears those around it.
+    at = np.minimum(2 * np.arange(1, len(own) + 1) - 1, n - 2)
+    around = [np.clip(at + shift, 0, n - 2) for shift in (-2, -1, 1, 2)]
+    heard = weight[at] * np.logical_and.reduce([weight[j] > 0 for j in around])
+    turned = np.imag(np.conj(other) * own) * heard
+    expected = np.abs(other) ** 2 * heard / 2
+    first = max(_FIRST // 2, int(_SLOW_HZ * n / view.grid.rate_hz))
+    if first >= len(own):
+        return True
+    bounds = np.unique(np.geomspace(first, len(own), _BANDS + 1).astype(int))
+    distance, freedom = 0.0, 0
+    for low, high in pairwise(bounds):
+        modelled = float(np.sum(expected[low:high]))
+        if modelled > 0:
+            scatter = max(modelled, float(np.sum(turned[low:high] ** 2)))
+            distance += float(np.sum(turned[low:high])) ** 2 / (_OF_THE_TAPER * scatter)
+            freedom += 1
+    little = distance - freedom < _IN_QUADRATURE * z2
+    return freedom == 0 or little or bool(chi2.sf(distance, freedom) > _TURNED_P)
 
 
 def _direction(view: View, source: str, slope: float) -> float:

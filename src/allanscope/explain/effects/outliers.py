@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.stats import norm
 
 from allanscope.explain.candidate import ALPHA, Candidate
@@ -73,6 +73,7 @@ class Outliers(EffectKind):
         at = at[_isolated(view.data, level, at)]
         if len(at) == 0:
             return []
+        at, z, level = _on_their_own(view.data, at, z, limit + rounding)
         between = int(np.count_nonzero((np.abs(z) > _BULK) & (np.abs(z) < limit)))
         expected = 2 * norm.sf(_BULK) * n
         heavy = between - expected > 6 * np.sqrt(expected) + len(at)
@@ -87,8 +88,48 @@ class Outliers(EffectKind):
         return [Candidate(cls(count, float(sizes.max())), gain, signal=signal)]
 
 
+def _on_their_own(
+    data: Array, at: NDArray[np.int64], z: Array, limit: float
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return which of the samples are beyond the limit of a mean that none of them draws.
+
+    One sample a thousand deviations away moves the mean around its neighbours so far that they seem
+    to be away from it, all of them: the largest is taken out before the others are judged.
+
+    Returns
+    -------
+    at : ndarray of int
+        The samples.
+    z, level : ndarray, shape (n,)
+        Deviations and means as in `deviations`, without them.
+    """
+    quiet, taken, waiting = data.copy(), np.zeros(len(data), bool), at
+    while True:
+        size = np.zeros(len(data))
+        size[waiting] = np.abs(z[waiting])
+        largest = waiting[size[waiting] == maximum_filter1d(size, 2 * _NEIGHBOURS + 1)[waiting]]
+        taken[largest] = True
+        for k in largest:
+            around = slice(max(0, k - _NEIGHBOURS), k + _NEIGHBOURS + 1)
+            quiet[k] = np.median(data[around][~taken[around]])
+        rest, level, scale = _compared(quiet)
+        z = rest / scale
+        waiting = waiting[~taken[waiting] & (np.abs(z[waiting]) > limit)]
+        if len(waiting) == 0:
+            break
+    found = np.flatnonzero(taken)
+    z[found] = (data[found] - level[found]) / scale[found]
+    return found, z, level
+
+
 def deviations(data: Array) -> tuple[Array, Array]:
     """Return every sample's distance from its neighbours in local deviations, and their mean."""
+    rest, level, scale = _compared(data)
+    return rest / scale, level
+
+
+def _compared(data: Array) -> tuple[Array, Array, Array]:
+    """Return every sample's distance from its neighbours, their mean, and the deviation there."""
     width = 2 * _NEIGHBOURS + 1
     level = (uniform_filter1d(data, width, mode="reflect") * width - data) / (width - 1)
     rest = data - level
@@ -102,7 +143,7 @@ def deviations(data: Array) -> tuple[Array, Array]:
         scale[b] = np.sqrt(np.mean(core**2)) * 1.009
     scale = np.maximum(scale, 0.2 * np.median(scale) + 1e-300)
     smooth = np.interp(np.arange(len(data)), 0.5 * (edges[:-1] + edges[1:]), scale)
-    return rest / smooth, level
+    return rest, level, smooth
 
 
 def _isolated(data: Array, level: Array, at: NDArray[np.int64]) -> NDArray[np.bool_]:

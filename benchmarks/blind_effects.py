@@ -20,6 +20,8 @@ NAMEABLE = (
     "variance_change", "quantization", "clock_error",
 )  # fmt: skip
 OUTSIDE = ("chirp", "am_tone", "heavy_tails", "day_cycle")
+MOVING = ("chirp", "am_tone")
+"""Tones that a `drifting_line` may be called where they stay within a tenth of their frequency."""
 
 
 @dataclass(frozen=True)

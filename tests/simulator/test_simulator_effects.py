@@ -76,6 +76,17 @@ def test_narrowband_is_centred_on_its_frequency_and_as_wide_as_its_bandwidth():
     assert inside == pytest.approx(0.5, abs=0.04)  # a Lorentzian holds half within its width
 
 
+def test_a_drifting_line_has_its_rms_amplitude_and_stays_in_its_band():
+    n = 1 << 18
+    samples = record(SILENT, "drifting_line:frequency=10,bandwidth=0.2,sigma=0.4", n)
+    assert samples.std() == pytest.approx(0.4, rel=0.05)
+    power = np.abs(np.fft.rfft(samples)) ** 2
+    frequency = np.fft.rfftfreq(n, 1 / RATE)
+    inside = power[np.abs(frequency - 10.0) < 0.1].sum() / power.sum()
+    assert inside == pytest.approx(0.9, abs=0.05)
+    assert power.max() < 0.1 * power.sum()  # no one frequency has it all
+
+
 def test_band_limit_takes_three_db_at_its_cutoff_and_spares_what_is_added():
     truth = Truth({"gx": AxisTruth(N=0.05)}).with_effects(["sinusoid:frequency=40,amplitude=3"])
     n = 1 << 18

@@ -38,6 +38,8 @@ class Record:
         Time of the beginning of each row since the start of the run, holes included.
     segments : ndarray of int64, shape (s, 2)
         Half-open ranges of rows that are contiguous in time.
+    filled : ndarray of bool, shape (n,), or None
+        Rows that were not measured but drawn to bridge a short gap (`noise.bridging`).
     """
 
     rate_hz: float
@@ -48,6 +50,7 @@ class Record:
     temperature_c: NDArray[np.float64]
     start_s: NDArray[np.float64]
     segments: NDArray[np.int64]
+    filled: NDArray[np.bool_] | None = None
 
 
 class History:

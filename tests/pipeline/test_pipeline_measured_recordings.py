@@ -5,8 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import welch
 
+from allanscope.explain.series import hindrances, series_of
+from allanscope.noise.bridging import bridge_gaps
 from allanscope.pipeline.table_files import table_of_file
+from support.thinned import RATE, thinned
 
 FOLDER = Path(__file__).parents[2] / "recordings" / "measured"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
@@ -55,3 +59,25 @@ def test_a_recording_has_the_rows_axes_and_rate_of_its_row(name):
         if columns.units[axis] == "lsb":
             assert values.dtype.kind == "i"
             assert columns.scales[axis] > 0
+
+
+def test_a_record_with_every_eighth_row_missing_has_the_density_of_its_rows():
+    """N as `benchmarks/independent_reading.py` reads it."""
+    read = {"gx": 5.41e-3, "gy": 6.62e-3, "gz": 6.07e-3, "ax": 74.5e-6, "ay": 60.9e-6}
+    columns = table_of_file(FOLDER / "lsm6ds3-nano33iot.parquet").columns
+    rows = np.concatenate([[0], np.cumsum(np.rint(np.diff(columns.time_s) * RATE))]).astype(int)
+    grid = np.zeros((rows[-1] + 1, len(columns.axes)))
+    grid[rows] = np.column_stack([v * columns.scales[axis] for axis, v in columns.axes.items()])
+    kept = np.zeros(len(grid), bool)
+    kept[rows] = True
+    record = bridge_gaps(thinned(grid, kept))
+    assert record.segments.tolist() == [[0, len(grid)]]
+    assert record.filled.mean() == pytest.approx(0.13, abs=0.005)
+    series = series_of(record)
+    for axis, n in read.items():
+        assert hindrances(series, axis) == ()
+        f, density = welch(
+            series.values[:, series.column(axis)], RATE, nperseg=2048, average="median"
+        )
+        flat = np.median(density[(f > 0.3) & (f < 9)]) / 0.979
+        assert np.sqrt(flat / 2) == pytest.approx(n, rel=0.03), axis

@@ -21,6 +21,7 @@ from allanscope.explain.series import Series, series_of
 from allanscope.explain.view import View
 from allanscope.history import Record
 from allanscope.noise import NoiseFit, fit_noise
+from allanscope.noise.bridging import bridge_gaps
 from allanscope.noise.fit import Known
 from allanscope.spectrum import Density
 
@@ -116,7 +117,8 @@ def fit_beside(
     axes = [axis for axis in record.axes if axis in held.accepted]
     if not axes:
         return {}
-    series, densities = series_of(record), densities or {}
+    record, densities = bridge_gaps(record), densities or {}
+    series = series_of(record)
     found = {}
     for axis in axes:
         view = _prolonged(held, series, axis)

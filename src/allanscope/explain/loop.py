@@ -27,6 +27,7 @@ from allanscope.explain.values import step_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
 from allanscope.noise import NoiseFit, NoiseModel, fit_noise
+from allanscope.noise.bridging import bridge_gaps
 from allanscope.noise.components import AngleQuantization
 from allanscope.noise.fit import Known
 from allanscope.quantities import duration
@@ -144,6 +145,8 @@ def explain(
         If the record is empty or holds values that are not finite.
     """
     del deviations, part, seed
+    samples = len(record.values) * record.stride
+    record = bridge_gaps(record)
     series = series_of(record)
     clock = _clock(nominal_hz, rate_fit)
     stopped = {axis: hindrances(series, axis) for axis in series.axes}
@@ -194,7 +197,7 @@ def explain(
         row_s=1.0 / series.rate_hz,
         held=_held(series, {axis: views[axis] for axis in parts}),
         length_s=len(record.values) / record.rate_hz,
-        samples=len(record.values) * record.stride,
+        samples=samples,
     )
 
 

@@ -1,9 +1,11 @@
 """The record on one uniform time grid: what every effect looks at.
 
-The transforms of the loop need equally spaced samples. A hole is bridged with the line between the
-levels on its two sides plus noise resampled from its neighbourhood, so that neither the level nor
-the density around it changes; `bridged` tells how much of the grid is such filling. What must be
-said of an axis before any search (constant, too short, saturated, bridged) is said here too.
+The transforms of the loop need equally spaced samples. Short gaps have been bridged before
+(`noise.bridging`), in the record that the noise is fitted to as well. A long gap is bridged with
+the line between the levels on its two sides plus noise resampled from its neighbourhood, so that
+neither the level nor the density around it changes; where there is much of that only the longest
+stretch is taken. `bridged` tells which rows are filling. What must be said of an axis before any
+search (constant, too short, saturated, bridged) is said here too.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ Array = NDArray[np.float64]
 _LEVEL = 100
 """Rows on each side of a hole whose mean is taken as the level there."""
 _MOST_BRIDGED = 0.1
-"""With more filling than this share, the longest stretch without holes is used instead."""
+"""With more long gaps than this share, the longest stretch without one is used instead."""
 _LONG = 1 << 14
 """Rows below which any transform is quick."""
 LOUD = 25.0
@@ -149,8 +151,14 @@ class Series:
 
     @once
     def equal(self) -> NDArray[np.bool_]:
-        """Which rows equal the row before, for every axis, shape (n - 1, axes)."""
-        return np.asarray(self.values[1:] == self.values[:-1])
+        """Which rows equal the row before, for every axis, shape (n - 1, axes).
+
+        Pairs of which one is filling are left out: it repeats nothing.
+        """
+        equal = np.asarray(self.values[1:] == self.values[:-1])
+        if not self.bridged.any():
+            return equal
+        return equal[~(self.bridged[1:] | self.bridged[:-1])]
 
     @once
     def coincidence(self) -> Coincidence:
@@ -205,23 +213,21 @@ def series_of(record: Record) -> Series:
     row = np.round((record.start_s - record.start_s[0]) * record.rate_hz).astype(np.int64)
     if np.any(np.diff(row) < 1):
         row = np.arange(len(row))
-    size, rows = int(row[-1]) + 1, row
+    size, rows, taken = int(row[-1]) + 1, row, slice(0, len(row))
     if size > len(row) * (1 + _MOST_BRIDGED):
         first, last = max(record.segments, key=lambda s: int(s[1] - s[0]))
         remarks.append(
             f"{100 * (1 - len(row) / size):.0f} % of the run is missing: only its longest stretch "
-            f"without holes ({(last - first) / record.rate_hz:.0f} s) was searched for effects"
+            f"without a long gap ({(last - first) / record.rate_hz:.0f} s) was searched for effects"
         )
+        taken = slice(first, last)
         rows = row - row[first]
-        row = rows[first:last]
-        values, temperature = record.values[first:last], record.temperature_c[first:last]
-        start = float(record.start_s[first])
+        row = rows[taken]
         size = len(row)
-    else:
-        values, temperature = record.values, record.temperature_c
-        start = float(record.start_s[0])
-    grid, bridged = _bridge(values, row, size)
-    warmth = _temperature(temperature, row, size, remarks)
+    grid, bridged = _bridge(record.values[taken], row, size)
+    if record.filled is not None:
+        bridged[row] = record.filled[taken]
+    warmth = _temperature(record.temperature_c[taken], row, size, remarks)
     whole = _transformable(size)
     return Series(
         axes=record.axes,
@@ -231,7 +237,7 @@ def series_of(record: Record) -> Series:
         lsb=record.lsb,
         temperature_c=None if warmth is None else warmth[:whole],
         bridged=bridged[:whole],
-        start_s=start,
+        start_s=float(record.start_s[taken.start]),
         remarks=tuple(remarks),
         rows=rows,
     )
@@ -286,6 +292,7 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
     """Return why an axis cannot be searched; empty when it can."""
     samples = series.values[:, series.column(axis)]
     n = len(samples)
+    measured = samples[~series.bridged]
     if n == 0 or np.all(samples == samples[0]):
         value = f" at {samples[0]:.6g}" if n else ""
         return (f"the channel is constant{value}: it carries no noise to analyse",)
@@ -303,8 +310,8 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
             f"{duration(needed)} that it takes; run at least {missing} longer",
         )
     if (
-        np.unique(samples[:: max(1, n // 4096)]).size < 2
-        or float(np.mean(np.diff(samples) != 0)) < 1e-3
+        np.unique(measured[:: max(1, n // 4096)]).size < 2
+        or float(np.mean(np.diff(measured) != 0)) < 1e-3
     ):
         return (
             "fewer than one sample in a thousand changes: the step hides the noise, "
@@ -342,7 +349,10 @@ def observations(series: Series, axis: str) -> tuple[str, ...]:
             )
     share = float(series.bridged.mean())
     if share > 0:
-        found.append(f"{100 * share:.2g} % of the samples are missing and were bridged")
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], series.bridged, [0]])))
+        longest = duration(float(np.max(edges[1::2] - edges[::2])) / series.rate_hz)
+        gaps = f"in {len(edges) // 2:,} gaps of up to {longest}" if len(edges) > 2 else "in one gap"
+        found.append(f"{100 * share:.2g} % of the samples are missing, {gaps}, and were bridged")
     if series.stride > 1:
         found.append(
             f"rows are means of {series.stride} samples: single samples (outliers, repeats, "

@@ -80,6 +80,8 @@ class Ordinates:
         The ordinates k = 1 ... n - 1, for regressions on them; empty where they are not kept.
     excluded : tuple of (low, high)
         Frequencies in Hz that are left out.
+    worth : float
+        Degrees of freedom of an ordinate: below 1 where some of the rows are filling.
     """
 
     grid: Grid
@@ -87,10 +89,17 @@ class Ordinates:
     dof: Array
     raw: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False)
     excluded: Ranges = ()
+    worth: float = 1.0
 
     @classmethod
     def of(
-        cls, rows: ArrayLike, dt: float, *, stride: int = 1, highest: float = np.inf
+        cls,
+        rows: ArrayLike,
+        dt: float,
+        *,
+        stride: int = 1,
+        highest: float = np.inf,
+        worth: float = 1.0,
     ) -> Ordinates:
         """Transform contiguous rows.
 
@@ -105,6 +114,8 @@ class Ordinates:
             Samples in a row.
         highest : float
             Frequency in Hz up to which ordinates are used; above it a `DensityBands` takes over.
+        worth : float
+            Degrees of freedom of an ordinate.
 
         Raises
         ------
@@ -121,7 +132,8 @@ class Ordinates:
         raw = np.asarray(dct(table[:, :n], type=2, norm="ortho", axis=1))[:, 1:]
         grid = grid_of(n, 1 / (dt * stride), stride)
         bins = max(4, int(np.searchsorted(grid.centre, highest, side="right")))
-        return cls(grid, np.empty(min(bins, len(grid.count))), np.empty(0), raw).binned()
+        power = np.empty(min(bins, len(grid.count)))
+        return cls(grid, power, np.empty(0), raw, worth=worth).binned()
 
     @property
     def frequency(self) -> Array:
@@ -151,7 +163,7 @@ class Ordinates:
         square = np.einsum("sk,sk->k", self.raw, self.raw) / len(self.raw)
         power, count = self.grid.binned(square, self.excluded)
         keep = len(self.power)
-        return replace(self, power=power[:keep], dof=(count * len(self.raw))[:keep])
+        return replace(self, power=power[:keep], dof=(self.worth * count * len(self.raw))[:keep])
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +279,11 @@ def stretches_of(values: Array, segments: Sequence[tuple[int, int]]) -> tuple[Ar
 
 
 def evidence_of(
-    stretches: Sequence[Array], dt: float, stride: int = 1, density: Density | None = None
+    stretches: Sequence[Array],
+    dt: float,
+    stride: int = 1,
+    density: Density | None = None,
+    worth: float = 1.0,
 ) -> tuple[Evidence, ...]:
     """Return the ordinates of all stretches, and the density where it knows more.
 
@@ -281,6 +297,8 @@ def evidence_of(
         Samples averaged into a row.
     density : Density, optional
         Of the samples; used when the rows are averages.
+    worth : float
+        Degrees of freedom of a row (`worth_of`).
     """
     highest = np.inf
     bands: tuple[Evidence, ...] = ()
@@ -288,5 +306,7 @@ def evidence_of(
         upper = DensityBands.of(density, dt, lowest=_LOW_BAND / (stride * dt))
         if len(upper.power):
             highest, bands = _LOW_BAND / (stride * dt), (upper,)
-    rows = (Ordinates.of(table, dt, stride=stride, highest=highest) for table in stretches)
+    rows = (
+        Ordinates.of(table, dt, stride=stride, highest=highest, worth=worth) for table in stretches
+    )
     return (*rows, *bands)

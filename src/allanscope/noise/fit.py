@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.history import Record
+from allanscope.noise.bridging import bridge_gaps, worth_of
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import Ramp, Rounding
 from allanscope.noise.drift import fit_drift
@@ -171,13 +172,16 @@ def fit_noise(
     values = record.values[:, column]
     _refuse_constant(values)
     lsb = record.lsb[column]
-    lattice = lsb if on_lattice(values * record.stride, lsb) else None
+    measured = values if record.filled is None else values[~record.filled]
+    lattice = lsb if on_lattice(measured * record.stride, lsb) else None
     if known is not None and known.signal is not None:
         values = values - known.signal
+    record = bridge_gaps(replace(record, axes=(axis,), values=values[:, np.newaxis], lsb=(lsb,)))
+    values = record.values[:, 0]
     row_s = 1 / record.rate_hz
     stretches = stretches_of(values, [(int(a), int(b)) for a, b in record.segments])
     return _fit(
-        evidence_of(stretches, row_s / record.stride, record.stride, density),
+        evidence_of(stretches, row_s / record.stride, record.stride, density, worth_of(record)),
         dt=row_s / record.stride,
         duration=len(values) * row_s,
         unit=unit_of(axis),

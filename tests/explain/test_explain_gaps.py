@@ -1,0 +1,81 @@
+"""Rows that are missing singly neither stop the loop nor make it find anything."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from allanscope.explain import explain
+from support.thinned import RATE, thinned
+
+ROWS = 24_000
+N, K = 5e-3, 3e-4
+LSB = 8.75e-3
+
+
+def _kept(rng: np.random.Generator) -> np.ndarray:
+    kept = rng.random(ROWS) >= 0.13
+    kept[[0, -1]] = True
+    return kept
+
+
+def _slow(rng: np.random.Generator) -> np.ndarray:
+    long = 4 * ROWS
+    f = np.fft.rfftfreq(long, 1 / RATE)
+    f[0] = np.inf
+    flicker = np.fft.irfft(
+        np.fft.rfft(rng.standard_normal((long, 3)), axis=0) / f[:, None] ** 0.5, long, axis=0
+    )
+    walk = np.cumsum(rng.normal(0, K / RATE**0.5, (ROWS, 3)), axis=0)
+    return 0.01 * flicker[:ROWS] + walk
+
+
+def _rounded(values: np.ndarray, step: float = LSB) -> np.ndarray:
+    return np.round(values / step) * step
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("slow", [False, True], ids=["white", "white, flicker and walk"])
+def test_nothing_is_found_that_is_not_there(seed, slow):
+    rng = np.random.default_rng([seed, 11])
+    values = rng.normal(0, N * RATE**0.5, (ROWS, 3)) + (_slow(rng) if slow else 0.0)
+    result = explain(thinned(_rounded(values), _kept(rng), LSB))
+    assert result.samples < 0.88 * ROWS
+    for axis, found in result.axes.items():
+        assert found.effects == (), axis
+        assert found.hindrance == ""
+        assert found.coefficients_after["N"].value == pytest.approx(N, rel=0.03)
+        lost = [remark for remark in found.remarks if "missing" in remark]
+        assert len(lost) == 1
+        assert lost[0].startswith("13 % of the samples are missing, in 2,")
+
+
+def test_coarse_rows_are_not_taken_for_repeats():
+    rng = np.random.default_rng(12)
+    values = _rounded(rng.normal(0.3, 0.05, (ROWS, 3)), 0.061)
+    result = explain(thinned(values, _kept(rng), 0.061))
+    assert {axis: found.effects for axis, found in result.axes.items()} == dict.fromkeys(
+        result.axes, ()
+    )
+
+
+def test_rows_that_do_repeat_are_counted_among_those_that_are_there():
+    rng = np.random.default_rng(13)
+    values = _rounded(rng.normal(0, 0.05, (ROWS, 3)))
+    source = np.arange(ROWS)
+    repeats = rng.random(ROWS) < 0.1
+    source[repeats] = 0
+    values = values[np.maximum.accumulate(source)]
+    for found in explain(thinned(values, _kept(rng), LSB)).axes.values():
+        share = [e.parameters["fraction"] for e in found.effects if e.kind == "repeated_samples"]
+        assert len(share) == 1
+        assert share[0].value == pytest.approx(0.1, abs=0.01)
+
+
+def test_a_line_has_its_size():
+    rng = np.random.default_rng(14)
+    t = np.arange(ROWS) / RATE
+    values = rng.normal(0, 0.05, (ROWS, 1)) + 0.02 * np.sin(2 * np.pi * 8.5 * t)[:, np.newaxis]
+    found = explain(thinned(_rounded(values), _kept(rng), LSB)).axes["gx"]
+    assert [effect.kind for effect in found.effects] == ["sinusoid"]
+    assert found.effects[0].parameters["amplitude"].value == pytest.approx(0.02, abs=0.0015)

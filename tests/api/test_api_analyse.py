@@ -135,6 +135,52 @@ def test_times_tell_the_rate_and_what_is_missing():
     assert result.rate.measured_hz == pytest.approx(100.0, rel=1e-6)
 
 
+def test_a_quarter_of_the_rows_may_be_missing_singly():
+    keep = np.random.default_rng(4).random(3000) > 0.24
+    keep[[0, -1]] = True
+    result = analyse({"t[ms]": np.flatnonzero(keep) * 10.0, "gx": small()[keep]})
+    assert result.rate.nominal_hz == 100.0
+    assert result.lost_samples == np.count_nonzero(~keep)
+
+
+def uneven_bursts(rows):
+    """Return times of rows 10 ms apart that a host reads 1 to 30 at a time, 2 ms apart."""
+    rng = np.random.default_rng(5)
+    times, made = [], 0
+    while made < rows:
+        burst = int(rng.integers(1, 31))
+        made += burst
+        late = 0.01 * made + rng.uniform(0, 0.01)
+        times += [late + 0.002 * k + rng.uniform(0, 2e-4) for k in range(burst)]
+    return np.maximum.accumulate(times[:rows]) + 1e-6 * np.arange(rows)
+
+
+@pytest.mark.parametrize("rate", [100.0, None])
+def test_uneven_bursts_are_one_series(rate):
+    result = analyse({"t[s]": uneven_bursts(3000), "gx": small()}, rate)
+    assert (result.lost_samples, result.segments) == (0, 1)
+    assert result.rate.nominal_hz == pytest.approx(100.0, rel=0 if rate else 0.02)
+    assert any("in bursts" in words for words in result.assumptions)
+
+
+@pytest.mark.parametrize("rate", [100.0, None])
+def test_a_long_gap_among_uneven_bursts_stays_one(rate):
+    times = uneven_bursts(3000)
+    times[1500:] += 5.0
+    result = analyse({"t[s]": times, "gx": small()}, rate)
+    assert result.segments == 2
+    assert result.lost_samples == pytest.approx(500, abs=40)
+
+
+def test_rows_that_a_busy_host_hands_over_late_are_not_lost():
+    times = uneven_bursts(3000)
+    waited = (times > 15.0) & (times < 18.0)
+    times[waited] = 18.0 + 1e-4 * np.arange(np.count_nonzero(waited))
+    times = np.maximum.accumulate(times) + 1e-6 * np.arange(3000)
+    result = analyse({"t[s]": times, "gx": small()}, 100.0)
+    assert (result.lost_samples, result.segments) == (0, 1)
+
+
 def test_a_temperature_may_be_missing_for_a_while():
     warmth = np.where(np.arange(3000) % 3, np.nan, 25.0)
     result = analyse({"gx": small(), "T[degC]": warmth}, 100.0)

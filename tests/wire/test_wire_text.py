@@ -719,6 +719,19 @@ def test_a_hole_among_bursts_is_one() -> None:
     assert [event.lost for event in events if isinstance(event, Gap)] == [None]
 
 
+@pytest.mark.parametrize("rate", [100.0, None])
+def test_uneven_bursts_are_no_losses(rate: float | None) -> None:
+    times = np.repeat(np.cumsum(np.random.default_rng(6).uniform(0.02, 0.28, 400)), 15)
+    times = times + np.tile(0.002 * np.arange(15), 400)
+    times = np.maximum.accumulate(times) + 1e-6 * np.arange(len(times))
+    rows = "".join(f"{t:.6f},{G3}\n" for t in times)
+    info, *rest = _decode("t[s],gx[dps],gy[dps],gz[dps]\n" + rows, math.nan, rate_hz=rate)
+    assert isinstance(info, StreamInfo)
+    assert info.nominal_hz == pytest.approx(100.0, rel=0 if rate else 0.1)
+    assert not [event for event in rest if isinstance(event, Gap)]
+    assert any("in bursts" in remark for remark in _remarks(rest))
+
+
 def test_losses_are_no_bursts() -> None:
     keep = np.random.default_rng(3).random(3000) > 0.05
     rows = "".join(f"{0.01 * i:.2f},{G3}\n" for i in np.flatnonzero(keep))

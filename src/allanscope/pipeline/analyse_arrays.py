@@ -31,7 +31,14 @@ from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Recording
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks, unit_of
 from allanscope.wire import LinkStats
-from allanscope.wire.stamps import mean_rate, period_of, resolution_of, rows_come_in_bursts
+from allanscope.wire.stamps import (
+    long_gaps,
+    mean_rate,
+    period_of,
+    resolution_of,
+    rows_come_in_bursts,
+    rows_come_unevenly,
+)
 from allanscope.wire.text import DIVISORS
 
 __all__ = ["analyse", "analyse_columns", "events_of_columns", "words_of"]
@@ -228,14 +235,16 @@ def _pace(times: NDArray[np.float64] | None, given: float | None) -> _Pace:
         return _Pace(times is not None, given or _rate_of(times), {})
     holes = _holes(times)
     mean = mean_rate(times)
-    if rows_come_in_bursts(times[:LOOKED_AT]):
+    first = times[:LOOKED_AT]
+    if rows_come_in_bursts(first) or rows_come_unevenly(first):
+        mean = _without_long_gaps(times, mean)
         words = f"the times come in bursts, {mean:.4g} rows in a second on average"
         if given:
             words += f": they are not used, the rate is the given {given:g} Hz"
-            return _Pace(False, given, {}, (words,))
+            return _Pace(False, given, long_gaps(times, given), (words,))
         words += ", which is taken as the rate; single losses do not show"
-        return _Pace(True, float(f"{mean:.4g}"), {}, (words,))
-    period = period_of(cast("Any", times[:LOOKED_AT]))
+        return _Pace(True, float(f"{mean:.4g}"), long_gaps(times, mean), (words,))
+    period = period_of(cast("Any", first))
     shown = 1.0 / period if period else mean
     if given and shown and abs(shown / given - 1.0) > AGREES:
         words = (
@@ -244,6 +253,17 @@ def _pace(times: NDArray[np.float64] | None, given: float | None) -> _Pace:
         )
         return _Pace(False, given, {}, (words,))
     return _Pace(True, given or _rate_of(times), holes)
+
+
+def _without_long_gaps(times: NDArray[np.float64], mean: float) -> float:
+    """Return rows over time where rows came; how many a gap lacks depends in turn on the rate."""
+    span = float(times[-1] - times[0])
+    for _ in range(4):
+        lost = sum(long_gaps(times, mean).values())
+        if not lost:
+            break
+        mean = (len(times) - 1) / (span - lost / mean)
+    return mean
 
 
 def _scale_remarks(columns: Columns, device: DeviceSettings) -> list[str]:

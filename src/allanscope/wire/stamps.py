@@ -10,13 +10,27 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Stamps", "mean_rate", "period_of", "resolution_of", "rows_come_in_bursts"]
+__all__ = [
+    "Stamps",
+    "long_gaps",
+    "mean_rate",
+    "period_of",
+    "resolution_of",
+    "rows_come_in_bursts",
+    "rows_come_unevenly",
+]
 
 _FEWEST_STEPS = 4
 _FINEST = 1e-6
 _BURSTY = 1.25
 """Mean step over median step from which rows may come in bursts."""
 _FEWEST_BURSTS, _LONGEST_BURST = 4, 64
+_LONG_S = 1.0
+"""A step from which rows may be missing where the times do not tell when rows were made."""
+_NEAR, _MOSTLY, _MULTIPLE = 0.25, 0.8, 64
+"""Distance from a multiple of the period, in periods, at which a step may be losses, the share of
+the steps that are so near where they are (by chance it is half), and the largest multiple that is
+known well enough."""
 _REGULAR = 0.5
 """Relative scatter of the time from burst to burst; that between random losses is 1."""
 
@@ -53,11 +67,12 @@ class Stamps:
         return self._total / self._per_second
 
 
-def period_of(times: Sequence[float]) -> float | None:
+def period_of(times: Sequence[float] | NDArray[np.float64]) -> float | None:
     """Return the period of samples at given times, some of which may be missing.
 
     The mean of the steps near the median or zero; None when there are too few, or when more than a
-    fifth of the steps are far from the median, so that there is no period to speak of.
+    fifth of the steps are far from the median and from its multiples, so that there is no period to
+    speak of.
 
     >>> period_of([0.0, 0.01, 0.02, 0.03, 0.08, 0.09, 0.1])
     0.01
@@ -71,11 +86,21 @@ def period_of(times: Sequence[float]) -> float | None:
     if median <= 0.0:
         return None
     whole = (steps > 0.4 * median) & (steps < 1.5 * median)
-    if whole.mean() < 0.8:
+    if whole.mean() < 0.8 and not _far_are_multiples(steps / median):
         return None
     # Short steps stay in: coarse stamps have some, and the mean is right only with them.
     near = whole | (np.abs(steps) < 0.5 * median)
     return float(np.round(steps[near].mean(), 12))
+
+
+def _far_are_multiples(steps: NDArray[np.float64]) -> bool:
+    """Return whether steps, in medians, are what losses leave: one period, or several of them."""
+    one = (steps > 0.5) & (steps < 1.5)
+    if one.mean() < 0.5:
+        return False
+    periods = steps / steps[one].mean()
+    far = periods[(periods >= 1.5) & (periods < _MULTIPLE)]
+    return bool(len(far) and np.mean(np.abs(far - np.round(far)) < _NEAR) > _MOSTLY)
 
 
 def mean_rate(times: Sequence[float] | NDArray[np.float64]) -> float:
@@ -133,6 +158,48 @@ def rows_come_in_bursts(times: Sequence[float] | NDArray[np.float64]) -> bool:
     number = np.arange(len(stamps))
     off = stamps - np.polyval(np.polyfit(number, stamps - stamps[0], 1), number) - stamps[0]
     return bool(np.ptp(off) <= 2.0 * steps.max() + cycles.mean())
+
+
+def rows_come_unevenly(times: Sequence[float] | NDArray[np.float64]) -> bool:
+    """Return whether stamps have no period although they go on: bursts of no regular length.
+
+    The steps are neither alike nor multiples of one. Then the median step says nothing of the rate
+    and single steps say nothing of losses; rows over time is the rate.
+
+    >>> steps = [0.002, 0.002, 0.031, 0.002, 0.017, 0.002, 0.009, 0.002, 0.0254] * 9
+    >>> rows_come_unevenly(np.cumsum(steps)), rows_come_unevenly(np.cumsum([0.01, 0.01, 0.02] * 9))
+    (True, False)
+    """
+    steps = np.diff(np.asarray(times, np.float64))
+    if len(steps) < _LONGEST_BURST or not np.isfinite(steps).all() or steps.min() < 0.0:
+        return False
+    median = float(np.median(steps))
+    if not 0.0 < _BURSTY * median <= float(steps.mean()):
+        return False
+    bursts = np.count_nonzero(steps > 1.5 * median)
+    return bool(bursts >= 4 * _FEWEST_BURSTS and not _far_are_multiples(steps / median))
+
+
+def long_gaps(times: NDArray[np.float64], rate_hz: float) -> dict[int, int]:
+    """Return the row after each long gap, and how many rows it lacks, where times are uneven.
+
+    A step above 1 s is a gap as far as the rows after it do not catch up: a host that was busy
+    hands over in a rush what has waited.
+
+    >>> times = np.concatenate([np.arange(200), np.arange(500, 700)]) / 100
+    >>> long_gaps(times, 100.0)
+    {200: 300}
+    """
+    steps = np.diff(times)
+    found = {}
+    for row in np.flatnonzero(steps > _LONG_S).tolist():
+        after = times[row + 1]
+        span = min(float(steps[row]), float(times[-1]) - after)
+        came = int(np.searchsorted(times, after + span)) - row - 1
+        lost = round(steps[row] * rate_hz) - 1 - max(0, came - round(span * rate_hz))
+        if lost > _LONG_S * rate_hz / 2:
+            found[row + 1] = lost
+    return found
 
 
 def resolution_of(times: Sequence[float]) -> float:

@@ -13,7 +13,13 @@ from allanscope.parts import PARTS, part_named
 from allanscope.samples import AXES, INT16_MAX, INT16_MIN, StreamInfo
 from allanscope.wire.base import WireSettings
 from allanscope.wire.row import HELD, Meaning, Row, Values, nominal_rate
-from allanscope.wire.stamps import mean_rate, period_of, resolution_of, rows_come_in_bursts
+from allanscope.wire.stamps import (
+    mean_rate,
+    period_of,
+    resolution_of,
+    rows_come_in_bursts,
+    rows_come_unevenly,
+)
 from allanscope.wire.text.table import Table
 from allanscope.wire.text.units import (
     DIVISORS,
@@ -191,7 +197,7 @@ class TextMeaning:
         scaled = [row._replace(device_s=row.device_s / per_second) for row in rows]
         whole = [row.device_s for row in scaled if np.isfinite(np.take(row.values, columns)).all()]
         mean = mean_rate(whole)
-        if rows_come_in_bursts(whole):
+        if rows_come_in_bursts(whole) or (len(whole) > 4 * HELD and rows_come_unevenly(whole)):
             words = f"the times come in bursts, {mean:.4g} rows in a second on average"
             if given:
                 remarks.append(f"{words}: they are not used, the rate is the given {given:g} Hz")

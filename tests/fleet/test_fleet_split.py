@@ -7,9 +7,11 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from distributed import Future, LocalCluster
 
+from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.fleet import FleetSettings, desk, run_fleet, split
 from allanscope.fleet.cluster import Crew
 from allanscope.fleet.places import Place, find_places
@@ -17,6 +19,7 @@ from allanscope.fleet.split import Survey, join, submit_split, sum_part, survey
 from allanscope.fleet.work import analyse_place
 from allanscope.pipeline import DeviceSettings
 from allanscope.recording import Chunk, Recording, write_recording
+from allanscope.samples import Block, StreamInfo, Ticks
 
 DEVICE = DeviceSettings()
 
@@ -53,6 +56,21 @@ def test_joined_parts_are_the_whole(
     joined, whole = join(seen, sums, DEVICE), analyse_place(place, DEVICE)
     assert not whole.error
     assert joined == whole
+
+
+def test_a_recording_that_is_padded_is_not_split(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(split, "ROWS", 0)  # a recording as short as this one is split too
+    rows = np.random.default_rng(1).integers(-99, 99, (1 << 16, 1)).astype(np.int16)
+    padded = rows.copy()
+    padded[-200:] = 0
+    for counts, splits in ((rows, True), (padded, False)):
+        analyser = Analyser(AnalyserSettings())
+        analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
+        split._leave_sums_out(analyser)
+        analyser.take(Block(0, counts, Ticks.none()))
+        assert analyser.state is not None
+        analyser.state.settle()
+        assert split._is_splittable(analyser) is splits
 
 
 @pytest.fixture

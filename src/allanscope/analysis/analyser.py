@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
+from allanscope.analysis.padding import Padding
 from allanscope.analysis.rows import BUFFERED, RowBuffer, in_parallel, lowest_and_highest
 from allanscope.clock import Clock
 from allanscope.history import History, Record
@@ -229,6 +230,7 @@ class StreamState:
         self.saturated = np.zeros(columns, np.int64)
         self.counted = True
         self._in_segment = False
+        self.padding = Padding()
         self._buffer = RowBuffer(gathered_rows)
 
     def block(self, block: Block) -> None:
@@ -242,11 +244,12 @@ class StreamState:
         self.clock.update(block.index, block.ticks)
         temperature_c = self.temperature.at_samples(block)
         for piece in self._buffer.take(counts, temperature_c):
-            self._sum_up(*piece)
+            self._pass_on(*piece)
 
     def gap(self, gap: Gap) -> None:
         """Take a hole."""
         self.settle()
+        self.release_padding()
         self._in_segment = False
         self.bank.gap()
         self.spectrum.gap()
@@ -260,6 +263,18 @@ class StreamState:
     def settle(self) -> None:
         """Sum up what has been gathered; must come before any of the sums is read."""
         for piece in self._buffer.rest():
+            self._pass_on(*piece)
+        if not self.padding.is_trailing:
+            self.release_padding()
+
+    def _pass_on(self, counts: NDArray[Any], temperature_c: NDArray[np.float64] | None) -> None:
+        """Sum up what is not padding."""
+        for piece in self.padding.take(counts, temperature_c):
+            self._sum_up(*piece)
+
+    def release_padding(self) -> None:
+        """Sum up what waits at the end: the record goes on."""
+        for piece in self.padding.release():
             self._sum_up(*piece)
 
     def _sum_up(self, counts: NDArray[Any], temperature_c: NDArray[np.float64] | None) -> None:

@@ -28,7 +28,7 @@ def axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:
 
 def run_remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str, ...]:
     """Return what stands out in the run as a whole."""
-    out = []
+    out = list(state.padding.remarks(rate.best_hz or 1.0))
     others = [one for one in analyser.configurations if one is not state and one.samples]
     if others:
         out.append(

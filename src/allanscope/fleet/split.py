@@ -209,13 +209,17 @@ def _cut_here(analyser: Analyser, decoding: Decoding, after: int) -> Cut:
     if analyser.state is None:
         return Cut(held, after, None, 0, np.empty((0, 0)))
     analyser.state.settle()
+    analyser.state.release_padding()
     tail = cast(Tail, analyser.state.bank)
     return Cut(held, after, tail.anchor, tail.taken, tail.recent())
 
 
 def _is_splittable(analyser: Analyser) -> bool:
-    """Whether the join is the result of one pass: one configuration, and rows as long as ours."""
-    if len(analyser.configurations) != 1:
+    """Whether the join is the result of one pass.
+
+    It needs one configuration, rows as long as ours, and no padding that only one pass leaves out.
+    """
+    if len(analyser.configurations) != 1 or analyser.configurations[0].padding.is_left_out:
         return False
     tail = cast(Tail, analyser.configurations[0].bank)
     return tail.rows_of_half_a_stretch() > ROWS

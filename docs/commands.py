@@ -24,7 +24,7 @@ error). `allanscope --version` prints the version, `allanscope COMMAND --help` w
 | exit code | meaning |
 |---|---|
 | 0 | done; also a run that Ctrl-C ended cleanly: files closed, report written |
-| 1 | unexpected: please report it, `--debug` shows where; other axes are written all the same |
+| 1 | internal error: please report it, `--debug` shows where; other axes are written all the same |
 | 2 | usage: something in the call does not exist |
 | 3 | input that cannot be read |
 | 4 | device lost or not found |

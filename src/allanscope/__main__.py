@@ -48,7 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         _forget_what_is_not_taken()
         if arguments.debug:
             raise
-        complain(f"unexpected {type(error).__name__}: {error}; --debug shows where")
+        what = f"{type(error).__name__}: {error}"
+        complain(f"internal error: {what}; run with --debug for the traceback")
         return ExitCode.UNEXPECTED
 
 

@@ -28,7 +28,7 @@ __all__ = ["parser"]
 
 
 def live(options: Namespace) -> int:
-    """Watch a device, draw its curves while they grow, keep every byte."""
+    """Watch a device live, plot its curves and record every byte."""
     from allanscope.pipeline import run_live
 
     analysis = run_live(
@@ -43,7 +43,7 @@ def live(options: Namespace) -> int:
 
 
 def replay(options: Namespace) -> int:
-    """Run a recording through the same path as a live device."""
+    """Replay a recording as if it came from a live device."""
     from allanscope.pipeline import run_replay
 
     analysis = run_replay(
@@ -68,7 +68,7 @@ def open_view(options: Namespace) -> int:
 
 
 def analyse(options: Namespace) -> int:
-    """Analyse a recording, a raw capture or a text file to the end."""
+    """Analyse a complete recording, raw capture or text file."""
     from allanscope.atomic_write import refuse_place
     from allanscope.pipeline import analyse_input, write_json, write_report
 
@@ -148,7 +148,7 @@ def export_data(options: Namespace) -> int:
 
 
 def recover(options: Namespace) -> int:
-    """Save everything before the tear of a damaged recording."""
+    """Save what is readable of a truncated or damaged recording."""
     from allanscope.recording import Recording
     from allanscope.recording import recover as recover_recording
     from allanscope.view import progress
@@ -186,7 +186,7 @@ def check(options: Namespace) -> int:
 
 
 def report(options: Namespace) -> int:
-    """Write one HTML report from one session or several, compared."""
+    """Write one HTML report on a session, or on several compared."""
     from allanscope.pipeline import report_sessions
 
     paths, figures = [Path(path) for path in options.sessions], options.figures
@@ -203,7 +203,7 @@ def report(options: Namespace) -> int:
 
 
 def fleet(options: Namespace) -> int:
-    """Analyse many recordings on Dask, into one table and a report of the lot."""
+    """Analyse many recordings with Dask; write one table and one report."""
     from allanscope.fleet import FleetSettings, complaint_lines, run_fleet, summary_lines
 
     settings = FleetSettings(
@@ -224,7 +224,7 @@ def fleet(options: Namespace) -> int:
 
 
 def ports(options: Namespace) -> int:
-    """List what is plugged in, and say which port `auto` would take."""
+    """List the serial ports and the one that `auto` would choose."""
     from allanscope.sources import describe_ports
 
     print("\n".join(describe_ports()))

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from allanscope import analyse
-from allanscope.analysis import finding_brief, findings_of, verdict
+from allanscope.analysis import finding_phrase, findings_of, verdict
+from allanscope.analysis.finding_phrases import PHRASES, finding_sentence
 from allanscope.explain import Effect, Parameter
+from allanscope.explain.effects import KINDS, VOCABULARY
 from allanscope.report import render
 from allanscope.view.tables import findings_table
 from support.demo_analysis import demo_analysis
@@ -48,7 +51,7 @@ def sizes(effects):
 def test_one_line_on_three_axes_is_one_finding():
     found = findings_of({"gx": [line(7.0)], "gy": [line(7.002)], "az": [line(6.999)]})
     assert [one.axes for one in found] == [("gx", "gy", "az")]
-    assert finding_brief(found[0]) == "sinusoid (frequency 7.00 Hz, amplitude 20.0 mdps)"
+    assert finding_phrase(found[0]) == "line at 7 Hz, 20 mdps"
 
 
 def test_lines_beyond_their_intervals_are_two():
@@ -62,7 +65,7 @@ def test_harmonics_belong_to_their_fundamental():
     assert (found.kind, found.harmonics, found.gain_nats) == ("sinusoid", (2, 3), 70.0)
     assert found.members[0].effect is effects["gx"][1]
     assert [(one.axis, one.index) for one in found.members] == [("gx", 1), ("gy", 0), ("gx", 0)]
-    assert finding_brief(found).endswith("amplitude 20.0 mdps), with harmonics 2 3")
+    assert finding_phrase(found) == "line at 7 Hz, 20 mdps, with harmonics 2 and 3"
 
 
 @pytest.mark.parametrize("hz", [14.02, 10.5, 17.5, 3.3])
@@ -92,7 +95,9 @@ def test_what_happens_at_one_time_is_one_event():
     }
     (found,) = findings_of(effects)
     assert (found.kind, len(found.members)) == ("step", 5)
-    assert finding_brief(found).endswith("with excursion and variance change")
+    assert finding_phrase(found) == (
+        "steps, excursion and noise level change at 5 min to 5 min 25 s"
+    )
     assert sizes({"gx": [step(300.0)], "gy": [step(302.0)]}) == [1, 1]
 
 
@@ -147,13 +152,15 @@ def test_the_verdict_names_the_three_largest_and_counts_the_rest():
     axis = analysis.axes["gx"]
     axes = {"gx": replace(axis, explanation=replace(axis.explanation, effects=many))}
     known = replace(analysis, axes=axes)
-    lines = [one for one in verdict(known).lines if one.head.startswith("Found")]
-    assert [one.head for one in lines] == ["Found on gx"] * 3 + ["Found also"]
+    told = verdict(known).lines
+    lines = [one for one in told if one.head == "Found"]
+    assert [one.head for one in lines] == ["Found"] * 3
     for hz, one in zip((23.3, 17.9, 13.7), lines[:3], strict=True):
-        assert f"frequency {hz} Hz" in one.text
-    assert lines[3].text == "2 more: see the report"
+        assert one.text == f"line at {hz} Hz, 20 mdps, on gx"
+    after = told[told.index(lines[-1]) + 1]
+    assert (after.head, after.text) == ("And 2 more", "see the report")
     page = render(replace(known, record=None))
-    assert "Findings: 5, the largest first" in page
+    assert "Findings: 5, named effects first" in page
     assert findings_table(known).count("sinusoid") >= 5
 
 
@@ -176,9 +183,10 @@ def test_a_hum_with_harmonics_on_three_axes_is_one_finding(hum):
     assert len(first.members) == 9
     assert set(second.axes) == {"gx", "gz"}
     assert {one.effect.kind for one in second.members} == {"step", "excursion"}
-    lines = {one.head: one.text for one in verdict(hum).lines}
-    assert lines["Found on all axes"].endswith("with harmonics 2 3")
-    assert "frequency 7.01 Hz" in lines["Found on all axes"]
+    lines = [one.text for one in verdict(hum).lines if one.head == "Found"]
+    assert lines[0].startswith("line at 7.013 Hz, ")
+    assert lines[0].endswith(" mdps, with harmonics 2 and 3, on all axes")
+    assert lines[1] == "excursion and step at 5 min to 5 min 20 s on gx gz"
 
 
 def test_the_json_points_at_the_effects(hum):
@@ -188,3 +196,80 @@ def test_the_json_points_at_the_effects(hum):
         assert result["axes"][lead["axis"]]["effects"][lead["index"]]["kind"] == finding["kind"]
     pointed = {(one["axis"], one["index"]) for f in result["findings"] for one in f["effects"]}
     assert len(pointed) == sum(len(axis["effects"]) for axis in result["axes"].values())
+
+
+def unexplained(words, gain=10.0):
+    """Return what was found without a name, in the words of the search."""
+    found = band(15.0, 30.0)
+    return replace(found, evidence={"gain_nats": gain, "words": words})
+
+
+def test_what_has_a_name_comes_before_what_has_none():
+    """However much more the nameless gained, and within one finding as well."""
+    found = findings_of({"gx": [unexplained("lighter tails", 900.0), line(7.0)], "gy": [step(9.0)]})
+    assert [one.kind for one in found] == ["sinusoid", "step", "unexplained"]
+    narrow = replace(band(6.9, 7.1), evidence={"gain_nats": 500.0})
+    (both,) = findings_of({"gx": [narrow, line(7.0)]})
+    assert finding_phrase(both) == "line at 7 Hz, 20 mdps, with unexplained power"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("lighter tails than a Gaussian (excess kurtosis -0.12)", "lighter tails than a Gaussian"),
+        (
+            "5.4 % more power than the model between 15 and 30 Hz (z = 7.1); held-out "
+            "log-likelihood gain 12.0 +- 4.0",
+            "5.4 % more power than the model between 15 and 30 Hz",
+        ),
+        ("", "unexplained power between 15 and 30 Hz"),
+    ],
+)
+def test_what_has_no_name_is_said_in_its_own_words(words, said):
+    (found,) = findings_of({"gx": [unexplained(words)]})
+    assert finding_phrase(found) == said
+    assert finding_sentence(found, ("gx", "gy")) == f"{said} on gx"
+
+
+def test_a_named_finding_is_a_short_sentence():
+    tone = effect(
+        "sinusoid",
+        "frequency",
+        frequency=(12.43, 0.004, "Hz"),
+        amplitude=(0.35e-3, 1e-5, "g"),
+    )
+    drifting = effect(
+        "drifting_line",
+        "frequency",
+        frequency=(5.027, 0.01, "Hz"),
+        bandwidth=(0.02, 0.01, "Hz"),
+        sigma=(0.029, 0.001, "dps"),
+    )
+    low_pass = effect("band_limit", cutoff=(36.2, 0.4, "Hz"))
+    axes = ("gx", "gy", "az")
+    told = {
+        "az": ([tone], "line at 12.43 Hz, 0.35 mg, on az"),
+        "gx": ([drifting], "drifting line around 5.03 Hz, 29 mdps rms, on gx"),
+        "gy": ([low_pass], "low-pass at 36 Hz on gy"),
+    }
+    for axis, (effects, said) in told.items():
+        (found,) = findings_of({axis: effects})
+        assert finding_sentence(found, axes) == said
+    (all_axes,) = findings_of({axis: [low_pass] for axis in axes})
+    assert finding_sentence(all_axes, axes) == "low-pass at 36 Hz on all axes"
+
+
+def test_events_at_one_time_are_one_sentence():
+    effects = {axis: [step(45.2), step(54.8), excursion(45.0, 10.0)] for axis in ("gx", "az")}
+    (found,) = findings_of(effects)
+    said = finding_sentence(found, ("gx", "gy", "az"))
+    assert said == "steps and excursions at 45 to 55 s on gx az"
+
+
+def test_every_kind_of_effect_has_a_phrase():
+    """One that is missing would be said by the word of the JSON."""
+    of_axes = {name for name in VOCABULARY if not KINDS[name].of_the_stream}
+    assert of_axes - {"unexplained"} == set(PHRASES)
+    for name, template in PHRASES.items():
+        fields = set(re.findall(r"\{(\w+)\}", template)) - {"event"}
+        assert fields <= set(KINDS[name].__dataclass_fields__), name

@@ -205,7 +205,9 @@ def test_agreement_within_intervals_or_3_percent_is_not_told():
 )
 def test_the_cause_is_what_was_found(found, cause):
     line = disagreement("dps", coefficients(), {"N": reading(6.2e-3, **DENSITY)}, found)
-    assert line.startswith("N 6.20 mdps/√Hz by the density from 0.10 to 10 Hz, 1.00 by the fit: ")
+    assert line.startswith(
+        "N is 6.20 mdps/√Hz from the density from 0.10 to 10 Hz and 1.00 from the fit: "
+    )
     assert cause in line
 
 
@@ -241,7 +243,7 @@ def test_what_the_coefficients_make_together_is_no_disagreement():
     at_1s = np.sqrt(1e-6 + FLOOR**2 * 1e-6 + 1e-8 / 3)
     assert disagreement("dps", known, {"N_1s": reading(at_1s, tau_s=1.0)}) is None
     line = disagreement("dps", known, {"N_1s": reading(1.2 * at_1s, tau_s=1.0)})
-    assert "by the deviation at 1 s" in line
+    assert "from the deviation at 1 s" in line
     at_9s = np.sqrt(1e-6 / 9 + FLOOR**2 * 1e-6 + 3e-8) / FLOOR
     assert disagreement("dps", known, {"B": reading(at_9s, tau_s=9.0)}) is None
     assert disagreement("dps", known, {"B": reading(2 * at_9s, tau_s=9.0)}) is not None

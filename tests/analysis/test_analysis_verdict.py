@@ -42,7 +42,7 @@ def heads(result):
 def test_a_good_sensor_is_called_good(analysis):
     known = verdict(clean(analysis))
     assert known.grade == "good"
-    assert known.title == "Noise as the datasheet says"
+    assert known.title == "Noise matches the datasheet"
     assert [line.grade for line in known.lines[:3]] == ["good"] * 3
 
 
@@ -50,18 +50,18 @@ def test_the_axes_that_miss_the_datasheet_are_named_first(analysis):
     known = verdict(analysis)
     assert known.grade == "bad"
     assert known.title.startswith("Noisier than the datasheet: gy az;")
-    assert known.lines[0].text == "noisier than the datasheet's 3.80 mdps/√Hz: gy 4.72"
+    assert known.lines[0].text == "noise above the datasheet's 3.80 mdps/√Hz: gy 4.72"
 
 
 def test_an_effect_is_told_once_for_all_axes_that_have_it(analysis):
-    line = heads(analysis)["Found on gx gy"]
-    assert line.text == "sinusoid (frequency 50.0 Hz, amplitude 20.0 mdps)"
-    assert line.grade == "note"
+    (line,) = [one for one in verdict(analysis).lines if one.text.startswith("line at")]
+    assert (line.head, line.grade) == ("Found", "note")
+    assert line.text == "line at 49.98 Hz, 20 mdps, on gx gy"
 
 
 def test_what_no_effect_explains_is_bad(analysis):
-    assert heads(analysis)["Open on az"].grade == "bad"
-    assert "not all of it explained" in verdict(analysis).title
+    assert heads(analysis)["Partly unexplained on az"].grade == "bad"
+    assert "partly unexplained" in verdict(analysis).title
 
 
 def test_a_record_that_is_too_short_for_the_loop_says_how_much_longer(analysis):
@@ -70,33 +70,36 @@ def test_a_record_that_is_too_short_for_the_loop_says_how_much_longer(analysis):
         short, effects=(), before=UNKNOWN, after=UNKNOWN, explained=False, remarks=(TOO_SHORT,)
     )
     known = heads(changed(clean(analysis), explanation=short))
-    assert known["Not searched: all axes"].text == TOO_SHORT
-    assert not any(head.startswith("Open") for head in known)
+    assert known["Effects not searched on all axes"].text == TOO_SHORT
+    assert not any(head.startswith("Partly") for head in known)
 
 
 def test_a_run_that_was_not_looked_at_yet_is_not_called_free_of_effects(analysis):
     known = verdict(changed(clean(analysis), explanation=None))
-    assert {line.head: line.text for line in known.lines}["Effects"] == "not searched for yet"
-    assert known.title == "Noise as the datasheet says"
+    assert {line.head: line.text for line in known.lines}["Effects"] == "not searched yet"
+    assert known.title == "Noise matches the datasheet"
 
 
-def test_the_wait_is_that_of_the_slowest_axis_in_two_digits(analysis):
-    assert heads(analysis)["Wait"].text.startswith("B in 6 min 40 s, K in 10 h,")
+def test_the_wait_is_that_of_the_slowest_axis(analysis):
+    assert heads(analysis)["Keep recording"].text == (
+        "B to ±20 % in about 7 min, K to ±20 % in about 10 h"
+    )
     axis = analysis.axes["gx"]
     later = {**axis.coefficients, "B": replace(axis.coefficients["B"], wait_s=7210.0)}
     slow = heads(changed(analysis, ["gy"], coefficients=later))
-    assert slow["Wait"].text.startswith("B in 2 h,")
+    assert slow["Keep recording"].text.startswith("B to ±20 % in about 2 h,")
     done = {k: replace(c, wait_s=None) for k, c in axis.coefficients.items()}
     long = heads(changed(analysis, coefficients=done))
-    assert "Wait" not in long
-    assert long["Run"].text.startswith("long enough") or "dropped" in long["Run"].text
+    assert "Keep recording" not in long
+    told = [line.text for line in verdict(changed(analysis, coefficients=done)).lines]
+    assert any(text.startswith("long enough; N, B and K are known") for text in told)
 
 
 def test_a_part_without_a_name_is_not_judged(analysis):
     nameless = replace(changed(clean(analysis), datasheet={}), part="")
     known = verdict(nameless)
     assert known.grade == "note"
-    assert known.title == "No verdict against a datasheet"
+    assert known.title == "Not compared with a datasheet"
     assert "--part" in known.lines[0].text
 
 
@@ -109,7 +112,11 @@ def test_losses_count_against_a_run_when_they_are_many(analysis, lost, grade):
 
 def test_why_there_is_no_verdict_against_a_datasheet_is_said(analysis):
     unknown = changed(analysis, datasheet={})
-    for part, why in (("", "--part names it"), ("LSM6DSM", "full scale"), ("LSM6DSO", "LSM6DSO")):
+    for part, why in (
+        ("", "name it with --part"),
+        ("LSM6DSM", "full scale"),
+        ("LSM6DSO", "LSM6DSO"),
+    ):
         assert why in heads(replace(unknown, part=part))["Gyroscope"].text
 
 

@@ -203,14 +203,14 @@ def test_a_traceback_is_shown_on_request_and_changes_no_exit_code(capsys):
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_what_nobody_thought_of_is_one_line_too(complaint, monkeypatch):
+def test_an_internal_error_is_one_line_too(complaint, monkeypatch):
     def fail():
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("allanscope.sources.describe_ports", fail, raising=False)
     code, line = complaint("ports")
     assert code == 1
-    assert "No space left on device; --debug shows where" in line
+    assert "No space left on device; run with --debug" in line
     with pytest.raises(OSError, match="No space"):
         main(["ports", "--debug"])
 
@@ -338,5 +338,5 @@ def test_an_axis_that_fails_leaves_the_others_whole(tmp_path, monkeypatch, capsy
     assert axes["gx"]["residual"]["explained"] is axes["gz"]["residual"]["explained"] is True
     assert any("ZeroDivisionError" in remark for remark in axes["gy"]["remarks"])
     page = (tmp_path / "a.html").read_text()
-    assert "Failed: gy" in page
+    assert "Analysis of gy failed" in page
     assert "an axis failed" in page

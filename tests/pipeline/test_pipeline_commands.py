@@ -90,6 +90,6 @@ def test_a_replay_names_its_files_and_how_to_see_the_charts_again(recording, tmp
     folder = tmp_path / "again"
     assert main(["replay", str(recording), "--view", "none", "--out", str(folder)]) == 0
     said = capsys.readouterr().out
-    assert f"wrote session.rrd, result.json, report.html in {folder}" in said
+    assert f"Saved: {folder / 'report.html'}; beside it result.json, session.rrd" in said
     assert f"allanscope open {folder}" in said
     assert {"session.rrd", "result.json", "report.html"} == {file.name for file in folder.iterdir()}

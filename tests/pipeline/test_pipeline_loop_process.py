@@ -104,7 +104,7 @@ def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
     assert effect.parameters["relative"].value == pytest.approx(0.04, abs=1e-4)
     assert [line.text for line in verdict(result).lines if line.head == "Clock"] == ["4.00 % fast"]
     assert {line.text for line in verdict(result).lines if line.head == "Effects"} == {
-        "nothing beyond the textbook's noise was found"
+        "none found beyond the noise model"
     }
     assert [text for _, text in Diary().news(result) if "clock" in text] == [
         "found clock 4.00 % fast"

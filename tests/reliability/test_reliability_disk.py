@@ -105,4 +105,4 @@ def test_the_files_of_a_session_are_reported_as_one(
 ) -> None:
     report = report_sessions([whole_and_pieces[1]], tmp_path / "report.html", DeviceSettings())
     text = report.read_text()
-    assert "in one piece" in text
+    assert "per axis, no gaps" in text

@@ -40,12 +40,12 @@ def test_the_verdict_comes_first_and_the_convention_beside_it(tags):
     order = [
         tags.text.index(words)
         for words in (
-            "Noise as the datasheet says",
+            "Noise matches the datasheet",
             "A datasheet's noise density is one-sided",
             "Noise of each axis",
-            "Closing the loop",
-            "The series",
-            "Quality of the data",
+            "Effects and residual",
+            "Time series",
+            "Data quality",
             "Provenance",
         )
     ]
@@ -72,9 +72,9 @@ def test_every_figure_has_a_caption_that_explains_its_marks(page):
     captions = [re.search(r"<figcaption>(.*?)</figcaption>", one, re.DOTALL)[1] for one in figures]
     assert min(map(len, captions)) > 60
     deviation, residual, density, lag = captions[:4]
-    for word in ("95 % band", "hollow", "model", "letters", "datasheet"):
+    for word in ("95 % band", "hollow", "model", "letter", "datasheet"):
         assert word in deviation
-    for word in ("before", "after", "shade"):
+    for word in ("noise model alone", "with the effects", "shade"):
         assert word in residual
     assert "effects" in density
     assert "DT0064" in lag
@@ -83,7 +83,7 @@ def test_every_figure_has_a_caption_that_explains_its_marks(page):
 
 def test_marks_of_the_user_are_listed_and_numbered_in_the_series(page, tags):
     assert [words for words in ("5.0 s: fan off", "12 s: door") if words in tags.text]
-    series = page[page.index("<h2>The series") :]
+    series = page[page.index("<h2>Time series") :]
     svg = series[: series.index("</svg>")]
     assert [number for number in "12" if f">{number}</text>" in svg] == ["1", "2"]
 

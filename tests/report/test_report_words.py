@@ -21,9 +21,9 @@ def test_a_coefficient_that_is_not_detected_is_a_limit_with_the_time_to_wait(ana
     rows = {row.name: row for row in coefficient_words.coefficient_rows(analysis.axes["gx"])}
     assert list(rows) == ["N", "B", "K", "Q", "R"]
     assert rows["K"].value.startswith("< ")
-    assert rows["K"].decision == "known in 10 h"
-    assert rows["N"].decision == "detected"
-    assert rows["Q"].decision == "upper limit"
+    assert (rows["K"].status, rows["K"].wait) == ("upper limit", "10 h")
+    assert (rows["N"].status, rows["N"].wait) == ("detected", "")
+    assert rows["Q"].status == "upper limit"
 
 
 def test_the_other_unit_is_the_same_quantity(analysis):
@@ -69,8 +69,8 @@ def test_the_datasheet_is_explained_as_print_sets_it():
     assert "ARW √time: 0.162° after one hour" in text
 
 
-@pytest.mark.parametrize(("segments", "said"), [(1, "in one piece"), (3, "in 3 pieces")])
-def test_the_pieces_of_a_run_are_counted(analysis, segments, said):
+@pytest.mark.parametrize(("segments", "said"), [(1, "per axis, no gaps"), (3, "per axis, 2 gaps")])
+def test_the_gaps_of_a_run_are_counted(analysis, segments, said):
     assert said in facts(words.quality(replace(analysis, segments=segments)))["samples"]
 
 
@@ -86,9 +86,9 @@ def test_the_zero_g_level_is_what_the_length_of_the_mean_tells(analysis):
 @pytest.mark.parametrize(
     ("replicated", "said"),
     [
-        (True, "independent parts of the record show the same"),
-        (False, "other parts of the record do not show it"),
-        ("not replicated", "not replicated: this record cannot show it twice"),
+        (True, "seen in independent parts of the recording"),
+        (False, "not seen in other parts of the recording"),
+        ("not replicated", "seen once; confirm with a second recording"),
         ("on gy", "on gy"),
     ],
 )
@@ -109,8 +109,8 @@ def test_evidence_says_what_convinced(replicated, said):
     assert found.kind == "step (the same on gx gy)"
     assert found.equivalent == "random telegraph"
     assert found.words == (
-        "the level jumps by 0.009 dps; by chance with a probability of less than 1e-12; "
-        f"held out: interleaved blocks of 1 s; {said}"
+        "the level jumps by 0.009 dps; false-alarm probability less than 1e-12; "
+        f"held-out test: interleaved blocks of 1 s; {said}"
     )
 
 

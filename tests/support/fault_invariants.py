@@ -34,8 +34,8 @@ def violations(ran: Ran) -> list[str]:
 def _of_threads(ran: Ran) -> Iterator[str]:
     for error in ran.thread_errors:
         yield f"a thread ended with {error}"
-    if "Traceback" in ran.err or "unexpected" in ran.err:
-        yield f"an unexpected error: {ran.err.strip()[-200:]}"
+    if "Traceback" in ran.err or "internal error" in ran.err:
+        yield f"an internal error: {ran.err.strip()[-200:]}"
     left = [one.name for one in threading.enumerate() if one.name in ("recorder", "refresh")]
     if left:
         yield f"threads are left behind: {left}"

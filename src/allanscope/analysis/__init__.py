@@ -11,8 +11,8 @@
 
 Taking samples is cheap and never ends; `summarise` reads the sums without changing them, coarsely
 at each refresh (``live``) or with every estimator and the closed loop (``full``). `Analysis` is the
-result for all who show it: terminal, viewer, report and JSON. `verdict_lines` and `wording` put it
-into the words that they share.
+result for all who show it: terminal, viewer, report and JSON. `verdict_lines`, `finding_phrases`
+and `wording` put it into the words that they share.
 """
 
 from typing import TYPE_CHECKING
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         StreamState,
         loop_input,
     )
+    from allanscope.analysis.finding_phrases import finding_phrase
     from allanscope.analysis.findings import Finding, findings_of
     from allanscope.analysis.result import (
         SCHEMA,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from allanscope.analysis.summary import Depth, summarise
     from allanscope.analysis.verdict_lines import (
         ASSUMED,
+        KEEP_RECORDING,
         Grade,
         Verdict,
         VerdictLine,
@@ -56,7 +58,8 @@ if TYPE_CHECKING:
         density_verdict,
         effect_brief,
         effect_text,
-        finding_brief,
+        gaps_text,
+        losses_phrase,
         losses_text,
         not_measured,
         parameter_text,
@@ -66,6 +69,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ASSUMED",
+    "KEEP_RECORDING",
     "SCHEMA",
     "Analyser",
     "AnalyserSettings",
@@ -91,9 +95,11 @@ __all__ = [
     "density_verdict",
     "effect_brief",
     "effect_text",
-    "finding_brief",
+    "finding_phrase",
     "findings_of",
+    "gaps_text",
     "loop_input",
+    "losses_phrase",
     "losses_text",
     "not_measured",
     "parameter_text",
@@ -116,6 +122,7 @@ __getattr__, __dir__ = lazily(
         "Depth": "summary",
         "Finding": "findings",
         "Grade": "verdict_lines",
+        "KEEP_RECORDING": "verdict_lines",
         "Level": "result",
         "LoopInput": "analyser",
         "ModelCurve": "result",
@@ -133,9 +140,11 @@ __getattr__, __dir__ = lazily(
         "density_verdict": "wording",
         "effect_brief": "wording",
         "effect_text": "wording",
-        "finding_brief": "wording",
+        "finding_phrase": "finding_phrases",
         "findings_of": "findings",
+        "gaps_text": "wording",
         "loop_input": "analyser",
+        "losses_phrase": "wording",
         "losses_text": "wording",
         "not_measured": "wording",
         "parameter_text": "wording",

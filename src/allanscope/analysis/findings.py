@@ -21,7 +21,10 @@ from itertools import combinations
 
 from allanscope.explain import Effect, Parameter
 
-__all__ = ["Finding", "Member", "findings_of"]
+__all__ = ["NAMELESS", "Finding", "Member", "event_times", "findings_of"]
+
+NAMELESS = "unexplained"
+"""Kind of what was measured and located, and has no name."""
 
 _WIDER = 2.0
 """Intervals are stretched by this: of many pairs of 95 % intervals some would miss each other."""
@@ -55,13 +58,15 @@ class Finding:
     Attributes
     ----------
     kind : str
-        That of its leading effect: the fundamental of lines, else what gained most.
+        That of its leading effect: the fundamental of lines, else what gained most of those that
+        have a name.
     axes : tuple of str
         Where it was seen.
     members : tuple of Member
         Its effects, the leading one first.
     gain_nats : float
-        Log-likelihood that they gained together; findings are sorted by it.
+        Log-likelihood that they gained together. Findings are sorted by it, those without a name
+        after the others.
     harmonics : tuple of int
         Orders beside the fundamental, ascending.
     """
@@ -74,7 +79,7 @@ class Finding:
 
 
 def findings_of(effects: Mapping[str, Iterable[Effect]]) -> tuple[Finding, ...]:
-    """Return the findings, largest gain first.
+    """Return the findings: those with a name first, each by its gain, the largest first.
 
     Parameters
     ----------
@@ -96,11 +101,11 @@ def findings_of(effects: Mapping[str, Iterable[Effect]]) -> tuple[Finding, ...]:
         _finding([m for m, of in zip(members, group, strict=True) if of == one], list(effects))
         for one in dict.fromkeys(group)
     ]
-    return tuple(sorted(found, key=lambda one: -one.gain_nats))
+    return tuple(sorted(found, key=lambda one: (one.kind == NAMELESS, -one.gain_nats)))
 
 
 def _finding(members: list[Member], axes: list[str]) -> Finding:
-    members = sorted(members, key=lambda one: -_gain(one.effect))
+    members = sorted(members, key=lambda one: (one.effect.kind == NAMELESS, -_gain(one.effect)))
     lines = [one for one in members if _frequency(one.effect) is not None]
     orders: set[int] = set()
     if len(lines) == len(members):
@@ -202,6 +207,11 @@ def _at_once(a: Effect, b: Effect) -> bool:
         for one in _edges(a)
         for other in _edges(b)
     )
+
+
+def event_times(effect: Effect) -> tuple[float, ...]:
+    """Return the times in s at which an effect begins and ends; none where it is no event."""
+    return tuple(one.value for one in _edges(effect))
 
 
 def _edges(effect: Effect) -> list[_Number]:

@@ -80,13 +80,14 @@ def disagreement(
         )
         read = number(reading.value * usual.factor)
         return symbols(
-            f"{letter} {read} {usual.unit} by {_how(name, reading)}, {fitted} by the fit: {cause}"
+            f"{letter} is {read} {usual.unit} from {_how(name, reading)} and {fitted} from the "
+            f"fit: {cause}"
         )
     return None
 
 
 def _how(name: str, reading: Reading) -> str:
-    """Return what a reading was read off."""
+    """Return what a reading was taken from."""
     match name:
         case "N" if reading.band_hz is not None:
             low, high = reading.band_hz
@@ -94,7 +95,7 @@ def _how(name: str, reading: Reading) -> str:
         case "N_1s":
             return "the deviation at 1 s"
         case "B":
-            return f"the least deviation, at {duration(reading.tau_s or 0.0)}"
+            return f"the minimum deviation (at {duration(reading.tau_s or 0.0)})"
         case _:
             return f"the deviation at {duration(reading.tau_s or 0.0)}"
 

@@ -267,7 +267,7 @@ class Analysis:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Effects of the axes, with what is one disturbance put together; largest gain first."""
+        """Effects of the axes, with what is one disturbance put together; named ones first."""
         looked = {k: a.explanation for k, a in self.axes.items() if not a.failure}
         return findings_of({k: one.effects for k, one in looked.items() if one is not None})
 

@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from allanscope.analysis.finding_phrases import finding_sentence
 from allanscope.analysis.findings import findings_of
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.wording import (
     effect_brief,
-    finding_brief,
     losses_text,
     not_measured,
     wait_text,
@@ -24,13 +24,17 @@ from allanscope.noise import DatasheetVerdict
 from allanscope.parts import PARTS
 from allanscope.quantities import DENSITY, DEVIATION, MAIN_LETTERS, SENSOR_NAMES, number, symbols
 
-__all__ = ["ASSUMED", "Grade", "Verdict", "VerdictLine", "searched", "verdict"]
+__all__ = ["ASSUMED", "KEEP_RECORDING", "Grade", "Verdict", "VerdictLine", "searched", "verdict"]
 
 Grade = Literal["good", "bad", "note"]
 
 ASSUMED = "Assumed"
 """Head of the lines on what the input did not say: they come first."""
 
+KEEP_RECORDING = "Keep recording"
+"""Head of the line that says how much longer."""
+
+_FOUND = "Found"
 _NAMED = 3
 """Findings that a verdict names: what else there is stands in the report."""
 _NOTICEABLE_LOSS = 1e-3
@@ -83,7 +87,7 @@ def verdict(analysis: Analysis) -> Verdict:
     else:
         grade = "good" if any(line.grade == "good" for line in noise) else "note"
     title = _title(analysis.axes, noise, found, losses)
-    title = f"{title}; an axis failed" if failed else title
+    title = f"{title}; the analysis of an axis failed" if failed else title
     simulated = not_measured(analysis.origin)
     if simulated is not None:
         lines = (VerdictLine("bad", *simulated), *lines)
@@ -106,16 +110,16 @@ def _title(
     if "bad" in grades:
         first = f"Noisier than the datasheet: {' '.join(_worse(axes))}"
     elif grades == {"good"}:
-        first = "Noise as the datasheet says"
+        first = "Noise matches the datasheet"
     elif "good" in grades:
-        first = "Noise as the datasheet says, as far as it can be told"
+        first = "Noise matches the datasheet where it is known"
     else:
-        first = "No verdict against a datasheet"
+        first = "Not compared with a datasheet"
     parts = [first]
     if any(line.grade == "bad" for line in found):
-        parts.append("not all of it explained")
-    elif any(line.head.startswith("Found") for line in found):
-        parts.append("more than noise was found")
+        parts.append("partly unexplained")
+    elif any(line.head == _FOUND for line in found):
+        parts.append("additional effects found")
     if any(line.grade == "bad" for line in losses):
         parts.append("samples were lost")
     return "; ".join(parts)
@@ -134,32 +138,32 @@ def _noise_lines(analysis: Analysis, unit: str) -> list[VerdictLine]:
     if not any(sheets.values()):
         return [VerdictLine("note", sensor, _why_no_sheet(analysis.part))]
     if not known:
-        return [VerdictLine("note", sensor, "the white noise is not known yet")]
+        return [VerdictLine("note", sensor, "the white noise is not determined yet")]
     if any(one.limit is None for one in known.values()):
-        return [VerdictLine("note", sensor, "the datasheet publishes no value for it")]
+        return [VerdictLine("note", sensor, "the datasheet gives no noise value")]
     worse = {name: known[name] for name in _worse(axes)}
     if worse:
         named = ", ".join(f"{k} {_shown(v)}" for k, v in worse.items())
-        text = f"noisier than the datasheet's {_limit(worse)}: {named}"
+        text = f"noise above the datasheet's {_limit(worse)}: {named}"
         return [VerdictLine("bad", sensor, text)]
     measured = [one.measured for one in known.values() if one.measured is not None]
     low, high = (_number(x, next(iter(known.values()))) for x in (min(measured), max(measured)))
     span = low if low == high else f"{low} ... {high}"
     better = all(one.verdict == "better" for one in known.values())
-    words = "quieter than the datasheet" if better else "noise as the datasheet says"
-    text = f"{words}, {span} against {_limit(known)}"
+    compared = "is below" if better else "matches"
+    text = f"noise {span} {compared} the datasheet's {_limit(known)}"
     late = [name for name in axes if name not in known]
     if late:
-        text += f" on {' '.join(known)}; {' '.join(late)} not known yet"
+        text += f" on {' '.join(known)}; {' '.join(late)} not determined yet"
     return [VerdictLine("good", sensor, text)]
 
 
 def _why_no_sheet(part: str) -> str:
     if not part:
-        return "the part is not named: --part names it"
+        return "the part is not known; name it with --part"
     if part not in PARTS:
-        return f"no datasheet of {part} is known here"
-    return "no verdict: the datasheet's noise depends on the full scale, which only counts tell"
+        return f"there is no datasheet entry for {part}"
+    return "not compared: the datasheet's noise depends on the full scale, which is not known"
 
 
 def _worse(axes: Mapping[str, AxisAnalysis]) -> list[str]:
@@ -203,7 +207,9 @@ def _reading(of: DatasheetVerdict) -> tuple[float, str]:
 def _failure_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     """Return a line for each axis whose analysis went wrong; the others are whole."""
     return [
-        VerdictLine("bad", f"Failed: {name}", f"{axis.failure}; the other axes are complete")
+        VerdictLine(
+            "bad", f"Analysis of {name} failed", f"{axis.failure}; the other axes are complete"
+        )
         for name, axis in axes.items()
         if axis.failure
     ]
@@ -214,30 +220,27 @@ def _effect_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     looked = {n: a.explanation for n, a in sound.items() if a.explanation is not None}
     open_axes = {name: one for name, one in looked.items() if searched(one)}
     if sound and not looked:
-        return [VerdictLine("note", "Effects", "not searched for yet")]
+        return [VerdictLine("note", "Effects", "not searched yet")]
     found = findings_of({name: one.own_effects for name, one in open_axes.items()})
     lines = [
-        VerdictLine("note", f"Found on {_named(one.axes, axes)}", finding_brief(one))
-        for one in found[:_NAMED]
+        VerdictLine("note", _FOUND, finding_sentence(one, tuple(axes))) for one in found[:_NAMED]
     ]
     if len(found) > _NAMED:
-        lines.append(
-            VerdictLine("note", "Found also", f"{len(found) - _NAMED} more: see the report")
-        )
+        lines.append(VerdictLine("note", f"And {len(found) - _NAMED} more", "see the report"))
     unexplained = [name for name, one in open_axes.items() if not one.explained]
     if unexplained:
-        text = "the model does not explain all of the data, and no effect that is known does"
-        lines.insert(0, VerdictLine("bad", f"Open on {_named(unexplained, axes)}", text))
+        text = "the residual is inconsistent with sampling error, and no known effect explains it"
+        head = f"Partly unexplained on {_named(unexplained, axes)}"
+        lines.insert(0, VerdictLine("bad", head, text))
     elif open_axes and not lines:
-        text = "nothing beyond the textbook's noise was found"
-        lines.append(VerdictLine("good", "Effects", text))
+        lines.append(VerdictLine("good", "Effects", "none found beyond the noise model"))
     reasons: dict[str, list[str]] = {}
     for name, one in looked.items():
         if name not in open_axes:
             for remark in one.remarks[:1]:
                 reasons.setdefault(remark, []).append(name)
     lines += [
-        VerdictLine("note", f"Not searched: {_named(names, axes)}", reason)
+        VerdictLine("note", f"Effects not searched on {_named(names, axes)}", reason)
         for reason, names in reasons.items()
     ]
     return lines
@@ -259,7 +262,7 @@ def _named(names: Iterable[str], axes: Mapping[str, AxisAnalysis]) -> str:
 
 def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
     suspect = analysis.link.suspect
-    doubt = f"{suspect}, left out: a value far from all rows around it, on a line that damages rows"
+    doubt = f"{suspect} left out: one value is far from all rows around it, and the link has errors"
     suspects = [VerdictLine("note", "Suspect rows", doubt)] if suspect else []
     if not analysis.lost_samples and not analysis.unknown_losses:
         return suspects
@@ -270,7 +273,7 @@ def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
 
 
 def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
-    """Say how much longer to run until the last axis is known, letter by letter."""
+    """Say how much longer to record until the last axis is known, letter by letter."""
     waits = {}
     for letter in MAIN_LETTERS:
         here = [a.coefficients[letter] for a in axes.values() if letter in a.coefficients]
@@ -278,8 +281,9 @@ def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
         if late:
             waits[letter] = max(late, key=lambda one: one.wait_s or 0.0)
     if waits:
-        parts = ", ".join(f"{letter} in {wait_text(one)}" for letter, one in waits.items())
-        return [VerdictLine("note", "Wait", f"{parts}, to know them to 20 % on every axis")]
+        times = [(letter, wait_text(one)) for letter, one in waits.items()]
+        parts = ", ".join(f"{letter} to ±20 % in about {wait}" for letter, wait in times)
+        return [VerdictLine("note", KEEP_RECORDING, parts)]
     if axes and all(a.coefficients for a in axes.values()):
         limits = [
             f"{letter} of {name}"
@@ -287,8 +291,10 @@ def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
             for name, axis in axes.items()
             if letter in axis.coefficients and not axis.coefficients[letter].detected
         ]
-        text = "N, B and K are known" + (f", {', '.join(limits)} as a limit" if limits else "")
-        return [VerdictLine("good", "Run", f"long enough: {text}")]
+        text = "N, B and K are known" + (
+            f" (upper limit only: {', '.join(limits)})" if limits else ""
+        )
+        return [VerdictLine("good", "Recording", f"long enough; {text}")]
     return []
 
 
@@ -297,7 +303,7 @@ def _remark_lines(analysis: Analysis) -> list[VerdictLine]:
     for name, axis in analysis.axes.items():
         for remark in axis.remarks[bool(axis.failure) :]:
             remarks.setdefault(remark, []).append(name)
-    lines = [VerdictLine("note", "Run", remark) for remark in analysis.remarks]
+    lines = [VerdictLine("note", "Recording", remark) for remark in analysis.remarks]
     return lines + [
         VerdictLine("note", _named(names, analysis.axes).capitalize(), remark)
         if len(names) == len(analysis.axes) > 1

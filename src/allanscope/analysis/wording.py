@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from allanscope.analysis.findings import Finding
 from allanscope.analysis.result import Analysis, AxisAnalysis, Rate
 from allanscope.explain import Effect, Parameter
 from allanscope.noise import Coefficient
@@ -29,7 +28,8 @@ __all__ = [
     "density_verdict",
     "effect_brief",
     "effect_text",
-    "finding_brief",
+    "gaps_text",
+    "losses_phrase",
     "losses_text",
     "not_measured",
     "parameter_text",
@@ -40,6 +40,7 @@ __all__ = [
 
 _EXACT_S = 1e-6
 """No clock stamps arrivals better."""
+_UNITS = (("d", 86400), ("h", 3600), ("min", 60), ("s", 1))
 _SURE = 3.0
 """A drift of fewer standard deviations is not told."""
 
@@ -72,14 +73,22 @@ def coefficient_text(axis_unit: str, name: str, coefficient: Coefficient | None)
 def wait_text(coefficient: Coefficient | None) -> str:
     """Return how much longer to run until a coefficient is known; empty when it is, or unknown.
 
-    Two digits: nobody can foretell it better.
+    One unit: nobody can foretell it better.
 
-    >>> wait_text(Coefficient(0.0, 0.0, 12.1e-6, "g", False, wait_s=2709.0))
-    '45 min'
+    >>> wait_text(Coefficient(0.0, 0.0, 12.1e-6, "g", False, wait_s=630.0))
+    '10 min'
+    >>> wait_text(Coefficient(0.0, 0.0, 12.1e-6, "g", False, wait_s=5500.0))
+    '92 min'
+    >>> wait_text(Coefficient(0.0, 0.0, 12.1e-6, "g", False, wait_s=12100.0))
+    '3.4 h'
     """
     if coefficient is None or coefficient.wait_s is None:
         return ""
-    return duration(float(f"{coefficient.wait_s:.2g}"))
+    wait_s = coefficient.wait_s
+    unit, length = next((one for one in _UNITS if wait_s >= 2 * one[1]), _UNITS[-1])
+    value = wait_s / length
+    decimals = 1 if length > 60 and value < 10 else 0
+    return f"{number(round(value, decimals), 2).removesuffix('.0')} {unit}"
 
 
 def effect_text(effect: Effect, intervals: bool = True) -> str:
@@ -112,61 +121,6 @@ def effect_brief(effect: Effect) -> str:
     )
     inside = ", ".join(parts)
     return effect.kind.replace("_", " ") + (f" ({inside})" if inside else "")
-
-
-def finding_brief(finding: Finding) -> str:
-    """Return a finding as a phrase: its leading effect over all axes, and what belongs to it.
-
-    >>> from allanscope.analysis.findings import findings_of
-    >>> def line(hz, dps):
-    ...     return Effect("sinusoid", {"frequency": Parameter(hz, hz, hz, "Hz"),
-    ...                                "amplitude": Parameter(dps, dps, dps, "dps")})
-    >>> effects = {"gx": [line(50.0, 0.02), line(100.0, 0.002)], "gy": [line(50.0, 0.003)]}
-    >>> finding_brief(findings_of(effects)[0])
-    'sinusoid (frequency 50.0 Hz, amplitude 3.00 ... 20.0 mdps), with harmonic 2'
-    """
-    lead = finding.members[0].effect
-    alike = [one.effect for one in finding.members if one.effect.kind == lead.kind]
-    if finding.harmonics:
-        base = lead.parameters["frequency"].value
-        assert not isinstance(base, str)
-        limit = 1.5 * base
-        alike = [e for e in alike if float(e.parameters["frequency"].value) < limit]
-    if lead.brief:
-        text = lead.brief
-    else:
-        parts = (f"{n.replace('_', ' ')} {_range_text(n, alike)}" for n in lead.parameters)
-        inside = ", ".join(parts)
-        text = lead.kind.replace("_", " ") + (f" ({inside})" if inside else "")
-    others = dict.fromkeys(
-        one.effect.kind.replace("_", " ") for one in finding.members if one.effect.kind != lead.kind
-    )
-    belongs = list(others)
-    if finding.harmonics:
-        plural = "s" if len(finding.harmonics) > 1 else ""
-        belongs.append(f"harmonic{plural} {' '.join(map(str, finding.harmonics))}")
-    return f"{text}, with {' and '.join(belongs)}" if belongs else text
-
-
-def _range_text(name: str, effects: Sequence[Effect]) -> str:
-    """Return what a parameter is on all axes: one value, or the least and the largest of a unit."""
-    by_unit: dict[str, list[Parameter]] = {}
-    for effect in effects:
-        if name in effect.parameters:
-            one = effect.parameters[name]
-            by_unit.setdefault(one.unit, []).append(Parameter(one.value, unit=one.unit))
-    texts = []
-    for known in by_unit.values():
-        if any(isinstance(one.value, str) for one in known):
-            texts.append(" ".join(dict.fromkeys(str(one.value) for one in known)))
-            continue
-        ends = sorted(known, key=lambda one: float(one.value))
-        low, high = (parameter_text(one, intervals=False) for one in (ends[0], ends[-1]))
-        first, _, unit = low.rpartition(" ")
-        texts.append(
-            high if low == high else f"{first if high.endswith(f' {unit}') else low} ... {high}"
-        )
-    return " and ".join(texts)
 
 
 def rate_text(known: Rate) -> str:
@@ -249,6 +203,24 @@ def losses_text(analysis: Analysis) -> str:
         plural = "s" if analysis.unknown_losses > 1 else ""
         parts.append(f"{analysis.unknown_losses} gap{plural} of unknown length")
     return " + ".join(parts) or "none"
+
+
+def losses_phrase(analysis: Analysis) -> str:
+    """Return what is missing, as it is said beside the number of samples."""
+    lost = losses_text(analysis)
+    if lost == "none":
+        return "no samples lost"
+    return f"{lost} samples lost" if not analysis.unknown_losses else f"lost: {lost}"
+
+
+def gaps_text(segments: int) -> str:
+    """Return how many gaps there are between segments.
+
+    >>> gaps_text(1), gaps_text(2), gaps_text(4)
+    ('no gaps', '1 gap', '3 gaps')
+    """
+    gaps = max(segments - 1, 0)
+    return f"{gaps or 'no'} gap{'s' * (gaps != 1)}"
 
 
 def not_measured(origin: Origin) -> tuple[str, str] | None:

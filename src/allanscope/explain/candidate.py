@@ -183,7 +183,7 @@ def _words(candidate: Candidate) -> str:
         )
     if candidate.held_out is not None:
         words += (
-            f"; {candidate.held_out.nats:.1f} +- {candidate.held_out.error:.1f} nats on data "
-            "that was not used to fit"
+            f"; held-out log-likelihood gain {candidate.held_out.nats:.1f} +- "
+            f"{candidate.held_out.error:.1f}"
         )
     return words

@@ -218,9 +218,10 @@ def _leave(final: Analysis, folder: Path, recorded: bool, terminal: TerminalView
         with suppress(UsageError):  # once more, with what has just failed
             write_json(final, written.places["result.json"] / "result.json")
     here = [name for name, place in written.places.items() if place == folder]
-    kept = [*(["session.mcap"] if recorded else []), "session.rrd", *here]
-    terminal.line(f"wrote {', '.join(kept)} in {folder}")
-    terminal.line(f"to see the charts again: allanscope open {folder}")
+    saved = [*reversed(here), *(["session.mcap"] if recorded else []), "session.rrd"]
+    beside = f"; beside it {', '.join(saved[1:])}" if saved[1:] else ""
+    terminal.line(f"Saved: {folder / saved[0]}{beside}")
+    terminal.line(f"To see the charts again: allanscope open {folder}")
     return final
 
 
@@ -292,7 +293,8 @@ def _run(
             if recorder is not None and folder is not None:
                 with suppress(InputError):
                     facts["sha256"] = Recording(folder).sha256()
-            terminal.line("measuring has ended; the result is worked out in full")
+            ended = "Recording stopped" if whole_s is None else "Replay finished"
+            terminal.line(f"{ended}; running the final analysis")
             final = session.result("full")
             terminal.snapshot(final)
             if folder is not None and final.samples:

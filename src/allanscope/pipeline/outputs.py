@@ -92,7 +92,7 @@ def write_results(analysis: Analysis, folder: Path) -> Written:
     """Write ``result.json`` and ``report.html`` into the folder of a session, each by itself.
 
     What the folder does not take goes to a new folder among the temporary ones. Drawing may fail
-    in ways that nobody has thought of; the numbers, which come first, are there by then.
+    with an internal error; the numbers, which come first, are there by then.
     """
     places: dict[str, Path] = {}
     failures: list[str] = []

@@ -1,4 +1,4 @@
-"""The coefficients of an axis as table cells: the fit, and what is read off the curve beside it."""
+"""The coefficients of an axis as table cells: the fit, and the values taken from the curve."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ class CoefficientRow:
     interval: str
     reading: str
     other: str
-    decision: str
+    status: str
+    wait: str
 
 
 def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
@@ -53,21 +54,23 @@ def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
         if one.detected:
             value = f"{interval(one.value * usual.factor, low, high).split(' (')[0]} {unit}"
             second = f"{number(one.value * other.factor)} {symbols(other.unit)}"
-            decision = "detected"
+            status = "detected"
         else:
             value = f"{limit(high)} {unit}"
             second = f"{limit(one.upper * other.factor)} {symbols(other.unit)}"
-            decision = "upper limit" if one.wait_s is None else f"known in {wait_text(one)}"
+            status = "upper limit"
         shown = f"{number(low)} … {number(high)}"
         read = reading_cell(axis.readings.get(name), name, axis.unit)
         rows.append(
-            CoefficientRow(name, COEFFICIENT_NAMES[name], value, shown, read, second, decision)
+            CoefficientRow(
+                name, COEFFICIENT_NAMES[name], value, shown, read, second, status, wait_text(one)
+            )
         )
     return rows
 
 
 def reading_cell(one: Reading | None, name: str, unit: str) -> str:
-    """Return what was read off the curve, and where; empty where there is nothing to read."""
+    """Return the value taken from the curve, and where; empty where there is none."""
     if one is None:
         return ""
     factor = COEFFICIENTS[unit, name][0].factor

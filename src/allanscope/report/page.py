@@ -10,7 +10,7 @@ from typing import Any
 
 import jinja2
 
-from allanscope.analysis import Analysis, AxisAnalysis, finding_brief, searched, verdict
+from allanscope.analysis import Analysis, AxisAnalysis, finding_phrase, searched, verdict
 from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, duration, symbols
 from allanscope.report import coefficient_words, words
 from allanscope.report.curve_pictures import deviation_picture, residual_picture
@@ -68,7 +68,7 @@ def render(analysis: Analysis, drawn: Mapping[str, Picture] | None = None) -> st
         subtitle=f"{duration(analysis.duration_s)}, {len(analysis.axes)} axes",
         verdict=verdict(analysis),
         conventions=words.conventions(analysis),
-        findings=[words.Fact(" ".join(one.axes), finding_brief(one)) for one in analysis.findings],
+        findings=[words.Fact(" ".join(one.axes), finding_phrase(one)) for one in analysis.findings],
         summary=_summary(shown),
         levels=[zero_g] if zero_g is not None else [],
         axes=[_axis(name, axis, svgs) for name, axis in shown.items()],

@@ -12,6 +12,7 @@ from allanscope.analysis import (
     Analysis,
     AxisAnalysis,
     Level,
+    gaps_text,
     losses_text,
     parameter_text,
     searched,
@@ -122,7 +123,7 @@ def _level(level: Level) -> str:
     reading = LEVEL[level.unit]
     text = f"{number(level.mean * reading.factor, 4)} {symbols(reading.unit)}"
     if level.stability is None:
-        return f"{text}; too short a run to tell how stable"
+        return f"{text}; the run is too short to tell how stable"
     moved = f"{number(level.stability * reading.factor)} {symbols(reading.unit)}"
     return f"{text}; means over tenths of the run differ by {moved} (one standard deviation)"
 
@@ -164,7 +165,7 @@ def search_rows(loop: AxisExplanation) -> list[SearchRow]:
             step.move,
             step.kind.replace("_", " "),
             step.description,
-            f"{step.gain:.1f}" if math.isfinite(step.gain) else "read off",
+            f"{step.gain:.1f}" if math.isfinite(step.gain) else "exact",
             f"{step.penalty:.1f}",
             step.outcome,
         )
@@ -177,16 +178,16 @@ def _evidence(effect: Effect) -> str:
     known = effect.evidence
     parts = [str(known["words"])] if known.get("words") else []
     if isinstance(known.get("p_value"), float):
-        parts.append(f"by chance with a probability of {_probability(known['p_value'])}")
+        parts.append(f"false-alarm probability {_probability(known['p_value'])}")
     if known.get("held_out_design"):
-        parts.append(f"held out: {known['held_out_design']}")
+        parts.append(f"held-out test: {known['held_out_design']}")
     match known.get("replicated"):
         case True:
-            parts.append("independent parts of the record show the same")
+            parts.append("seen in independent parts of the recording")
         case False:
-            parts.append("other parts of the record do not show it")
+            parts.append("not seen in other parts of the recording")
         case "not replicated":
-            parts.append("not replicated: this record cannot show it twice")
+            parts.append("seen once; confirm with a second recording")
         case None:
             pass
         case other:
@@ -204,21 +205,21 @@ def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
     gained = f"{number(explanation.held_out_nats)} ± {number(explanation.held_out_nats_se, 2)}"
     pairs: Iterable[tuple[str, float, float]] = (
         ("χ² per degree of freedom (full covariance)", before.chi2_per_dof, after.chi2_per_dof),
-        ("its probability", before.p_value, after.p_value),
-        ("rms of measured / model − 1 (%)", before.rms_percent, after.rms_percent),
+        ("p-value of χ²", before.p_value, after.p_value),
+        ("residual rms, measured / model − 1 (%)", before.rms_percent, after.rms_percent),
         (
-            "… that sampling alone leaves (%)",
+            "residual rms expected from sampling error (%)",
             before.expected_rms_percent,
             after.expected_rms_percent,
         ),
         (
-            "worst band of the spectrum (standard deviations)",
+            "worst spectral band (standard deviations)",
             before.worst_band_z,
             after.worst_band_z,
         ),
     )
     rows = [ErrorRow(name, number(one), number(two)) for name, one, two in pairs]
-    return [*rows, ErrorRow("held-out log-likelihood gained (nats)", "", gained)]
+    return [*rows, ErrorRow("held-out log-likelihood gain", "", gained)]
 
 
 def conclusion(explanation: AxisExplanation) -> list[str]:
@@ -226,9 +227,9 @@ def conclusion(explanation: AxisExplanation) -> list[str]:
     if not searched(explanation):
         return [f"Not searched: {remark}." for remark in explanation.remarks]
     last = (
-        "What is left is what sampling error leaves."
+        "The residual is consistent with sampling error."
         if explanation.explained
-        else "Something is left that no effect explains."
+        else "The residual is not consistent with sampling error: partly unexplained."
     )
     return [last, *(f"{remark[:1].upper()}{remark[1:]}." for remark in explanation.remarks)]
 
@@ -249,7 +250,7 @@ def quality(analysis: Analysis) -> list[Fact]:
     link = analysis.link
     facts = [
         Fact("duration", duration(analysis.duration_s)),
-        Fact("samples", f"{count(analysis.samples)} on each axis, {_segments(analysis)}"),
+        Fact("samples", f"{count(analysis.samples)} per axis, {gaps_text(analysis.segments)}"),
         Fact("lost samples", losses_text(analysis)),
         Fact("rate", rate_text),
         *(Fact(one.kind.replace("_", " "), effect_words(one).words) for one in analysis.effects),
@@ -271,11 +272,6 @@ def quality(analysis: Analysis) -> list[Fact]:
             )
         )
     return facts
-
-
-def _segments(analysis: Analysis) -> str:
-    one = analysis.segments == 1
-    return "in one piece" if one else f"in {analysis.segments} pieces without a hole"
 
 
 def provenance(analysis: Analysis, command: str) -> list[Fact]:

@@ -13,7 +13,8 @@ from allanscope.analysis import (
     coefficient_unit,
     density_verdict,
     effect_text,
-    finding_brief,
+    finding_phrase,
+    gaps_text,
     losses_text,
     rate_text,
     verdict,
@@ -47,8 +48,8 @@ __all__ = [
 ]
 
 _KEY = (
-    "*Line: measured. Hatch: 95 % interval. Dashed end: not trusted. Broad line: the model; dashed "
-    "letters: its parts. Grey: what the datasheet promises.*"
+    "*Line: measured. Hatch: 95 % interval. Dashed end: too few terms. Broad line: model; dashed, "
+    "with letters: its components. Grey: datasheet.*"
 )
 _BEHIND = 7
 
@@ -60,7 +61,7 @@ def verdict_text(analysis: Analysis) -> str:
         f"*{markdown(line.head)}:* {markdown(line.text)}" for line in known.lines[:_BEHIND]
     )
     more = len(known.lines) - _BEHIND
-    tail = f" · *{more} more among the findings*" if more > 0 else ""
+    tail = f" · *{more} more: see the findings*" if more > 0 else ""
     return f"**{markdown(known.title)}.** {behind}{tail}"
 
 
@@ -93,12 +94,12 @@ def axis_table(name: str, axis: AxisAnalysis) -> str:
                 wait_text(coefficient),
             )
         )
-    head = ("coefficient", "value (95 %)", "that is", "wait")
+    head = ("coefficient", "value (95 %)", "other units", "to ±20 % in about")
     parts = [f"### {name}", _table(head, rows) if rows else "*no fit yet*"]
     parts += [f"- {line}" for line in (*_facts(axis), *map(markdown, axis.remarks))]
     if axis.explanation is not None:
         parts += [
-            f"- found {_mark(effect_text(effect))}" for effect in axis.explanation.own_effects
+            f"- found: {_mark(effect_text(effect))}" for effect in axis.explanation.own_effects
         ]
         parts += [f"- {markdown(remark)}" for remark in axis.explanation.remarks]
     return "\n\n".join([*parts[:2], "\n".join(parts[2:]), _KEY])
@@ -112,13 +113,13 @@ def findings_table(analysis: Analysis) -> str:
         if len(finding.members) == 1:
             lines.append(f"- **{first.axis}** {_mark(effect_text(first.effect))}")
         else:
-            lines.append(f"- **{' '.join(finding.axes)}** {markdown(finding_brief(finding))}")
+            lines.append(f"- **{' '.join(finding.axes)}** {markdown(finding_phrase(finding))}")
             lines += [
                 f"    - **{one.axis}** {_mark(effect_text(one.effect))}" for one in finding.members
             ]
         if words := first.effect.evidence.get("words"):
             lines.append(f"    - {markdown(words)}")
-    found = "\n".join(lines) or "*nothing found beyond the textbook noise*"
+    found = "\n".join(lines) or "*no effects found beyond the noise model*"
     remarks = "\n".join(f"- {markdown(remark)}" for remark in _remarks(analysis))
     return f"{found}\n\n### Remarks\n\n{remarks}" if remarks else found
 
@@ -134,12 +135,12 @@ def loop_table(analysis: Analysis, unit: str) -> str:
         "axis",
         "χ² per dof",
         "p",
-        "rms, % (by sampling alone)",
+        "rms, % (expected)",
         "worst band, z",
-        "held-out gain, nats",
+        "held-out log-likelihood gain",
         "",
     )
-    return _table(head, rows) if rows else "*the loop has not run yet*"
+    return _table(head, rows) if rows else "*not searched yet*"
 
 
 def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
@@ -149,7 +150,7 @@ def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
         ("device", markdown(analysis.input.get("name", ""))),
         ("part", markdown(analysis.part or "unknown")),
         ("duration", duration(analysis.duration_s)),
-        ("samples", f"{count(analysis.samples)} in {analysis.segments} stretches"),
+        ("samples", f"{count(analysis.samples)}, {gaps_text(analysis.segments)}"),
         ("lost samples", losses_text(analysis)),
         ("rate", f"{rate_text(analysis.rate)} (nominal {analysis.rate.nominal_hz:g} Hz)"),
         ("received", f"{size(link.bytes)} in {count(link.frames)} frames"),
@@ -184,7 +185,7 @@ def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis]) -> str:
     head = [
         "axis",
         *(f"{letter}, {coefficient_unit(unit, letter)}" for letter in MAIN_LETTERS),
-        f"least deviation, {symbols(DEVIATION[unit].unit)}",
+        f"minimum deviation, {symbols(DEVIATION[unit].unit)}",
         "datasheet",
     ]
     rows = []
@@ -199,13 +200,12 @@ def _facts(axis: AxisAnalysis) -> Iterable[str]:
         level = LEVEL[axis.unit]
         text = f"level {number(axis.level.mean * level.factor)} {symbols(level.unit)}"
         if axis.level.stability is not None:
-            text += (
-                f", tenths of the run differ by {number(axis.level.stability * level.factor, 2)}"
-            )
+            moved = number(axis.level.stability * level.factor, 2)
+            text += f", standard deviation over tenths of the run {moved}"
         yield text
     if axis.best_averaging is not None:
         yield (
-            f"least deviation {best_text(axis)} "
+            f"minimum deviation {best_text(axis)} "
             f"({count(axis.best_averaging.samples)} samples averaged), "
             f"the minimum {between(axis.best_averaging.tau_lower, axis.best_averaging.tau_upper)}"
         )
@@ -221,7 +221,7 @@ def _loop_row(explanation: AxisExplanation) -> Sequence[str]:
 
     sampling = number(after.expected_rms_percent)
     gain = f"{number(explanation.held_out_nats)} ± {number(explanation.held_out_nats_se, 2)}"
-    verdict = "explained" if explanation.explained else "**not all explained**"
+    verdict = "explained" if explanation.explained else "**partly unexplained**"
     return (
         pair("chi2_per_dof"),
         pair("p_value"),

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from allanscope.analysis import (
     ASSUMED,
+    KEEP_RECORDING,
     Analysis,
     AxisAnalysis,
     VerdictLine,
@@ -24,12 +25,11 @@ from allanscope.analysis import (
     coefficient_text,
     coefficient_unit,
     density_verdict,
-    losses_text,
+    losses_phrase,
     not_measured,
     rate_text,
     searched,
     verdict,
-    wait_text,
 )
 from allanscope.quantities import (
     COEFFICIENTS,
@@ -99,7 +99,11 @@ class Screen:
         assumed = [line for line in known.lines if line.head == ASSUMED]
         guesses = _reasons(assumed, max(1, room // 2), options.max_width) if assumed else []
         room = max(3, room - sum(1 + (text.cell_len > options.max_width) for text in guesses))
-        reasons = [line for line in known.lines if line.head != ASSUMED]
+        # However small the screen: for how much longer is the question while it runs.
+        keep = [line for line in known.lines if line.head == KEEP_RECORDING]
+        reasons = keep + [
+            line for line in known.lines if line.head not in (ASSUMED, KEEP_RECORDING)
+        ]
         top: list[Text | Table] = [self._header(), self._run(), title, *guesses, self._as_of()]
         yield Group(*top, self._axes(wide), Text(), *_reasons(reasons, room, options.max_width))
         if self._keys:
@@ -123,7 +127,7 @@ class Screen:
         line = Text(no_wrap=True, overflow="ellipsis")
         line.append(f"{rate_text(known.rate)}   {count(self._recorded[1])} samples   ")
         lost = known.lost_samples or known.unknown_losses
-        line.append(f"lost {losses_text(known)}", style="bold" if lost else "")
+        line.append(losses_phrase(known), style="bold" if lost else "")
         if known.reconnects:
             line.append(f"   {known.reconnects} reconnection{'s' * (known.reconnects > 1)}")
         if known.temperature:
@@ -153,7 +157,7 @@ class Screen:
         cells = ["", *(f"{letter}  {coefficient_unit(unit, letter)}" for letter in MAIN_LETTERS)]
         if wide:
             deviation = symbols(DEVIATION[unit].unit)
-            cells += [f"least deviation, {deviation}", "datasheet", "residual, rms"]
+            cells += [f"min. deviation, {deviation}", "datasheet", "residual, rms"]
         return [Text(cell, style="dim") for cell in cells]
 
     def _row(self, name: str, axis: AxisAnalysis, wide: bool) -> list[Text]:
@@ -168,9 +172,7 @@ class Screen:
         if known is None:
             return Text("-", style="dim")
         if not known.detected:
-            wait = wait_text(known)
-            text = coefficient_text(axis.unit, letter, known)
-            return Text(f"{text}, in {wait}" if wait else text, style="dim")
+            return Text(coefficient_text(axis.unit, letter, known), style="dim")
         arrow = _ARROWS[self._trends.direction(self._analysis, name, letter)]
         if wide:
             return Text(f"{coefficient_text(axis.unit, letter, known)} {arrow}")
@@ -184,11 +186,11 @@ def _reasons(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
     left = room
     for number_of, line in enumerate(lines):
         text = Text(one_line(line.head), style=_style(GRADE[line.grade]))
-        text.append(f"  {one_line(line.text)}", style="not bold default")
+        text.append(f": {one_line(line.text)}", style="not bold default")
         rows = 1 + (text.cell_len > width)
         still = len(lines) - number_of
         if rows > left - (still > 1):
-            texts.append(Text(f"and {still} more, see the report"))
+            texts.append(Text(f"and {still} more lines: see the report"))
             break
         text.truncate(2 * width - _FOLD_LOSS, overflow="ellipsis")
         texts.append(text)
@@ -202,8 +204,8 @@ def _residual(axis: AxisAnalysis) -> str:
     if not searched(axis.explanation):
         return "not searched, see below"
     after = axis.explanation.after
-    text = f"{number(after.rms_percent, 2)} % (sampling {number(after.expected_rms_percent, 2)} %)"
-    return text if axis.explanation.explained else f"{text}, not explained"
+    text = f"{number(after.rms_percent, 2)} % (expected {number(after.expected_rms_percent, 2)} %)"
+    return text if axis.explanation.explained else f"{text}, partly unexplained"
 
 
 def _style(colour: Colour) -> str:
@@ -215,7 +217,7 @@ def status_line(analysis: Analysis) -> str:
     parts = [
         rate_text(analysis.rate),
         f"{count(analysis.samples)} samples",
-        f"lost {losses_text(analysis)}",
+        losses_phrase(analysis),
     ]
     if analysis.temperature:
         parts.append(f"{analysis.temperature['last']:.1f} °C")

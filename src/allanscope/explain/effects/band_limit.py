@@ -87,7 +87,7 @@ class BandLimit(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        return f"the top of the band is cut above {self.cutoff.value:.3g} Hz"
+        return f"a low-pass with a cutoff of {self.cutoff.value:.3g} Hz"
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:

@@ -70,8 +70,8 @@ class CrossCoupling(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        leak = f"{self.source.value} leaks in with {self.slope.value:.3g} {self.slope.unit}"
-        return leak + (", or the other way round: the record cannot tell" if self.is_open else "")
+        leak = f"{self.source.value} couples in with {self.slope.value:.3g} {self.slope.unit}"
+        return leak + ("; the direction cannot be told from this recording" if self.is_open else "")
 
     @property
     def is_open(self) -> bool:

@@ -64,8 +64,8 @@ class Excursion(SizedSignal):
     def words(self) -> str:
         """What it is, in a phrase."""
         return (
-            f"the level leaves by {self.size.value:.3g} {self.size.unit} at {self.time.value:.0f} s"
-            f" and comes back after {self.duration.value:.0f} s"
+            f"the level shifts by {self.size.value:.3g} {self.size.unit} at {self.time.value:.0f} s"
+            f" and returns after {self.duration.value:.0f} s"
         )
 
     def is_same(self, other: Self, grid: Grid) -> bool:

@@ -60,7 +60,7 @@ class GaussMarkov(EffectKind):
     def words(self) -> str:
         """What it is, in a phrase."""
         tc = self.correlation_time.value
-        return f"noise that forgets itself after {tc:.3g} s explains what N, B and K cannot"
+        return f"correlated noise with a correlation time of {tc:.3g} s, beside N, B and K"
 
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Tell whether another process is the same hypothesis."""

@@ -56,8 +56,8 @@ class Outliers(EffectKind):
     def words(self) -> str:
         """What it is, in a phrase."""
         return (
-            f"{self.count.value:.0f} isolated samples, up to {self.largest_deviations:.1f} "
-            "deviations away"
+            f"{self.count.value:.0f} isolated outliers, up to {self.largest_deviations:.1f} "
+            "standard deviations from the mean"
         )
 
     @classmethod

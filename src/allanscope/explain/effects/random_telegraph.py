@@ -87,7 +87,7 @@ class RandomTelegraph(EffectKind):
     def words(self) -> str:
         """What it is, in a phrase."""
         apart = f"{2 * self.amplitude.value:.3g} {self.amplitude.unit}"
-        return f"the level hops between two values {apart} apart"
+        return f"the level switches between two values {apart} apart"
 
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Tell whether other hops are the same hypothesis."""

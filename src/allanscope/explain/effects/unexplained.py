@@ -442,7 +442,7 @@ def drift_left_over(view: View) -> Candidate | None:
         return None
     x = np.linspace(-1, 1, view.grid.n)
     drift = np.polynomial.legendre.legval(x, [0.0, *fit.amplitude])
-    words = "a drift slower than {:.0f} s is neither exponential nor straight nor thermal"
+    words = "a drift slower than {:.0f} s that is not exponential, linear or thermal"
     return _drift(view, drift, fit.gain, words)
 
 
@@ -487,7 +487,7 @@ def _piles(view: View) -> list[Candidate]:
     most = max(inside, key=lambda pile: pile.share)
     words = (
         f"{100 * most.share:.2g} % of the samples are {most.value:.4g} {view.unit}, far more than "
-        "of the values beside it: a dead zone, or a value that stands for another"
+        "at the values beside it: a dead zone or a replaced code"
     )
     return [_distribution(view, most.share, math.inf, words, values=len(inside))]
 
@@ -508,13 +508,13 @@ def _tails(view: View) -> list[Candidate]:
     skewness, uncertain = excess_skewness(view)
     if abs(skewness) > _TAIL_Z * uncertain and abs(skewness) / uncertain > abs(kurtosis) / error:
         side = "upper" if skewness < 0 else "lower"
-        words = f"the samples are lopsided, cut short on the {side} side (skewness {skewness:.2g})"
+        words = f"a skewed distribution, cut short on the {side} side (skewness {skewness:.2g})"
         gain = (skewness / uncertain) ** 2 / 2
         return [_distribution(view, abs(skewness) / 2, gain, words, skewness=skewness)]
     if abs(kurtosis + 1.2 * rounding**2) < _TAIL_Z * error:
         return []
     tails = "heavier" if kurtosis > 0 else "lighter"
-    words = f"the samples have {tails} tails than a Gaussian (excess kurtosis {kurtosis:.2g})"
+    words = f"{tails} tails than a Gaussian (excess kurtosis {kurtosis:.2g})"
     share = abs(kurtosis) / (3 + kurtosis)
     gain = (kurtosis / error) ** 2 / 2
     return [_distribution(view, share, gain, words, excess_kurtosis=kurtosis)]

@@ -1,0 +1,214 @@
+"""A finding in a few words: ``line at 12.43 Hz, 0.35 mg``, ``steps and excursions at 45 to 55 s``.
+
+A disturbance that was named is described by what kind it is, where it is and how large; one without
+a name in the words in which it was found.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+
+from allanscope.analysis.findings import NAMELESS, Finding, event_times
+from allanscope.explain import Effect, Parameter
+from allanscope.quantities import DEVIATION, LEVEL, duration, measured, number, symbols
+
+__all__ = ["KIND_NAMES", "PHRASES", "finding_phrase", "finding_sentence"]
+
+PHRASES = {
+    "band_limit": "low-pass at {cutoff}",
+    "cross_coupling": "cross-coupling from {source}, {slope}",
+    "drifting_line": "drifting line around {frequency}, {sigma} rms",
+    "excursion": "excursion at {event}, {size}",
+    "gauss_markov": "correlated noise, {sigma} rms, correlation time {correlation_time}",
+    "narrowband": "narrow-band noise around {frequency}, {sigma} rms",
+    "outliers": "isolated outliers ({count})",
+    "quantization": "coarse quantization, step {step}",
+    "random_telegraph": "random telegraph signal, ±{amplitude}, mean dwell time {dwell}",
+    "repeated_samples": "{fraction} of the samples repeated",
+    "saturation": "saturation at {level}, {fraction} of the samples",
+    "scale_drift": "noise level changing by {relative} over the recording",
+    "sinusoid": "line at {frequency}, {amplitude}",
+    "step": "step at {event}, {size}",
+    "temperature": "temperature dependence, {slope}",
+    "variance_change": "noise level changed at {event}, by a factor of {ratio}",
+    "warm_up": "warm-up, {amplitude}, time constant {time_constant}",
+}
+"""What is said of each kind; ``event`` is when it begins and ends."""
+
+KIND_NAMES = {
+    "band_limit": "low-pass",
+    "gauss_markov": "correlated noise",
+    "narrowband": "narrow-band noise",
+    "sinusoid": "line",
+    "unexplained": "unexplained power",
+    "variance_change": "noise level change",
+    "warm_up": "warm-up",
+}
+"""Names of kinds whose word in a result, without its underscores, is not what people call it."""
+
+_EVENTS = frozenset({"step", "excursion", "variance_change"})
+_SHARES = frozenset({"fraction", "relative"})
+_FIELD = re.compile(r"\{(\w+)\}")
+_LARGE = 100.0
+"""Micro-g from which milli-g are read more easily."""
+
+
+def finding_sentence(finding: Finding, axes: Sequence[str]) -> str:
+    """Return a finding with the axes on which it was seen; `axes` are all that there are."""
+    phrase = finding_phrase(finding)
+    where = "all axes" if len(finding.axes) == len(axes) > 1 else " ".join(finding.axes)
+    return f"{phrase}{',' if ', ' in phrase else ''} on {where}"
+
+
+def finding_phrase(finding: Finding) -> str:
+    """Return a finding without its axes: its leading effect over all axes, and what belongs to it.
+
+    Examples
+    --------
+    >>> from allanscope.analysis.findings import findings_of
+    >>> def line(hz, dps):
+    ...     return Effect("sinusoid", {"frequency": Parameter(hz, hz, hz, "Hz"),
+    ...                                "amplitude": Parameter(dps, dps, dps, "dps")})
+    >>> effects = {"gx": [line(50.0, 0.02), line(100.0, 0.002)], "gy": [line(50.0, 0.003)]}
+    >>> finding_phrase(findings_of(effects)[0])
+    'line at 50 Hz, 3.0 to 20 mdps, with harmonic 2'
+    """
+    effects = [one.effect for one in finding.members]
+    lead = effects[0]
+    kinds = Counter(effect.kind for effect in effects)
+    is_repeated = lead.kind in _EVENTS and len(effects) > len(finding.axes)
+    if is_repeated or len(kinds.keys() & _EVENTS) > 1:
+        events = [_several(kind, n) for kind, n in kinds.items() if kind in _EVENTS]
+        text = f"{_listed(events)} at {_times(effects)}"
+        others = [kind for kind in kinds if kind not in _EVENTS]
+    else:
+        text = _phrase([one for one in effects if _is_alike(one, lead)])
+        others = [kind for kind in kinds if kind != lead.kind]
+    belongs = [_name(kind) for kind in others]
+    if finding.harmonics:
+        orders = _listed([str(order) for order in finding.harmonics])
+        belongs.append(f"harmonic{'s' * (len(finding.harmonics) > 1)} {orders}")
+    return f"{text}, with {_listed(belongs)}" if belongs else text
+
+
+def _phrase(effects: Sequence[Effect]) -> str:
+    """Return what is said of effects of one kind on several axes, the leading one first."""
+    lead = effects[0]
+    if lead.kind == NAMELESS:
+        return _own_words(lead)
+    template = PHRASES.get(lead.kind)
+    if template is None or not all(_is_known(name, lead) for name in _FIELD.findall(template)):
+        return lead.brief or _name(lead.kind)
+    return _FIELD.sub(lambda field: _filled(field[1], effects), template)
+
+
+def _own_words(effect: Effect) -> str:
+    """Return the words in which something without a name was found, without their figures."""
+    words = str(effect.evidence.get("words", "")).partition(";")[0]
+    if words:
+        return symbols(re.sub(r" \([^()]*\)$", "", words))
+    ends = [effect.parameters.get(f"frequency_{end}") for end in ("low", "high")]
+    low, high = (one and _frequency(one) for one in ends)
+    return f"unexplained power between {_span(low, high, ' and ')}" if low and high else NAMELESS
+
+
+def _is_alike(effect: Effect, lead: Effect) -> bool:
+    """Tell whether an effect is of the leading one's kind, and not a harmonic of it."""
+    if effect.kind != lead.kind:
+        return False
+    own, base = (one.parameters.get("frequency") for one in (effect, lead))
+    return own is None or base is None or float(own.value) < 1.5 * float(base.value)
+
+
+def _is_known(name: str, effect: Effect) -> bool:
+    return bool(event_times(effect)) if name == "event" else name in effect.parameters
+
+
+def _filled(name: str, effects: Sequence[Effect]) -> str:
+    """Return what stands for a field: one value, or the least and the largest of each unit."""
+    if name == "event":
+        return _times(effects)
+    known = [effect.parameters[name] for effect in effects if name in effect.parameters]
+    if name == "frequency":
+        # They agree within their intervals: that is why they are one finding.
+        return _frequency(known[0], most=3 if "bandwidth" in effects[0].parameters else 4)
+    if any(isinstance(one.value, str) for one in known):
+        return _listed(list(dict.fromkeys(str(one.value) for one in known)))
+    texts = []
+    for unit in dict.fromkeys(one.unit for one in known):
+        here = sorted((one for one in known if one.unit == unit), key=_size)
+        texts.append(_span(_plain(name, here[0]), _plain(name, here[-1])))
+    return _listed(texts)
+
+
+def _size(parameter: Parameter) -> float:
+    return float(parameter.value)
+
+
+def _plain(name: str, parameter: Parameter) -> str:
+    """Return one number as people say it: in two digits."""
+    value = float(parameter.value)
+    if name in _SHARES:
+        return f"{number(100.0 * value, 2)} %"
+    if parameter.unit == "s":
+        return duration(value)
+    if parameter.unit in DEVIATION:
+        scale = DEVIATION[parameter.unit]
+        if parameter.unit == "g" and abs(value * scale.factor) >= _LARGE:
+            scale = LEVEL["g"]
+        return f"{number(value * scale.factor, 2)} {symbols(scale.unit)}"
+    if parameter.unit in ("", "Hz"):
+        return f"{number(value, 2)} {parameter.unit}".rstrip()
+    return symbols(measured(value, unit=parameter.unit))
+
+
+def _frequency(parameter: Parameter, most: int = 4) -> str:
+    """Return a frequency in the digits that its interval deserves."""
+    value = float(parameter.value)
+    low, high = parameter.lower, parameter.upper
+    digits = min(3, most)
+    if low is not None and high is not None and value > 0:
+        digits = most
+        while digits > 2 and 0.5 * (high - low) > value * 10.0 ** (1 - digits):
+            digits -= 1
+    text = number(value, digits)
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return f"{text} {parameter.unit}"
+
+
+def _times(effects: Sequence[Effect]) -> str:
+    times = [time for effect in effects for time in event_times(effect)]
+    return _span(duration(min(times)), duration(max(times)))
+
+
+def _span(low: str, high: str, between: str = " to ") -> str:
+    """Return two quantities as a range, with the unit once where it is the same.
+
+    >>> _span("45 s", "55 s"), _span("1 min 10 s", "2 min 10 s"), _span("20 mdps", "20 mdps")
+    ('45 to 55 s', '1 min 10 s to 2 min 10 s', '20 mdps')
+    """
+    if low == high:
+        return low
+    (first, _, unit), (last, _, other) = low.partition(" "), high.partition(" ")
+    if unit == other and " " not in unit:
+        return f"{first}{between}{last} {unit}".rstrip()
+    return f"{low}{between}{high}"
+
+
+def _name(kind: str) -> str:
+    return KIND_NAMES.get(kind, kind.replace("_", " "))
+
+
+def _several(kind: str, count: int) -> str:
+    return f"{_name(kind)}{'s' * (count > 1)}"
+
+
+def _listed(texts: Sequence[str]) -> str:
+    """Return texts as a list in a sentence.
+
+    >>> _listed(["2", "3", "5"])
+    '2, 3 and 5'
+    """
+    return " and ".join(filter(None, (", ".join(texts[:-1]), *texts[-1:])))

@@ -342,7 +342,7 @@ def _name_outputs(options: Namespace, *names: str | None) -> None:
     stream = sys.stderr if getattr(options, "json", None) == "-" else sys.stdout
     for name in names:
         if name and not options.quiet and (Path(name).is_file() or Path(name).is_dir()):
-            print(f"wrote {name}", file=stream)
+            print(f"Saved: {name}", file=stream)
 
 
 def _print_json(analysis: Analysis, wanted: bool) -> None:

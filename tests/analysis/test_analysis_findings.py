@@ -161,6 +161,8 @@ def test_the_verdict_names_the_three_largest_and_counts_the_rest():
     assert (after.head, after.text) == ("And 2 more", "see the report")
     page = render(replace(known, record=None))
     assert "Findings: 5, named effects first" in page
+    assert "see the findings below" in page
+    assert "1 axis" in page
     assert findings_table(known).count("sinusoid") >= 5
 
 

@@ -83,7 +83,7 @@ def test_a_result_on_standard_output_stays_alone(recording, tmp_path, capsys):
     said = capsys.readouterr()
     assert said.out.startswith("{")
     assert said.out.rstrip().endswith("}")
-    assert f"wrote {page}" in said.err
+    assert f"Saved: {page}" in said.err
 
 
 def test_a_replay_names_its_files_and_how_to_see_the_charts_again(recording, tmp_path, capsys):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from allanscope.analysis import AxisAnalysis, Level
+from allanscope.analysis import AxisAnalysis, Level, effect_text
 from allanscope.analysis.datasheet import compare
 from allanscope.explain import Effect, Parameter
 from allanscope.noise import Coefficient
@@ -134,3 +134,14 @@ def test_a_command_that_is_known_replaces_the_plain_one(analysis):
     given = facts(words.provenance(analysis, "allanscope analyse x --rate 104"))
     assert given["to reproduce"] == "allanscope analyse x --rate 104"
     assert "to reproduce" not in facts(words.provenance(analysis, ""))
+
+
+def test_what_has_no_name_is_told_in_its_own_words_alone():
+    """Its parameters are where it was looked for, which no one can read."""
+    band = {"frequency_low": Parameter(0.0, unit="Hz"), "share": Parameter(0.0423)}
+    said = "lighter tails than a Gaussian (excess kurtosis -0.12)"
+    effect = Effect("unexplained", band, evidence={"words": said})
+    found = words.effect_words(effect)
+    assert (found.kind, found.parameters, found.words) == ("unexplained", "", said)
+    assert effect_text(effect) == f"unexplained: {said}"
+    assert "share" in words.effect_words(Effect("unexplained", band)).parameters

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         loop_input,
     )
     from allanscope.analysis.finding_phrases import finding_phrase
-    from allanscope.analysis.findings import Finding, findings_of
+    from allanscope.analysis.findings import NAMELESS, Finding, findings_of
     from allanscope.analysis.result import (
         SCHEMA,
         Analysis,
@@ -70,6 +70,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ASSUMED",
     "KEEP_RECORDING",
+    "NAMELESS",
     "SCHEMA",
     "Analyser",
     "AnalyserSettings",
@@ -126,6 +127,7 @@ __getattr__, __dir__ = lazily(
         "Level": "result",
         "LoopInput": "analyser",
         "ModelCurve": "result",
+        "NAMELESS": "findings",
         "Rate": "result",
         "Reading": "result",
         "SCHEMA": "result",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from allanscope.analysis.findings import NAMELESS
 from allanscope.analysis.result import Analysis, AxisAnalysis, Rate
 from allanscope.explain import Effect, Parameter
 from allanscope.noise import Coefficient
@@ -97,6 +98,8 @@ def effect_text(effect: Effect, intervals: bool = True) -> str:
     >>> effect_text(Effect("sinusoid", {"frequency": Parameter(50.02, 50.0, 50.04, "Hz")}))
     'sinusoid: frequency 50.020 (50.000 ... 50.040) Hz'
     """
+    if effect.kind == NAMELESS and effect.evidence.get("words"):
+        return symbols(f"{NAMELESS}: {effect.evidence['words']}")
     parameters = ", ".join(
         f"{name.replace('_', ' ')} {parameter_text(value, intervals)}"
         for name, value in effect.parameters.items()

@@ -63,9 +63,10 @@ def render(analysis: Analysis, drawn: Mapping[str, Picture] | None = None) -> st
     svgs = {k: one.svg() for k, one in (drawn or pictures(analysis)).items()}
     name = analysis.input.get("name", "session")
     zero_g = words.zero_g(analysis)
+    axes = len(analysis.axes)
     return template("page.html.j2").render(
         title=f"Noise of {analysis.part or 'a sensor'}: {name}",
-        subtitle=f"{duration(analysis.duration_s)}, {len(analysis.axes)} axes",
+        subtitle=f"{duration(analysis.duration_s)}, {axes} {'axis' if axes == 1 else 'axes'}",
         verdict=verdict(analysis),
         conventions=words.conventions(analysis),
         findings=[words.Fact(" ".join(one.axes), finding_phrase(one)) for one in analysis.findings],

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 
 from allanscope.analysis import (
+    NAMELESS,
     Analysis,
     AxisAnalysis,
     Level,
@@ -148,8 +149,10 @@ def zero_g(analysis: Analysis) -> Fact | None:
 
 def effect_words(effect: Effect) -> EffectWords:
     """Return one effect in words, with what convinced."""
+    # What has no name says in its own words where it is; its parameters say less.
+    shown = {} if effect.kind == NAMELESS and effect.evidence.get("words") else effect.parameters
     parameters = ", ".join(
-        f"{name.replace('_', ' ')} {parameter_text(one)}" for name, one in effect.parameters.items()
+        f"{name.replace('_', ' ')} {parameter_text(one)}" for name, one in shown.items()
     )
     kind = effect.kind.replace("_", " ")
     if len(effect.axes) > 1:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from allanscope.analysis import (
+    NAMELESS,
     Analysis,
     AxisAnalysis,
     as_of_text,
@@ -117,7 +118,8 @@ def findings_table(analysis: Analysis) -> str:
             lines += [
                 f"    - **{one.axis}** {_mark(effect_text(one.effect))}" for one in finding.members
             ]
-        if words := first.effect.evidence.get("words"):
+        words = first.effect.evidence.get("words")
+        if words and first.effect.kind != NAMELESS:
             lines.append(f"    - {markdown(words)}")
     found = "\n".join(lines) or "*no effects found beyond the noise model*"
     remarks = "\n".join(f"- {markdown(remark)}" for remark in _remarks(analysis))

@@ -18,7 +18,7 @@ HEAD = """\
 
 This page is written by `python docs/commands.py` from the parser.
 
-Every command takes `--quiet` (say only results and errors) and `--debug` (show a traceback on an
+Every command takes `--quiet` (print only results and errors) and `--debug` (show a traceback on an
 error). `allanscope --version` prints the version, `allanscope COMMAND --help` what stands here.
 
 | exit code | meaning |

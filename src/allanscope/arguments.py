@@ -169,7 +169,7 @@ def nothing(one: ArgumentParser) -> None:
 
 
 def _device_arguments(one: ArgumentParser) -> None:
-    group = one.add_argument_group("what the stream does not say by itself")
+    group = one.add_argument_group("settings that the stream does not carry")
     group.add_argument("--part", default="", help="LSM6DS3H, LSM6DSL or LSM6DSM")
     group.add_argument("--rate", type=float, metavar="HZ", help="nominal sample rate")
     group.add_argument("--gyro-fs", type=float, metavar="DPS", help="gyro full scale")
@@ -178,8 +178,7 @@ def _device_arguments(one: ArgumentParser) -> None:
         "--wire",
         default="",
         metavar="FORMAT",
-        help="native, tmsg, tmsg-sensortile, datalog, datalog11 or text; "
-        "found by listening if not given",
+        help="native, tmsg, tmsg-sensortile, datalog, datalog11 or text; detected if not given",
     )
     group.add_argument(
         "--unit", action="append", default=[], type=_unit, metavar="gyro=dps", help="unit of text"
@@ -194,7 +193,7 @@ def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None
         action="append",
         default=[],
         metavar="KIND:param=value,...",
-        help="what it is to have that the model lacks, e.g. step:size=0.1,time=600,axis=gx; "
+        help="an effect to simulate, e.g. step:size=0.1,time=600,axis=gx; "
         "a wrong kind lists all, a kind alone what it takes",
     )
     group.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")

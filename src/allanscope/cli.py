@@ -251,7 +251,7 @@ def parser() -> ArgumentParser:
         )
         one.set_defaults(command=run)
         takes(one)
-        one.add_argument("--quiet", action="store_true", help="say only results and errors")
+        one.add_argument("--quiet", action="store_true", help="print only results and errors")
         one.add_argument("--debug", action="store_true", help="show a traceback on an error")
     return top
 

@@ -102,7 +102,7 @@ def test_the_verdicts_are_written_for_machines(log, tmp_path, capsys):
     assert verdicts["gx", "N"]["maximum"] == 2 * N
     walk = verdicts["gx", "K"]
     assert (walk["verdict"], walk["detected"]) == ("FAIL", False)
-    assert "not detected, and may be up to" in walk["reason"]
+    assert "not detected; the upper limit" in walk["reason"]
     assert any(line.startswith("gx K  < ") and "FAIL" in line for line in lines)
     code = main([*arguments, "--json", "-"])
     assert json.loads(capsys.readouterr().out) == document

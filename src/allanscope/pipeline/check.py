@@ -190,13 +190,11 @@ def _judged(analysis: Analysis, axis: str, name: str, bounds: dict[str, float]) 
     text = number(found.value) if found.detected else number(found.upper, 2)
     reason = ""
     if maximum is not None and (found.value if found.detected else found.upper) > maximum:
-        reason = f"{text} {found.unit} is more than {number(maximum)}"
+        reason = f"{text} {found.unit} exceeds {number(maximum)}"
         if not found.detected:
-            reason = (
-                f"not detected, and may be up to {text} {found.unit}, more than {number(maximum)}"
-            )
+            reason = f"not detected; the upper limit {text} {found.unit} exceeds {number(maximum)}"
     elif minimum and (found.value if found.detected else 0.0) < minimum:
-        reason = f"{text} {found.unit} is less than {number(minimum)}"
+        reason = f"{text} {found.unit} is below {number(minimum)}"
         if not found.detected:
             reason = (
                 f"not detected, below {text} {found.unit}; at least {number(minimum)} is asked for"

@@ -147,7 +147,7 @@ def open_stream(
         Nominal rate in Hz, full scales in dps and g: where the stream does not say, and of the
         simulated device.
     wire : str
-        Wire format; found by listening if not given.
+        Wire format; detected if not given.
     patience_s : float
         How long to wait for the first sample.
 

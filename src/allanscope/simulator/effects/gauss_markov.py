@@ -28,7 +28,7 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
 KIND = EffectKind(
     name="gauss_markov",
-    summary="noise that forgets with one time constant",
+    summary="exponentially correlated noise with one time constant",
     stage="signal",
     parameters={
         "sigma": Parameter("axis", "stationary standard deviation", above=0.0),

@@ -296,6 +296,21 @@ def drifting_line(b):
     )  # fmt: skip
 
 
+def shock(b):
+    def rings(size):
+        t = b.t - 300.0
+        decay = np.where(t > 0, np.exp(-np.clip(t, 0, None) / 0.4), 0.0)
+        return size * SIGMA * decay * np.sin(2 * np.pi * 6 * t + 1)
+
+    lone = np.zeros(len(b.t))
+    lone[[9000, 16000, 23000]] = 15 * SIGMA
+    return side_by_side(
+        b, rings(40), lone, rings(1.5),
+        truth={"time": (300.0, 1e-3), "peak": (36 * SIGMA, 0.15), "duration": (0.9, 0.5)},
+        confuser="outliers",
+    )  # fmt: skip
+
+
 def unexplained(b):
     def sweep(size):
         return size * SIGMA * np.sin(2 * np.pi * (4 * b.t + 0.5 * b.t**2 / b.t[-1]))
@@ -311,6 +326,7 @@ FOURS: dict[str, Callable[..., Four]] = {
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
         *(repeated_samples, clock_error, unexplained, saturation, scale_drift, drifting_line),
+        shock,
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

@@ -87,6 +87,16 @@ def test_a_drifting_line_has_its_rms_amplitude_and_stays_in_its_band():
     assert power.max() < 0.1 * power.sum()  # no one frequency has it all
 
 
+def test_a_shock_has_its_peak_and_is_over_after_its_duration():
+    n = 1 << 14
+    samples = record(SILENT, "shock:time=60,duration=2,peak=0.5", n)
+    t = time_s(n)
+    assert samples.max() == pytest.approx(0.5, rel=0.05)
+    assert samples.min() < -0.3  # it swings
+    assert not samples[t < 60].any()
+    assert np.abs(samples[t > 62]).max() < 0.1 * 0.5
+
+
 def test_band_limit_takes_three_db_at_its_cutoff_and_spares_what_is_added():
     truth = Truth({"gx": AxisTruth(N=0.05)}).with_effects(["sinusoid:frequency=40,amplitude=3"])
     n = 1 << 18

@@ -34,7 +34,7 @@ _FAST = (
     "unexplained",
 )
 _SLOW = (
-    *("gauss_markov", "random_telegraph", "step", "excursion", "warm_up", "temperature"),
+    *("gauss_markov", "random_telegraph", "shock", "step", "excursion", "warm_up", "temperature"),
     *("cross_coupling", "scale_drift", "variance_change", "outliers", "sinusoid", "narrowband"),
     "drifting_line",
     "unexplained",

@@ -49,7 +49,8 @@ within a range that holds a tone."""
 _LEAST = 30.0
 """Excess of a cluster over the noise, in ordinates of noise."""
 _BRIDGED = 100
-"""Ordinates between two loud ones of one line: the sidebands of what is modulated."""
+"""Ordinates between two loud ones of one line, the sidebands of what is modulated; never more than
+a fiftieth of its frequency."""
 _BESIDE, _CLEARLY, _ABOVE = 3, 4.0, 10.0
 """Widths of a cluster that are looked at on each side; standard errors of their median that are
 nothing; factor by which the power of a line exceeds theirs."""
@@ -156,7 +157,7 @@ def clusters(view: View, low: float, high: float) -> list[Cluster]:
         if found:
             last = found[-1]
             width = last.stop - last.first
-            if k < last.stop + max(_BRIDGED, width // 2):
+            if k < last.stop + max(min(_BRIDGED, (first + k) // 50), width // 2):
                 found[-1] = Cluster(last.first, k + 1)
                 continue
         found.append(Cluster(k, k + 1))

@@ -214,7 +214,7 @@ def lasting(view: View, process: Candidate, most_sigma: float = float("inf")) ->
 
 def tone_without_name(view: View, profile: LineProfile, searched: Candidate) -> Candidate:
     """Return what a range holds that is no line, with the size of its power."""
-    share = profile.power * view.grid.n / float(view.squares.sum())
+    share = profile.sigma**2 * view.grid.n / float(view.squares.sum())
     words = (
         f"power between {profile.low:.5g} and {profile.high:.5g} Hz changes in frequency or "
         f"amplitude; its rms is {profile.sigma:.3g} {view.unit}"

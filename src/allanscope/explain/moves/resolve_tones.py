@@ -25,6 +25,8 @@ from allanscope.explain.view import View
 
 __all__ = ["resolve_tones"]
 
+_FAMILY = 0.03
+"""Width over frequency up to which the clusters of a range are one line."""
 _MOST = 0.8
 """Share of the power in a range that its clusters must hold: else it is one thing."""
 
@@ -39,7 +41,8 @@ def resolve_tones(view: View, path: SearchPath) -> View:
     for whole, effect in tones:
         low, high = effect.frequency_low.value, effect.frequency_high.value
         band, parts = range_of(view, low, high), clusters(view, low, high)
-        is_one = len(whole.excluded) > 1  # a carrier and its sidebands
+        # A carrier and its sidebands; or so near to each other that they will be.
+        is_one = len(whole.excluded) > 1 or high - low < _FAMILY * high
         if is_one or excess(view, *parts) < _MOST * excess(view, band):
             parts = [band]
         lines = [drifting_line(view, cluster, whole) for cluster in parts]

@@ -18,7 +18,7 @@ random_telegraph      RandomTelegraph                       amplitude, dwell
 narrowband            Narrowband, WanderingLine,            sigma, frequency, bandwidth
                       BandPassed, PeakFiltered
 sinusoid              Sinusoid                              amplitude, frequency
-drifting_line         LineProfile                           sigma; its shape is measured
+drifting_line         LineProfile                           none: measured
 ====================  ====================================  ============================
 """
 

@@ -7,7 +7,8 @@ brings into a mean over m samples depends on its spectrum alone,
 .. math:: \sigma_m^2 = \sigma^2 \sum_i w_i \langle R_m(f) \rangle_i ,
 
 with the share :math:`w_i` of the power in each sub-band and the mean of the estimator's response
-there. So the shares are taken from the record, and the size is fitted.
+there. So the shares are taken from the record, and so is the
+size: a fit would make it larger or smaller to please the noise around the line.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.noise.part import Array, Component, Quantity
+from allanscope.noise.part import Array, Component
 from allanscope.noise.transfer import Kind, response
 
 __all__ = ["LineProfile"]
@@ -55,13 +56,12 @@ class LineProfile(Component):
 
     symbol: ClassVar[str] = "drifting_line"
     is_line = True
-    quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("sigma", "{unit}"),)
 
     def __post_init__(self) -> None:
-        self._check_positive()
-        if not (0 <= self.low < self.high and self.shares and min(self.shares) >= 0):
+        has_shares = bool(self.shares) and min(self.shares) >= 0
+        if not (self.sigma >= 0 and 0 <= self.low < self.high and has_shares):
             raise ValueError(
-                "a line profile needs a band of positive width and shares that are not negative, "
+                "a line profile needs a size, a band of positive width and shares, none negative, "
                 f"got {self.low:g} to {self.high:g} Hz with {len(self.shares)} shares"
             )
 
@@ -87,7 +87,8 @@ class LineProfile(Component):
         width = (self.high - self.low) / len(self.shares)
         index = np.clip((frequency - self.low) / width, 0, len(self.shares) - 1).astype(int)
         inside = (frequency >= self.low) & (frequency < self.high)
-        return np.asarray(np.where(inside, np.array(self.shares)[index], 0.0) * self.power / width)
+        share = np.where(inside, np.array(self.shares)[index], 0.0)
+        return np.asarray(share * self.sigma**2 / width)
 
     def band_density(self, f: ArrayLike, width: ArrayLike, dt: float) -> Array:
         """Return the mean over each band, of which it may fill a part."""
@@ -95,7 +96,7 @@ class LineProfile(Component):
         centre, wide = np.asarray(f, np.float64), np.asarray(width, np.float64)
         total = np.concatenate([[0.0], np.cumsum(self.shares)])
         upper, lower = (np.interp(centre + side * wide / 2, self.edges, total) for side in (1, -1))
-        return np.asarray(self.power * (upper - lower) / wide)
+        return np.asarray(self.sigma**2 * (upper - lower) / wide)
 
     def _variance(self, kind: Kind, m: ArrayLike, dt: float) -> Array:
         factors = np.atleast_1d(np.asarray(m, np.float64))
@@ -106,5 +107,5 @@ class LineProfile(Component):
         for factor in factors:
             is_fast = factor * float(half[0]) > _AVERAGED * np.pi
             passed = response(kind, phase, float(factor), mean=is_fast) @ _WEIGHTS / 2
-            values.append(self.power * float(np.dot(self.shares, passed)))
+            values.append(self.sigma**2 * float(np.dot(self.shares, passed)))
         return np.array(values).reshape(np.shape(m))

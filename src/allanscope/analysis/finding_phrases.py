@@ -29,6 +29,7 @@ PHRASES = {
     "repeated_samples": "{fraction} of the samples repeated",
     "saturation": "saturation at {level}, {fraction} of the samples",
     "scale_drift": "noise level changing by {relative} over the recording",
+    "shock": "shock at {event}, up to {peak}",
     "sinusoid": "line at {frequency}, {amplitude}",
     "step": "step at {event}, {size}",
     "temperature": "temperature dependence, {slope}",
@@ -48,7 +49,7 @@ KIND_NAMES = {
 }
 """Names of kinds whose word in a result, without its underscores, is not what people call it."""
 
-_EVENTS = frozenset({"step", "excursion", "variance_change"})
+_EVENTS = frozenset({"shock", "step", "excursion", "variance_change"})
 _SHARES = frozenset({"fraction", "relative"})
 _FIELD = re.compile(r"\{(\w+)\}")
 _LARGE = 100.0

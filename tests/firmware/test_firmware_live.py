@@ -6,10 +6,12 @@ it dropped.
 """
 
 import json
+import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -54,6 +56,16 @@ class Live:
             assert self.process.poll() is None, self.process.stderr.read()
             assert time.monotonic() < deadline, "nothing more is recorded"
             time.sleep(0.05)
+
+    def hold_up(self, seconds):
+        """Stop the session for a while, its reader included: alone it would lose nothing."""
+        tasks = Path(f"/proc/{self.process.pid}/task").glob("*/children")
+        held = [self.process.pid, *(int(pid) for task in tasks for pid in task.read_text().split())]
+        for one in held:
+            os.kill(one, signal.SIGSTOP)
+        time.sleep(seconds)
+        for one in reversed(held):
+            os.kill(one, signal.SIGCONT)
 
     def end(self):
         """Ctrl-C; return the printed result and the events that the recording holds."""
@@ -126,9 +138,7 @@ def test_a_session_that_is_held_up_accounts_for_every_sample_that_the_board_drop
             assert host.ask(STOP) == 0
         with Live(board, tmp_path / "session") as live:  # which starts a silent board
             live.wait_for_bytes(10_000)
-            live.process.send_signal(signal.SIGSTOP)
-            time.sleep(5.0)
-            live.process.send_signal(signal.SIGCONT)
+            live.hold_up(5.0)
             live.wait_for_bytes(30_000)
             result, events = live.end()
         gaps = [event for event in events if isinstance(event, Gap)]

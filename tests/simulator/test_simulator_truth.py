@@ -131,7 +131,7 @@ def test_files_that_hold_no_sensor_are_refused_in_one_line(tmp_path, name, conte
 def test_a_coefficient_that_is_no_number_is_refused():
     with pytest.raises(UsageError, match="N must be a number"):
         Truth.from_result({"axes": {"gx": {"coefficients": {"N": "much"}}}})
-    with pytest.raises(UsageError, match="N must be at least 0, got -1"):
+    with pytest.raises(UsageError, match=r"N must be at least 0 .*, got -1"):
         AxisTruth(N=-1.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -202,7 +203,9 @@ def _axis(axis: Mapping[str, Any]) -> AxisTruth:
         if found is not None and name in {one.name for one in fields(AxisTruth)}:
             given[name] = number("truth", name, found, Parameter("", ""))
     level = axis.get("level") or {}
-    mean = number("truth", "mean", level.get("mean") or 0.0, Parameter("", ""))
+    mean = float(level.get("mean") or 0.0)
+    if not math.isfinite(mean):
+        raise ValueError(f"the mean level must be finite, got {mean}")
     return AxisTruth(**{"offset": mean, **given})
 
 

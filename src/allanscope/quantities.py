@@ -60,7 +60,7 @@ class Reading:
     >>> f"{0.0038 * arw.factor:.3f} {arw.unit}"
     '0.228 deg/sqrt(h)'
     >>> arw.interval(0.0038, 0.0037, 0.0039), arw.limit(0.0039)
-    ('0.228 (0.222 ... 0.234)', '< 0.23')
+    ('0.228 [0.222, 0.234]', '< 0.23')
     """
 
     factor: float
@@ -184,16 +184,16 @@ def interval(value: float, lower: float | None, upper: float | None) -> str:
     Examples
     --------
     >>> interval(4.0217, 3.9812, 4.0622)
-    '4.02 (3.98 ... 4.06)'
+    '4.02 [3.98, 4.06]'
     >>> interval(812.4, 640.0, 1031.0)
-    '810 (640 ... 1030)'
+    '810 [640, 1030]'
     >>> interval(4.0217, None, None)
     '4.02'
     """
     if lower is None or upper is None or not math.isfinite(value + lower + upper):
         return number(value)
     if upper <= lower:
-        return f"{number(value)} ({number(lower)} ... {number(upper)})"
+        return f"{number(value)} [{number(lower)}, {number(upper)}]"
     decimals = _decimals(0.5 * (upper - lower))
     exponent = _exponent(max(abs(value), abs(lower), abs(upper)))
     if -4 < exponent < 6:
@@ -201,7 +201,7 @@ def interval(value: float, lower: float | None, upper: float | None) -> str:
     else:
         digits = max(2, min(exponent + decimals + 1, 6))
         centre, low, high = (number(x, digits) for x in (value, lower, upper))
-    return f"{centre} ({low} ... {high})"
+    return f"{centre} [{low}, {high}]"
 
 
 def compact(value: float, lower: float | None, upper: float | None) -> str:
@@ -210,7 +210,7 @@ def compact(value: float, lower: float | None, upper: float | None) -> str:
     Examples
     --------
     >>> compact(4.0217, 3.9812, 4.0622), compact(4.3, 3.7, 5.0)
-    ('4.02 +-0.04', '4.3 -0.6 +0.7')
+    ('4.02 +-0.04', '4.3 +0.7/-0.6')
     """
     if lower is None or upper is None or not math.isfinite(value + lower + upper):
         return number(value)
@@ -219,7 +219,7 @@ def compact(value: float, lower: float | None, upper: float | None) -> str:
         return number(value)
     decimals = _decimals(0.5 * (upper - lower))
     below, above = _fixed(value - lower, decimals), _fixed(upper - value, decimals)
-    errors = f"+-{above}" if below == above else f"-{below} +{above}"
+    errors = f"+-{above}" if below == above else f"+{above}/-{below}"
     return f"{_fixed(value, decimals)} {errors}"
 
 
@@ -231,9 +231,9 @@ def measured(
     Examples
     --------
     >>> measured(49.981, 49.97, 49.992, "Hz")
-    '49.981 (49.970 ... 49.992) Hz'
+    '49.981 [49.970, 49.992] Hz'
     >>> measured(4.1e-3, 3.9e-3, 4.3e-3, "dps")
-    '4.10 (3.90 ... 4.30) mdps'
+    '4.10 [3.90, 4.30] mdps'
     >>> measured(2.0e-4, unit="g/degC")
     '200 ug/degC'
     """

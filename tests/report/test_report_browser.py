@@ -42,7 +42,7 @@ def test_the_verdict_is_on_the_first_screen_and_the_curve_below_it(file, tmp_pat
 def test_the_words_above_a_wide_table_fit_a_phone(tmp_path):
     """The table is scrolled to the side; what it is about must be read without that."""
     folder = files("allanscope.report") / "templates"
-    row = "<td style='white-space: nowrap'>0.123 (0.101 ... 0.145)</td>" * 9
+    row = "<td style='white-space: nowrap'>0.123 [0.101, 0.145]</td>" * 9
     caption = f"<caption style='color: rgb(0, 114, 178)'>{'what it is about ' * 20}</caption>"
     page = tmp_path / "wide.html"
     page.write_text(

@@ -55,7 +55,7 @@ def test_the_verdict_comes_first_and_the_convention_beside_it(tags):
 def test_coefficients_are_given_in_the_units_people_use(tags):
     for unit in ("mdps/√Hz", "°/√h", "°/h", "°/h/√h", "µg/√Hz", "m/s²/√Hz", "µg"):
         assert unit in tags.text
-    assert "2.900 mdps/√Hz 2.87 … 2.93 0.174 °/√h detected" in tags.text
+    assert "2.900 [2.874, 2.926] mdps/√Hz 0.174 °/√h detected" in tags.text
 
 
 def test_the_angle_error_is_worked_out_in_both_readings(tags):
@@ -90,7 +90,7 @@ def test_marks_of_the_user_are_listed_and_numbered_in_the_series(page, tags):
 
 def test_effects_come_with_parameters_and_evidence(tags):
     assert "sinusoid" in tags.text
-    assert "frequency 49.980 (49.969 ... 49.991) Hz, amplitude 20.00 (19.80 ... 20.20) mdps" in (
+    assert "frequency 49.980 [49.969, 49.991] Hz, amplitude 20.00 [19.80, 20.20] mdps" in (
         tags.text
     )
 

@@ -45,16 +45,16 @@ def test_conversions_follow_from_the_units(unit, letter, index, factor):
 
 
 def test_an_interval_shows_only_digits_that_the_data_support():
-    assert interval(4.0217, 3.9812, 4.0622) == "4.02 (3.98 ... 4.06)"
-    assert interval(1234.4, 1100.0, 1400.0) == "1230 (1100 ... 1400)"
-    assert interval(1.5e-7, 1.1e-7, 1.9e-7) == "1.5e-7 (1.1e-7 ... 1.9e-7)"
+    assert interval(4.0217, 3.9812, 4.0622) == "4.02 [3.98, 4.06]"
+    assert interval(1234.4, 1100.0, 1400.0) == "1230 [1100, 1400]"
+    assert interval(1.5e-7, 1.1e-7, 1.9e-7) == "1.5e-7 [1.1e-7, 1.9e-7]"
     assert interval(5.0, math.nan, 7.0) == "5.00"
-    assert interval(0.3, 0.0, 4.1) == "0.3 (0.0 ... 4.1)"
+    assert interval(0.3, 0.0, 4.1) == "0.3 [0.0, 4.1]"
 
 
 def test_a_compact_value_shows_both_errors_when_they_differ():
     assert compact(4.0217, 3.9812, 4.0622) == "4.02 +-0.04"
-    assert compact(4.3, 3.7, 5.0) == "4.3 -0.6 +0.7"
+    assert compact(4.3, 3.7, 5.0) == "4.3 +0.7/-0.6"
     assert compact(4.3, None, None) == "4.30"
 
 
@@ -101,6 +101,6 @@ def test_every_unit_has_a_printed_form_without_ascii_leftovers():
 
 def test_a_reading_scales_value_and_limits_alike():
     reading = Reading(1e3, "mdps")
-    assert reading.interval(4.0217e-3, 3.9812e-3, 4.0622e-3) == "4.02 (3.98 ... 4.06)"
+    assert reading.interval(4.0217e-3, 3.9812e-3, 4.0622e-3) == "4.02 [3.98, 4.06]"
     assert reading.limit(0.521e-3) == "< 0.52"
     assert reading.compact(4.0217e-3, 3.9812e-3, 4.0622e-3) == "4.02 +-0.04"

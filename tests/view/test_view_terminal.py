@@ -85,7 +85,7 @@ def test_the_screen_is_readable_and_calm(columns):
     assert "31.6 °C" in text
     rows = {row[:2]: row for row in screen.rows if row[:2] in demo_analysis(1.0).axes}
     assert len(rows) == 6
-    value = "2.900 ±0.026 =" if columns == 80 else "2.900 (2.874 ... 2.926) ="
+    value = "2.900 ±0.026 =" if columns == 80 else "2.900 [2.874, 2.926] ="
     assert value in rows["gx"]
     assert "< 28" in rows["gx"]
     assert "10 h" not in rows["gx"], "a time to wait is no part of a limit"
@@ -329,6 +329,6 @@ def test_the_summary_is_plain_and_complete():
     lines = summary_lines(demo_analysis(7300.0))
     assert max(map(len, lines)) <= 160
     assert "\x1b" not in "".join(lines)
-    assert any(line.startswith("gx  2.900 (2.874 ... 2.926)") for line in lines)
+    assert any(line.startswith("gx  2.900 [2.874, 2.926]") for line in lines)
     assert any("warm-up" in line for line in lines)
     assert any("partly unexplained" in line for line in lines)

@@ -51,7 +51,7 @@ def test_a_hostile_name_stays_one_cell_of_the_table(analysis):
 def test_the_table_of_coefficients_shows_values_limits_and_the_verdict(analysis):
     lines = coefficients_table(analysis).splitlines()
     (gx,) = [line for line in lines if line.startswith("| gx")]
-    assert "| 2.900 (2.874 ... 2.926) |" in gx
+    assert "| 2.900 [2.874, 2.926] |" in gx
     assert "| < 28 |" in gx, "K is not detected: an upper limit"
     assert gx.endswith("| typical |")
     assert any("N, mdps/√Hz" in line for line in lines)
@@ -62,7 +62,7 @@ def test_the_table_of_an_axis_says_how_long_to_wait(analysis):
     table = axis_table("gx", analysis.axes["gx"])
     (k,) = [line for line in table.splitlines() if line.startswith("| **K**")]
     assert k.endswith("| 10 h |")
-    assert "found: **sinusoid**: frequency 49.980 (49.969 ... 49.991) Hz" in table
+    assert "found: **sinusoid**: frequency 49.980 \\[49.969, 49.991\\] Hz" in table
 
 
 def test_findings_name_the_effect_its_twins_and_its_equivalents(analysis):
@@ -114,7 +114,7 @@ def test_the_diary_tells_every_thing_once(analysis):
     first = diary.news(analysis)
     assert ("warn", "the device dropped 1998 samples once") in first
     assert sum(text.startswith("gx gy: found sinusoid") for _, text in first) == 1
-    assert any(text.startswith("gx: N = 2.900 (2.874 ... 2.926) mdps/√Hz") for _, text in first)
+    assert any(text.startswith("gx: N = 2.900 [2.874, 2.926] mdps/√Hz") for _, text in first)
     assert diary.news(analysis) == []
     assert diary.news(demo_analysis(7400.0)) == [], "better known is no news"
 
@@ -148,7 +148,7 @@ def test_the_diary_tells_when_an_effect_is_gone_and_when_it_is_back(analysis):
     gx = analysis.axes["gx"]
     without = replace(gx, explanation=replace(gx.explanation, effects=()))
     gone = diary.news(replace(analysis, axes={**analysis.axes, "gx": without}))
-    assert [text.partition(" (")[0] for _, text in gone] == [
+    assert [text.partition(" [")[0] for _, text in gone] == [
         "gx: no longer found sinusoid: frequency 49.980"
     ]
     assert len(diary.news(analysis)) == 1

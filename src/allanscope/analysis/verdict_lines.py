@@ -148,7 +148,7 @@ def _noise_lines(analysis: Analysis, unit: str) -> list[VerdictLine]:
         return [VerdictLine("bad", sensor, text)]
     measured = [one.measured for one in known.values() if one.measured is not None]
     low, high = (_number(x, next(iter(known.values()))) for x in (min(measured), max(measured)))
-    span = low if low == high else f"{low} ... {high}"
+    span = low if low == high else f"{low} to {high}"
     better = all(one.verdict == "better" for one in known.values())
     compared = "is below" if better else "matches"
     text = f"noise {span} {compared} the datasheet's {_limit(known)}"

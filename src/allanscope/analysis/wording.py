@@ -59,7 +59,7 @@ def coefficient_text(axis_unit: str, name: str, coefficient: Coefficient | None)
     """Return a value with its interval, or an upper limit; ``-`` while nothing is known.
 
     >>> coefficient_text("dps", "N", Coefficient(0.004022, 0.00398, 0.00406, "dps/sqrt(Hz)", True))
-    '4.02 (3.98 ... 4.06)'
+    '4.02 [3.98, 4.06]'
     >>> coefficient_text("g", "B", Coefficient(0.0, 0.0, 12.1e-6, "g", False))
     '< 12'
     """
@@ -96,7 +96,7 @@ def effect_text(effect: Effect, intervals: bool = True) -> str:
     """Return one effect in one line, with or without the intervals of its parameters.
 
     >>> effect_text(Effect("sinusoid", {"frequency": Parameter(50.02, 50.0, 50.04, "Hz")}))
-    'sinusoid: frequency 50.020 (50.000 ... 50.040) Hz'
+    'sinusoid: frequency 50.020 [50.000, 50.040] Hz'
     """
     if effect.kind == NAMELESS and effect.evidence.get("words"):
         return symbols(f"{NAMELESS}: {effect.evidence['words']}")
@@ -247,7 +247,7 @@ def parameter_text(parameter: Parameter, intervals: bool = True) -> str:
     """Return one number of an effect with its unit; lengths of time as people say them.
 
     >>> parameter_text(Parameter(0.00274, 0.00264, 0.00283, "dps"))
-    '2.74 (2.64 ... 2.83) mdps'
+    '2.74 [2.64, 2.83] mdps'
     >>> parameter_text(Parameter(2999.8, 2999.0, 3000.9, "s"), intervals=False)
     '50 min'
     """
@@ -256,6 +256,6 @@ def parameter_text(parameter: Parameter, intervals: bool = True) -> str:
     if parameter.unit == "s" and not intervals:
         return duration(parameter.value)
     text = measured(parameter.value, parameter.lower, parameter.upper, parameter.unit)
-    if not intervals and " (" in text:
-        text = f"{text.partition(' (')[0]}{text.partition(')')[2]}"
+    if not intervals and " [" in text:
+        text = f"{text.partition(' [')[0]}{text.partition(']')[2]}"
     return symbols(text)

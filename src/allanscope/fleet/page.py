@@ -143,7 +143,7 @@ def _typical_cells(typical: Typical | None, reading: Reading) -> dict[str, str]:
     low, high = (number(reading.factor * x) for x in (typical.value / wide, typical.value * wide))
     return {
         "median": reading.interval(typical.value, typical.lower, typical.upper),
-        "range": f"{low} … {high}" if math.isfinite(typical.scatter) else "–",
+        "range": f"{low} to {high}" if math.isfinite(typical.scatter) else "–",
         "between": _percent(typical.scatter),
     }
 
@@ -246,7 +246,7 @@ def _unit(lot: Lot, unit: str) -> dict[str, str]:
         "duration": duration(float(np.sum(here["duration_s"][first]))),
         "lost": number(float(np.sum(here["lost_samples"][first]))),
         "damaged": number(float(np.nansum(here["damaged_places"][first]))),
-        "temperature": f"{low[0]:.1f} … {high[1]:.1f} °C" if known else "–",
+        "temperature": f"{low[0]:.1f} to {high[1]:.1f} °C" if known else "–",
     }
 
 

@@ -34,7 +34,6 @@ class CoefficientRow:
     name: str
     meaning: str
     value: str
-    interval: str
     reading: str
     other: str
     status: str
@@ -52,18 +51,17 @@ def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
         unit = symbols(usual.unit)
         low, high = one.lower * usual.factor, one.upper * usual.factor
         if one.detected:
-            value = f"{interval(one.value * usual.factor, low, high).split(' (')[0]} {unit}"
+            value = f"{interval(one.value * usual.factor, low, high)} {unit}"
             second = f"{number(one.value * other.factor)} {symbols(other.unit)}"
             status = "detected"
         else:
             value = f"{limit(high)} {unit}"
             second = f"{limit(one.upper * other.factor)} {symbols(other.unit)}"
             status = "upper limit"
-        shown = f"{number(low)} … {number(high)}"
         read = reading_cell(axis.readings.get(name), name, axis.unit)
         rows.append(
             CoefficientRow(
-                name, COEFFICIENT_NAMES[name], value, shown, read, second, status, wait_text(one)
+                name, COEFFICIENT_NAMES[name], value, read, second, status, wait_text(one)
             )
         )
     return rows

@@ -164,7 +164,7 @@ def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
     ]
     if analysis.temperature:
         low, high = analysis.temperature["lowest"], analysis.temperature["highest"]
-        rows.append(("temperature", f"{low:.1f} ... {high:.1f} °C"))
+        rows.append(("temperature", f"{low:.1f} to {high:.1f} °C"))
     known = {"name", "part"}
     rows += [
         (markdown(key), markdown(value))

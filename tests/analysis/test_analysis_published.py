@@ -123,6 +123,23 @@ def test_n_has_what_another_axis_brings(coupled):
     assert found.lower < read.upper
 
 
+def test_of_two_axes_that_may_each_be_the_source_one_is_cleaned(coupled):
+    """White noise of equal colour does not tell the direction: both list it, one is cleaned."""
+    found = {
+        axis: next(e for e in one.explanation.effects if e.kind == "cross_coupling")
+        for axis, one in coupled.axes.items()
+    }
+    assert all("the direction cannot be told" in e.evidence["words"] for e in found.values())
+    assert sorted(e.evidence["removed"] for e in found.values()) == [False, True]
+    told = [e.evidence["direction_nats"] for e in found.values()]
+    assert told[0] == pytest.approx(-told[1], abs=1e-6)
+    kept = next(axis for axis, e in found.items() if not e.evidence["removed"])
+    assert coupled.axes[kept].coefficients["N"].decoupled is None
+    # A twin has the coupling once.
+    twin = Truth.from_result(coupled.to_dict())
+    assert [e.kind for e in twin.effects] == ["cross_coupling"]
+
+
 def test_a_source_that_is_told_from_what_it_leaks_into_brings_its_own_n():
     """The source wanders, which tells the direction; what it brings is its white part alone."""
     rng = np.random.default_rng(6)

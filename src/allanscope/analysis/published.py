@@ -61,8 +61,8 @@ def _source(
 ) -> Coefficient | None:
     """Return N of a source as measured.
 
-    Two axes that name each other each lack what the other brings; there the fit without effects is
-    what was measured.
+    In a ring of couplings, each axis cleaned of the next, the fit without effects is what was
+    measured.
     """
     if any(one in _sources(loop.get(source)) for one in (*path, axis)):
         return loop[source].coefficients_before.get("N")
@@ -72,11 +72,13 @@ def _source(
 
 
 def _sources(explanation: AxisExplanation | None) -> dict[str, tuple[float, float]]:
-    """Return the axes that leak into one, each with its slope and the standard error of that."""
+    """Return the axes that one was cleaned of, each with its slope and the standard error."""
     found = {}
     for effect in explanation.effects if explanation is not None else ():
         source, slope = effect.parameters.get("source"), effect.parameters.get("slope")
         if source is None or slope is None or isinstance(slope.value, str):
+            continue
+        if not effect.evidence.get("removed", True):
             continue
         low = slope.value if slope.lower is None else slope.lower
         high = slope.value if slope.upper is None else slope.upper

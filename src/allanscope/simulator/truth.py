@@ -136,8 +136,9 @@ class Truth:
         """Return the sensor that a result of ``allanscope analyse`` describes.
 
         Each axis has ``coefficients`` (N, B, K, Q, R, each plain or ``{"value": ...}``), and may
-        have ``effects`` and ``level``. A coefficient that was not detected is left out, and an
-        effect that is ``unexplained`` is skipped. The measured rate becomes a clock error.
+        have ``effects`` and ``level``. A coefficient that was not detected is left out, and so is
+        an effect that is ``unexplained``, or from which its axis was not cleaned. The measured
+        rate becomes a clock error.
 
         Raises
         ------
@@ -213,8 +214,14 @@ def _effects_of(name: str, axis: Mapping[str, Any]) -> Iterable[EffectSpec]:
     for one in axis.get("effects", ()):
         if isinstance(one, str):
             yield replace(parse_effect(one), axes=(name,))
-        elif one.get("kind") != "unexplained":
+        elif one.get("kind") != "unexplained" and _is_removed(one):
             yield EffectSpec.from_result(name, one)
+
+
+def _is_removed(effect: Mapping[str, Any]) -> bool:
+    """Return whether the axis was cleaned of an effect: of a coupling only one of two may be."""
+    evidence = effect.get("evidence")
+    return not isinstance(evidence, Mapping) or evidence.get("removed") is not False
 
 
 def _repeats(effect: EffectSpec, known: Iterable[EffectSpec]) -> bool:

@@ -10,6 +10,9 @@ part alone has the temperature as an equivalent. Which axis is the source cannot
 noise of equal colour; the direction is taken in which source and rest together are more probable,
 
 .. math:: L(x) + L(y - c x) \quad \text{against} \quad L(y) + L(x - c' y).
+
+Where neither is, both axes list the coupling, but only one is cleaned of it: two axes that are each
+cleaned of the other would both lack what they share.
 """
 
 from __future__ import annotations
@@ -47,7 +50,7 @@ and the chance of what is more than none."""
 _OF_THE_TAPER = 35 / 18
 """Variance of a sum over tapered bins over that of as many independent ones (Hann)."""
 _AMBIGUOUS = 3.0
-"""Nats below which the direction cannot be told: both axes then name each other."""
+"""Nats below which the direction cannot be told."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class CrossCoupling(EffectKind):
     source: Parameter
     slope: Estimate
     direction_nats: float
+    removed: bool
 
     kind = "cross_coupling"
     meaning = "another axis leaks in, at all frequencies alike"
@@ -71,7 +75,10 @@ class CrossCoupling(EffectKind):
     def words(self) -> str:
         """What it is, in a phrase."""
         leak = f"{self.source.value} couples in with {self.slope.value:.3g} {self.slope.unit}"
-        return leak + ("; the direction cannot be told from this recording" if self.is_open else "")
+        if not self.is_open:
+            return leak
+        leak += "; the direction cannot be told from this recording"
+        return leak if self.removed else f"{leak}, and it is removed from {self.source.value} only"
 
     @property
     def is_open(self) -> bool:
@@ -96,6 +103,8 @@ class CrossCoupling(EffectKind):
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Follow the other axis with the slope that is known."""
+        if not self.removed:
+            return candidate
         x = view.cleaned_source(str(self.source.value))
         return replace(candidate, signal=self.slope.value * (x - x.mean()))
 
@@ -128,17 +137,19 @@ def _candidate(view: View, source: str) -> Candidate | None:
         view, x, weight, z2
     ):
         return None
-    telling = _direction(view, source, slope)
+    telling = _direction(view, source)
     if telling < -_AMBIGUOUS:
         return None
+    column = view.series.column
+    removed = bool((telling, column(view.axis)) > (0.0, column(source)))
     unit = f"{view.unit}/{view.unit_of(source)}"
     error = float(1 / np.sqrt(normal))
-    effect = CrossCoupling(Parameter(source), Estimate.of(slope, error, unit), telling)
+    effect = CrossCoupling(Parameter(source), Estimate.of(slope, error, unit), telling, removed)
     return Candidate(
         effect,
         z2 / 2,
         price + float(np.log(ALPHA)),
-        signal=slope * (x - x.mean()),
+        signal=slope * (x - x.mean()) if removed else None,
         rivals={} if _is_seen_fast(view, d, e, weight, price) else {"temperature": z2 / 2},
         axes=(view.axis, source) if effect.is_open else (view.axis,),
     )
@@ -213,22 +224,23 @@ def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:
     return freedom == 0 or little or bool(chi2.sf(distance, freedom) > _TURNED_P)
 
 
-def _direction(view: View, source: str, slope: float) -> float:
+def _direction(view: View, source: str) -> float:
     """Gain of this axis taking from the source less that of the source taking from this axis.
 
     Both as measured: a line that came along with the rest has one origin, and taking the right
-    share of the right axis removes it.
+    share of the right axis removes it. Seen from the source it is the same with the other sign.
     """
-    grid = view.grid
-    own, other = view.source_ordinates(view.axis), view.source_ordinates(source)
-
-    textbook = NoiseModel(view.base, grid.dt)
+    grid, textbook = view.grid, NoiseModel(view.base, view.grid.dt)
+    loud = view.source_is_loud(view.axis) | view.source_is_loud(source)
 
     def fit(ordinates: Array) -> Spectrum:
         return fit_spectrum(grid, grid.bin_means(ordinates**2), textbook)
 
-    here, there = fit(own), fit(other)
-    weight = ~(view.source_is_loud(view.axis) | view.source_is_loud(source)) / there.ordinates
-    reverse = float(np.sum(own * other * weight) / np.sum(own**2 * weight))
-    forward_gain = fit(own - slope * other).loglik - here.loglik
-    return forward_gain - (fit(other - reverse * own).loglik - there.loglik)
+    def gain(ordinates: Array, of: Array) -> float:
+        bare = fit(ordinates)
+        weight = ~loud / bare.ordinates
+        slope = float(np.sum(of * ordinates * weight) / np.sum(of**2 * weight))
+        return fit(ordinates - slope * of).loglik - bare.loglik
+
+    own, other = view.source_ordinates(view.axis), view.source_ordinates(source)
+    return gain(own, other) - gain(other, own)

@@ -90,7 +90,7 @@ def test_gauss_markov_noise_beside_a_loud_stretch_keeps_its_name(bench):
 
 
 @pytest.mark.parametrize("curvature", [0.01, 0.05])
-def test_a_square_of_the_temperature_is_no_line(bench, curvature):
+def test_a_square_of_the_temperature_is_its_curvature_and_no_line(bench, curvature):
     for seed in SEEDS:
         b = bench(seed)
         room = np.sin(2 * np.pi * b.t / b.rng.uniform(300, 500) + b.rng.uniform(0, 6))
@@ -103,7 +103,42 @@ def test_a_square_of_the_temperature_is_no_line(bench, curvature):
                 temperature=read,
             )
         ).axes.values()
-        assert names(bent) == ["unexplained"]
-        assert not bent.explained
-        assert names(straight) == ["temperature"]
+        assert names(bent) == names(straight) == ["temperature"]
+        p = bent.effects[0].parameters["curvature"]
+        assert abs(p.value - curvature) < 1.7 * (p.upper - p.lower) / 2  # one in a thousand
+        assert list(straight.effects[0].parameters) == ["slope"]
         assert names(line) == ["sinusoid"]
+
+
+def test_a_lag_behind_the_temperature_is_measured_and_paid_for(bench):
+    """A lag that was proposed without its price would stand beside every slope."""
+    late_found = 0
+    for seed in SEEDS:
+        b = bench(seed)
+        keep = np.exp(-1 / (40.0 * RATE))
+
+        def late(x, keep=keep):
+            return lfilter([1 - keep], [1.0, -keep], x, zi=[keep * x[0]])[0]
+
+        swings = [np.sin(2 * np.pi * b.t / T + b.rng.uniform(0, 6)) for T in (170, 400)]
+        room = np.sum(swings, axis=0)
+        read = np.round((25 + room + b.rng.normal(0, 0.02, len(b.t))) * 256) / 256
+        behind, prompt, both, clean = explain(
+            b.record(
+                b.noise() + 0.01 * late(room),
+                b.noise() + 0.01 * room,
+                b.noise() + 0.01 * late(room) + 0.005 * late(room) ** 2,
+                b.noise(),
+                temperature=read,
+            )
+        ).axes.values()
+        assert names(behind) == names(prompt) == names(both) == ["temperature"]
+        assert names(clean) == []
+        assert list(prompt.effects[0].parameters) == ["slope"]
+        late_found += list(behind.effects[0].parameters) == ["slope", "lag"]
+        assert list(both.effects[0].parameters) == ["slope", "lag", "curvature"]
+        for found in (behind, both):
+            p = found.effects[0].parameters["lag"]
+            assert p.lower / 1.3 < 40.0 < 1.3 * p.upper
+            assert p.upper < 2 * p.lower
+    assert late_found == len(SEEDS)

@@ -149,6 +149,16 @@ def test_temperature_moves_the_axis_by_the_true_temperature():
     assert reading.std() == pytest.approx(0.02, rel=0.1)
 
 
+def test_temperature_is_followed_late_and_in_a_curve():
+    warm = TemperatureTruth(start_c=25.0, wander_c=0.0, self_heating_c=10.0, self_heating_s=20.0)
+    effect = parse_effect("temperature:slope=0.1,curvature=0.02,lag=5")
+    sensor = Simulator(rate=RATE, truth=Truth({}, (effect,), warm), clock_error=0.0)
+    found = sensor.read(104 * 60).counts[:, 0] * sensor.info.scale[0]
+    t = time_s(len(found))  # of two lags, T = 10 (1 - (20 exp(-t / 20) - 5 exp(-t / 5)) / 15)
+    felt = 10.0 - (200.0 * np.exp(-t / 20.0) - 50.0 * np.exp(-t / 5.0)) / 15.0
+    assert found == pytest.approx(0.1 * felt + 0.02 * felt**2, abs=0.01)
+
+
 def test_a_drift_of_the_scale_multiplies_all_noise():
     truth = Truth({"gx": AxisTruth(N=0.05, K=0.01)})
     plain = record(truth, "step:size=0.000001", 5000)

@@ -1,9 +1,15 @@
-r"""Dependence of the level on the measured temperature.
+r"""Dependence of the level on the measured temperature: in proportion, late, or in a curve.
 
-:math:`AVAR_y = k_T^2 AVAR_T + 2 k_T ACOV_{yT}`: in the curve it is a hump where the room varies,
-swallowed by K. Spotted by GLS on the smoothed temperature (the converter's noise would attenuate
-the slope), the noise refitted. It repeats with every excursion of the room, so quarters of the
-record must agree.
+.. math:: y = k \, (T_\ell - \bar T) + q \, (T_\ell - \bar T)^2, \qquad
+          \ell \, \dot T_\ell = T - T_\ell , \quad T_\ell(0) = T(0)
+
+:math:`AVAR_y = k^2 AVAR_T + 2 k ACOV_{yT}` where it is in proportion: in the curve it is a hump
+where the room varies, swallowed by K. Spotted by GLS on the smoothed temperature (the converter's
+noise would attenuate the slope), the noise refitted. A die that sits behind the thermometer's mass
+follows with a lag :math:`\ell`; one that is used around the turning point of its parabola follows
+in a curve, which swings twice as fast as the room. Each of the two is part of the answer only if it
+gains its own price beyond what the simpler form gains. It repeats with every excursion of the room,
+so quarters of the record must agree.
 """
 
 from __future__ import annotations
@@ -14,25 +20,58 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct, idct
+from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
 
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects import SizedSignal
+from allanscope.explain.effects import EffectKind
+from allanscope.explain.heldout import interleaved
+from allanscope.explain.regression import joint_fit, marginal_covariance
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
 
+_SHORTEST_S, _LONGEST = 10.0, 0.2
+"""Lags that are looked for; the longest as a share of the record: beyond, it is a drift."""
+_BANK = 10
+_LAG_PRICE = float(np.log(_BANK / ALPHA))
+_CURVE_PRICE = float(-np.log(ALPHA))
+_STEP = 0.05
+"""Of ln lag, over which derivatives are taken."""
+_LEAP = 0.4
+"""Most that ln lag moves in one step of a joint regression."""
+_FINER = 2
+"""Times on which the temperature is followed, for every ordinate it has: its square has twice as
+many."""
+
 
 @dataclass(frozen=True)
-class Temperature(SizedSignal):
-    """The level follows the temperature."""
+class Temperature(EffectKind):
+    """The level follows the temperature.
+
+    Attributes
+    ----------
+    slope : Estimate
+        At the mean temperature of the record.
+    lag : Estimate or None
+        Time constant in s with which the level follows; None where the data bear none out.
+    curvature : Estimate or None
+        Factor of the square of the temperature less its mean; None where there is none.
+    temperature_span_c, temperature_mean_c : float
+        Of the record.
+    """
 
     slope: Estimate
+    lag: Estimate | None
+    curvature: Estimate | None
     temperature_span_c: float
+    temperature_mean_c: float
 
     kind = "temperature"
     meaning = "the level follows the measured temperature"
-    sized_by = "slope"
+    is_slow = True
     is_drift = True
     is_thermal = True
     is_single = True
@@ -41,41 +80,197 @@ class Temperature(SizedSignal):
     confused_with: ClassVar[Mapping[str, str]] = {
         "warm_up": "self-heating looks alike: the temperature must explain more than the clock",
         "ramp": "the temperature may drift in a straight line too",
+        "sinusoid": "a room that swings around the turning point of a parabola is a line as well",
     }
 
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        return f"the level follows the temperature with {self.slope.value:.3g} {self.slope.unit}"
+        words = f"the level follows the temperature with {self.slope.value:.3g} {self.slope.unit}"
+        if self.lag is not None:
+            words += f", with a lag of {self.lag.value:.3g} s"
+        if self.curvature is not None:
+            words += f", in a curve of {self.curvature.value:.3g} {self.curvature.unit}"
+        return words
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
-        """Fit one slope."""
-        span = float(np.ptp(_thermal(view)))
-        return [cls(Estimate(1.0, unit=f"{view.unit}/degC"), span).measured(view, 0.0)]
+        """Fit a slope, then a lag and a curvature where each gains its price."""
+        thermal, measured = view.series.thermal, view.series.temperature_c
+        assert thermal is not None
+        assert measured is not None
+        unit = Estimate(1.0, unit=f"{view.unit}/degC")
+        plain = cls(unit, None, None, float(np.ptp(thermal)), float(np.mean(measured)))
+        return [plain.extended(view)]
 
     def refine(self, view: View) -> Candidate:
-        """Estimate the slope again."""
-        return self.measured(view, 0.0)
+        """Estimate it again, with what has become visible of its lag and its curve."""
+        return replace(self, lag=None, curvature=None).extended(view)
 
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
-        """Follow the temperature with the slope that is known."""
+        """Follow the temperature with the numbers that are known."""
         if view.series.thermal is None:
             return candidate
         return replace(candidate, signal=self.signal(view))
 
-    def form(self, view: View) -> Array:
-        """Return the temperature."""
-        return _thermal(view)
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
+        """Judge the slope and the curvature by interleaved blocks."""
+        del candidate
+        columns = self.terms(view)
+        return interleaved(view, joint_fit(view, columns), columns, recurs=True)
 
     def columns(self, view: View) -> Array:
-        """Return the ordinates of the temperature."""
+        """Return the ordinates of the temperature and its square, and their change with ln lag."""
+        terms = self.terms(view)
+        if self.lag is None:
+            return terms
+        earlier, later = (
+            replace(self, lag=replace(self.lag, value=self.lag.value * factor)).terms(view)
+            for factor in (np.exp(-_STEP), np.exp(_STEP))
+        )
+        change = (later - earlier) / (2 * _STEP)
+        bent = self.curvature.value / self.slope.value if self.curvature is not None else 0.0
+        moved = change[0] + (bent * change[1] if len(change) > 1 else 0.0)
+        return np.vstack([terms, moved])
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return slope, curvature and lag that a joint regression found."""
+        error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        slope, lag, curvature = float(amplitude[0]), self.lag, self.curvature
+        if lag is not None:
+            size = slope or 1e-300
+            step = float(np.clip(amplitude[-1] / size, -_LEAP, _LEAP))
+            time = float(np.clip(lag.value * np.exp(step), *_bounds(view)))
+            lag = Estimate.of_log(time, float(error[-1]) / abs(size), "s")
+        if curvature is not None:
+            curvature = Estimate.of(float(amplitude[1]), float(error[1]), f"{view.unit}/degC^2")
+        found = replace(
+            self,
+            slope=Estimate.of(slope, float(error[0]), self.slope.unit),
+            lag=lag,
+            curvature=curvature,
+        )
+        return replace(candidate, effect=found, signal=found.signal(view))
+
+    def signal(self, view: View) -> Array:
+        """Return what it adds to the samples, shape (n,)."""
+        size = [self.slope.value, *([self.curvature.value] if self.curvature is not None else [])]
+        n = view.grid.n
+        ordinates = np.zeros(n)
+        ordinates[1 : view.grid.low + 1] = np.array(size) @ self.terms(view)
+        return np.asarray(idct(ordinates, norm="ortho", overwrite_x=True))
+
+    def terms(self, view: View) -> Array:
+        """Return the ordinates of the temperature as it is felt and, for a curve, its square."""
         ordinates = view.series.thermal_ordinates
         assert ordinates is not None
-        return ordinates[np.newaxis, : view.grid.low]
+        lag = 0.0 if self.lag is None else self.lag.value
+        return _terms(view, ordinates, lag, self.curvature is not None)
+
+    def extended(self, view: View) -> Candidate:
+        """Return the likeliest of the forms that pay for what they have more than a slope."""
+        best, price = self, 0.0
+        gain = best.gain(view)
+        for extend, paid in ((_late, _LAG_PRICE), (_bent, _CURVE_PRICE), (_late, _LAG_PRICE)):
+            trial = extend(best, view)
+            more = trial.gain(view) - gain if trial is not best else 0.0
+            if more > paid:
+                best, gain, price = trial, gain + more, price + paid
+        if best.lag is not None and best.curvature is not None:
+            best = _late(replace(best, lag=None), view)  # the one was found without the other
+        return best.measured(view, price)
+
+    def gain(self, view: View) -> float:
+        """Return what it gains, sizes and noise fitted."""
+        return joint_fit(view, self.terms(view), rounds=5).gain
+
+    def measured(self, view: View, price: float) -> Candidate:
+        """Fit the sizes and the noise together."""
+        fit = joint_fit(view, self.terms(view))
+        sizes = [*fit.amplitude, *([0.0] if self.lag is not None else [])]
+        sized = replace(self, slope=replace(self.slope, value=float(fit.amplitude[0])))
+        if self.curvature is not None:
+            value = float(fit.amplitude[1])
+            sized = replace(sized, curvature=replace(self.curvature, value=value))
+        columns = sized.columns(view)
+        m = columns.shape[1]
+        weight = fit.spectrum.kept[:m] / fit.spectrum.first(m)
+        known = replace(
+            fit,
+            amplitude=np.array(sizes),
+            covariance=np.asarray(np.linalg.pinv((columns * weight) @ columns.T, hermitian=True)),
+        )
+        covariance = marginal_covariance(view, columns, known)
+        bare = Candidate(sized, fit.gain, price)
+        return sized.solved(view, bare, known.amplitude, covariance)
 
 
-def _thermal(view: View) -> Array:
-    thermal = view.series.thermal
-    assert thermal is not None
-    return thermal
+def _bounds(view: View) -> tuple[float, float]:
+    """Return the shortest and the longest lag that is looked for."""
+    return _SHORTEST_S, max(_SHORTEST_S, _LONGEST * view.series.duration_s)
+
+
+def _late(effect: Temperature, view: View) -> Temperature:
+    """Return the effect with the likeliest lag; itself where it has one, or none is to be seen."""
+    shortest, longest = _bounds(view)
+    if effect.lag is not None or longest < 2 * shortest:
+        return effect
+
+    def at(lag: float) -> Temperature:
+        return replace(effect, lag=Estimate(lag, unit="s"))
+
+    bank = np.geomspace(shortest, longest, _BANK)
+    gains = [at(float(lag)).gain(view) for lag in bank]
+    best = int(np.argmax(gains))
+    if best == _BANK - 1:  # it wants to be slower than the record can tell
+        return effect
+    ends = np.log(bank[[max(0, best - 1), best + 1]])
+    found = minimize_scalar(
+        lambda x: -at(float(np.exp(x))).gain(view),
+        bounds=tuple(ends), method="bounded", options={"xatol": 0.01},
+    )  # fmt: skip
+    return at(float(np.exp(found.x)))
+
+
+def _bent(effect: Temperature, view: View) -> Temperature:
+    """Return the effect with a curvature."""
+    return replace(effect, curvature=Estimate(1.0, unit=f"{view.unit}/degC^2"))
+
+
+def _terms(view: View, ordinates: Array, lag: float, bent: bool) -> Array:
+    """Return the first ordinates of the temperature behind a lag and, for a curve, its square.
+
+    What is slow needs no more times than it has ordinates: the temperature is followed on those.
+    """
+    n, m = view.grid.n, view.grid.low
+    if lag == 0.0 and not bent:
+        return ordinates[np.newaxis, :m]
+    coarse = min(n, _FINER * m)
+    padded = np.zeros(coarse)
+    padded[1 : min(m, coarse - 1) + 1] = ordinates[: min(m, coarse - 1)]
+    felt = np.asarray(idct(padded, norm="ortho")) * np.sqrt(coarse / n)
+    if lag > 0.0:
+        felt = _lagged(felt, lag * view.grid.rate_hz * coarse / n)
+    terms = [felt, (felt - felt.mean()) ** 2] if bent else [felt]
+    found = np.zeros((len(terms), m))
+    for row, term in zip(found, terms, strict=True):
+        own = np.asarray(dct(term, norm="ortho"))[1 : m + 1] * np.sqrt(n / coarse)
+        row[: len(own)] = own
+    return found
+
+
+def _lagged(x: Array, lag: float) -> Array:
+    """Return a signal behind a first-order lag in samples, in balance at its start.
+
+    Exact for a signal that is straight between the samples.
+
+    >>> _lagged(np.array([0.0, 1.0, 1.0, 1.0]), 1.0).round(3)
+    array([0.   , 0.368, 0.767, 0.914])
+    """
+    keep = float(np.exp(-1 / lag))
+    mean = lag * (1 - keep)  # of the exponential over a step
+    taps = [1 - mean, mean - keep]
+    state = np.array([x[0] - taps[0] * x[0]])
+    return np.asarray(lfilter(taps, [1.0, -keep], x, zi=state)[0])

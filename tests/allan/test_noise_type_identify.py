@@ -10,7 +10,7 @@ from allanscope.allan.phase import to_phase
 
 
 def found(noise, m):
-    return np.array([law_of(to_phase(run, 1.0), m) for run in noise])
+    return np.array([law_of([to_phase(run, 1.0)], m) for run in noise])
 
 
 @pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])

@@ -207,6 +207,35 @@ class Archive:
             slopes[axis] = product / square if square > 0 else 0.0
         return slopes
 
+    def mean_second_differences(self, m: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """Return the slope of the rate as OAVAR and MVAR see it at each m, shape (axes, k).
+
+        Mean of ``(x[i] - 2 x[i+m] + x[i+2m]) / m^2`` over i, and of its mean over m neighbours;
+        the slope of `drift` where m is no multiple of a row or no segment is long enough.
+        """
+        slope = self.drift()
+        plain = np.repeat(slope[:, np.newaxis], m.size, axis=1)
+        modified = plain.copy()
+        rows, part = np.divmod(m, self.stride)
+        for axis in range(self.axes):
+            phases = self.picked(axis)
+            for t in np.flatnonzero(part == 0).tolist():
+                k = int(rows[t])
+                second = [
+                    x[2 * k :] - 2.0 * x[k:-k] + x[: -2 * k] for x in phases if x.size > 2 * k
+                ]
+                terms = sum(one.size for one in second)
+                if terms == 0:
+                    continue
+                plain[axis, t] = sum(float(one.sum()) for one in second) / (terms * m[t] ** 2)
+                sums = [np.cumsum(np.append(0.0, one)) for one in second if one.size >= k]
+                windows = [one[k:] - one[:-k] for one in sums]
+                count = sum(one.size for one in windows) * k
+                if count:
+                    total = sum(float(one.sum()) for one in windows)
+                    modified[axis, t] = total / (count * m[t] ** 2)
+        return plain, modified
+
     def _segments(self, axis: int) -> list[Floats]:
         return np.split(self.sums[axis], self.starts[1:], axis=1)
 

@@ -27,10 +27,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
-from allanscope.allan.confidence import HadamardFactor, assemble
+from allanscope.allan.confidence import BiasCorrection, HadamardFactor, assemble
 from allanscope.allan.curves import Curves, samples_to_value
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import Sums, estimator_named
+from allanscope.allan.noise_type import alpha_named
 from allanscope.allan.phase import LARGEST, checked_samples, positive_rate
 from allanscope.allan.shard import BLOCK, Shard
 from allanscope.samples import Block
@@ -180,8 +181,9 @@ class AllanBank:
         level: float = 0.95,
         rate: float | None = None,
         *,
-        bias_corrected: bool = True,
+        bias_corrected: BiasCorrection = True,
         hadamard_factor: HadamardFactor = "sp1065",
+        noise: str | None = None,
     ) -> Deviation:
         """Return a deviation curve of everything so far.
 
@@ -196,6 +198,8 @@ class AllanBank:
             Measured sample rate in Hz instead of the bank's.
         bias_corrected, hadamard_factor
             As in `allanscope.allan.confidence.assemble`.
+        noise : str, optional
+            Power law to take at every tau, ``WPM`` to ``RRFM``, instead of finding it out.
 
         Returns
         -------
@@ -208,6 +212,8 @@ class AllanBank:
             For an unknown kind, a rate that is not positive, or a level outside (0, 1).
         """
         rate = positive_rate(self.rate if rate is None else rate)
+        if noise is not None:
+            alpha_named(noise)
         if not 0.0 < level < 1.0:
             raise ValueError(f"level must lie between 0 and 1, got {level!r}")
         curves = self._settled_curves()
@@ -220,10 +226,19 @@ class AllanBank:
             in_units,
             rate,
             level,
-            curves.power_law(kind, sums),
+            curves.power_law(kind, sums) if noise is None else alpha_named(noise),
             bias_corrected=bias_corrected,
             hadamard_factor=hadamard_factor,
         )
+
+    def power_law(self, tau: ArrayLike) -> NDArray[np.int64]:
+        """Return the kind of noise at averaging times in samples, shape (axes, k), as alpha.
+
+        2 white PM to -4 random run FM, see `allanscope.allan.noise_type`; 0 where there is too
+        little data to tell.
+        """
+        alpha = self._settled_curves().alpha_at(tau)
+        return np.zeros((self.axes, np.size(tau)), np.int64) if alpha is None else alpha
 
     def wait(self, kind: str, tau: float, rate: float | None = None) -> float:
         """Return how much longer to run, without a gap, until there is a value at a tau.

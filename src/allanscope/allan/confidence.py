@@ -21,9 +21,10 @@ from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import Sums, estimator_named
 from allanscope.allan.noise_type import NAMES
 
-__all__ = ["HadamardFactor", "assemble", "chi_square_limits"]
+__all__ = ["BiasCorrection", "HadamardFactor", "assemble", "chi_square_limits"]
 
 HadamardFactor = Literal["sp1065", "dt0064"]
+BiasCorrection = bool | Literal["all"]
 
 _NAMES = np.array([NAMES[alpha] for alpha in range(2, -5, -1)])
 
@@ -35,7 +36,7 @@ def assemble(
     level: float = 0.95,
     alpha: ArrayLike | None = None,
     *,
-    bias_corrected: bool = True,
+    bias_corrected: BiasCorrection = True,
     hadamard_factor: HadamardFactor = "sp1065",
 ) -> Deviation:
     """Turn variances into a `Deviation` with chi-square limits.
@@ -53,9 +54,10 @@ def assemble(
     alpha : array_like of int, broadcastable to ``sums.variance``, optional
         Power law at each tau, from `allanscope.allan.noise_type.identify`. Without it the limits
         are those of white FM and the noise is ``""``.
-    bias_corrected : bool
-        Divide MTOT, TTOT and HTOT by their published bias. The limits are for the truth in any
-        case: where the value is known to lie off it, they span both.
+    bias_corrected : bool or 'all'
+        Divide MTOT, TTOT and HTOT by their published bias; with ``"all"`` TOTDEV and THEO1 too,
+        which programs show raw. The limits are for the truth in any case: where the value is known
+        to lie off it, they span both (those of raw THEO1 are for its own expectation).
     hadamard_factor : {'sp1065', 'dt0064'}
         1/6 or 1/2 in front of the squared third difference: the latter makes hdev, ohdev and
         htotdev sqrt(3) larger.
@@ -82,8 +84,14 @@ def assemble(
     if estimator.time:
         raw = raw / rate**2
     pieces, length = _stretches(sums)
-    deviation = np.sqrt(raw / estimator.correction(known, m, length) if bias_corrected else raw)
-    unbiased = np.sqrt(raw / estimator.expectation(known, m, length))
+    expectation = estimator.expectation(known, m, length)
+    correction = estimator.correction(known, m, length) if bias_corrected else np.ones(1)
+    if bias_corrected == "all":
+        left = estimator.uncorrected_bias(known, m, length)
+        correction, expectation = correction * left, np.where(left == 1.0, expectation, left)
+    elif not isinstance(bias_corrected, bool | np.bool_):
+        raise ValueError(f"unknown bias_corrected {bias_corrected!r}; choose True, False or 'all'")
+    deviation, unbiased = np.sqrt(raw / correction), np.sqrt(raw / expectation)
     edf = np.maximum(pieces * estimator.edf(known, m, length, sums.stride), 1.0)
     edf = np.where(refused, np.nan, edf)
     lower, _ = chi_square_limits(np.minimum(deviation, unbiased), edf, level)

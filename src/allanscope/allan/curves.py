@@ -25,7 +25,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
@@ -83,25 +83,32 @@ class Curves:
 
     def power_law(self, kind: str, sums: Sums) -> Ints | None:
         """Return alpha at the taus of `sums`, shape (axes, k); None when there is no telling."""
+        return self.alpha_at(estimator_named(kind).tau(sums.m, sums.n))
+
+    def alpha_at(self, tau: ArrayLike) -> Ints | None:
+        """Return alpha at averaging times in samples, shape (axes, k); None without any value."""
         allan = self.sums("oadev")
-        if allan.m.size == 0:
+        # At powers of two only: the finer taus of a bank must not change what an array is told.
+        octave = (allan.m & (allan.m - 1)) == 0
+        if not octave.any():
             return None
         if self._alpha is None:
-            self._alpha = self._identified(allan)
-        return at_factors(estimator_named(kind).tau(sums.m, sums.n), allan.m, self._alpha)
+            self._alpha = self._identified(allan, octave)
+        return at_factors(tau, allan.m[octave], self._alpha)
 
-    def _identified(self, allan: Sums) -> Ints:
+    def _identified(self, allan: Sums, octave: NDArray[np.bool_]) -> Ints:
         standard, hadamard, modified = (
-            _on_taus(self.sums(kind), allan.m) for kind in ("ostdev", "ohdev", "mdev")
+            _on_taus(self.sums(kind), allan.m)[:, octave] for kind in ("ostdev", "ohdev", "mdev")
         )
         return identify(
-            allan.m,
+            allan.m[octave],
             allan.n,
             stdvar=standard,
-            avar=allan.variance,
+            avar=allan.variance[:, octave],
             hvar=hadamard,
             mvar=modified,
             drift=self._archive.drift(),
+            drift_seen=self._archive.mean_second_differences(allan.m[octave]),
         )
 
     def _evaluate(self, kind: str) -> Sums:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["NAMES", "at_factors", "identify"]
+__all__ = ["NAMES", "alpha_named", "at_factors", "identify"]
 
 NAMES = {2: "WPM", 1: "FPM", 0: "WFM", -1: "FFM", -2: "RWFM", -3: "FWFM", -4: "RRFM"}
 """Names of the power laws of the rate, S_y(f) ~ f^alpha, by alpha."""
@@ -31,6 +31,20 @@ _FEWEST_WINDOWS = 32
 _FEWEST_SAMPLES = 8
 
 
+def alpha_named(noise: str) -> int:
+    """Return alpha of a power law by its name; ValueError, with all names, when there is none.
+
+    Examples
+    --------
+    >>> alpha_named("RWFM")
+    -2
+    """
+    for alpha, name in NAMES.items():
+        if name == str(noise).upper():
+            return alpha
+    raise ValueError(f"unknown noise type {noise!r}; choose one of {' '.join(NAMES.values())}")
+
+
 def identify(
     m: ArrayLike,
     n: int,
@@ -40,6 +54,7 @@ def identify(
     hvar: ArrayLike,
     mvar: ArrayLike,
     drift: ArrayLike = 0.0,
+    drift_seen: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> NDArray[np.int64]:
     """Return alpha at each averaging factor, from variances that a stream keeps anyway.
 
@@ -55,6 +70,9 @@ def identify(
     drift : array_like, shape () or (axes,)
         Slope of the rate per sample, which is no noise: taken off `avar` and `mvar`; `hvar` does
         not have it, and in `stdvar` it only makes sure that the differences are asked.
+    drift_seen : pair of array_like, shape (k,) or (axes, k), optional
+        Mean second difference of the phase over m^2 in `avar` and in `mvar`: the slope as each of
+        them has it, from `Archive.mean_second_differences`; `drift` if not given.
 
     Returns
     -------
@@ -72,9 +90,10 @@ def identify(
     """
     m = np.asarray(m, np.float64)
     slope = np.asarray(drift, np.float64)[..., np.newaxis]
-    ramp = (slope * m) ** 2 / 2.0
-    allan = np.asarray(avar, np.float64) - ramp
-    modified = np.asarray(mvar, np.float64) - ramp
+    in_allan, in_modified = (slope, slope) if drift_seen is None else drift_seen
+    # Of <(D - s m^2)^2> / (2 m^2), D being the second differences.
+    allan = np.asarray(avar, np.float64) - m**2 * slope * (np.asarray(in_allan) - slope / 2.0)
+    modified = np.asarray(mvar, np.float64) - m**2 * slope * (np.asarray(in_modified) - slope / 2.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         by_ratio = _from_modified(m, modified / allan)
         by_correlation = _from_correlation(

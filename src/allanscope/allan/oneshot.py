@@ -2,26 +2,39 @@
 
 Three steps: the samples become a phase, the estimator turns it into a variance at each averaging
 factor, and the noise type found at each makes limits of it. A stream does the same with
-`AllanBank`, from running sums.
+`AllanBank`, from running sums; a bank also finds the noise types of an array, so that both ways
+give the same ones. NaN is a gap: no term spans it, as behind `AllanBank.gap`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.confidence import HadamardFactor, assemble
+from allanscope.allan.confidence import BiasCorrection, HadamardFactor, assemble
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import REGISTRY, Estimator, Sums, estimator_named
-from allanscope.allan.noise_type import at_factors, identify
-from allanscope.allan.phase import DataKind, to_phase
+from allanscope.allan.estimators.base import AverageEstimator
+from allanscope.allan.noise_type import alpha_named
+from allanscope.allan.phase import DataKind, to_phases
 
-__all__ = ["Taus", "deviation", "power_law"]
+if TYPE_CHECKING:
+    from allanscope.allan.bank import AllanBank
 
-Taus = Literal["octave", "all"] | int | Sequence[float] | NDArray[np.float64]
+__all__ = ["TAU_SETS", "Taus", "choose_factors", "deviation", "power_law"]
+
+Phases = list[NDArray[np.float64]]
+
+Taus = Literal["octave", "decade", "many", "all"] | int | Sequence[float] | NDArray[np.float64]
+
+TAU_SETS = ("octave", "decade", "many", "all")
+
+_MANY = 24
+"""Averaging times in each octave of `many`: 80 in each decade."""
 
 
 def deviation(
@@ -33,8 +46,9 @@ def deviation(
     exact: bool = True,
     *,
     level: float = 0.95,
-    bias_corrected: bool = True,
+    bias_corrected: BiasCorrection = True,
     hadamard_factor: HadamardFactor = "sp1065",
+    noise: str | None = None,
 ) -> Deviation:
     """Return a deviation of the Allan family with its limits, for one axis.
 
@@ -42,15 +56,17 @@ def deviation(
     ----------
     data : array_like of int or float, shape (n,)
         Rates, e.g. in dps; or with ``data_kind="phase"`` n + 1 values of their integral in dps s.
+        NaN is a gap.
     rate : float
         Sample rate in Hz.
     kind : str
         stdev ostdev adev oadev mdev tdev hdev ohdev totdev mtotdev ttotdev htotdev theo1 theobr
         theoh pdev.
-    taus : {'octave', 'all'}, int or sequence of float
-        Powers of two; every factor; so many in each octave; or averaging times in s, each a whole
-        number m of samples. For the Theo family m is the even window, and the tau that comes back
-        is 0.75 m / rate.
+    taus : {'octave', 'decade', 'many', 'all'}, int or sequence of float
+        Powers of two; 1, 2 and 4 times the powers of ten; 24 in each octave; every factor; so many
+        in each octave; or averaging times in s, each a whole number m of samples: one that has no
+        value is an error. For the Theo family m is the even window, and the tau that comes back is
+        0.75 m / rate.
     data_kind : {'rate', 'phase'}
         What the data are. Rates taken for phase are the commonest mistake: the curve then falls by
         one power of tau more.
@@ -59,10 +75,13 @@ def deviation(
         records, and to a fraction of the limits the same. Needs octave-wise taus.
     level : float
         Two-sided confidence of the limits.
-    bias_corrected : bool
-        False for raw MTOT, TTOT and HTOT.
+    bias_corrected : bool or 'all'
+        False for raw MTOT, TTOT and HTOT; ``"all"`` to remove the bias of TOTDEV and THEO1 too.
     hadamard_factor : {'sp1065', 'dt0064'}
         1/6 or 1/2 in front of Hadamard's squared differences.
+    noise : str, optional
+        Power law to take at every tau for limits and bias, ``WPM FPM WFM FFM RWFM FWFM RRFM``,
+        instead of finding it out.
 
     Returns
     -------
@@ -82,28 +101,28 @@ def deviation(
     ([0.1, 0.2], [0.886, 1.025])
     """
     estimator = estimator_named(kind)
-    phase = to_phase(data, rate, data_kind)
-    n = phase.size - 1
+    phases = to_phases(data, rate, data_kind)
+    n = sum(phase.size - 1 for phase in phases)
     factors = choose_factors(estimator, taus, n, rate)
     if not exact:
         return _streamed(
-            phase,
+            phases,
             rate,
             kind,
             taus,
             level,
             bias_corrected=bias_corrected,
             hadamard_factor=hadamard_factor,
+            noise=noise,
         )
-    results = estimator.curve(phase, factors.tolist())
-    sums = Sums(
-        m=factors,
-        variance=np.array([variance for variance, _ in results]),
-        terms=np.array([terms for _, terms in results], np.int64),
-        stride=np.array([estimator.exact_stride(m) for m in factors.tolist()], np.int64),
-        n=n,
+    sums = _sums(estimator, phases, factors, n)
+    if len(phases) > 1:
+        sums = _with_values(estimator, sums, taus, rate, max(phase.size - 1 for phase in phases))
+    alpha = (
+        power_law(phases, estimator.tau(sums.m, n))
+        if noise is None
+        else np.array(alpha_named(noise))
     )
-    alpha = power_law(phase, estimator.tau(factors, n))
     return assemble(
         kind,
         sums,
@@ -115,13 +134,13 @@ def deviation(
     )
 
 
-def power_law(phase: NDArray[np.float64], tau: ArrayLike) -> NDArray[np.int64]:
+def power_law(phases: Phases, tau: ArrayLike) -> NDArray[np.int64]:
     """Return the noise type of a record at each averaging time in samples, as alpha.
 
     Parameters
     ----------
-    phase : ndarray of float64, shape (n + 1,)
-        As from `to_phase`.
+    phases : list of ndarray of float64
+        As from `to_phases`.
     tau : array_like, shape (k,)
         Averaging times in samples.
 
@@ -130,47 +149,94 @@ def power_law(phase: NDArray[np.float64], tau: ArrayLike) -> NDArray[np.int64]:
     ndarray of int64, shape (k,)
         2 (white PM) to -4, see `allanscope.allan.noise_type.identify`.
     """
-    n = phase.size - 1
-    phase = _without_drift(phase)
-    m = 2 ** np.arange(max(int(np.log2(n / 16)), 0) + 1)
-    avar = [REGISTRY["oadev"].exact(phase, k)[0] for k in m.tolist()]
-    mvar = [REGISTRY["mdev"].exact(phase, k)[0] for k in m.tolist()]
-    # The other two are asked for at m = 1 only.
-    stdvar, hvar = np.full((2, m.size), np.nan)
-    stdvar[0] = REGISTRY["ostdev"].exact(phase, 1)[0]
-    hvar[0] = REGISTRY["ohdev"].exact(phase, 1)[0]
-    alpha = identify(m, n, stdvar=stdvar, avar=avar, hvar=hvar, mvar=mvar)
-    return at_factors(tau, m, alpha)
+    alpha: NDArray[np.int64] = _bank(phases, 1.0, 1).power_law(tau)[0]
+    return alpha
 
 
-def _without_drift(phase: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Take off the slope of the rate, which is no noise: from the means of the two halves."""
-    n = phase.size - 1
-    half = n // 2
-    rise = (phase[n] - phase[n - half]) - (phase[half] - phase[0])
-    i = np.arange(n + 1, dtype=np.float64)
-    return phase - float(rise) / (half * (n - half)) * (i * (i - n) / 2.0)
+def _bank(phases: Phases, rate: float, per_octave: int) -> AllanBank:
+    """Return a bank that has taken the rates of every stretch."""
+    from allanscope.allan.bank import AllanBank
+
+    bank = AllanBank(rate, axes=1, per_octave=per_octave)
+    for i, phase in enumerate(phases):
+        if i:
+            bank.gap()
+        bank.update(np.diff(phase))
+    return bank
+
+
+def _sums(estimator: Estimator, phases: Phases, factors: NDArray[np.int64], n: int) -> Sums:
+    """Return variances and terms of all stretches together."""
+    m = factors.tolist()
+    stride = np.array([estimator.exact_stride(k) for k in m], np.int64)
+    if len(phases) == 1:
+        variance, terms = zip(*estimator.curve(phases[0], m), strict=True)
+        return Sums(factors, np.array(variance), np.array(terms, np.int64), stride, n)
+    pooled = np.array([_pooled(estimator, phases, k, n) for k in m])
+    terms, segments, covered = pooled[:, 1:].astype(np.int64).T
+    return Sums(factors, pooled[:, 0], terms, stride, n, np.maximum(segments, 1), covered)
+
+
+def _pooled(estimator: Estimator, phases: Phases, m: int, n: int) -> tuple[float, int, int, int]:
+    """Return variance, terms, and the stretches that have any with their samples, at one m."""
+    if estimator.name == "theoh":
+        # Which of its two parts is meant goes by the whole run, not by the stretch.
+        short = bool(estimator.tau(m, n) == m)
+        estimator = REGISTRY["oadev" if short else "theobr"]
+    if isinstance(estimator, AverageEstimator):
+        step = estimator.exact_stride(m)
+        found = [(x[m:] - x[:-m])[::step] / m for x in phases if x.size > m]
+        means = np.concatenate([*found, []])
+        variance = float(np.var(means, ddof=1)) if means.size > 1 else np.nan
+        return variance, means.size, len(found), sum(x.size - 1 for x in phases if x.size > m)
+    squares, terms, segments, covered = 0.0, 0, 0, 0
+    for phase in phases:
+        variance, count = estimator.exact(phase, m) if phase.size > m else (np.nan, 0)
+        if count and np.isfinite(variance):
+            squares, terms = squares + variance * count, terms + count
+            segments, covered = segments + 1, covered + phase.size - 1
+    return squares / terms if terms else np.nan, terms, segments, covered
+
+
+def _with_values(estimator: Estimator, sums: Sums, taus: Taus, rate: float, longest: int) -> Sums:
+    """Return what has a value on a record with gaps; ValueError for a tau in s that has none."""
+    keep = (sums.terms >= estimator.min_terms) & np.isfinite(sums.variance)
+    if keep.all():
+        return sums
+    m = int(sums.m[~keep][0])
+    if not (isinstance(taus, str) or np.ndim(taus) == 0) or not keep.any():
+        raise ValueError(
+            f"{estimator.name} has no value at tau {m / rate:g} s between the gaps: the longest "
+            f"stretch has {longest} samples"
+        )
+    segments, covered = sums.segments, sums.covered
+    return replace(
+        sums,
+        m=sums.m[keep],
+        variance=sums.variance[keep],
+        terms=sums.terms[keep],
+        stride=sums.stride[keep],
+        segments=None if segments is None else segments[keep],
+        covered=None if covered is None else covered[keep],
+    )
 
 
 def _streamed(
-    phase: NDArray[np.float64],
+    phases: Phases,
     rate: float,
     kind: str,
     taus: Taus,
     level: float,
     *,
-    bias_corrected: bool,
+    bias_corrected: BiasCorrection,
     hadamard_factor: HadamardFactor,
+    noise: str | None,
 ) -> Deviation:
-    from allanscope.allan.bank import AllanBank
-
     per_octave = 1 if isinstance(taus, str) and taus == "octave" else taus
     if not isinstance(per_octave, int | np.integer):
         raise ValueError("a bank keeps its own taus: exact=False needs octave or a number for taus")
-    bank = AllanBank(rate, axes=1, per_octave=int(per_octave))
-    bank.update(np.diff(phase))
-    curve = bank.deviation(
-        kind, level, bias_corrected=bias_corrected, hadamard_factor=hadamard_factor
+    curve = _bank(phases, rate, int(per_octave)).deviation(
+        kind, level, bias_corrected=bias_corrected, hadamard_factor=hadamard_factor, noise=noise
     )
     return curve.axis(0)
 
@@ -182,9 +248,9 @@ def choose_factors(estimator: Estimator, taus: Taus, n: int, rate: float) -> NDA
     ----------
     estimator : Estimator
         It sets which factors exist and how much data each one needs.
-    taus : {'octave', 'all'}, int or sequence of float
-        Powers of two; every factor; so many in each octave; or m / rate in s, for the Theo family
-        too, whose own averaging time is three quarters of that.
+    taus : {'octave', 'decade', 'many', 'all'}, int or sequence of float
+        As in `deviation`; m / rate in s for the Theo family too, whose own averaging time is three
+        quarters of that.
     n : int
         Number of rate samples.
     rate : float
@@ -209,11 +275,15 @@ def choose_factors(estimator: Estimator, taus: Taus, n: int, rate: float) -> NDA
     array([20, 40])
     """
     if isinstance(taus, str):
-        if taus == "octave":
-            return _available(estimator, _spaced(1, n), n)
+        if taus in ("octave", "many"):
+            return _available(estimator, _spaced(1 if taus == "octave" else _MANY, n), n)
+        if taus == "decade":
+            powers = 10 ** np.arange(len(str(n)))
+            return _available(estimator, np.outer(powers, [1, 2, 4]).ravel(), n)
         if taus == "all":
             return _available(estimator, np.arange(1, n + 1), n)
-        raise ValueError(f"unknown taus {taus!r}; choose octave, all, a number or times in s")
+        names = ", ".join(TAU_SETS)
+        raise ValueError(f"unknown taus {taus!r}; choose {names}, a number or times in s")
     if np.ndim(taus) == 0:
         if not isinstance(taus, int | np.integer) or isinstance(taus, bool) or taus < 1:
             raise ValueError(

@@ -12,7 +12,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["LARGEST", "DataKind", "checked_samples", "positive_rate", "to_phase"]
+__all__ = [
+    "LARGEST",
+    "DataKind",
+    "checked_samples",
+    "positive_rate",
+    "to_phase",
+    "to_phases",
+]
 
 DataKind = Literal["rate", "phase"]
 
@@ -79,6 +86,44 @@ def to_phase(data: ArrayLike, rate: float, data_kind: DataKind = "rate") -> NDAr
     if values.dtype.kind == "f":
         return _from_floats(values.astype(np.float64), rate, data_kind)
     return _from_integers(values, rate, data_kind)
+
+
+def to_phases(
+    data: ArrayLike, rate: float, data_kind: DataKind = "rate"
+) -> list[NDArray[np.float64]]:
+    """Return the phase of each stretch of a record between its NaNs, which are gaps.
+
+    Parameters and errors as in `to_phase`. All stretches of rates have the same offset taken off.
+
+    Examples
+    --------
+    >>> to_phases([1.0, 3.0, np.nan, np.nan, 2.0, 6.0, np.nan], rate=1.0)
+    [array([ 0., -2., -2.]), array([ 0., -1.,  2.])]
+    """
+    try:
+        values = np.asarray(data)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    missing = np.zeros(values.size, np.bool_)
+    if values.dtype.kind == "f" and values.ndim == 1:
+        missing = np.isnan(values)
+    if np.ma.is_masked(data) or not missing.any():
+        return [to_phase(data, rate, data_kind)]
+    known = values[~missing].astype(np.float64)
+    to_phase(known, rate, data_kind)  # what is wrong with the rest is said by the same words
+    offset = known.mean() if data_kind == "rate" else 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], missing, [True]])))
+    fewest = 1 if data_kind == "rate" else 2
+    phases = []
+    for start, stop in edges.reshape(-1, 2).tolist():
+        if stop - start < fewest:
+            continue
+        piece = values[start:stop].astype(np.float64)
+        whole = np.cumsum(piece - offset) if data_kind == "rate" else rate * (piece - piece[0])[1:]
+        phases.append(np.append(0.0, whole))
+    if not phases:
+        raise ValueError("no two neighbouring samples of phase are without a gap between them")
+    return phases
 
 
 def positive_rate(rate: float) -> float:

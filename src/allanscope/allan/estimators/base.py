@@ -171,6 +171,10 @@ class Estimator(ABC):
         """Return what a corrected variance is divided by: the customary, published bias."""
         return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))
 
+    def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return raw / true variance that `correction` leaves in, as is customary: see `Totdev`."""
+        return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))
+
     def expectation(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return raw / true variance as well as it is known; the limits allow for it."""
         return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))

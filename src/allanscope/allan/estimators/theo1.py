@@ -22,7 +22,16 @@ from numpy.typing import ArrayLike, NDArray
 from allanscope.allan.estimators.base import Estimator, register
 from allanscope.compiled import njit
 
-__all__ = ["Theo1", "theo1_variance", "thinned_theo1_variance"]
+__all__ = ["BIAS", "Theo1", "theo1_variance", "thinned_theo1_variance"]
+
+BIAS = np.array(
+    [
+        [0.09, 0.14, 1.0, 1.87, 2.70],
+        [0.74, 0.82, 0.0, -1.05, -1.53],
+        [0.40, 0.30, 0.0, 0.79, 0.85],
+    ]
+)
+"""AVAR / THEO1 = a + b / tau^c for white PM to random walk FM (D. Howe and others 2004)."""
 
 _SUMMED = 64
 """So many terms of a sum of powers are added one by one, the rest is an integral."""
@@ -70,6 +79,13 @@ class Theo1(Estimator):
     ) -> NDArray[np.float64]:
         """Return the degrees of freedom by the fits of Howe and Peppler."""
         return theo1_edf(alpha, m, n)
+
+    def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return THEO1 / AVAR at tau = 0.75 m by the published fit."""
+        alpha, m, _ = np.broadcast_arrays(alpha, m, n)
+        a, b, c = BIAS[:, 2 - alpha]
+        ratio: NDArray[np.float64] = 1.0 / (a + b / (0.75 * m) ** c)
+        return ratio
 
     def needed(self, m: int) -> int:
         """Return how many rate samples make one window."""

@@ -9,18 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.estimators.base import mean_square_second, register
-from allanscope.allan.estimators.theo1 import Theo1, theo1_variance
+from allanscope.allan.estimators.theo1 import BIAS, Theo1, theo1_variance
 
 __all__ = ["TheoBR", "theobr_ratio"]
-
-_BIAS = np.array(
-    [
-        [0.09, 0.14, 1.0, 1.87, 2.70],
-        [0.74, 0.82, 0.0, -1.05, -1.53],
-        [0.40, 0.30, 0.0, 0.79, 0.85],
-    ]
-)
-"""AVAR / THEO1 = a + b / tau^c for white PM to random walk FM (D. Howe and others 2004)."""
 
 _RATIO_EDF = 150.0
 """Degrees of freedom of the ratio: 110 to 330 for FM noise, by simulation, at any run length."""
@@ -74,10 +65,14 @@ class TheoBR(Theo1):
         """Return the degrees of freedom of THEO1, less what the scatter of the ratio takes."""
         return 1.0 / (1.0 / super().edf(alpha, m, n, stride) + 1.0 / _RATIO_EDF)
 
+    def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return 1: the record itself has removed the bias."""
+        return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))
+
     def expectation(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return what one ratio for all tau leaves of the bias, which depends on tau."""
         alpha, m, n = np.broadcast_arrays(alpha, m, n)
-        a, b, c = _BIAS[:, 2 - alpha]
+        a, b, c = BIAS[:, 2 - alpha]
         end = np.maximum(n / 10.0, 10.0)
         mean_power = (end ** (1 - c) - 9.0 ** (1 - c)) / ((1 - c) * (end - 9.0))
         ratio: NDArray[np.float64] = (a + b * mean_power) / (a + b / (0.75 * m) ** c)

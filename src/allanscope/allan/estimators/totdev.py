@@ -79,6 +79,10 @@ class Totdev(Estimator):
         """Return how many rate samples give `min_terms` terms."""
         return max(m, self.min_terms + 1)
 
+    def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return the bias of the raw value."""
+        return self.expectation(alpha, m, n)
+
     def expectation(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return ``1 - a tau/T``."""
         alpha, m, n = np.broadcast_arrays(alpha, m, n)

@@ -36,27 +36,37 @@ def analysis():
 
 
 def heads(result):
-    return {line.head: line for line in verdict(result).lines}
+    known = verdict(result)
+    return {line.head: line for line in (*known.lines, *known.details)}
 
 
 def test_a_good_sensor_is_called_good(analysis):
     known = verdict(clean(analysis))
     assert known.grade == "good"
     assert known.title == "Noise matches the datasheet"
-    assert [line.grade for line in known.lines[:3]] == ["good"] * 3
+    assert [line.grade for line in known.lines] == ["good", "good", "note"]
+    assert [line.head for line in known.lines] == [
+        "Noise matches the datasheet",
+        "No additional effects",
+        "Keep recording",
+    ]
+    assert not known.details
 
 
 def test_the_axes_that_miss_the_datasheet_are_named_first(analysis):
     known = verdict(analysis)
     assert known.grade == "bad"
-    assert known.title.startswith("Noisier than the datasheet: gy az;")
-    assert known.lines[0].text == "noise above the datasheet's 3.80 mdps/√Hz: gy 4.72"
+    assert known.title.startswith("Noisier than the datasheet; partly unexplained on az")
+    assert known.lines[0].text.startswith(
+        "density √2 N of gyroscope gy 4.72 mdps/√Hz (datasheet 3.80); accelerometer az 1"
+    )
 
 
 def test_an_effect_is_told_once_for_all_axes_that_have_it(analysis):
-    (line,) = [one for one in verdict(analysis).lines if one.text.startswith("line at")]
-    assert (line.head, line.grade) == ("Found", "note")
-    assert line.text == "line at 49.98 Hz, 20 mdps, on gx gy"
+    gyro = replace(analysis, axes={k: a for k, a in analysis.axes.items() if k[0] == "g"})
+    told = heads(gyro)["Additional effects found"].text
+    assert told.startswith("line at 49.98 Hz, 20 mdps, on gx gy; warm-up, ")
+    assert verdict(analysis).lines[1].text.count("line at 49.98 Hz") == 1
 
 
 def test_what_no_effect_explains_is_bad(analysis):
@@ -71,13 +81,14 @@ def test_a_record_that_is_too_short_for_the_loop_says_how_much_longer(analysis):
     )
     known = heads(changed(clean(analysis), explanation=short))
     assert known["Effects not searched on all axes"].text == TOO_SHORT
+    assert known["Effects"].text == "not searched"
     assert not any(head.startswith("Partly") for head in known)
 
 
 def test_a_run_that_was_not_looked_at_yet_is_not_called_free_of_effects(analysis):
     known = verdict(changed(clean(analysis), explanation=None))
-    assert {line.head: line.text for line in known.lines}["Effects"] == "not searched yet"
-    assert known.title == "Noise matches the datasheet"
+    assert known.lines[1].text == "not searched yet"
+    assert known.title == "Noise matches the datasheet; effects"
 
 
 def test_the_wait_is_that_of_the_slowest_axis(analysis):
@@ -91,22 +102,22 @@ def test_the_wait_is_that_of_the_slowest_axis(analysis):
     done = {k: replace(c, wait_s=None) for k, c in axis.coefficients.items()}
     long = heads(changed(analysis, coefficients=done))
     assert "Keep recording" not in long
-    told = [line.text for line in verdict(changed(analysis, coefficients=done)).lines]
-    assert any(text.startswith("long enough; N, B and K are known") for text in told)
+    assert long["Recording is long enough"].text.startswith("N, B and K are known")
 
 
 def test_a_part_without_a_name_is_not_judged(analysis):
     nameless = replace(changed(clean(analysis), datasheet={}), part="")
     known = verdict(nameless)
     assert known.grade == "note"
-    assert known.title == "Not compared with a datasheet"
+    assert known.title == "Noise not compared with a datasheet"
     assert "--part" in known.lines[0].text
 
 
 @pytest.mark.parametrize(("lost", "grade"), [(100, "note"), (1_000_000, "bad")])
 def test_losses_count_against_a_run_when_they_are_many(analysis, lost, grade):
     known = verdict(replace(clean(analysis), lost_samples=lost))
-    assert {line.head: line.grade for line in known.lines}["Lost samples"] == grade
+    assert {line.head: line.grade for line in known.details}["Lost samples"] == grade
+    assert known.lines[2].head == ("Check the link" if grade == "bad" else "Keep recording")
     assert known.grade == ("bad" if grade == "bad" else "good")
 
 
@@ -117,13 +128,16 @@ def test_why_there_is_no_verdict_against_a_datasheet_is_said(analysis):
         ("LSM6DSM", "full scale"),
         ("LSM6DSO", "LSM6DSO"),
     ):
-        assert why in heads(replace(unknown, part=part))["Gyroscope"].text
+        told = heads(replace(unknown, part=part))["Noise not compared with a datasheet"]
+        assert why in told.text
+        assert told.text.count(why) == 1, "both sensors have one reason"
 
 
 def test_a_remark_that_all_axes_share_is_said_once(analysis):
     known = verdict(changed(clean(analysis), remarks=("saturated",)))
-    assert [line.text for line in known.lines].count("saturated") == 1
+    assert [line.text for line in known.details].count("saturated") == 1
 
 
 def test_nothing_at_all_is_a_verdict_too(analysis):
-    assert verdict(replace(analysis, axes={}, lost_samples=0, remarks=())).grade == "note"
+    known = verdict(replace(analysis, axes={}, lost_samples=0, remarks=()))
+    assert (known.grade, len(known.lines)) == ("note", 3)

@@ -294,6 +294,7 @@ def test_the_odd_unit_is_named_with_its_reason(lot: Lot) -> None:
     verdict = lot_verdict(lot, named, [], {})
     assert (verdict.grade, verdict.title) == ("bad", "1 of 12 units stand out")
     told = {line.head: line.text for line in verdict.lines}
+    assert told[verdict.title] == f"{ODD}; 12 units, 36 recordings, 2 axes"
     assert told["model"] == "2 of 72 axes of runs are not explained at 1 %; chance alone gives 0.72"
     assert told["datasheet"].startswith("1 of 72 axes of runs are noisier")
 

@@ -289,7 +289,7 @@ def test_what_a_table_did_not_say_stands_in_the_result(tmp_path):
     np.savetxt(tmp_path / "bare.txt", counts, "%d", ",")
     result = analyse_input(tmp_path / "bare.txt", DeviceSettings(rate_hz=104.0), quiet=True)
     said = " ".join(result.assumptions)
-    assert [line.head for line in verdict(result).lines[:3]] == ["Assumed"] * 3
+    assert [line.head for line in verdict(result).details[:3]] == ["Assumed"] * 3
     assert result.to_dict()["assumptions"] == list(result.assumptions)
     assert not set(result.assumptions) & set(result.remarks)
     for assumed in ("3 columns are taken as gx gy gz", "taken as lsb", "taken as 250 dps"):

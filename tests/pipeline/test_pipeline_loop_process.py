@@ -102,10 +102,10 @@ def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
     (effect,) = result.effects
     assert effect.kind == "clock_error"
     assert effect.parameters["relative"].value == pytest.approx(0.04, abs=1e-4)
-    assert [line.text for line in verdict(result).lines if line.head == "Clock"] == ["4.00 % fast"]
-    assert {line.text for line in verdict(result).lines if line.head == "Effects"} == {
-        "none found beyond the noise model"
-    }
+    assert [line.text for line in verdict(result).details if line.head == "Clock"] == [
+        "4.00 % fast"
+    ]
+    assert verdict(result).lines[1].head == "No additional effects"
     assert [text for _, text in Diary().news(result) if "clock" in text] == [
         "found clock 4.00 % fast"
     ]

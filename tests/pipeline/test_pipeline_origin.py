@@ -20,12 +20,11 @@ def test_a_simulated_recording_is_called_simulated_in_json_report_and_terminal(
     files = ["--json", str(result), "--report", str(report)]
     assert main(["analyse", str(recording), *files]) == 0
     assert json.loads(result.read_text())["origin"] == "synthetic"
-    assert '<p class="banner">Simulated data</p>' in report.read_text()
+    assert '<p class="banner">Simulated data: a program' in report.read_text()
     assert "Simulated data" in capsys.readouterr().out
     analysis = analyse_input(recording, DeviceSettings(), quiet=True)
     known = verdict(analysis)
-    assert known.title.startswith("Simulated data: ")
-    assert (known.lines[0].grade, known.lines[0].head) == ("bad", "Simulated data")
+    assert known.banner.startswith("Simulated data: a program computed the samples")
     assert any("Simulated data" in line for line in summary_lines(analysis))
     assert status_line(analysis).endswith("simulated data")
 

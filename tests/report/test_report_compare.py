@@ -45,7 +45,7 @@ def test_each_axis_has_an_overlay_and_a_table(page, sessions):
     assert page.count("<svg") == 2
     assert list(comparing_pictures(sessions)) == ["gx-comparison", "ax-comparison"]
     for value in N.values():
-        assert f"{1e3 * value:.2f} (" in page
+        assert f"{1e3 * value:.2f} [" in page
 
 
 def test_the_spread_stands_beside_what_chance_alone_would_make(page):

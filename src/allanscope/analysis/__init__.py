@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     )
     from allanscope.analysis.summary import Depth, summarise
     from allanscope.analysis.verdict_lines import (
-        ASSUMED,
-        KEEP_RECORDING,
         Grade,
         Verdict,
         VerdictLine,
@@ -68,8 +66,6 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "ASSUMED",
-    "KEEP_RECORDING",
     "NAMELESS",
     "SCHEMA",
     "Analyser",
@@ -114,7 +110,6 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "ASSUMED": "verdict_lines",
         "Analyser": "analyser",
         "AnalyserSettings": "analyser",
         "Analysis": "result",
@@ -123,7 +118,6 @@ __getattr__, __dir__ = lazily(
         "Depth": "summary",
         "Finding": "findings",
         "Grade": "verdict_lines",
-        "KEEP_RECORDING": "verdict_lines",
         "Level": "result",
         "LoopInput": "analyser",
         "ModelCurve": "result",

@@ -1,6 +1,7 @@
-"""What an engineer wants to know first: is the sensor good, what is wrong, how long to wait.
+"""What an engineer wants to know first, in three lines.
 
-The same few lines head the viewer, the terminal and the report.
+Is the noise what the datasheet says, what else was found, and what to do next: the same lines head
+the viewer, the terminal and the report. Whatever else must be known is behind them, as details.
 """
 
 from __future__ import annotations
@@ -24,17 +25,10 @@ from allanscope.noise import DatasheetVerdict
 from allanscope.parts import PARTS
 from allanscope.quantities import DENSITY, DEVIATION, MAIN_LETTERS, SENSOR_NAMES, number, symbols
 
-__all__ = ["ASSUMED", "KEEP_RECORDING", "Grade", "Verdict", "VerdictLine", "searched", "verdict"]
+__all__ = ["Grade", "Verdict", "VerdictLine", "searched", "verdict"]
 
 Grade = Literal["good", "bad", "note"]
 
-ASSUMED = "Assumed"
-"""Head of the lines on what the input did not say: they come first."""
-
-KEEP_RECORDING = "Keep recording"
-"""Head of the line that says how much longer."""
-
-_FOUND = "Found"
 _NAMED = 3
 """Findings that a verdict names: what else there is stands in the report."""
 _NOTICEABLE_LOSS = 1e-3
@@ -61,7 +55,9 @@ class Verdict:
     title : str
         One phrase.
     lines : tuple of VerdictLine
-        What is behind it, the most important first.
+        Of a session: the noise, the effects, what to do next.
+    details : tuple of VerdictLine
+        What else must be known, the most important first: assumptions, failures, losses, remarks.
     banner : str
         What must stand above everything else, in red; empty for samples that a part measured.
     """
@@ -69,30 +65,37 @@ class Verdict:
     grade: Grade
     title: str
     lines: tuple[VerdictLine, ...]
+    details: tuple[VerdictLine, ...] = ()
     banner: str = ""
 
 
 def verdict(analysis: Analysis) -> Verdict:
     """Return the verdict on a result, or on a result so far."""
-    noise = [line for unit in SENSOR_NAMES for line in _noise_lines(analysis, unit)]
-    found = [*_effect_lines(analysis.axes), *_stream_lines(analysis)]
+    noise, effects = _noise_line(analysis), _effect_line(analysis.axes)
     losses = _loss_lines(analysis)
-    assumed = [VerdictLine("note", ASSUMED, text) for text in analysis.assumptions]
     failed = _failure_lines(analysis.axes)
-    first = (*assumed, *failed, *noise, *found, *losses)
-    lines = (*first, *_wait_lines(analysis.axes), *_remark_lines(analysis))
-    grades = [line.grade for line in (*failed, *noise, *found, *losses)]
-    if "bad" in grades:
-        grade: Grade = "bad"
-    else:
-        grade = "good" if any(line.grade == "good" for line in noise) else "note"
-    title = _title(analysis.axes, noise, found, losses)
-    title = f"{title}; the analysis of an axis failed" if failed else title
+    details = (
+        *(VerdictLine("note", "Assumed", text) for text in analysis.assumptions),
+        *failed,
+        *losses,
+        *_search_lines(analysis.axes),
+        *_stream_lines(analysis),
+        *_remark_lines(analysis),
+    )
+    title = [noise.head, *([effects.head] if effects.grade != "good" else [])]
+    if any(line.grade == "bad" for line in losses):
+        title.append("samples were lost")
+    if failed:
+        title.append("the analysis of an axis failed")
+    bad = any(line.grade == "bad" for line in (noise, effects, *losses, *failed))
     simulated = not_measured(analysis.origin)
-    if simulated is not None:
-        lines = (VerdictLine("bad", *simulated), *lines)
-        title = f"{simulated[0]}: {title[:1].lower()}{title[1:]}"
-    return Verdict(grade, title, lines, simulated[0] if simulated else "")
+    return Verdict(
+        grade="bad" if bad else noise.grade,
+        title="; ".join(f"{one[:1].lower()}{one[1:]}" if i else one for i, one in enumerate(title)),
+        lines=(noise, effects, _next_line(analysis, losses)),
+        details=details,
+        banner=": ".join(simulated) if simulated else "",
+    )
 
 
 def searched(explanation: AxisExplanation) -> bool:
@@ -100,62 +103,54 @@ def searched(explanation: AxisExplanation) -> bool:
     return math.isfinite(explanation.before.chi2_per_dof)
 
 
-def _title(
-    axes: Mapping[str, AxisAnalysis],
-    noise: Iterable[VerdictLine],
-    found: Iterable[VerdictLine],
-    losses: Iterable[VerdictLine],
-) -> str:
-    grades = {line.grade for line in noise}
-    if "bad" in grades:
-        first = f"Noisier than the datasheet: {' '.join(_worse(axes))}"
-    elif grades == {"good"}:
-        first = "Noise matches the datasheet"
-    elif "good" in grades:
-        first = "Noise matches the datasheet where it is known"
-    else:
-        first = "Not compared with a datasheet"
-    parts = [first]
-    if any(line.grade == "bad" for line in found):
-        parts.append("partly unexplained")
-    elif any(line.head == _FOUND for line in found):
-        parts.append("additional effects found")
-    if any(line.grade == "bad" for line in losses):
-        parts.append("samples were lost")
-    return "; ".join(parts)
-
-
 # --- the noise against the datasheet ----------------------------------------------------------
 
 
-def _noise_lines(analysis: Analysis, unit: str) -> list[VerdictLine]:
+def _noise_line(analysis: Analysis) -> VerdictLine:
+    """Say whether the noise is what the datasheet says, sensor by sensor."""
+    told = [one for unit in SENSOR_NAMES if (one := _noise_of(analysis, unit))]
+    grades = {grade for grade, _ in told}
+    # A reason that both sensors share is told once.
+    text = "; ".join(dict.fromkeys(text for _, text in told))
+    if grades & {"good", "bad"}:
+        text = f"density √2 N of {text}"
+    if "bad" in grades:
+        return VerdictLine("bad", "Noisier than the datasheet", text)
+    if grades == {"good"}:
+        return VerdictLine("good", "Noise matches the datasheet", text)
+    if "good" in grades:
+        return VerdictLine("good", "Noise matches the datasheet where it is known", text)
+    return VerdictLine("note", "Noise not compared with a datasheet", text or "no samples yet")
+
+
+def _noise_of(analysis: Analysis, unit: str) -> tuple[Grade, str] | None:
+    """Return the grade and the words on one sensor; None where it has no axis."""
     axes = {name: axis for name, axis in analysis.axes.items() if axis.unit == unit}
     if not axes:
-        return []
-    sensor = SENSOR_NAMES[unit].capitalize()
+        return None
+    sensor = SENSOR_NAMES[unit]
     sheets = {name: _sheet(axis) for name, axis in axes.items()}
     known = {k: v for k, v in sheets.items() if v is not None and v.measured is not None}
     if not any(sheets.values()):
-        return [VerdictLine("note", sensor, _why_no_sheet(analysis.part))]
+        return "note", _why_no_sheet(analysis.part)
     if not known:
-        return [VerdictLine("note", sensor, "the white noise is not determined yet")]
+        return "note", f"white noise of the {sensor} not determined yet"
+    first = next(iter(known.values()))
     if any(one.limit is None for one in known.values()):
-        return [VerdictLine("note", sensor, "the datasheet gives no noise value")]
-    worse = {name: known[name] for name in _worse(axes)}
+        return "note", f"no noise value of the {sensor} in the datasheet"
+    worse = {name: known[name] for name in known if known[name].verdict == "worse"}
     if worse:
-        named = ", ".join(f"{k} {_shown(v)}" for k, v in worse.items())
-        text = f"noise above the datasheet's {_limit(worse)}: {named}"
-        return [VerdictLine("bad", sensor, text)]
-    measured = [one.measured for one in known.values() if one.measured is not None]
-    low, high = (_number(x, next(iter(known.values()))) for x in (min(measured), max(measured)))
-    span = low if low == high else f"{low} to {high}"
-    better = all(one.verdict == "better" for one in known.values())
-    compared = "is below" if better else "matches"
-    text = f"noise {span} {compared} the datasheet's {_limit(known)}"
+        span = ", ".join(f"{k} {_number(v.measured or 0.0, v)}" for k, v in worse.items())
+    else:
+        measured = [one.measured for one in known.values() if one.measured is not None]
+        low, high = (_number(x, first) for x in (min(measured), max(measured)))
+        span = low if low == high else f"{low} to {high}"
+    limits = dict.fromkeys(_number(v.limit, v) for v in (worse or known).values() if v.limit)
+    text = f"{sensor} {span} {_reading(first)[1]} (datasheet {' or '.join(limits)})"
     late = [name for name in axes if name not in known]
     if late:
-        text += f" on {' '.join(known)}; {' '.join(late)} not determined yet"
-    return [VerdictLine("good", sensor, text)]
+        text += f", {' '.join(late)} not determined yet"
+    return ("bad" if worse else "good"), text
 
 
 def _why_no_sheet(part: str) -> str:
@@ -163,16 +158,7 @@ def _why_no_sheet(part: str) -> str:
         return "the part is not known; name it with --part"
     if part not in PARTS:
         return f"there is no datasheet entry for {part}"
-    return "not compared: the datasheet's noise depends on the full scale, which is not known"
-
-
-def _worse(axes: Mapping[str, AxisAnalysis]) -> list[str]:
-    """Return the axes that are noisier than their datasheet."""
-    return [
-        name
-        for name, axis in axes.items()
-        if (sheet := _sheet(axis)) is not None and sheet.verdict == "worse"
-    ]
+    return "the datasheet's noise depends on the full scale, which is not known"
 
 
 def _sheet(axis: AxisAnalysis) -> DatasheetVerdict | None:
@@ -182,16 +168,6 @@ def _sheet(axis: AxisAnalysis) -> DatasheetVerdict | None:
 
 def _number(value: float, of: DatasheetVerdict) -> str:
     return number(value * _reading(of)[0])
-
-
-def _shown(of: DatasheetVerdict) -> str:
-    return "-" if of.measured is None else _number(of.measured, of)
-
-
-def _limit(verdicts: Mapping[str, DatasheetVerdict]) -> str:
-    one = next(iter(verdicts.values()))
-    limits = dict.fromkeys(_number(v.limit, v) for v in verdicts.values() if v.limit is not None)
-    return f"{' or '.join(limits)} {_reading(one)[1]}"
 
 
 def _reading(of: DatasheetVerdict) -> tuple[float, str]:
@@ -215,35 +191,46 @@ def _failure_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     ]
 
 
-def _effect_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
-    sound = {name: axis for name, axis in axes.items() if not axis.failure}
-    looked = {n: a.explanation for n, a in sound.items() if a.explanation is not None}
+def _effect_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
+    """Say what was found beyond the noise model, at most three, and whether that explains it."""
+    looked = _looked(axes)
     open_axes = {name: one for name, one in looked.items() if searched(one)}
-    if sound and not looked:
-        return [VerdictLine("note", "Effects", "not searched yet")]
+    if not open_axes:
+        return VerdictLine("note", "Effects", "not searched" if looked else "not searched yet")
     found = findings_of({name: one.own_effects for name, one in open_axes.items()})
-    lines = [
-        VerdictLine("note", _FOUND, finding_sentence(one, tuple(axes))) for one in found[:_NAMED]
-    ]
+    texts = [finding_sentence(one, tuple(axes)) for one in found[:_NAMED]]
     if len(found) > _NAMED:
-        lines.append(VerdictLine("note", f"And {len(found) - _NAMED} more", "see the report"))
+        texts.append(f"and {len(found) - _NAMED} more, see the report")
+    text = "; ".join(texts)
     unexplained = [name for name, one in open_axes.items() if not one.explained]
     if unexplained:
-        text = "the residual is inconsistent with sampling error, and no known effect explains it"
         head = f"Partly unexplained on {_named(unexplained, axes)}"
-        lines.insert(0, VerdictLine("bad", head, text))
-    elif open_axes and not lines:
-        lines.append(VerdictLine("good", "Effects", "none found beyond the noise model"))
+        why = "residual inconsistent with sampling error"
+        return VerdictLine("bad", head, f"{text}; {why}" if text else why)
+    if found:
+        return VerdictLine("note", "Additional effects found", text)
+    return VerdictLine("good", "No additional effects", "residual consistent with sampling error")
+
+
+def _looked(axes: Mapping[str, AxisAnalysis]) -> dict[str, AxisExplanation]:
+    return {
+        name: axis.explanation
+        for name, axis in axes.items()
+        if axis.explanation is not None and not axis.failure
+    }
+
+
+def _search_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
+    """Return why the loop could not look at some axes."""
     reasons: dict[str, list[str]] = {}
-    for name, one in looked.items():
-        if name not in open_axes:
+    for name, one in _looked(axes).items():
+        if not searched(one):
             for remark in one.remarks[:1]:
                 reasons.setdefault(remark, []).append(name)
-    lines += [
+    return [
         VerdictLine("note", f"Effects not searched on {_named(names, axes)}", reason)
         for reason, names in reasons.items()
     ]
-    return lines
 
 
 def _stream_lines(analysis: Analysis) -> list[VerdictLine]:
@@ -272,7 +259,17 @@ def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
     return [VerdictLine(grade, "Lost samples", text), *suspects]
 
 
-def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
+def _next_line(analysis: Analysis, losses: Iterable[VerdictLine]) -> VerdictLine:
+    """Say what to do next: mend the link, keep recording, or nothing more."""
+    line = _recording_line(analysis.axes)
+    lost = next((one for one in losses if one.grade == "bad"), None)
+    if lost is None:
+        return line
+    then = f"; {line.head[:1].lower()}{line.head[1:]}: {line.text}"
+    return VerdictLine("bad", "Check the link", f"{lost.text} of the samples lost{then}")
+
+
+def _recording_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
     """Say how much longer to record until the last axis is known, letter by letter."""
     waits = {}
     for letter in MAIN_LETTERS:
@@ -283,19 +280,17 @@ def _wait_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     if waits:
         times = [(letter, wait_text(one)) for letter, one in waits.items()]
         parts = ", ".join(f"{letter} to ±20 % in about {wait}" for letter, wait in times)
-        return [VerdictLine("note", KEEP_RECORDING, parts)]
-    if axes and all(a.coefficients for a in axes.values()):
-        limits = [
-            f"{letter} of {name}"
-            for letter in MAIN_LETTERS
-            for name, axis in axes.items()
-            if letter in axis.coefficients and not axis.coefficients[letter].detected
-        ]
-        text = "N, B and K are known" + (
-            f" (upper limit only: {', '.join(limits)})" if limits else ""
-        )
-        return [VerdictLine("good", "Recording", f"long enough; {text}")]
-    return []
+        return VerdictLine("note", "Keep recording", parts)
+    if not axes or not all(a.coefficients for a in axes.values()):
+        return VerdictLine("note", "Keep recording", "too short for N, B and K of every axis")
+    limits = [
+        f"{letter} of {name}"
+        for letter in MAIN_LETTERS
+        for name, axis in axes.items()
+        if letter in axis.coefficients and not axis.coefficients[letter].detected
+    ]
+    only = f" (upper limit only: {', '.join(limits)})" if limits else ""
+    return VerdictLine("good", "Recording is long enough", f"N, B and K are known{only}")
 
 
 def _remark_lines(analysis: Analysis) -> list[VerdictLine]:

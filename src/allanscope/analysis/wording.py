@@ -230,15 +230,15 @@ def not_measured(origin: Origin) -> tuple[str, str] | None:
     """Return what stands above every result whose samples no part measured, and why; else None.
 
     >>> not_measured("synthetic")
-    ('Simulated data', 'a program computed the samples: no part was measured')
+    ('Simulated data', 'a program computed the samples; no part was measured')
     >>> not_measured("measured") is None
     True
     """
     match origin:
         case "synthetic":
-            return "Simulated data", "a program computed the samples: no part was measured"
+            return "Simulated data", "a program computed the samples; no part was measured"
         case "emulated":
-            return "Simulated data", "the device is emulated: no part was measured"
+            return "Simulated data", "the device is emulated; no part was measured"
         case _:
             return None
 

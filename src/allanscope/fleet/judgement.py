@@ -133,20 +133,18 @@ def lot_verdict(
     units = len(np.unique(lot.units))
     runs = len(set(lot["recording"].tolist()))
     bad = sorted({one.unit for one in named})
+    title = f"{len(bad)} of {units} units stand out" if bad else f"No unit of {units} stands out"
+    size = f"{units} units, {runs} recordings, {len(lot.axes)} axes"
     lines = [
-        VerdictLine("note", "lot", f"{units} units, {runs} recordings, {len(lot.axes)} axes"),
-        VerdictLine(
-            "bad" if bad else "good",
-            "units",
-            f"{len(bad)} of {units} stand out: {_some(bad)}" if bad else "none stands out",
-        ),
+        VerdictLine("bad", title, f"{_some(bad)}; {size}")
+        if bad
+        else VerdictLine("good", title, size),
         *_run_lines(lot),
         *_loss_lines(lot),
         *_rack_lines(shared, units),
     ]
     if failures:
         lines.append(VerdictLine("bad", "no result", f"{len(failures)} of the recordings"))
-    title = f"{len(bad)} of {units} units stand out" if bad else f"No unit of {units} stands out"
     return Verdict("bad" if bad or failures else "good", title, tuple(lines))
 
 

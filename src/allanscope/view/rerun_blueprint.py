@@ -52,7 +52,7 @@ def layout(axes: Sequence[str], estimators: Sequence[str], active_tab: int = 0) 
         rrb.Vertical(
             _text("/tables/verdict", "verdict"),
             _charts(axes, [_overview(axis) for axis in axes]),
-            row_shares=[1, 6],
+            row_shares=[1, 5],
         ),
         rrb.Tabs(*[_axis(axis, others) for axis in axes]),
         rrb.Tabs(*[_estimator(axes, kind) for kind in estimators]),

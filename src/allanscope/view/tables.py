@@ -52,18 +52,20 @@ _KEY = (
     "*Line: measured. Hatch: 95 % interval. Dashed end: too few terms. Broad line: model; dashed, "
     "with letters: its components. Grey: datasheet.*"
 )
-_BEHIND = 7
+_BEHIND = 4
 
 
 def verdict_text(analysis: Analysis) -> str:
-    """Return the verdict in one line, and what is behind it below."""
+    """Return the three lines of the verdict, and the first details below."""
     known = verdict(analysis)
-    behind = " · ".join(
-        f"*{markdown(line.head)}:* {markdown(line.text)}" for line in known.lines[:_BEHIND]
-    )
-    more = len(known.lines) - _BEHIND
-    tail = f" · *{more} more: see the findings*" if more > 0 else ""
-    return f"**{markdown(known.title)}.** {behind}{tail}"
+    lines = [f"**{markdown(known.banner)}**"] if known.banner else []
+    lines += [f"**{markdown(line.head)}:** {markdown(line.text)}" for line in known.lines]
+    if known.details:
+        behind = [f"*{markdown(one.head)}:* {markdown(one.text)}" for one in known.details]
+        more = len(behind) - _BEHIND
+        tail = [f"*{more} more: see the findings*"] if more > 0 else []
+        lines.append(" · ".join((*behind[:_BEHIND], *tail)))
+    return "\n\n".join(lines)
 
 
 def coefficients_table(analysis: Analysis) -> str:

@@ -14,8 +14,6 @@ from rich.table import Table
 from rich.text import Text
 
 from allanscope.analysis import (
-    ASSUMED,
-    KEEP_RECORDING,
     Analysis,
     AxisAnalysis,
     VerdictLine,
@@ -52,8 +50,8 @@ _ARROWS: dict[Direction, str] = {"up": "↑", "down": "↓", "settled": "=", "":
 _FOLD_LOSS = 16
 """Columns that folding between words may leave empty at the end of a line."""
 
-_FIXED_LINES = 17
-"""Lines that are always there; the rest of the height is for what is behind the verdict."""
+_LEAST_LINES = 5
+"""Lines beside the verdict and the table that are always there: header, run, age, space, keys."""
 
 _SUMMARY_WIDTH = 160
 _SUMMARY_HEIGHT = 1000
@@ -92,20 +90,18 @@ class Screen:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         wide = options.max_width >= _WIDE
-        room = max(3, (options.height or console.height) - _FIXED_LINES)
+        width, height = options.max_width, options.height or console.height
         known = verdict(self._analysis)
-        title = Text(known.title, style=_style(GRADE[known.grade]))
-        title.no_wrap, title.overflow = True, "ellipsis"
-        assumed = [line for line in known.lines if line.head == ASSUMED]
-        guesses = _reasons(assumed, max(1, room // 2), options.max_width) if assumed else []
-        room = max(3, room - sum(1 + (text.cell_len > options.max_width) for text in guesses))
-        # However small the screen: for how much longer is the question while it runs.
-        keep = [line for line in known.lines if line.head == KEEP_RECORDING]
-        reasons = keep + [
-            line for line in known.lines if line.head not in (ASSUMED, KEEP_RECORDING)
-        ]
-        top: list[Text | Table] = [self._header(), self._run(), title, *guesses, self._as_of()]
-        yield Group(*top, self._axes(wide), Text(), *_reasons(reasons, room, options.max_width))
+        top: list[Text | Table] = [self._header(), self._run()]
+        if known.banner:
+            banner = Text(known.banner, style=_style(GRADE["bad"]))
+            top.append(_folded(banner, width))
+        three = [_folded(_said(line), width) for line in known.lines]
+        table = self._axes(wide)
+        taken = sum(_rows(text, width) for text in three) + bool(known.banner)
+        room = max(2, height - _LEAST_LINES - table.row_count - taken - 2)
+        details = _details(known.details, room, width)
+        yield Group(*top, *three, self._as_of(), table, *([Text(), *details] if details else []))
         if self._keys:
             yield Text(self._keys, style="dim", no_wrap=True, overflow="ellipsis")
 
@@ -180,22 +176,36 @@ class Screen:
         return Text(f"{symbols(reading.compact(known.value, known.lower, known.upper))} {arrow}")
 
 
-def _reasons(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
-    """Return what is behind the verdict in at most `room` lines; a long reason may take two."""
+def _details(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
+    """Return what is behind the verdict in at most `room` lines; a long detail may take two."""
     texts: list[Text] = []
     left = room
     for number_of, line in enumerate(lines):
-        text = Text(one_line(line.head), style=_style(GRADE[line.grade]))
-        text.append(f": {one_line(line.text)}", style="not bold default")
-        rows = 1 + (text.cell_len > width)
+        text = _said(line)
         still = len(lines) - number_of
-        if rows > left - (still > 1):
+        if _rows(text, width) > left - (still > 1):
             texts.append(Text(f"and {still} more lines: see the report"))
             break
-        text.truncate(2 * width - _FOLD_LOSS, overflow="ellipsis")
-        texts.append(text)
-        left -= rows
+        left -= _rows(text, width)
+        texts.append(_folded(text, width))
     return texts
+
+
+def _said(line: VerdictLine) -> Text:
+    text = Text(one_line(line.head), style=_style(GRADE[line.grade]))
+    text.append(f": {one_line(line.text)}", style="not bold default")
+    return text
+
+
+def _rows(text: Text, width: int) -> int:
+    """Return how many rows a text takes: one or two."""
+    return 1 + (text.cell_len > width)
+
+
+def _folded(text: Text, width: int) -> Text:
+    """Return a text that fits two rows."""
+    text.truncate(2 * width - _FOLD_LOSS, overflow="ellipsis")
+    return text
 
 
 def _residual(axis: AxisAnalysis) -> str:

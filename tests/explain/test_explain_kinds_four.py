@@ -96,6 +96,24 @@ def gauss_markov(b):
     )
 
 
+def power_law(b):
+    def sloping(exponent, density):
+        f = np.fft.rfftfreq(4 * len(b.t), 1 / RATE)
+        rising = np.sin(np.pi * np.maximum(f, f[1]) / RATE) * RATE / np.pi
+        white = np.fft.rfft(b.rng.normal(size=4 * len(b.t)))
+        noise = np.fft.irfft(white * rising ** (-exponent / 2))
+        return density * RATE**0.5 * noise[: len(b.t)]
+
+    return side_by_side(
+        b,
+        sloping(0.5, 12e-3),
+        b.gauss_markov(12e-3, 5.0),
+        sloping(1.5, 1.5e-3),
+        truth={"exponent": (0.5, 0.3), "density": (12e-3, 0.15)},
+        confuser="gauss_markov",
+    )
+
+
 def random_telegraph(b):
     return side_by_side(
         b,
@@ -326,7 +344,7 @@ FOURS: dict[str, Callable[..., Four]] = {
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
         *(repeated_samples, clock_error, unexplained, saturation, scale_drift, drifting_line),
-        shock,
+        *(shock, power_law),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

@@ -18,6 +18,7 @@ from allanscope.noise.components import (
     LineProfile,
     Narrowband,
     PeakFiltered,
+    PowerLaw,
     Ramp,
     RandomTelegraph,
     RandomWalk,
@@ -43,6 +44,9 @@ EXAMPLES = [
     BandPassed(0.4, 20.0, 8.0),
     PeakFiltered(0.4, 20.0, 3.0),
     LineProfile(0.4, 2.0, 2.2, (0.3, 0.6, 0.1)),
+    PowerLaw(0.3, 0.5),
+    PowerLaw(0.3, 1.0),
+    PowerLaw(0.3, 1.5),
 ]
 WEIGHT = {
     "avar": lambda w, m: 2 * np.sin(m * w / 2) ** 4 / (m * np.sin(w / 2)) ** 2,
@@ -129,6 +133,15 @@ def test_impossible_numbers_are_refused(bad):
 )
 def test_textbook_values(component, kind, m, expected):
     assert float(getattr(component, kind)(m, DT)) == pytest.approx(expected, rel=2e-6)
+
+
+def test_a_power_law_of_a_classical_slope_is_the_classical_noise():
+    k, m = np.array([1, 2, 3, 9, 40, 500]), np.array([1, 3, 100, 10**6])
+    flicker, same = Flicker(0.7), PowerLaw(0.7 / np.sqrt(2 * np.pi), 1.0)
+    np.testing.assert_allclose(same.avar(m, DT), flicker.avar(m, DT), rtol=1e-3)
+    for stride in (1, 7):
+        expected = flicker.ordinates(k, 1000, DT, stride)
+        np.testing.assert_allclose(same.ordinates(k, 1000, DT, stride), expected, rtol=1e-4)
 
 
 def test_flicker_at_short_tau_stands_above_its_floor():

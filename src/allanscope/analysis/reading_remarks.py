@@ -28,13 +28,29 @@ _SHAPES: Mapping[str, Callable[[float], float]] = {
 """Allan variance of each coefficient of size 1 at tau in s."""
 
 _FAST = (
-    *("gauss_markov", "random_telegraph", "band_limit", "outliers", "repeated_samples"),
+    *(
+        "gauss_markov",
+        "power_law",
+        "random_telegraph",
+        "band_limit",
+        "outliers",
+        "repeated_samples",
+    ),
     *("cross_coupling", "variance_change", "scale_drift", "saturation", "narrowband", "sinusoid"),
     "drifting_line",
     "unexplained",
 )
 _SLOW = (
-    *("gauss_markov", "random_telegraph", "shock", "step", "excursion", "warm_up", "temperature"),
+    *(
+        "gauss_markov",
+        "power_law",
+        "random_telegraph",
+        "shock",
+        "step",
+        "excursion",
+        "warm_up",
+        "temperature",
+    ),
     *("cross_coupling", "scale_drift", "variance_change", "outliers", "sinusoid", "narrowband"),
     "drifting_line",
     "unexplained",
@@ -175,6 +191,7 @@ def _phrase(effect: Effect) -> str:
 
 _PHRASES = {
     "gauss_markov": "Gauss-Markov noise of {correlation_time} s holds the rest",
+    "power_law": "noise of density f^-{exponent} holds the rest",
     "random_telegraph": "a telegraph signal with a dwell of {dwell} s holds the rest",
     "band_limit": "a low-pass at {cutoff} Hz",
     "cross_coupling": "a coupling from {source}",

@@ -12,6 +12,7 @@ N                     White                                 N
 B                     Flicker                               B
 K                     RandomWalk                            K
 R                     Ramp                                  R
+power_law             PowerLaw                              P, exponent
 rounding              Rounding                              none: known from the LSB
 gauss_markov          GaussMarkov                           sigma, correlation_time
 random_telegraph      RandomTelegraph                       amplitude, dwell
@@ -32,6 +33,7 @@ from allanscope.noise.components.narrowband import (
     PeakFiltered,
     WanderingLine,
 )
+from allanscope.noise.components.power_law import PowerLaw
 from allanscope.noise.components.ramp import Ramp
 from allanscope.noise.components.random_telegraph import RandomTelegraph
 from allanscope.noise.components.random_walk import RandomWalk
@@ -49,6 +51,7 @@ __all__ = [
     "LineProfile",
     "Narrowband",
     "PeakFiltered",
+    "PowerLaw",
     "Ramp",
     "RandomTelegraph",
     "RandomWalk",

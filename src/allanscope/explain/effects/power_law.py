@@ -1,0 +1,124 @@
+r"""Noise of a slope that is none of the textbook's: density f^-a, 0 < a < 2.
+
+Traps with times that are not evenly distributed, surfaces, a reference that ages: flicker is one
+case of many. N, B and K together imitate it, over a decade or two to a few per cent, which is why
+it is looked for beside all three: what it must gain is what they lose. Spotted by the Whittle
+likelihood profiled over the exponent. A single process of one correlation time bends within a
+decade where this goes straight on, and must do clearly worse. The coefficients stay those of what
+is left beside it, so B or K may vanish with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects import EffectKind
+from allanscope.explain.effects.gauss_markov import GaussMarkov
+from allanscope.explain.effects.unexplained import lasting
+from allanscope.explain.spectrum import Spectrum, fit_spectrum
+from allanscope.explain.steadiness import UNSTEADY
+from allanscope.explain.view import View
+from allanscope.noise.components import PowerLaw as Process
+from allanscope.noise.grid import Grid
+
+_BANK = np.array([0.25, 0.4, 0.6, 0.75, 1.25, 1.4, 1.6, 1.75])
+_PRICE = float(np.log(len(_BANK)))
+_WORTH_A_LOOK = 6.0
+"""Nats below which nothing is compared with it."""
+_CLEARLY = 5.0
+"""Nats by which one correlation time must explain less."""
+
+
+@dataclass(frozen=True)
+class PowerLaw(EffectKind):
+    """Noise of a free slope.
+
+    Attributes
+    ----------
+    exponent : Estimate
+        The density falls as f to minus this.
+    density : Estimate
+        Square root of the two-sided density at 1 Hz, as N is.
+    """
+
+    exponent: Estimate
+    density: Estimate
+
+    kind = "power_law"
+    meaning = "noise whose density falls with a slope between those of N, B and K"
+    is_process = True
+    is_single = True
+    excluded_by = frozenset({"quantization"})
+    confused_with: ClassVar[Mapping[str, str]] = {
+        "gauss_markov": "bends once, at its correlation time",
+        "band_limit": "bends downwards at high frequencies",
+    }
+
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return (
+            f"noise of density f^-{self.exponent.value:.3g}, {self.density.value:.3g} "
+            f"{self.density.unit} at 1 Hz, beside N, B and K"
+        )
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
+        """Profile the likelihood over the exponent."""
+        gains = [_fitted(view, a).loglik - view.spectrum.loglik for a in _BANK]
+        best = int(np.argmax(gains))
+        if gains[best] < _WORTH_A_LOOK:
+            return []
+        ends = _BANK[max(0, best - 1)], _BANK[min(len(_BANK) - 1, best + 1)]
+        found = _candidate(view, *ends)
+        bent = max((c.gain for c in GaussMarkov.candidates(view)), default=0.0)
+        return [found] if found.gain > bent + _CLEARLY else []
+
+    def refine(self, view: View) -> Candidate:
+        """Estimate exponent and size again."""
+        return _candidate(view, self.exponent.value - 0.2, self.exponent.value + 0.2)
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Tell whether it removes its part of the residual and is there all along."""
+        return lasting(view, candidate, UNSTEADY)
+
+    def is_same(self, other: Self, grid: Grid) -> bool:
+        """Tell whether another slope is the same hypothesis: it always is."""
+        del other, grid
+        return True
+
+
+def _fitted(view: View, exponent: float) -> Spectrum:
+    """Fit the noise with a process of this exponent beside it."""
+    model = view.model.plus(Process(1.0, float(exponent)))
+    return fit_spectrum(view.grid, view.power, model, excluded=view.excluded)
+
+
+def _candidate(view: View, low: float, high: float) -> Candidate:
+    _, shape = Process.quantities
+    low, high = max(low, shape.lower), min(high, shape.upper)
+    found = minimize_scalar(
+        lambda a: -_fitted(view, float(a)).loglik,
+        bounds=(low, high), method="bounded", options={"xatol": 2e-3},
+    )  # fmt: skip
+    exponent = float(found.x)
+    fit = _fitted(view, exponent)
+    free = fit.fit.all_free()
+    spread = dict(zip(free.names, free.relative_sd(), strict=True))
+    effect = PowerLaw(
+        Estimate.of(exponent, exponent * float(spread["exponent"])),
+        Estimate.of_log(
+            float(np.sqrt(fit.model.components[-1].power)),
+            float(spread["P"]),
+            f"{view.unit}/sqrt(Hz)",
+        ),
+    )
+    gain = fit.loglik - view.spectrum.loglik
+    return Candidate(effect, gain, _PRICE, parts=(Process(1.0, exponent),))

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
         not_measured,
         parameter_text,
         rate_text,
+        shares_text,
         wait_text,
     )
 
@@ -102,6 +103,7 @@ __all__ = [
     "parameter_text",
     "rate_text",
     "searched",
+    "shares_text",
     "summarise",
     "verdict",
     "wait_text",
@@ -145,6 +147,7 @@ __getattr__, __dir__ = lazily(
         "not_measured": "wording",
         "parameter_text": "wording",
         "rate_text": "wording",
+        "shares_text": "wording",
         "searched": "verdict_lines",
         "summarise": "summary",
         "verdict": "verdict_lines",

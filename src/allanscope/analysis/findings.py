@@ -15,6 +15,7 @@ Agreement is by their intervals. Two that only share that they have no name are 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -65,10 +66,12 @@ class Finding:
     members : tuple of Member
         Its effects, the leading one first.
     gain_nats : float
-        Log-likelihood that they gained together. Findings are sorted by it, those without a name
-        after the others.
+        Log-likelihood that they gained together.
     harmonics : tuple of int
         Orders beside the fundamental, ascending.
+    share : float
+        What its effects hold of the excess of all axes over sampling error; NaN where none is
+        known. Findings are sorted by it, those without a name after the others.
     """
 
     kind: str
@@ -76,16 +79,22 @@ class Finding:
     members: tuple[Member, ...]
     gain_nats: float
     harmonics: tuple[int, ...] = field(default=())
+    share: float = math.nan
 
 
-def findings_of(effects: Mapping[str, Iterable[Effect]]) -> tuple[Finding, ...]:
-    """Return the findings: those with a name first, each by its gain, the largest first.
+def findings_of(
+    effects: Mapping[str, Iterable[Effect]], excess_nats: Mapping[str, float] | None = None
+) -> tuple[Finding, ...]:
+    """Return the findings: those with a name first, each by its share, the largest first.
 
     Parameters
     ----------
     effects : mapping
         Axis to its effects, in the order of the result. Those of the stream are left out.
+    excess_nats : mapping, optional
+        Axis to its excess over sampling error (`Shares.excess_nats`), of which effects have shares.
     """
+    excess = excess_nats or {}
     members = [
         Member(axis, index, effect)
         for axis, here in effects.items()
@@ -98,13 +107,20 @@ def findings_of(effects: Mapping[str, Iterable[Effect]]) -> tuple[Finding, ...]:
             kept, gone = sorted((group[i], group[j]))
             group = [kept if one == gone else one for one in group]
     found = [
-        _finding([m for m, of in zip(members, group, strict=True) if of == one], list(effects))
+        _finding(
+            [m for m, of in zip(members, group, strict=True) if of == one], list(effects), excess
+        )
         for one in dict.fromkeys(group)
     ]
-    return tuple(sorted(found, key=lambda one: (one.kind == NAMELESS, -one.gain_nats)))
+    return tuple(sorted(found, key=_order))
 
 
-def _finding(members: list[Member], axes: list[str]) -> Finding:
+def _order(finding: Finding) -> tuple[bool, float, float]:
+    share = 0.0 if math.isnan(finding.share) else finding.share
+    return finding.kind == NAMELESS, -share, -finding.gain_nats
+
+
+def _finding(members: list[Member], axes: list[str], excess: Mapping[str, float]) -> Finding:
     members = sorted(members, key=lambda one: (one.effect.kind == NAMELESS, -_gain(one.effect)))
     lines = [one for one in members if _frequency(one.effect) is not None]
     orders: set[int] = set()
@@ -121,7 +137,19 @@ def _finding(members: list[Member], axes: list[str]) -> Finding:
         members=tuple(members),
         gain_nats=sum(_gain(one.effect) for one in members),
         harmonics=tuple(sorted(orders)),
+        share=_share(members, excess),
     )
+
+
+def _share(members: list[Member], excess: Mapping[str, float]) -> float:
+    """Return what effects hold of the excess of all axes."""
+    total = sum(excess.values())
+    held = [
+        one.effect.share * excess.get(one.axis, 0.0)
+        for one in members
+        if not math.isnan(one.effect.share)
+    ]
+    return sum(held) / total if total > 0 and held else math.nan
 
 
 def _gain(effect: Effect) -> float:

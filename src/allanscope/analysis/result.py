@@ -269,7 +269,9 @@ class Analysis:
     def findings(self) -> tuple[Finding, ...]:
         """Effects of the axes, with what is one disturbance put together; named ones first."""
         looked = {k: a.explanation for k, a in self.axes.items() if not a.failure}
-        return findings_of({k: one.effects for k, one in looked.items() if one is not None})
+        known = {k: one for k, one in looked.items() if one is not None}
+        excess = {k: one.shares.excess_nats for k, one in known.items() if one.shares}
+        return findings_of({k: one.effects for k, one in known.items()}, excess)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in the schema ``allanscope/1``: plain numbers, null for what is not."""
@@ -365,6 +367,7 @@ def _explanation_dict(explanation: AxisExplanation) -> dict[str, Any]:
             "held_out_nats": explanation.held_out_nats,
             "held_out_nats_se": explanation.held_out_nats_se,
             "explained": explanation.explained,
+            "shares": asdict(explanation.shares) if explanation.shares else None,
             "remarks": list(explanation.remarks),
         },
     }
@@ -376,6 +379,7 @@ def _effect_dict(effect: Effect) -> dict[str, Any]:
         "parameters": {k: asdict(p) for k, p in effect.parameters.items()},
         "equivalent": list(effect.equivalent),
         "axes": list(effect.axes),
+        "share": effect.share,
         "evidence": dict(effect.evidence),
     }
 
@@ -385,6 +389,7 @@ def _finding_dict(finding: Finding) -> dict[str, Any]:
         "kind": finding.kind,
         "axes": list(finding.axes),
         "gain_nats": finding.gain_nats,
+        "share": finding.share,
         "harmonics": list(finding.harmonics),
         "effects": [{"axis": one.axis, "index": one.index} for one in finding.members],
     }

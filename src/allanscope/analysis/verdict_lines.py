@@ -197,7 +197,8 @@ def _effect_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
     open_axes = {name: one for name, one in looked.items() if searched(one)}
     if not open_axes:
         return VerdictLine("note", "Effects", "not searched" if looked else "not searched yet")
-    found = findings_of({name: one.own_effects for name, one in open_axes.items()})
+    excess = {name: one.shares.excess_nats for name, one in open_axes.items() if one.shares}
+    found = findings_of({name: one.own_effects for name, one in open_axes.items()}, excess)
     texts = [finding_sentence(one, tuple(axes)) for one in found[:_NAMED]]
     if len(found) > _NAMED:
         texts.append(f"and {len(found) - _NAMED} more, see the report")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from allanscope.analysis.findings import NAMELESS
 from allanscope.analysis.result import Analysis, AxisAnalysis, Rate
-from allanscope.explain import Effect, Parameter
+from allanscope.explain import AxisExplanation, Effect, Parameter
 from allanscope.noise import Coefficient
 from allanscope.quantities import (
     COEFFICIENTS,
@@ -35,6 +35,7 @@ __all__ = [
     "not_measured",
     "parameter_text",
     "rate_text",
+    "shares_text",
     "wait_text",
 ]
 
@@ -90,6 +91,23 @@ def wait_text(coefficient: Coefficient | None) -> str:
     value = wait_s / length
     decimals = 1 if length > 60 and value < 10 else 0
     return f"{number(round(value, decimals), 2).removesuffix('.0')} {unit}"
+
+
+def shares_text(explanation: AxisExplanation) -> str:
+    """Return what of the excess over sampling error is named, nameless and left; empty if none.
+
+    >>> from allanscope.explain import AxisExplanation, Shares
+    >>> shares_text(AxisExplanation((), None, None, {}, {}, 0.0, 0.0, True,
+    ...                             shares=Shares(80.0, 0.905, 0.075, 0.02)))
+    '90.5 % named, 7.5 % without a name, 2.0 % left'
+    """
+    shares = explanation.shares
+    if shares is None or not shares.excess_nats:
+        return ""
+    return (
+        f"{100 * shares.named:.1f} % named, {100 * shares.nameless:.1f} % without a name, "
+        f"{100 * shares.left:.1f} % left"
+    )
 
 
 def effect_text(effect: Effect, intervals: bool = True) -> str:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         Effect,
         Parameter,
         ResidualError,
+        Shares,
         failed,
         failure_text,
     )
@@ -43,6 +44,7 @@ __all__ = [
     "LiveLoop",
     "Parameter",
     "ResidualError",
+    "Shares",
     "explain",
     "failed",
     "failure_text",
@@ -59,6 +61,7 @@ __getattr__, __dir__ = lazily(
         "LiveLoop": "live",
         "Parameter": "effect",
         "ResidualError": "effect",
+        "Shares": "effect",
         "explain": "loop",
         "failed": "effect",
         "failure_text": "effect",

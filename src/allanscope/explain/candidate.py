@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -118,8 +119,11 @@ class Candidate:
         return tuple(k for k, g in self.rivals.items() if k != self.kind and g > self.gain - 3.0)
 
 
-def effect_of(candidate: Candidate, axis: str) -> Effect | None:
+def effect_of(candidate: Candidate, axis: str, share: float = math.nan) -> Effect | None:
     """Return the effect for the report, None for what is a coefficient.
+
+    ``share`` is its part of the excess of the axis over sampling error; of what has no name it is a
+    parameter as well.
 
     ``p_value`` is that of the gain, chi-square with two degrees of freedom, times what was looked
     at; sizes of effects that were searched for are a little too large on average near the limit of
@@ -149,10 +153,13 @@ def effect_of(candidate: Candidate, axis: str) -> Effect | None:
             "held_out_design": held.design,
         }
     replicated = held.replicated if held is not None else None
+    parameters = {name: _plain(p) for name, p in kind.parameters.items()}
+    if not kind.is_named:
+        parameters["share"] = Parameter(share)
     evidence["replicated"] = "not replicated" if replicated is None else replicated
     return Effect(
         kind=candidate.kind,
-        parameters={name: _plain(p) for name, p in kind.parameters.items()},
+        parameters=parameters,
         equivalent=candidate.equivalent,
         axes=candidate.axes or (axis,),
         evidence=evidence,
@@ -161,6 +168,7 @@ def effect_of(candidate: Candidate, axis: str) -> Effect | None:
         brief=kind.brief,
         curve=kind.curve,
         repeats_rows=kind.repeats_rows,
+        share=share,
     )
 
 

@@ -21,6 +21,7 @@ __all__ = [
     "Parameter",
     "ResidualError",
     "SearchStep",
+    "Shares",
     "failed",
     "failure_text",
 ]
@@ -106,6 +107,8 @@ class Effect:
         What has its Allan variance; None where that follows from what it adds to the samples.
     repeats_rows : bool
         Whether its ``fraction`` is that of rows which repeat the row before.
+    share : float
+        Its part of the excess of the axis over sampling error (`Shares`); NaN where there is none.
     """
 
     kind: str
@@ -118,6 +121,7 @@ class Effect:
     brief: str = ""
     curve: Component | None = None
     repeats_rows: bool = False
+    share: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +143,34 @@ class ResidualError:
     rms_percent: float
     expected_rms_percent: float
     worst_band_z: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """What became of the excess of an axis over sampling error; the three parts add up to 1.
+
+    Attributes
+    ----------
+    excess_nats : float
+        Log-likelihood that could be gained over the textbook model until only sampling error is
+        left, in the spectrum and, where an effect shows there alone, in time or distribution.
+    named : float
+        Part of it that the effects with a name hold.
+    nameless : float
+        Part of the smooth remainder and of what is ``unexplained``.
+    left : float
+        Part that the final model does not describe. All three are NaN where there is no excess.
+    """
+
+    excess_nats: float
+    named: float
+    nameless: float
+    left: float
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return those of an axis on which sampling error is all there is."""
+        return cls(0.0, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +229,9 @@ class AxisExplanation:
         What the search tried, what it gained, and which gate stopped it.
     failure : str
         The error that ended the search of this axis; empty when there was none.
+    shares : Shares or None
+        What of the excess over sampling error is named, nameless and left; None where that is not
+        known.
     """
 
     effects: tuple[Effect, ...]
@@ -211,6 +246,7 @@ class AxisExplanation:
     hindrance: str = ""
     failure: str = ""
     path: tuple[SearchStep, ...] = ()
+    shares: Shares | None = None
 
     @property
     def own_effects(self) -> tuple[Effect, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -20,7 +21,7 @@ from allanscope.explain.effects.clock_error import clock_error_of
 from allanscope.explain.effects.ramp import Ramp
 from allanscope.explain.held import HeldEffects, known_of, signals_of
 from allanscope.explain.highband import above_the_rows
-from allanscope.explain.residual import error_of
+from allanscope.explain.residual import error_of, same_ordinates, shares_of
 from allanscope.explain.search import Budget, close_loop
 from allanscope.explain.series import Series, hindrances, observations, series_of
 from allanscope.explain.values import step_of
@@ -29,6 +30,7 @@ from allanscope.history import Record
 from allanscope.noise import NoiseFit, NoiseModel, fit_noise
 from allanscope.noise.bridging import bridge_gaps
 from allanscope.noise.components import AngleQuantization
+from allanscope.noise.evidence import Evidence
 from allanscope.noise.fit import Known
 from allanscope.quantities import duration
 from allanscope.spectrum import Density
@@ -259,8 +261,17 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
     for c in view.accepted:
         if c.effect.is_coefficient and c.signal is not None:  # it has been subtracted
             after_model = after_model.without(*c.effect.parameters)
-    effects = tuple(e for c in view.accepted if (e := effect_of(c, axis)) is not None)
-    error_before = error_of(replace(textbook, data=bare.data), before_model, before)
+    shares, parts = None, (math.nan,) * len(view.accepted)
+    evidence: tuple[Evidence, ...] = ()
+    if before is not None and after is not None:
+        shares, parts = shares_of(view, before, after)
+        evidence = same_ordinates(before, after)
+    effects = tuple(
+        effect
+        for c, part in zip(view.accepted, parts, strict=True)
+        if (effect := effect_of(c, axis, part)) is not None
+    )
+    error_before = error_of(replace(textbook, data=bare.data), before_model, before, evidence)
     error_after = error_of(view, after_model, after)
     held = [c.held_out for c in view.accepted if c.held_out is not None]
     clean = all(c.effect.is_named for c in view.accepted)
@@ -275,6 +286,7 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
         held_out_nats_se=float(np.sqrt(sum(h.error**2 for h in held))),
         explained=bool(explained),
         path=view.path,
+        shares=shares,
         remarks=observations(series, axis)
         + _missing(bare)
         + ((view.stopped,) if view.stopped else ())

@@ -1,4 +1,4 @@
-"""The residual of the data against the model, in every domain that is kept.
+r"""The residual of the data against the model, in every domain that is kept.
 
 ======================  =====================================================================
 deviation curve         measured against model, with the full covariance between taus
@@ -7,11 +7,23 @@ time series             the innovations, white and of unit variance where the mo
 marginal distribution   kurtosis of the innovations, 0 for a Gaussian
 ======================  =====================================================================
 
-Before and after, the numbers speak of the same record. Before, the record as measured stands
-against the textbook terms. After, what was accepted as deterministic (lines, steps, a warm-up) is
-subtracted from it and the rest stands against the refitted terms with the stationary effects,
-because a signal has no place in a variance model: that a line was subtracted rather than modelled
-makes no difference to the taus it does not touch.
+Before and after, the numbers speak of the same record, the same ordinates and the same averaging
+times. Before, the record as measured stands against the textbook terms. After, what was accepted as
+deterministic (lines, steps, a warm-up) is subtracted from it and the rest stands against the
+refitted terms with the stationary effects, because a signal has no place in a variance model: that
+a line was subtracted rather than modelled makes no difference to the taus it does not touch.
+
+What the textbook lacks is the log-likelihood that could be gained over it until nothing but
+sampling error is left (`shares_of`). All of it is named, nameless or left: with the log-likelihoods
+l of the textbook, of the named effects, and of these with everything that has no name,
+
+.. math:: E = (l_{named} - l_{textbook}) + (l_{all} - l_{named}) + \tfrac12 (D - D_{95}),
+
+where D is the deviance of all bins from the final model and :math:`D_{95}` what sampling alone
+exceeds in one record of twenty. No term is less than 0. What shows in time or in the distribution
+of the samples and not in their spectrum (a change of the white level, heavy tails) adds the
+log-likelihood that it gains there. Within what is named each effect has its part in proportion to
+the log-likelihood that it gains beside the others.
 """
 
 from __future__ import annotations
@@ -20,13 +32,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import digamma, ndtri, polygamma
 
 from allanscope.allan import AllanBank, Deviation
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effect import ResidualError
+from allanscope.explain.effect import ResidualError, Shares
 from allanscope.explain.view import View
 from allanscope.noise import NoiseFit, NoiseModel, gls_chi2
-from allanscope.noise.components import Ramp
+from allanscope.noise.components import LineProfile, Ramp
+from allanscope.noise.evidence import DensityBands, Evidence, Ordinates
+from allanscope.noise.filters import Remainder
+from allanscope.noise.likelihood import Likelihood
+from allanscope.noise.whiteness import whitened
 
 __all__ = [
     "Bands",
@@ -36,12 +53,20 @@ __all__ = [
     "excess_kurtosis",
     "excess_skewness",
     "removes",
+    "same_ordinates",
+    "shares_of",
 ]
 
 Array = NDArray[np.float64]
 
 _BANDS = 60
 _PER_OCTAVE = 2
+_SURELY = 1.645
+"""Standard deviations that sampling alone exceeds in one record of twenty."""
+_CLASSES = 64
+"""Classes of equal probability in which the distribution of the innovations is compared."""
+_NOTHING = 1.0
+"""Nats below which there is no excess to be shared out."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +150,9 @@ def deviation_of(data: Array, rate_hz: float) -> Deviation:
     return bank.deviation("oadev").axis(0)
 
 
-def error_of(view: View, model: NoiseModel, fit: NoiseFit | None) -> ResidualError:
+def error_of(
+    view: View, model: NoiseModel, fit: NoiseFit | None, evidence: tuple[Evidence, ...] = ()
+) -> ResidualError:
     """Compare the data of a view with a model, up to a third of the record.
 
     Parameters
@@ -133,6 +160,8 @@ def error_of(view: View, model: NoiseModel, fit: NoiseFit | None) -> ResidualErr
     fit : NoiseFit or None
         Of that model: its whitened spectrum holds every frequency there is. None where no stretch
         was long enough; then that of the view is compared.
+    evidence : tuple of Evidence
+        Ordinates of which the bands are made; those of the fit when not given.
     """
     curve = deviation_of(view.data, view.grid.rate_hz)
     stride = view.grid.stride  # the model is one of samples
@@ -141,7 +170,11 @@ def error_of(view: View, model: NoiseModel, fit: NoiseFit | None) -> ResidualErr
         model.number(f) > 0 for f in model.numbers if not isinstance(model.parts[f.part], Ramp)
     )
     residual = gls_chi2(curve, model, n=stride * view.grid.n, fitted=fitted)
-    z = band_scores(view).z if fit is None else fit.bands.z
+    if fit is None:
+        z = band_scores(view).z
+    else:
+        evidence = evidence or fit.evidence
+        z = whitened(evidence, Likelihood(evidence).expected(fit.fit.model)).z
     return ResidualError(
         chi2_per_dof=residual.chi2 / residual.dof,
         p_value=residual.p_value,
@@ -149,3 +182,95 @@ def error_of(view: View, model: NoiseModel, fit: NoiseFit | None) -> ResidualErr
         expected_rms_percent=residual.expected_rms_percent,
         worst_band_z=float(z[np.argmax(np.abs(z))]),
     )
+
+
+def same_ordinates(first: NoiseFit, second: NoiseFit) -> tuple[Evidence, ...]:
+    """Return the evidence of one fit at the frequencies that another was fitted to."""
+    return tuple(map(_restricted, first.evidence, second.evidence))
+
+
+def _restricted(one: Evidence, other: Evidence) -> Evidence:
+    if isinstance(one, Ordinates) and isinstance(other, Ordinates):
+        return one.without(tuple(r for r in other.excluded if r not in one.excluded))
+    if isinstance(one, DensityBands) and isinstance(other, DensityBands):
+        return replace(one, dof=np.where(other.dof > 0, one.dof, 0.0))
+    return one
+
+
+def shares_of(view: View, before: NoiseFit, after: NoiseFit) -> tuple[Shares, tuple[float, ...]]:
+    """Return what of the excess over sampling error is named, nameless and left.
+
+    Returns
+    -------
+    Shares, tuple of float
+        The whole, and the part of each accepted effect; NaN where there is no excess.
+    """
+    nameless = [c for c in view.accepted if not c.effect.is_named]
+    likelihood = Likelihood(after.evidence)
+    model = after.fit.model
+    bands = {(c.profile.low, c.profile.high) for c in nameless if c.profile is not None}
+    components = tuple(
+        one for one in model if not (isinstance(one, LineProfile) and (one.low, one.high) in bands)
+    )
+    filters = tuple(one for one in model.filters if not isinstance(one, Remainder))
+    textbook = Likelihood(same_ordinates(before, after)).amplitudes(before.fit.model).loglik
+    named = likelihood.amplitudes(NoiseModel(components, model.dt, filters)).loglik
+    gains = np.array([_gain_of(view, c) for c in view.accepted])
+    is_named = np.array([c.effect.is_named for c in view.accepted], bool)
+    seen = np.array([_is_in_spectrum(c) for c in view.accepted], bool)
+    nats = np.zeros(len(gains))
+    spectrum = max(named - textbook, 0.0)
+    for these, whole in (
+        (is_named & seen, spectrum),
+        (is_named & ~seen, float(gains[is_named & ~seen].sum())),
+    ):
+        if these.any() and gains[these].sum() > 0:
+            nats[these] = whole * gains[these] / gains[these].sum()
+    # What a drift without a name has taken out of the lowest ordinates shows in its gain alone.
+    aside = np.array([c.signal is not None or not _is_in_spectrum(c) for c in view.accepted], bool)
+    nats[~is_named & aside] = gains[~is_named & aside]
+    rest = max(likelihood.of(model) - max(named, textbook), 0.0)
+    within = ~is_named & ~aside
+    if within.any() and gains[within].sum() > 0:
+        nats[within] = rest * gains[within] / gains[within].sum()
+        rest = 0.0
+    parts = np.array([nats[is_named].sum(), nats[~is_named].sum() + rest, _left(after)])
+    excess = float(parts.sum())
+    if excess < _NOTHING:
+        return Shares.none(), (float("nan"),) * len(gains)
+    return Shares(excess, *(parts / excess).tolist()), tuple((nats / excess).tolist())
+
+
+def _is_in_spectrum(candidate: Candidate) -> bool:
+    """Tell whether an effect changes the spectrum: by a signal, a process, a filter, a line."""
+    return bool(candidate.parts or candidate.excluded) or candidate.signal is not None
+
+
+def _gain_of(view: View, candidate: Candidate) -> float:
+    """Return the log-likelihood that an effect gains; nought for what is read off the values."""
+    if getattr(candidate.effect, "domain", "") == "distribution":
+        return _gain_of_distribution(view)
+    return max(float(candidate.gain), 0.0) if np.isfinite(candidate.gain) else 0.0
+
+
+def _gain_of_distribution(view: View) -> float:
+    """Return what the distribution of the innovations gains over a Gaussian's, in nats."""
+    white = view.innovations / np.std(view.innovations)
+    limits = ndtri(np.arange(1, _CLASSES) / _CLASSES)
+    count = np.bincount(np.searchsorted(limits, white), minlength=_CLASSES)
+    seen = count[count > 0]
+    gain = float(np.sum(seen * np.log(seen * _CLASSES / len(white))))
+    return max(gain - (_CLASSES - 1) / 2, 0.0)
+
+
+def _left(fit: NoiseFit) -> float:
+    """Return the nats by which the bins are farther from the fitted model than sampling allows."""
+    likelihood = Likelihood(fit.evidence)
+    used = likelihood.dof > 0
+    shape = likelihood.dof[used] / 2
+    ratio = likelihood.power[used] / likelihood.expected(fit.fit.model)[used]
+    ratio = np.maximum(ratio, 1e-300)
+    deviance = float(np.sum(2 * shape * (ratio - 1 - np.log(ratio))))
+    mean = float(np.sum(2 * shape * (np.log(shape) - digamma(shape))))
+    spread = float(np.sqrt(np.sum(4 * shape**2 * (polygamma(1, shape) - 1 / shape))))
+    return max((deviance - mean - _SURELY * spread) / 2, 0.0)

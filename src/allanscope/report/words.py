@@ -17,6 +17,7 @@ from allanscope.analysis import (
     losses_text,
     parameter_text,
     searched,
+    shares_text,
 )
 from allanscope.explain import AxisExplanation, Effect
 from allanscope.noise import DatasheetVerdict
@@ -222,7 +223,10 @@ def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
         ),
     )
     rows = [ErrorRow(name, number(one), number(two)) for name, one, two in pairs]
-    return [*rows, ErrorRow("held-out log-likelihood gain", "", gained)]
+    rows.append(ErrorRow("held-out log-likelihood gain", "", gained))
+    if shares := shares_text(explanation):
+        rows.append(ErrorRow("excess over sampling error", "", shares))
+    return rows
 
 
 def conclusion(explanation: AxisExplanation) -> list[str]:

@@ -18,6 +18,7 @@ from allanscope.analysis import (
     gaps_text,
     losses_text,
     rate_text,
+    shares_text,
     verdict,
     wait_text,
 )
@@ -142,6 +143,7 @@ def loop_table(analysis: Analysis, unit: str) -> str:
         "rms, % (expected)",
         "worst band, z",
         "held-out log-likelihood gain",
+        "excess over sampling error",
         "",
     )
     return _table(head, rows) if rows else "*not searched yet*"
@@ -232,6 +234,7 @@ def _loop_row(explanation: AxisExplanation) -> Sequence[str]:
         f"{pair('rms_percent')} ({sampling})",
         pair("worst_band_z"),
         gain,
+        shares_text(explanation) or "none",
         verdict,
     )
 

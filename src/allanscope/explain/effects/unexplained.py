@@ -69,8 +69,6 @@ class Unexplained(EffectKind):
     ----------
     frequency_low, frequency_high : Estimate
         Where it sits.
-    share : Estimate
-        Of the power there.
     domain : str
         ``spectrum`` for a range that is cut out of the fit, ``level`` for a slow drift that is
         subtracted, ``distribution`` for values that are no Gaussian's.
@@ -82,7 +80,6 @@ class Unexplained(EffectKind):
 
     frequency_low: Estimate
     frequency_high: Estimate
-    share: Estimate
     domain: Literal["spectrum", "level", "distribution"]
     description: str
     figures: Mapping[str, float] = field(default_factory=dict)
@@ -138,7 +135,6 @@ def left_over(
     view: View,
     band: tuple[float, float],
     gain: float,
-    share: float,
     words: str,
     log_alternatives: float = 0.0,
     parts: Ranges = (),
@@ -155,7 +151,7 @@ def left_over(
     parts : tuple of (float, float), optional
         Ranges within it that are cut out; by default all of it.
     """
-    effect = _unexplained(view, band, share, "spectrum", words, **figures)
+    effect = _unexplained(view, band, "spectrum", words, **figures)
     cut = parts or ((effect.frequency_low.value, effect.frequency_high.value),)
     return Candidate(effect, gain, log_alternatives, is_paid=True, excluded=cut)
 
@@ -163,14 +159,13 @@ def left_over(
 def _unexplained(
     view: View,
     band: tuple[float, float],
-    share: float,
     domain: Literal["spectrum", "level", "distribution"],
     words: str,
     **figures: float,
 ) -> Unexplained:
     low, high = max(band[0], 0.0), min(band[1], view.grid.rate_hz / 2)
     low_hz, high_hz = Estimate(low, unit="Hz"), Estimate(high, unit="Hz")
-    return Unexplained(low_hz, high_hz, Estimate(share), domain, words, figures)
+    return Unexplained(low_hz, high_hz, domain, words, figures)
 
 
 def tone_left_over(
@@ -193,10 +188,8 @@ def tone_left_over(
         if high - low > _MOST * view.grid.rate_hz / 2:
             return None
         cut = view.without_range(low, high)
-    inside = view.squares[max(0, int(low / unit) - 1) : int(high / unit) + 1]
-    share = float(inside.sum() / view.squares.sum())
     words, searched = _CHANGES.format(low, high), candidate.log_alternatives
-    return left_over(view, (low, high), candidate.gain, share, words, searched)
+    return left_over(view, (low, high), candidate.gain, words, searched)
 
 
 def lasting(view: View, process: Candidate, most_sigma: float = float("inf")) -> Candidate | None:
@@ -214,13 +207,12 @@ def lasting(view: View, process: Candidate, most_sigma: float = float("inf")) ->
 
 def tone_without_name(view: View, profile: LineProfile, searched: Candidate) -> Candidate:
     """Return what a range holds that is no line, with the size of its power."""
-    share = profile.sigma**2 * view.grid.n / float(view.squares.sum())
     words = (
         f"power between {profile.low:.5g} and {profile.high:.5g} Hz changes in frequency or "
         f"amplitude; its rms is {profile.sigma:.3g} {view.unit}"
     )
     band = (profile.low, profile.high)
-    return left_over(view, band, searched.gain, share, words, searched.log_alternatives)
+    return left_over(view, band, searched.gain, words, searched.log_alternatives)
 
 
 def tones_left_over(view: View, lines: Sequence[tuple[Candidate, float]]) -> Candidate | None:
@@ -231,11 +223,10 @@ def tones_left_over(view: View, lines: Sequence[tuple[Candidate, float]]) -> Can
     if not parts:
         return None
     low, high = min(p[0] for p in parts), max(p[1] for p in parts)
-    share = sum(_share(one) for one in found if one is not None)
     gain = sum(line.gain for line, _ in lines)
     searched = sum(line.log_alternatives for line, _ in lines)
     words = _CHANGES.format(low, high)
-    return left_over(view, (low, high), gain, share, words, searched, parts)
+    return left_over(view, (low, high), gain, words, searched, parts)
 
 
 def _extent(u: Array, low_hz: float, high_hz: float, unit: float) -> tuple[float, float]:
@@ -283,12 +274,11 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
         near, other = touched
         low = min(other.frequency_low.value, own.frequency_low.value)
         high = max(other.frequency_high.value, own.frequency_high.value)
-        share = other.share.value + own.share.value
         rest = view.without(near)
         gain = near.gain + candidate.gain
         searched = near.log_alternatives + candidate.log_alternatives
         words = _CHANGES.format(low, high)
-        union = left_over(rest, (low, high), gain, share, words, searched)
+        union = left_over(rest, (low, high), gain, words, searched)
         if leaves_too_little(rest, union):
             break
         view, candidate = rest, union
@@ -340,10 +330,6 @@ def _limits(effect: Unexplained) -> tuple[float, float]:
     return effect.frequency_low.value, effect.frequency_high.value
 
 
-def _share(candidate: Candidate) -> float:
-    return candidate.effect.share.value if isinstance(candidate.effect, Unexplained) else 0.0
-
-
 def _touched(
     view: View, low: float, high: float, room: float
 ) -> tuple[Candidate, Unexplained] | None:
@@ -377,19 +363,19 @@ def _bands(view: View) -> Iterable[Candidate]:
     if abs(z) < _BAND_Z or any(a < band[1] and band[0] < b for a, b in known):
         return
     inside = slice(low, high + 1)
-    share = float(np.average(bands.ratio[inside] - 1, weights=bands.count[inside]))
-    yield _misfit(view, band, share, z, z**2 / 2, float(np.log(len(bands.z))))
+    more = float(np.average(bands.ratio[inside] - 1, weights=bands.count[inside]))
+    yield _misfit(view, band, more, z, z**2 / 2, float(np.log(len(bands.z))))
 
 
 def _misfit(
-    view: View, band: tuple[float, float], share: float, z: float, gain: float, searched: float
+    view: View, band: tuple[float, float], more: float, z: float, gain: float, searched: float
 ) -> Candidate:
-    side = "more" if share > 0 else "less"
+    side = "more" if more > 0 else "less"
     words = (
-        f"{100 * abs(share):.2g} % {side} power than the model between {band[0]:.3g} and "
+        f"{100 * abs(more):.2g} % {side} power than the model between {band[0]:.3g} and "
         f"{band[1]:.3g} Hz (z = {z:.1f})"
     )
-    return left_over(view, band, gain, share, words, searched, z=z)
+    return left_over(view, band, gain, words, searched, z=z, excess=more)
 
 
 def with_misfits_joined(view: View) -> View:
@@ -414,11 +400,11 @@ def with_misfits_joined(view: View) -> View:
         ranges = [_limits(one) for _, one, _ in group]
         band = min(low for low, _ in ranges), max(high for _, high in ranges)
         widths = [high - low for low, high in ranges]
-        share = float(np.average([one.share.value for _, one, _ in group], weights=widths))
+        more = float(np.average([one.figures["excess"] for _, one, _ in group], weights=widths))
         z = max((z for _, _, z in group), key=abs)
         gain = sum(c.gain for c, _, _ in group)
         view = view.without(*(c for c, _, _ in group))
-        view = view.accept(_misfit(view, band, share, z, gain, group[0][0].log_alternatives))
+        view = view.accept(_misfit(view, band, more, z, gain, group[0][0].log_alternatives))
     return view
 
 
@@ -468,8 +454,7 @@ def slow_drift(view: View, drift: Array, gain: float, high: float, words: str) -
 
     The noise that it took along is missing there: the fit must not count it as low.
     """
-    share = float(np.var(drift) / np.var(view.data))
-    effect = _unexplained(view, (0.0, high), share, "level", words)
+    effect = _unexplained(view, (0.0, high), "level", words)
     looked_at = DRIFT_PENALTY + float(np.log(ALPHA))
     return Candidate(effect, gain, looked_at, signal=drift, excluded=((0.0, high),))
 
@@ -489,13 +474,13 @@ def _piles(view: View) -> list[Candidate]:
         f"{100 * most.share:.2g} % of the samples are {most.value:.4g} {view.unit}, far more than "
         "at the values beside it: a dead zone or a replaced code"
     )
-    return [_distribution(view, most.share, math.inf, words, values=len(inside))]
+    return [_distribution(view, math.inf, words, values=len(inside))]
 
 
-def _distribution(view: View, share: float, gain: float, words: str, **figures: float) -> Candidate:
+def _distribution(view: View, gain: float, words: str, **figures: float) -> Candidate:
     """Return what is wrong with the distribution of the samples, at all frequencies."""
     band = (0.0, view.grid.rate_hz / 2)
-    return Candidate(_unexplained(view, band, share, "distribution", words, **figures), gain)
+    return Candidate(_unexplained(view, band, "distribution", words, **figures), gain)
 
 
 def _tails(view: View) -> list[Candidate]:
@@ -510,11 +495,10 @@ def _tails(view: View) -> list[Candidate]:
         side = "upper" if skewness < 0 else "lower"
         words = f"a skewed distribution, cut short on the {side} side (skewness {skewness:.2g})"
         gain = (skewness / uncertain) ** 2 / 2
-        return [_distribution(view, abs(skewness) / 2, gain, words, skewness=skewness)]
+        return [_distribution(view, gain, words, skewness=skewness)]
     if abs(kurtosis + 1.2 * rounding**2) < _TAIL_Z * error:
         return []
     tails = "heavier" if kurtosis > 0 else "lighter"
     words = f"{tails} tails than a Gaussian (excess kurtosis {kurtosis:.2g})"
-    share = abs(kurtosis) / (3 + kurtosis)
     gain = (kurtosis / error) ** 2 / 2
-    return [_distribution(view, share, gain, words, excess_kurtosis=kurtosis)]
+    return [_distribution(view, gain, words, excess_kurtosis=kurtosis)]

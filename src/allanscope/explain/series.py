@@ -59,8 +59,8 @@ rounding's power, as a share of its own, and where nothing was rounded."""
 _HALF_AN_OCTAVE = 17
 """Bins over which the power of the temperature is averaged."""
 SHORTEST_ROWS = 2048
-SHORTEST_S = 55.0
-"""A run of a minute, less its first seconds and a clock that is off."""
+SHORTEST_S = 10.0
+"""Effects are held out in blocks of a second: of fewer than ten, nothing can be told."""
 _LONGEST_PERIOD = 256
 """Rows after which a pattern may begin anew: noise never does."""
 _FULL_SCALE = 32767

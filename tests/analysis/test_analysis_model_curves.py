@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from allanscope import analyse
 from allanscope.analysis import Analyser, AnalyserSettings, summarise
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.wire import LinkStats
@@ -70,3 +71,16 @@ def test_only_what_was_detected_is_drawn():
         np.testing.assert_allclose(model.total, parts)
     one_sided = 2.0 * found.coefficients["N"].value ** 2
     np.testing.assert_allclose(found.density_model.total, one_sided, rtol=0.01)
+
+
+def test_a_line_that_drifts_is_drawn_once():
+    """It is a part of the final model already; by its power it is most of the first points."""
+    time_s = np.arange(SAMPLES // 2) / RATE_HZ
+    rng = np.random.default_rng(9)
+    envelope = 1 + 0.9 * np.sin(2 * np.pi * 3 * time_s / time_s[-1])
+    tone = 0.1 * envelope * np.sin(2 * np.pi * 31.0 * time_s)
+    values = tone + rng.normal(0.0, 0.04, len(time_s))
+    axis = analyse({"gx": values}, RATE_HZ).axes["gx"]
+    assert [effect.kind for effect in axis.explanation.effects] == ["drifting_line"]
+    ratio = axis.curves["oadev"].deviation[:8] / axis.model.total[:8]
+    assert np.abs(ratio - 1.0).max() < 0.05

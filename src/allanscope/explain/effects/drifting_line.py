@@ -93,13 +93,6 @@ class DriftingLine(EffectKind):
             "tenths of the record)"
         )
 
-    @property
-    def curve(self) -> LineProfile:
-        """Its power, as if evenly distributed."""
-        half = self.bandwidth.value / 2
-        low, high = self.frequency.value - half, self.frequency.value + half
-        return LineProfile(self.sigma.value, max(low, 0.0), high, (1.0,))
-
     @classmethod
     def propose(cls, view: View) -> tuple[()]:
         """Return nothing: it is what lines and bands turn out to be (`moves.resolve_tones`)."""

@@ -9,6 +9,7 @@ left out.
 
 import doctest
 import importlib.util
+import json
 import re
 import shlex
 from pathlib import Path
@@ -187,3 +188,28 @@ def test_code_that_is_wrong_is_noticed(tmp_path):
         run_python("1 / 0", {}, page)
     with pytest.raises(AssertionError):
         run_shell(f"allanscope analyse {tmp_path / 'missing.csv'}")
+
+
+@pytest.mark.parametrize("notebook", sorted(ROOT.glob("docs/notebooks/*.ipynb")), ids=named)
+def test_the_cells_of_a_notebook_run(notebook, tmp_path, monkeypatch):
+    """The cells are run in order, without a kernel; what a cell ends with is shown as HTML."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "notebook"}
+    shown = []
+    cells = json.loads(notebook.read_text("utf-8"))["cells"]
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            run_python("".join(cell["source"]), names, notebook)
+            last = cell["source"][-1].strip()
+            if last.isidentifier():
+                shown.append(names[last]._repr_html_())
+    assert shown
+    assert all("<table>" in text for text in shown)
+    assert pyplot.get_fignums()
+    pyplot.close("all")
+    assert not any(cell.get("outputs") for cell in cells), "notebooks are kept without output"

@@ -87,7 +87,7 @@ def test_what_is_written_is_what_a_live_viewer_would_have_been_shown(recording, 
     assert times[-1] == pytest.approx(8.0, abs=0.3)
     assert "/gz/allan/theoh" in rows, "the last result is the full one"
     assert len(rows["/samples/gyro"]) > 70
-    assert "Gyroscope" in rows["/tables/verdict"][-1].values["TextDocument:text"][0]
+    assert "of gyroscope" in rows["/tables/verdict"][-1].values["TextDocument:text"][0]
 
 
 @pytest.mark.skipif(bool(why_no_viewer()), reason=why_no_viewer() or "-")

@@ -52,7 +52,7 @@ def test_q_ends_the_run_and_leaves_everything(session, result):
 def test_the_last_screen_has_the_verdict_and_every_axis(session):
     _, screen = session
     assert screen.text.count("allanscope  LSM6DSM  sim  native") == 1, "one screen, redrawn"
-    assert "Gyroscope: " in screen.text
+    assert "Noise matches the datasheet: density √2 N of gyroscope" in screen.text
     rows = [row[:2] for row in screen.rows if re.match(r"[ga][xyz]  \d", row)]
     assert rows == ["gx", "gy", "gz", "ax", "ay", "az"]
 
@@ -94,7 +94,7 @@ def test_what_the_viewer_was_shown_is_what_the_result_says(session, result):
         assert np.isnan(value) or value == pytest.approx(1e3 * one["value"])
     lost = rows["/link/lost"][-1].values["Scalars:scalars"]
     assert lost == [result["lost_samples"], result["unknown_losses"]]
-    assert "Gyroscope" in rows["/tables/verdict"][-1].values["TextDocument:text"][0]
+    assert "of gyroscope" in rows["/tables/verdict"][-1].values["TextDocument:text"][0]
 
 
 def pairs(curve):

@@ -23,14 +23,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from allanscope.allan.deviation import Deviation
+from allanscope.allan.deviation import Deviation, data_frame
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
     from allanscope.allan.oneshot import deviation
 
-__all__ = ["AllanBank", "Deviation", "deviation"]
+__all__ = ["AllanBank", "Deviation", "data_frame", "deviation"]
 
 # The function `deviation` shares its name with the module of the class, which the import above has
 # just entered here; removed, the name is looked up below.

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Deviation"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["Deviation", "data_frame"]
+
+_MOST_ROWS = 60
+"""Averaging times that a notebook shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,3 +89,122 @@ class Deviation:
             level=self.level,
             trusted=self.trusted[keep],
         )
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        factor: float = 1.0,
+        unit: str = "",
+        label: str | None = None,
+        color: str | None = None,
+    ) -> Axes:
+        """Draw the curve on logarithmic scales, with its intervals.
+
+        Beyond the part of the run up to which the estimator is trusted the curve goes on, hollow
+        and dotted.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; by default a new figure of pyplot.
+        factor : float
+            Multiplies the deviation, e.g. 1000 for mdps.
+        unit : str
+            Unit after `factor`, for the label of the axis.
+        label : str, optional
+            Name in a legend; by default the estimator.
+        color : str, optional
+            Colour of a single curve.
+
+        Returns
+        -------
+        matplotlib Axes
+        """
+        if ax is None:
+            from matplotlib import pyplot
+
+            ax = pyplot.subplots(layout="constrained")[1]
+        curves = 1 if self.deviation.ndim == 1 else len(self.deviation)
+        for number in range(curves):
+            name = self.kind if label is None else label
+            name = name if curves == 1 else f"{name} {number}"
+            _draw(ax, self.axis(number), factor, name, color if curves == 1 else None)
+        ax.set_xlabel("averaging time τ (s)")
+        ax.set_ylabel(f"σ(τ) ({unit})" if unit else "σ(τ)")
+        # Denormal numbers have no digits left that a logarithmic scale could show.
+        if np.any(factor * self.deviation > np.finfo(float).tiny):
+            ax.set_xscale("log")
+            ax.set_yscale("log")
+        return ax
+
+    def to_dataframe(self) -> Any:
+        """Return the curve as a table of pandas, or of polars where there is no pandas.
+
+        One row for each averaging time, and for each axis (column ``axis``) where there are
+        several.
+
+        Raises
+        ------
+        ImportError
+            When neither is installed.
+        """
+        return data_frame(self._columns())
+
+    def _repr_html_(self) -> str:
+        columns = self._columns()
+        rows = list(zip(*columns.values(), strict=True))
+        head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+        body = "".join(
+            f"<tr>{''.join(f'<td>{_cell(value)}</td>' for value in row)}</tr>"
+            for row in rows[:_MOST_ROWS]
+        )
+        more = len(rows) - _MOST_ROWS
+        tail = f"<p>and {more} more rows</p>" if more > 0 else ""
+        return (
+            f"<p>{escape(self.kind)}, {100 * self.level:g} % intervals</p>"
+            f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{tail}"
+        )
+
+    def _columns(self) -> dict[str, NDArray[Any]]:
+        names = ("tau", "m", "deviation", "lower", "upper", "edf", "terms", "noise", "trusted")
+        if self.deviation.ndim == 1:
+            return {name: getattr(self, name) for name in names}
+        parts = [self.axis(number) for number in range(len(self.deviation))]
+        axis = np.repeat(np.arange(len(parts)), [len(one.tau) for one in parts])
+        columns = {n: np.concatenate([getattr(one, n) for one in parts]) for n in names}
+        return {"axis": axis, **columns}
+
+
+def data_frame(columns: Mapping[str, Any]) -> Any:
+    """Return columns as a table of pandas, or of polars where there is no pandas.
+
+    Raises
+    ------
+    ImportError
+        When neither is installed.
+    """
+    for package in ("pandas", "polars"):
+        try:
+            return import_module(package).DataFrame(dict(columns))
+        except ModuleNotFoundError as error:
+            if error.name != package:
+                raise
+    raise ImportError("a table needs pandas or polars: python -m pip install pandas")
+
+
+def _draw(ax: Axes, curve: Deviation, factor: float, label: str, color: str | None) -> None:
+    trusted, sigma = curve.trusted, factor * curve.deviation
+    (line,) = ax.plot(
+        curve.tau[trusted], sigma[trusted], "o-", ms=2.5, lw=1.0, c=color, label=label
+    )
+    shade = line.get_color()
+    low, high = factor * curve.lower, factor * curve.upper
+    ax.fill_between(curve.tau, low, high, color=shade, alpha=0.2, lw=0)
+    if not trusted.all():
+        tail = slice(max(int(np.flatnonzero(~trusted)[0]) - 1, 0), None)
+        ax.plot(curve.tau[tail], sigma[tail], "o:", ms=2.5, lw=0.9, c=shade, mfc="none")
+
+
+def _cell(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else escape(str(value))

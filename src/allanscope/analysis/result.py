@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from allanscope.noise import BestAveraging, Coefficient, DatasheetVerdict
 from allanscope.samples import Origin
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
     "READINGS",
@@ -272,6 +275,53 @@ class Analysis:
         known = {k: one for k, one in looked.items() if one is not None}
         excess = {k: one.shares.excess_nats for k, one in known.items() if one.shares}
         return findings_of({k: one.effects for k, one in known.items()}, excess)
+
+    def summary(self) -> str:
+        """Return the verdict, N, B and K of each axis, and what else must be known, as lines."""
+        from allanscope.analysis.notebook import summary_text
+
+        return summary_text(self)
+
+    def plot(self, kind: str = "oadev", axes: Sequence[str] | None = None) -> Figure:
+        """Draw the curves of one estimator, with their intervals and, dashed, the model.
+
+        Parameters
+        ----------
+        kind : str
+            Estimator.
+        axes : sequence of str, optional
+            Axes to draw; by default all.
+
+        Returns
+        -------
+        matplotlib Figure
+            One chart a sensor. `Deviation.plot` draws one curve into a chart of your own.
+
+        Raises
+        ------
+        ValueError
+            When no axis has such a curve.
+        """
+        from allanscope.analysis.notebook import overlay
+
+        return overlay(self, kind, axes)
+
+    def to_dataframe(self) -> Any:
+        """Return a row for each coefficient of each axis, as a table of pandas or polars.
+
+        Raises
+        ------
+        ImportError
+            When neither is installed.
+        """
+        from allanscope.analysis.notebook import coefficients_frame
+
+        return coefficients_frame(self)
+
+    def _repr_html_(self) -> str:
+        from allanscope.analysis.notebook import html
+
+        return html(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in the schema ``allanscope/1``: plain numbers, null for what is not."""

@@ -21,8 +21,7 @@ from allanscope.parts import PARTS, part_named
 from allanscope.pipeline.analyse_file import analyse_input, full_settings
 from allanscope.pipeline.columns import (
     Columns,
-    columns_of_array,
-    columns_of_mapping,
+    columns_of_table,
     quantity_of,
     with_guesses,
     with_units,
@@ -80,7 +79,8 @@ def analyse(
         arrays: .npz, .npy, Parquet); a `Recording`;
         an array of shape (n,) or (n, axes), integers or floats; or a mapping of column names to
         arrays of shape (n,): t, gx gy gz, ax ay az, temp, each alone or with its unit as in
-        ``"gx[mdps]"`` (a pandas table and an ``.npz`` file will do as well).
+        ``"gx[mdps]"``. A table of pandas or polars, an ``.npz`` file, and an array or a dataset of
+        xarray will do as well; those of xarray with their coordinates and ``units``.
     rate : float, optional
         Nominal sample rate in Hz. Needed where neither the stream nor a column t tells it, and
         above times that disagree with it.
@@ -135,11 +135,7 @@ def analyse(
             raise ValueError("a file names its axes itself; give units as {'gyro': 'mdps'}")
         device = replace(device, units=tuple((units or {}).items()))
         return analyse_input(Path(source), device, quiet)
-    if hasattr(source, "keys"):  # a mapping, a table of pandas, an .npz file
-        names = list(source.keys() if axes is None else axes)
-        columns = columns_of_mapping({str(name): source[name] for name in names})
-    else:
-        columns = columns_of_array(source, axes)
+    columns = columns_of_table(source, axes)
     return analyse_columns(with_units(columns, units), device, {"name": "arrays"})
 
 

@@ -24,6 +24,7 @@ __all__ = [
     "Columns",
     "columns_of_array",
     "columns_of_mapping",
+    "columns_of_table",
     "quantity_of",
     "with_guesses",
     "with_units",
@@ -146,6 +147,63 @@ def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
         _converted(found.get("time"), "s"),
         _converted(found.get("temperature"), "degc"),
     )
+
+
+def columns_of_table(data: Any, axes: Sequence[str] | None) -> Columns:
+    """Return the columns of an array or of a table, which is told by what it offers.
+
+    A table of pandas or polars has ``columns``, a mapping and an ``.npz`` file ``keys``. A dataset
+    of xarray has ``data_vars``, an array of it ``coords``: the labels of its second dimension are
+    the names of the axes, a coordinate t or time is the time, the attribute ``units`` the unit.
+
+    Raises
+    ------
+    ValueError
+        As for `columns_of_array` and `columns_of_mapping`.
+    """
+    if hasattr(data, "data_vars"):
+        names = axes or [str(name) for name in data.data_vars]
+        return columns_of_mapping(dict([*_times(data), *(_labelled(n, data[n]) for n in names)]))
+    if hasattr(data, "coords") and hasattr(data, "dims"):
+        if data.ndim == 1:
+            name = axes[0] if axes else str(data.name or "gx")
+            return columns_of_mapping(dict([*_times(data), _labelled(name, data)]))
+        labels = data.dims[-1]
+        if axes is None and labels in data.coords:
+            axes = [str(name) for name in data.coords[labels].values]
+        if axes is None:
+            axes = _usual_axes(data.values, timed=False)
+        columns = zip(axes, np.moveaxis(data.values, -1, 0), strict=True)
+        unit = str(data.attrs.get("units", ""))
+        named = {_with_unit(name, unit): values for name, values in columns}
+        return columns_of_mapping(dict(_times(data)) | named)
+    if hasattr(data, "columns"):
+        chosen = axes or list(data.columns)
+    elif hasattr(data, "keys"):
+        chosen = axes or list(data.keys())
+    else:
+        return columns_of_array(data, axes)
+    return columns_of_mapping({str(name): np.asarray(data[name]) for name in chosen})
+
+
+def _labelled(name: str, array: Any) -> tuple[str, NDArray[Any]]:
+    """Return the name with the unit, and the values, of an array of xarray."""
+    return _with_unit(name, str(array.attrs.get("units", ""))), array.values
+
+
+def _times(data: Any) -> list[tuple[str, NDArray[Any]]]:
+    """Return the time of an array or dataset of xarray; dates as seconds since the first."""
+    for name in ("t", "time"):
+        if name in data.coords:
+            values = data.coords[name].values
+            if values.dtype.kind == "M":
+                return [("t[s]", (values - values[0]) / np.timedelta64(1, "s"))]
+            return [_labelled(name, data.coords[name])]
+    return []
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name}[{unit}]" if unit and "[" not in name else name
 
 
 def with_units(columns: Columns, units: Mapping[str, str] | str | None) -> Columns:

@@ -38,7 +38,8 @@ def deviation_picture(name: str, axis: AxisAnalysis) -> Picture:
 
     def draw(figure: Figure) -> None:
         ax, curve, factor = figure.subplots(), axis.curves["oadev"], DEVIATION[axis.unit].factor
-        _curve(ax, curve, factor, MEASURED, f"{name}, measured (overlapping Allan deviation)")
+        label = f"{name}, measured (overlapping Allan deviation)"
+        curve.plot(ax, factor=factor, color=MEASURED, label=label)
         _scale(ax, axis.unit)
         _frame(ax, curve, factor)
         if axis.model is not None:
@@ -58,7 +59,7 @@ def residual_picture(name: str, axis: AxisAnalysis) -> Picture:
     def draw(figure: Figure) -> None:
         curve, factor = axis.curves["oadev"], DEVIATION[axis.unit].factor
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-        _curve(top, curve, factor, MEASURED, f"{name}, measured")
+        curve.plot(top, factor=factor, color=MEASURED, label=f"{name}, measured")
         for model, colour, style, label in (
             (axis.model_before, BEFORE, "--", "model before"),
             (axis.model, MODEL, "-", "model after"),
@@ -90,7 +91,7 @@ def compare_picture(curves: Mapping[str, Deviation], unit: str) -> Picture:
     def draw(figure: Figure) -> None:
         ax, factor = figure.subplots(), DEVIATION[unit].factor
         for (name, curve), colour in zip(curves.items(), CYCLE * len(curves), strict=False):
-            _curve(ax, curve, factor, colour, _label(name))
+            curve.plot(ax, factor=factor, color=colour, label=_label(name))
         _scale(ax, unit)
         ax.legend(loc="best")
 
@@ -111,17 +112,6 @@ def scale_loglog(ax: Axes, xlabel: str, ylabel: str) -> None:
 def _is_drawable(heights: ArrayLike) -> bool:
     """Tell whether a logarithmic scale can show any of it; denormal numbers have no digits left."""
     return bool(np.any(np.asarray(heights) > np.finfo(float).tiny))
-
-
-def _curve(ax: Axes, curve: Deviation, factor: float, colour: str, label: str) -> None:
-    low, value, high = (factor * x for x in (curve.lower, curve.deviation, curve.upper))
-    ax.fill_between(curve.tau, low, high, color=colour, alpha=0.2, lw=0)
-    trusted = curve.trusted
-    ax.plot(curve.tau[trusted], value[trusted], "o-", ms=2.5, lw=1.0, c=colour, label=label)
-    if not trusted.all():
-        # Beyond the trusted part of the run the curve goes on, hollow and dotted.
-        tail = slice(max(int(np.flatnonzero(~trusted)[0]) - 1, 0), None)
-        ax.plot(curve.tau[tail], value[tail], "o:", ms=2.5, lw=0.9, c=colour, mfc="none")
 
 
 def _model(ax: Axes, model: ModelCurve, factor: float) -> None:

@@ -274,7 +274,18 @@ def saturation(b):
     dead = np.where(np.abs(noise) < 0.6 * SIGMA, 0.0, noise)
     found = explain(b.record(cut(1.6), dead, cut(3.5), b.noise())).axes
     truth = {"level": (1.6 * SIGMA, 0.05), "side": (1, 1e-9), "fraction": (0.055, 0.2)}
-    return Four(*found.values(), truth, "unexplained")
+    return Four(*found.values(), truth, "dead_zone")
+
+
+def dead_zone(b):
+    def dead(sigmas):
+        noise = b.noise()
+        return np.where(np.abs(noise) < sigmas * SIGMA, 0.0, noise)
+
+    cut = np.minimum(b.noise(), np.round(0.4 * SIGMA / 4.375e-3) * 4.375e-3)
+    found = explain(b.record(dead(0.6), cut, dead(0.05), b.noise())).axes
+    truth = {"width": (1.2 * SIGMA, 0.15), "fraction": (0.45, 0.1)}
+    return Four(*found.values(), truth, "saturation")
 
 
 def scale_drift(b):
@@ -344,7 +355,7 @@ FOURS: dict[str, Callable[..., Four]] = {
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
         *(repeated_samples, clock_error, unexplained, saturation, scale_drift, drifting_line),
-        *(shock, power_law),
+        *(shock, power_law, dead_zone),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

@@ -1,4 +1,4 @@
-"""What is cut off at a limit is saturation; what piles up elsewhere is no repeat and no name."""
+"""What is cut off at a limit is saturation, what piles up within is a dead zone, no repeat."""
 
 from __future__ import annotations
 
@@ -55,16 +55,34 @@ def test_numbers_without_a_lattice_pile_up_all_the_same(bench):
         assert axis.effects[0].parameters["side"].value == -1
 
 
-@pytest.mark.parametrize("depth", [0.15, 0.5, 1.0])
+@pytest.mark.parametrize("depth", [0.5, 1.0])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_dead_zone_has_no_name_and_is_no_repeat(bench, seed, depth):
+def test_a_dead_zone_has_its_level_and_width(bench, seed, depth):
     def dead(noise):
-        return np.where(np.abs(noise) < depth * SIGMA, 0.0, noise)
+        return np.where(np.abs(noise - 0.4 * SIGMA) < depth * SIGMA, 0.4 * SIGMA, noise)
+
+    for found in of_three(bench, seed, dead):
+        assert names(found) == ["dead_zone"]
+        p = found.effects[0].parameters
+        assert p["level"].value == pytest.approx(0.4 * SIGMA, abs=4.4e-3)
+        assert p["width"].lower <= 2 * depth * SIGMA <= p["width"].upper
+
+
+def test_a_dead_zone_without_a_lattice_has_the_same_name(bench):
+    for found in of_three(bench, 409, lambda x: np.where(np.abs(x) < SIGMA / 2, 0.0, x), lsb=1e-9):
+        assert names(found) == ["dead_zone"]
+        assert found.effects[0].parameters["width"].value == pytest.approx(SIGMA, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_dead_zone_of_a_step_has_no_name_and_is_no_repeat(bench, seed):
+    def dead(noise):
+        return np.where(np.abs(noise) < 0.15 * SIGMA, 0.0, noise)
 
     for found in of_three(bench, seed, dead):
         assert not found.explained
         assert "unexplained" in names(found)
-        assert not {"repeated_samples", "saturation"} & set(names(found))
+        assert not {"repeated_samples", "saturation", "dead_zone"} & set(names(found))
 
 
 def test_what_was_cut_off_before_a_filter_is_lopsided_and_has_no_name(bench):

@@ -19,6 +19,7 @@ __all__ = ["KIND_NAMES", "PHRASES", "finding_phrase", "finding_sentence"]
 PHRASES = {
     "band_limit": "low-pass at {cutoff}",
     "cross_coupling": "cross-coupling from {source}, {slope}",
+    "dead_zone": "dead zone of {width} around {level}, {fraction} of the samples",
     "drifting_line": "drifting line around {frequency}, {sigma} rms",
     "excursion": "excursion at {event}, {size}",
     "gauss_markov": "correlated noise, {sigma} rms, correlation time {correlation_time}",

@@ -37,7 +37,7 @@ _FAST = (
         "repeated_samples",
     ),
     *("cross_coupling", "variance_change", "scale_drift", "saturation", "narrowband", "sinusoid"),
-    "drifting_line",
+    *("drifting_line", "dead_zone"),
     "unexplained",
 )
 _SLOW = (
@@ -201,6 +201,7 @@ _PHRASES = {
     "outliers": "outliers",
     "repeated_samples": "repeated samples",
     "saturation": "saturation",
+    "dead_zone": "a dead zone",
     "unexplained": "what no effect explains",
 }
 """Effects as causes; others by the name of their kind."""

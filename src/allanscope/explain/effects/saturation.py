@@ -8,7 +8,7 @@ White noise stays white, so the curve and the spectrum show nothing: N is merely
 
 and nothing that is computed of the axis is that of the sensor. Deterministic: read off the values.
 Both ends may be cut: each is named. The last code beside a missing one is no limit (`piles`), and
-samples that pile up within the range (a dead zone) have no name and are `unexplained`.
+samples that pile up within the range are a `dead_zone` or `unexplained`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Saturation(EffectKind):
     is_not_gaussian = True
     confused_with: ClassVar[Mapping[str, str]] = {
         "repeated_samples": "repeats at every value alike, not at the limit alone",
-        "unexplained": "a dead zone collects samples within the range, not at its end",
+        "dead_zone": "a dead zone collects samples within the range, not at its end",
     }
 
     @property

@@ -465,14 +465,14 @@ def _drift(view: View, drift: Array, gain: float, words: str) -> Candidate:
 
 
 def _piles(view: View) -> list[Candidate]:
-    """Report values within the range at which samples pile up: a dead zone."""
-    inside = [pile for pile in view.piles if pile.side == 0]
+    """Report values within the range at which samples pile up, and which are no dead zone."""
+    inside = [pile for pile in view.piles if pile.side == 0 and not view.has("dead_zone")]
     if view.series.stride > 1 or view.has("quantization") or not inside:
         return []
     most = max(inside, key=lambda pile: pile.share)
     words = (
         f"{100 * most.share:.2g} % of the samples are {most.value:.4g} {view.unit}, far more than "
-        "at the values beside it: a dead zone or a replaced code"
+        "at the values beside it: a narrow dead zone or a replaced code"
     )
     return [_distribution(view, math.inf, words, values=len(inside))]
 

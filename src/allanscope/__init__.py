@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
-    from allanscope.allan import AllanBank, Deviation, deviation
+    from allanscope.allan import AllanBank, CurveChoices, Deviation, deviation
     from allanscope.analysis import SCHEMA, Analysis
     from allanscope.errors import (
         AllanscopeError,
@@ -42,6 +42,7 @@ _HOMES = {
     "Analysis": "analysis",
     "Block": "samples",
     "CheckFailed": "errors",
+    "CurveChoices": "allan",
     "Deviation": "allan",
     "DeviceError": "errors",
     "ExitCode": "errors",
@@ -67,6 +68,7 @@ __all__ = [
     "Analysis",
     "Block",
     "CheckFailed",
+    "CurveChoices",
     "Deviation",
     "DeviceError",
     "ExitCode",

@@ -71,7 +71,9 @@ def analyse(one: ArgumentParser) -> None:
     )
     one.add_argument("--json", metavar="FILE", help="write the result; - for standard output")
     one.add_argument("--report", metavar="FILE.html", help="write the report")
+    one.add_argument("--table", metavar="FILE.csv", help="write every curve as a table")
     _figures_argument(one)
+    _curve_arguments(one)
     _device_arguments(one)
 
 
@@ -142,6 +144,7 @@ def report(one: ArgumentParser) -> None:
     one.add_argument("sessions", nargs="+", help="folders of sessions, or recordings")
     one.add_argument("--out", default="report.html", metavar="FILE.html")
     _figures_argument(one)
+    _curve_arguments(one)
     _device_arguments(one)
 
 
@@ -183,6 +186,65 @@ def _device_arguments(one: ArgumentParser) -> None:
     group.add_argument(
         "--unit", action="append", default=[], type=_unit, metavar="gyro=dps", help="unit of text"
     )
+
+
+def _curve_arguments(one: ArgumentParser) -> None:
+    group = one.add_argument_group("the curves")
+    group.add_argument(
+        "--kinds",
+        default=[],
+        type=lambda text: text.lower().replace(",", " ").split(),
+        metavar="NAMES",
+        help="estimators, e.g. oadev,mdev,hdev (default: all; oadev is always among them)",
+    )
+    group.add_argument(
+        "--taus",
+        default="",
+        type=_taus,
+        metavar="octave|decade|many|all|LIST",
+        help="averaging times: powers of two, 1-2-4 in each decade, 24 in each octave, every one, "
+        "or e.g. 0.1,1,10 in s; a time without a value is an error. Default: --per-octave",
+    )
+    group.add_argument(
+        "--per-octave", type=int, default=4, metavar="N", help="averaging times in each octave"
+    )
+    group.add_argument(
+        "--hadamard",
+        default="sp1065",
+        choices=["sp1065", "dt0064"],
+        help="factor of the Hadamard variance: 1/6 (default), or the 1/2 of ST's DT0064",
+    )
+    group.add_argument(
+        "--noise-type",
+        metavar="NAME",
+        help="WPM FPM WFM FFM RWFM FWFM or RRFM at every tau, for limits and bias, instead of the "
+        "one that is identified",
+    )
+    group.add_argument(
+        "--bias",
+        default="usual",
+        choices=["usual", "none", "all"],
+        help="remove the bias of MTOT, TTOT, HTOT (default), of none, or of TOTDEV, THEO1 too",
+    )
+    group.add_argument(
+        "--variance", action="store_true", help="variances (AVAR) in tables, charts and JSON"
+    )
+    group.add_argument(
+        "--simple-limits",
+        action="store_true",
+        help="also DT0064's limits, deviation -+ deviation / sqrt(terms)",
+    )
+
+
+def _taus(text: str) -> str | tuple[float, ...]:
+    """Return a name, or times in s."""
+    if not text[:1].isdecimal() and text[:1] != ".":
+        return text
+    try:
+        return tuple(float(one) for one in text.replace(",", " ").split())
+    except ValueError:
+        why = f"{text!r} are no times in s; write e.g. 0.1,1,10"
+        raise argparse.ArgumentTypeError(why) from None
 
 
 def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None:

@@ -18,6 +18,7 @@ from allanscope.errors import ExitCode
 from allanscope.sanitize import complain, sanitize
 
 if TYPE_CHECKING:
+    from allanscope.allan import CurveChoices
     from allanscope.analysis import Analysis
     from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings
 
@@ -70,17 +71,21 @@ def open_view(options: Namespace) -> int:
 def analyse(options: Namespace) -> int:
     """Analyse a complete recording, raw capture or text file."""
     from allanscope.atomic_write import refuse_place
-    from allanscope.pipeline import analyse_input, write_json, write_report
+    from allanscope.pipeline import analyse_input, write_json, write_report, write_table
 
-    for name in (options.report, options.json):
+    for name in (options.report, options.json, options.table):
         if name and name != "-":
             refuse_place(Path(name))
-    analysis = analyse_input(Path(options.input), _device_settings(options), options.quiet)
+    analysis = analyse_input(
+        Path(options.input), _device_settings(options), options.quiet, _curve_choices(options)
+    )
     # The numbers first: whatever drawing may run into, they are there.
     if options.json == "-":
         _print_json(analysis, True)
     elif options.json:
         write_json(analysis, Path(options.json))
+    if options.table:
+        write_table(analysis, Path(options.table))
     if options.report or options.figures:
         page, figures = (Path(x) if x else None for x in (options.report, options.figures))
         write_report(analysis, page, figures)
@@ -88,7 +93,7 @@ def analyse(options: Namespace) -> int:
         from allanscope.view import summary_lines
 
         print("\n".join(summary_lines(analysis)))
-    _name_outputs(options, options.report, options.figures, options.json)
+    _name_outputs(options, options.report, options.figures, options.json, options.table)
     return _exit_code(analysis)
 
 
@@ -196,6 +201,7 @@ def report(options: Namespace) -> int:
         _device_settings(options),
         options.quiet,
         Path(figures) if figures else None,
+        _curve_choices(options),
     )
     print(page)
     _name_outputs(options, figures)
@@ -311,6 +317,25 @@ def _device_settings(options: Namespace) -> DeviceSettings:
         wire=options.wire,
         units=tuple(options.unit),
     )
+
+
+def _curve_choices(options: Namespace) -> CurveChoices:
+    from allanscope.allan import CurveChoices
+    from allanscope.errors import UsageError
+
+    try:
+        return CurveChoices(
+            kinds=tuple(options.kinds),
+            taus=options.taus,
+            per_octave=options.per_octave,
+            hadamard=options.hadamard,
+            noise=options.noise_type,
+            bias_corrected="all" if options.bias == "all" else options.bias == "usual",
+            variance=options.variance,
+            simple_limits=options.simple_limits,
+        )
+    except ValueError as error:
+        raise UsageError(str(error)) from None
 
 
 def _session_settings(options: Namespace, duration_s: float | None) -> SessionSettings:

@@ -11,9 +11,9 @@ import pytest
 
 from allanscope import AXES, SCHEMA, analyse
 from allanscope.__main__ import main
+from allanscope.allan.choices import KINDS
 from allanscope.allan.estimators import REGISTRY
 from allanscope.analysis import Analyser, summarise
-from allanscope.analysis.summary import FULL_KINDS
 from allanscope.explain.effects import VOCABULARY
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.wire import LinkStats
@@ -61,7 +61,7 @@ def test_the_schema_itself_is_sound():
 
 def test_the_words_of_the_schema_are_those_of_the_program():
     axis = PUBLISHED["$defs"]["axis"]["properties"]
-    assert set(axis["curves"]["propertyNames"]["enum"]) == set(REGISTRY) == set(FULL_KINDS)
+    assert set(axis["curves"]["propertyNames"]["enum"]) == set(REGISTRY) == set(KINDS)
     assert set(PUBLISHED["properties"]["axes"]["propertyNames"]["enum"]) == set(AXES)
 
 

@@ -28,12 +28,29 @@ from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
+    from allanscope.allan.choices import CurveChoices
+    from allanscope.allan.estimators import variance_name
     from allanscope.allan.oneshot import deviation
 
-__all__ = ["AllanBank", "Deviation", "data_frame", "deviation"]
+__all__ = [
+    "AllanBank",
+    "CurveChoices",
+    "Deviation",
+    "data_frame",
+    "deviation",
+    "variance_name",
+]
 
 # The function `deviation` shares its name with the module of the class, which the import above has
 # just entered here; removed, the name is looked up below.
 globals().pop("deviation", None)
 
-__getattr__, __dir__ = lazily(__name__, {"AllanBank": "bank", "deviation": "oneshot"})
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "AllanBank": "bank",
+        "CurveChoices": "choices",
+        "deviation": "oneshot",
+        "variance_name": "estimators",
+    },
+)

@@ -62,6 +62,11 @@ class Deviation:
     level: float
     trusted: NDArray[np.bool_]
 
+    @property
+    def variance(self) -> NDArray[np.float64]:
+        """Square of the deviation: AVAR of ADEV."""
+        return self.deviation**2
+
     def simple_limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the limits of DT0064: deviation -+ deviation / sqrt(terms).
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from allanscope.allan.choices import TAU_SETS
 from allanscope.allan.confidence import BiasCorrection, HadamardFactor, assemble
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import REGISTRY, Estimator, Sums, estimator_named
@@ -25,13 +26,12 @@ from allanscope.allan.phase import DataKind, to_phases
 if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
 
-__all__ = ["TAU_SETS", "Taus", "choose_factors", "deviation", "power_law"]
+__all__ = ["Taus", "choose_factors", "deviation", "power_law"]
 
 Phases = list[NDArray[np.float64]]
 
 Taus = Literal["octave", "decade", "many", "all"] | int | Sequence[float] | NDArray[np.float64]
 
-TAU_SETS = ("octave", "decade", "many", "all")
 
 _MANY = 24
 """Averaging times in each octave of `many`: 80 in each decade."""

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan import AllanBank
+from allanscope.allan import AllanBank, CurveChoices
 from allanscope.analysis.padding import Padding
 from allanscope.analysis.rows import BUFFERED, RowBuffer, in_parallel, lowest_and_highest
 from allanscope.clock import Clock
+from allanscope.errors import UsageError
 from allanscope.history import History, Record
 from allanscope.noise import find_step
 from allanscope.samples import INT16_MAX, INT16_MIN, Block, Event, Gap, Notice, StreamInfo
@@ -36,6 +37,9 @@ __all__ = [
 MOST_CONFIGURATIONS = 8
 MOST_ERRORS = 16
 """A device that tells of ever new scales, or of ever new troubles, must not fill the memory."""
+
+MOST_KEPT = 1 << 28
+"""Numbers that are kept where the averaging times take the samples themselves: half a gigabyte."""
 
 FEWEST_ROWS = 64
 """Rows below which nothing is fitted."""
@@ -59,6 +63,8 @@ class AnalyserSettings:
         Rows that are summed up at a time; the more, the better two cores share the work.
     threads : int
         Axes that the closed loop works on at a time.
+    curves : CurveChoices
+        How the curves of the final result are made.
     """
 
     part: str = ""
@@ -67,6 +73,7 @@ class AnalyserSettings:
     history_rows: int = 1 << 18
     gathered_rows: int = 1 << 13
     threads: int = 2
+    curves: CurveChoices = field(default_factory=CurveChoices)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +150,13 @@ class Analyser:
         known = next(same, None)
         if known is None:
             asked = self.settings
-            known = StreamState(info, asked.per_octave, asked.history_rows, asked.gathered_rows)
+            known = StreamState(
+                info,
+                asked.per_octave,
+                asked.history_rows,
+                asked.gathered_rows,
+                keep_samples=asked.curves.taken_from_samples,
+            )
         else:
             self.configurations.remove(known)
             known.info = info
@@ -208,10 +221,18 @@ class StreamState:
         Most rows of block means that are kept for what needs a time series.
     gathered_rows : int
         Rows that are summed up at a time.
+    keep_samples : bool
+        Keep every sample too, for curves that no bank has.
     """
 
     def __init__(
-        self, info: StreamInfo, per_octave: int, history_rows: int, gathered_rows: int = BUFFERED
+        self,
+        info: StreamInfo,
+        per_octave: int,
+        history_rows: int,
+        gathered_rows: int = BUFFERED,
+        *,
+        keep_samples: bool = False,
     ) -> None:
         rate_hz = info.nominal_hz or 1.0
         columns = len(info.axes)
@@ -231,6 +252,7 @@ class StreamState:
         self.counted = True
         self._in_segment = False
         self.padding = Padding()
+        self._kept: list[NDArray[Any] | None] | None = [] if keep_samples else None
         self._buffer = RowBuffer(gathered_rows)
 
     def block(self, block: Block) -> None:
@@ -252,6 +274,8 @@ class StreamState:
         self.release_padding()
         self._in_segment = False
         self.bank.gap()
+        if self._kept is not None:
+            self._kept.append(None)
         self.spectrum.gap()
         self.history.gap(gap.lost)
         self.clock.gap(gap)
@@ -277,7 +301,26 @@ class StreamState:
         for piece in self.padding.release():
             self._sum_up(*piece)
 
+    def samples_with_gaps(self, column: int) -> NDArray[np.float64]:
+        """Return the samples of one axis in counts, NaN at each gap, where they are kept."""
+        missing = np.full(1, np.nan)
+        pieces = [missing if one is None else one[:, column] for one in self._kept or ()]
+        return np.concatenate([np.empty(0), *pieces])
+
+    def _keep(self, counts: NDArray[Any]) -> None:
+        """Keep a copy of samples, as many as memory is sure to have room for."""
+        assert self._kept is not None
+        if self.bank.samples * counts.shape[1] > MOST_KEPT:
+            raise UsageError(
+                f"more than {MOST_KEPT // counts.shape[1]} samples are too many for averaging "
+                "times of one's own; use --per-octave, which keeps sums instead of samples"
+            )
+        self._kept.append(counts.copy())
+
     def _sum_up(self, counts: NDArray[Any], temperature_c: NDArray[np.float64] | None) -> None:
+        if self._kept is not None:
+            self._keep(counts)
+
         def everything_else() -> None:
             self.spectrum.update(counts)
             self.history.update(counts, temperature_c)

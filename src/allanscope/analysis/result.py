@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan import Deviation
+from allanscope.allan import CurveChoices, Deviation
 from allanscope.analysis.findings import Finding, findings_of
 from allanscope.explain import AxisExplanation, Effect, ResidualError
 from allanscope.history import Record
@@ -236,6 +236,8 @@ class Analysis:
         The kept time series, for figures; not part of the JSON.
     origin : {'', 'measured', 'synthetic', 'emulated'}
         Whether a physical part measured the samples, as the device says; empty when it does not.
+    choices : CurveChoices
+        How the curves were made, and what is shown of them.
     """
 
     input: Mapping[str, str]
@@ -257,6 +259,7 @@ class Analysis:
     version: str = ""
     record: Record | None = None
     origin: Origin = ""
+    choices: CurveChoices = field(default_factory=CurveChoices)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -352,17 +355,18 @@ class Analysis:
             "remarks": [*self.assumptions, *self.remarks],
             "failures": list(self.failures),
             "effects": [_effect_dict(effect) for effect in self.effects],
+            "curve_choices": asdict(self.choices),
             "findings": [_finding_dict(finding) for finding in self.findings],
-            "axes": {name: _axis_dict(axis) for name, axis in self.axes.items()},
+            "axes": {name: _axis_dict(axis, self.choices) for name, axis in self.axes.items()},
         }
         return cast("dict[str, Any]", _plain(result))
 
 
-def _axis_dict(axis: AxisAnalysis) -> dict[str, Any]:
+def _axis_dict(axis: AxisAnalysis, choices: CurveChoices) -> dict[str, Any]:
     """Return one axis; every key is there also where nothing is known yet."""
     return {
         "unit": axis.unit,
-        "curves": {kind: _curve_dict(curve) for kind, curve in axis.curves.items()},
+        "curves": {kind: _curve_dict(curve, choices) for kind, curve in axis.curves.items()},
         "level": asdict(axis.level) if axis.level else None,
         "coefficients": {
             name: asdict(axis.coefficients[name])
@@ -401,9 +405,14 @@ _NO_ERROR = ResidualError(*[math.nan] * 5)
 _NOT_SEARCHED = AxisExplanation((), _NO_ERROR, _NO_ERROR, {}, {}, math.nan, math.nan, False)
 
 
-def _curve_dict(curve: Deviation) -> dict[str, Any]:
-    arrays = ("tau", "deviation", "lower", "upper", "edf", "terms", "noise", "trusted")
-    return {name: getattr(curve, name).tolist() for name in arrays}
+def _curve_dict(curve: Deviation, choices: CurveChoices) -> dict[str, Any]:
+    names = ("tau", "deviation", "lower", "upper", "edf", "terms", "noise", "trusted")
+    arrays = {name: getattr(curve, name) for name in names}
+    if choices.variance:
+        arrays["variance"] = curve.variance
+    if choices.simple_limits:
+        arrays["simple_lower"], arrays["simple_upper"] = curve.simple_limits()
+    return {name: array.tolist() for name, array in arrays.items()}
 
 
 def _explanation_dict(explanation: AxisExplanation) -> dict[str, Any]:

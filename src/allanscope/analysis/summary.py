@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from allanscope.allan import Deviation
+from allanscope.allan import CurveChoices, Deviation
 from allanscope.analysis.analyser import (
     FEWEST_ROWS,
     Analyser,
@@ -26,6 +26,7 @@ from allanscope.analysis.readings import read_axis
 from allanscope.analysis.remarks import axis_remarks, run_remarks
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
+from allanscope.errors import UsageError
 from allanscope.explain import Explanation, explain, failed, failure_text, fit_beside
 from allanscope.history import Record
 from allanscope.noise import (
@@ -46,10 +47,6 @@ Depth = Literal["live", "full"]
 """``live`` is what a refresh can afford; ``full`` runs every estimator and closes the loop."""
 
 LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
-FULL_KINDS = (
-    *("stdev", "ostdev", "adev", "oadev", "mdev", "tdev", "hdev", "ohdev"),
-    *("totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theobr", "theoh", "pdev"),
-)
 TENTHS = 10
 
 POLLED_PART = "LSM6DSM"
@@ -114,6 +111,7 @@ def summarise(
         version=version("allanscope"),
         record=given.record if depth == "full" else None,
         origin=state.info.origin,
+        choices=settings.curves,
     )
 
 
@@ -183,7 +181,7 @@ def _axes(
     """Return everything about every axis."""
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
-    curves = _curves(state, depth, rate_hz, settings.level)
+    curves = _curves(state, depth, rate_hz, settings.level, settings.curves)
     as_of = AsOf(state.samples / rate_hz, state.samples)
     loop = _loop(given, settings.threads) if depth == "full" else known
     if loop is not None and depth == "live":
@@ -242,16 +240,42 @@ def _with_noise_of_now(loop: Explanation, given: LoopInput) -> Explanation:
 
 
 def _curves(
-    state: StreamState, depth: Depth, rate_hz: float, level: float
+    state: StreamState, depth: Depth, rate_hz: float, level: float, choices: CurveChoices
 ) -> dict[str, dict[str, Deviation]]:
+    if depth == "full" and choices.taken_from_samples:
+        return _curves_of_samples(state, rate_hz, level, choices)
     out: dict[str, dict[str, Deviation]] = {name: {} for name in state.info.axes}
     state.bank.scale = np.asarray(state.info.scale)
-    for kind in FULL_KINDS if depth == "full" else LIVE_KINDS:
-        both = state.bank.deviation(kind, level=level, rate=rate_hz)
+    for kind in choices.kinds_of_banks if depth == "full" else LIVE_KINDS:
+        both = choices.of_bank(state.bank, kind, level, rate_hz)
         for column, name in enumerate(state.info.axes):
             curve = both.axis(column)
             if len(curve.tau):
                 out[name][kind] = curve
+    return out
+
+
+def _curves_of_samples(
+    state: StreamState, rate_hz: float, level: float, choices: CurveChoices
+) -> dict[str, dict[str, Deviation]]:
+    """Return the curves at averaging times that no bank has, from every sample.
+
+    Raises
+    ------
+    UsageError
+        When an averaging time that was asked for has no value.
+    """
+    out: dict[str, dict[str, Deviation]] = {}
+    for column, (name, scale) in enumerate(zip(state.info.axes, state.info.scale, strict=True)):
+        values = scale * state.samples_with_gaps(column)
+        try:
+            found = {
+                kind: choices.of_samples(values, kind, level, rate_hz)
+                for kind in choices.kinds_of_arrays
+            }
+        except ValueError as error:
+            raise UsageError(str(error)) from None
+        out[name] = {kind: curve for kind, curve in found.items() if curve is not None}
     return out
 
 

@@ -53,6 +53,7 @@ if TYPE_CHECKING:
         report_sessions,
         write_json,
         write_report,
+        write_table,
     )
     from allanscope.pipeline.process import (
         stopped_by_signals,
@@ -99,6 +100,7 @@ __all__ = [
     "to_junit",
     "write_json",
     "write_report",
+    "write_table",
 ]
 
 __getattr__, __dir__ = lazily(
@@ -130,5 +132,6 @@ __getattr__, __dir__ = lazily(
         "to_junit": "check",
         "write_json": "outputs",
         "write_report": "outputs",
+        "write_table": "outputs",
     },
 )

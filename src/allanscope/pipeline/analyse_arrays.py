@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from allanscope.allan import CurveChoices
 from allanscope.analysis import Analyser, Analysis, summarise
 from allanscope.parts import PARTS, part_named
 from allanscope.pipeline.analyse_file import analyse_input, full_settings
@@ -69,6 +70,7 @@ def analyse(
     accel_fs: float | None = None,
     wire: str = "",
     quiet: bool = True,
+    curves: CurveChoices | None = None,
 ) -> Analysis:
     """Return the full result of a recording, a file or arrays: every curve, and the closed loop.
 
@@ -100,6 +102,8 @@ def analyse(
         Wire format of a capture; found out if not given.
     quiet : bool
         False to show progress while a file is read.
+    curves : CurveChoices, optional
+        Which estimators at which averaging times, with which factors.
 
     Returns
     -------
@@ -134,12 +138,17 @@ def analyse(
         if axes is not None or isinstance(units, str):
             raise ValueError("a file names its axes itself; give units as {'gyro': 'mdps'}")
         device = replace(device, units=tuple((units or {}).items()))
-        return analyse_input(Path(source), device, quiet)
+        return analyse_input(Path(source), device, quiet, curves)
     columns = columns_of_table(source, axes)
-    return analyse_columns(with_units(columns, units), device, {"name": "arrays"})
+    return analyse_columns(with_units(columns, units), device, {"name": "arrays"}, curves)
 
 
-def analyse_columns(columns: Columns, device: DeviceSettings, facts: Mapping[str, str]) -> Analysis:
+def analyse_columns(
+    columns: Columns,
+    device: DeviceSettings,
+    facts: Mapping[str, str],
+    curves: CurveChoices | None = None,
+) -> Analysis:
     """Return the full result.
 
     Parameters
@@ -150,6 +159,8 @@ def analyse_columns(columns: Columns, device: DeviceSettings, facts: Mapping[str
         What the user said.
     facts : mapping
         Where they came from.
+    curves : CurveChoices, optional
+        How the curves are made.
 
     Raises
     ------
@@ -157,7 +168,7 @@ def analyse_columns(columns: Columns, device: DeviceSettings, facts: Mapping[str
         For samples that make no sense.
     """
     columns = with_guesses(columns)
-    analyser = Analyser(full_settings(device.part))
+    analyser = Analyser(full_settings(device.part, curves=curves))
     for event in events_of_columns(columns, device):
         analyser.take(event)
     state = analyser.state

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from allanscope.allan import CurveChoices
 from allanscope.analysis import Analyser, AnalyserSettings, Analysis, summarise
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import with_units
@@ -28,7 +29,12 @@ FULL_GATHERED = 1 << 17
 """Rows that it sums up at a time: 20 ms of work for each of two cores."""
 
 
-def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> Analysis:
+def analyse_input(
+    path: Path,
+    device: DeviceSettings,
+    quiet: bool = False,
+    curves: CurveChoices | None = None,
+) -> Analysis:
     """Return the full result of a file.
 
     Parameters
@@ -39,6 +45,8 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
         What the file does not say by itself.
     quiet : bool
         Show no progress.
+    curves : CurveChoices, optional
+        How the curves are made.
 
     Raises
     ------
@@ -49,7 +57,7 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     """
     facts = {"name": path.name, "path": str(path)}
     if path.is_file() and is_table_file(path):
-        return _analyse_table(path, device, facts, quiet)
+        return _analyse_table(path, device, facts, quiet, curves)
     fingerprint = None
     if path.is_dir() or is_recording(path):
         fingerprint = Fingerprint()
@@ -57,7 +65,7 @@ def analyse_input(path: Path, device: DeviceSettings, quiet: bool = False) -> An
     if not quiet:
         tell_when_compiling()
     decoding = Decoding(device.for_wire(), device.wire)
-    analyser = Analyser(full_settings(device.part))
+    analyser = Analyser(full_settings(device.part, curves=curves))
     analysed(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
     if analyser.state is None or not analyser.state.samples:
         why = analyser.errors[0] if analyser.errors else "nothing to analyse"
@@ -88,7 +96,9 @@ def _too_few(samples: int, segments: int) -> str:
     return f"{known} too few for any curve; record for longer"
 
 
-def full_settings(part: str, one_thread: bool = False) -> AnalyserSettings:
+def full_settings(
+    part: str, one_thread: bool = False, curves: CurveChoices | None = None
+) -> AnalyserSettings:
     """Return how an analysis to the end is made, whatever its samples come from.
 
     Parameters
@@ -97,14 +107,27 @@ def full_settings(part: str, one_thread: bool = False) -> AnalyserSettings:
         The part, when the user named one.
     one_thread : bool
         Stay on one core, for whoever has other work for the others; the result is the same.
+    curves : CurveChoices, optional
+        How the curves are made.
     """
     if one_thread:
         return AnalyserSettings(part, history_rows=FULL_ROWS, threads=1)
-    return AnalyserSettings(part, history_rows=FULL_ROWS, gathered_rows=FULL_GATHERED)
+    chosen = curves or CurveChoices()
+    return AnalyserSettings(
+        part,
+        per_octave=chosen.times_in_each_octave,
+        history_rows=FULL_ROWS,
+        gathered_rows=FULL_GATHERED,
+        curves=chosen,
+    )
 
 
 def _analyse_table(
-    path: Path, device: DeviceSettings, facts: dict[str, str], quiet: bool
+    path: Path,
+    device: DeviceSettings,
+    facts: dict[str, str],
+    quiet: bool,
+    curves: CurveChoices | None,
 ) -> Analysis:
     """Return the result of a file of arrays."""
     from allanscope.pipeline.analyse_arrays import analyse_columns
@@ -120,7 +143,7 @@ def _analyse_table(
     try:
         columns = with_units(found.columns, dict(device.units))
         with progress(None, "closing the loop", quiet=quiet):
-            analysis = analyse_columns(columns, device, {**facts, "wire": found.kind})
+            analysis = analyse_columns(columns, device, {**facts, "wire": found.kind}, curves)
     except UsageError:
         raise
     except ValueError as error:

@@ -27,6 +27,7 @@ from allanscope.pipeline.settings import ViewMode
 from allanscope.view import ViewerProcess, has_display
 
 if TYPE_CHECKING:
+    from allanscope.allan import CurveChoices
     from allanscope.pipeline.settings import DeviceSettings
     from allanscope.report import Picture
 
@@ -41,6 +42,7 @@ __all__ = [
     "write_json",
     "write_report",
     "write_results",
+    "write_table",
 ]
 
 _LOOK_EVERY_S = 0.2
@@ -49,6 +51,30 @@ _LOOK_EVERY_S = 0.2
 def write_json(analysis: Analysis, path: Path) -> None:
     """Write the result in the schema ``allanscope/1``."""
     write_text(path, json.dumps(analysis.to_dict(), indent=1, allow_nan=False) + "\n")
+
+
+def write_table(analysis: Analysis, path: Path) -> None:
+    """Write every curve as delimited text: a row for each axis, estimator and averaging time.
+
+    With variances asked for, value and limits are those of the variance, under DT0064's names.
+    """
+    from allanscope.allan import variance_name
+
+    squared = analysis.choices.variance
+    head = ["axis", "estimator", "tau_s", "m", "value", "lower", "upper"]
+    head += ["simple_lower", "simple_upper"] * analysis.choices.simple_limits
+    rows = [",".join([*head, "edf", "terms", "noise", "trusted"])]
+    for axis, one in analysis.axes.items():
+        for kind, curve in one.curves.items():
+            columns = [curve.deviation, curve.lower, curve.upper]
+            columns += curve.simple_limits() if analysis.choices.simple_limits else ()
+            name = variance_name(kind) if squared else kind.upper()
+            for i, (tau, m) in enumerate(zip(curve.tau, curve.m, strict=True)):
+                values = [column[i] ** 2 if squared else column[i] for column in columns]
+                cells = [axis, name, f"{tau:.9g}", str(m), *(f"{x:.9g}" for x in values)]
+                cells += [f"{curve.edf[i]:.4g}", str(curve.terms[i]), str(curve.noise[i])]
+                rows.append(",".join([*cells, str(int(curve.trusted[i]))]))
+    write_text(path, "\n".join(rows) + "\n")
 
 
 def write_report(analysis: Analysis, path: Path | None, figures: Path | None = None) -> None:
@@ -177,6 +203,7 @@ def report_sessions(
     device: DeviceSettings,
     quiet: bool = True,
     figures: Path | None = None,
+    curves: CurveChoices | None = None,
 ) -> Path:
     """Write the report of one session, or one that compares several; return its path."""
     from allanscope.pipeline.analyse_file import analyse_input
@@ -184,7 +211,7 @@ def report_sessions(
 
     refuse_place(out)
     sessions = {
-        name: analyse_input(path, device, quiet)
+        name: analyse_input(path, device, quiet, curves)
         for name, path in zip(_short_names(paths), paths, strict=True)
     }
     if len(sessions) == 1:

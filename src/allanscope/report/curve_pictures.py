@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan import Deviation
+from allanscope.allan import CurveChoices, Deviation, variance_name
 from allanscope.analysis import AxisAnalysis, ModelCurve
 from allanscope.quantities import DEVIATION, symbols
 from allanscope.report.picture import (
@@ -24,7 +25,16 @@ from allanscope.report.picture import (
     ink,
 )
 
-__all__ = ["compare_picture", "deviation_picture", "residual_picture", "scale_loglog"]
+__all__ = [
+    "compare_picture",
+    "deviation_picture",
+    "estimators_picture",
+    "residual_picture",
+    "scale_loglog",
+]
+
+SHOWN = ("oadev", "mdev", "ohdev", "totdev")
+"""Estimators that are drawn together where nobody has chosen."""
 
 _NOISE_TERMS = ("N", "B", "K", "Q", "R", "rounding")
 _PERCENT_SHOWN = 60.0
@@ -33,24 +43,71 @@ _APART = 0.1
 """Least distance between names, as a share of the picture's sides."""
 
 
-def deviation_picture(name: str, axis: AxisAnalysis) -> Picture:
-    """Draw one axis: curve, interval, model, its labelled components, the datasheet's line."""
+def deviation_picture(
+    name: str, axis: AxisAnalysis, choices: CurveChoices | None = None
+) -> Picture:
+    """Draw one axis: curve, interval, model, its labelled components, the datasheet's line.
+
+    With variances chosen everything is squared; the simple limits are dotted.
+    """
+    chosen = choices or CurveChoices()
+    squared = chosen.variance
 
     def draw(figure: Figure) -> None:
         ax, curve, factor = figure.subplots(), axis.curves["oadev"], DEVIATION[axis.unit].factor
-        label = f"{name}, measured (overlapping Allan deviation)"
+        model, sheet = axis.model, axis.datasheet.get("density")
+        white = sheet.white_limit if sheet is not None else None
+        simple = [*curve.simple_limits()] if chosen.simple_limits else []
+        line = None if white is None else factor * white / np.sqrt(curve.tau)
+        if squared:
+            curve, factor, model = _squared(curve), factor**2, _squared_model(model)
+            simple, line = [x**2 for x in simple], None if line is None else line**2
+        what = "variance" if squared else "deviation"
+        label = f"{name}, measured (overlapping Allan {what})"
         curve.plot(ax, factor=factor, color=MEASURED, label=label)
-        _scale(ax, axis.unit)
+        _scale(ax, axis.unit, squared)
         _frame(ax, curve, factor)
-        if axis.model is not None:
-            _model(ax, axis.model, factor)
-        sheet = axis.datasheet.get("density")
-        if sheet is not None and sheet.white_limit is not None:
-            line = factor * sheet.white_limit / np.sqrt(curve.tau)
+        for i, limit in enumerate(simple):
+            dotted = None if i else "± value / √terms (DT0064)"
+            ax.plot(curve.tau, factor * limit, ":", c=BEFORE, lw=1.0, label=dotted)
+        if model is not None:
+            _model(ax, model, factor)
+        if line is not None:
             ax.plot(curve.tau, line, "-.", c=DATASHEET, lw=1.3, label="datasheet")
         ax.legend(loc="best")
 
     return Picture(draw)
+
+
+def estimators_picture(name: str, axis: AxisAnalysis, choices: CurveChoices) -> Picture:
+    """Draw the curves of several estimators of one axis over each other, as DT0064's figure 3."""
+    kinds = [kind for kind in choices.kinds or SHOWN if kind in axis.curves]
+
+    def draw(figure: Figure) -> None:
+        ax, factor = figure.subplots(), DEVIATION[axis.unit].factor
+        for kind, colour in zip(kinds, CYCLE * len(kinds), strict=False):
+            curve = axis.curves[kind]
+            if choices.variance:
+                _squared(curve).plot(ax, factor=factor**2, color=colour, label=variance_name(kind))
+            else:
+                curve.plot(ax, factor=factor, color=colour, label=kind.upper())
+        _scale(ax, axis.unit, choices.variance)
+        ax.set_title(name, fontsize="medium")
+        ax.legend(loc="best")
+
+    return Picture(draw)
+
+
+def _squared(curve: Deviation) -> Deviation:
+    """Return a curve of variances."""
+    return replace(curve, deviation=curve.deviation**2, lower=curve.lower**2, upper=curve.upper**2)
+
+
+def _squared_model(model: ModelCurve | None) -> ModelCurve | None:
+    if model is None:
+        return None
+    parts = {name: part**2 for name, part in model.components.items()}
+    return ModelCurve(model.x, model.total**2, parts)
 
 
 def residual_picture(name: str, axis: AxisAnalysis) -> Picture:
@@ -171,8 +228,10 @@ def _label(name: str) -> str:
     return f"\N{ZERO WIDTH SPACE}{plain}" if plain.startswith("_") else plain
 
 
-def _scale(ax: Axes, unit: str) -> None:
-    scale_loglog(ax, "averaging time τ (s)", f"σ(τ) ({symbols(DEVIATION[unit].unit)})")
+def _scale(ax: Axes, unit: str, squared: bool = False) -> None:
+    name = symbols(DEVIATION[unit].unit)
+    label = f"σ²(τ) (({name})²)" if squared else f"σ(τ) ({name})"
+    scale_loglog(ax, "averaging time τ (s)", label)
 
 
 def _frame(ax: Axes, curve: Deviation, factor: float) -> None:

@@ -10,10 +10,15 @@ from typing import Any
 
 import jinja2
 
+from allanscope.allan import CurveChoices
 from allanscope.analysis import Analysis, AxisAnalysis, finding_phrase, searched, verdict
 from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, duration, symbols
 from allanscope.report import coefficient_words, words
-from allanscope.report.curve_pictures import deviation_picture, residual_picture
+from allanscope.report.curve_pictures import (
+    deviation_picture,
+    estimators_picture,
+    residual_picture,
+)
 from allanscope.report.data_pictures import (
     density_picture,
     lag_picture,
@@ -41,6 +46,8 @@ class _Axis:
     conclusion: list[str]
     search: list[words.SearchRow]
     deviation_svg: str
+    estimators_svg: str
+    curve_values: words.CurveValues
     residual_svg: str
     density_svg: str
     lag_svg: str
@@ -72,7 +79,7 @@ def render(analysis: Analysis, drawn: Mapping[str, Picture] | None = None) -> st
         findings=[words.Fact(" ".join(one.axes), finding_phrase(one)) for one in analysis.findings],
         summary=_summary(shown),
         levels=[zero_g] if zero_g is not None else [],
-        axes=[_axis(name, axis, svgs) for name, axis in shown.items()],
+        axes=[_axis(name, axis, svgs, analysis.choices) for name, axis in shown.items()],
         series=[
             {"name": sensor, "svg": svgs[f"{sensor}-series"]}
             for sensor in SENSOR_NAMES.values()
@@ -115,7 +122,7 @@ def _as_markup(svg: str) -> Any:
     return Markup(svg)
 
 
-def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str]) -> _Axis:
+def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str], choices: CurveChoices) -> _Axis:
     loop = axis.explanation
     return _Axis(
         name=name,
@@ -129,6 +136,8 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str]) -> _Axis:
         conclusion=words.conclusion(loop) if loop else [],
         search=words.search_rows(loop) if loop else [],
         deviation_svg=svgs[f"{name}-deviation"],
+        estimators_svg=svgs.get(f"{name}-estimators", ""),
+        curve_values=words.curve_values(axis, choices),
         residual_svg=svgs.get(f"{name}-residual", ""),
         density_svg=svgs.get(f"{name}-density", ""),
         lag_svg=svgs.get(f"{name}-lag", ""),
@@ -188,7 +197,10 @@ def save_pictures(found: Mapping[str, Picture], folder: Path) -> list[Path]:
 
 
 def _of_axis(name: str, axis: AxisAnalysis, analysis: Analysis) -> dict[str, Picture]:
-    found = {"deviation": deviation_picture(name, axis)}
+    choices = analysis.choices
+    found = {"deviation": deviation_picture(name, axis, choices)}
+    if choices.kinds or choices.variance:
+        found["estimators"] = estimators_picture(name, axis, choices)
     if axis.explanation is not None and searched(axis.explanation):
         found["residual"] = residual_picture(name, axis)
     if axis.density is not None:

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
 
+from allanscope.allan import CurveChoices, variance_name
 from allanscope.analysis import (
     NAMELESS,
     Analysis,
@@ -27,6 +28,7 @@ from allanscope.quantities import (
     between,
     count,
     duration,
+    interval,
     number,
     rate,
     size,
@@ -35,6 +37,7 @@ from allanscope.quantities import (
 from allanscope.report.coefficient_words import white_facts
 
 __all__ = [
+    "CurveValues",
     "EffectWords",
     "ErrorRow",
     "Fact",
@@ -42,6 +45,7 @@ __all__ = [
     "axis_facts",
     "conclusion",
     "conventions",
+    "curve_values",
     "effect_words",
     "error_rows",
     "provenance",
@@ -89,6 +93,49 @@ class ErrorRow:
     name: str
     before: str
     after: str
+
+
+@dataclass(frozen=True, slots=True)
+class CurveValues:
+    """The curves of an axis in numbers: a column for each estimator, a row for each tau."""
+
+    caption: str
+    heads: list[str]
+    rows: list[list[str]]
+
+
+_IN_TABLE = ("oadev", "mdev", "ohdev")
+"""Estimators of the table where nobody has chosen."""
+
+
+def curve_values(axis: AxisAnalysis, choices: CurveChoices) -> CurveValues:
+    """Return the curves that were chosen, else ADEV, MDEV and HDEV at powers of two."""
+    kinds = [kind for kind in choices.kinds or _IN_TABLE if kind in axis.curves]
+    reading, squared = DEVIATION[axis.unit], choices.variance
+    power = 2 if squared else 1
+    factor = reading.factor**power
+    cells: dict[float, dict[str, str]] = {}
+    for kind in kinds:
+        curve = axis.curves[kind]
+        columns = [curve.deviation, curve.lower, curve.upper]
+        columns += curve.simple_limits() if choices.simple_limits else ()
+        every = bool(choices.kinds or choices.taus)
+        for i, (tau, m) in enumerate(zip(curve.tau.tolist(), curve.m.tolist(), strict=True)):
+            if not every and m & (m - 1):
+                continue
+            value, lower, upper, *simple = (factor * float(x[i]) ** power for x in columns)
+            text = f"{interval(value, lower, upper)} {curve.noise[i]}"
+            if simple:
+                text += f" ({number(simple[0])} to {number(simple[1])})"
+            cells.setdefault(tau, {})[kind] = text
+    name = symbols(reading.unit)
+    unit = f"({name})²" if squared else name
+    names = [variance_name(kind) if squared else kind.upper() for kind in kinds]
+    caption = f"in {unit}, with 95 % interval and identified noise type"
+    if choices.simple_limits:
+        caption += "; in brackets value ∓ value / √terms (DT0064)"
+    rows = [[number(tau, 4), *(cells[tau].get(k, "") for k in kinds)] for tau in sorted(cells)]
+    return CurveValues(caption, ["τ, s", *names], rows)
 
 
 def sheet_cell(axis: AxisAnalysis) -> str:
@@ -294,11 +341,28 @@ def provenance(analysis: Analysis, command: str) -> list[Fact]:
         facts.append(Fact("intervals", f"{number(100 * max(levels))} %"))
     kinds = dict.fromkeys(kind for axis in analysis.axes.values() for kind in axis.curves)
     facts.append(Fact("estimators", " ".join(kinds).upper()))
+    facts += [Fact(name, text) for name, text in _choices(analysis.choices)]
     facts.append(Fact("allanscope", analysis.version))
     facts.append(Fact("computed with", _versions()))
     if command:
         facts.append(Fact("to reproduce", command))
     return facts
+
+
+def _choices(chosen: CurveChoices) -> Iterable[tuple[str, str]]:
+    """Yield what was chosen otherwise than usual, which the curves depend on."""
+    if chosen.taus:
+        listed = (
+            " ".join(f"{tau:g}" for tau in chosen.taus) if chosen.taus != str(chosen.taus) else ""
+        )
+        yield "averaging times", f"{listed} s" if listed else str(chosen.taus)
+    if chosen.hadamard == "dt0064":
+        yield "Hadamard factor", "1/2 (DT0064): deviations are √3 times those of NIST SP 1065"
+    if chosen.noise is not None:
+        yield "noise type", f"{chosen.noise} at every τ, given and not identified"
+    if chosen.bias_corrected is not True:
+        which = "removed from TOTDEV and THEO1 too" if chosen.bias_corrected else "left in"
+        yield "bias of the totals", which
 
 
 def _versions() -> str:

@@ -1,0 +1,119 @@
+"""What is told of a change: an event with its occurrences, in physical units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from allanscope.quantities import duration, number
+
+__all__ = ["KINDS", "Event", "Occurrence"]
+
+KINDS: Mapping[str, str] = {
+    "step": "the level shifts",
+    "ramp": "the level drifts",
+    "variance_change": "the noise changes",
+    "sinusoid": "a line begins",
+    "outliers": "a burst of outliers",
+    "repeated_samples": "rows repeat more often",
+    "lost_samples": "samples are lost",
+    "rate_change": "the sample rate changes",
+}
+"""Kinds of events, in the words of the effects where they are the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class Occurrence:
+    """One time that it happened.
+
+    Attributes
+    ----------
+    onset_s, lower_s, upper_s : float
+        When it began, in s since the first sample, with a 95 % interval.
+    found_s : float
+        When it was known.
+    end_s : float or None
+        When it was over; None as long as it is there.
+    size : float
+        See `Event.size`.
+    sample, found_sample : int
+        Numbers of the sample at `onset_s`, and of the last one that was needed to know.
+    """
+
+    onset_s: float
+    lower_s: float
+    upper_s: float
+    found_s: float
+    end_s: float | None
+    size: float
+    sample: int
+    found_sample: int
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A change that was found while it happened.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    axes : tuple of str
+        Axes on which it was seen, the clearest first; empty for the stream as a whole.
+    unit : str
+        Of the size.
+    occurrences : tuple of Occurrence
+        Each time that it happened, the latest ones where there are many.
+    count : int
+        How often it happened.
+    nats : float
+        -log of the p-value, or log of the e-value, when it was first found.
+    frequency_hz : float or None
+        Of a line.
+    """
+
+    kind: str
+    axes: tuple[str, ...]
+    unit: str
+    occurrences: tuple[Occurrence, ...]
+    count: int
+    nats: float
+    frequency_hz: float | None = None
+    sizes: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def size(self) -> float:
+        """How large it was the last time.
+
+        Of the level in dps or g, of the noise as a ratio of standard deviations, of a line its
+        amplitude, of a rate in ppm, else how many.
+        """
+        return self.occurrences[-1].size
+
+    @property
+    def is_present(self) -> bool:
+        """Whether it is still there."""
+        return self.occurrences[-1].end_s is None
+
+    @property
+    def words(self) -> str:
+        """One line: what, where, how large, since when.
+
+        Examples
+        --------
+        >>> once = Occurrence(15_000.0, 14_999.0, 15_002.0, 15_004.0, None, 0.12, 1, 2)
+        >>> Event("step", ("gx",), "dps", (once,), 1, 30.0).words
+        'the level shifts on gx: 0.12 dps, since 4 h 10 min'
+        """
+        last = self.occurrences[-1]
+        where = f" on {', '.join(self.axes)}" if self.axes else ""
+        what = KINDS[self.kind]
+        if self.frequency_hz is not None:
+            what = f"a line at {number(self.frequency_hz)} Hz begins"
+        size = f"{number(last.size, 2)} {self.unit}".strip()
+        if last.end_s is None:
+            when = f"since {duration(last.onset_s)}"
+        else:
+            when = f"from {duration(last.onset_s)} to {duration(last.end_s)}"
+        often = f", {self.count} times, last" if self.count > 1 else ","
+        return f"{what}{where}: {size}{often} {when}"

@@ -1,0 +1,119 @@
+"""Are there more outliers, repeats or losses than before? Counts of what is rare.
+
+How many a window may hold follows from how many there were: a Poisson rate that is known as well as
+the blocks so far tell has a negative binomial prediction. Counts that have always come in bunches
+are measured in bunches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betainc
+
+from allanscope.watch.spending import log_weight
+
+__all__ = ["Burst", "Rare"]
+
+WINDOWS = (1, 4, 16)
+FEWEST_BLOCKS = 60
+OFTEN = 0.5
+"""Mean count from which on the counts are a series like any other: see `scan`."""
+PRIOR = 0.5
+
+
+@dataclass(slots=True)
+class Burst:
+    """More of something than before.
+
+    Attributes
+    ----------
+    channel, first, last : int
+        What, and the first and the last block that held any.
+    count : int
+        How many so far.
+    nats : float
+        -log of the p-value when it was found.
+    mean : float
+        Count a block before.
+    """
+
+    channel: int
+    first: int
+    last: int
+    count: int
+    nats: float
+    mean: float
+
+    @property
+    def size(self) -> float:
+        """How many more than before."""
+        return self.count - self.mean * (self.last - self.first + 1)
+
+
+class Rare:
+    """Follow `channels` counts a block.
+
+    Attributes
+    ----------
+    open : dict of int to Burst
+        Bursts that go on, by channel.
+    """
+
+    def __init__(self, channels: int, log_alpha: NDArray[np.float64]) -> None:
+        self.blocks = 0
+        self.open: dict[int, Burst] = {}
+        self._log_alpha = log_alpha - np.log(len(WINDOWS))
+        self._recent = np.zeros((WINDOWS[-1], channels), np.int64)
+        self._total = np.zeros(channels)
+        self._square = np.zeros(channels)
+        self._exposure = np.zeros(channels)
+
+    def take(self, counts: NDArray[np.int64]) -> tuple[list[Burst], list[Burst]]:
+        """Take the counts of a block; return the bursts that were found, and those that ended."""
+        at = self.blocks
+        self.blocks += 1
+        self._recent = np.roll(self._recent, -1, axis=0)
+        self._recent[-1] = counts
+        found, ended = [], []
+        for channel in np.flatnonzero(counts):
+            one = int(channel)
+            if one not in self.open and (burst := self._judged(one, at)) is not None:
+                self.open[one] = burst
+                found.append(burst)
+        for one, burst in list(self.open.items()):
+            usual = WINDOWS[-1] * burst.mean
+            if int(self._recent[:, one].sum()) <= 2 * usual + 3 * np.sqrt(usual):
+                ended.append(self.open.pop(one))
+            elif counts[one] and at > burst.last:
+                burst.count += int(counts[one])
+                burst.last = at
+        # What leaves the windows without having been a burst is what there was before.
+        free = np.array([one not in self.open for one in range(len(counts))])
+        old = np.where(free, self._recent[0], 0)
+        past = free & (self.blocks >= WINDOWS[-1])
+        self._total += np.where(past, old, 0)
+        self._square += np.where(past, old * old, 0)
+        self._exposure += past
+        return found, ended
+
+    def _judged(self, channel: int, at: int) -> Burst | None:
+        exposure = float(self._exposure[channel])
+        mean = float(self._total[channel]) / max(exposure, 1.0)
+        if exposure < FEWEST_BLOCKS or mean > OFTEN:
+            return None
+        total, square = float(self._total[channel]), float(self._square[channel])
+        bunch = max((square - total * mean) / total, 1.0) if total else 1.0
+        limit = -(float(self._log_alpha[channel]) + log_weight(self.blocks))
+        for window in WINDOWS:
+            recent = self._recent[-window:, channel]
+            seen = int(recent.sum())
+            share = window / (window + exposure)
+            tail = float(betainc(max(seen / bunch, 1e-9), total / bunch + PRIOR, share))
+            nats = -np.log(max(tail, 1e-300))
+            if nats > limit:
+                first = at - window + 1 + int(np.flatnonzero(recent)[0])
+                return Burst(channel, first, at, seen, float(nats), mean)
+        return None

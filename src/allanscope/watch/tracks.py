@@ -1,0 +1,238 @@
+"""What has happened so far: each change with the times at which it came and went.
+
+An alarm is not yet an event. The same change may be seen again while it goes on, a ramp most of
+all; it goes, and comes back, as a fridge does every forty minutes. A `Track` is what is one thing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from allanscope.samples import unit_of
+from allanscope.watch.events import Event, Occurrence
+
+__all__ = ["Span", "Track", "Tracks"]
+
+MOST_TRACKS, MOST_SPANS = 256, 64
+"""A stream that changes all night must not fill the memory."""
+
+ALIKE = 2.0
+"""Ratio of sizes up to which a change that comes back is the same one."""
+TOGETHER_S = 2.0
+"""Changes of a kind that begin so close to each other on several axes are one event."""
+
+
+@dataclass(slots=True)
+class Span:
+    """One time that a change was there; in numbers of samples, sizes in counts or ratios.
+
+    Attributes
+    ----------
+    block : int
+        Block of the onset.
+    onset, lower, upper, found : int
+        Samples: of the onset, its interval, and the last one that was needed to know.
+    end : int or None
+        Sample at which it was over.
+    """
+
+    block: int
+    onset: int
+    lower: int
+    upper: int
+    found: int
+    size: float
+    end: int | None = None
+
+
+@dataclass(slots=True)
+class Track:
+    """One change of one series.
+
+    Attributes
+    ----------
+    kind : str
+        Of the event.
+    axis : int
+        Column; -1 for the stream.
+    before : float
+        Value of the series before it.
+    window : int
+        Blocks that it took to see it.
+    bin : float
+        Place of a line in the spectrum.
+    is_counted : bool
+        Whether it is a count of what is rare, and not a series.
+    count : int
+        How often it came.
+    recent, mean : float
+        Strength of a line in the last `window` blocks, and since it is followed.
+    followed : int
+        Blocks for which it has been followed.
+    """
+
+    kind: str
+    axis: int
+    before: float
+    window: int
+    nats: float
+    spans: list[Span]
+    bin: float = 0.0
+    is_counted: bool = False
+    count: int = 1
+    recent: float = 0.0
+    mean: float = 0.0
+    followed: int = 0
+
+    @property
+    def last(self) -> Span:
+        """The last time that it came."""
+        return self.spans[-1]
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is there."""
+        return self.last.end is None
+
+    def returns(self, span: Span) -> None:
+        """Note that it is there again."""
+        self.spans = [*self.spans, span][-MOST_SPANS:]
+        self.count += 1
+        self.followed = 0
+
+    def follow(self, strength: float) -> None:
+        """Take the strength of a line in a block."""
+        self.followed += 1
+        self.mean += (strength - self.mean) / self.followed
+        self.recent += (strength - self.recent) / min(self.followed, self.window)
+
+
+@dataclass(slots=True)
+class Tracks:
+    """All changes of a stream.
+
+    Attributes
+    ----------
+    all : list of Track
+        In the order in which they were found.
+    fresh : list of (Track, str)
+        What is to be told, and not yet fetched: found, or gone.
+    """
+
+    all: list[Track] = field(default_factory=list)
+    fresh: list[tuple[Track, str]] = field(default_factory=list)
+
+    def open(self, axis: int, kinds: Iterable[str]) -> list[Track]:
+        """Return the changes of these kinds that are there, latest first."""
+        wanted = set(kinds)
+        chosen = (one for one in self.all if one.axis == axis and one.kind in wanted)
+        return [one for one in chosen if one.is_open][::-1]
+
+    def add(self, track: Track, same: Callable[[Track], bool] | None = None) -> Track:
+        """Take a change that was found; return the one that it is an occurrence of.
+
+        Parameters
+        ----------
+        track : Track
+            With one span.
+        same : callable, optional
+            Tells whether an earlier one of its kind and axis is the same; by default when the size
+            is alike.
+        """
+        same = same or (lambda other: _alike(other.last.size, track.last.size))
+        for other in reversed(self.all):
+            is_kind = (other.kind, other.axis) == (track.kind, track.axis)
+            if is_kind and not other.is_open and same(other):
+                other.returns(track.last)
+                other.before, other.window = track.before, track.window
+                self.fresh.append((other, "found"))
+                return other
+        self.all.append(track)
+        self.fresh.append((track, "found"))
+        if len(self.all) > MOST_TRACKS:
+            closed = [one for one in self.all if not one.is_open]
+            self.all.remove(min(closed or self.all, key=lambda one: one.count))
+        return track
+
+    def close(self, track: Track, sample: int) -> None:
+        """Note that a change has gone."""
+        track.last.end = max(sample, track.last.onset)
+        self.fresh.append((track, "gone"))
+
+
+def _alike(first: float, second: float) -> bool:
+    return first * second > 0.0 and 1.0 / ALIKE <= first / second <= ALIKE
+
+
+def event_of(
+    tracks: list[Track],
+    rate_hz: float,
+    names: tuple[str, ...],
+    scale: tuple[float, ...],
+    bin_hz: float,
+) -> Event:
+    """Return the event that changes of one kind on several axes are, in physical units."""
+    leading = max(tracks, key=lambda one: one.nats)
+
+    def sized(track: Track, size: float) -> float:
+        if track.kind in ("step", "ramp", "sinusoid"):
+            return size * scale[track.axis]
+        if track.kind == "variance_change":
+            return float(np.exp(size / 2.0))
+        return -1e6 * float(np.expm1(size) / np.exp(size)) if track.kind == "rate_change" else size
+
+    def occurrence(span: Span) -> Occurrence:
+        return Occurrence(
+            span.onset / rate_hz,
+            span.lower / rate_hz,
+            span.upper / rate_hz,
+            span.found / rate_hz,
+            None if span.end is None else span.end / rate_hz,
+            sized(leading, span.size),
+            span.onset,
+            span.found,
+        )
+
+    ordered = sorted(tracks, key=lambda one: -one.nats)
+    axes = tuple(names[one.axis] for one in ordered if one.axis >= 0)
+    units: Mapping[str, str] = {"variance_change": "times", "rate_change": "ppm"}
+    physical = leading.kind in ("step", "ramp", "sinusoid")
+    return Event(
+        leading.kind,
+        axes,
+        unit_of(names[leading.axis]) if physical else units.get(leading.kind, ""),
+        tuple(occurrence(span) for span in leading.spans),
+        leading.count,
+        leading.nats,
+        leading.bin * bin_hz if leading.kind == "sinusoid" else None,
+        {names[one.axis]: sized(one, one.last.size) for one in ordered if one.axis >= 0},
+    )
+
+
+def grouped(tracks: Iterable[Track], samples: float) -> list[list[Track]]:
+    """Return the changes, with those of a kind that began together put together.
+
+    Parameters
+    ----------
+    tracks : iterable of Track
+        In any order.
+    samples : float
+        Samples by which onsets may differ beyond their intervals.
+    """
+    groups: list[list[Track]] = []
+    for track in sorted(tracks, key=lambda one: one.spans[0].onset):
+        for group in groups:
+            first = group[0]
+            if first.kind != track.kind or any(one.axis == track.axis for one in group):
+                continue
+            one, other = first.spans[0], track.spans[0]
+            near = other.lower - samples <= one.upper and one.lower - samples <= other.upper
+            if near and (track.kind != "sinusoid" or abs(first.bin - track.bin) < 2.0):
+                group.append(track)
+                break
+        else:
+            groups.append([track])
+    return groups

@@ -1,0 +1,408 @@
+"""The watch over a stream: block by block, each axis is asked whether it is still what it was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.samples import Gap, StreamInfo, Ticks
+from allanscope.watch.change import goes_on, locate
+from allanscope.watch.events import Event
+from allanscope.watch.lines import LineAlarm, Lines
+from allanscope.watch.rare import Burst, Rare
+from allanscope.watch.scan import RING, Alarm, Scan
+from allanscope.watch.spending import ALPHA
+from allanscope.watch.summary import FIRST_BIN, BlockSummary, Summariser, rows_of_block
+from allanscope.watch.tracks import TOGETHER_S, Span, Track, Tracks, event_of, grouped
+
+__all__ = ["Watch"]
+
+KINDS_OF_TESTS = 5
+"""Level, noise, lines, outliers, and what concerns the stream as a whole share `ALPHA`."""
+TESTS_OF_STREAM = 4
+
+LONG_GAP = 0.5
+"""Share of a block that may be missing within it."""
+MOST_LOST = 8
+"""A gap counts for no more losses than this: how many matters less than that there are."""
+
+BESIDE = 3
+"""Bins to each side of a line that belong to it."""
+GONE = 0.3
+"""Share of a change below which it has gone."""
+LEAST_WINDOW = 16
+NOISE_AFTER = 4
+"""Blocks about another event of an axis in which its noise says nothing of its own."""
+
+
+class Watch:
+    """Watch one configuration of a stream; nothing depends on how its samples are handed over.
+
+    Parameters
+    ----------
+    info : StreamInfo
+        What the samples mean.
+
+    Attributes
+    ----------
+    blocks : int
+        Blocks taken.
+    tracks : Tracks
+        What was found.
+    """
+
+    def __init__(self, info: StreamInfo) -> None:
+        axes = len(info.axes)
+        self.info = info
+        self.tracks = Tracks()
+        self.blocks = 0
+        self._axes = axes
+        self._rows = rows_of_block(info.nominal_hz)
+        log_alpha = math.log(ALPHA / KINDS_OF_TESTS)
+        of_stream = log_alpha - math.log(TESTS_OF_STREAM)
+        self._summarise = Summariser(axes, self._rows)
+        bins = self._summarise.bins
+        # Series: the level of each axis, its noise, then repeats and rate of the stream.
+        self._scan = Scan(2 * axes + 2, np.repeat([log_alpha, of_stream], [2 * axes, 2]))
+        self._lines = Lines(axes, bins, log_alpha)
+        self._rare = Rare(axes + 2, np.repeat([log_alpha, of_stream], [axes, 2]))
+        self._held = np.zeros((axes, bins), np.bool_)
+        self._waiting: list[NDArray[Any]] = []
+        self._waits = 0
+        self._lost = 0
+        self._position = 0
+        self._first_row = 0
+        self._starts = np.zeros(RING, np.int64)
+        self._clock = BlockClock(info.nominal_hz or 100.0)
+
+    def ticks(self, position: int, ticks: Ticks) -> None:
+        """Take the times of samples, of which the first has this number; before the samples."""
+        self._clock.take(position, ticks)
+
+    def rows(self, counts: NDArray[Any]) -> None:
+        """Take contiguous samples, shape (n, axes)."""
+        taken = 0
+        while taken < len(counts):
+            if not self._waits:
+                self._first_row = self._position
+            piece = counts[taken : taken + self._rows - self._waits]
+            taken += len(piece)
+            self._position += len(piece)
+            self._waits += len(piece)
+            self._waiting.append(piece)
+            if self._waits == self._rows:
+                block = piece if len(self._waiting) == 1 else np.concatenate(self._waiting)
+                self._waiting, self._waits = [], 0
+                self._block(block)
+        if self._waits and taken:
+            self._waiting = [np.concatenate(self._waiting)]  # a copy: the rows are not ours
+
+    def gap(self, gap: Gap) -> None:
+        """Take a hole."""
+        self._lost += min(1 if gap.lost is None else gap.lost, MOST_LOST)
+        self._position += gap.lost or 0
+        if gap.lost is None or gap.lost > LONG_GAP * self._rows:
+            self._waiting, self._waits = [], 0
+        if gap.lost is None:
+            self._clock.restart()
+
+    def events(self, rate_hz: float) -> tuple[Event, ...]:
+        """Return what was found so far, with what began together on several axes as one event.
+
+        Parameters
+        ----------
+        rate_hz : float
+            Samples a second.
+        """
+        groups = grouped(self.tracks.all, TOGETHER_S * rate_hz)
+        return tuple(self._event(group, rate_hz) for group in groups)
+
+    def news(self, rate_hz: float) -> Iterator[tuple[str, Event]]:
+        """Yield what was found or has gone since this was last asked for."""
+        fresh, self.tracks.fresh = self.tracks.fresh, []
+        for what in ("found", "gone"):
+            told = {id(track): track for track, how in fresh if how == what}
+            for group in grouped(told.values(), TOGETHER_S * rate_hz):
+                yield what, self._event(group, rate_hz)
+
+    def _event(self, group: list[Track], rate_hz: float) -> Event:
+        bin_hz = rate_hz / self._summarise.length
+        return event_of(group, rate_hz, self.info.axes, self.info.scale, bin_hz)
+
+    # --- a block --------------------------------------------------------------------------------
+
+    def _block(self, block: NDArray[Any]) -> None:
+        self._starts[self.blocks % RING] = self._first_row
+        known = self._summarise.take(block, self._held)
+        lost, self._lost = self._lost, 0
+        self.blocks += 1
+        counts = np.concatenate([known.outliers, [known.repeats, lost]])
+        series = np.concatenate(
+            [
+                known.level,
+                known.noise,
+                [2.0 * math.sqrt(known.repeats + 0.375)],
+                [self._clock.log_duration(self._position)],
+            ]
+        )
+        self._bursts(*self._rare.take(counts))
+        alarms = self._scan.take(series)
+        self._follow_lines(known)
+        for found in self._lines.take(known.ratio, self._held):
+            self._line(found)
+        for alarm in alarms:
+            self._alarm(alarm)
+        if self.blocks % LEAST_WINDOW == 0:
+            self._look_for_returns()
+
+    def _sample(self, block: int) -> int:
+        """Return the number of the first sample of a block that is not too long ago."""
+        if block >= self.blocks:
+            return self._position
+        return int(self._starts[max(block, self.blocks - RING, 0) % RING])
+
+    def _span(self, onset: int, lower: int, upper: int, size: float) -> Span:
+        return Span(
+            onset,
+            self._sample(onset),
+            self._sample(lower),
+            self._sample(upper + 1),
+            self._position,
+            size,
+        )
+
+    # --- series ---------------------------------------------------------------------------------
+
+    def _series(self, channel: int) -> tuple[str, int]:
+        """Return the kind of event and the axis of a series."""
+        if channel < 2 * self._axes:
+            kind = "step" if channel < self._axes else "variance_change"
+            return kind, channel % self._axes
+        return ("repeated_samples", "rate_change")[channel - 2 * self._axes], -1
+
+    def _alarm(self, alarm: Alarm) -> None:
+        channel = alarm.channel
+        kind, axis = self._series(channel)
+        start, now = int(self._scan.start[channel]), self.blocks
+        first = max(start, now - max(8 * alarm.window, 128) - 16)
+        values = self._scan.values(channel, first)
+        first = now - len(values)
+        spread = self._scan.spread(channel)
+        change = locate(values, len(values) - 4 * alarm.window - 16, spread)
+        at = first + change.at
+        self._scan.start[channel] = at
+        kinds = ("step", "ramp") if kind == "step" else (kind,)
+        after = float(values[change.at :].mean())
+        if kind == "repeated_samples" and self._tracks_of(self._axes):
+            return  # they are counted
+        for track in self.tracks.open(axis, kinds):
+            if abs(after - track.before) < 0.5 * abs(track.last.size):
+                self.tracks.close(track, self._sample(at))
+                return
+        latest = self.tracks.open(axis, kinds)[:1] if kind == "step" else []
+        if any(self._goes_on(channel, track, at, after) for track in latest):
+            return
+        if kind == "variance_change" and self._has_another_cause(axis, first + change.lower, at):
+            return
+        size = change.size
+        if kind == "step":
+            kind = change.kind
+        elif kind == "repeated_samples":
+            size = (after / 2) ** 2 - (change.before / 2) ** 2
+        span = self._span(first + change.at, first + change.lower, first + change.upper, size)
+        window = max(alarm.window, LEAST_WINDOW)
+        self.tracks.add(Track(kind, axis, change.before, window, alarm.nats, [span]))
+
+    def _goes_on(self, channel: int, track: Track, at: int, after: float) -> bool:
+        """Tell whether a change is the next piece of a ramp, and draw the ramp longer then."""
+        size = after - track.before
+        if size * track.last.size <= 0.0 or abs(size) <= abs(track.last.size):
+            return False
+        first = track.last.block - 64
+        values = self._scan.values(channel, first)
+        first = self.blocks - len(values)
+        begin, second = track.last.block - first, at - first
+        if begin < 8 or not goes_on(values, begin, second):
+            return False
+        change = locate(values, begin // 2, self._scan.spread(channel))
+        if change.kind != "ramp":
+            return False
+        found = track.last.found
+        track.kind = "ramp"
+        track.spans[-1] = self._span(
+            first + change.at, first + change.lower, first + change.upper, change.size
+        )
+        track.last.found = found
+        self._scan.start[channel] = self.blocks
+        return True
+
+    def _has_another_cause(self, axis: int, lower: int, at: int) -> bool:
+        """Tell whether an event of the axis, or of the stream, began when its noise changed."""
+        near = (lower - NOISE_AFTER, at + NOISE_AFTER)
+        return any(
+            one.axis in (axis, -1)
+            and one.kind != "variance_change"
+            and any(near[0] <= span.block <= near[1] for span in one.spans)
+            for one in self.tracks.all
+        )
+
+    def _look_for_returns(self) -> None:
+        """Close changes of series that have faded away."""
+        for channel in range(2 * self._axes + 2):
+            kind, axis = self._series(channel)
+            for track in self.tracks.open(axis, ("step", "ramp") if kind == "step" else (kind,)):
+                if self.blocks - track.last.block < 2 * track.window or track.is_counted:
+                    continue
+                recent = self._scan.values(channel, self.blocks - track.window)
+                scale = track.last.size
+                if kind == "repeated_samples":
+                    scale = 2 * math.sqrt((track.before / 2) ** 2 + scale) - track.before
+                if abs(float(recent.mean()) - track.before) < GONE * abs(scale):
+                    self.tracks.close(track, self._sample(self.blocks - track.window))
+
+    # --- counts ---------------------------------------------------------------------------------
+
+    def _bursts(self, found: list[Burst], ended: list[Burst]) -> None:
+        for burst in found:
+            kind, axis = self._count(burst.channel)
+            span = self._span(burst.first, burst.first, burst.first, burst.count)
+            track = Track(kind, axis, 0.0, 1, burst.nats, [span], is_counted=True)
+            self.tracks.add(track, same=lambda _: True)
+        for channel, burst in self._rare.open.items():
+            self._counted(channel, burst)
+        for burst in ended:
+            self._counted(burst.channel, burst)
+            for track in self._tracks_of(burst.channel):
+                self.tracks.close(track, self._sample(burst.last + 1))
+
+    def _counted(self, channel: int, burst: Burst) -> None:
+        for track in self._tracks_of(channel):
+            track.last.size = float(burst.size)
+
+    def _tracks_of(self, channel: int) -> list[Track]:
+        kind, axis = self._count(channel)
+        return [one for one in self.tracks.open(axis, (kind,)) if one.is_counted][:1]
+
+    def _count(self, channel: int) -> tuple[str, int]:
+        if channel < self._axes:
+            return "outliers", channel
+        return ("repeated_samples", "lost_samples")[channel - self._axes], -1
+
+    # --- lines ----------------------------------------------------------------------------------
+
+    def _line(self, found: LineAlarm) -> None:
+        onset = self.blocks - found.since
+        length, power = self._summarise.length, self._summarise.power[found.axis]
+        excess = max(found.ratio - 1.0, 0.1) * float(power[found.bin])
+        amplitude = 4.4 / length * math.sqrt(excess)
+        self._lines.forget(found.axis)
+        self._hold(found.axis, found.bin)
+        for track in self.tracks.open(found.axis, ("sinusoid",)):
+            if abs(track.last.block - onset) <= max(3, found.since // 2):
+                return  # a harmonic of the line, or its skirt
+        room = max(2, found.since // 4)
+        span = self._span(
+            onset, max(onset - room, 0), min(onset + room, self.blocks - 1), amplitude
+        )
+        window = min(max(found.since, LEAST_WINDOW), 256)
+        place = float(found.bin + FIRST_BIN)
+        track = Track("sinusoid", found.axis, 0.0, window, found.nats, [span], place)
+        self.tracks.add(track, same=lambda other: abs(other.bin - place) <= max(4, 0.05 * place))
+
+    def _hold(self, axis: int, place: int) -> None:
+        self._held[axis, max(place - BESIDE, 0) : place + BESIDE + 1] = True
+
+    def _follow_lines(self, known: BlockSummary) -> None:
+        """Measure the lines that are there, and notice when they go."""
+        for axis in range(self._axes):
+            if not self._held[axis].any():
+                continue
+            open_lines = self.tracks.open(axis, ("sinusoid",))
+            for track in open_lines:
+                self._follow_line(track, known)
+            if not any(track.is_open for track in open_lines):
+                self._held[axis] = False
+
+    def _follow_line(self, track: Track, known: BlockSummary) -> None:
+        place = round(track.bin) - FIRST_BIN
+        bins = slice(max(place - 2, 0), place + 3)
+        reference = self._summarise.power[track.axis, bins].astype(np.float64)
+        excess = (known.ratio[track.axis, bins] - 1.0) * reference
+        track.follow(float(excess.sum()))
+        if track.mean > 0.0 and track.followed >= LEAST_WINDOW:
+            track.last.size = math.sqrt(track.mean / 0.09375) / self._summarise.length
+        if track.followed >= 2 * track.window and track.recent < GONE * track.mean:
+            self.tracks.close(track, self._sample(self.blocks - track.window))
+            self._held[track.axis, max(place - BESIDE, 0) : place + BESIDE + 1] = False
+
+
+class BlockClock:
+    """How long blocks take, by the times of their samples.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Nominal samples a second.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_s = 1.0 / rate_hz
+        self._nominal_s = 1.0 / rate_hz
+        self._positions = np.empty(0, np.int64)
+        self._times = np.empty(0)
+        self._waiting: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
+        self._last: tuple[int, float] | None = None
+        self._value = 0.0
+
+    def take(self, position: int, ticks: Ticks) -> None:
+        """Take the times of some samples after `position`."""
+        if not len(ticks.offset):
+            return
+        times = np.where(np.isfinite(ticks.device_s), ticks.device_s, ticks.host_s)
+        known = np.isfinite(times)
+        if known.any():
+            self._waiting.append((ticks.offset[known] + position, times[known]))
+
+    def restart(self) -> None:
+        """Forget when the block began: nobody knows what was lost."""
+        self._last = None
+
+    def log_duration(self, end: int) -> float:
+        """Return the log of how long samples take, in nominal periods, up to the sample `end`.
+
+        The value of the block before is held where nothing tells.
+        """
+        time_s = self._time_at(end)
+        if time_s is None:
+            return self._value
+        last, self._last = self._last, (end, time_s)
+        if last is not None and end > last[0] and time_s > last[1]:
+            period = (time_s - last[1]) / (end - last[0])
+            if 0.5 < period / self._nominal_s < 2.0:
+                self._period_s = period
+                self._value = math.log(period / self._nominal_s)
+        return self._value
+
+    def _time_at(self, end: int) -> float | None:
+        """Return when the sample `end` is due, by the last time before it.
+
+        Later ones may not be here yet, and what is found must not depend on that.
+        """
+        if self._waiting:
+            positions, times = zip(*self._waiting, strict=True)
+            self._positions = np.concatenate([self._positions, *positions])
+            self._times = np.concatenate([self._times, *times])
+            self._waiting = []
+        before = int(np.searchsorted(self._positions, end)) - 1
+        if before < 0:
+            return None
+        position, time_s = int(self._positions[before]), float(self._times[before])
+        self._positions = self._positions[before:]
+        self._times = self._times[before:]
+        if end - position > 1.0 / self._nominal_s:
+            return None
+        return time_s + (end - position) * self._period_s

@@ -19,7 +19,13 @@ HEAD = """\
 This page is written by `python docs/commands.py` from the parser.
 
 Every command takes `--quiet` (print only results and errors) and `--debug` (show a traceback on an
-error). `allanscope --version` prints the version, `allanscope COMMAND --help` what stands here.
+error). `allanscope --version` prints the versions that matter, `allanscope COMMAND --help` what
+stands here.
+
+`allanscope --show-settings` prints the settings file, with everything that can stand in it:
+defaults of `live` (part, rate, full scales, wire format, folder of new sessions, view, port; of
+`replay` and `open` the last two). It is `~/.config/allanscope/settings.toml`, on Windows
+`%APPDATA%/allanscope/settings.toml`, or what the variable `ALLANSCOPE_SETTINGS` names.
 
 | exit code | meaning |
 |---|---|

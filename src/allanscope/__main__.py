@@ -7,8 +7,8 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 
-from allanscope.cli import parser
-from allanscope.errors import AllanscopeError, ExitCode
+from allanscope.cli import WITH_SETTINGS, parser
+from allanscope.errors import AllanscopeError, ExitCode, UsageError
 from allanscope.sanitize import complain, spell_out_standard_streams
 
 __all__ = ["main"]
@@ -21,7 +21,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     if "" in words:
         # As a path it would stand for the present folder.
         parser().error("an argument is empty, as when a variable of the shell is not set")
-    arguments = parser().parse_args(words)
+    top = parser()
+    try:
+        if words and words[0] in WITH_SETTINGS:
+            from allanscope.shell import apply_settings
+
+            apply_settings(top)
+        arguments = top.parse_args(words)
+    except UsageError as error:
+        complain(error)
+        return int(error.exit_code)
     try:
         with _searches_shown() if arguments.debug else nullcontext():
             code = int(arguments.command(arguments))

@@ -13,7 +13,9 @@ from argparse import ArgumentParser
 __all__ = [
     "analyse",
     "check",
+    "completion",
     "device",
+    "doctor",
     "export_data",
     "fleet",
     "import_data",
@@ -164,6 +166,18 @@ def fleet(one: ArgumentParser) -> None:
         "--unit-name", default="", metavar="REGEX", help="its first group in the path is the unit"
     )
     _device_arguments(one)
+
+
+def doctor(one: ArgumentParser) -> None:
+    """Take what looking at the machine needs."""
+    one.add_argument(
+        "folder", nargs="?", default=".", help="where sessions are to be written (default: here)"
+    )
+
+
+def completion(one: ArgumentParser) -> None:
+    """Take the name of a shell."""
+    one.add_argument("shell", choices=["bash", "zsh", "fish"], help="the shell")
 
 
 def nothing(one: ArgumentParser) -> None:

@@ -10,6 +10,7 @@ import argparse
 import json
 import sys
 from argparse import ArgumentParser, Namespace
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -22,7 +23,10 @@ if TYPE_CHECKING:
     from allanscope.analysis import Analysis
     from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings
 
-__all__ = ["parser"]
+__all__ = ["WITH_SETTINGS", "parser"]
+
+WITH_SETTINGS = ("live", "replay", "open")
+"""Commands that take defaults from the settings file."""
 
 
 # --- commands ---------------------------------------------------------------------------------
@@ -237,6 +241,25 @@ def ports(options: Namespace) -> int:
     return ExitCode.DONE
 
 
+def doctor(options: Namespace) -> int:
+    """Say what is wrong with this machine, and the command that mends it."""
+    from allanscope.pipeline import checks
+
+    bad = False
+    for one in checks(Path(options.folder)):
+        print(sanitize(str(one), keep="\n"), flush=True)
+        bad = bad or one.grade == "bad"
+    return ExitCode.CHECK_FAILED if bad else ExitCode.DONE
+
+
+def completion(options: Namespace) -> int:
+    """Print the script that completes commands and options in a shell."""
+    from allanscope import shell
+
+    print(shell.completion(parser(), options.shell), end="")
+    return ExitCode.DONE
+
+
 # --- the parser -------------------------------------------------------------------------------
 
 
@@ -247,7 +270,10 @@ def parser() -> ArgumentParser:
         description="Live Allan-variance monitor for LSM6DS3H / LSM6DSL / LSM6DSM sensors.",
         epilog="Without a device: allanscope live sim",
     )
-    top.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
+    top.add_argument("--version", action=_Version, nargs=0, help="print the versions and exit")
+    top.add_argument(
+        "--show-settings", action=_Settings, nargs=0, help="print the settings file and exit"
+    )
     top.set_defaults(command=lambda _: _help(top), debug=False)
     commands = top.add_subparsers(metavar="COMMAND")
     for name, (run, takes, example) in _COMMANDS.items():
@@ -276,7 +302,13 @@ _COMMANDS = {
     "report": (report, arguments.report, "report night-1 night-2 --out both.html"),
     "fleet": (fleet, arguments.fleet, "fleet 'lot/**/*.mcap' --out lot-result"),
     "ports": (ports, arguments.nothing, "ports"),
+    "doctor": (doctor, arguments.doctor, "doctor"),
+    "completion": (completion, arguments.completion, "completion bash"),
 }
+
+
+_PACKAGES = ("numpy", "scipy", "numba", "rerun-sdk", "mcap", "pyserial", "matplotlib")
+"""Whose versions matter when something is wrong."""
 
 
 def _help(top: ArgumentParser) -> int:
@@ -297,9 +329,24 @@ class _Version(argparse.Action):
     """Print the version; looked up only then, because it reads the package's metadata."""
 
     def __call__(self, top: ArgumentParser, *_: object) -> None:
-        from importlib.metadata import version
+        import platform
+        from importlib.metadata import PackageNotFoundError, version
 
         print(f"allanscope {version('allanscope')}")
+        print(f"Python {platform.python_version()}, {platform.platform(terse=True)}")
+        for name in _PACKAGES:
+            with suppress(PackageNotFoundError):
+                print(f"{name} {version(name)}")
+        top.exit()
+
+
+class _Settings(argparse.Action):
+    """Print the settings file, with what could stand in it."""
+
+    def __call__(self, top: ArgumentParser, *_: object) -> None:
+        from allanscope.shell import settings_lines
+
+        print(sanitize("\n".join(settings_lines()), keep="\n"))
         top.exit()
 
 
@@ -346,6 +393,7 @@ def _session_settings(options: Namespace, duration_s: float | None) -> SessionSe
         view=options.view,
         quiet=options.quiet or options.json,
         duration_s=duration_s,
+        folder=Path(getattr(options, "folder", None) or "."),
         view_port=options.view_port,
     )
 

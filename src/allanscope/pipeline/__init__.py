@@ -44,6 +44,9 @@ if TYPE_CHECKING:
     from allanscope.pipeline.decoding import (
         Decoding,
     )
+    from allanscope.pipeline.doctor import (
+        checks,
+    )
     from allanscope.pipeline.live import (
         run_live,
         run_replay,
@@ -82,6 +85,7 @@ __all__ = [
     "analyse",
     "analyse_input",
     "check_against",
+    "checks",
     "export_recording",
     "failure",
     "full_settings",
@@ -114,6 +118,7 @@ __getattr__, __dir__ = lazily(
         "analyse": "analyse_arrays",
         "analyse_input": "analyse_file",
         "check_against": "check",
+        "checks": "doctor",
         "export_recording": "convert",
         "failure": "check",
         "full_settings": "analyse_file",

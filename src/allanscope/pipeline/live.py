@@ -120,7 +120,7 @@ def run_live(
 def _folder(source: Source, settings: SessionSettings, resume: Path | None) -> Path:
     """Return the folder of the session: a new one, or the one that goes on."""
     if resume is None:
-        return session_folder(settings.out or new_session_folder(source.name))
+        return session_folder(settings.out or settings.folder / new_session_folder(source.name))
     set_view_aside(resume)
     return resume
 

@@ -97,6 +97,8 @@ class SessionSettings:
         Stop this long after the first byte; None for never.
     view_port : int or None
         Of the page of the web viewer, with the data at the one after it; None for any free ones.
+    folder : Path
+        Where the folder of a new session is made, when `out` is not given.
     """
 
     out: Path | None = None
@@ -104,6 +106,7 @@ class SessionSettings:
     quiet: bool = False
     duration_s: float | None = None
     view_port: int | None = None
+    folder: Path = Path()
 
 
 @dataclass(frozen=True, slots=True)

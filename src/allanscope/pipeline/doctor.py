@@ -1,0 +1,178 @@
+"""What may stand between this machine and a measurement, and the command that mends it."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from allanscope.errors import AllanscopeError
+from allanscope.sources import find_ports
+from allanscope.view import has_display
+
+__all__ = ["Check", "checks"]
+
+_ENOUGH_BYTES = 2_000_000_000
+"""Two days at the highest rate, with the charts."""
+_ENOUGH_PER_S = 5e6
+"""Some fifty times what the fastest sensor sends."""
+_PROBE = 1 << 20
+_PROBES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing that was looked at.
+
+    Attributes
+    ----------
+    grade : {'ok', 'note', 'bad'}
+        ``note`` where something will not work that not everybody needs.
+    name, text : str
+        What was looked at, and what was seen.
+    mend : str
+        The command that mends it, or what else to do; empty where nothing is to be done.
+    """
+
+    grade: Literal["ok", "note", "bad"]
+    name: str
+    text: str
+    mend: str = ""
+
+    def __str__(self) -> str:
+        line = f"{self.grade:<4}  {self.name}: {self.text}"
+        return f"{line}\n      -> {self.mend}" if self.mend else line
+
+
+def checks(folder: Path) -> Iterator[Check]:
+    """Yield what was seen of ports, viewer, compiled code and disk, one after the other.
+
+    Parameters
+    ----------
+    folder : Path
+        Where sessions are to be written.
+    """
+    yield from _ports()
+    modem_manager = _modem_manager()
+    if modem_manager is not None:
+        yield modem_manager
+    yield _viewer()
+    yield _graphics()
+    yield _compiled()
+    yield _disk(folder)
+
+
+def _ports() -> Iterator[Check]:
+    ports = find_ports()
+    if not any(port.kind for port in ports):
+        there = ", ".join(port.device for port in ports) or "no serial port at all"
+        yield Check(
+            "note",
+            "board",
+            f"no SensorTile and no ST-LINK; there is {there}",
+            "plug the board in; without one: allanscope live sim",
+        )
+    for port in ports:
+        if os.access(port.device, os.R_OK | os.W_OK) or sys.platform == "win32":
+            yield Check("ok", "port", str(port))
+            continue
+        group = _group(Path(port.device))
+        mend = f"sudo usermod -aG {group} $USER, then log in again" if group else ""
+        yield Check("bad", "port", f"no permission to open {port.device}", mend)
+
+
+def _group(port: Path) -> str:
+    """Return the group of a port; empty where there is none to join."""
+    try:
+        return port.group()
+    except (OSError, KeyError, NotImplementedError):
+        return ""
+
+
+def _modem_manager(processes: Path = Path("/proc")) -> Check | None:
+    """Tell whether ModemManager runs, which asks every new port whether it is a modem."""
+    if not processes.is_dir():
+        return None
+    for file in processes.glob("[0-9]*/comm"):
+        try:
+            if file.read_text("utf-8").strip() == "ModemManager":
+                return Check(
+                    "note",
+                    "ModemManager",
+                    "runs, and holds a port for some seconds after the board is plugged in",
+                    "sudo systemctl disable --now ModemManager, or the udev rule of "
+                    "docs/how-to/ports.md",
+                )
+        except (OSError, ValueError):
+            continue
+    return Check("ok", "ModemManager", "does not run")
+
+
+def _viewer() -> Check:
+    if importlib.util.find_spec("rerun_cli") is None:
+        mend = f"{Path(sys.executable).name} -m pip install rerun-sdk; or use --view none"
+        return Check("bad", "viewer", "Rerun is not installed", mend)
+    where = "opens a window" if has_display() else "no display here: serves a page (--view web)"
+    return Check("ok", "viewer", where)
+
+
+def _graphics(devices: Path = Path("/dev/dri"), drivers: Path = Path("/usr/share/vulkan")) -> Check:
+    """Tell whether a window can be drawn; the web viewer needs nothing of this machine."""
+    if not sys.platform.startswith("linux"):
+        return Check("ok", "GPU", "not looked at on this system")
+    if any(devices.glob("renderD*")):
+        return Check("ok", "GPU", "there is one")
+    if any((drivers / "icd.d").glob("*")):
+        return Check("ok", "GPU", "none; the processor draws the window")
+    return Check(
+        "note",
+        "GPU",
+        "neither a GPU nor a software driver for the viewer's window",
+        "sudo apt-get install libvulkan1 mesa-vulkan-drivers; or use --view web",
+    )
+
+
+def _compiled() -> Check:
+    """Run one kernel: whatever is wrong with the compiled code shows here."""
+    began = time.monotonic()
+    try:
+        import numpy as np
+
+        from allanscope.allan import AllanBank
+
+        AllanBank(100.0, axes=1).update(np.zeros((64, 1)))
+    except Exception as error:
+        return Check(
+            "bad",
+            "compiled code",
+            f"does not run: {type(error).__name__}: {error}",
+            f"{Path(sys.executable).name} -m pip install --force-reinstall allanscope",
+        )
+    return Check("ok", "compiled code", f"ready after {time.monotonic() - began:.1f} s")
+
+
+def _disk(folder: Path) -> Check:
+    """Write some megabytes to the disk, as a recorder would, and remove them."""
+    free = shutil.disk_usage(folder).free
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            began = time.monotonic()
+            for _ in range(_PROBES):
+                file.write(bytes(_PROBE))
+                file.flush()
+                os.fsync(file.fileno())
+            per_s = _PROBES * _PROBE / (time.monotonic() - began)
+    except (OSError, AllanscopeError) as error:
+        mend = "choose a folder that can be written to with --out"
+        return Check("bad", "disk", f"{folder.resolve()}: {error}", mend)
+    text = f"{per_s / 1e6:.0f} MB/s, {free / 1e9:.1f} GB free in {folder.resolve()}"
+    if free < _ENOUGH_BYTES or per_s < _ENOUGH_PER_S:
+        return Check("note", "disk", text, "choose another disk with --out")
+    return Check("ok", "disk", text)

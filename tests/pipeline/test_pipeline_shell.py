@@ -1,0 +1,127 @@
+"""At home in the shell: completion, the settings file, the versions and the doctor."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from allanscope.__main__ import main
+from allanscope.cli import parser
+from allanscope.errors import UsageError
+from allanscope.pipeline import doctor
+from allanscope.shell import SHELLS, apply_settings, completion, settings_lines
+
+
+@pytest.fixture
+def settings(tmp_path, monkeypatch):
+    """Return the settings file, which does not exist yet."""
+    path = tmp_path / "settings.toml"
+    monkeypatch.setenv("ALLANSCOPE_SETTINGS", str(path))
+    return path
+
+
+def completed(words, tmp_path):
+    script = tmp_path / "allanscope.bash"
+    script.write_text(completion(parser(), "bash"))
+    line = " ".join(f"'{word}'" for word in words)
+    code = f"""source {script}; COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}
+_allanscope; echo "${{COMPREPLY[@]}}" """
+    ran = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=True)
+    return ran.stdout.split()
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+def test_bash_completes_commands_options_and_choices(tmp_path):
+    assert completed(["allanscope", "re"], tmp_path) == ["replay", "recover", "report"]
+    assert completed(["allanscope", "live", "--view", "w"], tmp_path) == ["window", "web"]
+    assert completed(["allanscope", "export", "--la"], tmp_path) == ["--layout"]
+    assert completed(["allanscope", "completion", ""], tmp_path) == ["bash", "zsh", "fish"]
+    assert completed(["allanscope", "analyse", ""], tmp_path) == [], "files, by the shell itself"
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_each_shell_reads_its_script(shell, tmp_path):
+    script = completion(parser(), shell)
+    for name in ("live", "doctor", "--accel-fs" if shell != "fish" else "-l accel-fs"):
+        assert name in script
+    if shutil.which(shell) is None:
+        return
+    path = tmp_path / "script"
+    path.write_text(script)
+    assert subprocess.run([shell, "-n", str(path)], check=False).returncode == 0
+
+
+def test_settings_are_the_defaults_of_a_live_run_alone(settings):
+    settings.write_text('part = "LSM6DSL"\nrate = 208\nport = 9000\nview = "web"\n')
+    top = parser()
+    apply_settings(top)
+    live = top.parse_args(["live"])
+    assert (live.part, live.rate, live.view_port, live.view) == ("LSM6DSL", 208, 9000, "web")
+    assert top.parse_args(["live", "--part", "LSM6DSM"]).part == "LSM6DSM"
+    replay = top.parse_args(["replay", "night.mcap"])
+    assert (replay.part, replay.view) == ("", "web"), "a recording knows its part"
+    assert top.parse_args(["analyse", "night.mcap"]).part == ""
+
+
+def test_the_settings_are_shown_as_a_file_that_can_be_read_again(settings, capsys):
+    with pytest.raises(SystemExit):
+        main(["--show-settings"])
+    shown = capsys.readouterr().out
+    assert "(does not exist yet)" in shown
+    settings.write_text(shown.replace("# part =", "part =").replace("# rate =", "rate ="))
+    assert 'part = "LSM6DSM"  # LSM6DS3H, LSM6DSL or LSM6DSM' in settings_lines()
+    assert "rate = 104  # nominal sample rate, Hz" in settings_lines()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("part = 3", "part must be a text in quotes"),
+        ("rate = true", "rate must be a number"),
+        ("ratte = 3", "unknown setting 'ratte'"),
+        ('view = "fog"', "view is 'fog'; choose auto, window, web, none"),
+        ("part = ", "cannot read the settings"),
+    ],
+)
+def test_a_wrong_setting_is_an_error_of_usage(settings, text, said, capsys):
+    settings.write_text(text)
+    with pytest.raises(UsageError, match=said):
+        apply_settings(parser())
+    assert main(["live", "sim"]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_the_versions_that_matter_are_printed(capsys):
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("allanscope ")
+    assert lines[1].startswith("Python 3.")
+    assert any(line.startswith("rerun-sdk ") for line in lines)
+
+
+def test_the_doctor_looks_at_everything(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "find_ports", list)
+    assert main(["doctor", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    for name in ("board", "viewer", "GPU", "compiled code", "disk"):
+        assert f"  {name}: " in told
+    assert "-> plug the board in; without one: allanscope live sim" in told
+    assert not list(tmp_path.iterdir()), "nothing is left behind"
+
+
+def test_the_doctor_names_the_command_that_mends_it(tmp_path, monkeypatch, capsys):
+    port = doctor.find_ports.__globals__["PortDescription"]("/dev/null", 0x0483, 0x5740)
+    monkeypatch.setattr(doctor, "find_ports", lambda: [port])
+    monkeypatch.setattr(doctor.os, "access", lambda *_: False)
+    monkeypatch.setattr(doctor, "_group", lambda _: "dialout")
+    monkeypatch.setattr(doctor, "has_display", lambda: False)
+    assert main(["doctor", str(tmp_path)]) == 5
+    assert "-> sudo usermod -aG dialout $USER, then log in again" in capsys.readouterr().out
+    process = tmp_path / "1"
+    process.mkdir()
+    (process / "comm").write_text("ModemManager\n")
+    assert "systemctl disable --now ModemManager" in doctor._modem_manager(tmp_path).mend
+    assert "mesa-vulkan-drivers" in doctor._graphics(tmp_path, tmp_path).mend
+    assert doctor._disk(Path("/proc")).grade == "bad"

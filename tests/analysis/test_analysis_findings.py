@@ -230,6 +230,12 @@ def test_what_has_no_name_is_said_in_its_own_words(words, said):
     assert finding_sentence(found, ("gx", "gy")) == f"{said} on gx"
 
 
+def test_a_share_of_an_axis_of_the_same_sensor_is_a_percentage():
+    leak = effect("cross_coupling", "source", source="az", slope=(-0.108, 0.01, "g/g"))
+    (found,) = findings_of({"ax": [leak]})
+    assert finding_phrase(found) == "cross-coupling from az, -11 %"
+
+
 def test_a_named_finding_is_a_short_sentence():
     tone = effect(
         "sinusoid",

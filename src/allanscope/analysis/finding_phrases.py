@@ -54,6 +54,8 @@ KIND_NAMES = {
 
 _EVENTS = frozenset({"shock", "step", "excursion", "variance_change"})
 _SHARES = frozenset({"fraction", "relative"})
+_SAME = frozenset({"dps/dps", "g/g"})
+"""Units of a share of another axis of the same sensor."""
 _FIELD = re.compile(r"\{(\w+)\}")
 _LARGE = 100.0
 """Micro-g from which milli-g are read more easily."""
@@ -154,7 +156,7 @@ def _size(parameter: Parameter) -> float:
 def _plain(name: str, parameter: Parameter) -> str:
     """Return one number as people say it: in two digits."""
     value = float(parameter.value)
-    if name in _SHARES:
+    if name in _SHARES or parameter.unit in _SAME:
         return f"{number(100.0 * value, 2)} %"
     if parameter.unit == "s":
         return duration(value)

@@ -371,9 +371,10 @@ def _misfit(
     view: View, band: tuple[float, float], more: float, z: float, gain: float, searched: float
 ) -> Candidate:
     side = "more" if more > 0 else "less"
+    percent = 100 * abs(more)
     words = (
-        f"{100 * abs(more):.2g} % {side} power than the model between {band[0]:.3g} and "
-        f"{band[1]:.3g} Hz (z = {z:.1f})"
+        f"{percent:{'.2g' if percent < 99.5 else '.0f'}} % {side} power than the model between "
+        f"{band[0]:.3g} and {band[1]:.3g} Hz (z = {z:.1f})"
     )
     return left_over(view, band, gain, words, searched, z=z, excess=more)
 

@@ -142,3 +142,40 @@ def test_a_lag_behind_the_temperature_is_measured_and_paid_for(bench):
             assert p.lower / 1.3 < 40.0 < 1.3 * p.upper
             assert p.upper < 2 * p.lower
     assert late_found == len(SEEDS)
+
+
+# Resonances within each other's width
+
+
+def assert_are_two(found, apart, sigma):
+    assert [effect.kind for effect in found.effects] == ["narrowband"] * 2
+    assert found.explained
+    effects = sorted(found.effects, key=lambda effect: effect.parameters["frequency"].value)
+    for effect, side in zip(effects, (-1, 1), strict=True):
+        truth = {"frequency": 6 + side * apart / 2, "bandwidth": 0.6, "sigma": sigma}
+        for name, value in truth.items():
+            p = effect.parameters[name]
+            assert abs(p.value - value) < 1.7 * (p.upper - p.lower) / 2, name  # one in a thousand
+
+
+@pytest.mark.parametrize(
+    ("widths", "seconds", "sigma"),
+    [(0.5, 7200.0, 24e-3), (1.0, 1200.0, 12e-3), (2.0, 1200.0, 12e-3)],
+)
+def test_two_resonances_within_each_other_s_width_are_told_apart(bench, widths, seconds, sigma):
+    b = bench(611, seconds)
+    apart = 0.6 * widths
+    pair = [band(b, 6 + side * apart / 2, 0.6, sigma / SIGMA) for side in (-1, 1)]
+    assert_are_two(explain(b.record(b.noise() + sum(pair))).axes["gx"], apart, sigma)
+
+
+def test_one_band_of_any_form_is_not_split(bench):
+    b = bench(612, 1200.0)
+    passed = lfilter(*butter(2, [5.5 / 26, 6.5 / 26], "bandpass"), b.rng.normal(size=len(b.t)))
+    columns = (
+        b.noise() + band(b, 6.0, 0.6, 0.4),
+        b.noise() + band(b, 9.0, 1.5, 0.7),
+        b.noise() + 15e-3 * passed / passed.std(),
+    )
+    for found in explain(b.record(*columns)).axes.values():
+        assert [effect.kind for effect in found.effects] == ["narrowband"]

@@ -180,8 +180,8 @@ class SearchStep:
     Attributes
     ----------
     move : str
-        ``add``, ``add pair``, ``add bundle``, ``drop``, ``fold sidebands``, ``replace drift``,
-        ``resolve``.
+        ``add``, ``add pair``, ``add bundle``, ``drop``, ``fold sidebands``, ``split``,
+        ``replace drift``, ``resolve``.
     kind, description : str
         The effect.
     gain, penalty : float

@@ -3,7 +3,7 @@
 ::
 
     for each stage: faults of the data, outliers, level and spectrum, variance, what is left over
-        propose ──▶ add pair │ add │ add bundle ──▶ fold sidebands ──▶ refit ──▶ drop ─┐
+        propose ──▶ add pair │ add │ add bundle ──▶ fold, split ──▶ refit ──▶ drop ─┐
            ▲                                                                         │
            └─────────────────────────────────────────────────────────────────────────┘
         replace drift
@@ -29,6 +29,7 @@ from allanscope.explain.moves.fold_sidebands import fold_sidebands
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.moves.replace_drift import replace_drift
 from allanscope.explain.moves.resolve_tones import resolve_tones
+from allanscope.explain.moves.split_bands import split_bands
 from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
@@ -118,7 +119,9 @@ def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:
         if main and (pair := add_pair(view, kinds, candidates, path)) is not None:
             view, former = _fitted(pair, path), []
         elif (added := add(view, candidates, path, unite=main)) is not None:
-            view, former = fold_sidebands(added, path), candidates
+            folded = fold_sidebands(added, path)
+            view = split_bands(folded, path)
+            former = candidates if view is folded else []
             view = _fitted(view, path) if stage >= _LEVEL_AND_SPECTRUM else view
         elif main and (bundle := add_bundle(view, kinds, candidates, path)) is not None:
             view, former = bundle, []

@@ -6,7 +6,8 @@ The correlation is that of a damped oscillation,
           \frac{\pi w}{\omega_d} \sin \omega_d |t|\right)
 
 (or without the sine: a line whose amplitude and phase wander; or a flat top, for noise behind a
-band-pass; the likeliest of them) with the full width at half maximum w. Spotted as a run of
+band-pass; the likeliest of them) with the full width at half maximum w. Two resonances within each
+other's width look like one of another form, and are fitted together (`halved`). Spotted as a run of
 ordinates above the model that is wider than a line; f_0, w and sigma are found by Whittle
 likelihood on the ordinates around it. It enters the model as a term of the spectrum.
 """
@@ -67,6 +68,10 @@ _TOO_EVEN, _MISSHAPEN, _MISSED = 5.0, 6.0, 0.02
 """Sigma of the envelope; sigma and share of the gain of what a band leaves: beyond all three it is
 a tone whose frequency moves."""
 _SUB_BANDS = 64
+_SPLITTABLE = 60.0
+"""Independent powers from which the form of a band can show that it is two."""
+_APART = (0.3, 0.8)
+"""Distances from the centre, in bandwidths, from which two are looked for."""
 _WITHIN = 3.0
 """Distance in bandwidths up to which a frequency belongs to a band."""
 
@@ -93,11 +98,18 @@ def _passed_steeply(f0: float, width: float) -> Component:
 
 @dataclass(frozen=True)
 class Narrowband(EffectKind):
-    """Noise in a band."""
+    """Noise in a band.
+
+    Attributes
+    ----------
+    overlaps : float or None
+        Frequency in Hz of the band within whose width it lies, where the two were fitted together.
+    """
 
     frequency: Estimate
     bandwidth: Estimate
     sigma: Estimate
+    overlaps: float | None = None
 
     kind = "narrowband"
     meaning = "noise in a band: a resonance, or a line that wanders"
@@ -143,7 +155,10 @@ class Narrowband(EffectKind):
         return [replace(best, gain=best.gain / crowding(view.data))]
 
     def refine(self, view: View) -> Candidate | None:
-        """Estimate the band again."""
+        """Estimate the band again; one of two that overlap only with the other: it stays."""
+        others = (c.effect for c in view.accepted if isinstance(c.effect, Narrowband))
+        if self.overlaps is not None and any(o.overlaps is not None for o in others):
+            return None
         f0, width = self.frequency.value, self.bandwidth.value
         k = 2 * view.grid.n / view.grid.rate_hz
         again = _fit(view, int(max(0, (f0 - width / 2) * k)), max(2, int(width * k)))
@@ -172,15 +187,21 @@ class Narrowband(EffectKind):
 
     def _is_misshapen(self, view: View, candidate: Candidate) -> bool:
         """Tell whether the spectrum within the band differs from the shape that was fitted."""
-        after = view.with_parts(*candidate.parts)
+        left, parts = self.misfit(view.with_parts(*candidate.parts))
+        return bool(left > max(_MISSHAPEN * np.sqrt(parts / 2), _MISSED * candidate.gain))
+
+    def misfit(self, view: View) -> tuple[float, int]:
+        """Return the nats that the spectrum around it differs by from the model, in how many parts.
+
+        `view` is with the band.
+        """
         apart = np.abs(view.grid.frequency - self.frequency.value)
         near = np.flatnonzero(apart < _WITHIN * self.bandwidth.value)
         parts = np.array_split(near, min(_SUB_BANDS, max(1, len(near) // 8)))
-        u = after.squares / after.spectrum.ordinates
+        u = view.squares / view.spectrum.ordinates
         ratio = np.array([u[part].mean() for part in parts])
         count = np.array([len(part) for part in parts])
-        left = float(np.sum(count * (ratio - 1 - np.log(ratio)) - 1)) / 2
-        return bool(left > max(_MISSHAPEN * np.sqrt(len(parts) / 2), _MISSED * candidate.gain))
+        return float(np.sum(count * (ratio - 1 - np.log(ratio)) - 1)) / 2, len(parts)
 
 
 Fitted = tuple[Narrowband, Candidate]
@@ -229,12 +250,18 @@ class _Window:
     shape: Shape
 
     def loss(self, p: Array) -> float:
-        """Negative log-likelihood of (log background factor, log variance, f0, log width)."""
-        f0, width = float(p[2]), float(np.exp(p[3]))
-        if not (self.frequency[0] < f0 < self.frequency[-1]) or not _FINEST_HZ < width < 1.5 * f0:
-            return _FORBIDDEN
-        band = self.shape(f0, width).spectrum(self.frequency, self.grid.dt, self.grid.stride)
-        variance = self.background * np.exp(p[0]) + np.exp(p[1]) * band
+        """Negative log-likelihood of (log background factor, log variance, f0, log width).
+
+        Of several bands: the last three again for each.
+        """
+        variance = self.background * np.exp(p[0])
+        for log_variance, f0, log_width in p[1:].reshape(-1, 3).tolist():
+            width = float(np.exp(log_width))
+            inside = self.frequency[0] < f0 < self.frequency[-1]
+            if not inside or not _FINEST_HZ < width < 1.5 * f0:
+                return _FORBIDDEN
+            band = self.shape(f0, width).spectrum(self.frequency, self.grid.dt, self.grid.stride)
+            variance = variance + np.exp(log_variance) * band
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
 
     def flat(self) -> float:
@@ -303,15 +330,90 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
     gain = whole.loglik - view.spectrum.loglik
     if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
         gain = max(gain, window.flat() - float(found.fun))
-    error = _errors(window.loss, point)
-    sigma = float(np.exp(point[1] / 2))
-    effect = Narrowband(
-        Estimate.of(f0, error[2], "Hz"),
-        Estimate.of_log(w, error[3], "Hz"),
-        Estimate.of_log(sigma, error[1] / 2, view.unit),
+    effect = _band(view, point[1:], _errors(window.loss, point)[1:])
+    return effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
+
+
+def _band(view: View, at: Array, error: Array) -> Narrowband:
+    """Return the band of a log variance, a frequency and a log width."""
+    log_variance, frequency, log_width = at.tolist()
+    return Narrowband(
+        Estimate.of(frequency, error[1], "Hz"),
+        Estimate.of_log(float(np.exp(log_width)), error[2], "Hz"),
+        Estimate.of_log(float(np.exp(log_variance / 2)), error[0] / 2, view.unit),
     )
-    looked_at = float(0.5 * np.log(4 * grid.n / ALPHA) + _PENALTY + np.log(ALPHA))
-    return effect, Candidate(effect, gain, looked_at, parts=(band,))
+
+
+def _looked_at(view: View) -> float:
+    return float(0.5 * np.log(4 * view.grid.n / ALPHA) + _PENALTY + np.log(ALPHA))
+
+
+def halved(view: View, candidate: Candidate, least: float) -> tuple[Candidate, Candidate] | None:
+    """Return the two resonances that a band is; None where one explains it as well.
+
+    Parameters
+    ----------
+    view : View
+        Without the band.
+    candidate : Candidate
+        The band.
+    least : float
+        What two must gain over one, in nats.
+    """
+    one, part = candidate.effect, candidate.parts[0]
+    if not isinstance(one, Narrowband) or not isinstance(part, Component):
+        return None
+    f0, width = one.frequency.value, one.bandwidth.value
+    whole = view.with_parts(part)
+    if width * view.series.duration_s < _SPLITTABLE or one.misfit(whole)[0] < least / 2:
+        return None
+    beside = partial(whole.spectrum.of, whole.spectrum.model.components[:-1])
+    single = _window(view, beside, f0, width, _shape_of(part))
+    start = np.array([0.0, 2 * np.log(one.sigma.value), f0, np.log(width)])
+    alone = _descend(single, start, width)
+    half = np.array([start[1] - np.log(2), 0.0, np.log(0.7 * width)])
+    pairs = []
+    for shape in (_resonance, _wandering):
+        two = replace(single, shape=shape)
+        for apart in _APART:
+            low, high = half.copy(), half.copy()
+            low[1], high[1] = f0 - apart * width, f0 + apart * width
+            pairs.append((two, _descend(two, np.concatenate([[0.0], low, high]), width)))
+    window, best = min(pairs, key=lambda pair: pair[0].loss(pair[1]))
+    if single.loss(alone) - window.loss(best) < least:
+        return None
+    errors = _errors(window.loss, best)
+    found = []
+    for own in (slice(1, 4), slice(4, 7)):
+        band = window.shape(float(best[own][1]), float(np.exp(best[own][2])))
+        other = best[2] if own.start > 1 else best[5]
+        effect = replace(_band(view, best[own], errors[own]), overlaps=float(other))
+        found.append(Candidate(effect, 0.0, _looked_at(view), parts=(band,)))
+    both = view.accept(found[0]).accept(found[1]).spectrum.loglik
+    first, second = (
+        replace(c, gain=both - view.accept(other).spectrum.loglik)
+        for c, other in (found, found[::-1])
+    )
+    return first, second
+
+
+def _shape_of(part: Component) -> Shape:
+    """Return the shape of a band by frequency and width."""
+    return lambda f0, width: replace(part, sigma=1.0, frequency=f0, bandwidth=width)  # type: ignore[call-arg]
+
+
+def _descend(window: _Window, start: Array, width: float) -> Array:
+    """Return the least loss downhill from a point."""
+    scale = np.ones(len(start))
+    scale[2::3] = width
+
+    least = window.loss(start)  # a change of a nat would be lost in so large a number
+
+    def loss(x: Array) -> float:
+        return window.loss(x * scale) - least
+
+    found = minimize(loss, start / scale, method="L-BFGS-B", options={"eps": 1e-5, "ftol": 1e-7})
+    return np.asarray(found.x * scale)
 
 
 def _errors(loss: Callable[[Array], float], at: Array) -> Array:
@@ -319,7 +421,8 @@ def _errors(loss: Callable[[Array], float], at: Array) -> Array:
 
     NaN at an end of what is allowed: a band whose centre wants to lie beyond is not measured.
     """
-    step = np.array([0.02, 0.05, 0.05 * np.exp(at[3]), 0.05])
+    bands = [(0.05, 0.05 * np.exp(log_width), 0.05) for log_width in at[3::3]]
+    step = np.array([0.02, *(one for band in bands for one in band)])
     sides = (loss(at + sign * 2 * row) for row in np.diag(step) for sign in (-1, 1))
     if max(sides) >= _FORBIDDEN:
         return np.full(len(at), np.nan)

@@ -218,7 +218,7 @@ class Notice:
 
     Attributes
     ----------
-    kind : {'status', 'reply', 'text', 'error', 'mark'}
+    kind : {'status', 'reply', 'text', 'error', 'mark', 'event'}
         What sort of remark it is.
     text : str
         One printable line; control characters have been removed.
@@ -228,7 +228,7 @@ class Notice:
         what a stream did not say and the result rests on.
     """
 
-    kind: Literal["status", "reply", "text", "error", "mark"]
+    kind: Literal["status", "reply", "text", "error", "mark", "event"]
     text: str
     fields: Mapping[str, int | float | str] = field(default_factory=dict)
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         ModelCurve,
         Rate,
         Reading,
+        event_dict,
     )
     from allanscope.analysis.summary import Depth, summarise
     from allanscope.analysis.verdict_lines import (
@@ -93,6 +94,7 @@ __all__ = [
     "density_verdict",
     "effect_brief",
     "effect_text",
+    "event_dict",
     "finding_phrase",
     "findings_of",
     "gaps_text",
@@ -138,6 +140,7 @@ __getattr__, __dir__ = lazily(
         "density_verdict": "wording",
         "effect_brief": "wording",
         "effect_text": "wording",
+        "event_dict": "result",
         "finding_phrase": "finding_phrases",
         "findings_of": "findings",
         "gaps_text": "wording",

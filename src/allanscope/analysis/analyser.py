@@ -23,6 +23,7 @@ from allanscope.history import History, Record
 from allanscope.noise import find_step
 from allanscope.samples import INT16_MAX, INT16_MIN, Block, Event, Gap, Notice, StreamInfo
 from allanscope.spectrum import Density, SpectrumBank
+from allanscope.watch import Watch
 
 __all__ = [
     "FEWEST_ROWS",
@@ -253,6 +254,8 @@ class StreamState:
         self._in_segment = False
         self.padding = Padding()
         self._kept: list[NDArray[Any] | None] | None = [] if keep_samples else None
+        self.watch = Watch(info)
+        self.watch_failure = ""
         self._buffer = RowBuffer(gathered_rows)
 
     def block(self, block: Block) -> None:
@@ -262,17 +265,23 @@ class StreamState:
             self._in_segment = True
         counts = block.counts
         self.counted = self.counted and np.issubdtype(counts.dtype, np.integer)
+        self.watch.ticks(self.samples + self.lost, block.ticks)
         self.samples += len(block)
         self.clock.update(block.index, block.ticks)
         temperature_c = self.temperature.at_samples(block)
-        for piece in self._buffer.take(counts, temperature_c):
-            self._pass_on(*piece)
+
+        def sum_up() -> None:
+            for piece in self._buffer.take(counts, temperature_c):
+                self._pass_on(*piece)
+
+        in_parallel(len(counts), lambda: self._watch(counts), sum_up)
 
     def gap(self, gap: Gap) -> None:
         """Take a hole."""
         self.settle()
         self.release_padding()
         self._in_segment = False
+        self.watch.gap(gap)
         self.bank.gap()
         if self._kept is not None:
             self._kept.append(None)
@@ -295,6 +304,15 @@ class StreamState:
         """Sum up what is not padding."""
         for piece in self.padding.take(counts, temperature_c):
             self._sum_up(*piece)
+
+    def _watch(self, counts: NDArray[Any]) -> None:
+        """Look for changes; should that fail, the measurement goes on without."""
+        if self.watch_failure:
+            return
+        try:
+            self.watch.rows(counts)
+        except Exception as error:
+            self.watch_failure = f"{type(error).__name__}: {error}"
 
     def release_padding(self) -> None:
         """Sum up what waits at the end: the record goes on."""

@@ -35,6 +35,11 @@ def run_remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str
             f"The device changed its configuration: {sum(one.samples for one in others)} samples "
             "of other configurations are recorded but not part of this result."
         )
+    if state.watch_failure:
+        out.append(
+            f"The watch for events failed ({state.watch_failure}): later ones were not looked for; "
+            "please report it."
+        )
     if rate.measured_hz is None:
         out.append("The true sample rate is not known: averaging times use the nominal rate.")
     apart_ppm = rate.device_against_host_ppm

@@ -17,6 +17,7 @@ from allanscope.history import Record
 from allanscope.noise import BestAveraging, Coefficient, DatasheetVerdict
 from allanscope.samples import Origin
 from allanscope.spectrum import Density
+from allanscope.watch import Event
 from allanscope.wire import LinkStats
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ __all__ = [
     "ModelCurve",
     "Rate",
     "Reading",
+    "event_dict",
 ]
 
 SCHEMA = "allanscope/1"
@@ -227,6 +229,8 @@ class Analysis:
         ``first``, ``last``, ``lowest``, ``highest`` in degC; empty when there is none.
     marks : tuple of (seconds, text)
         Set by the user during the run.
+    events : tuple of Event
+        What has changed during the run, as it was found while it went on; in order of their onset.
     assumptions : tuple of str
         What the input did not say and the result rests on: units, scales, columns that were taken
         for something. They stand at the top of whatever shows the result.
@@ -254,6 +258,7 @@ class Analysis:
     failures: tuple[str, ...] = ()
     temperature: Mapping[str, float] = field(default_factory=dict)
     marks: tuple[tuple[float, str], ...] = ()
+    events: tuple[Event, ...] = ()
     remarks: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     version: str = ""
@@ -351,6 +356,7 @@ class Analysis:
             },
             "temperature": dict(self.temperature),
             "marks": [{"time_s": time_s, "text": text} for time_s, text in self.marks],
+            "events": [event_dict(event) for event in self.events],
             "assumptions": list(self.assumptions),
             "remarks": [*self.assumptions, *self.remarks],
             "failures": list(self.failures),
@@ -441,6 +447,15 @@ def _effect_dict(effect: Effect) -> dict[str, Any]:
         "share": effect.share,
         "evidence": dict(effect.evidence),
     }
+
+
+def event_dict(event: Event) -> dict[str, Any]:
+    """Return an event as it stands in the JSON."""
+    return cast("dict[str, Any]", _plain({**asdict(event), **_more_of(event)}))
+
+
+def _more_of(event: Event) -> dict[str, Any]:
+    return {"size": event.size, "present": event.is_present, "words": event.words}
 
 
 def _finding_dict(finding: Finding) -> dict[str, Any]:

@@ -103,6 +103,7 @@ def summarise(
         unknown_losses=state.unknown_losses,
         temperature=state.temperature.summary(),
         marks=_marks(analyser, state, rate_hz),
+        events=state.watch.events(rate_hz),
         assumptions=tuple(analyser.assumptions),
         remarks=(
             *run_remarks(analyser, state, rate),

@@ -16,6 +16,7 @@ on the screen grows older than a tenth of the run or a minute.
 
 from __future__ import annotations
 
+import json
 import math
 import queue
 import threading
@@ -24,7 +25,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from allanscope.analysis import Analyser, Analysis, Depth, summarise
+from allanscope.analysis import Analyser, Analysis, Depth, event_dict, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.inbox import LIVE_ROOM, REPLAY_ROOM, Inbox, joined
 from allanscope.pipeline.refreshing import LoopProcess, Refresher
@@ -175,6 +176,7 @@ class Session:
         try:
             for event in self._earlier:
                 self.analyser.take(event)
+            self._fresh_events()  # what was found before is in the result, and no news
             while (chunks := self._inbox.take())[-1].event != "end":
                 self._take(chunks)
             self._take(chunks[:-1])
@@ -264,7 +266,25 @@ class Session:
         if state is not None and state.samples and self.audience:
             self._refresher.offer(self.analyser)
 
+    def _fresh_events(self) -> list[Notice]:
+        """Return what the watch has found, or seen go, since this was last asked for."""
+        state = self.analyser.state
+        if state is None or not state.watch.tracks.fresh:
+            return []
+        rate_hz = state.clock.rate().hz or state.info.nominal_hz or 1.0
+        notices = []
+        for what, event in state.watch.news(rate_hz):
+            told = json.dumps({"news": what, **event_dict(event)}, allow_nan=False)
+            text = event.words if what == "found" else f"over: {event.words}"
+            notices.append(Notice("event", text, {"host": 1, "news": what, "event": told}))
+        return notices
+
     def _tell(self, event: Event) -> None:
+        self._show_all(event)
+        for notice in self._fresh_events():
+            self._show_all(notice)
+
+    def _show_all(self, event: Event) -> None:
         self.analyser.take(event)
         for viewer in self.audience:
             try:

@@ -52,6 +52,7 @@ _COUNTS_UP = ("produced", "sent", "uptime_s")
 _PREFIX: Mapping[str, tuple[str, Level]] = {
     "mark": ("mark: ", "warn"),
     "error": ("device error: ", "error"),
+    "event": ("", "warn"),
 }
 
 

@@ -124,6 +124,8 @@ class TerminalView:
         """Take a remark of the device or a mark of the user."""
         if notice.kind == "mark":
             self.line(f"mark: {notice.text}")
+        elif notice.kind == "event":
+            self.line(notice.text, "warn" if notice.fields.get("news") == "found" else "info")
         elif notice.kind in ("error", "text"):
             whose = "" if "host" in notice.fields else "device: "
             self.line(f"{whose}{notice.text}", "error" if notice.kind == "error" else "info")

@@ -16,6 +16,9 @@ because block values have memory."""
 RAMP_NATS = 4.0
 """By how much a ramp must be better than a step: a step is the rule."""
 
+SHORTEST_RAMP = 8
+"""Blocks: a step within a block looks like a ramp at first."""
+
 
 @dataclass(frozen=True, slots=True)
 class Change:
@@ -64,10 +67,11 @@ def locate(values: NDArray[np.float64], earliest: int, spread: float) -> Change:
     earliest = min(max(earliest, 1), len(values) - 1)
     total = float(np.sum((values - values.mean()) ** 2))
     best = earliest + int(np.argmax(steps[earliest:]))
-    best_ramp = earliest + int(np.argmax(ramps[earliest:-1])) if len(values) > earliest + 4 else 0
+    best_ramp = earliest + int(np.argmax(ramps[earliest:-1])) if len(values) > earliest + 1 else 0
     left = total - max(steps[best], ramps[best_ramp] if best_ramp else 0.0)
     variance = max(left / len(values), spread**2, 1e-300)
-    is_ramp = best_ramp > 0 and (ramps[best_ramp] - steps[best]) / (2 * variance) > RAMP_NATS
+    is_long = best_ramp > 0 and len(values) - best_ramp >= SHORTEST_RAMP
+    is_ramp = is_long and (ramps[best_ramp] - steps[best]) / (2 * variance) > RAMP_NATS
     gains, at = (ramps, best_ramp) if is_ramp else (steps, best)
     inside = np.flatnonzero(gains[at] - gains < 2 * variance * INTERVAL_NATS)
     inside = inside[inside >= earliest]

@@ -1,7 +1,7 @@
 """Has a series of block values changed? Windows of many lengths against what came before them.
 
-The mean of the last m blocks is compared with the mean of the M >> m before, for m from a second to
-four minutes, at every block for short windows and sixteen times a window for long ones. Each
+The mean of the last m blocks is compared with the mean of the M >> m before, for m from two seconds
+to four minutes: at every block for short windows, sixteen times a window for long ones. Each
 difference is measured in its own standard deviation, which is that of all such differences in the
 record so far: an Allan deviation with unequal windows. White noise, flicker, random walk and a
 steady drift are therefore in the scale and no news; a level that leaves is.
@@ -18,14 +18,14 @@ from allanscope.watch.spending import log_weight
 
 __all__ = ["LONGEST", "Alarm", "Scan", "log_tail"]
 
-WINDOWS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256])
+WINDOWS = np.array([2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256])
 BEFORE = np.minimum(16 * WINDOWS, np.maximum(8 * WINDOWS, 512))
 STEPS = np.maximum(WINDOWS // 16, 1)
 LONGEST = int((WINDOWS + BEFORE).max())
 RING = 1 << 12
 """Blocks that are kept: an hour, and more than the longest window with what is before it."""
 
-CLIP = 4.5
+CLIP = 6.0
 """Standard deviations beyond which a single block counts no more: one block alone is no change."""
 WINSOR = 9.0
 FEWEST = 8.0
@@ -141,14 +141,18 @@ class Scan:
 
     def spread(self, channel: int) -> float:
         """Return the standard deviation of a block's value about what came just before it."""
-        return float(np.sqrt(self._square[0, channel]))
+        return float(np.sqrt(self._variance()[channel]))
+
+    def _variance(self) -> NDArray[np.float64]:
+        """Return the variance of a block's value, of all series, by the shortest window."""
+        return np.asarray(self._square[0] / (1 / WINDOWS[0] + 1 / BEFORE[0]))
 
     def _clipped(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the values, no farther from the last ones than a single block may count."""
         now, before = self.blocks, int(BEFORE[0])
         past = self._sums[now % RING] - self._sums[(now - before) % RING]
         centre = past / before
-        room = CLIP * np.sqrt(self._square[0])
+        room = CLIP * np.sqrt(self._variance())
         clip = (now - self.start >= before) & (self._looks[0] >= FEWEST)
         return np.where(clip, np.clip(values, centre - room, centre + room), values)
 
@@ -160,7 +164,7 @@ class Scan:
         window, before = WINDOWS[due, np.newaxis], BEFORE[due, np.newaxis]
         # Of white noise, differences a window apart have nothing in common; of flicker and random
         # walk, what came before is in all of them.
-        white = self._square[0] / (1 + 1 / BEFORE[0]) * (1 / window + 1 / before)
+        white = self._variance() * (1 / window + 1 / before)
         coloured = 1.0 - np.minimum(white / np.maximum(own, 1e-300), 1.0)
         dof = span / (window + coloured * (window + before / 4))
         # Where nothing speaks against white noise, short windows tell of the long ones.

@@ -71,7 +71,7 @@ class Watch:
         self._lines = Lines(axes, bins, log_alpha)
         self._rare = Rare(axes + 2, np.repeat([log_alpha, of_stream], [axes, 2]))
         self._held = np.zeros((axes, bins), np.bool_)
-        self._waiting: list[NDArray[Any]] = []
+        self._buffer: NDArray[Any] = np.empty((self._rows, axes), np.int16)
         self._waits = 0
         self._lost = 0
         self._position = 0
@@ -86,27 +86,30 @@ class Watch:
     def rows(self, counts: NDArray[Any]) -> None:
         """Take contiguous samples, shape (n, axes)."""
         taken = 0
+        if self._buffer.dtype != counts.dtype:
+            self._buffer, self._waits = np.empty((self._rows, self._axes), counts.dtype), 0
         while taken < len(counts):
             if not self._waits:
                 self._first_row = self._position
             piece = counts[taken : taken + self._rows - self._waits]
-            taken += len(piece)
-            self._position += len(piece)
-            self._waits += len(piece)
-            self._waiting.append(piece)
+            many = len(piece)
+            taken += many
+            self._position += many
+            if many == self._rows:
+                self._block(piece)
+                continue
+            self._buffer[self._waits : self._waits + many] = piece
+            self._waits += many
             if self._waits == self._rows:
-                block = piece if len(self._waiting) == 1 else np.concatenate(self._waiting)
-                self._waiting, self._waits = [], 0
-                self._block(block)
-        if self._waits and taken:
-            self._waiting = [np.concatenate(self._waiting)]  # a copy: the rows are not ours
+                self._waits = 0
+                self._block(self._buffer)
 
     def gap(self, gap: Gap) -> None:
         """Take a hole."""
         self._lost += min(1 if gap.lost is None else gap.lost, MOST_LOST)
         self._position += gap.lost or 0
         if gap.lost is None or gap.lost > LONG_GAP * self._rows:
-            self._waiting, self._waits = [], 0
+            self._waits = 0
         if gap.lost is None:
             self._clock.restart()
 
@@ -194,7 +197,7 @@ class Watch:
         spread = self._scan.spread(channel)
         change = locate(values, len(values) - 4 * alarm.window - 16, spread)
         at = first + change.at
-        self._scan.start[channel] = at
+        self._scan.start[channel] = min(first + change.upper + 1, now)  # not in its midst
         kinds = ("step", "ramp") if kind == "step" else (kind,)
         after = float(values[change.at :].mean())
         if kind == "repeated_samples" and self._tracks_of(self._axes):

@@ -248,6 +248,39 @@ def test_saturation_cuts_off_what_is_beyond_its_level(side):
     assert samples.min() < -0.1
 
 
+def phases(effects, temperature=None, minutes=10):
+    """Return the phase of a line at 20 Hz in cycles, once in 10 s, and the true times."""
+    truth = Truth({}, temperature=temperature or TemperatureTruth()).with_effects(effects)
+    sensor = Simulator(rate=RATE, truth=truth, axes=("gx",))
+    block = sensor.read(int(60 * minutes * RATE))
+    hop = int(10 * RATE)
+    n = np.arange(len(block))
+    rotated = block.counts[:, 0] * np.exp(-2j * np.pi * 20.0 / RATE * n)
+    slow = rotated[: len(n) // hop * hop].reshape(-1, hop).sum(axis=1)
+    return np.unwrap(np.angle(slow)) / (2 * np.pi), block.ticks.device_s
+
+
+def test_a_locked_line_keeps_phase_with_the_samples_and_one_from_outside_with_time():
+    wander = "clock_error:relative=0,drift=600"
+    inside, times = phases([wander, "sinusoid:frequency=20,amplitude=1,locked=1"])
+    outside, _ = phases([wander, "sinusoid:frequency=20,amplitude=1"])
+    alias, _ = phases([wander, f"sinusoid:frequency={RATE - 20},amplitude=1"])
+    # 100 ppm in ten minutes: half of them on the average, so 20 Hz x 600 s x 50e-6 cycles.
+    assert np.ptp(inside) < 1e-3
+    assert outside[-1] - outside[0] == pytest.approx(-0.6, rel=0.05)
+    assert alias[-1] - alias[0] == pytest.approx(0.6 * (RATE - 20) / 20, rel=0.05)
+    steps = np.diff(times[:: int(RATE)])
+    assert steps[-1] / steps[0] == pytest.approx(1 - 1e-4, abs=1.5e-5)
+
+
+def test_the_clock_follows_the_temperature():
+    warm = TemperatureTruth(wander_c=0.0, self_heating_c=4.0, self_heating_s=60.0)
+    effects = ["clock_error:relative=0,per_degc=-50", "sinusoid:frequency=20,amplitude=1"]
+    phase, _ = phases(effects, warm)
+    # 4 degC more make the rate 200 ppm lower: 4e-3 cycles of 20 Hz in a second.
+    assert phase[-1] - phase[-11] == pytest.approx(20.0 * 100.0 * 200e-6, rel=0.02)
+
+
 def test_clock_error_sets_the_true_rate():
     sensor = Simulator(rate=RATE, truth=SILENT.with_effects(["clock_error:relative=0.03"]))
     assert sensor.clock.true_hz == pytest.approx(RATE * 1.03)

@@ -146,6 +146,17 @@ class Clock:
             return self._fit(host, "host", host_sigma, host, device)
         return RateFit(self.nominal_hz, self.nominal_hz, "nominal", host=host, device=device)
 
+    def arrivals(self) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+        """Return numbers of samples and times in s, each shape (k,), by the clock of `rate`.
+
+        They tell how the rate wandered. None while the rate is not measured, and where the numbers
+        have lost their meaning in between.
+        """
+        source = self.rate().source
+        if source == "nominal":
+            return None
+        return (self._host if source == "host" else self._device).arrivals()
+
     def _fit(
         self,
         fit: LineFit,
@@ -242,6 +253,14 @@ class Envelope:
         """Return the rate at which numbers pass, or None while too little is known."""
         self._take()
         return self._fit()
+
+    def arrivals(self) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+        """Return numbers and times of what is kept, each shape (k,); None of several segments."""
+        self._take()
+        rows = slice(0, self._used)
+        if not self._used or np.ptp(self._segment[rows]) > 0:
+            return None
+        return self._index[rows].copy(), self._time_s[rows].copy()
 
     def _fit(self) -> LineFit | None:
         used = self._used - 1 if self._used > SETTLED_ROWS else self._used

@@ -168,6 +168,7 @@ class Simulator:
         self._chunk = _Rows(np.empty((0, len(axes)), np.int16), np.empty(0), np.empty(0))
         self._used = 0
         self._made = 0
+        self._late_s = 0.0
         self._set_up(Run(seed, self.clock.true_hz, duration_s, run))
 
     def _set_up(self, run: Run) -> None:
@@ -243,9 +244,21 @@ class Simulator:
         self._used += len(part.counts)
         return part
 
+    def _times(self, true_c: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the true times of the next rows in s; the rate may follow time and temperature."""
+        time_s = np.arange(self._made, self._made + len(true_c)) / self.clock.true_hz
+        drift, per_degc = self.truth.clock_wander
+        if not drift and not per_degc:
+            return time_s
+        # To the first order in parts per million: a period is as much longer as the rate is lower.
+        slower = -(drift / 3600.0 * time_s + per_degc * (true_c - REFERENCE_C)) * 1e-6
+        late = self._late_s + np.cumsum(slower) / self.clock.true_hz
+        self._late_s = float(late[-1])
+        return np.asarray(time_s + late)
+
     def _next_chunk(self) -> _Rows:
-        time_s = np.arange(self._made, self._made + CHUNK) / self.clock.true_hz
         true_c, reading_c = self._thermometer.take(CHUNK)
+        time_s = self._times(true_c)
         scene = Scene(self._made, time_s, true_c - REFERENCE_C, {})
         signals = {axis: signal.take(scene) for axis, signal in self._signals.items()}
         if self._coupled:

@@ -192,6 +192,12 @@ class Truth:
         errors = [e.parameters["relative"] for e in self.effects if e.kind == "clock_error"]
         return errors[-1] if errors else None
 
+    @property
+    def clock_wander(self) -> tuple[float, float]:
+        """Change of the sample rate in ppm/h and ppm/degC; both zero for a steady clock."""
+        found = [e.parameters for e in self.effects if e.kind == "clock_error"]
+        return (found[-1]["drift"], found[-1]["per_degc"]) if found else (0.0, 0.0)
+
 
 def _axis(axis: Mapping[str, Any]) -> AxisTruth:
     given: dict[str, float] = {}

@@ -19,12 +19,16 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
     AVAR(tau) = amplitude^2 sin^4(pi f tau) / (m^2 sin^2(pi f t0)), averaged over the phase.
     A frequency above half the sample rate is folded back, as in a sensor without a filter.
+    A line that is locked is made by the sensor's own clock: it goes with the number of the sample.
     """
     amplitude, omega = parameters["amplitude"], 2.0 * pi * parameters["frequency"]
     phase = setting.rng.uniform(0.0, 2.0 * pi)
 
     def apply(values: NDArray[Any], scene: Scene) -> None:
-        values += amplitude * np.sin(omega * scene.time_s + phase)
+        time_s = scene.time_s
+        if parameters["locked"]:
+            time_s = (scene.first + np.arange(len(values))) / setting.rate_hz
+        values += amplitude * np.sin(omega * time_s + phase)
 
     return apply
 
@@ -36,6 +40,7 @@ KIND = EffectKind(
     parameters={
         "frequency": Parameter("Hz", "of the line", above=0.0),
         "amplitude": Parameter("axis", "peak", above=0.0),
+        "locked": Parameter("1", "1: of the sensor's own clock", 0.0, least=0.0, most=1.0),
     },
     set_up=_set_up,
 )

@@ -10,21 +10,23 @@ import pytest
 from numpy.typing import NDArray
 
 from allanscope.explain import Budget
-from allanscope.explain.candidate import Candidate
-from allanscope.explain.effect import Estimate
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Estimate, ResidualError
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import Unexplained
-from allanscope.explain.gates import judge, owed, penalty_passed
+from allanscope.explain.gates import growth, judge, owed, penalty_passed
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
-from allanscope.explain.moves.drop import drop
+from allanscope.explain.moves.drop import drop, refuse
 from allanscope.explain.moves.fold_sidebands import fold_sidebands
 from allanscope.explain.moves.refit import refit
+from allanscope.explain.residual import error_of
 from allanscope.explain.search import close_loop
 from allanscope.explain.series import Series
 from allanscope.explain.view import View
+from allanscope.noise.components import White
 
 Array = NDArray[np.float64]
 
@@ -120,6 +122,40 @@ def test_drop_removes_what_no_longer_pays_and_it_is_not_taken_again() -> None:
     assert path.steps[-1].move == "drop"
     again = proposals(left, [KINDS["sinusoid"]], path)
     assert all(round(line.frequency.value) != 7 for line in lines_of(again))
+
+
+def test_an_effect_that_makes_the_error_grow_is_refused_and_the_search_says_why() -> None:
+    """A step where there is none bends the curve; the line beside it does not."""
+    view = view_of(noise(8) + line(7.0, 0.6))
+    good = best_of(view, "sinusoid")
+    wrong = best_of(view_of(noise(8) + 4.0 * (TIME > 60)), "step")
+    white = replace(view, base=(White(1.0),))  # no random walk that a step could hide in
+
+    def error(one: View) -> ResidualError:
+        return error_of(one, one.spectrum.model, None)
+
+    before, grown = error(white), white.accept(good).accept(wrong)
+    left = refuse(grown, before, error(grown), error)
+    assert [c.kind for c in left.accepted] == ["sinusoid"]
+    assert (left.path[-1].move, left.path[-1].kind) == ("drop", "step")
+    assert left.path[-1].outcome.startswith("error: ")
+    assert refuse(left, before, error(left), error) is left
+
+
+def test_an_error_may_grow_by_what_sampling_leaves() -> None:
+    before = ResidualError(0.8, 0.7, 6.1, 11.0, -2.0)
+    assert growth(before, ResidualError(1.3, 0.2, 9.7, 11.0, 3.0)) == (0.0, "")
+    assert "chi-square" in growth(before, ResidualError(9.0, 1e-9, 9.7, 11.0, 3.0))[1]
+    assert "worst band" in growth(before, ResidualError(1.3, 0.2, 9.7, 11.0, -9.0))[1]
+
+
+def test_what_some_blocks_gain_and_others_lose_is_a_piece_of_something_else(monkeypatch) -> None:
+    view = view_of(noise(3) + 2.0 * (TIME > 60))
+    step = best_of(view, "step")
+    assert judge(view, step)[0] is not None
+    held = HeldOut(20.0, 300.0, "interleaved blocks of 1 s")
+    monkeypatch.setattr(type(step.effect), "hold_out", lambda *_: held)
+    assert judge(view, step)[0] is None
 
 
 def test_sidebands_are_folded_into_one_tone() -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allanscope.noise.components import Flicker, LineProfile, RandomWalk, White
+from allanscope.noise.components import Flicker, LineProfile, Ramp, RandomWalk, White
 from allanscope.noise.evidence import Ordinates
+from allanscope.noise.filters import Remainder
 from allanscope.noise.grid import grid_of
 from allanscope.noise.likelihood import Likelihood
 from allanscope.noise.model import NoiseModel
@@ -69,6 +70,15 @@ def test_a_line_with_its_profile_is_not_part_of_it():
     fit = Likelihood([part]).amplitudes(model)
     assert with_remainder(fit, (part,)) is fit
     assert fit.model.value("N") == pytest.approx(4e-3, rel=0.01)
+
+
+def test_a_ramp_stands_beside_it():
+    """It has no density that a factor could act on, and its Allan variance must stay."""
+    bare = NoiseModel((White(4e-3), Ramp(1e-4)), 1 / RATE)
+    both = bare.plus(Remainder((1.0, 10.0), (0.3, 0.0)))
+    assert both.variance("avar", [200_000])[0] == pytest.approx(
+        bare.variance("avar", [200_000])[0], rel=1e-3
+    )
 
 
 def test_too_few_bins_have_no_smooth_ratio():

@@ -109,6 +109,11 @@ class Candidate:
         return self.gain - self.penalty
 
     @property
+    def changes_model(self) -> bool:
+        """Whether it changes the spectrum: by a signal, a process, a filter or a line."""
+        return bool(self.parts or self.excluded) or self.signal is not None
+
+    @property
     def words(self) -> str:
         """What it is, in a phrase."""
         return self.effect.words + (f", seen in the {self.seen_in}" if self.seen_in else "")

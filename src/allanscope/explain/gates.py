@@ -5,7 +5,10 @@
 2. *adequacy*: it is what its name says, or `unexplained` in its place (`adequate`);
 3. *held out*: it gains on data that was not used to fit it, what goes on all along more than its
    own standard error; of a large gain of a process at least a quarter, else it did not recur; and
-   where a slope must be the same in every quarter, it is.
+   where a slope must be the same in every quarter, it is;
+4. *error*: with everything accepted and the final model fitted, neither chi-square nor worst band
+   is larger than the textbook model leaves, beyond sampling; effects that make it so are refused
+   after all (`moves.drop.refuse`).
 """
 
 from __future__ import annotations
@@ -15,13 +18,21 @@ from dataclasses import replace
 import numpy as np
 
 from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import ResidualError
 from allanscope.explain.effects.temperature import Temperature
 from allanscope.explain.effects.unexplained import covered, is_remnant, leaves_too_little
 from allanscope.explain.view import View
 
-__all__ = ["adequate", "is_measured", "judge", "judge_members", "owed", "penalty_passed"]
+__all__ = ["adequate", "growth", "is_measured", "judge", "judge_members", "owed", "penalty_passed"]
 
 _RECURRING, _SMALL = 0.25, 30.0
+_CONTRADICTS = 4.0
+"""Error over the gain from which the blocks contradict each other."""
+_SAME = 1.02
+"""Ratio up to which two errors are the same."""
+_LEAST_CHI2, _LEAST_Z = 2.0, 4.0
+"""Chi-square per degree of freedom, and z of the worst of so many bands, up to which an error may
+be sampling."""
 _AS_WELL = 0.9
 """Share of the gain: the temperature is known less well than the level."""
 
@@ -85,10 +96,12 @@ def _least(candidate: Candidate, held: HeldOut) -> float:
     """Return what must be exceeded on other data.
 
     What goes on all along gains in every block, so that the scatter of the blocks is its error. Of
-    what is slow or happens once a few blocks hold all the gain, and their scatter says nothing.
+    what is slow or happens once a few blocks hold all the gain, and their scatter is as large as
+    the gain. Where it is several times that, some blocks lose what others gain: it is a piece of
+    something else, as a step within a shock is.
     """
     recurs = held.replicated is not None and not candidate.effect.is_slow
-    return held.error if recurs else 0.0
+    return held.error if recurs else held.error / _CONTRADICTS
 
 
 def _is_refuted(candidate: Candidate, held: HeldOut) -> bool:
@@ -132,3 +145,22 @@ def _bent_by_temperature(view: View, candidate: Candidate) -> Candidate | None:
         return None
     bent = found.effect.curvature is not None
     return found if bent and found.gain > _AS_WELL * candidate.gain else None
+
+
+def growth(before: ResidualError, after: ResidualError) -> tuple[float, str]:
+    """Return by which factor the error has grown most, as a logarithm, and in words.
+
+    At most 0, and no words, where no error is larger than before beyond sampling. The rms over taus
+    is not asked: it is that of the longest, which a drift that was subtracted has taken along.
+    """
+    pairs = (
+        ("chi-square per degree of freedom", before.chi2_per_dof, after.chi2_per_dof, _LEAST_CHI2),
+        ("worst band", abs(before.worst_band_z), abs(after.worst_band_z), _LEAST_Z),
+    )
+    worst, why = 0.0, ""
+    for name, first, second, least in pairs:
+        allowed = _SAME * max(first, least)
+        if second > allowed and np.log(second / allowed) > worst:
+            worst = float(np.log(second / allowed))
+            why = f"error: {name} grows from {first:.3g} to {second:.3g}"
+    return worst, why

@@ -21,6 +21,7 @@ from allanscope.explain.effects.clock_error import clock_error_of
 from allanscope.explain.effects.ramp import Ramp
 from allanscope.explain.held import HeldEffects, known_of, signals_of
 from allanscope.explain.highband import above_the_rows
+from allanscope.explain.moves.drop import refuse
 from allanscope.explain.residual import error_of, same_ordinates, shares_of
 from allanscope.explain.search import Budget, close_loop
 from allanscope.explain.series import Series, hindrances, observations, series_of
@@ -30,7 +31,6 @@ from allanscope.history import Record
 from allanscope.noise import NoiseFit, NoiseModel, fit_noise
 from allanscope.noise.bridging import bridge_gaps
 from allanscope.noise.components import AngleQuantization
-from allanscope.noise.evidence import Evidence
 from allanscope.noise.fit import Known
 from allanscope.quantities import duration
 from allanscope.spectrum import Density
@@ -194,10 +194,10 @@ def explain(
         models_before={axis: p.before for axis, p in parts.items()},
         models_after={axis: p.after for axis, p in parts.items()},
         fits={axis: p.fit for axis, p in parts.items() if p.fit is not None},
-        cleaned={axis: views[axis].data for axis in parts},
-        signals={axis: signals_of(views[axis]) for axis in parts},
+        cleaned={axis: p.view.data for axis, p in parts.items()},
+        signals={axis: signals_of(p.view) for axis, p in parts.items()},
         row_s=1.0 / series.rate_hz,
-        held=_held(series, {axis: views[axis] for axis in parts}),
+        held=_held(series, {axis: p.view for axis, p in parts.items()}),
         length_s=len(record.values) / record.rate_hz,
         samples=samples,
     )
@@ -248,6 +248,7 @@ class _Closed:
     before: NoiseModel
     after: NoiseModel
     fit: NoiseFit | None
+    view: View
 
 
 def _explained(record: Record, density: Density | None, view: View) -> _Closed:
@@ -255,25 +256,24 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
     bare = _view(series, axis, view.clock)
     textbook = _textbook(bare)
     before = _fit(record, axis, density, Known((AngleQuantization(1.0),), is_textbook=True))
-    after = _fit(record, axis, density, known_of(view))
     before_model = before.model if before else textbook.spectrum.model
-    after_model = after.model if after else view.spectrum.model
-    for c in view.accepted:
-        if c.effect.is_coefficient and c.signal is not None:  # it has been subtracted
-            after_model = after_model.without(*c.effect.parameters)
+    after, after_model, error_after = _final(record, density, view)
+    evidence = same_ordinates(before, after) if before and after else ()
+    error_before = error_of(replace(textbook, data=bare.data), before_model, before, evidence)
+    kept = refuse(view, error_before, error_after, lambda one: _final(record, density, one)[2])
+    if kept is not view:
+        view = kept
+        after, after_model, error_after = _final(record, density, view)
     shares, parts = None, (math.nan,) * len(view.accepted)
-    evidence: tuple[Evidence, ...] = ()
     if before is not None and after is not None:
         shares, parts = shares_of(view, before, after)
-        evidence = same_ordinates(before, after)
     effects = tuple(
         effect
         for c, part in zip(view.accepted, parts, strict=True)
         if (effect := effect_of(c, axis, part)) is not None
     )
-    error_before = error_of(replace(textbook, data=bare.data), before_model, before, evidence)
-    error_after = error_of(view, after_model, after)
-    held = [c.held_out for c in view.accepted if c.held_out is not None]
+    named = [c for c in view.accepted if c.effect.is_named and not c.effect.is_coefficient]
+    held = [c.held_out for c in named if c.held_out is not None]
     clean = all(c.effect.is_named for c in view.accepted)
     explained = clean and not error_after.p_value < _ACCEPTED_P and not view.stopped
     explanation = AxisExplanation(
@@ -292,7 +292,19 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
         + ((view.stopped,) if view.stopped else ())
         + _detection_limits(view),
     )
-    return _Closed(explanation, before_model, after_model, after)
+    return _Closed(explanation, before_model, after_model, after, view)
+
+
+def _final(
+    record: Record, density: Density | None, view: View
+) -> tuple[NoiseFit | None, NoiseModel, ResidualError]:
+    """Fit the final model of a view, and compare the data with it."""
+    fit = _fit(record, view.axis, density, known_of(view))
+    model = fit.model if fit else view.spectrum.model
+    for c in view.accepted:
+        if c.effect.is_coefficient and c.signal is not None:  # it has been subtracted
+            model = model.without(*c.effect.parameters)
+    return fit, model, error_of(view, model, fit)
 
 
 def _fit(record: Record, axis: str, density: Density | None, known: Known) -> NoiseFit | None:

@@ -217,7 +217,7 @@ def shares_of(view: View, before: NoiseFit, after: NoiseFit) -> tuple[Shares, tu
     named = likelihood.amplitudes(NoiseModel(components, model.dt, filters)).loglik
     gains = np.array([_gain_of(view, c) for c in view.accepted])
     is_named = np.array([c.effect.is_named for c in view.accepted], bool)
-    seen = np.array([_is_in_spectrum(c) for c in view.accepted], bool)
+    seen = np.array([c.changes_model for c in view.accepted], bool)
     nats = np.zeros(len(gains))
     spectrum = max(named - textbook, 0.0)
     for these, whole in (
@@ -227,7 +227,7 @@ def shares_of(view: View, before: NoiseFit, after: NoiseFit) -> tuple[Shares, tu
         if these.any() and gains[these].sum() > 0:
             nats[these] = whole * gains[these] / gains[these].sum()
     # What a drift without a name has taken out of the lowest ordinates shows in its gain alone.
-    aside = np.array([c.signal is not None or not _is_in_spectrum(c) for c in view.accepted], bool)
+    aside = np.array([c.signal is not None or not c.changes_model for c in view.accepted], bool)
     nats[~is_named & aside] = gains[~is_named & aside]
     rest = max(likelihood.of(model) - max(named, textbook), 0.0)
     within = ~is_named & ~aside
@@ -239,11 +239,6 @@ def shares_of(view: View, before: NoiseFit, after: NoiseFit) -> tuple[Shares, tu
     if excess < _NOTHING:
         return Shares.none(), (float("nan"),) * len(gains)
     return Shares(excess, *(parts / excess).tolist()), tuple((nats / excess).tolist())
-
-
-def _is_in_spectrum(candidate: Candidate) -> bool:
-    """Tell whether an effect changes the spectrum: by a signal, a process, a filter, a line."""
-    return bool(candidate.parts or candidate.excluded) or candidate.signal is not None
 
 
 def _gain_of(view: View, candidate: Candidate) -> float:

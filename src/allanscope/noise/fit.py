@@ -266,7 +266,9 @@ def _fit(
     parts = known.parts if known is not None else ()
     rounded = lsb if lsb and _carries_rounding(likelihood, lsb) and not _held(parts) else None
     fit = likelihood.amplitudes(textbook(dt, rounded).plus(*parts))
-    drift = fit_drift(fit)
+    # A drift that was subtracted has taken a ramp with it, and leaves one in its tails alone.
+    drifted = known is not None and any(low <= 0.0 for low, _ in known.excluded)
+    drift = None if drifted else fit_drift(fit)
     ramp = drift is not None and 2 * drift.gain > _RAMP_DETECTED
     if drift is not None and ramp:
         fit = drift.fit

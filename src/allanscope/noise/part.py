@@ -102,6 +102,8 @@ class Component(Part):
         Whether a low-pass of the sensor acts on it.
     is_line : bool
         Whether it is a line, which stands beside the noise.
+    is_noise : bool
+        Whether it has a density: a ramp has none.
     amplitude_name, amplitude_index : str, int
         The number whose square the density is proportional to, and its position among the numbers;
         empty where there is none.
@@ -109,6 +111,7 @@ class Component(Part):
 
     is_filtered: ClassVar[bool] = False
     is_line: ClassVar[bool] = False
+    is_noise: ClassVar[bool] = True
     amplitude_name: ClassVar[str] = ""
     amplitude_index: ClassVar[int] = -1
 

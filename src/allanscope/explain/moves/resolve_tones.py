@@ -27,6 +27,8 @@ __all__ = ["resolve_tones"]
 
 _FAMILY = 0.03
 """Width over frequency up to which the clusters of a range are one line."""
+_WIDE = 1.5
+"""Ratio of its ends from which a range without a name is no line."""
 _MOST = 0.8
 """Share of the power in a range that its clusters must hold: else it is one thing."""
 
@@ -61,4 +63,5 @@ def resolve_tones(view: View, path: SearchPath) -> View:
 def _without_name(view: View, cluster: Cluster, whole: Candidate) -> Candidate:
     profile, _ = profile_of(view, cluster)
     left = tone_without_name(view, profile, whole)
-    return replace(left, profile=profile)
+    # What is wider is left to the smooth remainder: equal sub-bands are too coarse at its low end.
+    return replace(left, profile=profile) if profile.high < _WIDE * profile.low else left

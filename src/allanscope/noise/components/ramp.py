@@ -29,6 +29,7 @@ class Ramp(Component):
 
     R: float
     symbol: ClassVar[str] = "R"
+    is_noise: ClassVar[bool] = False
     quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("R", "{unit}/s"),)
 
     def __post_init__(self) -> None:

@@ -9,10 +9,11 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from allanscope.allan import AllanBank
-from allanscope.analysis.readings import flat_band, read_axis
-from allanscope.noise import NoiseModel
+from allanscope.analysis.readings import density_of, flat_band, read_axis
+from allanscope.noise import NoiseModel, fit_noise
 from allanscope.noise.components import Flicker, RandomWalk, White
 from allanscope.spectrum import SpectrumBank
+from support.thinned import thinned
 
 RATE, SAMPLES = 64.0, 40_000
 N = 4e-3
@@ -114,3 +115,13 @@ def test_what_is_too_short_has_no_readings():
     assert read(white(np.random.default_rng(9), 4)) == {}
     assert "N_1s" not in read(white(np.random.default_rng(9), 100))
     assert read_axis(None, None, "g") == {}
+
+
+def test_where_single_rows_are_missing_the_bridged_rows_are_read():
+    """No segment is long enough for a density of the stream."""
+    rng = np.random.default_rng(8)
+    kept = rng.random(20_000) > 0.1
+    record = thinned(0.04 * rng.standard_normal((20_000, 1)), kept)
+    found = read_axis(density_of(fit_noise(record, "gx").evidence), None, "dps")["N"]
+    assert found.lower < 0.04 / np.sqrt(100.0) < found.upper
+    assert found.value == pytest.approx(0.004, rel=0.02)

@@ -18,6 +18,7 @@ left beside a part that falls as 1/f, and its interval is wider for that.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +27,10 @@ from scipy.special import digamma, gammainc, gammaincinv, polygamma
 from allanscope.allan import Deviation
 from allanscope.analysis.result import Reading
 from allanscope.noise import find_best_averaging
+from allanscope.noise.evidence import Evidence, Ordinates
 from allanscope.spectrum import Density
 
-__all__ = ["flat_band", "read_axis"]
+__all__ = ["density_of", "flat_band", "read_axis"]
 
 Array = NDArray[np.float64]
 
@@ -85,6 +87,22 @@ def read_axis(density: Density | None, curve: Deviation | None, unit: str) -> di
         found["B"] = _from_floor(curve, unit)
         found["K"] = _from_rise(curve, unit)
     return {name: one for name, one in found.items() if one is not None}
+
+
+def density_of(evidence: Sequence[Evidence]) -> Density | None:
+    """Return the density of the longest rows that a fit was made to; None where they are means."""
+    rows = max(
+        (one for one in evidence if isinstance(one, Ordinates) and one.grid.stride == 1),
+        key=lambda one: one.grid.n,
+        default=None,
+    )
+    if rows is None:
+        return None
+    used = rows.dof > 0
+    grid = rows.grid
+    width = grid.count[: len(used)] * grid.rate_hz / (2 * grid.n)
+    power = 2 * rows.power / grid.rate_hz
+    return Density(rows.frequency[used], width[used], power[used], rows.dof[used] / 2)
 
 
 def flat_band(density: Density) -> tuple[NDArray[np.bool_], bool, bool] | None:

@@ -22,7 +22,7 @@ from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.published import published
 from allanscope.analysis.reading_remarks import disagreement
-from allanscope.analysis.readings import read_axis
+from allanscope.analysis.readings import density_of, read_axis
 from allanscope.analysis.remarks import axis_remarks, run_remarks
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
@@ -315,7 +315,9 @@ def _axis(
     curve = curves.get("oadev")
     fits = {**(loop.fits if loop else {}), **({name: fit} if fit else {})}
     coefficients = published(name, fits, loop.axes if loop else {})
-    readings = read_axis(density, curve, unit_of(name))
+    # Where gaps leave the stream no density, that of the bridged rows is read.
+    measured = density if len(density.frequency) or fit is None else density_of(fit.evidence)
+    readings = read_axis(measured, curve, unit_of(name))
     searched = AsOf(loop.length_s, loop.samples) if loop and explanation else None
     model = fit.model if fit else None
     own = fit.coefficients if fit else {}

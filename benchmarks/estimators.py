@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import allantools
-import numba
 import numpy as np
 from allantools.realtime import oadev_realtime, ohdev_realtime, tdev_realtime
 from figures import Figure
@@ -245,7 +244,6 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows to a file too")
     arguments = parser.parse_args()
     quick = arguments.quick
-    banked(counts(100_000)).deviation("theoh")  # compile first
     for kind in ("mtotdev", "htotdev", "theo1"):
         allan.deviation(counts(500)[:, 0], 1.0, kind)
     sections = {
@@ -263,7 +261,6 @@ def main() -> None:
             "machine": platform.processor() or platform.machine(),
             "python": platform.python_version(),
             "numpy": np.__version__,
-            "numba": numba.__version__,
             "allantools": allantools.__version__,
         }
         figures = [asdict(figure) for figure in figures_of(sections)]

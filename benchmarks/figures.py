@@ -72,7 +72,6 @@ def busy() -> str:
 
 def machine() -> dict[str, str]:
     """Return where and with what it was measured."""
-    import numba
     import numpy as np
 
     return {
@@ -80,7 +79,6 @@ def machine() -> dict[str, str]:
         "system": platform.system(),
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "numba": numba.__version__,
         "busy": busy(),
     }
 

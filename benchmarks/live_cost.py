@@ -30,7 +30,7 @@ from figures import Figure, written
 
 from allanscope.analysis import Analyser
 from allanscope.pipeline import Decoding
-from allanscope.pipeline.process import give_large_blocks_back, load_kernels
+from allanscope.pipeline.process import give_large_blocks_back
 from allanscope.pipeline.refreshing import LoopProcess
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
@@ -147,7 +147,6 @@ def _resident_mb() -> float:
 def run(port: str, seconds: float, folder: Path) -> dict[str, Any]:
     """Watch a port for some seconds and return what it cost."""
     give_large_blocks_back()
-    load_kernels("")
     load_rerun()
     watch, source = Watch(), Timed(open_source(port))
     recorder = Recorder(folder, {"name": "benchmark"})

@@ -22,7 +22,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from figures import Figure
 from independent_reading import Reading, reading_of, samples_of
 
@@ -215,12 +214,6 @@ def _count(rows: list[Row], name: str) -> int:
     return sum(name in row.worse for row in rows)
 
 
-def warm_up() -> None:
-    """Have the kernels compiled, so that no axis pays for it."""
-    noise = np.random.default_rng(1).standard_normal((6500, 2))
-    allanscope.analyse({"gx[dps]": noise[:, 0], "ax[g]": noise[:, 1]}, rate=100.0)
-
-
 def main() -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -235,7 +228,6 @@ def main() -> None:
         parser.error(f"no recording in {options.folder} is called {options.only}")
     if options.quick:
         paths = [p for p in paths if len(next(iter(samples_of(p).axes.values()))) <= QUICK_ROWS]
-    warm_up()
     rows: list[Row] = []
     for path in paths:
         rows += rows_of(path)

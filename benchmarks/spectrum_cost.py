@@ -50,7 +50,6 @@ def main() -> None:
     parser.add_argument("--json", metavar="FILE", help="write the results here too")
     options = parser.parse_args()
     counts = counts_of(200_000 if options.quick else options.samples)
-    SpectrumBank(RATE, 6).update(counts[:20_000])  # compiles
     results: dict[str, float] = {}
     for block in (1 << 17, 4096, 333):
         bank = SpectrumBank(RATE, 6)

@@ -8,7 +8,7 @@ What a program of one's own needs::
     analyse("session.mcap").to_dict()              the whole result, closed loop included
     Simulator(rate=104.0, seed=1).read(1000)       samples of which the truth is known
 
-A name is imported when it is first used: numerical code and its compiled kernels are not light.
+A name is imported when it is first used: numerical code is not light.
 """
 
 from __future__ import annotations

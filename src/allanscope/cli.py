@@ -307,7 +307,7 @@ _COMMANDS = {
 }
 
 
-_PACKAGES = ("numpy", "scipy", "numba", "rerun-sdk", "mcap", "pyserial", "matplotlib")
+_PACKAGES = ("numpy", "scipy", "rerun-sdk", "mcap", "pyserial", "matplotlib")
 """Whose versions matter when something is wrong."""
 
 

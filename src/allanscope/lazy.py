@@ -1,6 +1,6 @@
 """What is made when it is first asked for: names of a package, and properties of an instance.
 
-Numerical code with its compiled kernels is not light to load, and reading a result needs none of
+Numerical code is not light to load, and reading a result needs none of
 it. So a package says in which of its modules a name lives, and whoever uses the name pays for it::
 
     if TYPE_CHECKING:

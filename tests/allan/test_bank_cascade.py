@@ -141,12 +141,13 @@ def test_a_term_larger_than_an_int64_does_not_wrap():
     cascade = Cascade(axes=1, per_octave=1)
     cascade.grow(level + 1)
     stride, m = 1 << level, k << level
-    # Hand the rung what samples would have brought it: 96 entries low, then 96 at full scale.
-    ramp = np.append(np.zeros(96), np.arange(97.0))
-    z = 65535.0 * stride**2 * ramp**2 / 2.0
-    cascade.rungs[0, level, 0, BATCH - 1 : BATCH + 192] = 65535.0 * stride * ramp
-    cascade.rungs[0, level, 1, BATCH - 1 : BATCH + 192] = z
-    kernels._spend(cascade._ladder(), 0, level, 0, 192)
+    # Hand the rung what samples would have brought it: half a batch low, then at full scale.
+    rate = np.where(np.arange(BATCH) < BATCH // 2, 0.0, 65535.0)
+    blocks = np.zeros((1, BATCH, 3))
+    blocks[0, :, 0], blocks[0, :, 1] = rate * stride, rate * stride * (stride - 1) / 2.0
+    kernels.hand_up(blocks, level, 0, cascade._ladder())
+    x = np.append(0.0, np.cumsum(blocks[0, :, 0]))
+    z = np.append(0.0, np.cumsum(stride * x[:-1] + blocks[0, :, 1]))
     third = z[3 * k :] - 3 * z[2 * k : -k] + 3 * z[k : -2 * k] - z[: -3 * k]
     assert np.abs(third).max() > 2.0**63
     summed = cascade.sums[0, cascade.m == m, COLUMNS.index("mdev")]

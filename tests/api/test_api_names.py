@@ -9,7 +9,7 @@ import pytest
 
 import allanscope
 
-HEAVY = {"numpy", "numba", "scipy", "rerun", "matplotlib", "mcap", "serial", "rich", "jinja2"}
+HEAVY = {"numpy", "scipy", "rerun", "matplotlib", "mcap", "serial", "rich", "jinja2"}
 
 
 @pytest.mark.parametrize("name", allanscope.__all__)

@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from allanscope.compiled import Pointer, kernel
 from allanscope.explain.steadiness import demodulate
 from allanscope.lazy import once
-from allanscope.noise.amplitudes import _nonnegative, _triangle, maximise
+from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components import AngleQuantization, Flicker, RandomWalk, White
 from allanscope.noise.grid import grid_of
 
@@ -19,11 +20,29 @@ Array = NDArray[np.float64]
 
 GRID = grid_of(20_000, 50.0)
 NONE = np.zeros(len(GRID.count))
+_IN, _OUT = Pointer(np.float64, 1), Pointer(np.float64, 1, written=True)
+_MATRIX, _OUT_MATRIX = Pointer(np.float64, 2), Pointer(np.float64, 2, written=True)
 TEXTBOOK = {"N": White, "B": Flicker, "K": RandomWalk, "Q": AngleQuantization}
 
 
 def textbook(letters: str) -> Array:
     return np.array([GRID.column(TEXTBOOK[letter](1.0)) for letter in letters])
+
+
+def triangle_of(columns: Array, target: Array) -> tuple[Array, Array]:
+    p, n = columns.shape
+    triangle, right = np.empty((p, p)), np.empty(p)
+    run = kernel("triangulate", _OUT_MATRIX, _OUT, int, int, _OUT_MATRIX, _OUT)
+    run(columns.copy(), target.copy(), p, n, triangle, right)
+    return triangle, right
+
+
+def nonnegative(triangle: Array, right: Array) -> Array:
+    p = len(right)
+    solution = np.empty(p)
+    run = kernel("nonnegative", _MATRIX, _IN, int, _OUT, _OUT)
+    run(np.ascontiguousarray(triangle), right, p, np.empty(2 * p * (p + 5)), solution)
+    return solution
 
 
 def drawn(variance: Array, seed: int) -> Array:
@@ -72,7 +91,7 @@ def test_least_squares_without_negative_unknowns_are_those_of_scipy() -> None:
         matrix = np.triu(rng.normal(size=(5, 5))) + 0.7 * np.triu(rng.normal(size=(5, 1)) + 1)
         right = rng.normal(size=5)
         expected, _ = nnls(matrix, right)
-        np.testing.assert_allclose(_nonnegative(matrix, right), expected, atol=1e-9)
+        np.testing.assert_allclose(nonnegative(matrix, right), expected, atol=1e-9)
         held += int(np.any(expected == 0))
     assert held > 100
 
@@ -80,7 +99,7 @@ def test_least_squares_without_negative_unknowns_are_those_of_scipy() -> None:
 def test_unknowns_of_equal_columns_share_what_one_would_have() -> None:
     columns = np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [1.0, 0.0, 1.0]])
     target = 2 * columns[0] + 3 * columns[2]
-    theta = _nonnegative(*_triangle(columns.copy(), target.copy()))
+    theta = nonnegative(*triangle_of(columns, target))
     np.testing.assert_allclose(theta @ columns, target, rtol=1e-12)
     assert np.all(np.abs(theta) < 10)
 

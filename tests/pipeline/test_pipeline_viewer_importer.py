@@ -19,7 +19,7 @@ REFUSE = """
 import sys
 from allanscope.pipeline.rerun_importer import main
 code = main(sys.argv[1:])
-heavy = {"numpy", "rerun", "scipy", "numba", "mcap", "rich", "allanscope.recording"}
+heavy = {"numpy", "rerun", "scipy", "mcap", "rich", "allanscope.recording"}
 print(code, sorted(heavy & set(sys.modules)))
 """
 

@@ -155,17 +155,6 @@ def test_each_frame_has_the_time_of_the_chunk_that_completed_it(assert_same: Che
         assert np.concatenate([block.ticks.host_s for block in blocks]).tolist() == expected
 
 
-def test_the_kernel_is_loaded_for_large_pieces_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
-    monkeypatch.delitem(sys.modules, "allanscope.wire.native.kernel", raising=False)
-    decoder = NativeDecoder()
-    decoder.feed(STREAM[:4000], 0.0)
-    assert not decoder._batch
-    decoder.feed(bytes(1 << 16), 0.0)
-    assert decoder._batch
-
-
 def test_unstuffing_undoes_stuffing_for_every_length_of_run() -> None:
     for size in range(1, 247):
         for frame in (bytes(size), b"\1" * size, b"\1" * (size - 1) + b"\0"):

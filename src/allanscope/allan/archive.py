@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = ["ROWS", "Archive"]
 
@@ -76,6 +76,7 @@ class Archive:
 
     def extend(self, samples: Floats) -> None:
         """Take in the next samples, shape (axes, n), less the anchor of each axis."""
+        samples = np.ascontiguousarray(samples, np.float64)
         done = 0
         while done < samples.shape[1]:
             # One sample less than completes a row for which there is no room.
@@ -83,10 +84,10 @@ class Archive:
             if room == 0:
                 self.thin()
                 continue
-            piece = samples[:, done : done + room]
-            _summarise(piece, self.rows[:, :, self.used :], self.part, self.filled, self.stride)
-            done += piece.shape[1]
-            full, self.filled = divmod(self.filled + piece.shape[1], self.stride)
+            size = min(room, samples.shape[1] - done)
+            _summarise(samples, *samples.shape, done, size, *self._rows())
+            done += size
+            full, self.filled = divmod(self.filled + size, self.stride)
             self.used += full
 
     def join(self, block_sums: Floats, length: int) -> None:
@@ -97,18 +98,17 @@ class Archive:
         """
         while self.stride < length:
             self.thin()
+        block_sums = np.ascontiguousarray(block_sums, np.float64)
         done = 0
         while done < block_sums.shape[1]:
             room = ((self.rows.shape[2] - self.used + 1) * self.stride - 1 - self.filled) // length
             if room == 0:
                 self.thin()
                 continue
-            some = block_sums[:, done : done + room]
-            _add_block_sums(
-                some, length, self.rows[:, :, self.used :], self.part, self.filled, self.stride
-            )
-            done += some.shape[1]
-            full, self.filled = divmod(self.filled + some.shape[1] * length, self.stride)
+            size = min(room, block_sums.shape[1] - done)
+            _add_block_sums(block_sums, *block_sums.shape, done, size, length, *self._rows())
+            done += size
+            full, self.filled = divmod(self.filled + size * length, self.stride)
             self.used += full
 
     def gap(self) -> None:
@@ -236,6 +236,10 @@ class Archive:
                     modified[axis, t] = total / (count * m[t] ** 2)
         return plain, modified
 
+    def _rows(self) -> tuple[Any, ...]:
+        """Return the rows as loops take them."""
+        return self.rows, self.rows.shape[2], self.used, self.part, self.filled, self.stride
+
     def _segments(self, axis: int) -> list[Floats]:
         return np.split(self.sums[axis], self.starts[1:], axis=1)
 
@@ -247,35 +251,9 @@ def _joined(first: Floats, second: Floats, count: int) -> Floats:
     return joined
 
 
-@njit(cache=True, nogil=True)
-def _summarise(samples: Floats, rows: Floats, part: Floats, filled: int, stride: int) -> None:
-    """Fill rows from samples of shape (axes, n); the first continues, the last leaves `part`."""
-    for axis in range(samples.shape[0]):
-        u, v = part[axis]
-        row, count = 0, filled
-        for j in range(samples.shape[1]):
-            v += u
-            u += samples[axis, j]
-            count += 1
-            if count == stride:
-                rows[axis, 0, row], rows[axis, 1, row] = u, v
-                row, count, u, v = row + 1, 0, 0.0, 0.0
-        part[axis, 0], part[axis, 1] = u, v
-
-
-@njit(cache=True, nogil=True)
-def _add_block_sums(
-    block_sums: Floats, length: int, rows: Floats, part: Floats, filled: int, stride: int
-) -> None:
-    """Fill rows from sums (u, v) of blocks; `length` divides `stride` and `filled`."""
-    for axis in range(block_sums.shape[0]):
-        u, v = part[axis]
-        row, count = 0, filled
-        for i in range(block_sums.shape[1]):
-            v += block_sums[axis, i, 1] + length * u
-            u += block_sums[axis, i, 0]
-            count += length
-            if count == stride:
-                rows[axis, 0, row], rows[axis, 1, row] = u, v
-                row, count, u, v = row + 1, 0, 0.0, 0.0
-        part[axis, 0], part[axis, 1] = u, v
+_ROWS = (Pointer(np.float64, 3, written=True), int, int)
+_PART = (Pointer(np.float64, 2, written=True), int, int)
+_summarise = kernel("archive_summarise", Pointer(np.float64, 2), *(int,) * 4, *_ROWS, *_PART)
+"""Fill rows from samples, shape (axes, n), a slice of them."""
+_add_block_sums = kernel("archive_add_blocks", Pointer(np.float64, 3), *(int,) * 6, *_ROWS, *_PART)
+"""Fill rows from sums (u, v, ...) of blocks; their length divides `stride` and `filled`."""

@@ -22,14 +22,11 @@ from allanscope.allan.kernels import (
     WIDTH,
     Ladder,
     advance,
-    offset_near,
+    hand_up,
     put_all_back,
     settle,
-    spend_batches,
-    with_offset,
 )
 from allanscope.allan.moments import Pair, sample_variance, shifted, two_sum
-from allanscope.compiled import njit
 
 __all__ = ["Cascade", "lags_of_level"]
 
@@ -216,7 +213,7 @@ class Cascade:
         if start == 0:
             self.heads[:, : low.levels] = low.heads
         self._add(low.sums)
-        _hand_up(block_sums, low.levels, start >> low.levels, self._ladder())
+        hand_up(block_sums, low.levels, start >> low.levels, self._ladder())
         self.samples += count
         self.taken += count
 
@@ -348,52 +345,3 @@ def _extended(array: NDArray[Any], count: int, axis: int) -> NDArray[Any]:
         return array
     width = [(0, count) if i == axis else (0, 0) for i in range(array.ndim)]
     return np.pad(array, width)
-
-
-@njit(cache=True, nogil=True)
-def _hand_up(block_sums: NDArray[np.float64], level: int, taken: int, ladder: Ladder) -> None:
-    """Take sums of blocks of 2^level samples in at a rung, as the rung below would hand them up.
-
-    A block of s samples moves the running sums of a rung like
-
-        q += s z + s^2/2 x + Q,     z += s x + Z,     x += X
-
-    (see `kernels`), so whoever has (X, Z, Q) of neighbouring blocks needs their samples no more to
-    go on with the rungs whose stride is s and above. Integers below 2^53 stay exact.
-
-    Parameters
-    ----------
-    block_sums : ndarray, shape (axes, k, 3)
-        (X, Z, Q) of what follows the `taken` blocks that this segment had before.
-    level : int
-        The rung; those below it are left alone.
-    taken : int
-        Entries that the rung has taken in.
-    ladder : Ladder
-        Changed in place.
-    """
-    s = 2.0**level
-    half = 0.5 * s * s
-    for axis in range(block_sums.shape[0]):
-        rung = ladder.rungs[axis, level]
-        done, count = 0, taken
-        if taken == 0 and block_sums.shape[1] > 0:
-            rise = block_sums[axis, :, 0].sum()
-            ladder.offsets[axis, level] = offset_near(0.0, rise, s * block_sums.shape[1])
-        while done < block_sums.shape[1]:
-            at = BATCH + count % BATCH
-            size = min(2 * BATCH - at, block_sums.shape[1] - done)
-            x, z, q = rung[0, at - 1], rung[1, at - 1], rung[2, at - 1]
-            own = block_sums[axis, done : done + size].copy()
-            for j in range(size):
-                with_offset(own[j].reshape(3, 1), 1, s, -ladder.offsets[axis, level])
-            for j in range(size):
-                more = own[j]
-                q += s * z + half * x + more[2]
-                z += s * x + more[1]
-                x += more[0]
-                rung[0, at + j], rung[1, at + j], rung[2, at + j] = x, z, q
-            done += size
-            count += size
-            if count % BATCH == 0:
-                spend_batches(ladder, axis, level, count // BATCH)

@@ -47,19 +47,18 @@ full, then the new half becomes the history. Batches start at fixed sample numbe
 stream is cut into blocks the same additions happen in the same order: results are identical to the
 last bit. `settle` does the same for half-filled rungs, at the end of a segment.
 
-Sums may be reordered by the compiler (``reassoc``) because vector registers need it; the order is
-then fixed in the machine code. Nothing is assumed about infinities or NaN.
+Squares are summed in four lanes, as vector registers need it, in an order that is the same on every
+processor. The loops are `compiled/cascade.c`.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan.moments import add_batch
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = [
     "BATCH",
@@ -69,11 +68,10 @@ __all__ = [
     "WIDTH",
     "Ladder",
     "advance",
+    "hand_up",
     "offset_near",
     "put_all_back",
     "settle",
-    "spend_batches",
-    "with_offset",
 ]
 
 Floats = NDArray[np.float64]
@@ -86,7 +84,7 @@ HEAD = 128
 """First entries of a segment that each rung keeps: more than 2 x 63, for TOTDEV's reflection."""
 
 COLUMNS = ("ostdev", "oadev", "ohdev", "mdev", "pdev", "stdev", "adev", "hdev", "totdev")
-"""Whose squares are summed in the first columns of `sums`."""
+"""Whose squares are summed in the first columns of `sums`, in the order of `cascade.c`."""
 
 MOMENTS = {"ostdev": 9, "stdev": 15}
 """Where six columns more begin. Number and sum of w less the offset that the rung has at present,
@@ -124,276 +122,20 @@ class Ladder(NamedTuple):
     offsets: Floats
 
 
-_OSTDEV, _OADEV, _OHDEV, _MDEV, _PDEV, _STDEV, _ADEV, _HDEV, _TOTDEV = range(9)
-_OSTDEV_NUMBER, _STDEV_NUMBER = MOMENTS["ostdev"], MOMENTS["stdev"]
-_OSTDEV_PLAIN, _STDEV_PLAIN = _OSTDEV_NUMBER + 1, _STDEV_NUMBER + 1
-
-_VECTORS = {"reassoc", "contract"}
-
-
-@njit(cache=True, nogil=True, fastmath=_VECTORS)
-def _full_overlap(
-    rung: Floats, span: tuple[int, int], k: int, stride: float, total: Floats
-) -> None:
-    """Add the terms that end at the entries of a span, all estimators at once."""
-    start, stop = span
-    x, z, q = rung[0], rung[1], rung[2]
-    x0, x1, x2 = x[start:stop], x[start - k : stop - k], x[start - 2 * k : stop - 2 * k]
-    z0, z1, z2 = z[start:stop], z[start - k : stop - k], z[start - 2 * k : stop - 2 * k]
-    q0, q1, q2 = q[start:stop], q[start - k : stop - k], q[start - 2 * k : stop - 2 * k]
-    x3, z3 = x[start - 3 * k : stop - 3 * k], z[start - 3 * k : stop - 3 * k]
-    half = 0.5 * k * stride
-    # On rung 0 MDEV sums z + x, which include the last phase: one more term, as SP 1065 counts.
-    inclusive = 1.0 if stride == 1.0 else 0.0
-    ww = dd = hh = ee = rr = w_sum = 0.0
-    for j in range(stop - start):
-        w = x0[j] - x1[j]
-        before = x1[j] - x2[j]
-        d = w - before
-        h = d - (before - (x2[j] - x3[j]))
-        e = (z0[j] - z3[j]) - 3.0 * (z1[j] - z2[j]) + inclusive * h
-        r = half * (z0[j] - z2[j]) - ((q0[j] - q1[j]) - (q1[j] - q2[j]))
-        w_sum += w
-        ww += w * w
-        dd += d * d
-        hh += h * h
-        ee += e * e
-        rr += r * r
-    total[_OSTDEV_NUMBER] += stop - start
-    total[_OSTDEV_PLAIN] += w_sum
-    total[_OSTDEV] += ww
-    total[_OADEV] += dd
-    total[_OHDEV] += hh
-    total[_MDEV] += ee
-    total[_PDEV] += rr
+_LADDER = (
+    Pointer(np.float64, 4, written=True),
+    Pointer(np.float64, 3, written=True),
+    *(Pointer(np.int64, 1), Pointer(np.int64, 1)),
+    Pointer(np.float64, 3, written=True),
+    Pointer(np.float64, 2, written=True),
+    *(int, int),
+)
+_advance = kernel("cascade_advance", Pointer(np.float64, 2), int, int, *_LADDER)
+_settle = kernel("cascade_settle", int, *_LADDER)
+_put_all_back = kernel("cascade_put_all_back", *_LADDER)
+_hand_up = kernel("cascade_hand_up", Pointer(np.float64, 3), int, int, int, *_LADDER)
 
 
-@njit(cache=True, nogil=True)
-def _full_overlap_start(rung: Floats, stop: int, k: int, stride: float, total: Floats) -> None:
-    """Add the terms of a segment's first 3 k entries, where the longer differences do not fit."""
-    x, z, q = rung[0], rung[1], rung[2]
-    origin = BATCH - 1
-    for j in range(origin + k, min(origin + 3 * k, stop)):
-        w = x[j] - x[j - k]
-        total[_OSTDEV_NUMBER] += 1.0
-        total[_OSTDEV_PLAIN] += w
-        total[_OSTDEV] += w * w
-    for j in range(origin + 2 * k, min(origin + 3 * k, stop)):
-        d = x[j] - 2.0 * x[j - k] + x[j - 2 * k]
-        r = 0.5 * k * stride * (z[j] - z[j - 2 * k]) - (q[j] - 2.0 * q[j - k] + q[j - 2 * k])
-        total[_OADEV] += d * d
-        total[_PDEV] += r * r
-    j = origin + 3 * k - 1
-    if stride == 1.0 and j < stop:
-        # The inclusive sum before the first phase is nought: one term more than for exclusive sums.
-        e = (z[j] + x[j]) - 3.0 * (z[j - k] + x[j - k]) + 3.0 * (z[j - 2 * k] + x[j - 2 * k])
-        total[_MDEV] += e * e
-
-
-@njit(cache=True, nogil=True)
-def _no_overlap(x: Floats, before: int, stop: int, k: int, total: Floats) -> None:
-    """Add the terms that end at entries whose number in the segment is a multiple of k."""
-    origin = BATCH - 1 - before
-    number = before - before % k + k
-    total[_STDEV_NUMBER] += (before + stop - BATCH) // k - before // k
-    w_sum = ww = dd = hh = 0.0
-    while number < 3 * k and origin + number < stop:
-        j = origin + number
-        w = x[j] - x[j - k]
-        w_sum += w
-        ww += w * w
-        if number == 2 * k:
-            d = w - (x[j - k] - x[j - 2 * k])
-            dd += d * d
-        number += k
-    start = origin + number
-    if start < stop:
-        last = x[start - k]
-        w_last = last - x[start - 2 * k]
-        d_last = w_last - (x[start - 2 * k] - x[start - 3 * k])
-        for j in range(start, stop, k):
-            w = x[j] - last
-            d = w - w_last
-            h = d - d_last
-            w_sum += w
-            ww += w * w
-            dd += d * d
-            hh += h * h
-            last, w_last, d_last = x[j], w, d
-    total[_STDEV_PLAIN] += w_sum
-    total[_STDEV] += ww
-    total[_ADEV] += dd
-    total[_HDEV] += hh
-
-
-@njit(cache=True, nogil=True)
-def _put_back(ladder: Ladder, axis: int, level: int) -> None:
-    """Move the sums of w of a rung to those without its offset, which may change then."""
-    stride = 2.0**level
-    for t in range(ladder.first[level], ladder.first[level + 1]):
-        total, step = ladder.sums[axis, t], ladder.offsets[axis, level] * (ladder.lags[t] * stride)
-        add_batch(
-            total[_OSTDEV_NUMBER + 2 : _OSTDEV_NUMBER + 6],
-            (total[_OSTDEV_NUMBER], total[_OSTDEV_PLAIN], total[_OSTDEV]),
-            step,
-        )
-        add_batch(
-            total[_STDEV_NUMBER + 2 : _STDEV_NUMBER + 6],
-            (total[_STDEV_NUMBER], total[_STDEV_PLAIN], total[_STDEV]),
-            step,
-        )
-        total[_OSTDEV_NUMBER] = total[_OSTDEV_PLAIN] = total[_OSTDEV] = 0.0
-        total[_STDEV_NUMBER] = total[_STDEV_PLAIN] = total[_STDEV] = 0.0
-
-
-@njit(cache=True, nogil=True)
-def put_all_back(ladder: Ladder) -> None:
-    """Move the sums of w of all rungs to those without offsets."""
-    for axis in range(ladder.rungs.shape[0]):
-        for level in range(ladder.rungs.shape[1]):
-            _put_back(ladder, axis, level)
-
-
-@njit(cache=True, nogil=True)
-def _spend(ladder: Ladder, axis: int, level: int, before: int, new: int) -> None:
-    """Add all terms that end in the `new` entries of a rung that has spent `before` of them."""
-    rung, stride, stop = ladder.rungs[axis, level], 2.0**level, BATCH + new
-    if before == 0:
-        # Only now is there a mean to count from. The first sample may lie anywhere.
-        old = ladder.offsets[axis, level]
-        offset = offset_near(old, rung[0, stop - 1], new * stride)
-        _put_back(ladder, axis, level)
-        with_offset(rung[:, BATCH:stop], 1, stride, old - offset)
-        ladder.offsets[axis, level] = offset
-        ladder.heads[axis, level] = rung[0, BATCH - 1 : BATCH - 1 + HEAD]
-    for t in range(ladder.first[level], ladder.first[level + 1]):
-        k, total = ladder.lags[t], ladder.sums[axis, t]
-        start = BATCH
-        if before == 0:
-            _full_overlap_start(rung, stop, k, stride, total)
-            start = BATCH - 1 + 3 * k
-        if start < stop:
-            _full_overlap(rung, (start, stop), k, stride, total)
-        _no_overlap(rung[0], before, stop, k, total)
-
-
-@njit(cache=True, nogil=True)
-def offset_near(offset: float, rise: float, samples: float) -> float:
-    """Return a round number near the mean of samples that rise by `rise` above an offset.
-
-    It has 24 bits, so that products with lags and strides are exact, and it is whole for integers,
-    so that they stay integers.
-    """
-    mean = offset + rise / samples
-    if rise == np.floor(rise) and offset == np.floor(offset):
-        mean = np.floor(mean + 0.5)
-    wide = 536870913.0 * mean
-    return wide - (wide - mean)
-
-
-@njit(cache=True, nogil=True)
-def with_offset(entries: Floats, first: int, stride: float, step: float) -> None:
-    """Let the samples below entries (x, z, q) be `step` more.
-
-    Parameters
-    ----------
-    entries : ndarray, shape (3, n)
-        Changed in place.
-    first : int
-        Number of the first one, counted from the origin of the frame.
-    stride : float
-        Samples from one entry to the next.
-    step : float
-        What each sample gains.
-    """
-    if step == 0.0:
-        return
-    for j in range(entries.shape[1]):
-        s = (first + j) * stride
-        entries[2, j] += step * ((s - 1.0) * s * (2.0 * s - 1.0) / 12.0)
-        entries[1, j] += step * (0.5 * s * (s - 1.0))
-        entries[0, j] += step * s
-
-
-@njit(cache=True, nogil=True)
-def _take_in(rung: Floats, at: int, samples: Floats, offset: float) -> None:
-    """Sum samples up on rung 0, from entry `at` on."""
-    x, z, q = rung[0, at - 1], rung[1, at - 1], rung[2, at - 1]
-    for j in range(samples.size):
-        q += z + 0.5 * x
-        z += x
-        x += samples[j] - offset
-        rung[0, at + j], rung[1, at + j], rung[2, at + j] = x, z, q
-
-
-@njit(cache=True, nogil=True)
-def _promote(rungs: Floats, offsets: Floats, level: int, before: int, new: int) -> None:
-    """Carry every second of the new entries of a rung to the next."""
-    lower, upper = rungs[level], rungs[level + 1]
-    if before == 0:
-        offsets[level + 1] = offsets[level]
-    s = 2.0 ** (level + 1)
-    half = 0.5 * s * s
-    more = np.zeros((3, 1))
-    with_offset(more, 1, s, offsets[level] - offsets[level + 1])
-    more_x, more_z, more_q = more[0, 0], more[1, 0], more[2, 0]
-    at = BATCH + (before // 2) % BATCH
-    x, z, q = upper[0, at - 1], upper[1, at - 1], upper[2, at - 1]
-    for j in range(new // 2):
-        a = BATCH - 1 + 2 * j
-        b = a + 2
-        own_q = lower[2, b] - lower[2, a] - s * lower[1, a] - half * lower[0, a]
-        q += s * z + half * x + (own_q + more_q)
-        z += s * x + (lower[1, b] - lower[1, a] - s * lower[0, a] + more_z)
-        x += lower[0, b] - lower[0, a] + more_x
-        upper[0, at + j], upper[1, at + j], upper[2, at + j] = x, z, q
-
-
-@njit(cache=True, nogil=True)
-def _make_history(rung: Floats, stride: float) -> float:
-    """Move the new half to the history, in a frame with its origin at the last entry.
-
-    Return by how much the phase rose in it.
-    """
-    x, z, q = rung[0, 2 * BATCH - 1], rung[1, 2 * BATCH - 1], rung[2, 2 * BATCH - 1]
-    for j in range(BATCH):
-        s = (j - BATCH + 1) * stride
-        rung[2, j] = rung[2, BATCH + j] - q - s * z - 0.5 * s * s * x
-        rung[1, j] = rung[1, BATCH + j] - z - s * x
-        rung[0, j] = rung[0, BATCH + j] - x
-    return float(x)
-
-
-@njit(cache=True, nogil=True)
-def _count_from_mean(ladder: Ladder, axis: int, level: int, rise: float) -> None:
-    """Give a rung the mean of its last batch, by which the phase rose, for an offset."""
-    stride, old = 2.0**level, ladder.offsets[axis, level]
-    offset = offset_near(old, rise, BATCH * stride)
-    _put_back(ladder, axis, level)
-    with_offset(ladder.rungs[axis, level, :, :BATCH], 1 - BATCH, stride, old - offset)
-    ladder.offsets[axis, level] = offset
-
-
-@njit(cache=True, nogil=True)
-def spend_batches(ladder: Ladder, axis: int, level: int, batches: int) -> None:
-    """Spend the full batch of a rung, its number `batches`, and those that it fills above."""
-    levels = ladder.rungs.shape[1]
-    full = True
-    while full:
-        before = (batches - 1) * BATCH
-        _spend(ladder, axis, level, before, BATCH)
-        if level + 1 < levels:
-            _promote(ladder.rungs[axis], ladder.offsets[axis], level, before, BATCH)
-        rise = _make_history(ladder.rungs[axis, level], 2.0**level)
-        # When the segment has doubled is often enough: a level that changes between is no offset
-        # of the whole, but varies as much as its change.
-        if batches & (batches - 1) == 0:
-            _count_from_mean(ladder, axis, level, rise)
-        full = level + 1 < levels and batches % 2 == 0
-        level, batches = level + 1, batches // 2
-
-
-@njit(cache=True, nogil=True)
 def advance(samples: Floats, taken: int, ladder: Ladder) -> None:
     """Take in the next samples of every axis.
 
@@ -406,63 +148,74 @@ def advance(samples: Floats, taken: int, ladder: Ladder) -> None:
     ladder : Ladder
         Changed in place.
     """
-    for axis in range(ladder.rungs.shape[0]):
-        rungs = ladder.rungs[axis]
-        done, count = 0, taken
-        while done < samples.shape[1]:
-            at = BATCH + count % BATCH
-            size = min(2 * BATCH - at, samples.shape[1] - done)
-            _take_in(rungs[0], at, samples[axis, done : done + size], ladder.offsets[axis, 0])
-            done += size
-            count += size
-            if count % BATCH == 0:
-                spend_batches(ladder, axis, 0, count // BATCH)
+    own = np.ascontiguousarray(samples, np.float64)
+    _advance(own, own.shape[1], taken, *_checked(ladder, len(own)))
 
 
-@njit(cache=True, nogil=True)
 def settle(taken: int, ladder: Ladder) -> None:
     """Add the terms of half-filled rungs and TOTDEV's reflected ends: the segment ends here.
 
     Parameters are those of `advance`. The rungs are ready for another segment afterwards, but not
     for going on with this one.
     """
-    axes, levels = ladder.rungs.shape[0], ladder.rungs.shape[1]
-    for axis in range(axes):
-        rungs = ladder.rungs[axis]
-        for level in range(levels):
-            entries = taken >> level
-            new = entries % BATCH
-            before = entries - new
-            if new > 0:
-                _spend(ladder, axis, level, before, new)
-                if level + 1 < levels:
-                    _promote(rungs, ladder.offsets[axis], level, before, new)
-            head = ladder.heads[axis, level]
-            backwards = rungs[level, 0, BATCH - 1 + new :: -1]
-            for t in range(ladder.first[level], ladder.first[level + 1]):
-                ladder.sums[axis, t, _TOTDEV] += _reflected(
-                    head, backwards, entries, ladder.lags[t]
-                )
-    put_all_back(ladder)
+    _settle(taken, *_checked(ladder))
 
 
-@njit(cache=True, nogil=True)
-def _reflected(head: Floats, backwards: Floats, entries: int, k: int) -> float:
-    """Return the squares that TOTDEV has beyond OADEV: those that reach past an end.
+def put_all_back(ladder: Ladder) -> None:
+    """Move the sums of w of all rungs to those without offsets."""
+    _put_all_back(*_checked(ladder))
 
-    Beyond an end the record goes on as its own image turned by 180 degrees about the last point,
-    ``x[-j] = 2 x[0] - x[j]`` (Howe 2000). Both ends look alike, one read forwards, one backwards.
+
+def hand_up(block_sums: Floats, level: int, taken: int, ladder: Ladder) -> None:
+    """Take sums of blocks of 2^level samples in at a rung, as the rung below would hand them up.
+
+    A block of s samples moves the running sums of a rung by its own (X, Z, Q), as at the top of
+    this file, so whoever has those of neighbouring blocks needs their samples no more to go on
+    with the rungs whose stride is s and above. Integers below 2^53 stay exact.
+
+    Parameters
+    ----------
+    block_sums : ndarray, shape (axes, k, 3)
+        (X, Z, Q) of what follows the `taken` blocks that this segment had before.
+    level : int
+        The rung; those below it are left alone.
+    taken : int
+        Entries that the rung has taken in.
+    ladder : Ladder
+        Changed in place.
     """
-    total = 0.0
-    if entries >= 2 * k:
-        for i in range(1, k):
-            left = 2.0 * head[0] - head[k - i] - 2.0 * head[i] + head[i + k]
-            right = 2.0 * backwards[0] - backwards[k - i] - 2.0 * backwards[i] + backwards[i + k]
-            total += left * left + right * right
-    elif entries >= k:
-        end = head[entries]
-        for i in range(1, entries):
-            left = head[i - k] if i >= k else 2.0 * head[0] - head[k - i]
-            right = head[i + k] if i + k <= entries else 2.0 * end - head[2 * entries - i - k]
-            total += (left - 2.0 * head[i] + right) ** 2
-    return total
+    axes, blocks, sums = block_sums.shape
+    if sums != 3 or not 0 <= level < ladder.rungs.shape[1]:
+        raise ValueError(f"rung {level} takes sums of shape (axes, k, 3), got {block_sums.shape}")
+    own = np.ascontiguousarray(block_sums, np.float64)
+    _hand_up(own, blocks, level, taken, *_checked(ladder, axes))
+
+
+def _checked(ladder: Ladder, axes: int | None = None) -> tuple[Any, ...]:
+    """Return a ladder as loops take it; ValueError where its arrays do not fit together."""
+    rows, levels = ladder.rungs.shape[:2]
+    taus = int(ladder.first[-1])
+    if (
+        ladder.rungs.shape[2:] != (3, 2 * BATCH)
+        or ladder.heads.shape != (rows, levels, HEAD)
+        or ladder.first.shape != (levels + 1,)
+        or ladder.lags.shape != (taus,)
+        or ladder.sums.shape != (rows, taus, WIDTH)
+        or ladder.offsets.shape != (rows, levels)
+        or axes not in (None, rows)
+    ):
+        raise ValueError("the arrays of a ladder do not fit together")
+    return *ladder, rows, levels
+
+
+def offset_near(offset: float, rise: float, samples: float) -> float:
+    """Return a round number near the mean of samples that rise by `rise` above an offset.
+
+    It has 24 bits, so that products with lags and strides are exact, and it is whole for integers,
+    so that they stay integers.
+    """
+    mean = offset + rise / samples
+    if rise == np.floor(rise) and offset == np.floor(offset):
+        mean = np.floor(mean + 0.5)
+    wide = 536870913.0 * mean
+    return float(wide - (wide - mean))

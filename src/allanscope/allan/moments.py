@@ -8,7 +8,7 @@ their mean, which is put back exactly::
     sum (w + c)    =  sum w  +  n c
     sum (w + c)^2  =  sum w^2  +  c (2 sum w + n c)
 
-Putting a step back is all there is to do: for batches of the kernel (`add_batch`), for a run with
+Putting a step back is all there is to do: for batches of the kernel (`cascade.c`), for a run with
 another anchor (`shifted`), and, with minus the mean for a step, to get the variance.
 
 Sums and products of doubles with the error that they leave are Knuth's and Dekker's (T. J. Dekker
@@ -22,9 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.compiled import njit
-
-__all__ = ["add_batch", "sample_variance", "shifted", "two_sum"]
+__all__ = ["sample_variance", "shifted", "two_sum"]
 
 Floats = NDArray[np.float64]
 Pair = tuple[Any, Any]
@@ -55,35 +53,6 @@ def _two_product(a: Any, b: Any) -> Pair:
     low_a, low_b = a - high_a, b - high_b
     low = ((high_a * high_b - product) + high_a * low_b + low_a * high_b) + low_a * low_b
     return product, low
-
-
-_fast_sum = njit(cache=True, nogil=True, inline="always")(two_sum)
-_fast_product = njit(cache=True, nogil=True, inline="always")(_two_product)
-
-
-@njit(cache=True, nogil=True)
-def add_batch(total: Floats, values: tuple[float, float, float], step: float) -> None:
-    """Add values to running sums.
-
-    Parameters
-    ----------
-    total : ndarray, shape (4,)
-        Sum and its low part, sum of squares and its low part; changed in place.
-    values : tuple of float
-        Number, sum, and sum of squares.
-    step : float
-        What every value is short of.
-    """
-    number, first, second = values
-    more, more_low = _fast_product(number, step)
-    high, low_1 = _fast_sum(total[0], first)
-    total[0], low_2 = _fast_sum(high, more)
-    total[1] += (low_1 + low_2) + more_low
-    twice, twice_low = _fast_sum(2.0 * first, more)
-    product, product_low = _fast_product(step, twice)
-    high, low_1 = _fast_sum(total[2], second)
-    total[2], low_2 = _fast_sum(high, product)
-    total[3] += (low_1 + low_2) + (product_low + step * (twice_low + more_low))
 
 
 def shifted(number: Any, first: Pair, second: Pair, step: Any) -> tuple[Pair, Pair]:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan.cascade import Cascade
 from allanscope.allan.kernels import BATCH, Ladder, advance, offset_near
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = ["ALIGNED", "BLOCK", "LEVELS", "Shard"]
 
@@ -110,7 +110,7 @@ class Shard:
                 f"got shape {samples.shape}"
             )
         for slice_ in self._advance(samples):
-            self._block_sums.append(_block_sums_of(slice_, BLOCK))
+            self._block_sums.append(_block_sums_of(slice_))
 
     def _advance(self, samples: NDArray[np.generic]) -> list[NDArray[np.float64]]:
         """Feed the low rungs; return the samples less the anchor, shape (axes, n) each."""
@@ -127,17 +127,14 @@ class Shard:
         return taken
 
 
-@njit(cache=True, nogil=True)
-def _block_sums_of(samples: NDArray[np.float64], length: int) -> NDArray[np.float64]:
-    """Return (X, Z, Q) of each `length` samples of every axis, shape (axes, n // length, 3)."""
-    axes, count = samples.shape[0], samples.shape[1] // length
-    found = np.empty((axes, count, 3))
-    for axis in range(axes):
-        for i in range(count):
-            x = z = q = 0.0
-            for j in range(i * length, (i + 1) * length):
-                q += z + 0.5 * x
-                z += x
-                x += samples[axis, j]
-            found[axis, i, 0], found[axis, i, 1], found[axis, i, 2] = x, z, q
+_block_sums = kernel(
+    "block_sums", Pointer(np.float64, 2), int, int, int, Pointer(np.float64, 3, written=True)
+)
+
+
+def _block_sums_of(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (X, Z, Q) of each block of every axis, shape (axes, n // BLOCK, 3)."""
+    axes, n = samples.shape
+    found = np.empty((axes, n // BLOCK, 3))
+    _block_sums(samples, axes, n, BLOCK, found)
     return found

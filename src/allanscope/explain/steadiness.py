@@ -22,7 +22,7 @@ from scipy.ndimage import minimum_filter1d
 from scipy.special import digamma, polygamma
 from scipy.stats import chi2, spearmanr
 
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.view import View
 from allanscope.noise.components import Component, White
@@ -285,18 +285,14 @@ def demodulate(data: Array, rate: float, frequency: float, parts: int) -> NDArra
     """
     size = len(data) // parts
     used = np.ascontiguousarray(data[: size * parts])
-    sums = _demodulated(used, float(used.mean()), 2 * np.pi * frequency / rate, size)
+    sums = np.empty(parts, np.complex128)
+    _demodulate(used, parts, size, float(used.mean()), 2 * np.pi * frequency / rate, sums)
     return np.asarray(2 * sums / size)
 
 
-@njit(cache=True, nogil=True)
-def _demodulated(data: Array, mean: float, angle: float, size: int) -> NDArray[np.complex128]:
-    sums = np.zeros(data.size // size, np.complex128)
-    turn = np.exp(-1j * angle)
-    for part in range(sums.size):
-        for first in range(part * size, (part + 1) * size, _TURNS):
-            wave = np.exp(-1j * (angle * first))
-            for k in range(first, min(first + _TURNS, (part + 1) * size)):
-                sums[part] += (data[k] - mean) * wave
-                wave *= turn
-    return sums
+_demodulate = kernel(
+    "demodulate",
+    *(Pointer(np.float64, 1), int, int, float, float),
+    Pointer(np.complex128, 1, written=True),
+)
+"""Sum data less a mean, times the conjugate wave, over each of some parts of equal size."""

@@ -10,7 +10,6 @@ from allanscope.analysis import Analyser, AnalyserSettings, Analysis, summarise
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import with_units
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.process import tell_when_compiling
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
@@ -62,8 +61,6 @@ def analyse_input(
     if path.is_dir() or is_recording(path):
         fingerprint = Fingerprint()
         device = recorded_settings(Recording(path), device)
-    if not quiet:
-        tell_when_compiling()
     decoding = Decoding(device.for_wire(), device.wire)
     analyser = Analyser(full_settings(device.part, curves=curves))
     analysed(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
@@ -133,8 +130,6 @@ def _analyse_table(
     from allanscope.pipeline.analyse_arrays import analyse_columns
 
     found = table_of_file(path)
-    if not quiet:
-        tell_when_compiling()
     device = replace(
         device, part=device.part or found.part, rate_hz=device.rate_hz or found.rate_hz
     )

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from allanscope.compiled import LibraryMissing
 from allanscope.errors import AllanscopeError
 from allanscope.sources import find_ports
 from allanscope.view import has_display
@@ -148,6 +149,8 @@ def _compiled() -> Check:
         from allanscope.allan import AllanBank
 
         AllanBank(100.0, axes=1).update(np.zeros((64, 1)))
+    except LibraryMissing as error:
+        return Check("bad", "compiled code", error.problem, error.mend)
     except Exception as error:
         return Check(
             "bad",

@@ -30,12 +30,7 @@ from allanscope.pipeline.outputs import (
     write_json,
     write_results,
 )
-from allanscope.pipeline.process import (
-    give_large_blocks_back,
-    load_kernels,
-    stopped_by_signals,
-    tell_when_compiling,
-)
+from allanscope.pipeline.process import give_large_blocks_back, stopped_by_signals
 from allanscope.pipeline.session import News, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.pipeline.stream import device_source, nothing_heard
@@ -75,11 +70,8 @@ def run_live(
     if port == "sim":
         device = replace(device, origin="synthetic")
     must_be_there(port)
-    if not settings.quiet:
-        tell_when_compiling()
     give_large_blocks_back()
-    load_kernels(device.wire)
-    load_rerun()  # before the port is opened, like the kernels: a board does not wait
+    load_rerun()  # before the port is opened: a board does not wait
     source = device_source(port, device, simulated)
     news = News()
     try:
@@ -172,8 +164,6 @@ def run_replay(
         return final
     recording = Recording(path)
     device = recorded_settings(recording, device)
-    if not settings.quiet:
-        tell_when_compiling()
     source = RecordedSource(path, speed)
     decoding = Decoding(device.for_wire(), device.wire)
     analyser = Analyser(AnalyserSettings(part=device.part))

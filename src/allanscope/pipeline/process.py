@@ -1,17 +1,12 @@
-"""What a run asks of its process: compiled code, signals that end it, little memory.
-
-The loops through which every sample goes are compiled by numba when they are first called, and kept
-on disk from then on. That takes some ten seconds once, in which nothing else seems to happen, so it
-is said; and because numba itself tells when it really compiles, it is never said in vain. Loading
-takes a second, more than a board can buffer: so everything runs once before the port is read.
+"""What a run asks of its process: signals that end it, little memory.
 
 A run that lasts a night keeps its memory small. The C library keeps a heap for every thread, and
 learns from large blocks that were freed to take the next ones from there too; after an hour of
 results, each with copies of some twenty megabytes, those heaps are mostly holes. Told otherwise, it
 gives large blocks back at once. Half of what a process holds when it has begun are pages of
-libraries, LLVM above all, that are used to load compiled code and hardly ever again. They are
-unchanged pages of files, so nothing is lost when they are let go; the few that are still needed
-come back by themselves. Only Linux with its usual C library is told anything.
+libraries that are used to load them and hardly ever again. They are unchanged pages of files, so
+nothing is lost when they are let go; the few that are still needed come back by themselves. Only
+Linux with its usual C library is told anything.
 """
 
 from __future__ import annotations
@@ -25,17 +20,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 __all__ = [
-    "COMPILING",
     "give_large_blocks_back",
-    "load_kernels",
     "stopped_by_signals",
-    "tell_when_compiling",
     "trim_memory",
 ]
-
-COMPILING = "compiling the kernels for this machine: once, about a quarter of a minute"
-
-_TOLD = threading.Event()
 
 ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
@@ -45,42 +33,6 @@ ENDING = tuple(
 _MMAP_THRESHOLD, _ARENA_MAX, _DONTNEED = -3, -8, 4
 _LARGE_BYTES = 1 << 18
 _HEAPS = 2
-
-
-def _on_stderr(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
-
-
-def tell_when_compiling(say: Callable[[str], None] = _on_stderr) -> None:
-    """Say `COMPILING` when numba begins to compile; once in a process, never for cached code."""
-    from numba.core import event
-
-    class Teller(event.Listener):
-        def on_start(self, _: object) -> None:
-            if not _TOLD.is_set():
-                _TOLD.set()
-                say(COMPILING)
-
-        def on_end(self, _: object) -> None:
-            """Nothing: whatever waited for it goes on."""
-
-    event.register("numba:compile", Teller())  # type: ignore[no-untyped-call]
-
-
-def load_kernels(wire: str) -> None:
-    """Take as many samples as a spectrum needs through everything that live samples go through."""
-    from allanscope.analysis import Analyser, AnalyserSettings, summarise
-    from allanscope.simulator import Simulator
-    from allanscope.spectrum import SEGMENT
-    from allanscope.wire import LinkStats, format_named, formats
-
-    for name in (wire,) if wire else formats():
-        format_named(name).load_kernels()
-    sensor = Simulator(rate=104.0, seed=0)
-    analyser = Analyser(AnalyserSettings())
-    analyser.take(sensor.info)
-    analyser.take(sensor.read(2 * SEGMENT))
-    summarise(analyser, LinkStats(), "live", {})
 
 
 @contextmanager

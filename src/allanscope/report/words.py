@@ -366,7 +366,7 @@ def _choices(chosen: CurveChoices) -> Iterable[tuple[str, str]]:
 
 
 def _versions() -> str:
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy"))
     return f"Python {platform.python_version()}, {packages}"
 
 

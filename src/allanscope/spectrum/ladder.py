@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import rfft
 
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = ["FACTOR", "SEGMENT", "TAPS", "Decimator", "Ladder", "Level", "hann"]
 
@@ -46,14 +46,10 @@ def hann(length: int) -> NDArray[np.float32]:
 _WINDOW = hann(SEGMENT)
 
 
-@njit(cache=True, nogil=True)
-def _add_squares(spectra: NDArray[np.complex64], power: NDArray[np.float64]) -> None:
-    """Add |z|^2 of spectra (axes, segments, bins) to power (axes, bins)."""
-    for axis in range(spectra.shape[0]):
-        for segment in range(spectra.shape[1]):
-            for k in range(spectra.shape[2]):
-                z = spectra[axis, segment, k]
-                power[axis, k] += z.real * z.real + z.imag * z.imag
+_add_squares = kernel(
+    "add_squares", Pointer(np.complex64, 3), int, int, int, Pointer(np.float64, 2, written=True)
+)
+"""Add |z|^2 of spectra (axes, segments, bins) to power (axes, bins)."""
 
 
 class Level:
@@ -94,7 +90,8 @@ class Level:
         frames = sliding_window_view(joined, SEGMENT, axis=1)[:, ::_HOP]
         for first in range(0, segments, _TOGETHER):
             windowed = frames[:, first : first + _TOGETHER] * _WINDOW
-            _add_squares(rfft(windowed, axis=2, norm="ortho", overwrite_x=True), self.power)
+            spectra = rfft(windowed, axis=2, norm="ortho", overwrite_x=True)
+            _add_squares(np.ascontiguousarray(spectra), *spectra.shape, self.power)
         self.count += segments
         self.pending = joined[:, segments * _HOP :].copy()
 
@@ -237,18 +234,12 @@ def _design() -> NDArray[np.float32]:
 TAPS = _design()
 
 
-# A sum of 48 products in another order differs by rounding alone, so fastmath does no harm here;
-# it lets the compiler use vector instructions.
-@njit(cache=True, nogil=True, fastmath=True)
-def _filter(
-    samples: NDArray[np.float32], taps: NDArray[np.float32], out: NDArray[np.float32]
-) -> None:
-    for axis in range(out.shape[0]):
-        for i in range(out.shape[1]):
-            total = np.float32(0.0)
-            for j in range(taps.shape[0]):
-                total += taps[j] * samples[axis, 4 * i + j]
-            out[axis, i] = total
+_decimate = kernel(
+    "decimate",
+    *(Pointer(np.float32, 2), Pointer(np.float32, 1), int, int, int),
+    Pointer(np.float32, 2, written=True),
+)
+"""Low-pass samples (axes, n) with the taps and keep one output of four."""
 
 
 class Decimator:
@@ -273,7 +264,7 @@ class Decimator:
         joined = np.concatenate([self.rest, samples], axis=1)
         count = max(0, (joined.shape[1] - _LENGTH) // FACTOR + 1)
         out = np.empty((joined.shape[0], count), np.float32)
-        _filter(joined, TAPS, out)
+        _decimate(joined, TAPS, *joined.shape, count, out)
         self.rest = joined[:, FACTOR * count :].copy()
         return out
 

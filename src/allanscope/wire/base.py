@@ -187,9 +187,6 @@ class WireFormat:
         """Return a fresh encoder."""
         raise NotImplementedError
 
-    def load_kernels(self) -> None:
-        """Load what is compiled; before a port is opened, because it takes a while."""
-
     def start(self, settings: WireSettings) -> list[bytes]:
         """Return what a host writes, each in a single write, to make a device stream."""
         return []

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import difference_autocovariance, difference_edf
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = [
     "REGISTRY",
@@ -242,25 +242,22 @@ class DifferenceEstimator(Estimator):
 # Compiled, because an array expression would walk through memory four times for each tau.
 
 
-@njit(cache=True, nogil=True)
+_SUM = (Pointer(np.float64, 1), int, int, int)
+_second = kernel("squares_of_second", *_SUM, returns=float)
+_third = kernel("squares_of_third", *_SUM, returns=float)
+
+
 def mean_square_second(x: NDArray[np.float64], m: int, stride: int) -> tuple[float, int]:
     """Return the mean of ``(x[i] - 2 x[i+m] + x[i+2m])^2``, i = 0, stride, ..., and its terms."""
-    total, terms = 0.0, 0
-    for i in range(0, x.size - 2 * m, stride):
-        difference = (x[i] - x[i + m]) + (x[i + 2 * m] - x[i + m])
-        total += difference * difference
-        terms += 1
+    terms = len(range(0, x.size - 2 * m, stride))
+    total = _second(np.ascontiguousarray(x, np.float64), x.size, m, stride)
     return (total / terms if terms else np.nan), terms
 
 
-@njit(cache=True, nogil=True)
 def mean_square_third(x: NDArray[np.float64], m: int, stride: int) -> tuple[float, int]:
     """Return the mean of ``(x[i] - 3 x[i+m] + 3 x[i+2m] - x[i+3m])^2`` likewise."""
-    total, terms = 0.0, 0
-    for i in range(0, x.size - 3 * m, stride):
-        difference = (x[i] - x[i + 3 * m]) + 3.0 * (x[i + 2 * m] - x[i + m])
-        total += difference * difference
-        terms += 1
+    terms = len(range(0, x.size - 3 * m, stride))
+    total = _third(np.ascontiguousarray(x, np.float64), x.size, m, stride)
     return (total / terms if terms else np.nan), terms
 
 

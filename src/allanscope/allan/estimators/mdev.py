@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import difference_edf
 from allanscope.allan.estimators.base import Estimator, register
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = ["Mdev"]
 
@@ -45,7 +45,8 @@ class Mdev(Estimator):
         if phase.size < 3 * m:
             return np.nan, 0
         terms = phase.size - 3 * m + 1
-        return _mean_square_sum(phase, m, terms) / (2.0 * float(m) ** 4), terms
+        total = _squares_of_sums(np.ascontiguousarray(phase, np.float64), m, terms)
+        return total / terms / (2.0 * float(m) ** 4), terms
 
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
@@ -58,14 +59,5 @@ class Mdev(Estimator):
         return 3 * m + self.min_terms - 2
 
 
-@njit(cache=True, nogil=True)
-def _mean_square_sum(x: NDArray[np.float64], m: int, terms: int) -> float:
-    """Return the mean square of the sum over m second differences at lag m."""
-    window = 0.0
-    for j in range(m):
-        window += (x[j] - x[j + m]) + (x[j + 2 * m] - x[j + m])
-    total = window * window
-    for i in range(1, terms):
-        window += (x[i + 3 * m - 1] - x[i - 1]) - 3.0 * (x[i + 2 * m - 1] - x[i + m - 1])
-        total += window * window
-    return total / terms
+_squares_of_sums = kernel("squares_of_sums", Pointer(np.float64, 1), int, int, returns=float)
+"""Sum of squares of the sums over m second differences at lag m."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import LagSums, difference_edf, phase_autocovariance, sum_lags
 from allanscope.allan.estimators.base import Estimator, mean_square_second, register
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = ["Pdev"]
 
@@ -51,7 +51,7 @@ class Pdev(Estimator):
             return np.nan, 0
         if m == 1:
             return mean_square_second(phase, 1, 1)[0] / 2.0, terms
-        mean = _mean_square_slope(phase[:-m] - phase[m:], m, terms)
+        mean = _squares_of_slopes(phase[:-m] - phase[m:], m, terms) / terms
         return 72.0 * mean / float(m) ** 6, terms
 
     def edf(
@@ -73,19 +73,8 @@ class Pdev(Estimator):
         return 2 * m + self.min_terms - 1
 
 
-@njit(cache=True, nogil=True)
-def _mean_square_slope(u: NDArray[np.float64], m: int, terms: int) -> float:
-    """Return the mean of ``(sum_k ((m - 1)/2 - k) u[i + k])^2`` over the first `terms` i."""
-    total = plain = weighted = 0.0
-    for k in range(m):
-        plain += u[k]
-        weighted += k * u[k]
-    for i in range(terms):
-        slope = 0.5 * (m - 1) * plain - weighted
-        total += slope * slope
-        plain += u[i + m] - u[i]
-        weighted += m * u[i + m] - plain
-    return total / terms
+_squares_of_slopes = kernel("squares_of_slopes", Pointer(np.float64, 1), int, int, returns=float)
+"""Sum of ``(sum_k ((m - 1)/2 - k) u[i + k])^2`` over the first i; u has m values more."""
 
 
 @lru_cache(maxsize=1024)

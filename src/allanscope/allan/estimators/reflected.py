@@ -18,12 +18,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = ["reflected_edf", "reflected_expectation", "reflected_mean_square"]
 
 
-@njit(cache=True, nogil=True)
+_squares = kernel(
+    "reflected_squares",
+    *(Pointer(np.float64, 1), int, int, int),
+    Pointer(np.float64, 1, written=True),
+    returns=float,
+)
+
+
 def reflected_mean_square(values: NDArray[np.float64], m: int, stride: int) -> tuple[float, int]:
     """Return the mean over windows and positions of the squared second difference of m-means.
 
@@ -43,58 +50,12 @@ def reflected_mean_square(values: NDArray[np.float64], m: int, stride: int) -> t
     windows : int
         Number of windows.
     """
-    length = 3 * m
-    half = length // 2
-    running = np.zeros(2 * length + 1)
-    ramp = np.arange(length + 1) * (np.arange(length + 1) - 1.0) / 2.0
-    sums = np.empty(length + 2 * half + 1)  # P from q = -half to length + half
-    origin = -length
-    total, windows = 0.0, 0
-    for start in range(0, values.size - length + 1, stride):
-        if start >= origin + length:
-            # Start the running sum afresh, and from a value near by, so that it stays small.
-            origin = start
-            for k in range(min(2 * length, values.size - origin)):
-                running[k + 1] = running[k] + (values[origin + k] - values[origin])
-        _mirror(running[start - origin :], ramp, half, sums)
-        squares = 2.0 * _squares(sums, m, 1)
-        if m % 2 == 0:  # both ends are their own mirror images
-            squares -= _squares(sums, m, sums.size - 1 - length)
-        total += squares / (6.0 * m)
-        windows += 1
-    return (total / (windows * float(m) ** 2) if windows else np.nan), windows
-
-
-@njit(cache=True, nogil=True)
-def _mirror(
-    running: NDArray[np.float64],
-    ramp: NDArray[np.float64],
-    half: int,
-    sums: NDArray[np.float64],
-) -> None:
-    """Fill `sums` with the running sum of the detrended window and of half its mirror images."""
-    length = ramp.size - 1
-    base = running[0]
-    rise = (running[length] - running[length - half]) - (running[half] - base)
-    slope = rise / (half * (length - half))
-    before, window, after = sums[:half], sums[half : half + length + 1], sums[half + length :]
-    for k in range(length + 1):
-        window[k] = (running[k] - base) - slope * ramp[k]
-    end = 2.0 * window[length]
-    for k in range(half):
-        before[k] = -window[half - k]
-        after[k + 1] = end - window[length - 1 - k]
-
-
-# Summing squares in any order is harmless, and lets the compiler add four at a time.
-@njit(cache=True, nogil=True, fastmath={"reassoc"})
-def _squares(sums: NDArray[np.float64], m: int, step: int) -> float:
-    p0, p1, p2, p3 = sums, sums[m:], sums[2 * m :], sums[3 * m :]
-    total = 0.0
-    for j in range(0, p3.size, step):
-        term = (p3[j] - p0[j]) - 3.0 * (p2[j] - p1[j])
-        total += term * term
-    return total
+    windows = len(range(0, values.size - 3 * m + 1, stride))
+    if not windows:
+        return np.nan, 0
+    room = np.empty(9 * m + 2 * (3 * m // 2) + 2)
+    total = _squares(np.ascontiguousarray(values, np.float64), values.size, m, stride, room)
+    return total / (windows * float(m) ** 2), windows
 
 
 def reflected_edf(alpha_of_phase: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:

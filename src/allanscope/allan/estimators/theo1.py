@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.estimators.base import Estimator, register
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = ["BIAS", "Theo1", "theo1_variance", "thinned_theo1_variance"]
 
@@ -111,23 +111,17 @@ def theo1_variance(phase: NDArray[np.float64], m: int, stride: int = 1) -> tuple
     return _weighted_squares(phase, m, stride) / (0.75 * windows * float(m) ** 2), windows
 
 
-# Adding squares in any order is harmless, and lets the compiler add four at a time.
-@njit(cache=True, nogil=True, fastmath={"reassoc"})
+_squares = kernel("theo1_squares", *(Pointer(np.float64, 1),) * 3, int, int, int, returns=float)
+_add_profile = kernel(
+    "theo1_profile", *(Pointer(np.float64, 1),) * 2, int, int, Pointer(np.float64, 1, written=True)
+)
+
+
 def _weighted_squares(x: NDArray[np.float64], m: int, stride: int) -> float:
-    half = m // 2
-    weight = 1.0 / np.arange(1, half + 1)
-    backward = x[::-1].copy()
-    total = 0.0
-    for i in range(0, x.size - m, stride):
-        ends = x[i] + x[i + m]
-        left = x[i + 1 : i + 1 + half]
-        right = backward[x.size - m - i : x.size - m - i + half]
-        squares = 0.0
-        for v in range(half):
-            term = ends - left[v] - right[v]
-            squares += weight[v] * (term * term)
-        total += squares
-    return total
+    x = np.ascontiguousarray(x)
+    backward = x[::-1].copy()  # so that both phases of a term lie in rising order
+    weight = 1.0 / np.arange(1, m // 2 + 1)
+    return float(_squares(x, backward, weight, x.size, m, stride))
 
 
 def theo1_edf(alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
@@ -205,16 +199,8 @@ def _sum_of_powers(last: float, exponent: float) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
 def _profile(x: NDArray[np.float64], k: int) -> tuple[NDArray[np.float64], int]:
-    half = k // 2
-    profile = np.zeros(half)
-    backward = x[::-1].copy()  # so that both phases of a term lie in rising order
-    windows = x.size - k
-    for i in range(windows):
-        ends = x[i] + x[i + k]
-        left, right = x[i + 1 : i + 1 + half], backward[windows - i : windows - i + half]
-        for v in range(half):
-            term = ends - left[v] - right[v]
-            profile[v] += term * term
+    x = np.ascontiguousarray(x)
+    profile, windows = np.zeros(k // 2), x.size - k
+    _add_profile(x, x[::-1].copy(), x.size, k, profile)
     return profile / windows, windows

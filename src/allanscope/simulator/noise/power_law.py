@@ -42,7 +42,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from allanscope.compiled import njit
+from allanscope.compiled import Pointer, kernel
 
 __all__ = [
     "Flicker",
@@ -109,7 +109,8 @@ class FractionalIntegral:
 
     def apply(self, white: NDArray[np.float64]) -> None:
         """Filter unit white noise in place."""
-        _filter_bank(self.poles, self.weights, self.direct, self._state, white)
+        count, state = len(self.poles), self._state
+        _filter_bank(self.poles, self.weights, count, self.direct, state, white, len(white))
 
 
 def _stationary_state(poles: NDArray[np.float64], rng: Generator) -> NDArray[np.float64]:
@@ -128,21 +129,12 @@ def _stationary_state(poles: NDArray[np.float64], rng: Generator) -> NDArray[np.
     return state
 
 
-@njit(cache=True, nogil=True)
-def _filter_bank(
-    poles: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    direct: float,
-    state: NDArray[np.float64],
-    samples: NDArray[np.float64],
-) -> None:
-    for i in range(samples.shape[0]):
-        sample = samples[i]
-        total = direct * sample
-        for k in range(poles.shape[0]):
-            state[k] = poles[k] * state[k] + sample
-            total += weights[k] * state[k]
-        samples[i] = total
+_filter_bank = kernel(
+    "filter_bank",
+    *(Pointer(np.float64, 1), Pointer(np.float64, 1), int, float),
+    *(Pointer(np.float64, 1, written=True), Pointer(np.float64, 1, written=True), int),
+)
+"""Filter samples in place with first-order filters that share one input."""
 
 
 class PowerLaw:

@@ -14,7 +14,6 @@ for people and for the device.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from typing import ClassVar
 
 from allanscope.wire.base import WireFormat, WireSettings
@@ -43,10 +42,6 @@ class NativeFormat(WireFormat):
     def encoder(self) -> NativeEncoder:
         """Return a fresh encoder."""
         return NativeEncoder()
-
-    def load_kernels(self) -> None:
-        """Load the loop that finds frames in many reads at once."""
-        import_module("allanscope.wire.native.kernel")
 
     def start(self, settings: WireSettings) -> list[bytes]:
         """Ask for the settings that the user gave, for a descriptor, and for data."""

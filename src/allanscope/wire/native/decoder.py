@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import cast
 
 import numpy as np
@@ -12,12 +11,11 @@ from allanscope.samples import Event, GapReason
 from allanscope.wire.base import LinkStats
 from allanscope.wire.native.assembly import Assembler
 from allanscope.wire.native.framing import Deframer
+from allanscope.wire.native.kernel import batch_table
 from allanscope.wire.native.table import FrameTable, table_of
 
 __all__ = ["NativeDecoder"]
 
-_KERNEL = "allanscope.wire.native.kernel"
-_WORTH_LOADING = 1 << 16
 _SLICE = 1 << 20
 
 
@@ -26,12 +24,11 @@ class NativeDecoder:
 
     Parameters
     ----------
-    batch : bool, optional
-        Whether to read with the compiled kernel. By default it is loaded for the first large
-        piece of data, and used for all from then on; both ways give the same events.
+    batch : bool
+        Whether to read with the compiled loop; frame by frame in plain Python gives the same.
     """
 
-    def __init__(self, batch: bool | None = None) -> None:
+    def __init__(self, batch: bool = True) -> None:
         self.stats = LinkStats()
         self._batch = batch
         self._deframer = Deframer()
@@ -77,10 +74,6 @@ class NativeDecoder:
         return self._assembler.finish()
 
     def _read(self, data: bytes) -> FrameTable:
-        if self._batch is None and (len(data) >= _WORTH_LOADING or _KERNEL in sys.modules):
-            self._batch = True
         if not self._batch:
             return table_of(self._deframer.feed(data))
-        from allanscope.wire.native.kernel import batch_table
-
         return batch_table(self._deframer, data)

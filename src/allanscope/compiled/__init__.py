@@ -1,0 +1,139 @@
+"""The loops through which every sample goes, in C, compiled before they were installed.
+
+========================  ==========================================================
+`Pointer`, `kernel`       how a module calls a loop: checked arrays in, no copies
+`build`                   compiles the sources beside it; not part of a wheel
+``*.c``                   the loops, a subject a file; `library.c` is all of them
+========================  ==========================================================
+
+Nothing compiles on the machine of a user, and one library serves all versions of Python: it knows
+neither Python nor numpy. It holds every loop once for each level of the processor (`processor.c`),
+and the highest that runs here is taken. A call through `ctypes` lets go of the interpreter's lock.
+All arrays are checked here and nowhere else: a loop believes what it is given.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from allanscope.errors import AllanscopeError
+
+__all__ = ["LibraryMissing", "Pointer", "kernel"]
+
+_HERE = Path(__file__).parent
+_SUFFIX = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
+
+
+class LibraryMissing(AllanscopeError, ImportError):
+    """The compiled loops are not there, or are not those of the sources beside them.
+
+    Parameters
+    ----------
+    problem : str
+        What is wrong.
+    mend : str
+        The command that builds or installs the library.
+    """
+
+    def __init__(self, problem: str, mend: str) -> None:
+        super().__init__(f"{problem}; run: {mend}")
+        self.problem = problem
+        self.mend = mend
+
+
+class Pointer:
+    """An argument of a loop: a contiguous array of one type and number of dimensions.
+
+    `numpy.ctypeslib.ndpointer` checks as much in four times the time.
+
+    Parameters
+    ----------
+    dtype : dtype
+        Type of the elements, in native byte order.
+    ndim : int
+        Number of dimensions.
+    written : bool
+        Whether the loop writes to the array.
+
+    Examples
+    --------
+    >>> Pointer(np.float64, 2).from_param(np.zeros(3))
+    Traceback (most recent call last):
+    ...
+    TypeError: a loop takes contiguous float64 of 2 dimensions, got float64 of shape (3,)
+    """
+
+    def __init__(self, dtype: DTypeLike, ndim: int, *, written: bool = False) -> None:
+        self.dtype = np.dtype(dtype)
+        self.ndim = ndim
+        self.written = written
+
+    def from_param(self, array: NDArray[Any]) -> ctypes.c_void_p:
+        """Return the address of an array; TypeError where it does not fit."""
+        flags = array.flags
+        if (
+            array.dtype != self.dtype
+            or array.ndim != self.ndim
+            or not flags.c_contiguous
+            or (self.written and not flags.writeable)
+        ):
+            what = "writeable, contiguous" if self.written else "contiguous"
+            raise TypeError(
+                f"a loop takes {what} {self.dtype} of {self.ndim} dimensions, "
+                f"got {array.dtype} of shape {array.shape}"
+            )
+        return ctypes.c_void_p(array.ctypes.data)
+
+
+def kernel(name: str, *arguments: Any, returns: Any = None) -> Callable[..., Any]:
+    """Return a loop of the library.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the sources.
+    arguments : Pointer or ctypes type
+        What it takes; ``int`` and ``float`` stand for 64 bits.
+    returns : type, optional
+        ``float``, or nothing.
+
+    Raises
+    ------
+    LibraryMissing
+        With the command that builds it.
+    """
+    library, level = _library()
+    found = getattr(library, f"{name}_v{level}")
+    found.argtypes = [_TYPES.get(argument, argument) for argument in arguments]
+    found.restype = _TYPES.get(returns, returns)
+    return found  # type: ignore[no-any-return]
+
+
+_TYPES: dict[Any, Any] = {int: ctypes.c_int64, float: ctypes.c_double}
+
+
+@cache
+def _library() -> tuple[ctypes.CDLL, int]:
+    """Load the library; return it and the level of the processor."""
+    path = _HERE / f"library.{_SUFFIX}"
+    builder = _HERE / "build.py"
+    mend = f"python {builder}" if builder.exists() else "pip install --force-reinstall allanscope"
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise LibraryMissing(f"the compiled loops cannot be loaded ({error})", mend) from None
+    if builder.exists():
+        from allanscope.compiled.build import fingerprint
+
+        library.sources.restype = ctypes.c_char_p
+        if library.sources().decode() != fingerprint():
+            raise LibraryMissing(f"{path} was compiled from other sources", mend)
+    return library, library.processor_level()

@@ -1,0 +1,454 @@
+/* The ladder of rungs: the loop through which every sample goes. `allan/kernels.py` explains it. */
+
+#include "kernels.h"
+
+enum { BATCH = 256, HEAD = 128, WIDTH = 21, ENTRIES = 2 * BATCH };
+enum { OSTDEV, OADEV, OHDEV, MDEV, PDEV, STDEV, ADEV, HDEV, TOTDEV, OSTDEV_MOMENTS, STDEV_MOMENTS = 15 };
+
+/* `Ladder` of allan/kernels.py, as kernels receive it. */
+#define LADDER                                                                                   \
+    double *rungs, double *heads, const int64_t *lags, const int64_t *first, double *sums,       \
+        double *offsets, int64_t axes, int64_t levels
+#define THE_LADDER {rungs, heads, lags, first, sums, offsets, axes, levels}
+
+typedef struct {
+    double *rungs, *heads;
+    const int64_t *lags, *first;
+    double *sums, *offsets;
+    int64_t axes, levels;
+} ladder;
+
+/* Entries x, z, q of a rung, ENTRIES each. */
+static double *rung_of(const ladder *l, int64_t axis, int64_t level) {
+    return l->rungs + (axis * l->levels + level) * 3 * ENTRIES;
+}
+
+static double *head_of(const ladder *l, int64_t axis, int64_t level) {
+    return l->heads + (axis * l->levels + level) * HEAD;
+}
+
+static double *offset_of(const ladder *l, int64_t axis, int64_t level) {
+    return l->offsets + axis * l->levels + level;
+}
+
+static double *sums_of(const ladder *l, int64_t axis, int64_t t) {
+    return l->sums + (axis * l->first[l->levels] + t) * WIDTH;
+}
+
+/* Sums in two doubles: `allan/moments.py`. */
+
+static inline double two_sum(double a, double b, double *low) {
+    double total = a + b, of_b = total - a;
+    *low = (a - (total - of_b)) + (b - of_b);
+    return total;
+}
+
+static inline double two_product(double a, double b, double *low) {
+    double product = a * b, wide_a = 134217729.0 * a, wide_b = 134217729.0 * b;
+    double high_a = wide_a - (wide_a - a), high_b = wide_b - (wide_b - b);
+    double low_a = a - high_a, low_b = b - high_b;
+    *low = ((high_a * high_b - product) + high_a * low_b + low_a * high_b) + low_a * low_b;
+    return product;
+}
+
+/* Add `number` values, each `step` short, to a sum and a sum of squares; clear what was added. */
+static void put_back_moments(double *moments, double *squares, double step) {
+    double *total = moments + 2;
+    double number = moments[0], first = moments[1], second = *squares;
+    double more_low, low_1, low_2, twice_low, product_low;
+    double more = two_product(number, step, &more_low);
+    double high = two_sum(total[0], first, &low_1);
+    total[0] = two_sum(high, more, &low_2);
+    total[1] += (low_1 + low_2) + more_low;
+    double twice = two_sum(2.0 * first, more, &twice_low);
+    double product = two_product(step, twice, &product_low);
+    high = two_sum(total[2], second, &low_1);
+    total[2] = two_sum(high, product, &low_2);
+    total[3] += (low_1 + low_2) + (product_low + step * (twice_low + more_low));
+    moments[0] = moments[1] = *squares = 0.0;
+}
+
+/* Move the sums of w of a rung to those without its offset, which may change then. */
+static void put_back(const ladder *l, int64_t axis, int64_t level) {
+    double stride = ldexp(1.0, (int)level);
+    for (int64_t t = l->first[level]; t < l->first[level + 1]; t++) {
+        double *total = sums_of(l, axis, t), step = *offset_of(l, axis, level) * ((double)l->lags[t] * stride);
+        put_back_moments(total + OSTDEV_MOMENTS, total + OSTDEV, step);
+        put_back_moments(total + STDEV_MOMENTS, total + STDEV, step);
+    }
+}
+
+KERNEL(void, cascade_put_all_back)(LADDER) {
+    const ladder all = THE_LADDER, *l = &all;
+    for (int64_t axis = 0; axis < axes; axis++)
+        for (int64_t level = 0; level < levels; level++) put_back(l, axis, level);
+}
+
+/* A round number near the mean of samples that rise by `rise` above an offset: 24 bits, so that
+   products with lags and strides are exact, and whole for integers, so that they stay integers. */
+static double offset_near(double offset, double rise, double samples) {
+    double mean = offset + rise / samples;
+    if (rise == floor(rise) && offset == floor(offset)) mean = floor(mean + 0.5);
+    double wide = 536870913.0 * mean;
+    return wide - (wide - mean);
+}
+
+/* Let the samples below n entries be `step` more; `number` is that of the first, from the origin. */
+static void with_offset(
+    double *x, double *z, double *q, int64_t n, int64_t number, double stride, double step) {
+    if (step == 0.0) return;
+    for (int64_t j = 0; j < n; j++) {
+        double s = (double)(number + j) * stride;
+        q[j] += step * ((s - 1.0) * s * (2.0 * s - 1.0) / 12.0);
+        z[j] += step * (0.5 * s * (s - 1.0));
+        x[j] += step * s;
+    }
+}
+
+/* Add the terms that end at n entries, all estimators at once. */
+static void full_overlap(
+    const double *restrict rung, int64_t start, int64_t n, int64_t k, double stride,
+    double *restrict total) {
+    const double *x = rung + start, *z = x + ENTRIES, *q = z + ENTRIES;
+    double half = 0.5 * (double)k * stride;
+    /* On rung 0 MDEV sums z + x, which include the last phase: one more term, as SP 1065 counts. */
+    double inclusive = stride == 1.0 ? 1.0 : 0.0;
+    lanes w_sums = {0.0}, ww = {0.0}, dd = {0.0}, hh = {0.0}, ee = {0.0}, rr = {0.0};
+#define TERMS(type, j)                                                                           \
+    type x0 = *(const type *)(x + (j)), x1 = *(const type *)(x + (j) - k);                       \
+    type x2 = *(const type *)(x + (j) - 2 * k), x3 = *(const type *)(x + (j) - 3 * k);           \
+    type z0 = *(const type *)(z + (j)), z1 = *(const type *)(z + (j) - k);                       \
+    type z2 = *(const type *)(z + (j) - 2 * k), z3 = *(const type *)(z + (j) - 3 * k);           \
+    type q0 = *(const type *)(q + (j)), q1 = *(const type *)(q + (j) - k);                       \
+    type q2 = *(const type *)(q + (j) - 2 * k);                                                  \
+    type w = x0 - x1, before = x1 - x2, d = w - before, h = d - (before - (x2 - x3));            \
+    type e = (z0 - z3) - 3.0 * (z1 - z2) + inclusive * h;                                        \
+    type r = half * (z0 - z2) - ((q0 - q1) - (q1 - q2));
+    int64_t j = 0;
+    for (; j + LANES <= n; j += LANES) {
+        TERMS(lanes, j)
+        w_sums += w, ww += w * w, dd += d * d, hh += h * h, ee += e * e, rr += r * r;
+    }
+    for (int lane = 0; j < n; j++, lane++) {
+        TERMS(double, j)
+        w_sums[lane] += w, ww[lane] += w * w, dd[lane] += d * d;
+        hh[lane] += h * h, ee[lane] += e * e, rr[lane] += r * r;
+    }
+#undef TERMS
+    total[OSTDEV_MOMENTS] += (double)n;
+    total[OSTDEV_MOMENTS + 1] += sum_of(w_sums);
+    total[OSTDEV] += sum_of(ww);
+    total[OADEV] += sum_of(dd);
+    total[OHDEV] += sum_of(hh);
+    total[MDEV] += sum_of(ee);
+    total[PDEV] += sum_of(rr);
+}
+
+/* Add the terms of a segment's first 3 k entries, where the longer differences do not fit. */
+static void full_overlap_start(
+    const double *rung, int64_t stop, int64_t k, double stride, double *total) {
+    const double *x = rung, *z = x + ENTRIES, *q = z + ENTRIES;
+    const int64_t origin = BATCH - 1;
+    for (int64_t j = origin + k; j < least(origin + 3 * k, stop); j++) {
+        double w = x[j] - x[j - k];
+        total[OSTDEV_MOMENTS] += 1.0;
+        total[OSTDEV_MOMENTS + 1] += w;
+        total[OSTDEV] += w * w;
+    }
+    for (int64_t j = origin + 2 * k; j < least(origin + 3 * k, stop); j++) {
+        double d = x[j] - 2.0 * x[j - k] + x[j - 2 * k];
+        double r = 0.5 * (double)k * stride * (z[j] - z[j - 2 * k])
+                   - (q[j] - 2.0 * q[j - k] + q[j - 2 * k]);
+        total[OADEV] += d * d;
+        total[PDEV] += r * r;
+    }
+    int64_t j = origin + 3 * k - 1;
+    if (stride == 1.0 && j < stop) {
+        /* The inclusive sum before the first phase is nought: one term more than for exclusive. */
+        double e = (z[j] + x[j]) - 3.0 * (z[j - k] + x[j - k]) + 3.0 * (z[j - 2 * k] + x[j - 2 * k]);
+        total[MDEV] += e * e;
+    }
+}
+
+/* Add the terms that end at entries whose number in the segment is a multiple of k. */
+static void no_overlap(const double *x, int64_t before, int64_t stop, int64_t k, double *total) {
+    const int64_t origin = BATCH - 1 - before;
+    int64_t number = before - before % k + k;
+    double w_sum = 0.0, ww = 0.0, dd = 0.0, hh = 0.0;
+    total[STDEV_MOMENTS] += (double)((before + stop - BATCH) / k - before / k);
+    for (; number < 3 * k && origin + number < stop; number += k) {
+        int64_t j = origin + number;
+        double w = x[j] - x[j - k];
+        w_sum += w;
+        ww += w * w;
+        if (number == 2 * k) {
+            double d = w - (x[j - k] - x[j - 2 * k]);
+            dd += d * d;
+        }
+    }
+    int64_t start = origin + number;
+    if (start < stop) {
+        double last = x[start - k], w_last = last - x[start - 2 * k];
+        double d_last = w_last - (x[start - 2 * k] - x[start - 3 * k]);
+        for (int64_t j = start; j < stop; j += k) {
+            double w = x[j] - last, d = w - w_last, h = d - d_last;
+            w_sum += w;
+            ww += w * w;
+            dd += d * d;
+            hh += h * h;
+            last = x[j], w_last = w, d_last = d;
+        }
+    }
+    total[STDEV_MOMENTS + 1] += w_sum;
+    total[STDEV] += ww;
+    total[ADEV] += dd;
+    total[HDEV] += hh;
+}
+
+/* Add all terms that end in the `new` entries of a rung that has spent `before` of them. */
+static void spend(const ladder *l, int64_t axis, int64_t level, int64_t before, int64_t new) {
+    double *rung = rung_of(l, axis, level), stride = ldexp(1.0, (int)level);
+    int64_t stop = BATCH + new;
+    if (before == 0) {
+        /* Only now is there a mean to count from. The first sample may lie anywhere. */
+        double old = *offset_of(l, axis, level);
+        double offset = offset_near(old, rung[stop - 1], (double)new * stride);
+        put_back(l, axis, level);
+        with_offset(
+            rung + BATCH, rung + ENTRIES + BATCH, rung + 2 * ENTRIES + BATCH, new, 1, stride,
+            old - offset);
+        *offset_of(l, axis, level) = offset;
+        memcpy(head_of(l, axis, level), rung + BATCH - 1, HEAD * sizeof(double));
+    }
+    for (int64_t t = l->first[level]; t < l->first[level + 1]; t++) {
+        int64_t k = l->lags[t], start = BATCH;
+        double *total = sums_of(l, axis, t);
+        if (before == 0) {
+            full_overlap_start(rung, stop, k, stride, total);
+            start = BATCH - 1 + 3 * k;
+        }
+        if (start < stop) full_overlap(rung, start, stop - start, k, stride, total);
+        no_overlap(rung, before, stop, k, total);
+    }
+}
+
+/* Sum samples up on rung 0, from entry `at` on. */
+static void take_in(
+    double *restrict rung, int64_t at, const double *restrict samples, int64_t n, double offset) {
+    double *xs = rung + at, *zs = xs + ENTRIES, *qs = zs + ENTRIES;
+    double x = xs[-1], z = zs[-1], q = qs[-1];
+    for (int64_t j = 0; j < n; j++) {
+        q += z + 0.5 * x;
+        z += x;
+        x += samples[j] - offset;
+        xs[j] = x, zs[j] = z, qs[j] = q;
+    }
+}
+
+/* Carry every second of the new entries of a rung to the next. */
+static void promote(const ladder *l, int64_t axis, int64_t level, int64_t before, int64_t new) {
+    const double *lx = rung_of(l, axis, level), *lz = lx + ENTRIES, *lq = lz + ENTRIES;
+    if (before == 0) *offset_of(l, axis, level + 1) = *offset_of(l, axis, level);
+    double s = ldexp(1.0, (int)level + 1), half = 0.5 * s * s;
+    double more_x = 0.0, more_z = 0.0, more_q = 0.0;
+    with_offset(
+        &more_x, &more_z, &more_q, 1, 1, s, *offset_of(l, axis, level) - *offset_of(l, axis, level + 1));
+    double *xs = rung_of(l, axis, level + 1) + BATCH + (before / 2) % BATCH;
+    double *zs = xs + ENTRIES, *qs = zs + ENTRIES;
+    double x = xs[-1], z = zs[-1], q = qs[-1];
+    for (int64_t j = 0; j < new / 2; j++) {
+        int64_t a = BATCH - 1 + 2 * j, b = a + 2;
+        double own_q = lq[b] - lq[a] - s * lz[a] - half * lx[a];
+        q += s * z + half * x + (own_q + more_q);
+        z += s * x + (lz[b] - lz[a] - s * lx[a] + more_z);
+        x += lx[b] - lx[a] + more_x;
+        xs[j] = x, zs[j] = z, qs[j] = q;
+    }
+}
+
+/* Move the new half to the history, in a frame with its origin at the last entry; return the rise
+   of the phase in it. */
+static double make_history(double *rung, double stride) {
+    double *xs = rung, *zs = xs + ENTRIES, *qs = zs + ENTRIES;
+    double x = xs[ENTRIES - 1], z = zs[ENTRIES - 1], q = qs[ENTRIES - 1];
+    for (int64_t j = 0; j < BATCH; j++) {
+        double s = (double)(j - BATCH + 1) * stride;
+        qs[j] = qs[BATCH + j] - q - s * z - 0.5 * s * s * x;
+        zs[j] = zs[BATCH + j] - z - s * x;
+        xs[j] = xs[BATCH + j] - x;
+    }
+    return x;
+}
+
+/* Give a rung the mean of its last batch, in which the phase rose by `rise`, for an offset. */
+static void count_from_mean(const ladder *l, int64_t axis, int64_t level, double rise) {
+    double stride = ldexp(1.0, (int)level), old = *offset_of(l, axis, level), *rung = rung_of(l, axis, level);
+    double offset = offset_near(old, rise, BATCH * stride);
+    put_back(l, axis, level);
+    with_offset(
+        rung, rung + ENTRIES, rung + 2 * ENTRIES, BATCH, 1 - BATCH, stride, old - offset);
+    *offset_of(l, axis, level) = offset;
+}
+
+/* Spend the full batch of a rung, its number `batches`, and those that it fills above. */
+static void spend_batches(const ladder *l, int64_t axis, int64_t level, int64_t batches) {
+    for (int full = 1; full; level++, batches /= 2) {
+        int64_t before = (batches - 1) * BATCH;
+        spend(l, axis, level, before, BATCH);
+        if (level + 1 < l->levels) promote(l, axis, level, before, BATCH);
+        double rise = make_history(rung_of(l, axis, level), ldexp(1.0, (int)level));
+        /* When the segment has doubled is often enough: a level that changes between is no offset
+           of the whole, but varies as much as its change. */
+        if ((batches & (batches - 1)) == 0) count_from_mean(l, axis, level, rise);
+        full = level + 1 < l->levels && batches % 2 == 0;
+    }
+}
+
+/* Take in n samples of every axis, less the anchor, after `taken` of this segment. */
+KERNEL(void, cascade_advance)(const double *samples, int64_t n, int64_t taken, LADDER) {
+    const ladder all = THE_LADDER, *l = &all;
+    for (int64_t axis = 0; axis < axes; axis++) {
+        for (int64_t done = 0, count = taken; done < n;) {
+            int64_t at = BATCH + count % BATCH, size = least(ENTRIES - at, n - done);
+            take_in(rung_of(l, axis, 0), at, samples + axis * n + done, size, *offset_of(l, axis, 0));
+            done += size;
+            count += size;
+            if (count % BATCH == 0) spend_batches(l, axis, 0, count / BATCH);
+        }
+    }
+}
+
+/* The squares that TOTDEV has beyond OADEV: those that reach past an end. Beyond it the record goes
+   on as its own image turned by 180 degrees about the last point, x[-j] = 2 x[0] - x[j] (Howe
+   2000). Both ends look alike, one read forwards from `head`, one backwards from `tail`. */
+static double reflected(const double *head, const double *tail, int64_t entries, int64_t k) {
+    double total = 0.0;
+    if (entries >= 2 * k) {
+        for (int64_t i = 1; i < k; i++) {
+            double left = 2.0 * head[0] - head[k - i] - 2.0 * head[i] + head[i + k];
+            double right = 2.0 * tail[0] - tail[i - k] - 2.0 * tail[-i] + tail[-i - k];
+            total += left * left + right * right;
+        }
+    } else if (entries >= k) {
+        double end = head[entries];
+        for (int64_t i = 1; i < entries; i++) {
+            double left = i >= k ? head[i - k] : 2.0 * head[0] - head[k - i];
+            double right = i + k <= entries ? head[i + k] : 2.0 * end - head[2 * entries - i - k];
+            double term = left - 2.0 * head[i] + right;
+            total += term * term;
+        }
+    }
+    return total;
+}
+
+/* Add the terms of half-filled rungs and TOTDEV's reflected ends: the segment ends here. */
+KERNEL(void, cascade_settle)(int64_t taken, LADDER) {
+    const ladder all = THE_LADDER, *l = &all;
+    for (int64_t axis = 0; axis < axes; axis++) {
+        for (int64_t level = 0; level < levels; level++) {
+            int64_t entries = taken >> level, new = entries % BATCH, before = entries - new;
+            if (new > 0) {
+                spend(l, axis, level, before, new);
+                if (level + 1 < levels) promote(l, axis, level, before, new);
+            }
+            const double *head = head_of(l, axis, level);
+            const double *tail = rung_of(l, axis, level) + BATCH - 1 + new;
+            for (int64_t t = first[level]; t < first[level + 1]; t++)
+                sums_of(l, axis, t)[TOTDEV] += reflected(head, tail, entries, lags[t]);
+        }
+    }
+    for (int64_t axis = 0; axis < axes; axis++)
+        for (int64_t level = 0; level < levels; level++) put_back(l, axis, level);
+}
+
+/* Take sums (X, Z, Q) of k blocks of 2^level samples in at a rung, as the rung below would hand
+   them up; `taken` blocks of the segment came before. */
+KERNEL(void, cascade_hand_up)
+(const double *block_sums, int64_t k, int64_t level, int64_t taken, LADDER) {
+    const ladder all = THE_LADDER, *l = &all;
+    double s = ldexp(1.0, (int)level), half = 0.5 * s * s;
+    for (int64_t axis = 0; axis < axes; axis++) {
+        const double *blocks = block_sums + axis * k * 3;
+        if (taken == 0 && k > 0) {
+            double rise = 0.0;
+            for (int64_t i = 0; i < k; i++) rise += blocks[3 * i];
+            *offset_of(l, axis, level) = offset_near(0.0, rise, s * (double)k);
+        }
+        for (int64_t done = 0, count = taken; done < k;) {
+            int64_t at = BATCH + count % BATCH, size = least(ENTRIES - at, k - done);
+            double *xs = rung_of(l, axis, level) + at, *zs = xs + ENTRIES, *qs = zs + ENTRIES;
+            double x = xs[-1], z = zs[-1], q = qs[-1], offset = *offset_of(l, axis, level);
+            for (int64_t j = 0; j < size; j++) {
+                double X = blocks[3 * (done + j)], Z = blocks[3 * (done + j) + 1];
+                double Q = blocks[3 * (done + j) + 2];
+                with_offset(&X, &Z, &Q, 1, 1, s, -offset);
+                q += s * z + half * x + Q;
+                z += s * x + Z;
+                x += X;
+                xs[j] = x, zs[j] = z, qs[j] = q;
+            }
+            done += size;
+            count += size;
+            if (count % BATCH == 0) spend_batches(l, axis, level, count / BATCH);
+        }
+    }
+}
+
+/* (X, Z, Q) of each `length` of n samples of every axis. */
+KERNEL(void, block_sums)
+(const double *samples, int64_t axes, int64_t n, int64_t length, double *found) {
+    for (int64_t axis = 0; axis < axes; axis++) {
+        const double *own = samples + axis * n;
+        for (int64_t i = 0; i < n / length; i++, found += 3) {
+            double x = 0.0, z = 0.0, q = 0.0;
+            for (int64_t j = i * length; j < (i + 1) * length; j++) {
+                q += z + 0.5 * x;
+                z += x;
+                x += own[j];
+            }
+            found[0] = x, found[1] = z, found[2] = q;
+        }
+    }
+}
+
+/* Fill rows (u, v) from `size` samples of every axis, from number `done` on: `allan/archive.py`. */
+KERNEL(void, archive_summarise)
+(const double *samples, int64_t axes, int64_t width, int64_t done, int64_t size, double *rows,
+ int64_t room, int64_t used, double *part, int64_t filled, int64_t stride) {
+    for (int64_t axis = 0; axis < axes; axis++) {
+        const double *own = samples + axis * width + done;
+        double *us = rows + axis * 2 * room + used, *vs = us + room;
+        double u = part[2 * axis], v = part[2 * axis + 1];
+        for (int64_t j = 0, count = filled; j < size; j++) {
+            v += u;
+            u += own[j];
+            if (++count == stride) {
+                *us++ = u, *vs++ = v;
+                count = 0, u = 0.0, v = 0.0;
+            }
+        }
+        part[2 * axis] = u, part[2 * axis + 1] = v;
+    }
+}
+
+/* Fill rows from sums (u, v, ...) of `size` blocks of `length` samples, `columns` numbers each. */
+KERNEL(void, archive_add_blocks)
+(const double *block_sums, int64_t axes, int64_t width, int64_t columns, int64_t done, int64_t size,
+ int64_t length, double *rows, int64_t room, int64_t used, double *part, int64_t filled,
+ int64_t stride) {
+    for (int64_t axis = 0; axis < axes; axis++) {
+        const double *own = block_sums + (axis * width + done) * columns;
+        double *us = rows + axis * 2 * room + used, *vs = us + room;
+        double u = part[2 * axis], v = part[2 * axis + 1];
+        for (int64_t i = 0, count = filled; i < size; i++) {
+            v += own[i * columns + 1] + (double)length * u;
+            u += own[i * columns];
+            count += length;
+            if (count == stride) {
+                *us++ = u, *vs++ = v;
+                count = 0, u = 0.0, v = 0.0;
+            }
+        }
+        part[2 * axis] = u, part[2 * axis + 1] = v;
+    }
+}

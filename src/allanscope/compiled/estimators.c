@@ -1,0 +1,145 @@
+/* Estimators from every term there is: `allan/estimators`. */
+
+#include "kernels.h"
+
+/* Sum of (x[i] - 2 x[i+m] + x[i+2m])^2, i = 0, stride, ... */
+KERNEL(double, squares_of_second)(const double *x, int64_t n, int64_t m, int64_t stride) {
+    double total = 0.0;
+    for (int64_t i = 0; i < n - 2 * m; i += stride) {
+        double difference = (x[i] - x[i + m]) + (x[i + 2 * m] - x[i + m]);
+        total += difference * difference;
+    }
+    return total;
+}
+
+/* Sum of (x[i] - 3 x[i+m] + 3 x[i+2m] - x[i+3m])^2. */
+KERNEL(double, squares_of_third)(const double *x, int64_t n, int64_t m, int64_t stride) {
+    double total = 0.0;
+    for (int64_t i = 0; i < n - 3 * m; i += stride) {
+        double difference = (x[i] - x[i + 3 * m]) + 3.0 * (x[i + 2 * m] - x[i + m]);
+        total += difference * difference;
+    }
+    return total;
+}
+
+/* Sum of squares of sums over m second differences at lag m, `terms` of them, one at least. */
+KERNEL(double, squares_of_sums)(const double *x, int64_t m, int64_t terms) {
+    double window = 0.0;
+    for (int64_t j = 0; j < m; j++) window += (x[j] - x[j + m]) + (x[j + 2 * m] - x[j + m]);
+    double total = window * window;
+    for (int64_t i = 1; i < terms; i++) {
+        window += (x[i + 3 * m - 1] - x[i - 1]) - 3.0 * (x[i + 2 * m - 1] - x[i + m - 1]);
+        total += window * window;
+    }
+    return total;
+}
+
+/* Sum of (sum_k ((m - 1)/2 - k) u[i + k])^2 over the first `terms` i; u has m values more. */
+KERNEL(double, squares_of_slopes)(const double *u, int64_t m, int64_t terms) {
+    double total = 0.0, plain = 0.0, weighted = 0.0;
+    for (int64_t k = 0; k < m; k++) {
+        plain += u[k];
+        weighted += (double)k * u[k];
+    }
+    for (int64_t i = 0; i < terms; i++) {
+        double slope = 0.5 * (double)(m - 1) * plain - weighted;
+        total += slope * slope;
+        plain += u[i + m] - u[i];
+        weighted += (double)m * u[i + m] - plain;
+    }
+    return total;
+}
+
+/* The running sum of a detrended window of `length` values and of half its mirror images. */
+static void mirror(const double *running, int64_t length, double *restrict sums) {
+    int64_t half = length / 2;
+    double base = running[0];
+    double rise = (running[length] - running[length - half]) - (running[half] - base);
+    double slope = rise / (double)(half * (length - half));
+    double *window = sums + half, *after = window + length;
+    for (int64_t k = 0; k <= length; k++)
+        window[k] = (running[k] - base) - slope * ((double)k * ((double)k - 1.0) / 2.0);
+    double end = 2.0 * window[length];
+    for (int64_t k = 0; k < half; k++) {
+        sums[k] = -window[half - k];
+        after[k + 1] = end - window[length - 1 - k];
+    }
+}
+
+static double mirrored_square(const double *p, int64_t m) {
+    double term = (p[3 * m] - p[0]) - 3.0 * (p[2 * m] - p[m]);
+    return term * term;
+}
+
+/* Sum over windows, begun at every `stride`, of the mean square of the second difference of
+   m-means: `allan/estimators/reflected.py`. `room` has 3 length + 2 half + 2 values. */
+KERNEL(double, reflected_squares)
+(const double *values, int64_t n, int64_t m, int64_t stride, double *room) {
+    int64_t length = 3 * m, half = length / 2, origin = -length, count = 2 * half + 1;
+    double *running = room, *sums = room + 2 * length + 1, total = 0.0;
+    running[0] = 0.0;
+    for (int64_t start = 0; start < n - length + 1; start += stride) {
+        if (start >= origin + length) {
+            /* Start the running sum afresh, from a value near by, so that it stays small. */
+            origin = start;
+            for (int64_t k = 0; k < least(2 * length, n - origin); k++)
+                running[k + 1] = running[k] + (values[origin + k] - values[origin]);
+        }
+        mirror(running + (start - origin), length, sums);
+        lanes squares_in_lanes = {0.0};
+        int64_t j = 0;
+        for (; j + LANES <= count; j += LANES) {
+            const double *p = sums + j;
+            lanes term = (*(const lanes *)(p + 3 * m) - *(const lanes *)p)
+                         - 3.0 * (*(const lanes *)(p + 2 * m) - *(const lanes *)(p + m));
+            squares_in_lanes += term * term;
+        }
+        double squares = sum_of(squares_in_lanes);
+        for (; j < count; j++) squares += mirrored_square(sums + j, m);
+        squares *= 2.0;
+        /* Both ends are their own mirror images where there are such. */
+        if (m % 2 == 0) squares -= mirrored_square(sums, m) + mirrored_square(sums + 2 * half, m);
+        total += squares / (6.0 * (double)m);
+    }
+    return total;
+}
+
+/* THEO1's sum: x read forwards and `backward`, weights 1/v. */
+KERNEL(double, theo1_squares)
+(const double *x, const double *backward, const double *weight, int64_t n, int64_t m,
+ int64_t stride) {
+    int64_t half = m / 2;
+    double total = 0.0;
+    for (int64_t i = 0; i < n - m; i += stride) {
+        double ends = x[i] + x[i + m];
+        const double *left = x + i + 1, *right = backward + (n - m - i);
+        lanes in_lanes = {0.0};
+        int64_t v = 0;
+        for (; v + LANES <= half; v += LANES) {
+            lanes term = ends - *(const lanes *)(left + v) - *(const lanes *)(right + v);
+            in_lanes += *(const lanes *)(weight + v) * (term * term);
+        }
+        double squares = sum_of(in_lanes);
+        for (; v < half; v++) {
+            double term = ends - left[v] - right[v];
+            squares += weight[v] * (term * term);
+        }
+        total += squares;
+    }
+    return total;
+}
+
+/* Sum over windows of THEO1's squares at each distance v, k // 2 of them; added to `profile`. */
+KERNEL(void, theo1_profile)
+(const double *restrict x, const double *restrict backward, int64_t n, int64_t k,
+ double *restrict profile) {
+    int64_t half = k / 2, windows = n - k;
+    for (int64_t i = 0; i < windows; i++) {
+        double ends = x[i] + x[i + k];
+        const double *left = x + i + 1, *right = backward + (windows - i);
+        for (int64_t v = 0; v < half; v++) {
+            double term = ends - left[v] - right[v];
+            profile[v] += term * term;
+        }
+    }
+}

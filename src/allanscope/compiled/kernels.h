@@ -1,0 +1,40 @@
+/* What all compiled loops share.
+
+   Each is compiled once for every level of the processor that a library serves, under a name that
+   ends in the level (`KERNEL`). Sums whose order is free are taken in four lanes (`lanes`), on every
+   processor alike, and products are never fused with sums: so all levels, compilers and machines
+   give the same bits. No loop allocates memory or can fail; room to work in comes from the caller. */
+
+#ifndef KERNELS_H
+#define KERNELS_H
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#define JOIN(a, b) a##_##b
+#define JOINED(a, b) JOIN(a, b)
+#if defined(_WIN32)
+#define KERNEL(type, name) __declspec(dllexport) type JOINED(name, LEVEL)
+#else
+#define KERNEL(type, name) __attribute__((visibility("default"))) type JOINED(name, LEVEL)
+#endif
+
+/* Four doubles, wherever they lie. */
+typedef double lanes __attribute__((vector_size(32), aligned(8), may_alias));
+enum { LANES = 4 };
+
+static inline double sum_of(lanes v) { return (v[0] + v[1]) + (v[2] + v[3]); }
+
+static inline double dot(const double *a, const double *b, int64_t n) {
+    lanes sums = {0.0, 0.0, 0.0, 0.0};
+    int64_t i = 0;
+    for (; i + LANES <= n; i += LANES) sums += *(const lanes *)(a + i) * *(const lanes *)(b + i);
+    double total = sum_of(sums);
+    for (; i < n; i++) total += a[i] * b[i];
+    return total;
+}
+
+static inline int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
+
+#endif

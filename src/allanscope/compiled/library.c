@@ -1,0 +1,8 @@
+/* All compiled loops, for one level of the processor; compiled once for each. */
+
+#include "amplitudes.c"
+#include "cascade.c"
+#include "estimators.c"
+#include "series.c"
+#include "spectrum.c"
+#include "wire.c"

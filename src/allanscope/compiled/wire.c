@@ -1,0 +1,108 @@
+/* The batch reader of the native protocol: `wire/native/kernel.py`. */
+
+#include "kernels.h"
+
+enum {
+    DATA = 0x01,
+    VERSION_MAJOR = 1,
+    MOST_SAMPLES = 18,
+    HEAD_BYTES = 26,
+    SAMPLE_BYTES = 12,
+    CRC_BYTES = 4,
+    SHORTEST = 8 + CRC_BYTES,
+    LONGEST_CHUNK = 247
+};
+
+static uint32_t word_at(const uint8_t *bytes) {
+    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16
+           | (uint32_t)bytes[3] << 24;
+}
+
+static uint32_t crc32(const uint8_t *data, int64_t size, const uint32_t (*table)[256]) {
+    uint32_t crc = 0xFFFFFFFFu;
+    int64_t whole = size & ~(int64_t)7;
+    for (int64_t i = 0; i < whole; i += 8) {
+        uint32_t low = crc ^ word_at(data + i), high = word_at(data + i + 4);
+        crc = table[7][low & 0xFF] ^ table[6][low >> 8 & 0xFF] ^ table[5][low >> 16 & 0xFF]
+              ^ table[4][low >> 24] ^ table[3][high & 0xFF] ^ table[2][high >> 8 & 0xFF]
+              ^ table[1][high >> 16 & 0xFF] ^ table[0][high >> 24];
+    }
+    for (int64_t i = whole; i < size; i++) crc = crc >> 8 ^ table[0][(crc ^ data[i]) & 0xFF];
+    return crc ^ 0xFFFFFFFFu;
+}
+
+/* Write the frame that starts at `data` and return how far off its final zero is, or -1. */
+static int64_t unstuff(const uint8_t *data, int64_t left, uint8_t *frame) {
+    int64_t size = least(left, LONGEST_CHUNK + 1), here = 0, count = 0;
+    uint8_t places[LONGEST_CHUNK + 1];
+    while (here < size && data[here] != 0) {
+        places[count++] = (uint8_t)here;
+        here += data[here];
+    }
+    if (here >= size || count == 0) return -1;
+    if (memchr(data + 1, 0, (size_t)here - 1) != NULL)
+        return -1; /* the walk has stepped over the end of a truncated frame */
+    memcpy(frame, data + 1, (size_t)here - 1);
+    for (int64_t k = 1; k < count; k++) frame[places[k] - 1] = 0;
+    return here;
+}
+
+static int is_data(const uint8_t *frame, int64_t size) {
+    int n = frame[7];
+    return frame[0] == DATA && frame[1] >> 4 == VERSION_MAJOR && 1 <= n && n <= MOST_SAMPLES
+           && size == HEAD_BYTES + SAMPLE_BYTES * n;
+}
+
+/* Read all complete frames of a buffer that starts at the beginning of a chunk.
+
+   `found` receives: data frames, bytes of their samples, other frames, CRC errors, malformed frames,
+   where the first incomplete chunk starts, whether the next may be the tail of a frame, and whether
+   it is already longer than a frame can be. The other arrays: see `wire/native/kernel.py`. */
+KERNEL(void, read_frames)
+(const uint8_t *data, int64_t end, int64_t joining, const uint32_t *tables, uint8_t *headers,
+ int64_t *ends, uint8_t *samples, uint8_t *others, int64_t *other_rows, int64_t *other_ends,
+ int64_t *found) {
+    const uint32_t(*table)[256] = (const uint32_t(*)[256])tables;
+    uint8_t frame[LONGEST_CHUNK + 1];
+    int64_t rows = 0, filled = 0, other_count = 0, other_filled = 0, crc_errors = 0, malformed = 0;
+    int64_t start = 0;
+    while (start < end) {
+        if (data[start] == 0) {
+            start++;
+            continue;
+        }
+        int64_t length = unstuff(data + start, end - start, frame);
+        int sound = length >= 0;
+        if (!sound) {
+            const uint8_t *stop = memchr(data + start, 0, (size_t)(end - start));
+            if (stop == NULL) break;
+            length = stop - (data + start);
+        }
+        int64_t was_joining = joining, size = length - 1;
+        joining = 0;
+        start += length + 1;
+        if (!sound || size < SHORTEST) {
+            malformed++;
+            continue;
+        }
+        size -= CRC_BYTES;
+        if (crc32(frame, size, table) != word_at(frame + size)) {
+            if (was_joining)
+                malformed++;
+            else
+                crc_errors++;
+        } else if (is_data(frame, size)) {
+            memcpy(headers + rows * HEAD_BYTES, frame, HEAD_BYTES);
+            memcpy(samples + filled, frame + HEAD_BYTES, (size_t)size - HEAD_BYTES);
+            filled += size - HEAD_BYTES;
+            ends[rows++] = start;
+        } else {
+            memcpy(others + other_filled, frame, (size_t)size);
+            other_filled += size;
+            other_rows[other_count] = rows;
+            other_ends[other_count++] = other_filled;
+        }
+    }
+    found[0] = rows, found[1] = filled, found[2] = other_count, found[3] = crc_errors;
+    found[4] = malformed, found[5] = start, found[6] = joining, found[7] = end - start > LONGEST_CHUNK;
+}

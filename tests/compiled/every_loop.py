@@ -1,0 +1,95 @@
+"""Call every loop over seeded inputs: empty, of one element, at its limits, damaged; print done."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allanscope.allan.archive import Archive
+from allanscope.allan.cascade import Cascade
+from allanscope.allan.estimators import REGISTRY
+from allanscope.allan.estimators.theo1 import thinned_theo1_variance
+from allanscope.allan.shard import ALIGNED, BLOCK, Shard
+from allanscope.explain.effects.random_telegraph import posterior
+from allanscope.explain.steadiness import demodulate
+from allanscope.noise.amplitudes import maximise
+from allanscope.samples import AXES, Block, StreamInfo, Ticks
+from allanscope.simulator.noise.power_law import FractionalIntegral
+from allanscope.spectrum.ladder import SEGMENT, Ladder
+from allanscope.wire.native import NativeDecoder, NativeEncoder
+
+RNG = np.random.default_rng(20)
+
+
+def sums() -> None:
+    for axes, per_octave in ((1, 1), (3, 4)):
+        for sizes in ((0,), (1,), (31, 1), (255, 1, 1), (5000, 0, 20_000)):
+            cascade, archive = Cascade(axes, per_octave), Archive(axes, rows=64)
+            for n in sizes:
+                samples = RNG.normal(size=(axes, n))
+                cascade.extend(samples)
+                archive.extend(samples)
+            cascade.settled().variances("totdev")
+    data = RNG.normal(size=(ALIGNED, 2))
+    shard = Shard(2, 4, data[0])
+    shard.extend(data)
+    cascade = Cascade(2, 4)
+    cascade.join(shard.cascade, shard.block_sums, 0)
+    archive = Archive(2, rows=64)
+    archive.join(shard.block_sums, BLOCK)
+
+
+def estimators() -> None:
+    for n in (1, 2, 9, 400):
+        phase = np.append(0.0, RNG.normal(size=n).cumsum())
+        for estimator in REGISTRY.values():
+            for m in (1, 2, 3, 4, 33, n // 3, n // 2, n - 1, n):
+                if estimator.admits(m, n):
+                    with np.errstate(all="ignore"):
+                        estimator.exact(phase, m)
+    thinned_theo1_variance(phase, 64, 8)
+
+
+def spectra() -> None:
+    bank = Ladder(2)
+    for n in (0, 1, 47, 1, SEGMENT, 9 * SEGMENT, 5):
+        bank.push(RNG.normal(size=(2, n)).astype(np.float32))
+
+
+def frames() -> None:
+    encoder = NativeEncoder()
+    info = StreamInfo(AXES, (8.75e-3,) * 3 + (6.1e-5,) * 3, 416.0, "LSM6DSM", epoch=9)
+    wire = encoder.describe(info)
+    for n in (1, 17, 18, 400):
+        counts = RNG.integers(-32768, 32768, (n, 6)) * RNG.integers(0, 2, (n, 6))
+        wire += encoder.encode(Block(0, counts.astype(np.int16), Ticks.none()))
+    for seed in range(40):
+        damage = np.random.default_rng(seed)
+        data = np.frombuffer(wire, np.uint8).copy()
+        data[damage.integers(0, len(data), 9 * seed)] = damage.integers(0, 256, 9 * seed)
+        decoder = NativeDecoder()
+        cut = int(damage.integers(0, len(data)))
+        for piece in (b"", data[:cut].tobytes(), data[cut:].tobytes(), bytes([255] * seed * 20)):
+            decoder.feed(piece, 0.0)
+
+
+def fits() -> None:
+    for p, bins in ((0, 1), (1, 1), (3, 2), (9, 150)):
+        columns = RNG.random((p, bins))
+        power, count = RNG.random(bins) + 0.1, np.full(bins, 9.0)
+        maximise(columns, power, count, np.zeros(bins))
+        maximise(columns, power, count, np.full(bins, 0.01), np.ones(p))
+        maximise(np.repeat(columns, 2, axis=0), power, count, np.zeros(bins))
+
+
+def series() -> None:
+    for n in (1, 2, 3000):
+        posterior(RNG.normal(size=n), 1.0, 0.05, 1.0)
+        demodulate(RNG.normal(size=n), 100.0, 3.0, 1)
+        FractionalIntegral(0.5, 1e6, RNG).apply(RNG.normal(size=n))
+    FractionalIntegral(0.5, 1e6, RNG).apply(np.empty(0))
+
+
+if __name__ == "__main__":
+    for part in (sums, estimators, spectra, frames, fits, series):
+        part()
+    print("done")

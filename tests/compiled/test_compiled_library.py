@@ -1,0 +1,159 @@
+"""The library: found or told how to build it, the same bits at every level, sound at every edge."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import allanscope
+from allanscope import compiled
+from allanscope.allan import kernels
+from allanscope.allan.cascade import Cascade
+from allanscope.allan.estimators import reflected, theo1
+from allanscope.compiled import LibraryMissing, Pointer, build, kernel
+from allanscope.noise import amplitudes
+from allanscope.spectrum import ladder
+
+PACKAGE = Path(allanscope.__file__).parent
+DRIVER = Path(__file__).with_name("every_loop.py")
+
+
+def copied(tmp_path: Path) -> Path:
+    """Return a copy of the package without its library."""
+    without = shutil.ignore_patterns("__pycache__", "library.*o", "library.*l*")
+    return Path(shutil.copytree(PACKAGE, tmp_path / "site" / "allanscope", ignore=without))
+
+
+def run(package: Path, *command: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run Python with a copy of the package."""
+    path = {"PYTHONPATH": str(package.parent), "PATH": "/usr/bin:/bin", **environment}
+    return subprocess.run(
+        [sys.executable, *command], env=path, capture_output=True, text=True, check=False
+    )
+
+
+def test_a_library_that_is_missing_or_of_other_sources_is_one_line_with_the_command(
+    tmp_path: Path,
+) -> None:
+    package = copied(tmp_path)
+    command = ("-m", "allanscope", "simulate", str(tmp_path / "a.mcap"), "--hours", "0.0003")
+    missing = run(package, *command)
+    mend = f"run: python {package / 'compiled' / 'build.py'}"
+    assert missing.returncode == 2
+    assert missing.stderr.splitlines()[0].endswith(mend)
+    assert len(missing.stderr.splitlines()) == 1
+    doctor = run(package, "-m", "allanscope", "doctor", str(tmp_path))
+    assert f"-> python {package / 'compiled' / 'build.py'}" in doctor.stdout
+    name = build.library_name()
+    shutil.copy(PACKAGE / "compiled" / name, package / "compiled" / name)
+    assert run(package, *command).returncode == 0
+    with (package / "compiled" / "wire.c").open("a") as source:
+        source.write("/* changed */\n")
+    other = run(package, *command)
+    assert "was compiled from other sources" in other.stderr
+    assert other.stderr.splitlines()[0].endswith(mend)
+
+
+def test_a_call_in_python_without_a_library_is_an_import_error(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(compiled, "_HERE", tmp_path)
+    compiled._library.cache_clear()
+    with pytest.raises(LibraryMissing, match="pip install") as caught:
+        kernel("decimate")
+    assert isinstance(caught.value, ImportError)
+    compiled._library.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.zeros((3, 4)),
+        np.zeros(4, np.float32),
+        np.zeros(8)[::2],
+        np.zeros(4, ">f8"),
+        np.frombuffer(bytes(32), np.float64),
+    ],
+)
+def test_an_array_that_a_loop_cannot_take_is_refused(array: NDArray[Any]) -> None:
+    with pytest.raises(TypeError, match="writeable, contiguous float64 of 1 dim"):
+        Pointer(np.float64, 1, written=True).from_param(array)
+
+
+def test_a_ladder_whose_arrays_do_not_fit_together_is_refused() -> None:
+    cascade = Cascade(axes=2, per_octave=1)
+    cascade.offsets = np.zeros((2, 2))
+    with pytest.raises(ValueError, match="do not fit together"):
+        cascade.extend(np.zeros((2, 5)))
+    with pytest.raises(ValueError, match="do not fit together"):
+        Cascade(axes=2, per_octave=1).extend(np.zeros((3, 5)))
+
+
+def results() -> list[NDArray[Any]]:
+    """Return what loops give whose sums could depend on the processor."""
+    rng = np.random.default_rng(4)
+    cascade = Cascade(axes=2, per_octave=4)
+    cascade.extend(rng.normal(size=(2, 9001)))
+    bank = ladder.Ladder(2)
+    bank.push(rng.normal(size=(2, 9001)).astype(np.float32))
+    values = rng.normal(size=901).cumsum()
+    columns = np.geomspace(1.0, 1e4, 99) ** np.array([[-2.0], [-1.0], [0.0]])
+    power = columns.sum(axis=0) * rng.gamma(5.0, 0.2, 99)
+    theta, loglik, expected = amplitudes.maximise(columns, power, np.full(99, 5.0), np.zeros(99))
+    return [
+        *cascade.settled().arrays().values(),
+        *(np.asarray(array) for array in bank.arrays().values()),
+        *(np.array(reflected.reflected_mean_square(values, m, 1)) for m in (7, 100)),
+        np.array(theo1.theo1_variance(values, 202)),
+        *(theta, np.array(loglik), expected),
+    ]
+
+
+def test_every_level_of_the_processor_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    library, level = compiled._library()
+    if level == 1:
+        pytest.skip("this processor runs the lowest level alone")
+    highest = results()
+    used = [
+        (kernels, "_advance", "cascade_advance"),
+        (kernels, "_settle", "cascade_settle"),
+        (ladder, "_decimate", "decimate"),
+        (ladder, "_add_squares", "add_squares"),
+        (reflected, "_squares", "reflected_squares"),
+        (theo1, "_squares", "theo1_squares"),
+        (amplitudes, "_maximise", "maximise"),
+    ]
+    for module, name, source in used:
+        highest_loop = getattr(module, name)
+        lowest_loop = library[f"{source}_v1"]  # an object of its own
+        lowest_loop.argtypes, lowest_loop.restype = highest_loop.argtypes, highest_loop.restype
+        monkeypatch.setattr(module, name, lowest_loop)
+    for one, other in zip(highest, results(), strict=True):
+        assert one.tobytes() == other.tobytes()
+
+
+def test_a_loop_reads_and_writes_nothing_that_is_not_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All loops over seeded inputs, from empty ones to the largest, under the sanitizers of gcc."""
+    if (gcc := shutil.which("gcc")) is None:
+        pytest.skip("no gcc on this machine, whose sanitizers look for wrong memory accesses")
+    asan = subprocess.run(
+        [gcc, "-print-file-name=libasan.so"], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    package = copied(tmp_path)
+    sanitized = ("-std=c99", "-O1", "-g", "-fPIC", "-Wall", "-Wextra", "-Werror")
+    undefined = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    monkeypatch.setenv("CC", f"{gcc} {' '.join(undefined)}")
+    monkeypatch.setattr(build, "FLAGS", sanitized)
+    build.build(package / "compiled")
+    ran = run(package, str(DRIVER), LD_PRELOAD=asan, ASAN_OPTIONS="detect_leaks=0")
+    assert ran.returncode == 0, ran.stderr[-4000:]
+    assert ran.stdout.split() == ["done"]

@@ -34,7 +34,7 @@ defaults of `live` (part, rate, full scales, wire format, folder of new sessions
 | 2 | usage: something in the call does not exist |
 | 3 | input that cannot be read |
 | 4 | device lost or not found |
-| 5 | `check` failed |
+| 5 | `check` or `verify` failed |
 | 6 | done, but not all of it: standard error and `failures` in the result say what |
 | 130 | stopped by Ctrl-C before it was done |
 

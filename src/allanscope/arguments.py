@@ -26,6 +26,7 @@ __all__ = [
     "replay",
     "report",
     "simulate",
+    "verify",
 ]
 
 
@@ -178,6 +179,15 @@ def doctor(one: ArgumentParser) -> None:
 def completion(one: ArgumentParser) -> None:
     """Take the name of a shell."""
     one.add_argument("shell", choices=["bash", "zsh", "fish"], help="the shell")
+
+
+def verify(one: ArgumentParser) -> None:
+    """Take what a verification needs."""
+    one.add_argument(
+        "--json",
+        metavar="FILE",
+        help="also write every value, with versions, processor and checksums; - prints it",
+    )
 
 
 def nothing(one: ArgumentParser) -> None:

@@ -194,6 +194,31 @@ def check(options: Namespace) -> int:
     return ExitCode.DONE
 
 
+def verify(options: Namespace) -> int:
+    """Compare what this machine computes with certified values."""
+    from allanscope.atomic_write import refuse_place, write_text
+    from allanscope.errors import CheckFailed
+    from allanscope.verify import table_lines, to_json, verify
+
+    if options.json and options.json != "-":
+        refuse_place(Path(options.json))
+
+    def say(name: str) -> None:
+        if not options.quiet:
+            print(f"checking {name} ...", file=sys.stderr, flush=True)
+
+    checks = verify(say)
+    document = to_json(checks) if options.json else ""
+    print(document if options.json == "-" else "\n".join(table_lines(checks)), flush=True)
+    if options.json and options.json != "-":
+        write_text(Path(options.json), document)
+        _name_outputs(options, options.json)
+    missed = [check.name for check in checks if not check.passed]
+    if missed:
+        raise CheckFailed(f"{len(missed)} of {len(checks)} checks failed: {', '.join(missed)}")
+    return ExitCode.DONE
+
+
 def report(options: Namespace) -> int:
     """Write one HTML report on a session, or on several compared."""
     from allanscope.pipeline import report_sessions
@@ -304,6 +329,7 @@ _COMMANDS = {
     "ports": (ports, arguments.nothing, "ports"),
     "doctor": (doctor, arguments.doctor, "doctor"),
     "completion": (completion, arguments.completion, "completion bash"),
+    "verify": (verify, arguments.verify, "verify --json verified.json"),
 }
 
 

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from allanscope.verify.certified import TEN_POINTS, thousand_points
+
 
 @pytest.fixture(scope="session")
 def power_law():
@@ -22,17 +24,13 @@ def power_law():
 @pytest.fixture(scope="session")
 def nbs14_1000():
     """Return the 1000 points of NIST SP 1065 section 12.4: Lehmer's generator from 1234567890."""
-    values, state = [], 1234567890
-    for _ in range(1000):
-        values.append(state / 2147483647)
-        state = 16807 * state % 2147483647
-    return np.array(values)
+    return thousand_points()
 
 
 @pytest.fixture(scope="session")
 def nbs14_10():
     """Return the nine frequencies of the 10-point set of NBS Monograph 140."""
-    return np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])
+    return np.array(TEN_POINTS)
 
 
 @pytest.fixture(scope="session")

@@ -305,6 +305,15 @@ def _session_arguments(one: ArgumentParser) -> None:
         help="where to draw; auto (default) is a window where there is a display, else web",
     )
     _view_port_argument(one)
+    one.add_argument(
+        "--on-event",
+        default="",
+        metavar="COMMAND",
+        help="run this for each event, without a shell; the event is a JSON line on its input",
+    )
+    one.add_argument(
+        "--events-to", metavar="FILE", help="a pipe, file or /dev/fd/N for a JSON line an event"
+    )
     one.add_argument("--json", action="store_true", help="print the result at the end")
 
 

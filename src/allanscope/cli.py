@@ -421,6 +421,8 @@ def _session_settings(options: Namespace, duration_s: float | None) -> SessionSe
         duration_s=duration_s,
         folder=Path(getattr(options, "folder", None) or "."),
         view_port=options.view_port,
+        on_event=options.on_event,
+        events_to=Path(options.events_to) if options.events_to else None,
     )
 
 

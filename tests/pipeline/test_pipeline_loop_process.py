@@ -194,3 +194,22 @@ def test_a_port_at_its_fastest_is_read_for_half_an_hour_while_nobody_decodes():
     reader.start()
     reader.join(30.0)
     assert not reader.is_alive()
+
+
+def test_the_rows_about_an_event_are_searched_when_it_has_settled():
+    taken = Analyser()
+    taken.take(StreamInfo(("gx",), (0.004375,), nominal_hz=RATE))
+    counts = np.random.default_rng(3).normal(0.0, 10.0, int(500 * RATE))
+    counts[int(380 * RATE) :] += 12.0
+    block = Block(0, np.rint(counts).astype(np.int16)[:, np.newaxis], Ticks.none())
+    taken.take(block)
+    told = []
+    process = LoopProcess(first_s=1e6, tell=told.append)
+    process.offer(taken.frozen())
+    finished(process)
+    assert process.trouble == ""
+    assert len(told) == 1
+    assert told[0].startswith("search about the event at 6 min 20 s")
+    assert "step" in told[0] or "level" in told[0]
+    process.offer(taken.frozen())
+    assert len(told) == 1

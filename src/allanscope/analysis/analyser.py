@@ -384,6 +384,20 @@ class LoopInput:
         """Time that the rows cover, in s."""
         return len(self.record.values) / self.record.rate_hz
 
+    def since(self, begin_s: float) -> LoopInput:
+        """Return what there is from a time on; the densities of the whole run are left out."""
+        record = self.record
+        first = int(np.searchsorted(record.start_s, begin_s))
+        segments = np.maximum(record.segments - first, 0)
+        later = replace(
+            record,
+            values=record.values[first:],
+            temperature_c=record.temperature_c[first:],
+            start_s=record.start_s[first:],
+            segments=segments[segments[:, 1] > 0],
+        )
+        return replace(self, record=later, densities={})
+
 
 def loop_input(state: StreamState) -> LoopInput:
     """Return what the sums of one configuration have to show."""

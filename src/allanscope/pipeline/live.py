@@ -22,6 +22,7 @@ from allanscope.analysis import Analyser, AnalyserSettings, Analysis
 from allanscope.errors import AllanscopeError, DeviceError, InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
 from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.event_hook import EventHook
 from allanscope.pipeline.outputs import (
     discard_session,
     made_folder,
@@ -158,7 +159,8 @@ def run_replay(
     InputError
         When there is no recording, or it holds no samples.
     """
-    if math.isinf(speed) and settings.view == "none" and settings.out is None:
+    unheard = not settings.on_event and settings.events_to is None
+    if math.isinf(speed) and settings.view == "none" and settings.out is None and unheard:
         final = _replayed_unseen(path, device, settings)
         done(final)
         return final
@@ -249,10 +251,11 @@ def _run(
         stopped.set()
         session.stop()
 
+    hook = EventHook(settings.on_event, settings.events_to, session.fail)
     terminal = TerminalView(mode, session.mark, stop, whole_s=whole_s)
     named = {**facts, "name": facts["name"]}
     viewer = RerunView(folder, settings.view, named, terminal.line, settings.view_port)
-    session.audience = (terminal, viewer)
+    session.audience = (terminal, viewer, hook)
     final: Analysis | None = None
     complete = False
 
@@ -273,6 +276,7 @@ def _run(
                 session.run()
             finally:
                 session.source.close()
+                hook.close()
                 if recorder is not None:
                     # First of all: the result takes a while, and nothing more comes to the disk.
                     recorder.describe(wire=session.decoding.wire)

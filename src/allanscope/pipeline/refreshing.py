@@ -25,9 +25,10 @@ import threading
 import time
 from collections.abc import Callable
 
-from allanscope.analysis import Analyser, LoopInput, loop_input
+from allanscope.analysis import Analyser, LoopInput, StreamState, loop_input
 from allanscope.explain import Explanation, LiveLoop
 from allanscope.pipeline.process import trim_memory
+from allanscope.quantities import duration
 from allanscope.samples import StreamInfo
 
 __all__ = ["LoopProcess", "Refresher"]
@@ -40,6 +41,10 @@ FRESH_S, OLDEST_S, OLDEST_SHARE = 5.0, 60.0, 0.1
 watch the first minute, and nobody believes a number that stands for ten."""
 
 LOW_PRIORITY = 10
+
+SETTLED_S, BEFORE_S, FEWEST_STRETCH = 60.0, 120.0, 512
+"""The rows about an event are searched so long after it was found, from so long before its onset,
+when there are so many."""
 
 
 class Refresher:
@@ -145,6 +150,8 @@ class LoopProcess:
         Length of the run at the first look.
     fail : callable
         Called with a line when a look comes to nothing.
+    tell : callable
+        Called with a line when the rows about an event have been searched.
 
     Attributes
     ----------
@@ -153,9 +160,14 @@ class LoopProcess:
     """
 
     def __init__(
-        self, first_s: float = 120.0, fail: Callable[[str], None] = lambda _: None
+        self,
+        first_s: float = 120.0,
+        fail: Callable[[str], None] = lambda _: None,
+        tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.trouble = ""
+        self._tell = tell
+        self._searched = -1
         self._fail = fail
         self._first_s = self._due_s = first_s
         self._loop = LiveLoop(first_s)
@@ -184,6 +196,8 @@ class LoopProcess:
         state = frozen.state
         if state is None or self.busy or self._closed:
             return
+        if self._stretch_due(state):
+            return
         if self._info is None or self._info.configuration != state.info.configuration:
             self._loop = LiveLoop(self._first_s, nominal_hz=state.info.nominal_hz or None)
             self._info, self._due_s = state.info, self._first_s
@@ -196,6 +210,24 @@ class LoopProcess:
         self._thread = threading.Thread(target=self._look, args=(look,), name="look", daemon=True)
         self._thread.start()
 
+    def _stretch_due(self, state: StreamState) -> bool:
+        """Begin a search of the rows about an event that was found a while ago, if there is one."""
+        hz = state.info.nominal_hz or 1.0
+        onset = state.watch.unsearched(self._searched, round(SETTLED_S * hz))
+        if onset is None:
+            return False
+        self._searched = onset.found
+        before_s = max((onset.found - onset.onset) / hz, BEFORE_S)
+        look = loop_input(state).since(onset.onset / hz - before_s)
+        if len(look.record.values) < FEWEST_STRETCH:
+            return False
+        words = f"about the event at {duration(onset.onset / hz)}"
+        self._thread = threading.Thread(
+            target=self._look, args=(look, words), name="look", daemon=True
+        )
+        self._thread.start()
+        return True
+
     def close(self) -> None:
         """Give up a look that is under way: the run has ended, and is now searched in full."""
         self._closed = True
@@ -204,16 +236,17 @@ class LoopProcess:
         if self._thread is not None:
             self._thread.join(timeout=5.0)
 
-    def _look(self, look: LoopInput) -> None:
+    def _look(self, look: LoopInput, stretch: str = "") -> None:
         try:
-            self._search(look)
+            self._search(look, stretch)
         except Exception as error:  # no process, no memory: the end of the run searches in full
             self.trouble = f"{type(error).__name__}: {error}"
         if self.trouble and not self._closed:
             self._fail(f"the search for effects during the run failed: {self.trouble}")
 
-    def _search(self, look: LoopInput) -> None:
-        loop, request = self._loop, pickle.dumps((self._loop, look), pickle.HIGHEST_PROTOCOL)
+    def _search(self, look: LoopInput, stretch: str) -> None:
+        loop = LiveLoop(0.0, nominal_hz=look.nominal_hz) if stretch else self._loop
+        request = pickle.dumps((loop, look), pickle.HIGHEST_PROTOCOL)
         # A session of its own: Ctrl-C in the terminal is for us to understand, not for the child.
         command = [sys.executable, "-m", __name__]
         pipe = subprocess.PIPE
@@ -226,6 +259,10 @@ class LoopProcess:
         if child.returncode:
             last = complaint.decode(errors="replace").strip().rpartition("\n")[2]
             self.trouble = last or f"the search for effects ended with code {child.returncode}"
+        elif stretch:
+            known = pickle.loads(answer).findings
+            found = "; ".join(one.words for one in known) or "no effects beyond the noise model"
+            self._tell(f"search {stretch}: {found}")
         elif loop is self._loop:
             self._loop, self.trouble = pickle.loads(answer), ""
 
@@ -235,7 +272,7 @@ def main() -> None:
     if hasattr(os, "nice"):
         os.nice(LOW_PRIORITY)
     loop, look = pickle.load(sys.stdin.buffer)
-    loop.update(look.record, rate_fit=look.rate_fit, densities=look.densities)
+    loop.update(look.record, rate_fit=look.rate_fit, densities=look.densities or None)
     pickle.dump(loop, sys.stdout.buffer, pickle.HIGHEST_PROTOCOL)
 
 

@@ -140,7 +140,7 @@ class Session:
         self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
         self.failures: list[str] = []
-        self.loop_process = LoopProcess(fail=self.fail)
+        self.loop_process = LoopProcess(fail=self.fail, tell=self._remark)
         share = WATCHED_SHARE if watched else UNWATCHED_SHARE
         self._refresher = Refresher(self._show, share, self.fail)
         self._space_due_ns = 0
@@ -153,6 +153,10 @@ class Session:
     def mark(self, text: str) -> None:
         """Set a mark at the present moment; callable from any thread."""
         self._news.put(Notice("mark", text))
+
+    def _remark(self, line: str) -> None:
+        """Say something of our own; callable from any thread."""
+        self._news.put(Notice("text", one_line(line), {"host": 1}))
 
     def fail(self, line: str) -> None:
         """Say that something beside the measurement failed, once; callable from any thread."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -85,6 +87,11 @@ class DeviceSettings:
 class SessionSettings:
     """How a session is shown and kept.
 
+    Raises
+    ------
+    UsageError
+        When there is no such program as `on_event` names.
+
     Attributes
     ----------
     out : Path or None
@@ -97,6 +104,10 @@ class SessionSettings:
         Stop this long after the first byte; None for never.
     view_port : int or None
         Of the page of the web viewer, with the data at the one after it; None for any free ones.
+    on_event : str
+        Command that is run for each event; empty for none.
+    events_to : Path or None
+        Pipe or file that gets a line of JSON for each event.
     folder : Path
         Where the folder of a new session is made, when `out` is not given.
     """
@@ -106,7 +117,17 @@ class SessionSettings:
     quiet: bool = False
     duration_s: float | None = None
     view_port: int | None = None
+    on_event: str = ""
+    events_to: Path | None = None
     folder: Path = Path()
+
+    def __post_init__(self) -> None:
+        try:
+            words = shlex.split(self.on_event)
+        except ValueError as error:
+            raise UsageError(f"--on-event {self.on_event!r}: {error}") from None
+        if words and shutil.which(words[0]) is None:
+            raise UsageError(f"--on-event: there is no program {words[0]!r}")
 
 
 @dataclass(frozen=True, slots=True)

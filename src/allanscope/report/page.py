@@ -87,10 +87,20 @@ def render(analysis: Analysis, drawn: Mapping[str, Picture] | None = None) -> st
         ],
         ratio_svg=svgs.get("ratio", ""),
         quality=words.quality(analysis),
-        marks=[f"{duration(time_s)}: {text}" for time_s, text in analysis.marks],
+        marks=[f"{duration(time_s)}: {text}" for time_s, text in marked_moments(analysis)],
         provenance=words.provenance(analysis, _command(analysis)),
         footer=f"allanscope {analysis.version}",
     )
+
+
+def marked_moments(analysis: Analysis) -> list[tuple[float, str]]:
+    """Return the moments that are marked on axes of time: marks of the user, and events."""
+    events = (
+        (once.onset_s, event.words if number == 0 else f"again: {event.words}")
+        for event in analysis.events
+        for number, once in enumerate(event.occurrences)
+    )
+    return sorted([*analysis.marks, *events])
 
 
 def template(name: str) -> jinja2.Template:
@@ -184,7 +194,9 @@ def pictures(analysis: Analysis) -> dict[str, Picture]:
     for unit, sensor in SENSOR_NAMES.items():
         names = [name for name, axis in shown.items() if axis.unit == unit]
         if record is not None and names:
-            found[f"{sensor}-series"] = series_picture(record, names, unit, analysis.marks)
+            found[f"{sensor}-series"] = series_picture(
+                record, names, unit, marked_moments(analysis)
+            )
     if shown:
         found["ratio"] = ratio_picture(shown)
     return found

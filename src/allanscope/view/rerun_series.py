@@ -14,13 +14,16 @@ from allanscope.noise import Coefficient
 from allanscope.quantities import COEFFICIENTS, LEVEL, MAIN_LETTERS, TWO_SIDED_95, symbols
 from allanscope.samples import unit_of
 from allanscope.view.decimator import Rows
-from allanscope.view.palette import AXIS, LINK, REFERENCE, muted
+from allanscope.view.palette import AXIS, EFFECT, LINK, REFERENCE, muted
 
 __all__ = ["SENSORS", "Series"]
 
 SENSORS = {"dps": "gyro", "g": "accel"}
 
 _TEMPERATURE_EVERY_S = 5.0
+
+_TIME_AXES = ("/samples/gyro", "/samples/accel", "/rate", "/link/lost")
+"""Plots on whose zero line events are marked."""
 _LARGEST_ERROR = 0.3
 """Coefficients are plotted once their relative error is below this; until then their limit is."""
 
@@ -47,6 +50,7 @@ class Series:
         self._last_bytes = (0.0, 0)
         self._last_temperature_s = -math.inf
         self._limits_due_s = _FIRST_LIMIT_S
+        self._marked: set[tuple[str, int]] = set()
 
     def now(self, elapsed_s: float) -> None:
         """Set the time of what is logged next."""
@@ -88,6 +92,11 @@ class Series:
             "/link/errors",
             _steps("bad checksums", "resyncs", "reconnects"),
         )
+        for path in _TIME_AXES:
+            self._static(
+                f"{path}/events",
+                rr.SeriesPoints(names="events", colors=EFFECT, markers="diamond", marker_sizes=6.0),
+            )
         self._static("/link/lost", _steps("lost samples", "gaps of unknown length"))
         self._static("/link/throughput", _steps("kB/s"))
         self._static(
@@ -135,6 +144,7 @@ class Series:
                     path = f"/coefficients/{sensor}/{letter}"
                     self._coefficient(path, unit, letter, analysis, limits_too)
         self._rate(analysis)
+        self._events(analysis)
         link = analysis.link
         self._scalars("/link/errors", [link.crc_errors, link.resyncs, analysis.reconnects])
         self._scalars("/link/lost", [analysis.lost_samples, analysis.unknown_losses])
@@ -143,6 +153,18 @@ class Series:
             rate = (link.bytes - last_bytes) / (analysis.duration_s - last_s)
             self._scalars("/link/throughput", [1e-3 * rate])
             self._last_bytes = (analysis.duration_s, link.bytes)
+
+    def _events(self, analysis: Analysis) -> None:
+        """Mark what began, each time once, on every axis of time, at its onset."""
+        for event in analysis.events:
+            for once in event.occurrences:
+                if (event.kind, once.sample) in self._marked:
+                    continue
+                self._marked.add((event.kind, once.sample))
+                self.now(once.onset_s)
+                for path in _TIME_AXES:
+                    self._scalars(f"{path}/events", [0.0])
+        self.now(analysis.duration_s)
 
     def health(self, numbers: Mapping[str, object]) -> None:
         """Log any counters by name; what is not a number is left out."""

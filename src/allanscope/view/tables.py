@@ -124,7 +124,11 @@ def findings_table(analysis: Analysis) -> str:
         words = first.effect.evidence.get("words")
         if words and first.effect.kind != NAMELESS:
             lines.append(f"    - {markdown(words)}")
-    found = "\n".join(lines) or "*no effects found beyond the noise model*"
+    events = "\n".join(f"- {markdown(event.words)}" for event in analysis.events)
+    events = f"### Events\n\n{events}\n\n### Effects\n\n" if events else ""
+    found = (
+        events + "\n".join(lines) if lines else events + "*no effects found beyond the noise model*"
+    )
     remarks = "\n".join(f"- {markdown(remark)}" for remark in _remarks(analysis))
     return f"{found}\n\n### Remarks\n\n{remarks}" if remarks else found
 

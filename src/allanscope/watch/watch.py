@@ -124,6 +124,20 @@ class Watch:
         groups = grouped(self.tracks.all, TOGETHER_S * rate_hz)
         return tuple(self._event(group, rate_hz) for group in groups)
 
+    def unsearched(self, after: int, settled: int) -> Span | None:
+        """Return the first change on an axis that was found after a sample, and long enough ago.
+
+        Parameters
+        ----------
+        after : int
+            Sample that the one before was found at.
+        settled : int
+            Samples that must have come since.
+        """
+        spans = (track.last for track in self.tracks.all if track.axis >= 0)
+        due = (one for one in spans if after < one.found <= self._position - settled)
+        return min(due, key=lambda one: one.found, default=None)
+
     def news(self, rate_hz: float) -> Iterator[tuple[str, Event]]:
         """Yield what was found or has gone since this was last asked for."""
         fresh, self.tracks.fresh = self.tracks.fresh, []

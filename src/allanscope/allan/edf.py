@@ -21,6 +21,13 @@ in units of tau:
     s_z(t) = central difference of order 2 d of s_x           the term of the variance
 
 F is m for a plain variance (the phase is averaged over one sample) and 1 for a modified one.
+
+A sensor's phase is a running sum of samples and no average of a continuous one. For m below ten or
+so that matters, so the plain variances of alpha >= -2 take the covariance of discrete power-law
+noise, S(f) ~ |2 sin(pi f)|^alpha, which is a closed form of the lag j in samples. With
+``h(j) = 1 + 1/3 + ... + 1/(2j - 1)`` it is, up to what differences remove::
+
+    flicker PM -h(j), white FM -j, flicker FM (j^2/2 - 1/8) h(j), random walk FM j^3 - j
 """
 
 from __future__ import annotations
@@ -37,6 +44,7 @@ __all__ = [
     "difference_autocovariance",
     "difference_edf",
     "phase_autocovariance",
+    "sampled_autocovariance",
     "small_factor_loss",
     "sum_lags",
 ]
@@ -125,6 +133,7 @@ def difference_edf(
     order: int,
     *,
     modified: bool = False,
+    sampled: bool = True,
 ) -> Floats:
     """Return the degrees of freedom of a variance made of differences of the phase.
 
@@ -142,6 +151,9 @@ def difference_edf(
         1 first difference, 2 Allan, 3 Hadamard.
     modified : bool
         True when the phase is averaged over m first (MVAR, TVAR).
+    sampled : bool
+        Noise of a running sum of samples; False for Greenhall and Riley's phase, which is averaged
+        over one sample: at m = 1 that promises a fifth too much for white FM.
 
     Examples
     --------
@@ -158,8 +170,10 @@ def difference_edf(
     edf = np.empty(m.shape)
     for i in np.ndindex(m.shape):
         exponent, span = int(alpha[i]), float(m[i] / stride[i])
-        width = _filter_width(exponent, int(m[i]), span, modified)
-        edf[i] = _difference_lags(exponent, span, width, order).edf(float(terms[i]))
+        averaged = modified and not (sampled and m[i] == 1)
+        width = _filter_width(exponent, int(m[i]), span, averaged)
+        discrete = sampled and not averaged
+        edf[i] = _difference_lags(exponent, span, width, order, discrete).edf(float(terms[i]))
     return edf
 
 
@@ -187,14 +201,17 @@ def _filter_width(alpha: int, m: int, span: float, modified: bool) -> float:
 
 
 @lru_cache(maxsize=8192)
-def _difference_lags(alpha: int, span: float, width: float, order: int) -> LagSums:
-    power = difference_autocovariance(np.zeros(1), width, alpha, order)[0]
-    return sum_lags(
-        lambda lag: difference_autocovariance(lag, width, alpha, order) / power, span, order + 1
-    )
+def _difference_lags(alpha: int, span: float, width: float, order: int, sampled: bool) -> LagSums:
+    def covariance(lag: Floats) -> Floats:
+        return difference_autocovariance(lag, width, alpha, order, sampled=sampled)
+
+    power = covariance(np.zeros(1))[0]
+    return sum_lags(lambda lag: covariance(lag) / power, span, order + 1)
 
 
-def difference_autocovariance(lag: Floats, width: float, alpha: int, order: int) -> Floats:
+def difference_autocovariance(
+    lag: Floats, width: float, alpha: int, order: int, *, sampled: bool = False
+) -> Floats:
     """Return s_z, up to a factor that depends on alpha and tau only.
 
     Parameters
@@ -208,6 +225,8 @@ def difference_autocovariance(lag: Floats, width: float, alpha: int, order: int)
         Power law of the rate, 2 (white PM) to -4.
     order : {1, 2, 3}
         Order of the difference.
+    sampled : bool
+        As in `difference_edf`.
 
     Examples
     --------
@@ -218,12 +237,10 @@ def difference_autocovariance(lag: Floats, width: float, alpha: int, order: int)
     [1.0, -0.5, 0.0]
     """
     middle, *sides = _BINOMIAL[order]
-    total = middle * phase_autocovariance(lag, width, alpha)
+    phase = sampled_autocovariance if sampled else phase_autocovariance
+    total = middle * phase(lag, width, alpha)
     for k, weight in enumerate(sides, start=1):
-        total += weight * (
-            phase_autocovariance(lag - k, width, alpha)
-            + phase_autocovariance(lag + k, width, alpha)
-        )
+        total += weight * (phase(lag - k, width, alpha) + phase(lag + k, width, alpha))
     return total
 
 
@@ -243,6 +260,25 @@ def phase_autocovariance(lag: Floats, width: float, alpha: int) -> Floats:
     # spike at 0 use the second derivative of t^2 log|t| instead.
     far = np.abs(lag) * width > _FAR
     return np.where(far, -(2.0 * np.log(np.where(far, np.abs(lag), 1.0)) + 3.0), exact)
+
+
+def sampled_autocovariance(lag: Floats, width: float, alpha: int) -> Floats:
+    """Return s_x of a running sum of samples, with arguments as for `difference_autocovariance`.
+
+    White PM and noise steeper than a random walk are as in `phase_autocovariance`.
+    """
+    if alpha not in (1, 0, -1, -2) or np.isinf(width):
+        return phase_autocovariance(lag, width, alpha)
+    from scipy.special import digamma
+
+    j = np.abs(lag) * width
+    if alpha == 0:
+        return -j
+    if alpha == -2:
+        return j**3 - j
+    odd = 0.5 * (digamma(j + 0.5) - digamma(0.5))
+    covariance: Floats = -odd if alpha == 1 else (j**2 / 2.0 - 0.125) * odd
+    return covariance
 
 
 def _power(lag: Floats, alpha: int) -> Floats:

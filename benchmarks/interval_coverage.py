@@ -88,6 +88,7 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="*", default=list(REGISTRY))
     parser.add_argument("--alphas", nargs="*", type=int, default=[2, 1, 0, -1, -2])
     parser.add_argument("--stream", action="store_true", help="through a bank")
+    parser.add_argument("--cells", action="store_true", help="print the coverage at every tau")
     options = parser.parse_args()
     print(f"{'':8} {'noise':5} {'coverage':>8} {'lowest':>7} {'at tau':>9} {'named right':>11}")
     for kind in options.kinds:
@@ -100,6 +101,9 @@ def main() -> None:
                 f" {tau[held.argmin()]:9g} {right:11.3f}",
                 flush=True,
             )
+            if options.cells:
+                cells = zip(tau.tolist(), (100 * held).tolist(), strict=True)
+                print("        ", " ".join(f"{at:g}: {part:.1f}" for at, part in cells), flush=True)
 
 
 if __name__ == "__main__":

@@ -282,6 +282,14 @@ def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None
         help="an effect to simulate, e.g. step:size=0.1,time=600,axis=gx; "
         "a wrong kind lists all, a kind alone what it takes",
     )
+    group.add_argument(
+        "--noise",
+        action="append",
+        default=[],
+        metavar="NAME=value,...",
+        help="noise of an axis instead of the typical one: N B K Q P (flicker PM) F (flicker walk) "
+        "D (random run) R, or n1 n2 of dx/dt = n1 x + n2 w; e.g. N=0.003,F=1e-6,axis=gx",
+    )
     group.add_argument("--truth", metavar="JSON", help="a result whose model is to be simulated")
     if not with_line:  # nothing can fail on it
         one.set_defaults(fault=[])

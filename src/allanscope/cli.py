@@ -433,6 +433,7 @@ def _simulated_settings(options: Namespace) -> SimulatedSettings:
         seed=options.seed,
         effects=tuple(options.effect),
         faults=tuple(options.fault),
+        noise=tuple(options.noise),
         truth=Path(options.truth) if options.truth else None,
     )
 

@@ -32,15 +32,21 @@ noise, S(f) ~ |2 sin(pi f)|^alpha, which is a closed form of the lag j in sample
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from allanscope.allan.noise_type import alpha_named
+
 __all__ = [
     "LagSums",
+    "calibrated_edf",
     "difference_autocovariance",
     "difference_edf",
     "phase_autocovariance",
@@ -175,6 +181,60 @@ def difference_edf(
         discrete = sampled and not averaged
         edf[i] = _difference_lags(exponent, span, width, order, discrete).edf(float(terms[i]))
     return edf
+
+
+def calibrated_edf(
+    kind: str, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, theory: ArrayLike
+) -> Floats:
+    """Return degrees of freedom by simulation where there are any, else those of theory.
+
+    Parameters
+    ----------
+    kind : str
+        Estimator.
+    alpha, m, n : array_like of int
+        As in `difference_edf`.
+    theory : array_like
+        Degrees of freedom by equations, which hold with more windows n / m than the table has.
+
+    Notes
+    -----
+    Interpolated in the logarithms of n / m and n. Runs longer than the longest simulated have its
+    degrees of freedom for alpha <= 0, which then depend on n / m alone, and more in proportion for
+    phase noise. `benchmarks/calibrate_limits.py` writes the table.
+    """
+    alpha, m, n, theory = np.broadcast_arrays(alpha, m, n, np.asarray(theory, np.float64))
+    edf = np.array(theory, np.float64)
+    tables = _calibration().get(kind, {})
+    for name, table in tables.items():
+        for i in np.argwhere((alpha == alpha_named(name)) & (m > 1)):
+            index = tuple(i)
+            edf[index] = _interpolated(table, name, float(m[index]), float(n[index]), edf[index])
+    return edf
+
+
+@lru_cache(maxsize=1)
+def _calibration() -> dict[str, dict[str, dict[str, list[Any]]]]:
+    text = (Path(__file__).parent / "edf_calibration.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def _interpolated(
+    table: dict[str, list[Any]], name: str, m: float, n: float, theory: float
+) -> float:
+    """Return the degrees of freedom of one cell."""
+    windows, lengths = np.log2(table["windows"]), np.log2(table["samples"])
+    at = float(np.log2(n / m))
+    columns = [float(np.interp(at, windows[: len(row)], np.log2(row))) for row in table["edf"]]
+    length = float(np.log2(n))
+    found = float(np.interp(length, lengths, columns))
+    if length > lengths[-1] and alpha_named(name) > 0:
+        slope = (columns[-1] - columns[0]) / (lengths[-1] - lengths[0])
+        found = columns[-1] + max(slope, 0.0) * (length - lengths[-1])
+    # With more windows than the longest runs have, theory goes on, but not below what is known.
+    beyond = at > windows[len(table["edf"][-1]) - 1]
+    edf = float(2.0**found)
+    return max(theory, edf) if beyond else edf
 
 
 def small_factor_loss(

@@ -33,10 +33,12 @@ if TYPE_CHECKING:
     from allanscope.noise.curve_fit import CurveResidual, fit_curve, gls_chi2
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
     from allanscope.noise.model import NoiseModel
+    from allanscope.noise.power_laws import POWER_LAWS, fit_power_laws
     from allanscope.noise.quantised import advice, find_step
     from allanscope.noise.white_level import add_coupled, total_white
 
 __all__ = [
+    "POWER_LAWS",
     "BestAveraging",
     "Coefficient",
     "CoefficientPart",
@@ -51,6 +53,7 @@ __all__ = [
     "fit_array",
     "fit_curve",
     "fit_noise",
+    "fit_power_laws",
     "gls_chi2",
     "relative_bounds",
     "total_white",
@@ -60,6 +63,7 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "POWER_LAWS": "power_laws",
         "BestAveraging": "coefficients",
         "Coefficient": "coefficients",
         "CoefficientPart": "coefficients",
@@ -74,6 +78,7 @@ __getattr__, __dir__ = lazily(
         "fit_array": "fit",
         "fit_curve": "curve_fit",
         "fit_noise": "fit",
+        "fit_power_laws": "power_laws",
         "gls_chi2": "curve_fit",
         "relative_bounds": "crlb",
         "wait_until": "crlb",

@@ -137,4 +137,5 @@ class SimulatedSettings:
     seed: int = 0
     effects: Sequence[str] = ()
     faults: Sequence[str] = ()
+    noise: Sequence[str] = ()
     truth: Path | None = None

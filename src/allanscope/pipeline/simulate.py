@@ -26,7 +26,7 @@ def simulator(
         part,
         device.rate_hz or 104.0,
         simulated.seed,
-        truth=truth.with_effects(simulated.effects),
+        truth=truth.with_noise(simulated.noise).with_effects(simulated.effects),
         gyro_fs=device.gyro_fs or 125.0,
         accel_fs=device.accel_fs or 2.0,
         duration_s=duration_s,

@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from allanscope.simulator.effect_spec import EffectSpec
 from allanscope.simulator.effects import Apply, Run, Scene, Setting, Stage, effect_kinds
-from allanscope.simulator.noise import Flicker, GaussMarkov, PowerLaw, RandomWalk, White, WhitePhase
+from allanscope.simulator.noise import (
+    Flicker,
+    FlickerPhase,
+    FlickerWalk,
+    GaussMarkov,
+    PowerLaw,
+    RandomRun,
+    RandomWalk,
+    White,
+    WhitePhase,
+)
 from allanscope.simulator.truth import AxisTruth, TemperatureTruth
 
 __all__ = ["AxisSignal", "EffectChain", "Thermometer"]
@@ -107,7 +117,15 @@ class AxisSignal:
             self._slow.append(Flicker(truth.B, rate, run.stream(axis, "flicker")))
         if truth.K:
             self._slow.append(RandomWalk(truth.K, rate, run.stream(axis, "random walk")))
-        self._angle = WhitePhase(truth.Q, rate, run.stream(axis, "angle")) if truth.Q else None
+        if truth.F:
+            self._slow.append(FlickerWalk(truth.F, rate, run.stream(axis, "flicker walk")))
+        if truth.D:
+            self._slow.append(RandomRun(truth.D, rate, run.stream(axis, "random run")))
+        self._angle: list[PowerLaw] = []
+        if truth.Q:
+            self._angle.append(WhitePhase(truth.Q, rate, run.stream(axis, "angle")))
+        if truth.P:
+            self._angle.append(FlickerPhase(truth.P, rate, run.stream(axis, "flicker angle")))
         self.effects = EffectChain(effects, axis, run, self._white.sigma, lsb)
 
     def take(self, scene: Scene) -> NDArray[np.float64]:
@@ -121,8 +139,8 @@ class AxisSignal:
         signal += self._truth.offset
         if self._truth.R:
             signal += self._truth.R * scene.time_s
-        if self._angle is not None:
-            signal += self._angle.take(n)
+        for process in self._angle:
+            signal += process.take(n)
         self.effects.apply("signal", signal, scene)
         return signal
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from allanscope.errors import AllanscopeError, InputError
+from allanscope.errors import AllanscopeError, InputError, UsageError
 from allanscope.parts import part_named
 from allanscope.samples import AXES
-from allanscope.simulator.effect_spec import EffectSpec, parse_effect
+from allanscope.simulator.effect_spec import GROUPS, EffectSpec, parse_effect
 from allanscope.simulator.grammar import Parameter, number
 from allanscope.simulator.noise import stream
 
@@ -40,8 +40,10 @@ class AxisTruth:
         Flicker, unit; the floor of ADEV is 0.664 B.
     K : float
         Random walk, unit/sqrt(s).
-    Q : float
-        White angle noise, unit s.
+    Q, P : float
+        White and flicker angle noise, unit s.
+    F, D : float
+        Flicker walk, unit/s, and random run, unit/s^1.5.
     R : float
         Ramp, unit/s, signed.
     offset : float
@@ -54,9 +56,12 @@ class AxisTruth:
     Q: float = 0.0
     R: float = 0.0
     offset: float = 0.0
+    P: float = 0.0
+    F: float = 0.0
+    D: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("N", "B", "K", "Q"):
+        for name in ("N", "B", "K", "Q", "P", "F", "D"):
             number("truth", name, getattr(self, name), Parameter("", "", least=0.0, most=_LARGEST))
 
 
@@ -182,6 +187,38 @@ class Truth:
         more = (parse_effect(one) if isinstance(one, str) else one for one in effects)
         return replace(self, effects=self.effects + tuple(more))
 
+    def with_noise(self, specs: Iterable[str]) -> Truth:
+        """Return this sensor with other noise: that of ``N=0.003,F=1e-6,axis=gx``, and no other.
+
+        N, B, K, Q, P, F, D and R are coefficients; n1 and n2 are those of a first-order Markov
+        process, dx/dt = n1 x + n2 w, which becomes an effect. An axis, ``gyro``, ``accel`` or
+        ``all``; gx if none is named. Axes that no text names stay as they are.
+
+        Raises
+        ------
+        UsageError
+            For a name or an axis that does not exist, or a number out of range.
+
+        Examples
+        --------
+        >>> sensor = Truth.typical().with_noise(["K=1e-3", "n1=-0.1,n2=0.01"])
+        >>> sensor.axes["gx"].K, sensor.axes["gx"].N, sensor.effects[0].parameters
+        (0.001, 0.0, {'sigma': 0.022360679774997897, 'correlation_time': 10.0})
+        """
+        axes, effects = dict(self.axes), list(self.effects)
+        fresh: set[str] = set()
+        for text in specs:
+            given, group = _noise_of(text)
+            markov = {name: given.pop(name) for name in ("n1", "n2") if name in given}
+            for axis in group:
+                kept = axes.get(axis, AxisTruth())
+                start = kept if axis in fresh else AxisTruth(offset=kept.offset)
+                axes[axis] = replace(start, **given)
+                fresh.add(axis)
+                if markov:
+                    effects.append(_markov(axis, **markov))
+        return replace(self, axes=axes, effects=tuple(effects))
+
     def effects_on(self, axis: str) -> Iterable[EffectSpec]:
         """Return the effects of one axis in their order."""
         return (effect for effect in self.effects if axis in effect.axes)
@@ -197,6 +234,35 @@ class Truth:
         """Change of the sample rate in ppm/h and ppm/degC; both zero for a steady clock."""
         found = [e.parameters for e in self.effects if e.kind == "clock_error"]
         return (found[-1]["drift"], found[-1]["per_degc"]) if found else (0.0, 0.0)
+
+
+def _noise_of(text: str) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return the numbers and the axes of ``N=0.003,axis=gyro``."""
+    names = ("N", "B", "K", "Q", "P", "F", "D", "R", "n1", "n2")
+    given: dict[str, float] = {}
+    axes: tuple[str, ...] = ("gx",)
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        if name == "axis":
+            if value not in GROUPS and value not in AXES:
+                choices = " ".join((*AXES, *GROUPS))
+                raise UsageError(f"noise {text!r}: unknown axis {value!r}; axes are {choices}")
+            axes = GROUPS.get(value, (value,))
+            continue
+        if name not in names:
+            raise UsageError(f"noise {text!r}: unknown {name!r}; write {' '.join(names)} and axis")
+        given[name] = number("noise", name, value, Parameter("", ""))
+    if not given or ("n1" in given) != ("n2" in given):
+        raise UsageError(f"noise {text!r}: write e.g. N=0.003,B=0.001,axis=gx, or n1=-0.1,n2=0.01")
+    return given, axes
+
+
+def _markov(axis: str, n1: float, n2: float) -> EffectSpec:
+    """Return the process dx/dt = n1 x + n2 w: correlation time -1/n1, sigma n2 / sqrt(-2 n1)."""
+    if not (n1 < 0.0 < n2):
+        raise UsageError(f"a Markov process needs n1 < 0 and n2 > 0, got {n1:g} and {n2:g}")
+    numbers = {"sigma": n2 / math.sqrt(-2.0 * n1), "correlation_time": -1.0 / n1}
+    return EffectSpec("gauss_markov", numbers, (axis,))
 
 
 def _axis(axis: Mapping[str, Any]) -> AxisTruth:

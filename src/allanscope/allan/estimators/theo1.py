@@ -19,6 +19,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from allanscope.allan.edf import calibrated_edf
 from allanscope.allan.estimators.base import Estimator, register
 from allanscope.compiled import Pointer, kernel
 
@@ -77,8 +78,11 @@ class Theo1(Estimator):
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
     ) -> NDArray[np.float64]:
-        """Return the degrees of freedom by the fits of Howe and Peppler."""
-        return theo1_edf(alpha, m, n)
+        """Return the degrees of freedom by the fits of Howe and Peppler.
+
+        For random-walk FM, where the fit fails at the end of the run, those of simulation.
+        """
+        return calibrated_edf("theo1", alpha, m, n, theo1_edf(alpha, m, n))
 
     def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return THEO1 / AVAR at tau = 0.75 m by the published fit."""

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from allanscope.allan.edf import calibrated_edf
 from allanscope.allan.estimators.base import mean_square_second, register
 from allanscope.allan.estimators.theo1 import BIAS, Theo1, theo1_variance
 
@@ -62,8 +63,12 @@ class TheoBR(Theo1):
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
     ) -> NDArray[np.float64]:
-        """Return the degrees of freedom of THEO1, less what the scatter of the ratio takes."""
-        return 1.0 / (1.0 / super().edf(alpha, m, n, stride) + 1.0 / _RATIO_EDF)
+        """Return the degrees of freedom by simulation, the scatter of the ratio included.
+
+        In windows shorter than those of simulation it is taken as independent of THEO1.
+        """
+        apart = 1.0 / (1.0 / super().edf(alpha, m, n, stride) + 1.0 / _RATIO_EDF)
+        return calibrated_edf("theobr", alpha, m, n, apart)
 
     def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return 1: the record itself has removed the bias."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.edf import difference_edf, small_factor_loss
+from allanscope.allan.edf import calibrated_edf, difference_edf, small_factor_loss
 from allanscope.allan.estimators.base import Estimator, mean_square_second, register
 
 __all__ = ["Totdev"]
@@ -30,8 +30,7 @@ class Totdev(Estimator):
     The value is raw, as in all programs. Its expectation is ``1 - a tau/T`` of AVAR, with a = 0,
     0.48, 0.75 for white, flicker and random-walk FM; the limits allow for that. Degrees of freedom
     are ``b T/tau - c`` (SP 1065 table 7). Nothing is published for phase noise: for white PM
-    a = -4/3, for flicker PM about -3/4, and the degrees of freedom are taken from OAVAR, for white
-    PM lowered as the reflected part grows; they are up to a half too few.
+    a = -4/3, for flicker PM about -3/4, and the degrees of freedom are those of simulation.
 
     Examples
     --------
@@ -71,9 +70,8 @@ class Totdev(Estimator):
         published = slope.reshape(alpha.shape) * n / m - offset.reshape(alpha.shape)
         loss = small_factor_loss(alpha, m, n, order=2)
         phase_noise = difference_edf(alpha, m, n, 1, order=2)
-        phase_noise = phase_noise * np.where(alpha == 2, 1.0 - 2.0 * m / n, 1.0)
         edf: NDArray[np.float64] = np.where(alpha <= 0, published * loss, phase_noise)
-        return edf
+        return calibrated_edf(self.name, alpha, m, n, edf)
 
     def needed(self, m: int) -> int:
         """Return how many rate samples give `min_terms` terms."""

@@ -10,6 +10,7 @@ symbol                class                                 numbers
 Q                     AngleQuantization                     Q
 N                     White                                 N
 B                     Flicker                               B
+P                     FlickerPhase                          P
 K                     RandomWalk                            K
 R                     Ramp                                  R
 power_law             PowerLaw                              P, exponent
@@ -25,6 +26,7 @@ drifting_line         LineProfile                           none: measured
 
 from allanscope.noise.components.angle_quantization import AngleQuantization
 from allanscope.noise.components.flicker import Flicker
+from allanscope.noise.components.flicker_phase import FlickerPhase
 from allanscope.noise.components.gauss_markov import GaussMarkov
 from allanscope.noise.components.line_profile import LineProfile
 from allanscope.noise.components.narrowband import (
@@ -47,6 +49,7 @@ __all__ = [
     "BandPassed",
     "Component",
     "Flicker",
+    "FlickerPhase",
     "GaussMarkov",
     "LineProfile",
     "Narrowband",

@@ -1,0 +1,84 @@
+"""Every power law is fitted as a coefficient, with an interval that holds the truth."""
+
+import numpy as np
+import pytest
+
+from allanscope.noise import fit_power_laws
+from allanscope.noise.components import FlickerPhase
+from allanscope.simulator.noise import (
+    Flicker,
+    FlickerWalk,
+    RandomRun,
+    RandomWalk,
+    White,
+)
+from allanscope.simulator.noise import (
+    FlickerPhase as FlickerPhaseNoise,
+)
+
+RATE, SAMPLES = 10.0, 12_000
+
+
+def mixed(seed, **levels):
+    """Return a record that has the noises named."""
+    kinds = {
+        **{"N": White, "B": Flicker, "K": RandomWalk},
+        **{"P": FlickerPhaseNoise, "F": FlickerWalk, "D": RandomRun},
+    }
+    rng = np.random.default_rng(seed)
+    return sum(kinds[k](v, RATE, rng).take(SAMPLES) for k, v in levels.items())
+
+
+@pytest.mark.parametrize(
+    ("levels", "letters"),
+    [
+        ({"N": 0.01, "P": 0.01}, "NP"),
+        ({"N": 0.01, "F": 2e-3}, "NF"),
+        ({"N": 0.01, "D": 1e-3}, "ND"),
+        ({"B": 0.01, "K": 0.01, "D": 5e-3}, "BKD"),
+    ],
+)
+def test_intervals_hold_the_truth(levels, letters):
+    """95 % each; of 40 at least 34 hold with a probability of 98 %."""
+    held = dict.fromkeys(letters, 0)
+    errors = {name: [] for name in letters}
+    for seed in range(40):
+        found = fit_power_laws(mixed(seed, **levels), RATE, letters)
+        for name, truth in levels.items():
+            held[name] += found[name].lower <= truth <= found[name].upper
+            errors[name].append(found[name].value / truth)
+    assert min(held.values()) >= 34, held
+    for name, ratios in errors.items():
+        assert abs(np.median(ratios) - 1) < 0.15, (name, np.median(ratios))
+
+
+def test_what_is_not_there_is_a_limit():
+    found = fit_power_laws(mixed(1, N=0.01), RATE, "NPBK")
+    assert found["N"].detected
+    assert not any(found[name].detected for name in "BK")
+    steep = fit_power_laws(mixed(2, N=0.01, K=0.001), RATE, "NKFD")
+    assert not any(steep[name].detected for name in "FD")
+    assert steep["K"].lower < 0.001 < steep["K"].upper
+
+
+def test_units_and_refusals():
+    units = {name: one.unit for name, one in fit_power_laws(mixed(3, N=1.0), RATE, "NFD").items()}
+    assert units == {"N": "dps/sqrt(Hz)", "F": "dps/s", "D": "dps/s/sqrt(s)"}
+    with pytest.raises(ValueError, match="letters of QPNBKFD, got 'NX'"):
+        fit_power_laws(np.ones(100), RATE, "NX")
+    with pytest.raises(ValueError, match="cannot be fitted beside Q and P"):
+        fit_power_laws(np.ones(100), RATE, "PF")
+    with pytest.raises(ValueError, match="17 or more finite"):
+        fit_power_laws(np.ones(10), RATE, "N")
+
+
+def test_variances_of_flicker_phase_follow_from_its_density():
+    """AVAR = int S 2 sin^4(pi f m) / (m sin(pi f))^2 df, HVAR with 8/3 sin^6."""
+    part = FlickerPhase(0.3)
+    f = (np.arange(200_000) + 0.5) / 400_000
+    density = part.density(f, 1.0)
+    for m in (1, 2, 7):
+        window = np.sin(np.pi * f * m) ** 4 / (m * np.sin(np.pi * f)) ** 2
+        assert part.avar([m], 1.0)[0] == pytest.approx(np.mean(density * window), rel=1e-6)
+        third = np.sin(np.pi * f * m) ** 6 / (m * np.sin(np.pi * f)) ** 2
+        assert part.hvar([m], 1.0)[0] == pytest.approx(np.mean(density * third) * 4 / 3, rel=1e-6)

@@ -1,0 +1,88 @@
+"""Noise that is given on the command line is what is simulated, with the slopes of theory."""
+
+import numpy as np
+import pytest
+
+from allanscope.allan import deviation
+from allanscope.errors import UsageError
+from allanscope.simulator import Simulator, Truth
+from allanscope.simulator.noise import (
+    Flicker,
+    FlickerPhase,
+    FlickerWalk,
+    RandomRun,
+    RandomWalk,
+    White,
+    WhitePhase,
+)
+
+COLUMNS = ("oadev", "mdev", "ohdev", "tdev", "totdev", "ostdev")
+SLOPES = {
+    WhitePhase: (-1, -1.5, -1, -0.5, -1, -1),
+    FlickerPhase: (-0.95, -1, -0.95, 0, -0.95, -0.95),
+    White: (-0.5, -0.5, -0.5, 0.5, -0.5, -0.5),
+    Flicker: (0, 0, 0, 1, 0, None),
+    RandomWalk: (0.5, 0.5, 0.5, 1.5, 0.5, None),
+    FlickerWalk: (None, None, 1, None, None, None),
+    RandomRun: (None, None, 1.5, None, None, None),
+}
+"""None where the variance does not converge: it depends on the length of the record."""
+
+
+@pytest.mark.parametrize("noise", SLOPES)
+def test_slopes_in_all_six_columns(noise):
+    """Mean of 12 records between m = 8 and 128; the classical variance has white noise's."""
+    factors = [8.0, 128.0]
+    rng = np.random.default_rng(77)
+    records = [noise(1.0, 1.0, rng).take(8192) for _ in range(12)]
+    for kind, slope in zip(COLUMNS, SLOPES[noise], strict=True):
+        if slope is None:
+            continue
+        squares = np.mean([deviation(x, 1.0, kind, factors).variance for x in records], axis=0)
+        found = 0.5 * np.log(squares[1] / squares[0]) / np.log(16.0)
+        assert found == pytest.approx(slope, abs=0.07), kind
+
+
+@pytest.mark.parametrize("noise", [FlickerWalk, RandomRun])
+def test_adev_of_steep_noise_saturates_at_the_slope_of_a_ramp(noise):
+    rng = np.random.default_rng(78)
+    records = [noise(1.0, 1.0, rng).take(8192) for _ in range(12)]
+    squares = np.mean([deviation(x, 1.0, "oadev", [8.0, 128.0]).variance for x in records], axis=0)
+    assert 0.5 * np.log(squares[1] / squares[0]) / np.log(16.0) == pytest.approx(1.0, abs=0.08)
+
+
+def test_given_noise_takes_the_place_of_the_typical_one():
+    sensor = Truth.typical().with_noise(["N=0.01,axis=gyro", "K=0.001", "n1=-0.1,n2=0.01,axis=ax"])
+    assert (sensor.axes["gx"].N, sensor.axes["gx"].K, sensor.axes["gx"].B) == (0.01, 0.001, 0.0)
+    assert sensor.axes["gy"].N == 0.01
+    assert sensor.axes["gz"].offset == Truth.typical().axes["gz"].offset
+    assert sensor.axes["ay"] == Truth.typical().axes["ay"]
+    (markov,) = sensor.effects
+    assert markov.axes == ("ax",)
+    assert markov.parameters == pytest.approx({"sigma": 0.01 / 0.2**0.5, "correlation_time": 10.0})
+
+
+def test_a_simulated_random_run_has_its_hadamard_deviation():
+    """HVAR = 11/120 D^2 tau^3 for large m."""
+    truth = Truth.typical(seed=3).with_noise(["D=0.1,axis=gx"])
+    sensor = Simulator("LSM6DSM", 104.0, 3, truth=truth, duration_s=150.0, gyro_fs=2000.0)
+    counts = np.asarray(sensor.read(104 * 100).counts)[:, 0] * sensor.info.scale[0]
+    curve = deviation(counts, sensor.info.nominal_hz, "ohdev", [2.0, 4.0])
+    expected = np.sqrt(11 / 120 * 0.1**2 * curve.tau**3)
+    assert curve.deviation == pytest.approx(expected, rel=0.35)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("X=1", "unknown 'X'; write N B K Q P F D R n1 n2 and axis"),
+        ("N=1,axis=gw", "unknown axis 'gw'"),
+        ("N=-1", "N"),
+        ("n1=-0.1", "write e.g."),
+        ("n1=0.1,n2=1", "needs n1 < 0 and n2 > 0"),
+        ("axis=gx", "write e.g."),
+    ],
+)
+def test_noise_that_makes_no_sense_is_refused(text, message):
+    with pytest.raises(UsageError, match=message):
+        Truth.typical().with_noise([text])

@@ -80,7 +80,7 @@ def fit_power_laws(
 
     Examples
     --------
-    >>> run = 1e-4 * np.random.default_rng(1).normal(size=20_000).cumsum().cumsum()
+    >>> run = 1e-4 * np.random.default_rng(3).normal(size=20_000).cumsum().cumsum()
     >>> found = fit_power_laws(run, rate=1.0, noises="KD")
     >>> found["D"].lower < 1e-4 < found["D"].upper, found["D"].unit, found["K"].detected
     (True, 'dps/s/sqrt(s)', False)

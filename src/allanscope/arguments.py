@@ -76,6 +76,7 @@ def analyse(one: ArgumentParser) -> None:
     one.add_argument("--report", metavar="FILE.html", help="write the report")
     one.add_argument("--table", metavar="FILE.csv", help="write every curve as a table")
     _figures_argument(one)
+    _heading_arguments(one)
     _curve_arguments(one)
     _device_arguments(one)
 
@@ -147,6 +148,7 @@ def report(one: ArgumentParser) -> None:
     one.add_argument("sessions", nargs="+", help="folders of sessions, or recordings")
     one.add_argument("--out", default="report.html", metavar="FILE.html")
     _figures_argument(one)
+    _heading_arguments(one)
     _curve_arguments(one)
     _device_arguments(one)
 
@@ -339,6 +341,15 @@ def _view_port_argument(one: ArgumentParser) -> None:
 def _figures_argument(one: ArgumentParser) -> None:
     one.add_argument(
         "--figures", metavar="DIR", help="also write every figure there, as SVG and as PNG"
+    )
+
+
+def _heading_arguments(one: ArgumentParser) -> None:
+    group = one.add_argument_group("the report")
+    group.add_argument("--title", default="", metavar="TEXT", help="its title")
+    group.add_argument("--operator", default="", metavar="NAME", help="who measured")
+    group.add_argument(
+        "--full", action="store_true", help="open what is folded otherwise, also for printing"
     )
 
 

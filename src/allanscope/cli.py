@@ -12,7 +12,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from allanscope import arguments
 from allanscope.errors import ExitCode
@@ -92,7 +92,7 @@ def analyse(options: Namespace) -> int:
         write_table(analysis, Path(options.table))
     if options.report or options.figures:
         page, figures = (Path(x) if x else None for x in (options.report, options.figures))
-        write_report(analysis, page, figures)
+        write_report(analysis, page, figures, **_heading(options))
     if not options.quiet and options.json != "-":
         from allanscope.view import summary_lines
 
@@ -231,6 +231,7 @@ def report(options: Namespace) -> int:
         options.quiet,
         Path(figures) if figures else None,
         _curve_choices(options),
+        **_heading(options),
     )
     print(page)
     _name_outputs(options, figures)
@@ -390,6 +391,10 @@ def _device_settings(options: Namespace) -> DeviceSettings:
         wire=options.wire,
         units=tuple(options.unit),
     )
+
+
+def _heading(options: Namespace) -> dict[str, Any]:
+    return {name: getattr(options, name) for name in ("title", "operator", "full")}
 
 
 def _curve_choices(options: Namespace) -> CurveChoices:

@@ -184,8 +184,9 @@ def test_a_hum_with_harmonics_on_three_axes_is_one_finding(hum):
     assert {one.effect.kind for one in second.members} == {"step", "excursion"}
     lines = verdict(hum).lines[1].text.split("; ")
     assert lines[0].startswith("line at 7.013 Hz, ")
-    assert lines[0].endswith(" mdps, with harmonics 2 and 3, on all axes")
-    assert lines[1] == "excursion and step at 5 min to 5 min 20 s on gx gz"
+    assert " mdps, with harmonics 2 and 3, on all axes (9" in lines[0]
+    assert lines[0].endswith(" % of the excess)")
+    assert lines[1].startswith("excursion and step at 5 min to 5 min 20 s on gx gz (")
 
 
 def test_the_json_points_at_the_effects(hum):

@@ -101,7 +101,7 @@ def test_code_on_the_page_runs(page, tmp_path, monkeypatch):
         if kind == "sh":
             with monkeypatch.context() as undrawn:
                 undrawn.setattr("allanscope.report.page.pictures", lambda _: {})
-                undrawn.setattr("allanscope.report.page.render", lambda *_: "<html>")
+                undrawn.setattr("allanscope.report.page.render", lambda *_, **__: "<html>")
                 run_shell(code)
         else:
             run_python(code, names, page)

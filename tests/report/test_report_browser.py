@@ -6,7 +6,9 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from allanscope.report import render
 from support.browser import pdf_of, picture_of, why_no_browser
+from support.demo_analysis import demo_analysis
 
 pytestmark = pytest.mark.skipif(bool(why_no_browser()), reason=why_no_browser() or "-")
 
@@ -59,4 +61,12 @@ def test_the_page_can_be_printed(file, tmp_path):
     pdf = pdf_of(file, tmp_path)
     assert pdf.startswith(b"%PDF")
     pages = len(re.findall(rb"/Type\s*/Page\b", pdf))
-    assert 4 <= pages <= 12, "each axis begins a page of its own"
+    assert 2 <= pages <= 6, "two axes, and what is folded is not printed"
+
+
+def test_six_axes_are_printed_on_eight_pages(tmp_path):
+    axes = demo_analysis(7300.0)
+    path = tmp_path / "six.html"
+    path.write_text(render(axes), encoding="utf-8")
+    pages = len(re.findall(rb"/Type\s*/Page\b", pdf_of(path, tmp_path)))
+    assert 4 <= pages <= 8

@@ -1,5 +1,6 @@
 """The page of one session: what comes first, what is explained, and that nothing gets in or out."""
 
+import base64
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -68,10 +69,11 @@ def test_the_angle_error_is_worked_out_in_both_readings(tags):
 
 def test_every_figure_has_a_caption_that_explains_its_marks(page):
     figures = re.findall(r"<figure.*?</figure>", page, re.DOTALL)
-    assert len(figures) == 2 * 4 + 2 + 1
+    assert len(figures) == 2 + 2 * 4 + 2 + 1
     captions = [re.search(r"<figcaption>(.*?)</figcaption>", one, re.DOTALL)[1] for one in figures]
     assert min(map(len, captions)) > 60
-    deviation, residual, density, lag = captions[:4]
+    overlay, _, deviation, residual, density, lag = captions[:6]
+    assert "Point at the chart" in overlay
     for word in ("95 % band", "hollow", "model", "letter", "datasheet"):
         assert word in deviation
     for word in ("noise model alone", "with the effects", "shade"):
@@ -112,7 +114,8 @@ def test_nothing_is_fetched_when_the_page_is_opened(page, tags):
         if name in ("src", "href", "xlink:href", "action", "poster")
     ]
     assert sources
-    assert all(value.startswith(("#", "data:image/png;base64,")) for value in sources)
+    inside = ("#", "data:image/png;base64,", "data:text/csv;base64,")
+    assert all(value.startswith(inside) for value in sources)
     assert "url(" not in page.replace("url(#", "")
     policy = [a["content"] for tag, a in tags.tags if a.get("http-equiv")]
     assert policy[0].startswith("default-src 'none'")
@@ -172,6 +175,42 @@ def test_axes_without_noise_that_a_logarithm_can_show_make_a_page(size):
     values = {"gx": 0.25 + size * rng.normal(size=3000), "ax": size * rng.normal(size=3000)}
     text = Tags(render(analyse(values, 104.0))).text
     assert text.count("no noise: all values are the same") >= 3
+
+
+def test_the_mouse_reads_the_values_that_the_result_has(analysis, page):
+    curve = analysis.axes["gx"].curves["oadev"]
+    axis = page[page.index('<section class="axis" id="gx">') :]
+    svg = axis[: axis.index("</svg>")]
+    told = re.findall(r'<g class="at">.*?<text [^>]*>(.*?)</text></g>', svg)
+    assert 0.8 * len(curve.tau) < len(told) <= len(curve.tau)
+    number = re.match(r"τ .*?: gx ([\d.]+) \[", told[0])[1]
+    assert float(number) == pytest.approx(1e3 * curve.deviation[0], rel=0.01)
+    assert "; model " in told[0]
+
+
+def test_the_numbers_behind_a_figure_can_be_saved(analysis, page):
+    link = re.search(r'download="gx-deviation.csv" href="data:text/csv;base64,([^"]+)"', page)[1]
+    head, *rows = base64.b64decode(link).decode().splitlines()
+    assert head == "tau_s,deviation,lower,upper,trusted,model"
+    curve = analysis.axes["gx"].curves["oadev"]
+    assert len(rows) == len(curve.tau)
+    first = rows[0].split(",")
+    assert float(first[1]) == pytest.approx(curve.deviation[0], rel=1e-5)
+    assert first[4] == str(bool(curve.trusted[0]))
+
+
+def test_axes_and_models_can_be_hidden_and_details_opened(analysis, page):
+    assert page.count('class="series-gx"') >= 2, "line and band"
+    assert 'class="show-gx" checked' in page
+    assert 'class="series-before"' in page
+    assert '<details class="more" open>' not in page
+    assert '<details class="more" open>' in render(analysis, full=True)
+
+
+def test_title_and_operator_stand_above_the_page(analysis):
+    seen = Tags(render(analysis, title="Bench <3>", operator="A & B"))
+    assert seen.text.count("Bench <3>") == 2
+    assert "measured by A & B" in seen.text
 
 
 def test_the_same_result_gives_the_same_page(analysis, page):

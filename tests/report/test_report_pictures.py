@@ -34,9 +34,11 @@ def line(ax, label):
 
 def test_there_is_one_picture_of_everything(gallery):
     each = {f"{axis}-{what}" for axis in ("gx", "ax") for what in NAMES}
-    assert set(gallery) == each | {"gyroscope-series", "accelerometer-series", "ratio"}
+    each |= {f"{name}-{what}" for name in ("gyroscope", "accelerometer") for what in OF_SENSOR}
+    assert set(gallery) == each | {"ratio"}
 
 
+OF_SENSOR = ("overlay", "series")
 NAMES = ("deviation", "residual", "density", "lag")
 
 

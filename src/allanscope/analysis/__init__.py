@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         StreamState,
         loop_input,
     )
-    from allanscope.analysis.finding_phrases import finding_phrase
+    from allanscope.analysis.finding_phrases import finding_phrase, share_text
     from allanscope.analysis.findings import NAMELESS, Finding, findings_of
     from allanscope.analysis.result import (
         SCHEMA,
@@ -105,6 +105,7 @@ __all__ = [
     "parameter_text",
     "rate_text",
     "searched",
+    "share_text",
     "shares_text",
     "summarise",
     "verdict",
@@ -142,6 +143,7 @@ __getattr__, __dir__ = lazily(
         "effect_text": "wording",
         "event_dict": "result",
         "finding_phrase": "finding_phrases",
+        "share_text": "finding_phrases",
         "findings_of": "findings",
         "gaps_text": "wording",
         "loop_input": "analyser",

@@ -6,6 +6,7 @@ a name in the words in which it was found.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from allanscope.analysis.findings import NAMELESS, Finding, event_times
 from allanscope.explain import Effect, Parameter
 from allanscope.quantities import DEVIATION, LEVEL, duration, measured, number, symbols
 
-__all__ = ["KIND_NAMES", "PHRASES", "finding_phrase", "finding_sentence"]
+__all__ = ["KIND_NAMES", "PHRASES", "finding_phrase", "finding_sentence", "share_text"]
 
 PHRASES = {
     "band_limit": "low-pass at {cutoff}",
@@ -66,6 +67,17 @@ def finding_sentence(finding: Finding, axes: Sequence[str]) -> str:
     phrase = finding_phrase(finding)
     where = "all axes" if len(finding.axes) == len(axes) > 1 else " ".join(finding.axes)
     return f"{phrase}{',' if ', ' in phrase else ''} on {where}"
+
+
+def share_text(finding: Finding) -> str:
+    """Return which share of the excess over sampling error a finding holds; empty if not known.
+
+    >>> share_text(Finding("step", ("gx",), (), 30.0, share=0.623))
+    ' (62 % of the excess)'
+    """
+    if math.isnan(finding.share):
+        return ""
+    return f" ({number(100.0 * finding.share, 2)} % of the excess)"
 
 
 def finding_phrase(finding: Finding) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from allanscope.analysis.finding_phrases import finding_sentence
+from allanscope.analysis.finding_phrases import finding_sentence, share_text
 from allanscope.analysis.findings import findings_of
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.wording import (
@@ -199,7 +199,7 @@ def _effect_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
         return VerdictLine("note", "Effects", "not searched" if looked else "not searched yet")
     excess = {name: one.shares.excess_nats for name, one in open_axes.items() if one.shares}
     found = findings_of({name: one.own_effects for name, one in open_axes.items()}, excess)
-    texts = [finding_sentence(one, tuple(axes)) for one in found[:_NAMED]]
+    texts = [f"{finding_sentence(one, tuple(axes))}{share_text(one)}" for one in found[:_NAMED]]
     if len(found) > _NAMED:
         texts.append(f"and {len(found) - _NAMED} more, see the report")
     text = "; ".join(texts)

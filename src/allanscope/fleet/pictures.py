@@ -61,7 +61,7 @@ def distribution_picture(lot: Lot, sensor_unit: str, named: Sequence[Finding] = 
             ax.grid(visible=False, axis="x")
             ax.set_title(f"{name} ({symbols(reading.unit)})", fontsize=9, color=ink())
 
-    return Picture(draw, height=3.0)
+    return Picture(draw, height=3.0, fixed=False)
 
 
 def history_picture(lot: Lot, sensor_unit: str) -> Picture | None:
@@ -98,7 +98,7 @@ def history_picture(lot: Lot, sensor_unit: str) -> Picture | None:
         plots[0].set_ylabel("N against its unit (%)")
         plots[0].legend(ncols=3)
 
-    return Picture(draw, height=2.6)
+    return Picture(draw, height=2.6, fixed=False)
 
 
 def _against_own(lot: Lot) -> Floats:

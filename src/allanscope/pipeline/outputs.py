@@ -77,7 +77,15 @@ def write_table(analysis: Analysis, path: Path) -> None:
     write_text(path, "\n".join(rows) + "\n")
 
 
-def write_report(analysis: Analysis, path: Path | None, figures: Path | None = None) -> None:
+def write_report(
+    analysis: Analysis,
+    path: Path | None,
+    figures: Path | None = None,
+    *,
+    title: str = "",
+    operator: str = "",
+    full: bool = False,
+) -> None:
     """Write the report of one session as one HTML file, and its pictures into a folder.
 
     Parameters
@@ -88,12 +96,16 @@ def write_report(analysis: Analysis, path: Path | None, figures: Path | None = N
         The page; None for none.
     figures : Path, optional
         Folder that gets every picture as SVG and as PNG.
+    title, operator : str
+        What stands above the page, and who measured.
+    full : bool
+        Open what is folded otherwise, so that it is printed as well.
     """
     from allanscope.report import pictures, render
 
     drawn = pictures(analysis)
     if path is not None:
-        write_text(path, render(analysis, drawn))
+        write_text(path, render(analysis, drawn, title=title, operator=operator, full=full))
     if figures is not None:
         _save(drawn, figures)
 
@@ -204,6 +216,10 @@ def report_sessions(
     quiet: bool = True,
     figures: Path | None = None,
     curves: CurveChoices | None = None,
+    *,
+    title: str = "",
+    operator: str = "",
+    full: bool = False,
 ) -> Path:
     """Write the report of one session, or one that compares several; return its path."""
     from allanscope.pipeline.analyse_file import analyse_input
@@ -215,7 +231,8 @@ def report_sessions(
         for name, path in zip(_short_names(paths), paths, strict=True)
     }
     if len(sessions) == 1:
-        write_report(next(iter(sessions.values())), out, figures)
+        (one,) = sessions.values()
+        write_report(one, out, figures, title=title, operator=operator, full=full)
         return out
     drawn = comparing_pictures(sessions)
     write_text(out, render_comparison(sessions, drawn))

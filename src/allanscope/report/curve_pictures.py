@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan import CurveChoices, Deviation, variance_name
 from allanscope.analysis import AxisAnalysis, ModelCurve
-from allanscope.quantities import DEVIATION, symbols
+from allanscope.quantities import DEVIATION, duration, interval, number, symbols
 from allanscope.report.picture import (
     BEFORE,
     COMPONENT,
@@ -29,6 +32,7 @@ __all__ = [
     "compare_picture",
     "deviation_picture",
     "estimators_picture",
+    "overlay_picture",
     "residual_picture",
     "scale_loglog",
 ]
@@ -39,6 +43,7 @@ SHOWN = ("oadev", "mdev", "ohdev", "totdev")
 _NOISE_TERMS = ("N", "B", "K", "Q", "R", "rounding")
 _PERCENT_SHOWN = 60.0
 _NEAR_TOTAL = 0.6
+_SHORT_DECADES = 1.5
 _APART = 0.1
 """Least distance between names, as a share of the picture's sides."""
 
@@ -74,9 +79,53 @@ def deviation_picture(
             _model(ax, model, factor)
         if line is not None:
             ax.plot(curve.tau, line, "-.", c=DATASHEET, lw=1.3, label="datasheet")
-        ax.legend(loc="best")
+        ax.legend(loc="upper right")
 
-    return Picture(draw)
+    def told() -> list[tuple[float, str]]:
+        factor = DEVIATION[axis.unit].factor
+        said = _told({name: axis})
+        if axis.model is None:
+            return said
+        model = factor * _at(axis.model, axis.curves["oadev"].tau)
+        return [
+            (tau, f"{text}; model {number(value)}")
+            for (tau, text), value in zip(said, model, strict=True)
+        ]
+
+    def columns() -> Mapping[str, ArrayLike]:
+        return _columns(axis.curves["oadev"], {"model": axis.model})
+
+    return Picture(draw, columns=columns, told=None if squared else told)
+
+
+def overlay_picture(axes: Mapping[str, AxisAnalysis], unit: str) -> Picture:
+    """Draw the curves of all axes of a sensor over each other, with the datasheet's line."""
+
+    def draw(figure: Figure) -> None:
+        ax, factor = figure.subplots(), DEVIATION[unit].factor
+        for (name, axis), colour in zip(axes.items(), CYCLE, strict=False):
+            lines, fills = len(ax.lines), len(ax.collections)
+            axis.curves["oadev"].plot(ax, factor=factor, color=colour, label=name)
+            for artist in (*ax.lines[lines:], *ax.collections[fills:]):
+                artist.set_gid(f"series-{name}")
+        first = next(iter(axes.values()))
+        sheet = first.datasheet.get("density")
+        if sheet is not None and sheet.white_limit is not None:
+            tau = first.curves["oadev"].tau
+            line = factor * sheet.white_limit / np.sqrt(tau)
+            ax.plot(tau, line, "-.", c=DATASHEET, lw=1.3, label="datasheet")
+        _scale(ax, unit)
+        ax.legend(loc="upper right")
+
+    def columns() -> Mapping[str, ArrayLike]:
+        curves = {name: axis.curves["oadev"] for name, axis in axes.items()}
+        longest = max((curve.tau for curve in curves.values()), key=len)
+        return {"tau_s": longest} | {
+            f"{name}_{unit}": np.interp(longest, one.tau, one.deviation, left=np.nan, right=np.nan)
+            for name, one in curves.items()
+        }
+
+    return Picture(draw, 5.0, 3.6, columns=columns, told=lambda: _told(axes))
 
 
 def estimators_picture(name: str, axis: AxisAnalysis, choices: CurveChoices) -> Picture:
@@ -122,9 +171,12 @@ def residual_picture(name: str, axis: AxisAnalysis) -> Picture:
             (axis.model, MODEL, "-", "model after"),
         ):
             if model is not None:
-                top.plot(model.x, factor * model.total, style, c=colour, lw=1.5, label=label)
                 left = _percent_left(curve, model)
-                bottom.plot(curve.tau, left, style, c=colour, lw=1.3, label=label)
+                for line in (
+                    *top.plot(model.x, factor * model.total, style, c=colour, lw=1.5, label=label),
+                    *bottom.plot(curve.tau, left, style, c=colour, lw=1.3, label=label),
+                ):
+                    line.set_gid(f"series-{label.partition(' ')[2]}")
         low, high = (
             100 * (part / np.where(curve.deviation > 0, curve.deviation, np.nan) - 1)
             for part in (curve.lower, curve.upper)
@@ -137,9 +189,13 @@ def residual_picture(name: str, axis: AxisAnalysis) -> Picture:
         top.set_xlabel("")
         bottom.set_xlabel("averaging time τ (s)")
         _frame(top, curve, factor)
-        top.legend(loc="best")
+        top.legend(loc="upper right")
 
-    return Picture(draw, height=5.2)
+    def columns() -> Mapping[str, ArrayLike]:
+        models = {"model_before": axis.model_before, "model_after": axis.model}
+        return _columns(axis.curves["oadev"], models)
+
+    return Picture(draw, height=5.2, columns=columns)
 
 
 def compare_picture(curves: Mapping[str, Deviation], unit: str) -> Picture:
@@ -164,6 +220,17 @@ def scale_loglog(ax: Axes, xlabel: str, ylabel: str) -> None:
         return
     ax.set_xscale("log")
     ax.set_yscale("log")
+    for axis in (ax.xaxis, ax.yaxis):
+        # Plain numbers: typesetting powers of ten takes half of the time of drawing.
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        axis.set_minor_formatter(FuncFormatter(partial(_minor_label, axis)))
+
+
+def _minor_label(axis: Axis, value: float, _: int | None) -> str:
+    """Return the label of a tick at 2 or 5 where hardly a decade is there to be labelled."""
+    low, high = sorted(axis.get_view_interval())
+    return f"{value:g}" if low > 0 and np.log10(high / low) < _SHORT_DECADES else ""
 
 
 def _is_drawable(heights: ArrayLike) -> bool:
@@ -217,9 +284,33 @@ def _place(
     return None
 
 
+def _told(axes: Mapping[str, AxisAnalysis]) -> list[tuple[float, str]]:
+    """Return for each averaging time what the curves of some axes of a sensor have there."""
+    said: dict[float, list[str]] = {}
+    for name, axis in axes.items():
+        curve, factor = axis.curves["oadev"], DEVIATION[axis.unit].factor
+        columns = zip(curve.tau, curve.deviation, curve.lower, curve.upper, strict=True)
+        for tau, value, low, high in columns:
+            text = interval(factor * value, factor * low, factor * high)
+            said.setdefault(float(tau), []).append(f"{name} {text}")
+    unit = symbols(DEVIATION[next(iter(axes.values())).unit].unit) if axes else ""
+    return [(tau, f"τ {duration(tau)}: {', '.join(here)} {unit}") for tau, here in said.items()]
+
+
+def _columns(curve: Deviation, models: Mapping[str, ModelCurve | None]) -> Mapping[str, ArrayLike]:
+    """Return a curve and models of it, in the unit of the result, as columns."""
+    columns: dict[str, ArrayLike] = {"tau_s": curve.tau}
+    columns |= {k: getattr(curve, k) for k in ("deviation", "lower", "upper", "trusted")}
+    return columns | {k: _at(one, curve.tau) for k, one in models.items() if one is not None}
+
+
+def _at(model: ModelCurve, tau: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a model's deviation at averaging times between those it was evaluated at."""
+    return np.asarray(np.exp(np.interp(np.log(tau), np.log(model.x), np.log(model.total))))
+
+
 def _percent_left(curve: Deviation, model: ModelCurve) -> NDArray[np.float64]:
-    total = np.exp(np.interp(np.log(curve.tau), np.log(model.x), np.log(model.total)))
-    return np.asarray(100.0 * (curve.deviation / total - 1.0))
+    return np.asarray(100.0 * (curve.deviation / _at(model, curve.tau) - 1.0))
 
 
 def _label(name: str) -> str:

@@ -11,12 +11,20 @@ from typing import Any
 import jinja2
 
 from allanscope.allan import CurveChoices
-from allanscope.analysis import Analysis, AxisAnalysis, finding_phrase, searched, verdict
+from allanscope.analysis import (
+    Analysis,
+    AxisAnalysis,
+    finding_phrase,
+    searched,
+    share_text,
+    verdict,
+)
 from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, duration, symbols
 from allanscope.report import coefficient_words, words
 from allanscope.report.curve_pictures import (
     deviation_picture,
     estimators_picture,
+    overlay_picture,
     residual_picture,
 )
 from allanscope.report.data_pictures import (
@@ -53,7 +61,14 @@ class _Axis:
     lag_svg: str
 
 
-def render(analysis: Analysis, drawn: Mapping[str, Picture] | None = None) -> str:
+def render(
+    analysis: Analysis,
+    drawn: Mapping[str, Picture] | None = None,
+    *,
+    title: str = "",
+    operator: str = "",
+    full: bool = False,
+) -> str:
     """Return the page of one session.
 
     Everything that came from a device or a file is escaped; the only markup let through is the SVG
@@ -65,18 +80,31 @@ def render(analysis: Analysis, drawn: Mapping[str, Picture] | None = None) -> st
         A full result.
     drawn : mapping, optional
         Its pictures, where somebody has them already.
+    title, operator : str
+        What stands above the page, by default part and name; and who measured.
+    full : bool
+        Open what is folded otherwise, so that it is printed as well.
     """
     shown = {name: axis for name, axis in analysis.axes.items() if "oadev" in axis.curves}
-    svgs = {k: one.svg() for k, one in (drawn or pictures(analysis)).items()}
+    svgs = {k: one.svg() + one.link(k) for k, one in (drawn or pictures(analysis)).items()}
     name = analysis.input.get("name", "session")
     zero_g = words.zero_g(analysis)
-    axes = len(analysis.axes)
     return template("page.html.j2").render(
-        title=f"Noise of {analysis.part or 'a sensor'}: {name}",
-        subtitle=f"{duration(analysis.duration_s)}, {axes} {'axis' if axes == 1 else 'axes'}",
+        title=title or f"Noise of {analysis.part or 'a sensor'}: {name}",
+        subtitle=words.subtitle(analysis, operator),
         verdict=verdict(analysis),
         conventions=words.conventions(analysis),
-        findings=[words.Fact(" ".join(one.axes), finding_phrase(one)) for one in analysis.findings],
+        findings=[
+            words.Fact(" ".join(one.axes), f"{finding_phrase(one)}{share_text(one)}")
+            for one in analysis.findings
+        ],
+        overlays=[
+            {"name": sensor, "axes": names, "svg": svgs[f"{sensor}-overlay"]}
+            for unit, sensor in SENSOR_NAMES.items()
+            if f"{sensor}-overlay" in svgs
+            for names in [[name for name, axis in shown.items() if axis.unit == unit]]
+        ],
+        full=full,
         summary=_summary(shown),
         levels=[zero_g] if zero_g is not None else [],
         axes=[_axis(name, axis, svgs, analysis.choices) for name, axis in shown.items()],
@@ -192,7 +220,10 @@ def pictures(analysis: Analysis) -> dict[str, Picture]:
         found |= {f"{name}-{what}": one for what, one in _of_axis(name, axis, analysis).items()}
     record = analysis.record
     for unit, sensor in SENSOR_NAMES.items():
-        names = [name for name, axis in shown.items() if axis.unit == unit]
+        here = {name: axis for name, axis in shown.items() if axis.unit == unit}
+        names = list(here)
+        if names:
+            found[f"{sensor}-overlay"] = overlay_picture(here, unit)
         if record is not None and names:
             found[f"{sensor}-series"] = series_picture(
                 record, names, unit, marked_moments(analysis)

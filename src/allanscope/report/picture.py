@@ -3,18 +3,26 @@
 Colours and order are the same in every picture. On the page, text stays text, so that it can be
 searched, and takes the page's own ink, so that one picture serves the light and the dark page. A
 file has black ink on white.
+
+On the page a chart tells its numbers: where the mouse points, the values there are written into the
+chart, without any script; and a link below it holds the numbers as CSV.
 """
 
 from __future__ import annotations
 
+import base64
 import io
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 __all__ = [
     "BEFORE",
@@ -44,6 +52,10 @@ _PAGE_INK = "#808080"
 """Stands for the page's own ink until the picture is put there."""
 _FILE_INK = "#24292f"
 _DOTS_PER_INCH = 150
+_POINTS_PER_INCH = 72
+_MARGINS = {"left": 0.72, "bottom": 0.48, "right": 0.12, "top": 0.1}
+"""In inches, so that every picture has its frame in the same place, and none has to be laid out."""
+_TOLD_DIGITS = 6
 
 _STYLE: Any = {
     "svg.fonttype": "none",
@@ -78,35 +90,99 @@ class Picture:
         Draws into an empty figure.
     width, height : float
         In inches.
+    columns : callable, optional
+        Returns the numbers behind it, by the names of their columns.
+    told : callable, optional
+        Returns for places on the horizontal axis of its first chart what is said there.
+    fixed : bool
+        Whether the usual margins do; else matplotlib finds them, which takes as long as drawing.
     """
 
     draw: Callable[[Figure], None]
     width: float = 7.0
     height: float = 4.2
+    columns: Callable[[], Mapping[str, ArrayLike]] | None = None
+    told: Callable[[], Sequence[tuple[float, str]]] | None = None
+    fixed: bool = True
 
     def svg(self) -> str:
         """Return it as an element for the page."""
-        text = self._rendered("svg", _PAGE_INK, "none").decode("utf-8")
-        return text[text.index("<svg") :].replace(_PAGE_INK, "currentColor")
+        data, figure = self._rendered("svg", _PAGE_INK, "none")
+        text = data.decode("utf-8")
+        text = text[text.index("<svg") :].replace(_PAGE_INK, "currentColor")
+        text = re.sub(r'id="(series-\w+)"', r'class="\1"', text)
+        if self.told is None:
+            return text
+        return text.replace("</svg>", f"{_readout(figure, self.told())}</svg>")
+
+    def link(self, name: str) -> str:
+        """Return a link to its numbers as CSV, inside the page; empty where it has none."""
+        if self.columns is None:
+            return ""
+        columns = {k: np.asarray(v) for k, v in self.columns().items()}
+        rows = zip(*(map(_cell, column.tolist()) for column in columns.values()), strict=True)
+        text = "\n".join([",".join(columns), *map(",".join, rows), ""])
+        data = base64.b64encode(text.encode()).decode()
+        return (
+            f'<p class="csv"><a download="{name}.csv" href="data:text/csv;base64,{data}">'
+            "numbers as CSV</a></p>"
+        )
 
     def save(self, stem: Path) -> tuple[Path, Path]:
         """Write it as ``stem.svg`` and ``stem.png``, and return their paths."""
         files = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
         for file in files:
-            file.write_bytes(self._rendered(file.suffix[1:], _FILE_INK, "white"))
+            file.write_bytes(self._rendered(file.suffix[1:], _FILE_INK, "white")[0])
         return files
 
-    def _rendered(self, form: str, colour: str, paper: str) -> bytes:
+    def _rendered(self, form: str, colour: str, paper: str) -> tuple[bytes, Figure]:
         colours: Any = dict.fromkeys(_INKED, colour) | dict.fromkeys(_PAPER, paper)
         with mpl.rc_context({**_STYLE, **colours}):
-            figure = Figure(figsize=(self.width, self.height), layout="constrained")
+            size = self.width, self.height
+            figure = Figure(figsize=size, layout=None if self.fixed else "constrained")
+            if self.fixed:
+                figure.subplots_adjust(
+                    left=_MARGINS["left"] / self.width,
+                    right=1.0 - _MARGINS["right"] / self.width,
+                    bottom=_MARGINS["bottom"] / self.height,
+                    top=1.0 - _MARGINS["top"] / self.height,
+                    hspace=0.08,
+                )
             self.draw(figure)
             buffer = io.BytesIO()
             metadata: Any = _NO_METADATA if form == "svg" else {"Software": None}
             figure.savefig(buffer, format=form, dpi=_DOTS_PER_INCH, metadata=metadata)
-        return buffer.getvalue()
+        return buffer.getvalue(), figure
 
 
 def ink() -> str:
     """Return the colour of axes and text while something is drawn."""
     return str(mpl.rcParams["text.color"])
+
+
+def _readout(figure: Figure, told: Sequence[tuple[float, str]]) -> str:
+    """Return bands over the first chart, each with what is written while the mouse is on it."""
+    ax = figure.axes[0]
+    inside = [(x, text) for x, text in told if x > 0]
+    if not inside or ax.get_xscale() != "log":
+        return ""
+    width, height = (_POINTS_PER_INCH * inches for inches in figure.get_size_inches())
+    frame = ax.get_position()
+    left, right = width * frame.x0, width * frame.x1
+    top, bottom = height * (1.0 - frame.y1), height * (1.0 - frame.y0)
+    low, high = np.log(ax.get_xlim())
+    inside.sort(key=lambda one: one[0])
+    at = left + (right - left) * (np.log([x for x, _ in inside]) - low) / (high - low)
+    edges = np.concatenate([[left], (at[1:] + at[:-1]) / 2, [right]])
+    return "".join(
+        f'<g class="at"><rect x="{first:.1f}" y="{top:.1f}" width="{last - first:.1f}" '
+        f'height="{bottom - top:.1f}" fill="none" pointer-events="all"/>'
+        f'<path d="M{x:.1f} {top:.1f}V{bottom:.1f}" stroke="currentColor" stroke-width=".6"/>'
+        f'<text x="{left + 6:.1f}" y="{bottom - 6:.1f}" font-size="9">{escape(text)}</text></g>'
+        for x, first, last, (_, text) in zip(at, edges, edges[1:], inside, strict=False)
+        if left <= x <= right and last > first
+    )
+
+
+def _cell(value: object) -> str:
+    return f"{value:.{_TOLD_DIGITS}g}" if isinstance(value, float) else str(value)

@@ -52,6 +52,7 @@ __all__ = [
     "quality",
     "search_rows",
     "sheet_cell",
+    "subtitle",
     "zero_g",
 ]
 
@@ -136,6 +137,22 @@ def curve_values(axis: AxisAnalysis, choices: CurveChoices) -> CurveValues:
         caption += "; in brackets value ∓ value / √terms (DT0064)"
     rows = [[number(tau, 4), *(cells[tau].get(k, "") for k in kinds)] for tau in sorted(cells)]
     return CurveValues(caption, ["τ, s", *names], rows)
+
+
+def subtitle(analysis: Analysis, operator: str) -> str:
+    """Return what was measured, in one line: part, serial number, rate, length, who measured."""
+    axes, known = len(analysis.axes), analysis.rate
+    serial = analysis.input.get("serial") or analysis.input.get("serial_number", "")
+    facts = (
+        analysis.part,
+        serial and f"serial number {serial}",
+        f"{number(known.nominal_hz, 6)} Hz" if known.nominal_hz else "",
+        duration(analysis.duration_s),
+        f"{axes} {'axis' if axes == 1 else 'axes'}",
+        analysis.input.get("date", ""),
+        operator and f"measured by {operator}",
+    )
+    return ", ".join(filter(None, facts))
 
 
 def sheet_cell(axis: AxisAnalysis) -> str:

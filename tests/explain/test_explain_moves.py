@@ -142,6 +142,15 @@ def test_an_effect_that_makes_the_error_grow_is_refused_and_the_search_says_why(
     assert refuse(left, before, error(left), error) is left
 
 
+def test_where_no_one_is_to_blame_nothing_is_refused() -> None:
+    """What is left of many lines is judged by the smaller sampling error of the better model."""
+    view = view_of(noise(8) + sum(line(f, 0.6) for f in (3.0, 5.0, 7.0, 11.0, 13.0)))
+    for _ in range(4):
+        view = view.accept(best_of(view, "sinusoid"))
+    before, grown = ResidualError(2.0, 0.5, 9.0, 9.0, 2.0), ResidualError(90.0, 0.0, 9.0, 9.0, 2.0)
+    assert refuse(view, before, grown, lambda _: grown) is view
+
+
 def test_an_error_may_grow_by_what_sampling_leaves() -> None:
     before = ResidualError(0.8, 0.7, 6.1, 11.0, -2.0)
     assert growth(before, ResidualError(1.3, 0.2, 9.7, 11.0, 3.0)) == (0.0, "")

@@ -19,6 +19,7 @@ from allanscope.explain.candidate import Candidate, HeldOut, effect_of
 from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError, failed
 from allanscope.explain.effects.clock_error import clock_error_of
 from allanscope.explain.effects.ramp import Ramp
+from allanscope.explain.gates import growth
 from allanscope.explain.held import HeldEffects, known_of, signals_of
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.moves.drop import refuse
@@ -290,9 +291,18 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
         remarks=observations(series, axis)
         + _missing(bare)
         + ((view.stopped,) if view.stopped else ())
+        + _grown(error_before, error_after)
         + _detection_limits(view),
     )
     return _Closed(explanation, before_model, after_model, after, view)
+
+
+def _grown(before: ResidualError, after: ResidualError) -> tuple[str, ...]:
+    """Return what must be said where an error is larger and no effect is to blame."""
+    why = growth(before, after)[1].removeprefix("error: ")
+    if not why:
+        return ()
+    return (f"{why}: what is left is judged by the smaller sampling error of the better model",)
 
 
 def _final(

@@ -39,6 +39,7 @@ _LOG = logging.getLogger(__name__)
 
 _LEVEL_AND_SPECTRUM, _LEFT_OVER = 2, 4
 """The stage in which effects hide each other, and are fitted again with each new one."""
+_FULL = "the search was stopped: no more effects are taken on one axis, and more may be there"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +89,10 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
     if resolved is not view:
         view = _settle(_without_bands(resolved), _LEFT_OVER, budget, path)
     view = with_misfits_joined(view)
+    full = len(view.accepted) >= budget.effects
     for step in path.steps:
         _LOG.debug("%s %s", view.axis, step)
-    return replace(view, stopped=path.remark, path=tuple(path.steps))
+    return replace(view, stopped=path.remark or _FULL * full, path=tuple(path.steps))
 
 
 def _without_bands(view: View) -> View:

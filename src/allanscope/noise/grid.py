@@ -102,7 +102,7 @@ class Grid:
         """Return the number of ordinates of every bin that are not left out."""
         if not excluded:
             return self.count
-        return np.add.reduceat(self.kept(excluded).astype(np.float64), self.edges)
+        return _counts(self, excluded)
 
     def binned(self, squares: Array, excluded: Ranges = ()) -> tuple[Array, Array]:
         """Return mean and number of the squared ordinates of every bin that are not left out."""
@@ -162,6 +162,13 @@ def _kept(grid: Grid, excluded: Ranges) -> NDArray[np.bool_]:
     for low, high in excluded:
         kept &= (grid.frequency < low) | (grid.frequency > high)
     return kept
+
+
+@lru_cache(maxsize=16)  # a search fits the same ranges thousands of times
+def _counts(grid: Grid, excluded: Ranges) -> Array:
+    counts = np.add.reduceat(grid.kept(excluded).astype(np.float64), grid.edges)
+    counts.flags.writeable = False
+    return counts
 
 
 @lru_cache(maxsize=256)

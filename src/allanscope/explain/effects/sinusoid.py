@@ -44,6 +44,8 @@ _SLOW_CYCLES = 40.0
 _PROPOSALS = 3
 _MARGIN = 8
 """Ordinates beside an excluded range into which what was excluded leaks."""
+_BLOCK = 1024
+"""Rows over which a wave is computed by one exponential each."""
 _BESIDE = 400
 """Ordinates on each side that tell the level around a line."""
 _CONSTANT_P = 1e-5
@@ -333,16 +335,22 @@ def _slow_pair(grid: Grid, frequency: float) -> Array:
 
 
 def _pair(view: View, frequency: float) -> Array:
-    phase = 2 * np.pi * frequency / view.grid.rate_hz * np.arange(view.grid.n)
-    pair = np.vstack([np.cos(phase), np.sin(phase)])
+    wave = _wave(view.grid.n, 2 * np.pi * frequency / view.grid.rate_hz)
+    pair = np.vstack([wave.real, wave.imag])
     return np.asarray(pair - pair.mean(axis=1, keepdims=True))
+
+
+def _wave(n: int, angle: float) -> NDArray[np.complex128]:
+    """Return exp(i angle k) for k < n, a tenth as costly as n exponentials."""
+    inside = np.exp(1j * angle * np.arange(_BLOCK))
+    starts = np.exp(1j * angle * _BLOCK * np.arange(-(-n // _BLOCK)))
+    return np.asarray(np.outer(starts, inside).ravel()[:n])
 
 
 def _peak(data: Array, rate: float, frequency: float, spread: float) -> float:
     """Maximise the periodogram near a frequency, on data reduced to a narrow band around it."""
     n = len(data)
-    t = np.arange(n) / rate
-    mixed = (data - data.mean()) * np.exp(-2j * np.pi * frequency * t)
+    mixed = (data - data.mean()) * _wave(n, -2 * np.pi * frequency / rate)
     hop = max(1, n // 4096)
     whole = n // hop * hop
     slow = mixed[:whole].reshape(-1, hop).sum(axis=1)

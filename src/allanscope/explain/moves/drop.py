@@ -12,6 +12,11 @@ from allanscope.explain.view import View
 
 __all__ = ["drop", "refuse"]
 
+_MOST_REFUSED, _SUSPECTS = 2, 3
+"""Most effects that are refused after all, and how many are tried each time: each is a fit."""
+_MENDS = 0.5
+"""Part of the growth of the error that may be left for the next."""
+
 
 def drop(view: View, path: SearchPath) -> View:
     """Return the view without effects that, given the others, gain less than their penalty.
@@ -37,7 +42,8 @@ def refuse(
 ) -> View:
     """Return the view without effects that make the error larger than it was before the search.
 
-    One after the other, the one first whose removal mends most.
+    The view as it was where no one or two of those that gain least mend it: then the error has
+    grown because the sampling error of the better model is smaller, and all are what they are.
 
     Parameters
     ----------
@@ -46,19 +52,20 @@ def refuse(
     error : callable
         Returns that of another view.
     """
+    left = view
     worst, why = growth(before, after)
-    while why:
-        trials = [
-            (growth(before, error(trial)), candidate, trial)
-            for candidate in view.accepted
-            if not candidate.effect.is_coefficient and candidate.changes_model
-            for trial in (view.without(candidate),)
-        ]
+    for _ in range(_MOST_REFUSED):
+        if not why:
+            break
+        suspects = [c for c in left.accepted if c.changes_model and not c.effect.is_coefficient]
+        suspects = sorted(suspects, key=lambda c: c.gain)[:_SUSPECTS]
+        trials = [(growth(before, error(left.without(c))), c) for c in suspects]
         if not trials:
             break
-        (left, still), refused, rest = min(trials, key=lambda one: one[0][0])
-        if left >= worst:
+        (still, words), refused = min(trials, key=lambda one: one[0][0])
+        if still > _MENDS * worst:
             break
         step = SearchStep("drop", refused.kind, refused.words, refused.gain, refused.penalty, why)
-        view, worst, why = replace(rest, path=(*view.path, step)), left, still
-    return view
+        left = replace(left.without(refused), path=(*left.path, step))
+        worst, why = still, words
+    return view if why else left

@@ -186,6 +186,25 @@ def cross_coupling(b):
     return Four(*found[:4], {"source": ("ay", 0.0), "slope": (0.2, 0.3)}, "sinusoid")
 
 
+def amplitude_coupling(b):
+    motion = 10 * SIGMA * np.sin(2 * np.pi * b.t / 7) * np.sin(2 * np.pi * b.t / 90) ** 2
+    motion += b.gauss_markov(2 * SIGMA, 2.0)
+
+    def following(slope):
+        return slope * motion * b.rng.normal(size=len(b.t))
+
+    columns = (
+        b.noise() + following(0.2),
+        np.where((b.t > 300) & (b.t < 400), 1.5, 1.0) * b.noise(),
+        b.noise() + following(0.025),
+        b.noise(),
+        b.noise() + motion,
+    )
+    found = list(explain(b.record(*columns)).axes.values())
+    truth = {"source": ("ay", 0.0), "slope": (0.2, 0.1)}
+    return Four(*found[:4], truth, "variance_change")
+
+
 def band_limit(b):
     def low(order, cutoff):
         return lfilter(*butter(order, 2 * cutoff / RATE), b.noise())
@@ -355,7 +374,7 @@ FOURS: dict[str, Callable[..., Four]] = {
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
         *(repeated_samples, clock_error, unexplained, saturation, scale_drift, drifting_line),
-        *(shock, power_law, dead_zone),
+        *(shock, power_law, dead_zone, amplitude_coupling),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

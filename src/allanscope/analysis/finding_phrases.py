@@ -18,6 +18,7 @@ from allanscope.quantities import DEVIATION, LEVEL, duration, measured, number, 
 __all__ = ["KIND_NAMES", "PHRASES", "finding_phrase", "finding_sentence", "share_text"]
 
 PHRASES = {
+    "amplitude_coupling": "noise as loud as {source} moves, {share} of its power",
     "band_limit": "low-pass at {cutoff}",
     "cross_coupling": "cross-coupling from {source}, {slope}",
     "dead_zone": "dead zone of {width} around {level}, {fraction} of the samples",
@@ -54,7 +55,7 @@ KIND_NAMES = {
 """Names of kinds whose word in a result, without its underscores, is not what people call it."""
 
 _EVENTS = frozenset({"shock", "step", "excursion", "variance_change"})
-_SHARES = frozenset({"fraction", "relative"})
+_SHARES = frozenset({"fraction", "relative", "share"})
 _SAME = frozenset({"dps/dps", "g/g"})
 """Units of a share of another axis of the same sensor."""
 _FIELD = re.compile(r"\{(\w+)\}")

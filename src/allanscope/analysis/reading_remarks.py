@@ -37,7 +37,7 @@ _FAST = (
         "repeated_samples",
     ),
     *("cross_coupling", "variance_change", "scale_drift", "saturation", "narrowband", "sinusoid"),
-    *("drifting_line", "dead_zone"),
+    *("drifting_line", "dead_zone", "amplitude_coupling"),
     "unexplained",
 )
 _SLOW = (
@@ -202,6 +202,7 @@ _PHRASES = {
     "repeated_samples": "repeated samples",
     "saturation": "saturation",
     "dead_zone": "a dead zone",
+    "amplitude_coupling": "noise as loud as {source} moves",
     "unexplained": "what no effect explains",
 }
 """Effects as causes; others by the name of their kind."""

@@ -1,0 +1,223 @@
+r"""Noise whose amplitude follows another axis: loud while that axis moves, quiet while it rests.
+
+A rectified vibration, a loose cable, a supply that a load modulates: the other axis does not leak
+in (`cross_coupling` finds nothing), it decides how much noise there is,
+
+.. math:: \mathrm{Var}\, y(t) = v_0 + c^2 (x(t) - \bar x)^2 .
+
+The spectrum sees the mean of it. The data are whitened and cut into blocks; their mean squares are
+chi-square around :math:`1 + s (q_b / \bar q - 1)` with q the mean square of the other axis in the
+block, about its mean there (motion) or over the record (level). The share s of the power that
+follows is found by maximum likelihood, and judged on stretches of time that were not used. The
+source varies more than what follows it, as this has a part that does not, which tells the
+direction. The rows are divided by the level, so that what comes later is looked for in even noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Estimate, Parameter
+from allanscope.explain.effects import EffectKind
+from allanscope.explain.effects.variance_change import VarianceChange
+from allanscope.explain.view import View
+
+Array = NDArray[np.float64]
+
+_BLOCK_S, _FEWEST_ROWS, _FEWEST = 0.5, 16, 64
+"""Length of a block, rows in one, and blocks in a record, at the least."""
+_CAP = 20.0
+"""Squares over their mean are cut here, so that one sample cannot make a block loud."""
+_STRETCHES = 24
+_MOVES = 4.0
+"""Relative variance of the blocks of a source, over that of white noise."""
+_CLEARLY = 5.0
+"""Nats by which intervals of another level must explain less."""
+_MOST = 0.999
+_STEP = 0.01
+
+
+@dataclass(frozen=True)
+class AmplitudeCoupling(EffectKind):
+    """Noise that is as loud as another axis moves.
+
+    Attributes
+    ----------
+    source : Parameter
+        The other axis.
+    slope : Estimate
+        Standard deviation of a sample of the noise per unit of the other axis.
+    share : Estimate
+        Of the power of the noise that follows.
+    of_the_level : bool
+        Whether it follows the level of the other axis, and not its motion alone.
+    """
+
+    source: Parameter
+    slope: Estimate
+    share: Estimate
+    of_the_level: bool
+
+    kind = "amplitude_coupling"
+    meaning = "the noise is as loud as another axis moves"
+    needs = frozenset({"axes", "samples"})
+    stage = 3
+    is_single = True
+    is_not_gaussian = True
+    excluded_by = frozenset({"quantization", "random_telegraph", "variance_change"})
+    confused_with: ClassVar[Mapping[str, str]] = {
+        "variance_change": "begins and ends at an instant, whatever the other axes do",
+        "cross_coupling": "adds the other axis itself",
+    }
+
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        what = "level" if self.of_the_level else "motion"
+        return (
+            f"the amplitude of {100 * self.share.value:.3g} % of the noise follows the {what} of "
+            f"{self.source.value}, {self.slope.value:.3g} {self.slope.unit}"
+        )
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
+        """Compare the power of the noise with the motion and the level of every other axis."""
+        power, freedom, size = _power(view)
+        if len(power) < _FEWEST:
+            return []
+        own = _spread(_motion(view.samples, size), size)
+        found = []
+        for source, level, q in _sources(view, size):
+            if _spread(q, size) > max(own, _MOVES * 2 / size):
+                share, gain = _fit(power, freedom, q)
+                found.append((gain, share, source, level, q))
+        if not found:
+            return []
+        gain, share, source, level, q = max(found, key=lambda one: one[0])
+        abrupt = max((c.gain for c in VarianceChange.propose(view)), default=0.0)
+        if gain < abrupt + _CLEARLY:
+            return []
+        looked_at = float(np.log(2 * (len(view.series.axes) - 1)))
+        curvature = -(
+            _gains(power, freedom, q, share + _STEP).sum()
+            + _gains(power, freedom, q, share - _STEP).sum()
+            - 2 * gain
+        )
+        error = _STEP / float(np.sqrt(max(curvature, 1e-6)))
+        white = float(np.median(view.spectrum.ordinates))
+        slope = float(np.sqrt(share * white / q.mean()))
+        effect = cls(
+            Parameter(source),
+            Estimate.of_log(
+                slope, error / (2 * max(share, _STEP)), f"{view.unit}/{view.unit_of(source)}"
+            ),
+            Estimate.of(share, error),
+            level,
+        )
+        signal = effect.signal(view, q, size)
+        return [Candidate(effect, gain, looked_at, signal=signal)]
+
+    def signal(self, view: View, q: Array, size: int) -> Array:
+        """Return what the rows exceed those of even noise by, shape (n,)."""
+        s = np.sqrt(1 + self.share.value * (q / q.mean() - 1))
+        centre = (np.arange(len(s)) + 0.5) * size
+        scale = np.interp(np.arange(view.grid.n), centre, s)
+        data = view.data - view.data.mean()
+        return np.asarray(data * (1 - 1 / scale))
+
+    def prolong(self, view: View, candidate: Candidate) -> Candidate:
+        """Fit the share again: it is one of the whole record."""
+        return next(iter(self.propose(view)), replace(candidate, signal=None))
+
+    def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
+        """Fit every second stretch of the record, and judge by those between."""
+        del candidate
+        power, freedom, size = _power(view)
+        q = next(
+            q
+            for source, level, q in _sources(view, size)
+            if source == self.source.value and level == self.of_the_level
+        )
+        stretch = np.arange(len(power)) * _STRETCHES // len(power)
+        gained = np.zeros(len(power))
+        for fold in (0, 1):
+            train = stretch % 2 == fold
+            share, _ = _fit(power[train], freedom, q[train], q.mean())
+            scaled = _scaled(power, q, share, q.mean())
+            level, other = np.mean(power[train]), np.mean(scaled[train])
+            ratio = (power / level)[~train], (scaled / other)[~train]
+            change = np.log((power / scaled)[~train] * other / level)
+            gained[~train] = freedom / 2 * (ratio[0] - ratio[1] - change)
+        each = np.bincount(stretch, gained)
+        return HeldOut(
+            nats=float(gained.sum()),
+            error=float(np.sqrt(len(each)) * each.std()),
+            design=f"every second of {_STRETCHES} stretches by those between",
+            replicated=True,
+        )
+
+
+def _power(view: View) -> tuple[Array, float, int]:
+    """Return the mean squares of blocks of the whitened data, their freedom, and rows in one."""
+    size = max(_FEWEST_ROWS, int(_BLOCK_S * view.grid.rate_hz))
+    blocks = view.grid.n // size
+    if blocks < _FEWEST:
+        return np.empty(0), 0.0, size
+    white = view.innovations[: blocks * size].reshape(blocks, size)
+    power = np.mean(np.minimum(white**2, _CAP), axis=1)
+    scatter = float(np.mean(np.diff(power / power.mean()) ** 2)) / 2
+    return power, float(np.clip(2 / scatter, 1.0, size)), size
+
+
+def _motion(x: Array, size: int) -> Array:
+    """Return the mean squares of blocks about their means."""
+    return np.asarray(x[: len(x) // size * size].reshape(-1, size).var(axis=1))
+
+
+def _sources(view: View, size: int) -> Iterator[tuple[str, bool, Array]]:
+    """Yield the other axes with the mean squares of their blocks, of the motion and the level."""
+    for axis in view.series.axes:
+        if axis != view.axis:
+            x = view.cleaned_source(axis)
+            motion = _motion(x, size)
+            yield axis, False, motion
+            means = x[: len(motion) * size].reshape(-1, size).mean(axis=1)
+            yield axis, True, motion + (means - x.mean()) ** 2
+
+
+def _spread(q: Array, size: int) -> float:
+    """Return the relative variance of mean squares of blocks beyond that of white noise."""
+    mean = float(q.mean())
+    return float(q.var()) / mean**2 - 2 / size if mean > 0 else 0.0
+
+
+def _scaled(power: Array, q: Array, share: float, mean: float) -> Array:
+    """Return the power of the blocks with what follows the source divided out."""
+    return np.asarray(power / (1 + share * (q / mean - 1)))
+
+
+def _gains(
+    power: Array, freedom: float, q: Array, share: float, mean: float | None = None
+) -> Array:
+    """Return what every block gains by a share; the level is that of all."""
+    scaled = _scaled(power, q, share, float(q.mean()) if mean is None else mean)
+    level, other = power.mean(), scaled.mean()
+    change = np.log(power / scaled * other / level)
+    return np.asarray(freedom / 2 * (power / level - scaled / other - change))
+
+
+def _fit(power: Array, freedom: float, q: Array, mean: float | None = None) -> tuple[float, float]:
+    """Return the likeliest share, and what it gains over none."""
+
+    def loss(share: float) -> float:
+        return -float(_gains(power, freedom, q, share, mean).sum())
+
+    best = minimize_scalar(loss, bounds=(0.0, _MOST), method="bounded", options={"xatol": 1e-4})
+    return float(best.x), -float(best.fun)

@@ -29,15 +29,38 @@ from allanscope.lazy import lazily
 if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
     from allanscope.allan.choices import CurveChoices
+    from allanscope.allan.confidence import chi_square_limits
+    from allanscope.allan.edf import difference_edf
     from allanscope.allan.estimators import variance_name
+    from allanscope.allan.frequency import (
+        density_of_deviation,
+        deviation_of_density,
+        phase_to_rate_density,
+        rate_to_phase_density,
+        transfer,
+    )
+    from allanscope.allan.neighbours import SlopeFit, avlr, gcodev, mtie, three_cornered_hat, tierms
     from allanscope.allan.oneshot import deviation
 
 __all__ = [
     "AllanBank",
     "CurveChoices",
     "Deviation",
+    "SlopeFit",
+    "avlr",
+    "chi_square_limits",
     "data_frame",
+    "density_of_deviation",
     "deviation",
+    "deviation_of_density",
+    "difference_edf",
+    "gcodev",
+    "mtie",
+    "phase_to_rate_density",
+    "rate_to_phase_density",
+    "three_cornered_hat",
+    "tierms",
+    "transfer",
     "variance_name",
 ]
 
@@ -50,7 +73,20 @@ __getattr__, __dir__ = lazily(
     {
         "AllanBank": "bank",
         "CurveChoices": "choices",
+        "SlopeFit": "neighbours",
+        "avlr": "neighbours",
+        "chi_square_limits": "confidence",
+        "density_of_deviation": "frequency",
         "deviation": "oneshot",
+        "deviation_of_density": "frequency",
+        "difference_edf": "edf",
+        "gcodev": "neighbours",
+        "mtie": "neighbours",
+        "phase_to_rate_density": "frequency",
+        "rate_to_phase_density": "frequency",
+        "three_cornered_hat": "neighbours",
+        "tierms": "neighbours",
+        "transfer": "frequency",
         "variance_name": "estimators",
     },
 )

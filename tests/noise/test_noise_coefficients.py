@@ -1,10 +1,10 @@
-"""The averaging time of the smallest deviation, and whether it is one."""
+"""The averaging time of the smallest deviation, whether it is one, and the uncertainty stated."""
 
 import numpy as np
 import pytest
 
 from allanscope.allan import AllanBank, Deviation
-from allanscope.noise import NoiseModel, find_best_averaging
+from allanscope.noise import NoiseModel, find_best_averaging, fit_array
 from allanscope.noise.components import Flicker, RandomWalk, White
 
 M = 2 ** np.arange(18)
@@ -69,3 +69,16 @@ def test_only_what_can_be_trusted_counts():
 def test_several_axes_are_refused():
     with pytest.raises(ValueError, match="one axis"):
         find_best_averaging(curve(np.ones((2, len(M)))))
+
+
+def test_the_standard_uncertainty_is_the_scatter_of_repeated_records():
+    """Of 80 records; the standard deviation of that many is known to 8 %."""
+    rng = np.random.default_rng(11)
+    found = [fit_array(rng.standard_normal(3000), 100.0).coefficients["N"] for _ in range(80)]
+    values = np.array([one.value for one in found])
+    stated = np.array([one.uncertainty.standard for one in found])
+    assert np.std(values, ddof=1) == pytest.approx(stated.mean(), rel=0.25)
+    outside = np.abs(values - 0.1) > [one.uncertainty.expanded for one in found]
+    assert outside.sum() <= 9  # 5 % of 80 is 4
+    # A white record has n - 1 of them, in the band in which N is read fewer.
+    assert 1000 < found[0].uncertainty.degrees_of_freedom < 3000

@@ -26,6 +26,15 @@ def test_a_coefficient_that_is_not_detected_is_a_limit_with_the_time_to_wait(ana
     assert rows["Q"].status == "upper limit"
 
 
+def test_an_expanded_uncertainty_stands_beside_what_was_detected(analysis):
+    known = Coefficient(1e-3, 0.902e-3, 1.098e-3, "", True)
+    limit = Coefficient(1e-6, 0.0, 3e-6, "", False)
+    axis = replace(analysis.axes["gx"], coefficients={"N": known, "K": limit})
+    rows = {row.name: row for row in coefficient_words.coefficient_rows(axis)}
+    assert rows["N"].uncertainty == "0.10 mdps/√Hz, 200"
+    assert rows["K"].uncertainty == "–"
+
+
 def test_the_other_unit_is_the_same_quantity(analysis):
     # 1 mdps/sqrt(Hz) is 0.06 deg/sqrt(h); 1 ug/sqrt(Hz) is 9.80665e-6 m/s^2/sqrt(Hz).
     gyro = replace(

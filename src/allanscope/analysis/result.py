@@ -284,6 +284,30 @@ class Analysis:
         excess = {k: one.shares.excess_nats for k, one in known.items() if one.shares}
         return findings_of({k: one.effects for k, one in known.items()}, excess)
 
+    @property
+    def uncertainty(self) -> dict[str, Any]:
+        """How the uncertainties of the coefficients were obtained, and what is in them."""
+        rate = self.rate
+        clock = "the sample rate, which was not measured: these parts are off by up to 5 %"
+        if rate.measured_hz is not None and rate.uncertainty_ppm is not None:
+            clock = f"the sample rate, known to {rate.uncertainty_ppm:.2g} ppm"
+        return {
+            "method": "half the 95 % interval of the likelihood over 1.96 is the standard "
+            "uncertainty, twice that the expanded one (k = 2); degrees of freedom 1 / (2 u^2) of "
+            "the relative standard uncertainty u; where the interval is not symmetric it is the "
+            "better statement",
+            "included": [
+                "sampling error of the noise over this run",
+                "the other coefficients and the shape of filters, which are fitted together",
+            ],
+            "not_included": [
+                f"{clock}; N and K change by half of it, Q and R by all of it",
+                "the scale factor of the part, by which every coefficient is multiplied",
+                "temperature, supply, mounting and part other than those of this run",
+                "effects that were not found",
+            ],
+        }
+
     def summary(self) -> str:
         """Return the verdict, N, B and K of each axis, and what else must be known, as lines."""
         from allanscope.analysis.notebook import summary_text
@@ -362,6 +386,7 @@ class Analysis:
             "failures": list(self.failures),
             "effects": [_effect_dict(effect) for effect in self.effects],
             "curve_choices": asdict(self.choices),
+            "uncertainty": self.uncertainty,
             "findings": [_finding_dict(finding) for finding in self.findings],
             "axes": {name: _axis_dict(axis, self.choices) for name, axis in self.axes.items()},
         }
@@ -375,7 +400,7 @@ def _axis_dict(axis: AxisAnalysis, choices: CurveChoices) -> dict[str, Any]:
         "curves": {kind: _curve_dict(curve, choices) for kind, curve in axis.curves.items()},
         "level": asdict(axis.level) if axis.level else None,
         "coefficients": {
-            name: asdict(axis.coefficients[name])
+            name: _coefficient_dict(axis.coefficients[name])
             if name in axis.coefficients
             else {**_UNKNOWN, "unit": axis.unit + unit}
             for name, unit in _UNITS.items()
@@ -395,10 +420,15 @@ def _axis_dict(axis: AxisAnalysis, choices: CurveChoices) -> dict[str, Any]:
     }
 
 
+def _coefficient_dict(one: Coefficient) -> dict[str, Any]:
+    known = one.uncertainty
+    return {**asdict(one), "uncertainty": asdict(known) if known else None}
+
+
 _UNITS = {"N": "/sqrt(Hz)", "B": "", "K": "/sqrt(s)", "Q": "*s", "R": "/s"}
 _UNKNOWN = {
     **{"value": None, "lower": None, "upper": None, "detected": False, "wait_s": None},
-    **{"white_alone": None, "decoupled": None},
+    **{"white_alone": None, "decoupled": None, "uncertainty": None},
 }
 _NOT_COMPARED: dict[str, Any] = {
     "limit": None,
@@ -423,7 +453,9 @@ def _curve_dict(curve: Deviation, choices: CurveChoices) -> dict[str, Any]:
 
 def _explanation_dict(explanation: AxisExplanation) -> dict[str, Any]:
     return {
-        "coefficients_before": {k: asdict(c) for k, c in explanation.coefficients_before.items()},
+        "coefficients_before": {
+            k: _coefficient_dict(c) for k, c in explanation.coefficients_before.items()
+        },
         "effects": [_effect_dict(effect) for effect in explanation.effects],
         "search": [asdict(step) for step in explanation.path],
         "residual": {

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         Coefficient,
         CoefficientPart,
         DatasheetVerdict,
+        Uncertainty,
         find_best_averaging,
     )
     from allanscope.noise.crlb import relative_bounds, wait_until
@@ -46,6 +47,7 @@ __all__ = [
     "DatasheetVerdict",
     "NoiseFit",
     "NoiseModel",
+    "Uncertainty",
     "add_coupled",
     "advice",
     "find_best_averaging",
@@ -71,6 +73,7 @@ __getattr__, __dir__ = lazily(
         "DatasheetVerdict": "coefficients",
         "NoiseFit": "fit",
         "NoiseModel": "model",
+        "Uncertainty": "coefficients",
         "add_coupled": "white_level",
         "advice": "quantised",
         "find_best_averaging": "coefficients",

@@ -14,8 +14,12 @@ __all__ = [
     "Coefficient",
     "CoefficientPart",
     "DatasheetVerdict",
+    "Uncertainty",
     "find_best_averaging",
 ]
+
+_Z = 1.959963984540054
+"""97.5 % quantile of the normal distribution."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +35,26 @@ class CoefficientPart:
     def of(cls, whole: Coefficient) -> CoefficientPart:
         """Return a coefficient as the part of another."""
         return cls(whole.value, whole.lower, whole.upper, whole.detected)
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """The uncertainty of a coefficient as laboratories state it.
+
+    Attributes
+    ----------
+    standard, expanded : float
+        Standard uncertainty, and `coverage_factor` times that, in the unit of the coefficient.
+    coverage_factor : float
+        2: about 95 % of a normal distribution.
+    degrees_of_freedom : float
+        Effective ones: those of a mean of squares whose root is as uncertain.
+    """
+
+    standard: float
+    expanded: float
+    coverage_factor: float
+    degrees_of_freedom: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +89,23 @@ class Coefficient:
     wait_s: float | None = None
     white_alone: CoefficientPart | None = None
     decoupled: CoefficientPart | None = None
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """What half the 95 % interval amounts to; None where there is only an upper limit.
+
+        The root of a mean of nu squares has a relative standard deviation of 1 / sqrt(2 nu).
+
+        Examples
+        --------
+        >>> known = Coefficient(4.0, 3.902, 4.098, "dps/sqrt(Hz)", True).uncertainty
+        >>> round(known.standard, 4), round(known.expanded, 4), round(known.degrees_of_freedom)
+        (0.05, 0.1, 3200)
+        """
+        standard = (self.upper - self.lower) / (2.0 * _Z)
+        if not (self.detected and self.value > 0.0 and 0.0 < standard < math.inf):
+            return None
+        return Uncertainty(standard, 2.0 * standard, 2.0, 0.5 * (self.value / standard) ** 2)
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,7 @@ class CoefficientRow:
     other: str
     status: str
     wait: str
+    uncertainty: str
 
 
 def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
@@ -58,10 +59,22 @@ def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
             value = f"{limit(high)} {unit}"
             second = f"{limit(one.upper * other.factor)} {symbols(other.unit)}"
             status = "upper limit"
+        known = one.uncertainty
+        uncertainty = "–"
+        if known is not None:
+            expanded = number(known.expanded * usual.factor, 2)
+            uncertainty = f"{expanded} {unit}, {number(known.degrees_of_freedom, 2)}"
         read = reading_cell(axis.readings.get(name), name, axis.unit)
         rows.append(
             CoefficientRow(
-                name, COEFFICIENT_NAMES[name], value, read, second, status, wait_text(one)
+                name,
+                COEFFICIENT_NAMES[name],
+                value,
+                read,
+                second,
+                status,
+                wait_text(one),
+                uncertainty,
             )
         )
     return rows

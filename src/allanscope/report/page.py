@@ -115,6 +115,7 @@ def render(
         ],
         ratio_svg=svgs.get("ratio", ""),
         quality=words.quality(analysis),
+        uncertainty=analysis.uncertainty,
         marks=[f"{duration(time_s)}: {text}" for time_s, text in marked_moments(analysis)],
         provenance=words.provenance(analysis, _command(analysis)),
         footer=f"allanscope {analysis.version}",

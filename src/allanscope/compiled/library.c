@@ -5,4 +5,5 @@
 #include "estimators.c"
 #include "series.c"
 #include "spectrum.c"
+#include "text.c"
 #include "wire.c"

@@ -55,6 +55,16 @@ class Lines:
                 self.number = self._newlines + 1
                 yield line
 
+    @property
+    def partial(self) -> bool:
+        """Whether a line has begun."""
+        return bool(self._partial) or self._overlong
+
+    def skip(self, newlines: int) -> None:
+        """Count whole lines that were read elsewhere."""
+        self._newlines += newlines
+        self.number = self._newlines
+
     def rest(self) -> bytes:
         """Return the last line, which nothing ended, and forget it."""
         line = bytes(self._partial)

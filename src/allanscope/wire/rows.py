@@ -75,6 +75,23 @@ class Rows:
         self._pending.append(Row(values, device_s, host_s, temperature_c, self._damaged))
         self._damaged = False
 
+    def extend(
+        self,
+        values: NDArray[np.float64],
+        device_s: NDArray[np.float64],
+        host_s: float,
+        temperature_c: NDArray[np.float64],
+    ) -> None:
+        """Take many rows, values of shape (n, axes), that came without damage between them."""
+        scale = self._time_per_second
+        rows = zip(
+            values.tolist(), (device_s / scale).tolist(), temperature_c.tolist(), strict=True
+        )
+        damaged, self._damaged = self._damaged, self._damaged and not len(values)
+        for row, time_s, degrees in rows:
+            self._pending.append(Row(tuple(row), time_s, host_s, degrees, damaged))
+            damaged = False
+
     def damaged(self) -> None:
         """Note that something was unreadable."""
         self._damaged = True

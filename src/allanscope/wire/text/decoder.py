@@ -6,6 +6,8 @@ import math
 import re
 from typing import cast
 
+import numpy as np
+
 from allanscope.samples import Event, GapReason, Notice
 from allanscope.sanitize import plain_line, without_escapes
 from allanscope.wire.base import LinkStats, WireSettings
@@ -24,6 +26,9 @@ _COMMENT = re.compile(r"\A\s*(?:#|%|//)\s*")
 _ENOUGH_UNNAMED = 3
 _ENOUGH_MISALIGNED = 3
 _LONGEST_QUOTE = 60
+_WORTH_A_CALL = 4096
+"""Bytes from which on rows are read together."""
+_MOST_EXACT = 1024
 PATIENCE = 1024
 """Rows of a file that are looked at where their times come unevenly."""
 
@@ -74,11 +79,39 @@ class TextDecoder:
         self._host_s = host_s
         dropped = self._lines.dropped
         events: list[Event] = []
-        for line in self._lines.feed(data):
-            events += self._line(line)
+        position, exact = 0, 1
+        while position < len(data):
+            rows = self._plain_rows(memoryview(data)[position:])
+            if rows:
+                position, exact = position + rows, 1
+                continue
+            # What is not plain is looked at line by line, more of them where nothing is.
+            stop = position
+            for _ in range(exact):
+                stop = data.find(b"\n", stop) + 1 or len(data)
+                if stop == len(data):
+                    break
+            for line in self._lines.feed(data[position:stop]):
+                events += self._line(line)
+            position, exact = stop, min(2 * exact, _MOST_EXACT)
         if self._lines.dropped > dropped:
             self._damage()
         return events + self._rows.take()
+
+    def _plain_rows(self, data: memoryview) -> int:
+        """Take the rows of plain numbers that a text begins with; return their bytes."""
+        table = self._table
+        begun = self._joining or self._lines.partial or self._misaligned
+        if table is None or begun or len(data) < _WORTH_A_CALL:
+            return 0
+        found = table.plain_rows(data)
+        if found is None:
+            return 0
+        self.stats.frames += len(found.values)
+        self._lines.skip(found.newlines)
+        some = ~np.isnan(found.values).all(axis=1)
+        self._rows.extend(found.values[some], found.time_s[some], self._host_s, found.degrees[some])
+        return found.size
 
     def interrupt(self, reason: str) -> list[Event]:
         """Forget a partial line, e.g. after an unplug; the next Block follows a Gap."""

@@ -14,14 +14,16 @@ import math
 import re
 from collections.abc import Sequence
 from datetime import date
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.compiled import Pointer, kernel
 from allanscope.wire.text.columns import Column, Columns
 from allanscope.wire.text.units import DIVISORS, Quantity, unit_by_gravity
 
-__all__ = ["ClockTimes", "Table", "TableRow", "is_number", "joined_dates", "realigned"]
+__all__ = ["ClockTimes", "PlainRows", "Table", "TableRow", "is_number", "joined_dates", "realigned"]
 
 TableRow = tuple[tuple[float, ...], float, float]
 """Six values in the units of the text, the time in s if its unit is known, and degC."""
@@ -53,6 +55,35 @@ def is_number(cell: str) -> bool:
     except ValueError:
         return _is_clock_time(cell)
     return True
+
+
+class PlainRows(NamedTuple):
+    """Rows that were read together, and how much of the text they are.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, 6)
+    time_s, degrees : ndarray, shape (n,)
+    size : int
+        Bytes, with the line feed of the last row.
+    newlines : int
+        Line feeds among them.
+    """
+
+    values: NDArray[np.float64]
+    time_s: NDArray[np.float64]
+    degrees: NDArray[np.float64]
+    size: int
+    newlines: int
+
+
+_INTS_OUT = Pointer(np.int64, 1, written=True)
+_read_rows = kernel(
+    "read_rows",
+    *(Pointer(np.uint8, 1), int, int, int, Pointer(np.uint8, 1), int),
+    *(Pointer(np.float64, 2, written=True), _INTS_OUT, _INTS_OUT),
+    returns=int,
+)
 
 
 class Table:
@@ -133,6 +164,49 @@ class Table:
         for axis, number in zip(self._axes, numbers, strict=False):
             values[axis] = number
         return tuple(values), time_s, degrees
+
+    def plain_rows(self, data: memoryview) -> PlainRows | None:
+        """Return the rows that a text begins with, up to one that `row` has to look at.
+
+        None where there is none. What they hold is what `row` returns, to the last bit.
+        """
+        unscaled = self._origin or self._clock is not None or self.rows == 0
+        if unscaled or not self._separated or self._separator is None:
+            return None
+        wanted = np.zeros(self._count, np.uint8)
+        wanted[self._places] = 1
+        if self._time is not None:
+            wanted[self._time] = 2
+        most = len(data) // self._count + 1
+        found = np.empty((most, int(np.count_nonzero(wanted))))
+        ends, newlines = np.empty(most, np.int64), np.empty(most, np.int64)
+        text = np.frombuffer(data, np.uint8)
+        separator = self._separator[0]
+        shape = (len(data), separator, self._count, wanted, most)
+        count = _read_rows(text, *shape, found, ends, newlines)
+        columns = np.cumsum(wanted > 0) - 1
+        numbers = found[:count, columns[self._places]]
+        time_s = np.full(count, math.nan)
+        if self._time is not None and count:
+            time_s, count = self._times_of(numbers[:, -2])
+        if count == 0:
+            return None
+        self.rows += count
+        values = np.full((count, 6), math.nan)
+        values[:, self._axes] = numbers[:count, : len(self._axes)]
+        degrees = numbers[:count, -1] if self._temperature is not None else np.full(count, math.nan)
+        size, lines = int(ends[count - 1]), int(newlines[count - 1])
+        return PlainRows(values, time_s[:count], degrees, size, lines)
+
+    def _times_of(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+        """Return times in s, and how many of them neither wrap nor are too late."""
+        back = np.append(self._last_time, raw[:-1]) - raw
+        time_s = (raw + self._wrapped) / DIVISORS["time"].get(self._time_unit, 1.0)
+        odd = np.flatnonzero((back > 2**31) | (np.abs(time_s) > _LATEST_S))
+        count = int(odd[0]) if odd.size else len(raw)
+        if count:
+            self._last_time = float(raw[count - 1])
+        return time_s, count
 
     def _place(self, quantity: Quantity) -> int | None:
         places = [i for i, c in enumerate(self.columns) if c is not None and c.quantity == quantity]

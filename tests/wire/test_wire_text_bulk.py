@@ -1,0 +1,158 @@
+"""Rows that are read together are those that are read one by one, to the last bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from allanscope.samples import Block, Event
+from allanscope.wire import WireSettings
+from allanscope.wire.text import decoder as decoding
+from allanscope.wire.text.columns import cells_of, columns_of
+from allanscope.wire.text.decoder import TextDecoder
+from allanscope.wire.text.table import Table
+
+NAMES = "t[s],gx[dps],gy[dps],gz[dps],ax[g],ay[g],az[g],temperature[degC]"
+
+
+def written(value: float, form: int) -> str:
+    return (repr(value), f"{value:.6f}", f"{value:.9g}", f"{value:+.3e}", f" {value:.17g} ")[form]
+
+
+def table(seed: int, rows: int = 300) -> list[str]:
+    rng = np.random.default_rng(seed)
+    form = int(rng.integers(0, 5))
+    values = np.cumsum(rng.normal(size=(rows, 7)), axis=0) * 0.01 + [0, 0, 0, 0, 0, 1, 25]
+    return [NAMES] + [
+        ",".join([f"{i / 104:.9f}", *(written(value, form) for value in row)])
+        for i, row in enumerate(values.tolist())
+    ]
+
+
+ODD = (
+    "",
+    "\r",
+    "# a comment",
+    NAMES,
+    "1,2,3",
+    "0.5,1,2,3,4,5,6,7,8",
+    "0.5,1,2,3,4,5,6,7,",
+    "0.5,,,,,,,",
+    "0.5,1,,3,4,5,6,",
+    "0.5,1, ,3,4,5,6,20",
+    '0.5,"1",2,3,4,5,6,20',
+    "0.5,nan,inf,-inf,1_0,5,6,20",
+    "0.5,1;2,3,4,5,6,20",
+    "4e12,1,2,3,4,5,6,20",
+    "\x1b[31m1.5,1,2,3,4,5,6,20",
+    "12:30:01.5,1,2,3,4,5,6,20",
+    "1.5,1,2,3,4\r5,6,20",
+    "1.5," + "1" * 5000 + ",2,3,4,5,6,20",
+    "1.5,1e400,1e-400,1e23,123456789012345678901,0x10,6,20",
+    "é,1,2,3,4,5,6,20",
+)
+
+
+def plain(events: Iterable[Event]) -> list[Any]:
+    said: list[Any] = []
+    for event in events:
+        if isinstance(event, Block):
+            ticks = event.ticks
+            arrays = (event.counts, ticks.offset, ticks.device_s, ticks.host_s, ticks.temperature_c)
+            said.append((event.index, *(np.asarray(array).tobytes() for array in arrays)))
+        else:
+            said.append(event)
+    return said
+
+
+def decoded(pieces: list[bytes], together: int, host_s: float) -> tuple[Any, ...]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(decoding, "_WORTH_A_CALL", together)
+        decoder = TextDecoder(WireSettings())
+        said = []
+        for number, piece in enumerate(pieces):
+            if number == 3:
+                said += plain(decoder.interrupt("unplugged"))
+            said += plain(decoder.feed(piece, host_s + number))
+        said += plain(decoder.finish())
+    return said, decoder.stats, decoder._lines.number
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), odd=st.integers(0, 12), live=st.booleans())
+@example(seed=1, odd=0, live=False)
+def test_events_and_counters_are_those_of_single_lines(seed: int, odd: int, live: bool) -> None:
+    rng = np.random.default_rng(seed)
+    lines = table(seed)
+    for _ in range(odd):
+        lines.insert(int(rng.integers(1, len(lines))), ODD[rng.integers(0, len(ODD))])
+    end = ("\n", "\r\n")[seed % 2]
+    data = bytearray((end.join(lines) + end * (seed % 3 > 0)).encode())
+    for _ in range(odd // 4):
+        data[rng.integers(0, len(data))] = rng.integers(0, 256)
+    cuts = sorted(rng.integers(0, len(data), seed % 6).tolist())
+    pieces = [bytes(data[a:b]) for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]
+    host_s = 5.0 if live else math.nan
+    assert decoded(pieces, 1, host_s) == decoded(pieces, 1 << 40, host_s)
+
+
+def test_most_rows_are_read_together() -> None:
+    data = "\n".join([*table(1), ""]).encode()
+    decoder = TextDecoder(WireSettings())
+    single = []
+    read = Table.row
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Table, "row", lambda self, line: single.append(line) or read(self, line))
+        decoder.feed(data, math.nan)
+    assert decoder.stats.frames == 300
+    assert len(single) < 10
+
+
+NUMBERS = st.one_of(
+    st.floats(allow_nan=False, allow_infinity=False).map(repr),
+    st.floats(-1e3, 1e3).map(repr),
+    st.from_regex(r"\A[+-]?[0-9]{0,25}\.?[0-9]{0,25}(e[+-]?[0-9]{1,4})?\Z"),
+    st.tuples(st.integers(0, 2**64), st.integers(-30, 30)).map(lambda n: f"{n[0]}e{n[1]}"),
+)
+
+
+@settings(max_examples=500, deadline=None)
+@given(number=NUMBERS)
+@example("9007199254740993")
+@example("9007199254740993e-1")
+@example("18446744073709551615e-27")
+@example("8.5e-05")
+@example("200515781985469696e-18")  # rounded twice, by way of 64 bits, it is another
+@example("0.00000000000000000000000000001")
+@example("1e")
+@example(".")
+def test_a_number_is_the_one_that_python_reads_or_is_left_to_it(number: str) -> None:
+    columns = columns_of(cells_of("gx[dps],gy[dps],gz[dps]"), "gyro")
+    assert columns is not None
+    rows = Table(columns)
+    assert rows.row(b"1,2,3") is not None
+    found = rows.plain_rows(memoryview(f"{number},2,3\n".encode()))
+    if found is not None:
+        expected = float(number) if number else math.nan
+        assert found.values[0, :1].tobytes() == np.array([expected]).tobytes()
+
+
+def test_the_numbers_of_ordinary_files_are_not_left_to_python() -> None:
+    columns = columns_of(cells_of("gx[dps],gy[dps],gz[dps]"), "gyro")
+    assert columns is not None
+    rows = Table(columns)
+    rows.row(b"1,2,3")
+    values = np.random.default_rng(2).normal(size=(5000, 3))
+    for form in (repr, "{:.3f}".format, "{:.9e}".format):
+        text = "\n".join(",".join(map(form, row)) for row in values.tolist()) + "\n"
+        found = rows.plain_rows(memoryview(text.encode()))
+        assert found is not None
+        assert len(found.values) > 100
+        expected = [[float(cell) for cell in line.split(",")] for line in text.split()]
+        assert found.values[:, :3].tolist() == expected[: len(found.values)]

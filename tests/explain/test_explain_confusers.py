@@ -208,3 +208,12 @@ def test_hops_that_are_missed_do_not_make_the_two_levels_nearer(bench, size, dwe
     assert effect.kind == "random_telegraph"
     amplitude = effect.parameters["amplitude"]
     assert amplitude.lower < size < amplitude.upper
+
+
+@pytest.mark.parametrize("seed", [720, 721])
+def test_axes_that_are_shaken_together_do_not_follow_each_other(bench, seed):
+    b = bench(seed, 600.0)
+    loud = ((b.t > 100) & (b.t < 150)) | ((b.t > 420) & (b.t < 440))
+    columns = [np.where(loud, 2.0, 1.0) * b.noise() for _ in range(2)]
+    for found in kinds(explain(b.record(*columns, b.noise()))).values():
+        assert "amplitude_coupling" not in found

@@ -9,8 +9,9 @@ The spectrum sees the mean of it. The data are whitened and cut into blocks; the
 chi-square around :math:`1 + s (q_b / \bar q - 1)` with q the mean square of the other axis in the
 block, about its mean there (motion) or over the record (level). The share s of the power that
 follows is found by maximum likelihood, and judged on stretches of time that were not used. The
-source varies more than what follows it, as this has a part that does not, which tells the
-direction. The rows are divided by the level, so that what comes later is looked for in even noise.
+source varies clearly more than what follows it, as this has a part that does not: that tells the
+direction, and two axes that are shaken together from one that follows. The rows are divided by the
+level, so that what comes later is looked for in even noise.
 """
 
 from __future__ import annotations
@@ -38,6 +39,9 @@ _CAP = 20.0
 _STRETCHES = 24
 _MOVES = 4.0
 """Relative variance of the blocks of a source, over that of white noise."""
+_SOURCE = 2.0
+"""Times that the variance of a source exceeds that of what follows it: two axes that one machine
+shakes at the same times are alike."""
 _CLEARLY = 5.0
 """Nats by which intervals of another level must explain less."""
 _MOST = 0.999
@@ -95,7 +99,7 @@ class AmplitudeCoupling(EffectKind):
         own = _spread(_motion(view.samples, size), size)
         found = []
         for source, level, q in _sources(view, size):
-            if _spread(q, size) > max(own, _MOVES * 2 / size):
+            if _spread(q, size) > max(_SOURCE * own, _MOVES * 2 / size):
                 share, gain = _fit(power, freedom, q)
                 found.append((gain, share, source, level, q))
         if not found:

@@ -1,6 +1,6 @@
 """Colours that everybody can read and tell apart, of the report and of the viewer.
 
-Contrast is that of WCAG 2.2 (relative luminance, 4.5 for text, 3 for graphics). Colours are seen as
+Contrast is that of WCAG 2.2 (relative luminance, 4.5 for text). Colours are seen as
 in Machado, Oliveira and Fernandes (2009), severity 1.0, and compared by their distance in CIELAB.
 """
 

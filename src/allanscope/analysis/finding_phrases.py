@@ -6,7 +6,6 @@ a name in the words in which it was found.
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -55,6 +54,7 @@ KIND_NAMES = {
 """Names of kinds whose word in a result, without its underscores, is not what people call it."""
 
 _EVENTS = frozenset({"shock", "step", "excursion", "variance_change"})
+_LEAST_SHARE = 0.01
 _SHARES = frozenset({"fraction", "relative", "share"})
 _SAME = frozenset({"dps/dps", "g/g"})
 """Units of a share of another axis of the same sensor."""
@@ -71,12 +71,14 @@ def finding_sentence(finding: Finding, axes: Sequence[str]) -> str:
 
 
 def share_text(finding: Finding) -> str:
-    """Return which share of the excess over sampling error a finding holds; empty if not known.
+    """Return which share of the excess over sampling error a finding holds.
+
+    Empty where it is not known or below 1 %: an error of the clock, say, holds all the rest.
 
     >>> share_text(Finding("step", ("gx",), (), 30.0, share=0.623))
     ' (62 % of the excess)'
     """
-    if math.isnan(finding.share):
+    if not finding.share >= _LEAST_SHARE:
         return ""
     return f" ({number(100.0 * finding.share, 2)} % of the excess)"
 

@@ -66,7 +66,7 @@ def verdict_text(analysis: Analysis) -> str:
         more = len(behind) - _BEHIND
         tail = [f"*{more} more: see the findings*"] if more > 0 else []
         lines.append(" · ".join((*behind[:_BEHIND], *tail)))
-    return "\n\n".join(lines)
+    return "  \n".join(lines)  # a hard break: paragraphs would take twice the height
 
 
 def coefficients_table(analysis: Analysis) -> str:

@@ -27,8 +27,10 @@ if TYPE_CHECKING:
         StreamState,
         loop_input,
     )
-    from allanscope.analysis.finding_phrases import finding_phrase, share_text
+    from allanscope.analysis.direction import Direction, Motion
+    from allanscope.analysis.finding_phrases import cause_phrase, finding_phrase, share_text
     from allanscope.analysis.findings import NAMELESS, Finding, findings_of
+    from allanscope.analysis.line_origin import KnownSource, LineOrigin
     from allanscope.analysis.result import (
         SCHEMA,
         Analysis,
@@ -76,11 +78,15 @@ __all__ = [
     "AsOf",
     "AxisAnalysis",
     "Depth",
+    "Direction",
     "Finding",
     "Grade",
+    "KnownSource",
     "Level",
+    "LineOrigin",
     "LoopInput",
     "ModelCurve",
+    "Motion",
     "Rate",
     "Reading",
     "StreamState",
@@ -88,6 +94,7 @@ __all__ = [
     "VerdictLine",
     "as_of_text",
     "best_text",
+    "cause_phrase",
     "clock_text",
     "coefficient_text",
     "coefficient_unit",
@@ -126,6 +133,11 @@ __getattr__, __dir__ = lazily(
         "Level": "result",
         "LoopInput": "analyser",
         "ModelCurve": "result",
+        "Direction": "direction",
+        "Motion": "direction",
+        "KnownSource": "line_origin",
+        "LineOrigin": "line_origin",
+        "cause_phrase": "finding_phrases",
         "NAMELESS": "findings",
         "Rate": "result",
         "Reading": "result",

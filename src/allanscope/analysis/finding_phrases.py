@@ -14,7 +14,14 @@ from allanscope.analysis.findings import NAMELESS, Finding, event_times
 from allanscope.explain import Effect, Parameter
 from allanscope.quantities import DEVIATION, LEVEL, duration, measured, number, symbols
 
-__all__ = ["KIND_NAMES", "PHRASES", "finding_phrase", "finding_sentence", "share_text"]
+__all__ = [
+    "KIND_NAMES",
+    "PHRASES",
+    "cause_phrase",
+    "finding_phrase",
+    "finding_sentence",
+    "share_text",
+]
 
 PHRASES = {
     "amplitude_coupling": "noise as loud as {source} moves, {share} of its power",
@@ -81,6 +88,12 @@ def share_text(finding: Finding) -> str:
     if not finding.share >= _LEAST_SHARE:
         return ""
     return f" ({number(100.0 * finding.share, 2)} % of the excess)"
+
+
+def cause_phrase(finding: Finding) -> str:
+    """Return where a finding comes from and its direction; empty where neither is known."""
+    known = [one.words for one in (finding.origin, finding.motion) if one is not None]
+    return "; ".join(known)
 
 
 def finding_phrase(finding: Finding) -> str:

@@ -19,10 +19,15 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 from allanscope.explain import Effect, Parameter
 
-__all__ = ["NAMELESS", "Finding", "Member", "event_times", "findings_of"]
+if TYPE_CHECKING:
+    from allanscope.analysis.direction import Motion
+    from allanscope.analysis.line_origin import LineOrigin
+
+__all__ = ["NAMELESS", "Finding", "Member", "event_times", "findings_of", "line_of"]
 
 NAMELESS = "unexplained"
 """Kind of what was measured and located, and has no name."""
@@ -72,6 +77,10 @@ class Finding:
     share : float
         What its effects hold of the excess of all axes over sampling error; NaN where none is
         known. Findings are sorted by it, those without a name after the others.
+    origin : LineOrigin or None
+        Where a line comes from; None of what is no line, and while a run goes on.
+    motion : Motion or None
+        The direction of a line, a step or an excursion.
     """
 
     kind: str
@@ -80,6 +89,8 @@ class Finding:
     gain_nats: float
     harmonics: tuple[int, ...] = field(default=())
     share: float = math.nan
+    origin: LineOrigin | None = None
+    motion: Motion | None = None
 
 
 def findings_of(
@@ -226,6 +237,17 @@ def _narrow_band(effect: Effect) -> tuple[float, float] | None:
 def _frequency(effect: Effect) -> _Number | None:
     known = effect.parameters.get("frequency")
     return _number(known) if known is not None else None
+
+
+def line_of(effect: Effect) -> tuple[float, float, float, float] | None:
+    """Return frequency, lower, upper and width of a line in Hz; None of what is none."""
+    found, ends = _frequency(effect), _narrow_band(effect)
+    if found is not None:
+        width = _value(effect, "bandwidth") if "bandwidth" in effect.parameters else 0.0
+        return found.value, found.lower, found.upper, width
+    if ends is None:
+        return None
+    return 0.5 * (ends[0] + ends[1]), *ends, ends[1] - ends[0]
 
 
 def _at_once(a: Effect, b: Effect) -> bool:

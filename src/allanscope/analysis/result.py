@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -22,6 +22,8 @@ from allanscope.wire import LinkStats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from allanscope.analysis.tracing import Trace
 
 __all__ = [
     "READINGS",
@@ -242,6 +244,8 @@ class Analysis:
         Whether a physical part measured the samples, as the device says; empty when it does not.
     choices : CurveChoices
         How the curves were made, and what is shown of them.
+    traces : mapping
+        What findings were traced to, by axis and index of the leading effect.
     """
 
     input: Mapping[str, str]
@@ -265,6 +269,7 @@ class Analysis:
     record: Record | None = None
     origin: Origin = ""
     choices: CurveChoices = field(default_factory=CurveChoices)
+    traces: Mapping[tuple[str, int], Trace] = field(default_factory=dict)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -282,7 +287,14 @@ class Analysis:
         looked = {k: a.explanation for k, a in self.axes.items() if not a.failure}
         known = {k: one for k, one in looked.items() if one is not None}
         excess = {k: one.shares.excess_nats for k, one in known.items() if one.shares}
-        return findings_of({k: one.effects for k, one in known.items()}, excess)
+        found = findings_of({k: one.effects for k, one in known.items()}, excess)
+        return tuple(self._traced(one) for one in found)
+
+    def _traced(self, finding: Finding) -> Finding:
+        trace = self.traces.get((finding.members[0].axis, finding.members[0].index))
+        return (
+            finding if trace is None else replace(finding, origin=trace.origin, motion=trace.motion)
+        )
 
     @property
     def uncertainty(self) -> dict[str, Any]:
@@ -498,6 +510,8 @@ def _finding_dict(finding: Finding) -> dict[str, Any]:
         "share": finding.share,
         "harmonics": list(finding.harmonics),
         "effects": [{"axis": one.axis, "index": one.index} for one in finding.members],
+        "origin": asdict(finding.origin) if finding.origin else None,
+        "motion": asdict(finding.motion) if finding.motion else None,
     }
 
 

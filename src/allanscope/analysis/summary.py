@@ -19,6 +19,7 @@ from allanscope.analysis.analyser import (
     loop_input,
 )
 from allanscope.analysis.datasheet import compare, rms_of
+from allanscope.analysis.line_origin import wander_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.published import published
 from allanscope.analysis.reading_remarks import disagreement
@@ -26,6 +27,7 @@ from allanscope.analysis.readings import density_of, read_axis
 from allanscope.analysis.remarks import axis_remarks, run_remarks
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
+from allanscope.analysis.tracing import Trace, trace_findings
 from allanscope.errors import UsageError
 from allanscope.explain import Explanation, explain, failed, failure_text, fit_beside
 from allanscope.history import Record
@@ -89,7 +91,7 @@ def summarise(
     axes = _axes(state, given, rate, depth, settings, known)
     part = settings.part or state.info.part
     offered = PARTS[part or POLLED_PART].rates_hz if state.info.polled else ()
-    return Analysis(
+    found = Analysis(
         input=dict(input_facts),
         part=part,
         duration_s=state.samples / rate_hz,
@@ -113,6 +115,20 @@ def summarise(
         record=given.record if depth == "full" else None,
         origin=state.info.origin,
         choices=settings.curves,
+    )
+    return replace(found, traces=_traces(found, state, given)) if depth == "full" else found
+
+
+def _traces(found: Analysis, state: StreamState, given: LoopInput) -> dict[tuple[str, int], Trace]:
+    """Return what the findings come from; the other results do not depend on it."""
+    return trace_findings(
+        found.findings,
+        given.record,
+        wander_of(state.clock.arrivals()),
+        rate_ppm=found.rate.uncertainty_ppm,
+        part=found.part,
+        is_whole=not state.unknown_losses,
+        effects={k: a.explanation.effects for k, a in found.axes.items() if a.explanation},
     )
 
 

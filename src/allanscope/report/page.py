@@ -14,6 +14,8 @@ from allanscope.allan import CurveChoices
 from allanscope.analysis import (
     Analysis,
     AxisAnalysis,
+    Finding,
+    cause_phrase,
     finding_phrase,
     searched,
     share_text,
@@ -94,10 +96,7 @@ def render(
         subtitle=words.subtitle(analysis, operator),
         verdict=verdict(analysis),
         conventions=words.conventions(analysis),
-        findings=[
-            words.Fact(" ".join(one.axes), f"{finding_phrase(one)}{share_text(one)}")
-            for one in analysis.findings
-        ],
+        findings=[words.Fact(" ".join(one.axes), _with_cause(one)) for one in analysis.findings],
         overlays=[
             {"name": sensor, "axes": names, "svg": svgs[f"{sensor}-overlay"]}
             for unit, sensor in SENSOR_NAMES.items()
@@ -130,6 +129,12 @@ def marked_moments(analysis: Analysis) -> list[tuple[float, str]]:
         for number, once in enumerate(event.occurrences)
     )
     return sorted([*analysis.marks, *events])
+
+
+def _with_cause(finding: Finding) -> str:
+    """Return a finding with its share and where it comes from."""
+    cause = cause_phrase(finding)
+    return f"{finding_phrase(finding)}{share_text(finding)}{f'; {cause}' if cause else ''}"
 
 
 def template(name: str) -> jinja2.Template:

@@ -10,6 +10,7 @@ from allanscope.analysis import (
     AxisAnalysis,
     as_of_text,
     best_text,
+    cause_phrase,
     coefficient_text,
     coefficient_unit,
     density_verdict,
@@ -124,6 +125,8 @@ def findings_table(analysis: Analysis) -> str:
         words = first.effect.evidence.get("words")
         if words and first.effect.kind != NAMELESS:
             lines.append(f"    - {markdown(words)}")
+        if cause := cause_phrase(finding):
+            lines.append(f"    - {markdown(cause)}")
     events = "\n".join(f"- {markdown(event.words)}" for event in analysis.events)
     events = f"### Events\n\n{events}\n\n### Effects\n\n" if events else ""
     found = (

@@ -1,0 +1,510 @@
+r"""Where a line comes from: the sensor's own clock, outside, and at which frequency it truly is.
+
+Sample n is taken at the true time t(n) = t0 + n T + e(n), where e is how far the sensor's clock is
+from a steady one. It is measured: numbers of samples against the times at which they were seen. In
+a line of true frequency f the samples hold the phase
+
+.. math:: 2\pi (\nu n + \beta e(n)), \qquad \beta = k f_s \pm f_{observed}
+
+with beta = f where the line is not folded, one of the others where it is, and zero where the line
+is made from the sensor's own clock, so that it does not move in counts at all. What is likeliest of
+these is told by the power that adds up in phase. Where the clock hardly wanders all are alike: then
+only a line that does not keep phase with the samples is known not to be of their clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from allanscope.quantities import number
+
+__all__ = [
+    "KnownSource",
+    "LineOrigin",
+    "LineSums",
+    "Wander",
+    "fold",
+    "origin_of",
+    "reduced",
+    "wander_of",
+]
+
+Array = NDArray[np.float64]
+Source = Literal["internal", "external", "free-running", "unknown"]
+
+_FOLDS = 12
+"""Highest multiple of the sample rate about which a line is looked for."""
+_BLOCKS = 512
+"""Sums into which the record is reduced; none may be longer than a fifth of a cycle of offset."""
+_PADDING = 4
+_FEWEST_BLOCKS = 64
+_SECTIONS = 8
+_SURE_OF_SOURCE = 5.0
+"""Nats by which a line from outside and one of the sensor's own clock must differ."""
+_SURE_OF_FREQUENCY = 4.0
+_SYSTEMATIC = 0.002
+"""Share of a gain that the errors of the measured clock may take."""
+_INCOHERENT_P = 1e-6
+_INCOHERENT_RAD = 0.5
+"""Phase that a line must wander by, rms, before it is said not to be of the samples' clock."""
+_HIGHEST_ORDER = 20
+_MAINS = 1e-3
+"""Relative tolerance of mains, and of a USB host's frames."""
+_USB = 5e-4
+_OVERTONES = 10
+_LIKELY_CHANCE = 0.05
+"""Chance of agreement up to which a known frequency is named."""
+_FRACTIONS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Wander:
+    """How far a sensor's clock is from a steady one.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (k,)
+        Of Chebyshev polynomials, in s.
+    first, last : float
+        Numbers of the samples between which they hold.
+    relative_ppm : float
+        Change of the rate over the record, highest less lowest.
+    rate_hz : float
+        Mean rate: that of the line from which `at` tells the distance.
+    """
+
+    coefficients: Array
+    first: float
+    last: float
+    relative_ppm: float
+    rate_hz: float
+
+    def at(self, n: Array) -> Array:
+        """Return the error of the time of samples in s, shape (n,), without its own line."""
+        x = 2.0 * (n - self.first) / (self.last - self.first) - 1.0
+        found = chebyshev.chebval(np.clip(x, -1.0, 1.0), self.coefficients)
+        return np.asarray(found - np.polyval(np.polyfit(x, found, 1), x))
+
+
+@dataclass(frozen=True, slots=True)
+class KnownSource:
+    """A frequency that is common around a sensor, and that would be seen where the line is.
+
+    Attributes
+    ----------
+    name : str
+        E.g. ``mains 50 Hz x 3``.
+    frequency_hz, folded_hz : float
+        True, and as it would be seen.
+    by_chance : float
+        Expected number of such agreements among all that were compared, had none a reason.
+    """
+
+    name: str
+    frequency_hz: float
+    folded_hz: float
+    by_chance: float
+
+
+@dataclass(frozen=True, slots=True)
+class LineOrigin:
+    """What is known of where a line comes from.
+
+    Attributes
+    ----------
+    source : {'internal', 'external', 'free-running', 'unknown'}
+        ``internal`` goes with the sensor's own clock, ``external`` keeps its true frequency while
+        that clock wanders, ``free-running`` does not keep phase with it.
+    frequency_hz, lower_hz, upper_hz : float or None
+        True frequency with its 95 % interval; None where it cannot be told.
+    candidates_hz : tuple of float
+        True frequencies that remain, the lowest first, of those that would be seen where it is.
+    margin_nats : float
+        Log-likelihood by which the source was told from the next; 0 where it was not.
+    wander_ppm : float or None
+        Change of the sample rate over the record; None where it was not measured.
+    known : tuple of KnownSource
+        Common frequencies that agree within the interval.
+    attenuation : (float, float) or None
+        What the low-pass of the axis leaves of the amplitude at the true frequency: of two poles
+        and of one. None where either is not known.
+    words : str
+        All of it in a phrase.
+    """
+
+    source: Source
+    frequency_hz: float | None
+    lower_hz: float | None
+    upper_hz: float | None
+    candidates_hz: tuple[float, ...]
+    margin_nats: float
+    wander_ppm: float | None
+    known: tuple[KnownSource, ...]
+    attenuation: tuple[float, float] | None
+    words: str
+
+
+def fold(frequency_hz: float, rate_hz: float) -> float:
+    """Return where a frequency is seen at a sample rate.
+
+    Examples
+    --------
+    >>> fold(60.0, 104.0), fold(150.0, 104.0)
+    (44.0, 46.0)
+    """
+    rest = frequency_hz % rate_hz
+    return min(rest, rate_hz - rest)
+
+
+def wander_of(arrivals: tuple[NDArray[np.int64], Array] | None) -> Wander | None:
+    """Return how a clock wandered; None where that is not known better than not at all.
+
+    Parameters
+    ----------
+    arrivals : (numbers, times in s), each shape (k,), or None
+        The smallest delays of a stream (`Clock.arrivals`).
+    """
+    if arrivals is None or len(arrivals[0]) < 4 * 3:
+        return None
+    n = arrivals[0].astype(np.float64)
+    first, last = float(n[0]), float(n[-1])
+    if last <= first:
+        return None
+    x = 2.0 * (n - first) / (last - first) - 1.0
+    time_s = arrivals[1] - arrivals[1][0]
+    keep = np.ones(len(n), bool)
+    for _ in range(3):
+        best = _smoothest(x[keep], time_s[keep])
+        late = time_s - chebyshev.chebval(x, best)
+        sigma = 1.4826 * float(np.median(np.abs(late - np.median(late))))
+        keep = np.abs(late - np.median(late)) <= 5.0 * max(sigma, 1e-9)
+    if len(best) <= 2:
+        return None
+    x = np.linspace(-1.0, 1.0, 257)
+    pace = chebyshev.chebval(x, chebyshev.chebder(best))
+    mean = float(np.polyfit(x, chebyshev.chebval(x, best), 1)[0])
+    relative_ppm = 1e6 * float(np.ptp(pace)) / mean
+    return Wander(best, 0.0, last - first, relative_ppm, (last - first) / (2.0 * mean))
+
+
+def _smoothest(x: Array, y: Array) -> Array:
+    """Return the polynomial that the Schwarz criterion prefers."""
+    n = len(x)
+    found: list[tuple[float, Array]] = []
+    for order in range(1, min(_HIGHEST_ORDER, n // 3) + 1):
+        c = np.asarray(chebyshev.chebfit(x, y, order), np.float64)
+        rest = y - chebyshev.chebval(x, c)
+        misfit = n * math.log(max(float(rest @ rest) / n, 1e-24))
+        found.append((misfit + 3 * order * math.log(n), c))
+    return min(found, key=lambda one: one[0])[1]
+
+
+@dataclass(frozen=True, slots=True)
+class LineSums:
+    """A line reduced to sums, of each axis that has it.
+
+    Attributes
+    ----------
+    sums : ndarray of complex, shape (axes, m)
+        Of the samples, turned back by the frequency.
+    level : ndarray, shape (axes,)
+        Mean power of a sum over the whole record where there is no line.
+    late_s : ndarray, shape (m,)
+        Error of the clock.
+    reach : int
+        Bins of the padded transform on each side in which the line is looked for.
+    spread : float
+        Bins by which a line of 1 Hz is drawn out because the clock wanders.
+    """
+
+    sums: NDArray[np.complex128]
+    level: Array
+    late_s: Array
+    reach: int
+    spread: float
+
+    def near(self, beta: float) -> NDArray[np.int64]:
+        """Return the bins in which a line may be that follows the clock so far."""
+        m = _PADDING * self.sums.shape[1]
+        reach = min(self.reach + math.ceil(_PADDING * self.spread * abs(beta)), m // 4)
+        return np.asarray(np.r_[0 : reach + 1, -reach:0], np.int64)
+
+    def gain(self, beta: float) -> float:
+        """Return the log-likelihood that a line gains which follows the clock so far, in nats."""
+        return float(np.max(self._gains(beta)))
+
+    def _gains(self, beta: float) -> Array:
+        turned = self.sums * np.exp(-2j * np.pi * beta * self.late_s)
+        power = np.abs(np.fft.fft(turned, _PADDING * self.sums.shape[1], axis=1)) ** 2
+        return np.asarray((power[:, self.near(beta)] / self.level[:, None]).sum(axis=0))
+
+    def offset(self, beta: float) -> tuple[float, float]:
+        """Return how far the line is from where it was looked for, and the standard error.
+
+        In cycles per record; the error is that of one frequency in white noise.
+        """
+        near, gains = self.near(beta), self._gains(beta)
+        top = int(np.argmax(gains))
+        order = np.argsort(near)
+        at = int(np.flatnonzero(order == top)[0])
+        bend = 0.0
+        if 0 < at < len(order) - 1:
+            left, mid, right = gains[order[at - 1 : at + 2]]
+            bend = 0.5 * (left - right) / min(left - 2 * mid + right, -1e-12)
+        error = math.sqrt(3.0) / (math.pi * math.sqrt(2.0 * max(float(gains[top]), 1.0)))
+        return (float(near[top]) + bend) / _PADDING, error
+
+    def phases(self, beta: float) -> tuple[float, float]:
+        """Return how far the phase of sections is from a line, rms in rad, and its chance."""
+        turned = self.sums * np.exp(-2j * np.pi * beta * self.late_s)
+        m = turned.shape[1]
+        size = _PADDING * m
+        at = self.near(beta)[int(np.argmax(self._gains(beta)))]
+        turned = turned * np.exp(-2j * np.pi * at / size * np.arange(m))
+        square, freedom, total, weights = 0.0, 0, 0.0, 0.0
+        for row, level in zip(turned, self.level, strict=True):
+            part = np.array([one.sum() for one in np.array_split(row, _SECTIONS)])
+            gain = np.abs(part) ** 2 / (level / _SECTIONS)
+            use = gain > _SECTIONS
+            if use.sum() < 4:
+                continue
+            x = np.arange(_SECTIONS)[use].astype(np.float64)
+            phase = np.unwrap(np.angle(part[use]))
+            sigma = np.sqrt(0.5 / gain[use])
+            rest = phase - np.polyval(np.polyfit(x, phase, 1, w=1.0 / sigma), x)
+            square += float(np.sum((rest / np.hypot(sigma, 0.05)) ** 2))
+            freedom += len(x) - 2
+            total += float(np.sum(rest**2))
+            weights += len(x)
+        if not freedom:
+            return 0.0, 1.0
+        return math.sqrt(total / weights), float(chi2.sf(square, freedom))
+
+
+def origin_of(
+    values: Array,
+    numbers: Array,
+    rate_hz: float,
+    frequency: tuple[float, float, float],
+    wander: Wander | None = None,
+    *,
+    width_hz: float = 0.0,
+    rate_ppm: float | None = None,
+    cutoff_hz: float | None = None,
+    is_whole: bool = True,
+) -> LineOrigin:
+    """Tell where a line comes from.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, axes)
+        Rows of the axes that have the line.
+    numbers : ndarray, shape (n,)
+        Numbers of the samples that the rows are centred on.
+    rate_hz : float
+        True sample rate, or what is taken for it.
+    frequency : (float, float, float)
+        Of the line as it is seen, with its interval, in Hz.
+    wander : Wander, optional
+        Of the sensor's clock.
+    width_hz : float
+        Bandwidth within which the line drifts.
+    rate_ppm : float, optional
+        Standard error of the rate; None where it was not measured.
+    cutoff_hz : float, optional
+        -3 dB frequency of the low-pass of the axis.
+    is_whole : bool
+        Whether it is known of every gap how many samples it lacks; else there is no phase.
+    """
+    seen, low, high = frequency
+    error = max((high - low) / (2 * 1.96), 1e-6 * seen)
+    wander_ppm = None if wander is None else wander.relative_ppm
+    line = reduced(values, numbers, rate_hz, seen, max(high - low, width_hz), wander)
+    source: Source = "unknown"
+    margin, chosen = 0.0, None
+    places = [k * rate_hz + sign * seen for k in range(_FOLDS + 1) for sign in (1, -1)]
+    betas = [k * rate_hz + seen for k in range(-_FOLDS, _FOLDS + 1)]
+    left = sorted(one for one in places if one > 0)
+    if line is not None and is_whole:
+        source, margin, remain = _told(line, betas, wander is not None)
+        if source == "external":
+            left = sorted(abs(one) for one in remain)
+            chosen = left[0] if len(left) == 1 else None
+        elif source == "internal":
+            left, chosen = [], seen
+        if chosen is not None:
+            beta = 0.0 if source == "internal" else remain[0]
+            offset, spread = line.offset(beta)
+            length_s = float(numbers[-1] - numbers[0] + 1) / rate_hz
+            # Folded downwards, a line moves the other way.
+            chosen += (-offset if beta < 0 else offset) / length_s
+            error = spread / length_s
+            if wander is not None:
+                # A drifting clock has no other mean rate than that of the line it is held against.
+                chosen *= wander.rate_hz / rate_hz
+    ends: tuple[float | None, float | None] = (None, None)
+    if chosen is not None:
+        k = round((chosen - seen) / rate_hz if chosen >= seen else 0)
+        k = max(k, round((chosen + seen) / rate_hz)) if chosen > rate_hz / 2 else 0
+        half = 1.96 * math.hypot(error, (k + seen / rate_hz) * rate_hz * 1e-6 * (rate_ppm or 0.0))
+        ends = (chosen - half, chosen + half)
+    known = () if source == "free-running" else _known(seen, error, rate_hz, rate_ppm, source, left)
+    passed = None
+    if chosen is not None and cutoff_hz and source == "external":
+        ratio = chosen / cutoff_hz
+        passed = (1 / math.sqrt(1 + ratio**4), 1 / math.sqrt(1 + ratio**2))
+    few = () if source == "internal" else tuple(left[:8])
+    found = LineOrigin(source, chosen, *ends, few, margin, wander_ppm, known, passed, words="")
+    return _worded(found, seen, rate_hz, rate_ppm, is_whole)
+
+
+def reduced(
+    values: Array,
+    numbers: Array,
+    rate_hz: float,
+    seen: float,
+    width_hz: float,
+    wander: Wander | None,
+) -> LineSums | None:
+    """Return the sums of a line; None where the record is too short for any phase."""
+    n = len(values)
+    length = float(numbers[-1] - numbers[0]) + 1.0 if n else 0.0
+    blocks = min(n // 4, max(_BLOCKS, int(20 * width_hz * length / rate_hz)))
+    if blocks < _FEWEST_BLOCKS or not 0 < seen < rate_hz:
+        return None
+    # Blocks of equal time, so that a gap is a block that holds little.
+    place = np.minimum((blocks * (numbers - numbers[0]) / length).astype(np.int64), blocks - 1)
+    turn = np.exp(-2j * np.pi * np.remainder(seen / rate_hz * numbers, 1.0))
+    x = np.linspace(-1.0, 1.0, n)
+    sums = np.empty((values.shape[1], blocks), np.complex128)
+    for row, column in zip(sums, values.T, strict=True):
+        mixed = (column - np.polyval(np.polyfit(x, column, 1), x)) * turn
+        row[:] = np.bincount(place, mixed.real, blocks) + 1j * np.bincount(
+            place, mixed.imag, blocks
+        )
+    centre = numbers[0] + (np.arange(blocks) + 0.5) * length / blocks
+    late = np.zeros(blocks) if wander is None else wander.at(centre - numbers[0])
+    power = np.abs(np.fft.fft(sums, axis=1)) ** 2
+    cycles = length / rate_hz
+    reach = math.ceil(2.0 + 0.75 * width_hz * cycles)
+    aside = np.ones(blocks, bool)
+    aside[: 2 * reach] = aside[-2 * reach :] = False
+    if aside.sum() < blocks // 4:
+        return None
+    level = np.median(power[:, aside], axis=1) / math.log(2)
+    spread = 0.0 if wander is None else 0.5e-6 * wander.relative_ppm * cycles
+    if not level.all():
+        return None
+    return LineSums(sums, level, late, _PADDING * reach, spread)
+
+
+def _told(
+    line: LineSums, betas: Sequence[float], is_measured: bool
+) -> tuple[Source, float, tuple[float, ...]]:
+    """Return the source, by how much it was told, and what its frequency may be."""
+    inside = line.gain(0.0)
+    gains = {beta: line.gain(beta) for beta in betas} if is_measured else {}
+    beta, best = max(gains.items(), key=lambda one: one[1], default=(0.0, inside))
+    spread = float(np.std(line.late_s))
+    if is_measured and spread > 0:
+        top = max(best, inside)
+        at = beta if best >= inside else 0.0
+        unsure = 1 / (2 * np.pi * spread * math.sqrt(2 * max(top, 1.0)))
+        free = max(line.gain(at + step * unsure) for step in range(-8, 9))
+        allowed = _SURE_OF_SOURCE + _SYSTEMATIC * top
+        apart, chance = line.phases(at)
+        steady = free - top <= allowed and not (chance < _INCOHERENT_P and apart > _INCOHERENT_RAD)
+        sure = _SURE_OF_SOURCE + _SYSTEMATIC * top
+        if steady and inside - best > sure:
+            return "internal", inside - best, ()
+        if steady and best - inside > sure:
+            within = _SURE_OF_FREQUENCY + _SYSTEMATIC * top
+            remain = tuple(b for b, gain in gains.items() if gain > best - within)
+            return "external", best - inside, remain
+    apart, chance = line.phases(0.0)
+    follows = best - inside > _SURE_OF_SOURCE
+    if chance < _INCOHERENT_P and apart > _INCOHERENT_RAD and not (is_measured and follows):
+        return "free-running", -math.log(max(chance, 1e-300)), ()
+    return "unknown", 0.0, ()
+
+
+def _known(
+    seen: float,
+    error: float,
+    rate_hz: float,
+    rate_ppm: float | None,
+    source: Source,
+    left: Sequence[float],
+) -> tuple[KnownSource, ...]:
+    """Return common frequencies that agree; none of an unmeasured rate, where any of them might."""
+    found = []
+    if source != "external":
+        for parts in range(2, _FRACTIONS + 1):
+            for k in range(1, parts // 2 + 1):
+                if math.gcd(k, parts) == 1 and abs(k / parts * rate_hz - seen) <= 2 * error:
+                    chance = _FRACTIONS**2 / 4 * 4 * error / (rate_hz / 2)
+                    at = k / parts * rate_hz
+                    name = f"{k if k > 1 else ''}fs/{parts}"
+                    found.append(KnownSource(name, at, at, chance))
+    if rate_ppm is None or source == "internal":
+        return tuple(one for one in found if one.by_chance < _LIKELY_CHANCE)
+    names = [
+        (f"mains {f:g} Hz" + (f" x {h}" if h > 1 else ""), h * f, _MAINS)
+        for f in (50.0, 60.0)
+        for h in range(1, _OVERTONES + 1)
+    ] + [(f"USB frames {h:g} kHz", 1000.0 * h, _USB) for h in (1, 8)]
+    halves = {
+        name: 2 * math.hypot(error, f * rate_ppm * 1e-6) + f * tolerance
+        for name, f, tolerance in names
+    }
+    chance = sum(min(1.0, 4 * half / rate_hz) for half in halves.values())
+    for name, f, _ in names:
+        possible = not left or any(abs(one - f) <= halves[name] for one in left)
+        if possible and abs(fold(f, rate_hz) - seen) <= halves[name]:
+            found.append(KnownSource(name, f, fold(f, rate_hz), chance))
+    return tuple(found)
+
+
+def _worded(
+    found: LineOrigin, seen: float, rate_hz: float, rate_ppm: float | None, is_whole: bool
+) -> LineOrigin:
+    """Return it with its words."""
+    ppm = f"{number(found.wander_ppm, 2)} ppm" if found.wander_ppm is not None else ""
+    match found.source:
+        case "internal":
+            text = f"locked to the sensor's clock, at {number(seen / rate_hz, 5)} fs"
+        case "free-running":
+            text = "external or mechanical: it does not keep phase with the sensor's clock"
+        case "external" if found.frequency_hz is not None:
+            true = number(found.frequency_hz, 5)
+            is_alias = found.frequency_hz > rate_hz / 2
+            text = f"external, alias of {true} Hz" if is_alias else f"external, at {true} Hz"
+        case "external":
+            text = "external; true frequency cannot be told from this record"
+        case _:
+            why = (
+                "an unknown number of samples is missing"
+                if not is_whole
+                else "the sample rate was not measured"
+                if rate_ppm is None
+                else f"the sample rate changed by {ppm}"
+                if ppm
+                else "no change of the sample rate was measured"
+            )
+            text = f"internal or external cannot be told from this record ({why})"
+    if found.attenuation is not None and found.frequency_hz is not None:
+        low, high = found.attenuation
+        if found.frequency_hz > rate_hz / 2:
+            text += f", attenuated to {number(100 * low, 2)} to {number(100 * high, 2)} %"
+    if found.known:
+        names = " or ".join(one.name for one in found.known)
+        text += f"; agrees with {names} (expected by chance: {number(found.known[0].by_chance, 2)})"
+    return replace(found, words=text)

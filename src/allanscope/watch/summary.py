@@ -7,6 +7,7 @@ arrays of one shape, and therefore the same to the last bit in every run on a ma
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,8 @@ FIRST_BIN = 2
 
 OUTLYING = 6.0
 """Standard deviations that an outlier is away from the median of five samples about it."""
+OF_MEDIAN = 2.04
+"""Standard deviation of white noise over the median of its distances from a median of five."""
 BURST = 0.1
 """Share of the samples of a block above which they are no outliers but other noise."""
 FIRST_BLOCKS = 16
@@ -46,8 +49,8 @@ class BlockSummary:
     level : ndarray of float64, shape (k,)
         Mean without outliers, in counts.
     noise : ndarray of float64, shape (k,)
-        Log power against the reference, as a trimmed mean over bands: a line is in one or two of
-        them, a change of the noise level in all.
+        3 (r^(1/3) - 1), of the power r against the reference, as a trimmed mean over bands: a line
+        is in one or two of them, a change of the noise level in all.
     ratio : ndarray of float32, shape (k, bins)
         Periodogram (Hann) against its reference and against the noise of this block: exponentially
         distributed with mean 1 as long as nothing changes.
@@ -88,7 +91,9 @@ class Summariser:
         self._blocks = 0
         self._last_row: NDArray[Any] | None = None
 
-    def take(self, block: NDArray[Any], held: NDArray[np.bool_]) -> BlockSummary:
+    def take(
+        self, block: NDArray[Any], held: NDArray[np.bool_], other: NDArray[np.bool_]
+    ) -> BlockSummary:
         """Reduce a block, then let it move the references.
 
         Parameters
@@ -97,6 +102,8 @@ class Summariser:
             Samples in counts.
         held : ndarray of bool, shape (axes, bins)
             Bins whose reference stays: a line that is an event must not become normal.
+        other : ndarray of bool, shape (axes,)
+            Axes whose noise is another one by now, which must not become normal either.
         """
         columns = np.ascontiguousarray(block.T)
         repeats = self._repeats(columns)
@@ -105,7 +112,7 @@ class Summariser:
         outliers = self._outliers(x)
         rest = x.mean(axis=1, dtype=np.float64)
         spectrum = rfft(x[:, : self.length], axis=1)
-        noise = self._noise(_squares(spectrum[:, FIRST_BIN : FIRST_BIN + self.bins]))
+        noise = self._noise(_squares(spectrum[:, FIRST_BIN : FIRST_BIN + self.bins]), other)
         ratio = self._ratio(_squares(_hann(spectrum, FIRST_BIN, self.bins)), held)
         self._blocks += 1
         return BlockSummary(mean + rest, noise, ratio, outliers, repeats)
@@ -126,7 +133,7 @@ class Summariser:
         for axis in np.flatnonzero(early | (widest > 0.8 * OUTLYING * self._spread)):
             row = x[axis]
             away = np.abs(row - _median_of_five(row))
-            usual = max(1.4826 * float(np.median(away)), 0.7 * float(self._spread[axis]))
+            usual = max(OF_MEDIAN * float(np.median(away)), 0.7 * float(self._spread[axis]))
             if usual == 0.0:
                 continue
             where = away > OUTLYING * usual
@@ -140,8 +147,8 @@ class Summariser:
         self._spread += gain * (calm - self._spread)
         return found
 
-    def _noise(self, power: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the log power of each axis against its reference, without the bands far off.
+    def _noise(self, power: NDArray[np.float32], other: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return the power of each axis against its reference, without the bands far off.
 
         Without a window, which would throw away half of what a block knows of its noise.
         """
@@ -150,15 +157,19 @@ class Summariser:
         if self._blocks == 0:
             self._band_log[:] = bands
         away = bands - self._band_log
-        self._band_log += np.clip(away, -2.0, 2.0) / min(self._blocks + 1, MEMORY)
-        return np.asarray(np.sort(away, axis=1)[:, self._trim : -self._trim].mean(axis=1))
+        # The cube root of a power is as good as normal (Wilson and Hilferty), its log is lopsided.
+        root = 3.0 * np.expm1(away / 3.0)
+        move = np.clip(away, -2.0, 2.0) / min(self._blocks + 1, MEMORY)
+        move[other] = 0.0
+        self._band_log += move
+        return np.asarray(np.sort(root, axis=1)[:, self._trim : -self._trim].mean(axis=1))
 
     def _ratio(self, power: NDArray[np.float32], held: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Return the power of each bin against its reference and the level of this block."""
         if self._blocks == 0:
             self.power[:] = power
         ratio = power / (self.power + TINY)
-        level = np.minimum(ratio, 3.0).mean(axis=1) / np.float32(0.95)
+        level = np.median(ratio, axis=1) / np.float32(math.log(2.0))
         move = np.minimum(power, 5.0 * self.power) if self._blocks > FIRST_BLOCKS else power
         move = move - self.power
         move[held] = 0.0

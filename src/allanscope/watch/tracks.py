@@ -181,7 +181,7 @@ def event_of(
         if track.kind in ("step", "ramp", "sinusoid"):
             return size * scale[track.axis]
         if track.kind == "variance_change":
-            return float(np.exp(size / 2.0))
+            return float(max(1.0 + size / 3.0, 0.0) ** 1.5)
         return -1e6 * float(np.expm1(size) / np.exp(size)) if track.kind == "rate_change" else size
 
     def occurrence(span: Span) -> Occurrence:

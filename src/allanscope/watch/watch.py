@@ -35,6 +35,8 @@ BESIDE = 3
 GONE = 0.3
 """Share of a change below which it has gone."""
 LEAST_WINDOW = 16
+NOISE_NATS = 1.0
+"""By which a change of the noise must be clearer: its values are normal in their middle only."""
 NOISE_AFTER = 4
 """Blocks about another event of an axis in which its noise says nothing of its own."""
 
@@ -67,10 +69,12 @@ class Watch:
         self._summarise = Summariser(axes, self._rows)
         bins = self._summarise.bins
         # Series: the level of each axis, its noise, then repeats and rate of the stream.
-        self._scan = Scan(2 * axes + 2, np.repeat([log_alpha, of_stream], [2 * axes, 2]))
+        shares = [log_alpha, log_alpha - NOISE_NATS, of_stream]
+        self._scan = Scan(2 * axes + 2, np.repeat(shares, [axes, axes, 2]))
         self._lines = Lines(axes, bins, log_alpha)
         self._rare = Rare(axes + 2, np.repeat([log_alpha, of_stream], [axes, 2]))
         self._held = np.zeros((axes, bins), np.bool_)
+        self._other_noise = np.zeros(axes, np.bool_)
         self._buffer: NDArray[Any] = np.empty((self._rows, axes), np.int16)
         self._waits = 0
         self._lost = 0
@@ -154,7 +158,7 @@ class Watch:
 
     def _block(self, block: NDArray[Any]) -> None:
         self._starts[self.blocks % RING] = self._first_row
-        known = self._summarise.take(block, self._held)
+        known = self._summarise.take(block, self._held, self._other_noise)
         lost, self._lost = self._lost, 0
         self.blocks += 1
         counts = np.concatenate([known.outliers, [known.repeats, lost]])
@@ -175,6 +179,9 @@ class Watch:
             self._alarm(alarm)
         if self.blocks % LEAST_WINDOW == 0:
             self._look_for_returns()
+        if alarms or self.blocks % LEAST_WINDOW == 0:
+            noise = ("variance_change",)
+            self._other_noise[:] = [bool(self.tracks.open(i, noise)) for i in range(self._axes)]
 
     def _sample(self, block: int) -> int:
         """Return the number of the first sample of a block that is not too long ago."""

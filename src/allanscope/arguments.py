@@ -125,6 +125,12 @@ def export_data(one: ArgumentParser) -> None:
         help="what a coefficient that was not detected becomes in a .yaml or .m: its upper limit, "
         "0, or (by default) a line that says what is missing, and no file",
     )
+    one.add_argument(
+        "--bound",
+        action="store_true",
+        help="in a .yaml: the least white, Gauss-Markov and random-walk noise of each axis whose "
+        "variance is above the measured one at 1 to 1000 s",
+    )
     _device_arguments(one)
 
 

@@ -152,6 +152,7 @@ def export_data(options: Namespace) -> int:
         options.quiet,
         options.layout,
         options.upper_limits,
+        options.bound,
     )
     return ExitCode.DONE
 

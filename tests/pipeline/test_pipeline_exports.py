@@ -5,10 +5,13 @@ import re
 import numpy as np
 import pytest
 
-from allanscope.noise import Coefficient
+from allanscope.__main__ import main
+from allanscope.allan import deviation
+from allanscope.noise import Coefficient, bound_model
 from allanscope.pipeline.exports import (
     LAYOUTS,
     NotDetected,
+    bound_yaml,
     kalibr_yaml,
     matlab_imu_sensor,
     ros_covariance_yaml,
@@ -160,3 +163,52 @@ def test_a_sensor_that_was_not_measured_is_an_error():
     with pytest.raises(ValueError, match="no accelerometer axis"):
         vins_yaml(gyro, RATE)
     assert "linear_acceleration_covariance: [0.0" in ros_covariance_yaml(gyro, RATE)
+
+
+def test_a_bound_lies_above_the_curve_and_covers_what_was_not_seen(tmp_path, capsys):
+    rng, hz = np.random.default_rng(6), 10.0
+    walk = np.cumsum(rng.standard_normal((40_000, 2)), axis=0) * 2e-3
+    noise = rng.standard_normal((40_000, 2)) + walk
+    noise[:, 1] *= 1e-3
+    log, out = tmp_path / "log.csv", tmp_path / "bound.yaml"
+    head = "gx[dps],ax[g]"
+    np.savetxt(log, noise, fmt="%.7f", delimiter=",", header=head, comments="")
+    assert main(["export", str(log), str(out), "--bound", "--rate", f"{hz:g}"]) == 0
+    assert "2 axes" in capsys.readouterr().out
+    text = out.read_text()
+    assert "What rest cannot tell about flight" in text
+    found = [float(x) for x in re.findall(r"noise_density: (\S+)", text)]
+    # White noise of unit variance at 10 Hz; the bound is above, by as much as it says at most.
+    assert 0.95 < found[0] / (DEGREE / np.sqrt(hz)) < 1.3
+    assert 0.95 < found[1] / (1e-3 * G / np.sqrt(hz)) < 1.3
+    ends = [float(x) for x in re.findall(r"  to: ([\d.e+]+)", text)]
+    assert all(200 < end < 1000 for end in ends)
+    assert all(1.0 < float(x) < 1.4 for x in re.findall(r"inflation: ([\d.]+)", text))
+    assert main(["export", str(log), str(tmp_path / "x.m"), "--bound", "--rate", "10"]) == 2
+
+
+def test_a_bound_covers_held_out_records_with_little_inflation():
+    """Of 15 sensors; `benchmarks/bound.py` has more."""
+    rng, hz, n = np.random.default_rng(3), 1.0, 40_000
+    covered, inflation = [], []
+    for _ in range(15):
+        curves = []
+        for _ in range(2):
+            walk = np.cumsum(rng.standard_normal(n)) * 5e-3
+            noise = rng.standard_normal(n) + walk
+            curves.append(deviation(noise, hz, "oadev", 3, noise="RWFM"))
+        bound = bound_model(curves[0])
+        inside = (curves[1].tau >= bound.shortest_s) & (curves[1].tau <= bound.longest_s)
+        assert np.all(bound.variance(curves[0].tau[inside]) >= curves[0].deviation[inside] ** 2)
+        below = curves[1].deviation ** 2 <= bound.variance(curves[1].tau)
+        covered.append(below[inside].mean())
+        inflation.append(bound.inflation)
+    assert np.mean(covered) > 0.88
+    assert 1.0 < np.mean(inflation) < 1.3
+
+
+def test_a_run_of_seconds_gives_no_bound():
+    curve = deviation(np.random.default_rng(1).standard_normal(100), 10.0, "oadev")
+    assert bound_model(curve) is None
+    with pytest.raises(ValueError, match="long enough"):
+        bound_yaml({"gx": curve})

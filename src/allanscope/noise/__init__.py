@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
+    from allanscope.noise.bound import Bound, bound_model
     from allanscope.noise.coefficients import (
         BestAveraging,
         Coefficient,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 __all__ = [
     "POWER_LAWS",
     "BestAveraging",
+    "Bound",
     "Coefficient",
     "CoefficientPart",
     "CurveResidual",
@@ -50,6 +52,7 @@ __all__ = [
     "Uncertainty",
     "add_coupled",
     "advice",
+    "bound_model",
     "find_best_averaging",
     "find_step",
     "fit_array",
@@ -67,6 +70,8 @@ __getattr__, __dir__ = lazily(
     {
         "POWER_LAWS": "power_laws",
         "BestAveraging": "coefficients",
+        "Bound": "bound",
+        "bound_model": "bound",
         "Coefficient": "coefficients",
         "CoefficientPart": "coefficients",
         "CurveResidual": "curve_fit",

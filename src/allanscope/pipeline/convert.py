@@ -77,6 +77,7 @@ def export_recording(
     quiet: bool,
     layout: str = "kalibr",
     upper_limits: UpperLimits = "refuse",
+    bound: bool = False,
 ) -> None:
     """Write samples as CSV or Parquet, or coefficients for Kalibr, ROS, VINS or MATLAB.
 
@@ -88,15 +89,21 @@ def export_recording(
         Whose .yaml; a .m is MATLAB's.
     upper_limits : {'refuse', 'include', 'zero'}
         What is written for a coefficient that was not detected.
+    bound : bool
+        A model above the measured curves instead of the coefficients, as .yaml.
 
     Raises
     ------
     UsageError
-        When the ending of `out` is none of .csv, .parquet, .yaml and .m.
+        When the ending of `out` is none of .csv, .parquet, .yaml and .m; of a bound, not .yaml.
     InputError
         When there are no samples, a sensor is missing whose coefficients are asked for, or one
         would be written of which only an upper limit is known.
     """
+    if bound:
+        if out.suffix != ".yaml":
+            raise UsageError(f"{out}: a bound is written as .yaml")
+        layout = "bound"
     if out.suffix in (".yaml", ".m"):
         layout = "matlab" if out.suffix == ".m" else layout
         _export_coefficients(source, out, device, quiet, layout, upper_limits)
@@ -125,7 +132,7 @@ def _export_coefficients(
     layout: str,
     upper_limits: UpperLimits,
 ) -> None:
-    from allanscope.pipeline.exports import LAYOUTS, NotDetected
+    from allanscope.pipeline.exports import LAYOUTS, NotDetected, bound_yaml
 
     refuse_place(out)
     analysis = analyse_input(source, device, quiet)
@@ -133,9 +140,17 @@ def _export_coefficients(
     part = f", {analysis.part}" if analysis.part else ""
     facts = f"{source.name}{part}, {analysis.duration_s / 3600:.3g} h"
     try:
-        text = LAYOUTS[layout](
-            coefficients, analysis.rate.best_hz, source=facts, upper_limits=upper_limits
-        )
+        if layout == "bound":
+            curves = {
+                name: axis.curves["oadev"]
+                for name, axis in analysis.axes.items()
+                if "oadev" in axis.curves
+            }
+            text = bound_yaml(curves, source=facts)
+        else:
+            text = LAYOUTS[layout](
+                coefficients, analysis.rate.best_hz, source=facts, upper_limits=upper_limits
+            )
     except NotDetected as error:
         raise InputError(
             f"{source}: {error}; record longer, or choose what {out.name} gets there: "

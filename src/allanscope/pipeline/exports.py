@@ -23,13 +23,15 @@ from typing import Literal
 
 import numpy as np
 
-from allanscope.noise import Coefficient
+from allanscope.allan import Deviation
+from allanscope.noise import Coefficient, bound_model
 from allanscope.quantities import GRAVITY
 
 __all__ = [
     "LAYOUTS",
     "NotDetected",
     "UpperLimits",
+    "bound_yaml",
     "kalibr_yaml",
     "matlab_imu_sensor",
     "ros_covariance_yaml",
@@ -183,6 +185,49 @@ def matlab_imu_sensor(
             f"imu.{params}.RandomWalk = {chosen.row(kind, 'K')};   % ({unit})*sqrt(Hz)",
         ]
     return chosen.file("%", about, lines)
+
+
+def bound_yaml(curves: Mapping[str, Deviation], *, source: str = "") -> str:
+    """Return for each axis a model whose variance is above what was measured at 1 to 1000 s.
+
+    Parameters
+    ----------
+    curves : mapping
+        OADEV of every axis, in dps and g.
+    source : str
+        What was measured, for a comment.
+
+    Raises
+    ------
+    ValueError
+        If an axis was not measured for long enough.
+    """
+    comments = [
+        "A bound on the noise of an IMU at rest, set by allanscope." + _of(source),
+        "White noise, a first-order Gauss-Markov process and a random walk, for each axis: the",
+        "variance of the integrated signal that they predict is above that of another such record",
+        "at 95 % of the averaging times between those that stand below. inflation is the mean",
+        "ratio of the bound's Allan deviation to the measured one: inflate no further.",
+        "What rest cannot tell about flight: errors of scale factor and alignment, sensitivity to",
+        "acceleration and vibration, and temperatures that did not occur are not in this bound.",
+    ]
+    lines = []
+    for axis, curve in curves.items():
+        bound = bound_model(curve)
+        if bound is None:
+            raise ValueError(f"{axis} was not measured for long enough for a bound at 1 s and more")
+        to_si, unit = _TO_SI[axis[0]], _SI[axis[0]]
+        lines += [
+            f"{axis}:",
+            f"  noise_density: {to_si * bound.N:.6e}   # {unit}/sqrt(Hz), two-sided (N)",
+            f"  gauss_markov_sigma: {to_si * bound.sigma:.6e}   # {unit}",
+            f"  gauss_markov_time: {bound.correlation_time_s:.6g}   # s",
+            f"  random_walk: {to_si * bound.K:.6e}   # {unit}/sqrt(s) (K)",
+            f"  from: {bound.shortest_s:.4g}   # s",
+            f"  to: {bound.longest_s:.4g}   # s",
+            f"  inflation: {bound.inflation:.3f}",
+        ]
+    return "\n".join([*(f"# {text}" for text in comments), *lines, ""])
 
 
 LAYOUTS: Mapping[str, Callable[..., str]] = {

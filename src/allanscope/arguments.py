@@ -116,7 +116,7 @@ def export_data(one: ArgumentParser) -> None:
     one.add_argument("recording", help="a recording, the folder of a session, a capture or text")
     one.add_argument("out", help="a name that ends in .csv, .parquet, .yaml or (MATLAB's) .m")
     one.add_argument(
-        "--layout", default="kalibr", choices=["kalibr", "ros", "vins"], help="whose .yaml"
+        "--layout", default="kalibr", choices=["kalibr", "ros", "vins"], help="format of a .yaml"
     )
     one.add_argument(
         "--upper-limits",
@@ -136,7 +136,7 @@ def export_data(one: ArgumentParser) -> None:
 
 def recover(one: ArgumentParser) -> None:
     """Take what a recovery needs."""
-    one.add_argument("damaged", help="a recording that was cut off or has rotten places")
+    one.add_argument("damaged", help="a truncated or corrupted recording")
     one.add_argument("out", help="the recording to write")
 
 
@@ -165,14 +165,20 @@ def fleet(one: ArgumentParser) -> None:
         "recordings", nargs="+", help="recordings, folders or quoted globs; also URLs of fsspec"
     )
     one.add_argument(
-        "--out", required=True, metavar="DIR", help="results, or a URL; gone on with if there"
+        "--out",
+        required=True,
+        metavar="DIR",
+        help="folder or URL of the results; continued if it has some",
     )
     one.add_argument(
         "--scheduler", default="", metavar="tcp://HOST:PORT", help="an existing Dask cluster"
     )
     one.add_argument("--workers", type=_workers, metavar="N", help="processes on this machine")
     one.add_argument(
-        "--unit-name", default="", metavar="REGEX", help="its first group in the path is the unit"
+        "--unit-name",
+        default="",
+        metavar="REGEX",
+        help="pattern in the path; its first group names the unit",
     )
     _device_arguments(one)
 

@@ -75,7 +75,7 @@ def test_a_scheduler_that_dies_is_one_line_and_what_is_done_is_kept(
     assert (code, 1 <= done < COUNT) == (4, True)
     said = capsys.readouterr().err.splitlines()
     assert [line for line in said if "dashboard" not in line] == [
-        f"allanscope: the Dask scheduler went away; {done} done, {COUNT - done} left: "
+        f"allanscope: the Dask scheduler disconnected; {done} done, {COUNT - done} left: "
         "the same command goes on"
     ]
     assert pq.read_table(out / "lot.parquet").num_rows == 6 * done

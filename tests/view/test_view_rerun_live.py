@@ -86,7 +86,7 @@ def test_a_viewer_that_joins_late_gets_curves_grids_and_layout(served):
     assert served.settle(60.0)
     with HeadlessViewer(served.address, "640x480") as viewer:
         state = viewer.wait(5.0)
-        assert {"gx", "ay", "what was found", "state of the link"} <= {v.name for v in state.views}
+        assert {"gx", "ay", "effects found", "state of the link"} <= {v.name for v in state.views}
         assert not [report for view in state.views for report in view.reports]
 
 

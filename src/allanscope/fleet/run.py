@@ -96,7 +96,7 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
         store.close()
     if desk.is_deserted:
         raise DeviceError(
-            f"the Dask scheduler went away; {len(result.keys)} done, {result.left} left: "
+            f"the Dask scheduler disconnected; {len(result.keys)} done, {result.left} left: "
             "the same command goes on"
         )
     return result

@@ -250,7 +250,7 @@ class Decoding:
                 why = why_no_rows(sample)
                 said = f"{why}; it begins {excerpt(sample, 40)}" if why else found.excerpt
                 raise InputError(
-                    f"none of the formats {', '.join(formats())} fits what was heard: {said}"
+                    f"none of the formats {', '.join(formats())} fits the received bytes: {said}"
                 )
         self._choose(found.name)
         assert self._decoder is not None
@@ -271,7 +271,7 @@ class Decoding:
         if self._missed or silent_s <= MUTE_S:
             return []
         self._missed = True
-        text = f"nothing heard for {silent_s:.0f} s: is it the right port, and is the board on?"
+        text = f"no data for {silent_s:.0f} s; check the port and whether the board is on"
         return [Notice("error", text, OURS)]
 
     def _link_event(self, chunk: Chunk) -> list[Event]:

@@ -184,7 +184,7 @@ def open_stream(
 
 def nothing_heard(source: Source) -> DeviceError:
     """Return what to say of a source that was open and never gave a sample."""
-    return DeviceError(f"{source.name}: nothing was heard that holds samples; is it streaming?")
+    return DeviceError(f"{source.name}: no samples received; check that the device is streaming")
 
 
 def device_source(port: str, device: DeviceSettings, simulated: SimulatedSettings) -> Source:

@@ -208,7 +208,7 @@ def unpacked(record: ChunkRecord, packed: bytes) -> bytes:
         checksum.
     """
     if len(packed) < record.length:
-        raise CorruptChunkError("a chunk is torn")
+        raise CorruptChunkError("a chunk is truncated")
     if record.compression == "zstd":
         data = _zstd(packed, record.unpacked_length)
     elif not record.compression:

@@ -65,7 +65,7 @@ def layout(axes: Sequence[str], estimators: Sequence[str], active_tab: int = 0) 
         ),
         _link(),
         rrb.Horizontal(
-            _text("/tables/findings", "what was found"),
+            _text("/tables/findings", "effects found"),
             _log(),
             column_shares=[3, 2],
         ),
@@ -142,14 +142,14 @@ def _loop(unit: str, axes: Sequence[str]) -> rrb.Vertical:
     parts = ("grid", "textbook", "model", DEFAULT_ESTIMATOR)
     paths = [f"$origin/{part}/**" for part in parts]
     curves = [
-        _chart(f"/{axis}/allan", f"{axis}: grey before, line after", paths) for axis in chosen
+        _chart(f"/{axis}/allan", f"{axis}: model before (grey) and after", paths) for axis in chosen
     ]
     residuals = [
-        _chart(f"/{axis}/residual", f"{axis}: measured / model, grey before") for axis in chosen
+        _chart(f"/{axis}/residual", f"{axis}: residual, before (grey) and after") for axis in chosen
     ]
     return rrb.Vertical(
         rrb.Grid(*curves, *residuals, grid_columns=len(chosen)),
-        _text(f"/tables/loop_{SENSORS[unit]}", "the error before and after"),
+        _text(f"/tables/loop_{SENSORS[unit]}", "model error before and after"),
         row_shares=[7, 2],
         name=SENSOR_NAMES[unit],
     )
@@ -167,8 +167,8 @@ def _time_series(unit: str, axes: Sequence[str]) -> rrb.Grid:
     for axis in chosen:
         for name, parts, last_s in (
             (f"{axis}, {level} since the start: means", (0,), None),
-            (f"{axis}: least and largest", (1, 2), None),
-            (f"{axis}: the last minute", (0, 1, 2), 60.0),
+            (f"{axis}: minimum and maximum", (1, 2), None),
+            (f"{axis}: last minute", (0, 1, 2), 60.0),
         ):
             shown = [part in parts and other == axis for part in range(3) for other in chosen]
             style = rr.SeriesLines.from_fields(visible_series=shown)

@@ -37,7 +37,7 @@ _ALIVE_EVERY_S = 1.0
 _PATIENCE_S = 2.0
 """So long the end of a run waits for a terminal that takes nothing."""
 
-_KEYS = "m mark   q end and report      ↑ ↓ moved, = settled since half of the run"
+_KEYS = "m mark   q end and report      ↑ ↓ changed, = stable since half of the run"
 _STYLES: dict[Level, str] = {"info": "", "warn": "bold", "error": "bold red"}
 
 

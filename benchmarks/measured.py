@@ -75,12 +75,16 @@ class Row:
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """Which errors grew."""
+        """Which errors grew, by more than sampling leaves of a model that is right."""
         pairs = {
-            "chi2": self.chi2, "rms": self.rms_percent,
-            "band": (abs(self.worst_band_z[0]), abs(self.worst_band_z[1])),
+            "chi2": (*self.chi2, 2.0), "rms": (*self.rms_percent, 1.5 * self.sampling_percent),
+            "band": (abs(self.worst_band_z[0]), abs(self.worst_band_z[1]), 4.0),
         }  # fmt: skip
-        return tuple(name for name, (before, after) in pairs.items() if after > BETTER * before)
+        return tuple(
+            name
+            for name, (before, after, sampling) in pairs.items()
+            if after > BETTER * max(before, sampling)
+        )
 
 
 def rows_of(path: Path) -> Iterator[Row]:

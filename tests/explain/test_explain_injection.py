@@ -1,0 +1,49 @@
+"""Effects put into measured noise are found there, and scrambled noise holds none."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PATH = ROOT / "recordings" / "measured" / "ism330dhcx-fan-off.parquet"
+
+
+@pytest.fixture(scope="module")
+def injection():
+    """Return the benchmark."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    try:
+        return importlib.import_module("injection")
+    finally:
+        sys.path.remove(str(ROOT / "benchmarks"))
+
+
+@pytest.fixture(scope="module")
+def carrier(injection):
+    (one,) = injection.carriers([PATH], ("gx",))
+    return one
+
+
+@pytest.mark.parametrize("kind", ["sinusoid", "step", "gauss_markov"])
+def test_five_times_the_limit_is_found_and_nothing_beside(injection, carrier, kind):
+    tally = injection.Tally()
+    injection.trial(carrier, kind, 5.0, [1, 2], tally)
+    assert tally.right[kind, 5.0] == tally.asked[kind, 5.0] == 1
+    assert tally.false[5.0] == 0
+
+
+@pytest.mark.parametrize("blocks", [False, True])
+def test_scrambled_noise_holds_nothing(injection, carrier, blocks):
+    tally = injection.Tally()
+    injection.control(carrier, blocks, [3], tally)
+    assert tally.controls == 1
+    assert tally.control_false == []
+
+
+def test_the_interval_is_that_of_wilson(injection):
+    assert injection.interval(90, 100) == pytest.approx((82.56, 94.48), abs=0.01)
+    assert injection.interval(0, 0) == (0.0, 100.0)

@@ -44,6 +44,8 @@ _SOURCE = 2.0
 shakes at the same times are alike."""
 _CLEARLY = 5.0
 """Nats by which intervals of another level must explain less."""
+_SURELY = 2.0
+"""Held-out gain in standard errors."""
 _MOST = 0.999
 _STEP = 0.01
 
@@ -139,6 +141,12 @@ class AmplitudeCoupling(EffectKind):
     def prolong(self, view: View, candidate: Candidate) -> Candidate:
         """Fit the share again: it is one of the whole record."""
         return next(iter(self.propose(view)), replace(candidate, signal=None))
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Return it where a part of the noise surely does not follow, and not one burst decides."""
+        held, most = self.hold_out(view, candidate), self.share.upper
+        surely = held.nats > _SURELY * held.error
+        return candidate if surely and most is not None and most < 1 else None
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Fit every second stretch of the record, and judge by those between."""

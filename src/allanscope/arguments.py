@@ -12,8 +12,10 @@ from argparse import ArgumentParser
 
 __all__ = [
     "analyse",
+    "chart",
     "check",
     "completion",
+    "convert",
     "device",
     "doctor",
     "export_data",
@@ -202,6 +204,32 @@ def verify(one: ArgumentParser) -> None:
         metavar="FILE",
         help="also write every value, with versions, processor and checksums; - prints it",
     )
+
+
+def convert(one: ArgumentParser) -> None:
+    """Take what a conversion between densities and deviations needs."""
+    quantities = ["S_y", "S_phi", "L", "adev"]
+    one.add_argument("input", help="a table of frequency in Hz, or tau in s, and the quantity")
+    one.add_argument("out", help="the table to write")
+    one.add_argument(
+        "--from",
+        dest="given",
+        required=True,
+        choices=quantities,
+        help="one-sided density of the rate, of the phase (rad^2/Hz), L(f) in dBc/Hz, or deviation",
+    )
+    one.add_argument("--to", dest="wanted", required=True, choices=quantities, help="likewise")
+    one.add_argument("--rate", type=float, metavar="HZ", help="sample rate: densities end at half")
+    one.add_argument(
+        "--carrier", type=float, default=0.0, metavar="HZ", help="of a phase; 0 (default): an angle"
+    )
+
+
+def chart(one: ArgumentParser) -> None:
+    """Take what a chart of the method needs."""
+    one.add_argument("name", choices=["transfer", "chain"], help="what to draw")
+    one.add_argument("out", help="the name of the files, written as .svg and as .png")
+    _device_arguments(one)
 
 
 def nothing(one: ArgumentParser) -> None:

@@ -260,6 +260,32 @@ def fleet(options: Namespace) -> int:
     return ExitCode.INPUT if result.failures else ExitCode.DONE
 
 
+def convert(options: Namespace) -> int:
+    """Turn a density into a deviation, or a deviation into a density."""
+    from allanscope.pipeline import convert_table
+
+    convert_table(
+        Path(options.input),
+        Path(options.out),
+        options.given,
+        options.wanted,
+        options.rate,
+        options.carrier,
+    )
+    _name_outputs(options, options.out)
+    return ExitCode.DONE
+
+
+def chart(options: Namespace) -> int:
+    """Draw what estimators pass of a spectrum, or the way of a sample to the result."""
+    from allanscope.pipeline import draw_chart
+
+    draw_chart(options.name, Path(options.out), _device_settings(options))
+    stem = Path(options.out).with_suffix("")
+    _name_outputs(options, f"{stem}.svg", f"{stem}.png")
+    return ExitCode.DONE
+
+
 def ports(options: Namespace) -> int:
     """List the serial ports and the one that `auto` would choose."""
     from allanscope.sources import describe_ports
@@ -328,6 +354,8 @@ _COMMANDS = {
     "check": (check, arguments.check, "check night.mcap --against spec.toml"),
     "report": (report, arguments.report, "report night-1 night-2 --out both.html"),
     "fleet": (fleet, arguments.fleet, "fleet 'lot/**/*.mcap' --out lot-result"),
+    "convert": (convert, arguments.convert, "convert density.csv adev.csv --from S_y --to adev"),
+    "chart": (chart, arguments.chart, "chart transfer transfer.svg"),
     "ports": (ports, arguments.nothing, "ports"),
     "doctor": (doctor, arguments.doctor, "doctor"),
     "completion": (completion, arguments.completion, "completion bash"),

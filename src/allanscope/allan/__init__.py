@@ -27,7 +27,9 @@ from allanscope.allan.deviation import Deviation, data_frame
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
+    from allanscope.allan.archive import ROWS
     from allanscope.allan.bank import AllanBank
+    from allanscope.allan.cascade import lags_of_level
     from allanscope.allan.choices import CurveChoices
     from allanscope.allan.confidence import chi_square_limits
     from allanscope.allan.edf import difference_edf
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     from allanscope.allan.oneshot import deviation
 
 __all__ = [
+    "ROWS",
     "AllanBank",
     "CurveChoices",
     "Deviation",
@@ -55,6 +58,7 @@ __all__ = [
     "deviation_of_density",
     "difference_edf",
     "gcodev",
+    "lags_of_level",
     "mtie",
     "phase_to_rate_density",
     "rate_to_phase_density",
@@ -71,6 +75,8 @@ globals().pop("deviation", None)
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "ROWS": "archive",
+        "lags_of_level": "cascade",
         "AllanBank": "bank",
         "CurveChoices": "choices",
         "SlopeFit": "neighbours",

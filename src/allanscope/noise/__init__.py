@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         Uncertainty,
         find_best_averaging,
     )
+    from allanscope.noise.covariance import deviation_covariance
     from allanscope.noise.crlb import relative_bounds, wait_until
     from allanscope.noise.curve_fit import CurveResidual, fit_curve, gls_chi2
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
@@ -53,6 +54,7 @@ __all__ = [
     "add_coupled",
     "advice",
     "bound_model",
+    "deviation_covariance",
     "find_best_averaging",
     "find_step",
     "fit_array",
@@ -81,6 +83,7 @@ __getattr__, __dir__ = lazily(
         "Uncertainty": "coefficients",
         "add_coupled": "white_level",
         "advice": "quantised",
+        "deviation_covariance": "covariance",
         "find_best_averaging": "coefficients",
         "find_step": "quantised",
         "fit_array": "fit",

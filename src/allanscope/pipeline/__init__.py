@@ -75,6 +75,7 @@ if TYPE_CHECKING:
         Stream,
         open_stream,
     )
+    from allanscope.pipeline.theory import convert_table, draw_chart
 
 __all__ = [
     "Decoding",
@@ -86,6 +87,8 @@ __all__ = [
     "analyse_input",
     "check_against",
     "checks",
+    "convert_table",
+    "draw_chart",
     "export_recording",
     "failure",
     "full_settings",
@@ -110,6 +113,8 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "convert_table": "theory",
+        "draw_chart": "theory",
         "Decoding": "decoding",
         "DeviceSettings": "settings",
         "SessionSettings": "settings",

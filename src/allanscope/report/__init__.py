@@ -30,12 +30,14 @@ if TYPE_CHECKING:
         Picture,
         ink,
     )
+    from allanscope.report.theory_pictures import chain_picture, transfer_picture
 
 __all__ = [
     "DATASHEET",
     "MEASURED",
     "MODEL",
     "Picture",
+    "chain_picture",
     "comparing_pictures",
     "ink",
     "pictures",
@@ -43,6 +45,7 @@ __all__ = [
     "render_comparison",
     "save_pictures",
     "template",
+    "transfer_picture",
 ]
 
 __getattr__, __dir__ = lazily(
@@ -58,6 +61,8 @@ __getattr__, __dir__ = lazily(
         "render": "page",
         "render_comparison": "compare",
         "save_pictures": "page",
+        "chain_picture": "theory_pictures",
         "template": "page",
+        "transfer_picture": "theory_pictures",
     },
 )

@@ -1,0 +1,58 @@
+"""Densities become deviations and back on the command line, and the charts of the method drawn."""
+
+import numpy as np
+import pytest
+
+from allanscope.__main__ import main
+from allanscope.allan import ROWS
+from allanscope.pipeline import DeviceSettings
+from allanscope.pipeline.theory import chain_steps
+
+
+def table(path):
+    return np.loadtxt(path, delimiter=",", skiprows=1).T
+
+
+def test_white_noise_there_and_back(tmp_path):
+    density, curve, back = (tmp_path / name for name in ("s.csv", "a.csv", "b.csv"))
+    density.write_text("f,S\n0.01,2\n50,2\n", encoding="ascii")
+    arguments = ["convert", str(density), str(curve), "--from", "S_y", "--to", "adev"]
+    assert main([*arguments, "--rate", "100", "--quiet"]) == 0
+    tau, deviation = table(curve)
+    assert deviation == pytest.approx(1 / np.sqrt(tau), rel=2e-3)
+    assert main(["convert", str(curve), str(back), "--from", "adev", "--to", "S_y", "--quiet"]) == 0
+    assert table(back)[1] == pytest.approx(2.0, rel=2e-3)
+
+
+def test_phase_noise_of_a_carrier(tmp_path):
+    """L = -140 dBc/Hz is S_phi = 2e-14 rad^2/Hz."""
+    given, out = tmp_path / "l.csv", tmp_path / "s.csv"
+    given.write_text("1,-120\n10,-140\n", encoding="ascii")
+    for wanted, expected in (("S_phi", [2e-12, 2e-14]), ("S_y", [2e-26, 2e-26])):
+        call = ["convert", str(given), str(out), "--from", "L", "--to", wanted]
+        assert main([*call, "--carrier", "1e7", "--quiet"]) == 0
+        assert table(out)[1] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("text", "code"), [("nothing", 3), ("1,2\n", 3), ("1,2\n2,-1\n", 2)])
+def test_tables_that_make_no_sense_are_refused(tmp_path, text, code, capsys):
+    path = tmp_path / "x.csv"
+    path.write_text(text, encoding="ascii")
+    call = ["convert", str(path), str(tmp_path / "o"), "--from", "S_y", "--to", "adev"]
+    assert main(call) == code
+    assert capsys.readouterr().err.startswith("allanscope: ")
+
+
+@pytest.mark.parametrize("name", ["transfer", "chain"])
+def test_charts_of_the_method_are_drawn(tmp_path, name):
+    assert main(["chart", name, str(tmp_path / "c.svg"), "--rate", "208", "--quiet"]) == 0
+    svg = (tmp_path / "c.svg").read_text(encoding="utf-8")
+    assert "<svg" in svg
+    assert (tmp_path / "c.png").stat().st_size > 5000
+
+
+def test_the_chain_says_what_the_program_works_with():
+    steps = chain_steps(DeviceSettings(part="LSM6DSM", rate_hz=208.0, gyro_fs=250.0))
+    text = " ".join(" ".join(step) for step in steps)
+    for fact in ("66.6 Hz", "208 samples/s", "8.75 mdps at 250 dps", f"{ROWS} rows", "32 starts"):
+        assert fact in text, fact

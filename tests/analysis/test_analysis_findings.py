@@ -54,6 +54,28 @@ def test_one_line_on_three_axes_is_one_finding():
     assert finding_phrase(found[0]) == "line at 7 Hz, 20 mdps"
 
 
+def test_a_harmonic_beyond_nyquist_belongs_to_its_fundamental():
+    # 3 x 41 Hz and 4 x 41 Hz at 104 Hz are seen at 19 and 44 Hz.
+    places = [(41.0, 0.02), (19.0, 0.005), (44.0, 0.002), (13.37, 0.01)]
+    lines = {"gx": [line(hz, 1e-4, dps) for hz, dps in places]}
+    comb, alone = findings_of(lines, rate_hz=104.0)
+    assert (comb.harmonics, comb.folded) == ((3, 4), (3, 4))
+    assert finding_phrase(comb).endswith("with harmonics 3 and 4 (3 and 4 folded)")
+    assert len(alone.members) == 1
+    assert len(findings_of(lines)) == 4
+
+
+def test_lines_are_no_folded_harmonics_by_chance():
+    rng = np.random.default_rng(5)
+    joined = 0
+    for _ in range(200):
+        lines = {"gx": [line(f, 1e-4) for f in rng.uniform(3.0, 51.0, 5)]}
+        joined += any(one.folded for one in findings_of(lines, rate_hz=104.0))
+    assert joined <= 5
+    vague = {"gx": [line(41.0, half=0.05), line(19.0, half=0.05)]}
+    assert not any(one.folded for one in findings_of(vague, rate_hz=104.0))
+
+
 def test_lines_beyond_their_intervals_are_two():
     assert sizes({"gx": [line(7.0)], "gy": [line(7.01)]}) == [1, 1]
     assert sizes({"gx": [line(7.0, half=4e-3)], "gy": [line(7.01, half=4e-3)]}) == [2]

@@ -124,6 +124,8 @@ def finding_phrase(finding: Finding) -> str:
     if finding.harmonics:
         orders = _listed([str(order) for order in finding.harmonics])
         belongs.append(f"harmonic{'s' * (len(finding.harmonics) > 1)} {orders}")
+    if finding.folded:
+        belongs[-1] += f" ({_listed([str(order) for order in finding.folded])} folded)"
     return f"{text}, with {_listed(belongs)}" if belongs else text
 
 
@@ -153,7 +155,7 @@ def _is_alike(effect: Effect, lead: Effect) -> bool:
     if effect.kind != lead.kind:
         return False
     own, base = (one.parameters.get("frequency") for one in (effect, lead))
-    return own is None or base is None or float(own.value) < 1.5 * float(base.value)
+    return own is None or base is None or 2 / 3 < float(own.value) / float(base.value) < 1.5
 
 
 def _is_known(name: str, effect: Effect) -> bool:

@@ -7,6 +7,8 @@ of one cause. Two effects are one finding where they
   the time, the source, the range; or, where a kind has no place, in all of their numbers, unless
   the board has one cause of it, as it has one temperature;
 - are lines of which one is a harmonic of the other, or sits in the other's band;
+- are lines of which one is a harmonic of the other beyond the Nyquist frequency, which is seen
+  folded about the sample clock, where that is unlikely by chance;
 - are narrow bands on two axes that overlap, or a line and a narrow band without a name about it;
 - begin or end at one time: a step, an excursion and a burst.
 
@@ -17,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -40,6 +42,10 @@ _HIGHEST = 40
 """Highest order of a harmonic."""
 _BY_CHANCE = 0.02
 """Largest uncertainty of an order; beyond, any line would be a harmonic of any other."""
+_FOLDED_HIGHEST = 9
+"""Highest order of a harmonic that is seen folded."""
+_FOLDED_CHANCE = 0.01
+"""Expected number of folded harmonics by chance, among all lines and orders that are compared."""
 _ONE_CAUSE = frozenset({"temperature", "repeated_samples"})
 """Kinds that have one cause on all axes, however large they are on each."""
 _NARROW = 0.1
@@ -77,6 +83,8 @@ class Finding:
     share : float
         What its effects hold of the excess of all axes over sampling error; NaN where none is
         known. Findings are sorted by it, those without a name after the others.
+    folded : tuple of int
+        Orders of the harmonics among them that are seen folded about the sample rate.
     origin : LineOrigin or None
         Where a line comes from; None of what is no line, and while a run goes on.
     motion : Motion or None
@@ -89,12 +97,15 @@ class Finding:
     gain_nats: float
     harmonics: tuple[int, ...] = field(default=())
     share: float = math.nan
+    folded: tuple[int, ...] = ()
     origin: LineOrigin | None = None
     motion: Motion | None = None
 
 
 def findings_of(
-    effects: Mapping[str, Iterable[Effect]], excess_nats: Mapping[str, float] | None = None
+    effects: Mapping[str, Iterable[Effect]],
+    excess_nats: Mapping[str, float] | None = None,
+    rate_hz: float = 0.0,
 ) -> tuple[Finding, ...]:
     """Return the findings: those with a name first, each by its share, the largest first.
 
@@ -104,6 +115,8 @@ def findings_of(
         Axis to its effects, in the order of the result. Those of the stream are left out.
     excess_nats : mapping, optional
         Axis to its excess over sampling error (`Shares.excess_nats`), of which effects have shares.
+    rate_hz : float
+        Sample rate about which harmonics fold; 0 to look for none that do.
     """
     excess = excess_nats or {}
     members = [
@@ -117,13 +130,60 @@ def findings_of(
         if group[i] != group[j] and _is_one(members[i], members[j]):
             kept, gone = sorted((group[i], group[j]))
             group = [kept if one == gone else one for one in group]
-    found = [
+    whole = [
         _finding(
             [m for m, of in zip(members, group, strict=True) if of == one], list(effects), excess
         )
         for one in dict.fromkeys(group)
     ]
+    found = _with_folded(whole, list(effects), excess, rate_hz) if rate_hz else whole
     return tuple(sorted(found, key=_order))
+
+
+def _with_folded(
+    found: list[Finding], axes: list[str], excess: Mapping[str, float], rate_hz: float
+) -> list[Finding]:
+    """Join harmonics beyond the Nyquist frequency to their fundamental, the surest first.
+
+    In counts a harmonic folds exactly, however well the rate is known.
+    """
+    lines = [one for one in found if one.kind == "sinusoid"]
+    tried = len(lines) * (len(lines) - 1) * (_FOLDED_HIGHEST - 1)
+    matches = []
+    for base in lines:
+        for other in lines:
+            known, seen = (_frequency(one.members[0].effect) for one in (base, other))
+            if base is other or known is None or seen is None:
+                continue
+            for order in range(2, _FOLDED_HIGHEST + 1):
+                rest = order * known.value % rate_hz
+                away = abs(min(rest, rate_hz - rest) - seen.value)
+                room = order * (known.upper - known.lower) + seen.upper - seen.lower
+                chance = tried * 2 * room / (rate_hz / 2)
+                if order * known.value > rate_hz / 2 and away <= room and chance < _FOLDED_CHANCE:
+                    matches.append((chance, order, base, other))
+    joined: dict[int, Finding] = {}
+    gone: set[int] = set()
+    orders: dict[int, list[int]] = {}
+    for _, order, base, other in sorted(matches, key=lambda one: (one[1], one[0])):
+        if id(other) in gone or id(base) in gone or id(other) in joined:
+            continue
+        before = joined.get(id(base), base)
+        members = (*before.members, *other.members)
+        seen_on = {one.axis for one in members}
+        orders.setdefault(id(base), []).append(order)
+        folded = tuple(sorted(orders[id(base)]))
+        joined[id(base)] = replace(
+            before,
+            axes=tuple(axis for axis in axes if axis in seen_on),
+            members=members,
+            gain_nats=before.gain_nats + other.gain_nats,
+            harmonics=tuple(sorted({*before.harmonics, order})),
+            share=_share(list(members), excess),
+            folded=folded,
+        )
+        gone.add(id(other))
+    return [joined.get(id(one), one) for one in found if id(one) not in gone]
 
 
 def _order(finding: Finding) -> tuple[bool, float, float]:

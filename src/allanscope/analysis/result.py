@@ -287,7 +287,7 @@ class Analysis:
         looked = {k: a.explanation for k, a in self.axes.items() if not a.failure}
         known = {k: one for k, one in looked.items() if one is not None}
         excess = {k: one.shares.excess_nats for k, one in known.items() if one.shares}
-        found = findings_of({k: one.effects for k, one in known.items()}, excess)
+        found = findings_of({k: one.effects for k, one in known.items()}, excess, self.rate.best_hz)
         return tuple(self._traced(one) for one in found)
 
     def _traced(self, finding: Finding) -> Finding:
@@ -509,6 +509,7 @@ def _finding_dict(finding: Finding) -> dict[str, Any]:
         "gain_nats": finding.gain_nats,
         "share": finding.share,
         "harmonics": list(finding.harmonics),
+        "folded": list(finding.folded),
         "effects": [{"axis": one.axis, "index": one.index} for one in finding.members],
         "origin": asdict(finding.origin) if finding.origin else None,
         "motion": asdict(finding.motion) if finding.motion else None,

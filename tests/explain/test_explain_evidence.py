@@ -10,7 +10,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects.ramp import Ramp
 from allanscope.explain.effects.unexplained import Unexplained
 
-RANGE = Unexplained(Estimate(1.0), Estimate(2.0), Estimate(0.1), "spectrum", "a range")
+RANGE = Unexplained(Estimate(1.0), Estimate(2.0), "spectrum", "a range")
 
 
 def probability(gain: float, log_alternatives: float, *, is_paid: bool = False) -> float:

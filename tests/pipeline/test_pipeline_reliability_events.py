@@ -60,7 +60,7 @@ def test_a_port_that_says_nothing_is_told_to_start_and_then_complained_about_onc
     assert len(told) >= starts
     (complaint,) = events
     assert isinstance(complaint, Notice)
-    assert "right port" in complaint.text
+    assert "check the port" in complaint.text
 
 
 def info(scale: float) -> StreamInfo:

@@ -367,7 +367,7 @@ def test_axes_of_an_effect(text, axes):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("wobble:size=1", r"unknown effect 'wobble'; choose one of band_limit, .*warm_up"),
+        ("wobble:size=1", r"unknown effect 'wobble'; choose one of amplitude_coupling, .*warm_up"),
         ("step:height=1", r"no parameter 'height'; it takes size, axis, time"),
         ("step:time=1", r"size is missing; it takes size, axis, time"),
         ("step:size", r"'size' is not of the form name=value"),

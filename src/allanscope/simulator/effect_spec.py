@@ -119,12 +119,12 @@ def parse_effect(text: str) -> EffectSpec:
     Examples
     --------
     >>> parse_effect("sinusoid:frequency=5,amplitude=0.01,axis=gz")
-    EffectSpec(kind='sinusoid', parameters={'frequency': 5.0, 'amplitude': 0.01}, axes=('gz',),
-               time=0.0, source='')
+    EffectSpec(kind='sinusoid', parameters={'frequency': 5.0, 'amplitude': 0.01, 'locked': 0.0},
+               axes=('gz',), time=0.0, source='')
     >>> parse_effect("sinusoid:frequency=5")
     Traceback (most recent call last):
     allanscope.errors.UsageError: effect sinusoid: amplitude is missing; it takes frequency,
-        amplitude, axis, time
+        amplitude, locked, axis, time
     """
     name, raw = split_spec(text, "effect", effect_kinds())
     kind, where = effect_kinds()[name], f"effect {name}"

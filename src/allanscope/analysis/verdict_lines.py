@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from allanscope.analysis.finding_phrases import finding_sentence, share_text
@@ -71,7 +71,7 @@ class Verdict:
 
 def verdict(analysis: Analysis) -> Verdict:
     """Return the verdict on a result, or on a result so far."""
-    noise, effects = _noise_line(analysis), _effect_line(analysis.axes)
+    noise, effects = _noise_line(analysis), _whole(_effect_line(analysis.axes), analysis.axes)
     losses = _loss_lines(analysis)
     failed = _failure_lines(analysis.axes)
     details = (
@@ -211,6 +211,15 @@ def _effect_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
     if found:
         return VerdictLine("note", "Additional effects found", text)
     return VerdictLine("good", "No additional effects", "residual consistent with sampling error")
+
+
+def _whole(line: VerdictLine, axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
+    """Return the line on the effects, which is not good while the analysis of an axis failed."""
+    failed = [name for name, axis in axes.items() if axis.failure]
+    if not failed:
+        return line
+    text = f"the analysis of an axis failed: {_named(failed, axes)}"
+    return replace(line, grade="bad", text=f"{line.text}; {text}")
 
 
 def _looked(axes: Mapping[str, AxisAnalysis]) -> dict[str, AxisExplanation]:

@@ -66,7 +66,8 @@ def test_a_unit_that_nobody_said_stands_at_the_top(tmp_path, lines, capsys):
     assert result["remarks"][: len(result["assumptions"])] == result["assumptions"]
     rows = shown.splitlines()
     title = max(i for i, row in enumerate(rows) if row.startswith("allanscope  ")) + 2
-    assert any(units[0][:40] in row for row in rows[title : title + 6]), shown
+    told = [row for row in rows[title:] if row.strip()]  # verdict and coefficients come first
+    assert any(row.startswith(f"Assumed: {units[0][:40]}") for row in told), shown
     assert main(["report", str(tmp_path / "out"), "--out", str(tmp_path / "r.html")]) == 0
     page = (tmp_path / "r.html").read_text()
     assert page.index(units[0][:40]) < page.index("<table")

@@ -166,7 +166,7 @@ def difference_edf(
     Full overlap doubles what white FM is worth; terms at every fourth of tau nearly keep it:
 
     >>> difference_edf(0, 16, 4096, [16, 4, 1], order=2).round().tolist()
-    [171.0, 345.0, 360.0]
+    [170.0, 354.0, 380.0]
     """
     alpha, m, n, stride = np.broadcast_arrays(alpha, m, n, stride)
     if np.any(alpha + 2 * order <= 1):

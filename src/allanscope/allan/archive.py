@@ -227,13 +227,14 @@ class Archive:
                 terms = sum(one.size for one in second)
                 if terms == 0:
                     continue
-                plain[axis, t] = sum(float(one.sum()) for one in second) / (terms * m[t] ** 2)
+                square = float(m[t]) ** 2  # beyond int64 at the longest
+                plain[axis, t] = sum(float(one.sum()) for one in second) / (terms * square)
                 sums = [np.cumsum(np.append(0.0, one)) for one in second if one.size >= k]
                 windows = [one[k:] - one[:-k] for one in sums]
                 count = sum(one.size for one in windows) * k
                 if count:
                     total = sum(float(one.sum()) for one in windows)
-                    modified[axis, t] = total / (count * m[t] ** 2)
+                    modified[axis, t] = total / (count * square)
         return plain, modified
 
     def _rows(self) -> tuple[Any, ...]:

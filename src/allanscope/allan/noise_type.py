@@ -90,6 +90,7 @@ def identify(
     """
     m = np.asarray(m, np.float64)
     slope = np.asarray(drift, np.float64)[..., np.newaxis]
+    slope = slope if n >= _FEWEST_WINDOWS else np.zeros_like(slope)  # of few samples it is noise
     in_allan, in_modified = (slope, slope) if drift_seen is None else drift_seen
     # Of <(D - s m^2)^2> / (2 m^2), D being the second differences.
     allan = np.asarray(avar, np.float64) - m**2 * slope * (np.asarray(in_allan) - slope / 2.0)

@@ -242,7 +242,12 @@ def shares_of(view: View, before: NoiseFit, after: NoiseFit) -> tuple[Shares, tu
 
 
 def _gain_of(view: View, candidate: Candidate) -> float:
-    """Return the log-likelihood that an effect gains; nought for what is read off the values."""
+    """Return the log-likelihood that an effect gains on its axis.
+
+    Nought for what is read off the values, and for the clock, which is of the stream.
+    """
+    if candidate.effect.of_the_stream:
+        return 0.0
     if getattr(candidate.effect, "domain", "") == "distribution":
         return _gain_of_distribution(view)
     return max(float(candidate.gain), 0.0) if np.isfinite(candidate.gain) else 0.0

@@ -26,7 +26,7 @@ from allanscope.explain.view import View
 __all__ = ["adequate", "growth", "is_measured", "judge", "judge_members", "owed", "penalty_passed"]
 
 _RECURRING, _SMALL = 0.25, 30.0
-_CONTRADICTS = 4.0
+_CONTRADICTS = 15.0
 """Error over the gain from which the blocks contradict each other."""
 _SAME = 1.02
 """Ratio up to which two errors are the same."""

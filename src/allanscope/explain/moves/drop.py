@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import ResidualError, SearchStep
 from allanscope.explain.gates import growth, is_measured
 from allanscope.explain.moves import SearchPath
@@ -12,6 +13,8 @@ from allanscope.explain.view import View
 
 __all__ = ["drop", "refuse"]
 
+_BEYOND_DOUBT = 1000.0
+"""Gain in nats that no error of a curve outweighs."""
 _MOST_REFUSED, _SUSPECTS = 2, 3
 """Most effects that are refused after all, and how many are tried each time: each is a fit."""
 _MENDS = 0.5
@@ -57,15 +60,27 @@ def refuse(
     for _ in range(_MOST_REFUSED):
         if not why:
             break
-        suspects = [c for c in left.accepted if c.changes_model and not c.effect.is_coefficient]
+        suspects = [
+            c
+            for c in left.accepted
+            if c.changes_model and not c.effect.is_coefficient and c.gain < _BEYOND_DOUBT
+        ]
         suspects = sorted(suspects, key=lambda c: c.gain)[:_SUSPECTS]
-        trials = [(growth(before, error(left.without(c))), c) for c in suspects]
+        trials = [(growth(before, error(_without(left, c))), c) for c in suspects]
         if not trials:
             break
         (still, words), refused = min(trials, key=lambda one: one[0][0])
         if still > _MENDS * worst:
             break
         step = SearchStep("drop", refused.kind, refused.words, refused.gain, refused.penalty, why)
-        left = replace(left.without(refused), path=(*left.path, step))
+        left = replace(_without(left, refused), path=(*left.path, step))
         worst, why = still, words
     return view if why else left
+
+
+def _without(view: View, candidate: Candidate) -> View:
+    """Return the view without an effect; what has no name leaves the model alone, and is told."""
+    bare = view.without(candidate)
+    if candidate.effect.is_named:
+        return bare
+    return bare.accept(replace(candidate, parts=(), excluded=(), signal=None, profile=None))

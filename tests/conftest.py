@@ -6,6 +6,14 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("fixed", derandomize=True)
+"""The same examples in every run: a failure is one of the change that is tested.
+
+`python -m pytest --hypothesis-profile default` looks at others.
+"""
+settings.load_profile("fixed")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -8,6 +8,7 @@ THEO1 and the standard deviations are held against their own mean.
 
     python benchmarks/interval_coverage.py --runs 2000 --samples 1024
     python benchmarks/interval_coverage.py --runs 300 --samples 8192 --stream
+    python benchmarks/interval_coverage.py --alphas 0 --beside -2 --knee 16
 
 prints, for each estimator and noise, the coverage pooled over all trusted octave taus, the lowest
 single one and its tau, and how often the noise was named right. With ``--stream`` the runs go
@@ -87,6 +88,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=20)
     parser.add_argument("--kinds", nargs="*", default=list(REGISTRY))
     parser.add_argument("--alphas", nargs="*", type=int, default=[2, 1, 0, -1, -2])
+    parser.add_argument("--beside", type=int, help="alpha of a second noise")
+    parser.add_argument("--knee", type=int, default=16, help="where it meets the first: n / tau")
     parser.add_argument("--stream", action="store_true", help="through a bank")
     parser.add_argument("--cells", action="store_true", help="print the coverage at every tau")
     options = parser.parse_args()
@@ -95,6 +98,11 @@ def main() -> None:
         for alpha in options.alphas:
             rng = np.random.default_rng(options.seed)
             noise = power_law(alpha, options.samples, options.runs, rng)
+            if options.beside is not None:
+                second = power_law(options.beside, options.samples, options.runs, rng)
+                tau = np.array([float(options.samples // options.knee)])
+                level = [truth("oadev", tau, one) for one in (noise, second)]
+                noise = noise + second * np.sqrt(level[0] / level[1])
             tau, held, right = coverage(kind, noise, alpha, stream=options.stream)
             print(
                 f"{kind:8} {NAMES[alpha]:5} {held.mean():8.3f} {held.min():7.3f}"

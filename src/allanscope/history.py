@@ -8,7 +8,7 @@ doubles the stride, so that it never holds more than `rows` of them and always c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,6 +51,21 @@ class Record:
     start_s: NDArray[np.float64]
     segments: NDArray[np.int64]
     filled: NDArray[np.bool_] | None = None
+
+    def between(self, begin_s: float, end_s: float = np.inf) -> Record:
+        """Return the rows that begin within a stretch of time and do not reach beyond it."""
+        first = int(np.searchsorted(self.start_s, begin_s))
+        last = int(np.searchsorted(self.start_s, end_s - 1.0 / self.rate_hz, side="right"))
+        rows = slice(first, max(first, last))
+        segments = np.clip(self.segments, rows.start, rows.stop) - first
+        return replace(
+            self,
+            values=self.values[rows],
+            temperature_c=self.temperature_c[rows],
+            start_s=self.start_s[rows],
+            segments=segments[segments[:, 1] > segments[:, 0]],
+            filled=None if self.filled is None else self.filled[rows],
+        )
 
 
 class History:

@@ -29,7 +29,9 @@ __all__ = [
     "GRAVITY",
     "LETTERS",
     "LEVEL",
+    "MAD_TO_SIGMA",
     "MAIN_LETTERS",
+    "POWER_LAW_NAMES",
     "SENSOR_NAMES",
     "TWO_SIDED_95",
     "Reading",
@@ -109,11 +111,20 @@ COEFFICIENTS: Mapping[tuple[str, str], tuple[Reading, Reading]] = {
 }
 """For each coefficient of IEEE 952, by the unit of the axis and the name: (usual, other)."""
 
+POWER_LAW_NAMES: Mapping[str, str] = {
+    **{"Q": "white phase noise", "P": "flicker phase noise", "N": "white noise", "B": "flicker"},
+    **{"K": "random walk", "F": "flicker walk", "D": "random run"},
+}
+"""Every power law of the rate, from f^2 to f^-4."""
+
 LETTERS = ("N", "B", "K", "Q", "R")
 """The coefficients in the order of tables."""
 
 MAIN_LETTERS = LETTERS[:3]
 """Those that every axis is judged by; Q and R are told where they are found."""
+
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of a Gaussian over its median absolute deviation."""
 
 TWO_SIDED_95 = 1.959964
 """Standard deviations to either side of the mean that hold 95 % of a normal distribution."""

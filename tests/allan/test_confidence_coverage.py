@@ -58,3 +58,17 @@ def test_narrow_limits_hold_the_truth_as_often_as_they_say(power_law):
     curves = [deviation(run, 1.0, taus=[4, 16, 40], level=0.683) for run in noise]
     inside = np.mean([(c.lower <= truth) & (truth <= c.upper) for c in curves])
     assert inside == pytest.approx(0.69, abs=0.05)
+
+
+@pytest.mark.parametrize(("first", "second"), [(0, -2), (0, -1), (-1, -2)])
+def test_limits_hold_at_a_knee_near_the_end_of_the_run(first, second, power_law):
+    """Two noises of one level at a 16th of the run, beyond where labels tell: 400 runs, +-1.1 %."""
+    runs, knee = 400, N // 16
+    noise = [power_law(alpha, N, runs, seed=130 + alpha) for alpha in (first, second)]
+    exact = REGISTRY["oadev"].exact
+    level = [np.mean([exact(np.append(0.0, x.cumsum()), knee)[0] for x in one]) for one in noise]
+    both = noise[0] + noise[1] * np.sqrt(level[0] / level[1])
+    for kind, factors in (("oadev", (16, 32, 51)), ("totdev", (32, 64, 128)), ("mdev", (32, 51))):
+        coverage = held(kind, 0, both, factors).mean(axis=0)
+        assert coverage.min() > 0.915, (kind, coverage)
+        assert coverage.max() < 0.985, (kind, coverage)

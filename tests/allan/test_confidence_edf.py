@@ -161,7 +161,7 @@ def quadratic(kind, alpha, m, n, width):
             pair = estimator.exact(basis[i] + basis[j], m)[0]
             q[i, j] = q[j, i] = 0.5 * (pair - single[i] - single[j])
     lag = np.abs(np.subtract.outer(np.arange(n + 1), np.arange(n + 1))) / m
-    averaged = kind in ("mdev", "pdev", "mtotdev")
+    averaged = kind in ("mdev", "mtotdev")
     covariance = phase_autocovariance if averaged else sampled_autocovariance
     product = q @ covariance(lag, width, alpha)
     mean = np.trace(product)

@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from allanscope.allan import deviation
-from allanscope.allan.confidence import assemble, chi_square_limits
+from allanscope.allan import confidence, deviation
+from allanscope.allan.confidence import chi_square_limits
 from allanscope.allan.estimators import REGISTRY, Sums
+from allanscope.allan.noise_type import NoiseTypes
+
+
+def assemble(kind, sums, rate, alpha=None, **options):
+    known = None if alpha is None else NoiseTypes(np.asarray(alpha))
+    return confidence.assemble(kind, sums, rate, noise=known, **options)
 
 
 def sums(variance, terms=None, m=(1, 10, 100), n=1000, stride=1):
@@ -56,7 +62,7 @@ def test_the_curve_is_the_root_of_the_variance_in_seconds():
     assert curve.noise.tolist() == ["WFM"] * 3
     assert curve.trusted.tolist() == [True, True, True]
     expected = REGISTRY["oadev"].edf(0, curve.m, 1000, 1)
-    assert curve.edf.tolist() == expected.tolist()
+    assert curve.edf == pytest.approx(expected)
     assert curve.lower == pytest.approx(chi_square_limits(curve.deviation, expected)[0])
 
 
@@ -136,7 +142,18 @@ def test_the_published_bias_is_taken_off_the_variance(kind, alpha, factor):
 @pytest.mark.parametrize("kind", sorted(REGISTRY))
 def test_limits_enclose_the_value_whatever_its_bias(kind, alpha, bias_corrected):
     curve = assemble(kind, sums([1.0] * 3), 1.0, alpha=alpha, bias_corrected=bias_corrected)
-    assert np.all((curve.lower < curve.deviation) & (curve.deviation < curve.upper))
+    assert np.all((curve.lower <= curve.deviation) & (curve.deviation <= curve.upper))
+    assert np.all(curve.lower < curve.upper)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.9, 1.0, 1.1, 1.8])
+def test_limits_that_enclose_a_biased_value_hold_the_truth_as_often(ratio):
+    """400,000 chi-square variances of 30 degrees of freedom: 95 % to 0.2 %."""
+    drawn = scipy.stats.chi2(30).rvs(400_000, random_state=5) / 30.0
+    unbiased = np.sqrt(drawn)
+    lower, upper = confidence.enclosing_limits(ratio * unbiased, unbiased, np.full(1, 30.0), 0.95)
+    assert np.mean((lower <= 1.0) & (upper >= 1.0)) == pytest.approx(0.95, abs=0.002)
+    assert np.all((lower <= ratio * unbiased) & (ratio * unbiased <= upper))
 
 
 def test_the_limits_of_totdev_allow_for_what_it_misses_at_long_tau():
@@ -153,8 +170,9 @@ def test_there_is_never_less_than_one_degree_of_freedom():
 
 def test_the_limits_of_htotdev_allow_for_its_excess_in_phase_noise():
     curve = assemble("htotdev", sums([1.0], m=[100]), 1.0, alpha=2)
-    assert curve.lower == pytest.approx(chi_square_limits(np.sqrt(1 / 1.37), curve.edf)[0])
-    assert curve.upper == pytest.approx(chi_square_limits(1.0, curve.edf)[1])
+    unbiased = np.sqrt(1 / 1.37)
+    assert curve.lower[0] == pytest.approx(chi_square_limits(unbiased, curve.edf, 0.9)[0], rel=0.05)
+    assert curve.upper.tolist() == [1.0]  # the value itself, which 95 % would leave out
 
 
 @pytest.mark.parametrize(

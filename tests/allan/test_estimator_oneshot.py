@@ -71,7 +71,7 @@ def test_theoh_changes_from_allan_to_theo_at_a_tenth_of_the_run():
 def test_every_offered_tau_has_a_value_within_its_limits(kind, taus):
     curve = deviation(DATA, 10.0, kind, taus)
     assert np.all(np.diff(curve.tau) > 0)
-    assert np.all((curve.lower < curve.deviation) & (curve.deviation < curve.upper))
+    assert np.all((curve.lower <= curve.deviation) & (curve.deviation <= curve.upper))
     assert np.all(curve.edf >= 1)
     assert set(curve.noise) == {"WFM"}
     assert curve.kind == kind

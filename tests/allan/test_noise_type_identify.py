@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from allanscope.allan import deviation
-from allanscope.allan.noise_type import NAMES, at_factors, identify
-from allanscope.allan.oneshot import power_law as law_of
+from allanscope.allan.noise_type import NAMES, at_factors, identify, unit_variance
+from allanscope.allan.oneshot import noise_types
 from allanscope.allan.phase import to_phase
 
 
 def found(noise, m):
-    return np.array([law_of([to_phase(run, 1.0)], m) for run in noise])
+    return np.array([noise_types([to_phase(run, 1.0)], m).alpha for run in noise])
 
 
 @pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
@@ -122,3 +122,35 @@ def test_the_nearest_known_factor_in_logarithm_lends_its_type():
 def test_every_alpha_has_a_name():
     named = " ".join(NAMES[alpha] for alpha in (2, 1, 0, -1, -2, -3, -4))
     assert named == "WPM FPM WFM FFM RWFM FWFM RRFM"
+
+
+def test_levels_of_several_noises_are_found(power_law):
+    """White noise and a random walk that cross at m = 32, of 60 runs: shares to 0.2."""
+    runs, knee = 60, 32
+    white, walk = power_law(0, 2048, runs, seed=8), power_law(-2, 2048, runs, seed=9)
+    both = white + walk * np.sqrt(3.0) / knee
+    tau = np.array([1.0, 32.0, 256.0])
+    shares = np.mean(
+        [noise_types([to_phase(x, 1.0)], tau).shares("avar", tau) for x in both], axis=0
+    )
+    assert shares[0, 2] > 0.8
+    assert shares[1, 2] == pytest.approx(0.5, abs=0.2)
+    assert shares[2, 4] > 0.7
+    assert shares.sum(axis=1) == pytest.approx(1.0)
+
+
+def test_unit_variances_are_those_of_the_definition():
+    """MVAR and HVAR over AVAR by sums over a covariance matrix, at m = 3."""
+    j = np.abs(np.subtract.outer(np.arange(12.0), np.arange(12.0)))
+    covariance = {2: -j, 4: j**3 - j}
+    m = 3
+    second = np.zeros(12)
+    second[[0, m, 2 * m]] = 1, -2, 1
+    third = np.zeros(12)
+    third[[0, m, 2 * m, 3 * m]] = 1, -3, 3, -1
+    mean = sum(np.roll(second, k) for k in range(m)) / m
+    unit = {k: unit_variance(k, [m])[:, 0] for k in ("avar", "mvar", "hvar")}
+    for i, c in covariance.items():
+        expected = [w @ c @ w / (f * m**2) for w, f in ((second, 2), (mean, 2), (third, 6))]
+        found = [unit[k][i] for k in ("avar", "mvar", "hvar")]
+        assert np.array(found) / found[0] == pytest.approx(np.array(expected) / expected[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from allanscope.allan import AllanBank
 from allanscope.allan.archive import Archive
 from allanscope.allan.cascade import Cascade
 from allanscope.allan.estimators import REGISTRY
@@ -15,7 +16,9 @@ from allanscope.noise.amplitudes import maximise
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator.noise.power_law import FractionalIntegral
 from allanscope.spectrum.ladder import SEGMENT, Ladder
+from allanscope.wire import WireSettings
 from allanscope.wire.native import NativeDecoder, NativeEncoder
+from allanscope.wire.text.decoder import TextDecoder
 
 RNG = np.random.default_rng(20)
 
@@ -29,6 +32,12 @@ def sums() -> None:
                 cascade.extend(samples)
                 archive.extend(samples)
             cascade.settled().variances("totdev")
+    for window in (0.0, 3.0):
+        bank = AllanBank(100.0, axes=2, window=window)
+        for n in (1, 5000, 31, 20_000):
+            bank.update(RNG.normal(size=(n, 2)))
+            bank.dynamic()
+            bank.gap()
     data = RNG.normal(size=(ALIGNED, 2))
     shard = Shard(2, 4, data[0])
     shard.extend(data)
@@ -72,6 +81,16 @@ def frames() -> None:
             decoder.feed(piece, 0.0)
 
 
+def texts() -> None:
+    for late in (0.0, 0.004, 0.02):
+        times = np.delete(np.arange(9000) / 104 + RNG.uniform(0, late, 9000), [700, 5000])
+        rows = [f"{time:.6f},1e-3,-2,+3.5" for time in np.append(times, times[0]).tolist()]
+        decoder = TextDecoder(WireSettings())
+        for end in ("\n", "\r\n", "\nnan,1,2,3\n"):
+            decoder.feed(end.join(["t[s],gx[dps],gy[dps],gz[dps]", *rows, ""]).encode(), 1.0)
+        decoder.finish()
+
+
 def fits() -> None:
     for p, bins in ((0, 1), (1, 1), (3, 2), (9, 150)):
         columns = RNG.random((p, bins))
@@ -90,6 +109,6 @@ def series() -> None:
 
 
 if __name__ == "__main__":
-    for part in (sums, estimators, spectra, frames, fits, series):
+    for part in (sums, estimators, spectra, frames, texts, fits, series):
         part()
     print("done")

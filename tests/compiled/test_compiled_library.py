@@ -118,7 +118,8 @@ def results() -> list[NDArray[Any]]:
 
 def test_every_level_of_the_processor_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     library, level = compiled._library()
-    if level == 1:
+    lower = [one for one in build.LEVELS.get(build._architecture(), ()) if one < level]
+    if not lower:
         pytest.skip("this processor runs the lowest level alone")
     highest = results()
     used = [
@@ -130,13 +131,14 @@ def test_every_level_of_the_processor_gives_the_same_bits(monkeypatch: pytest.Mo
         (theo1, "_squares", "theo1_squares"),
         (amplitudes, "_maximise", "maximise"),
     ]
-    for module, name, source in used:
-        highest_loop = getattr(module, name)
-        lowest_loop = library[f"{source}_v1"]  # an object of its own
-        lowest_loop.argtypes, lowest_loop.restype = highest_loop.argtypes, highest_loop.restype
-        monkeypatch.setattr(module, name, lowest_loop)
-    for one, other in zip(highest, results(), strict=True):
-        assert one.tobytes() == other.tobytes()
+    for one in lower:
+        for module, name, source in used:
+            highest_loop = getattr(module, name)
+            lower_loop = library[f"{source}_v{one}"]  # an object of its own
+            lower_loop.argtypes, lower_loop.restype = highest_loop.argtypes, highest_loop.restype
+            monkeypatch.setattr(module, name, lower_loop)
+        for found, expected in zip(results(), highest, strict=True):
+            assert found.tobytes() == expected.tobytes()
 
 
 def test_a_loop_reads_and_writes_nothing_that_is_not_its_own(

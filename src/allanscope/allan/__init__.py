@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
     from allanscope.allan.cascade import lags_of_level
     from allanscope.allan.choices import CurveChoices
-    from allanscope.allan.confidence import chi_square_limits
+    from allanscope.allan.confidence import chi_square_limits, degrees_of_freedom
+    from allanscope.allan.dynamic import DynamicDeviation
     from allanscope.allan.edf import difference_edf
     from allanscope.allan.estimators import variance_name
     from allanscope.allan.frequency import (
@@ -42,22 +43,29 @@ if TYPE_CHECKING:
         transfer,
     )
     from allanscope.allan.neighbours import SlopeFit, avlr, gcodev, mtie, three_cornered_hat, tierms
-    from allanscope.allan.oneshot import deviation
+    from allanscope.allan.noise_type import LETTERS, alpha_named
+    from allanscope.allan.oneshot import deviation, factors_of, identify_noise
 
 __all__ = [
+    "LETTERS",
     "ROWS",
     "AllanBank",
     "CurveChoices",
     "Deviation",
+    "DynamicDeviation",
     "SlopeFit",
+    "alpha_named",
     "avlr",
     "chi_square_limits",
     "data_frame",
+    "degrees_of_freedom",
     "density_of_deviation",
     "deviation",
     "deviation_of_density",
     "difference_edf",
+    "factors_of",
     "gcodev",
+    "identify_noise",
     "lags_of_level",
     "mtie",
     "phase_to_rate_density",
@@ -78,15 +86,21 @@ __getattr__, __dir__ = lazily(
         "ROWS": "archive",
         "lags_of_level": "cascade",
         "AllanBank": "bank",
+        "LETTERS": "noise_type",
+        "alpha_named": "noise_type",
         "CurveChoices": "choices",
+        "DynamicDeviation": "dynamic",
         "SlopeFit": "neighbours",
         "avlr": "neighbours",
         "chi_square_limits": "confidence",
+        "degrees_of_freedom": "confidence",
         "density_of_deviation": "frequency",
         "deviation": "oneshot",
         "deviation_of_density": "frequency",
         "difference_edf": "edf",
         "gcodev": "neighbours",
+        "factors_of": "oneshot",
+        "identify_noise": "oneshot",
         "mtie": "neighbours",
         "phase_to_rate_density": "frequency",
         "rate_to_phase_density": "frequency",

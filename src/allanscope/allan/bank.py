@@ -30,8 +30,9 @@ from allanscope.allan.cascade import Cascade
 from allanscope.allan.confidence import BiasCorrection, HadamardFactor, assemble
 from allanscope.allan.curves import Curves, samples_to_value
 from allanscope.allan.deviation import Deviation
+from allanscope.allan.dynamic import SLOTS, Borders, DynamicDeviation
 from allanscope.allan.estimators import Sums, estimator_named
-from allanscope.allan.noise_type import alpha_named
+from allanscope.allan.noise_type import NoiseTypes, alpha_named, one_noise
 from allanscope.allan.phase import LARGEST, checked_samples, positive_rate
 from allanscope.allan.shard import BLOCK, Shard
 from allanscope.samples import Block
@@ -63,6 +64,9 @@ class AllanBank:
     anchor : array_like, shape (axes,), optional
         Subtracted from every sample; the first sample if not given. Banks that are to be joined
         share one.
+    window : float, optional
+        Keep what `dynamic` needs, for windows of so many seconds at the rate given; 0 has them grow
+        with the run.
 
     Attributes
     ----------
@@ -111,6 +115,7 @@ class AllanBank:
         scale: ArrayLike | None = None,
         *,
         anchor: ArrayLike | None = None,
+        window: float | None = None,
     ) -> None:
         if not (_is_count(axes) and _is_count(per_octave)):
             raise ValueError(
@@ -127,7 +132,12 @@ class AllanBank:
             self._anchor.shape == (axes,) and (np.abs(self._anchor) < LARGEST).all()
         ):
             raise ValueError(f"{axes} axes need as many finite anchors, got {anchor!r}")
-        self._cascade = Cascade(axes, per_octave)
+        if window is not None and not (np.isfinite(window) and window >= 0.0):
+            raise ValueError(
+                f"a window has a length in s, or 0 to grow with the run; got {window!r}"
+            )
+        self._cascade = Cascade(axes, per_octave, 0 if window is None else SLOTS)
+        self._borders = None if window is None else Borders(axes, self.rate, window)
         self._archive = Archive(axes)
         self._curves: Curves | None = None
 
@@ -139,7 +149,13 @@ class AllanBank:
     @property
     def nbytes(self) -> int:
         """Bytes held, all axes together."""
-        return sum(array.nbytes for array in self._arrays().values())
+        windows = self._cascade.marked.nbytes + (self._borders.nbytes if self._borders else 0)
+        return windows + sum(array.nbytes for array in self._arrays().values())
+
+    @property
+    def keeps_windows(self) -> bool:
+        """Whether there is a `dynamic`."""
+        return self._borders is not None
 
     def update(self, samples: Block | ArrayLike) -> None:
         """Take in the next samples, neighbours of the last ones.
@@ -162,18 +178,35 @@ class AllanBank:
         if self._anchor is None:
             self._anchor = data[0].astype(np.float64)
         self._curves = None
-        for start in range(0, len(data), _SLICE):
+        borders, start = self._borders, 0
+        while start < len(data):
+            size = _SLICE if borders is None else min(_SLICE, borders.most_samples)
             piece = np.subtract(
-                data[start : start + _SLICE].T, self._anchor[:, np.newaxis], order="C"
+                data[start : start + size].T, self._anchor[:, np.newaxis], order="C"
             )
+            if borders is not None:
+                self._cascade.make_room(piece.shape[1])
+                borders.plan(self._cascade, piece.shape[1])
             self._cascade.extend(piece)
             self._archive.extend(piece)
+            if borders is not None:
+                borders.collect(self._cascade)
+            start += size
 
-    def gap(self) -> None:
-        """Begin a new segment: no term joins what came before to what comes after."""
+    def gap(self, lost: int = 0) -> None:
+        """Begin a new segment: no term joins what came before to what comes after.
+
+        Parameters
+        ----------
+        lost : int
+            Samples that are missing, for the times of `dynamic`.
+        """
         self._curves = None
         self._cascade.close()
         self._archive.gap()
+        if self._borders is not None:
+            self._borders.close(self._cascade)
+            self._borders.lose(lost)
 
     def deviation(
         self,
@@ -226,19 +259,54 @@ class AllanBank:
             in_units,
             rate,
             level,
-            curves.power_law(kind, sums) if noise is None else alpha_named(noise),
+            curves.noise_types(kind, sums) if noise is None else one_noise(noise),
             bias_corrected=bias_corrected,
             hadamard_factor=hadamard_factor,
         )
 
-    def power_law(self, tau: ArrayLike) -> NDArray[np.int64]:
-        """Return the kind of noise at averaging times in samples, shape (axes, k), as alpha.
+    def dynamic(self, rate: float | None = None) -> DynamicDeviation:
+        """Return the Allan deviation (``oadev``) of each window of the run so far.
 
-        2 white PM to -4 random run FM, see `allanscope.allan.noise_type`; 0 where there is too
-        little data to tell.
+        Parameters
+        ----------
+        rate : float, optional
+            Measured sample rate in Hz instead of the bank's.
+
+        Returns
+        -------
+        DynamicDeviation
+            Each value is that of a bank that took the samples of the window alone. No windows
+            while the run is shorter than one.
+
+        Raises
+        ------
+        ValueError
+            For a bank without windows: one made without `window`, or that has taken in sums of
+            another.
+
+        Examples
+        --------
+        Noise that grows threefold in the middle of the run:
+
+        >>> rng = np.random.default_rng(1)
+        >>> bank = AllanBank(rate=100.0, axes=1, window=60.0)
+        >>> bank.update(rng.normal(0.0, np.repeat([1.0, 3.0], 60_000)))
+        >>> curves = bank.dynamic()
+        >>> at = curves.tau.searchsorted(0.1)
+        >>> curves.deviation[0, [0, -1], at].round(1).tolist()
+        [0.3, 0.9]
         """
-        alpha = self._settled_curves().alpha_at(tau)
-        return np.zeros((self.axes, np.size(tau)), np.int64) if alpha is None else alpha
+        rate = positive_rate(self.rate if rate is None else rate)
+        if self._borders is None:
+            raise ValueError("this bank keeps no windows; give it one: AllanBank(..., window=60.0)")
+        settled, borders = self._cascade.settled(), self._borders.copy()
+        borders.collect(settled)
+        return borders.deviation(settled, self.scale, rate)
+
+    def noise_types(self, tau: ArrayLike) -> NoiseTypes:
+        """Return the noise at averaging times in samples; white FM with too little data to tell."""
+        known = self._settled_curves().noise_at(tau)
+        return known or NoiseTypes(np.zeros((self.axes, np.size(tau)), np.int64))
 
     def wait(self, kind: str, tau: float, rate: float | None = None) -> float:
         """Return how much longer to run, without a gap, until there is a value at a tau.
@@ -293,6 +361,7 @@ class AllanBank:
         if self._anchor is None:
             self._anchor = other._anchor.copy()
         self.gap()
+        self._borders = None  # their sums belong to one run
         self._cascade.merge(other._cascade.settled(), other._anchor - self._anchor)
         self._archive.merge(other._archive)
 
@@ -314,7 +383,7 @@ class AllanBank:
         ) or (self._anchor is not None and np.any(self._anchor != shard.anchor)):
             raise ValueError("the shard has other axes, another anchor or other averaging times")
         self._anchor = shard.anchor.copy()
-        self._curves = None
+        self._curves = self._borders = None
         block_sums = shard.block_sums
         self._cascade.join(shard.cascade, block_sums, shard.start)
         self._archive.join(block_sums, BLOCK)

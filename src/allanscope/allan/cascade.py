@@ -17,6 +17,7 @@ from allanscope.allan.estimators.base import Sums
 from allanscope.allan.kernels import (
     BATCH,
     COLUMNS,
+    FREE,
     HEAD,
     MOMENTS,
     WIDTH,
@@ -60,6 +61,8 @@ class Cascade:
         Number of axes.
     per_octave : int
         Averaging factors in each octave.
+    slots : int
+        Marks that a rung may have at a time: see `allanscope.allan.dynamic`.
 
     Attributes
     ----------
@@ -81,7 +84,7 @@ class Cascade:
     ([1, 2], [[1.0, 2.0]], [[3, 1]])
     """
 
-    def __init__(self, axes: int, per_octave: int) -> None:
+    def __init__(self, axes: int, per_octave: int, slots: int = 0) -> None:
         self.axes = axes
         self.per_octave = per_octave
         self.samples = 0
@@ -94,6 +97,8 @@ class Cascade:
         self.sums = np.zeros((axes, 0, WIDTH))
         self.offsets = np.zeros((axes, 0))
         self.counts = np.zeros((0, 3, len(COLUMNS)), np.int64)
+        self.marks = np.zeros((0, slots), np.int64)
+        self.marked = np.zeros((axes, 0, slots, 3))
         self.grow(1)
 
     def grow(self, levels: int) -> None:
@@ -110,6 +115,8 @@ class Cascade:
         self.offsets = _extended(self.offsets, missing, axis=1)
         self.sums = _extended(self.sums, taus, axis=1)
         self.counts = _extended(self.counts, taus, axis=0)
+        self.marks = _extended(self.marks - FREE, missing, axis=0) + FREE
+        self.marked = _extended(self.marked, taus, axis=1)
 
     @property
     def stride(self) -> NDArray[np.int64]:
@@ -151,16 +158,19 @@ class Cascade:
     def extend(self, samples: NDArray[np.float64]) -> None:
         """Take in the next samples, shape (axes, n), less the anchor of each axis."""
         taken = self.taken + samples.shape[1]
-        # A rung must be there before the rung below it hands up its first entries.
-        self.grow((taken // 32).bit_length())
-        advance(samples, self.taken, self._ladder())
+        self.make_room(samples.shape[1])
+        advance(samples, self.taken, self.ladder())
         self.samples += samples.shape[1]
         self.taken = taken
+
+    def make_room(self, samples: int) -> None:
+        """Add the rungs that so many samples more need, before the one below hands up to them."""
+        self.grow(((self.taken + samples) // 32).bit_length())
 
     def close(self) -> None:
         """End the segment: what comes next is no neighbour of what came before."""
         if self.taken:
-            settle(self.taken, self._ladder())
+            settle(self.taken, self.ladder())
             terms = self._terms_of_segment()
             has_any = terms > 0
             self.counts += np.stack([terms, has_any, has_any * self.taken], axis=1)
@@ -173,6 +183,7 @@ class Cascade:
         copy.rungs, copy.heads = self.rungs.copy(), self.heads.copy()
         copy.sums, copy.counts = self.sums.copy(), self.counts.copy()
         copy.offsets = self.offsets.copy()
+        copy.marks, copy.marked = self.marks.copy(), self.marked.copy()
         copy.close()
         return copy
 
@@ -206,14 +217,14 @@ class Cascade:
             raise ValueError(f"the shard begins at {start}, {self.taken} samples are here")
         count = block_sums.shape[1] << low.levels
         self.grow(((start + count) // 32).bit_length())
-        put_all_back(self._ladder())
-        put_all_back(low._ladder())
+        put_all_back(self.ladder())
+        put_all_back(low.ladder())
         self.rungs[:, : low.levels] = low.rungs
         self.offsets[:, : low.levels] = low.offsets
         if start == 0:
             self.heads[:, : low.levels] = low.heads
         self._add(low.sums)
-        hand_up(block_sums, low.levels, start >> low.levels, self._ladder())
+        hand_up(block_sums, low.levels, start >> low.levels, self.ladder())
         self.samples += count
         self.taken += count
 
@@ -279,8 +290,12 @@ class Cascade:
             covered=covered,
         )
 
-    def _ladder(self) -> Ladder:
-        return Ladder(self.rungs, self.heads, self.lags, self.first, self.sums, self.offsets)
+    def ladder(self) -> Ladder:
+        """Return the arrays as loops take them."""
+        return Ladder(
+            *(self.rungs, self.heads, self.lags, self.first, self.sums, self.offsets),
+            *(self.marks, self.marked),
+        )
 
     def _add(self, theirs: NDArray[np.float64]) -> None:
         """Add sums at the first taus, those of w without losing a digit."""

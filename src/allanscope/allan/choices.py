@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allanscope.allan.deviation import Deviation
-from allanscope.allan.noise_type import NAMES, alpha_named
+from allanscope.allan.noise_type import LETTERS, NAMES, alpha_named
 
 if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
@@ -62,6 +62,11 @@ class CurveChoices:
         Show variances beside deviations: AVAR for ADEV.
     simple_limits : bool
         Show DT0064's deviation -+ deviation / sqrt(terms) beside our limits.
+    window_s : float
+        Length in s of the windows of the Allan deviation over time; 0 has them grow with the run.
+    power_laws : str
+        Letters of ``QPNBKFD``: power laws whose coefficients are fitted once more, those together;
+        ``auto`` for N, B, K and what was identified; none by default.
 
     Raises
     ------
@@ -84,6 +89,8 @@ class CurveChoices:
     bias_corrected: bool | Literal["all"] = True
     variance: bool = False
     simple_limits: bool = False
+    window_s: float = 0.0
+    power_laws: str = ""
 
     def __post_init__(self) -> None:
         for kind in self.kinds:
@@ -95,8 +102,17 @@ class CurveChoices:
             raise ValueError(f"unknown Hadamard factor {self.hadamard!r}; choose sp1065 or dt0064")
         if self.bias_corrected not in (True, False, "all"):
             raise ValueError(f"unknown bias correction {self.bias_corrected!r}; choose True or all")
+        letters = "" if self.power_laws == "auto" else self.power_laws
+        if set(letters) - set(LETTERS.values()):
+            raise ValueError(
+                f"unknown power laws {letters!r}; choose auto or of {''.join(LETTERS.values())}"
+            )
+        if set(letters) & set("FD") and set(letters) & set("QP"):
+            raise ValueError("F and D cannot be fitted beside Q and P: leave one of the pairs out")
         if not 1 <= self.per_octave <= 64:
             raise ValueError(f"{self.per_octave} averaging times in each octave; take 1 to 64")
+        if not 0.0 <= self.window_s < 1e9:
+            raise ValueError(f"a window of {self.window_s} s makes no sense; 0 grows with the run")
         if isinstance(self.taus, str):
             if self.taus and self.taus not in TAU_SETS:
                 names = ", ".join(TAU_SETS)

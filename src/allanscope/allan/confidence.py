@@ -19,12 +19,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import Sums, estimator_named
-from allanscope.allan.noise_type import NAMES
+from allanscope.allan.noise_type import NAMES, NoiseTypes, alpha_named, one_noise
 
-__all__ = ["BiasCorrection", "HadamardFactor", "assemble", "chi_square_limits"]
+__all__ = [
+    "BiasCorrection",
+    "HadamardFactor",
+    "assemble",
+    "chi_square_limits",
+    "degrees_of_freedom",
+    "enclosing_limits",
+]
 
 HadamardFactor = Literal["sp1065", "dt0064"]
 BiasCorrection = bool | Literal["all"]
+
+_NEVER = 1e-300
+"""Probability that is as good as none, of which there still is a quantile."""
 
 _NAMES = np.array([NAMES[alpha] for alpha in range(2, -5, -1)])
 
@@ -34,7 +44,7 @@ def assemble(
     sums: Sums,
     rate: float,
     level: float = 0.95,
-    alpha: ArrayLike | None = None,
+    noise: NoiseTypes | None = None,
     *,
     bias_corrected: BiasCorrection = True,
     hadamard_factor: HadamardFactor = "sp1065",
@@ -51,13 +61,14 @@ def assemble(
         Sample rate in Hz.
     level : float
         Two-sided confidence of the limits.
-    alpha : array_like of int, broadcastable to ``sums.variance``, optional
-        Power law at each tau, from `allanscope.allan.noise_type.identify`. Without it the limits
-        are those of white FM and the noise is ``""``.
+    noise : NoiseTypes, optional
+        Label at each tau, which chooses the customary bias, and levels, on which degrees of freedom
+        and expectations rest. Without it the limits are those of white FM and the noise is ``""``.
     bias_corrected : bool or 'all'
         Divide MTOT, TTOT and HTOT by their published bias; with ``"all"`` TOTDEV and THEO1 too,
         which programs show raw. The limits are for the truth in any case: where the value is known
-        to lie off it, they span both (those of raw THEO1 are for its own expectation).
+        to lie off it, its two tails are shared out so that they enclose it all the same (those of
+        raw THEO1 are for its own expectation).
     hadamard_factor : {'sp1065', 'dt0064'}
         1/6 or 1/2 in front of the squared third difference: the latter makes hdev, ohdev and
         htotdev sqrt(3) larger.
@@ -76,26 +87,24 @@ def assemble(
     if not (math.isfinite(rate) and rate > 0):
         raise ValueError(f"rate must be positive and finite, got {rate!r} Hz")
     m, n = sums.m, sums.n
-    law = np.broadcast_to(0 if alpha is None else np.asarray(alpha, np.int64), sums.variance.shape)
-    known = np.maximum(law, estimator.lowest_alpha)
+    known = noise or one_noise("WFM")
+    law = np.broadcast_to(known.alpha, sums.variance.shape)
     refused = (sums.terms < estimator.min_terms) | ~np.isfinite(sums.variance)
     raw = np.where(refused, np.nan, sums.variance)
     raw = raw * _unit_factor(estimator.hadamard, hadamard_factor)
     if estimator.time:
         raw = raw / rate**2
     pieces, length = _stretches(sums)
-    expectation = estimator.expectation(known, m, length)
-    correction = estimator.correction(known, m, length) if bias_corrected else np.ones(1)
+    edf, expectation, left = estimator.of_mixture(known, m, length, sums.stride)
+    steepest = np.maximum(law, estimator.lowest_alpha)
+    correction = estimator.correction(steepest, m, length) if bias_corrected else np.ones(1)
     if bias_corrected == "all":
-        left = estimator.uncorrected_bias(known, m, length)
         correction, expectation = correction * left, np.where(left == 1.0, expectation, left)
     elif not isinstance(bias_corrected, bool | np.bool_):
         raise ValueError(f"unknown bias_corrected {bias_corrected!r}; choose True, False or 'all'")
     deviation, unbiased = np.sqrt(raw / correction), np.sqrt(raw / expectation)
-    edf = np.maximum(pieces * estimator.edf(known, m, length, sums.stride), 1.0)
-    edf = np.where(refused, np.nan, edf)
-    lower, _ = chi_square_limits(np.minimum(deviation, unbiased), edf, level)
-    _, upper = chi_square_limits(np.maximum(deviation, unbiased), edf, level)
+    edf = np.where(refused, np.nan, np.maximum(pieces * edf, 1.0))
+    lower, upper = enclosing_limits(deviation, unbiased, edf, level)
     tau = estimator.tau(m, n)
     return Deviation(
         kind=kind,
@@ -106,7 +115,7 @@ def assemble(
         upper=upper,
         edf=edf,
         terms=sums.terms,
-        noise=np.where(refused | (alpha is None), "", _NAMES[2 - law]),
+        noise=np.where(refused | (noise is None), "", _NAMES[2 - law]),
         level=level,
         trusted=tau <= estimator.trust_fraction * n,
     )
@@ -121,6 +130,38 @@ def _stretches(sums: Sums) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     if sums.segments is None or sums.covered is None:
         return np.ones_like(sums.m), np.full_like(sums.m, sums.n)
     return sums.segments, sums.covered // sums.segments
+
+
+def degrees_of_freedom(kind: str, noise: str, m: ArrayLike, n: int) -> NDArray[np.float64]:
+    """Return the equivalent degrees of freedom of an estimator with every term there is.
+
+    Parameters
+    ----------
+    kind : str
+        Estimator.
+    noise : str
+        Noise type, ``WPM`` to ``RRFM``; the steepest that the estimator converges for where it is
+        steeper.
+    m : array_like of int, shape (k,)
+        Averaging factors.
+    n : int
+        Number of rate samples.
+
+    Raises
+    ------
+    ValueError
+        For an unknown estimator or noise type.
+
+    Examples
+    --------
+    >>> degrees_of_freedom("totdev", "WFM", [10, 100], 1000).round().tolist()
+    [148.0, 15.0]
+    """
+    estimator = estimator_named(kind)
+    factors = np.atleast_1d(np.asarray(m, np.int64))
+    alpha = max(alpha_named(noise), estimator.lowest_alpha)
+    stride = np.array([estimator.exact_stride(k) for k in factors.tolist()])
+    return np.maximum(estimator.edf(alpha, factors, np.full_like(factors, n), stride), 1.0)
 
 
 def chi_square_limits(
@@ -141,15 +182,53 @@ def chi_square_limits(
     >>> lower.round(3).tolist(), upper.round(3).tolist()
     ([0.446, 0.699, 0.958], [31.91, 1.755, 1.046])
     """
-    from scipy.special import gammaincinv
+    tail = np.float64(_tail(level))
+    return _limits(deviation, edf, tail, tail)
 
+
+def enclosing_limits(
+    deviation: NDArray[np.float64],
+    unbiased: NDArray[np.float64],
+    edf: NDArray[np.float64],
+    level: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return limits of the truth that lie about `unbiased` and enclose `deviation`.
+
+    Where half of what is left out would leave out the value too, the limit on that side is the
+    value, and the other one leaves out all that this does not.
+    """
+    from scipy.special import gammainc, gammaincc
+
+    tail = _tail(level)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at_value = edf / 2.0 * (unbiased / deviation) ** 2
+    at_value = np.where(deviation > 0, at_value, edf / 2.0)
+    below = np.minimum(gammaincc(edf / 2.0, at_value), tail)
+    above = np.minimum(gammainc(edf / 2.0, at_value), tail)
+    under = np.where(above < tail, 2.0 * tail - above, np.maximum(below, _NEVER))
+    over = np.where(below < tail, 2.0 * tail - below, np.maximum(above, _NEVER))
+    lower, upper = _limits(unbiased, edf, under, over)
+    return np.minimum(lower, deviation), np.maximum(upper, deviation)
+
+
+def _tail(level: float) -> float:
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must lie between 0 and 1, got {level!r}")
-    edf = np.asarray(edf, np.float64)
-    tail = (1.0 - level) / 2.0
-    smallest = 2.0 * gammaincinv(edf / 2.0, tail)
-    largest = 2.0 * gammaincinv(edf / 2.0, 1.0 - tail)
-    deviation = np.asarray(deviation, np.float64)
+    return (1.0 - level) / 2.0
+
+
+def _limits(
+    deviation: ArrayLike,
+    edf: ArrayLike,
+    below: NDArray[np.float64] | np.float64,
+    above: NDArray[np.float64] | np.float64,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return limits that the truth is below and above with the probabilities given."""
+    from scipy.special import gammainccinv, gammaincinv
+
+    edf, deviation = np.asarray(edf, np.float64), np.asarray(deviation, np.float64)
+    largest = 2.0 * gammainccinv(edf / 2.0, below)
+    smallest = 2.0 * gammaincinv(edf / 2.0, above)
     return deviation * np.sqrt(edf / largest), deviation * np.sqrt(edf / smallest)
 
 

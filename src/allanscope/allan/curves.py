@@ -34,7 +34,12 @@ from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
 from allanscope.allan.estimators.theo1 import thinned_theo1_variance
 from allanscope.allan.kernels import COLUMNS
-from allanscope.allan.noise_type import at_factors, identify
+from allanscope.allan.noise_type import (
+    NoiseTypes,
+    identify,
+    levels_of,
+    without_drift,
+)
 
 __all__ = ["Curves", "factors_of_rows", "samples_to_value"]
 
@@ -67,7 +72,7 @@ class Curves:
         self._cascade = cascade
         self._archive = archive
         self._known: dict[str, Sums] = {}
-        self._alpha: Ints | None = None
+        self._noise: NoiseTypes | None = None
 
     def sums(self, kind: str) -> Sums:
         """Return the variances of an estimator, of shape (axes, k), in (unit of the samples)^2.
@@ -81,35 +86,36 @@ class Curves:
             self._known[kind] = self._evaluate(kind)
         return self._known[kind]
 
-    def power_law(self, kind: str, sums: Sums) -> Ints | None:
-        """Return alpha at the taus of `sums`, shape (axes, k); None when there is no telling."""
-        return self.alpha_at(estimator_named(kind).tau(sums.m, sums.n))
+    def noise_types(self, kind: str, sums: Sums) -> NoiseTypes | None:
+        """Return the noise at the taus of `sums`; None when there is no telling."""
+        return self.noise_at(estimator_named(kind).tau(sums.m, sums.n))
 
-    def alpha_at(self, tau: ArrayLike) -> Ints | None:
-        """Return alpha at averaging times in samples, shape (axes, k); None without any value."""
+    def noise_at(self, tau: ArrayLike) -> NoiseTypes | None:
+        """Return the noise at averaging times in samples; None without any value."""
         allan = self.sums("oadev")
         # At powers of two only: the finer taus of a bank must not change what an array is told.
         octave = (allan.m & (allan.m - 1)) == 0
         if not octave.any():
             return None
-        if self._alpha is None:
-            self._alpha = self._identified(allan, octave)
-        return at_factors(tau, allan.m[octave], self._alpha)
+        if self._noise is None:
+            self._noise = self._identified(allan, octave)
+        return self._noise.at(tau, allan.m[octave])
 
-    def _identified(self, allan: Sums, octave: NDArray[np.bool_]) -> Ints:
+    def _identified(self, allan: Sums, octave: NDArray[np.bool_]) -> NoiseTypes:
         standard, hadamard, modified = (
             _on_taus(self.sums(kind), allan.m)[:, octave] for kind in ("ostdev", "ohdev", "mdev")
         )
-        return identify(
-            allan.m[octave],
-            allan.n,
-            stdvar=standard,
-            avar=allan.variance[:, octave],
-            hvar=hadamard,
-            mvar=modified,
-            drift=self._archive.drift(),
-            drift_seen=self._archive.mean_second_differences(allan.m[octave]),
+        m, n = allan.m[octave], allan.n
+        plain = without_drift(
+            m,
+            n,
+            allan.variance[:, octave],
+            modified,
+            self._archive.drift(),
+            self._archive.mean_second_differences(m),
         )
+        alpha = identify(m, n, stdvar=standard, avar=plain[0], hvar=hadamard, mvar=plain[1])
+        return NoiseTypes(alpha, levels_of(m, n, *plain, alpha))
 
     def _evaluate(self, kind: str) -> Sums:
         estimator = estimator_named(kind)

@@ -23,11 +23,12 @@ in units of tau:
 F is m for a plain variance (the phase is averaged over one sample) and 1 for a modified one.
 
 A sensor's phase is a running sum of samples and no average of a continuous one. For m below ten or
-so that matters, so the plain variances of alpha >= -2 take the covariance of discrete power-law
+so that matters, so the plain variances take the covariance of discrete power-law
 noise, S(f) ~ |2 sin(pi f)|^alpha, which is a closed form of the lag j in samples. With
 ``h(j) = 1 + 1/3 + ... + 1/(2j - 1)`` it is, up to what differences remove::
 
-    flicker PM -h(j), white FM -j, flicker FM (j^2/2 - 1/8) h(j), random walk FM j^3 - j
+    flicker PM -h(j), white FM -j, flicker FM (j^2/2 - 1/8) h(j), random walk FM j^3 - j,
+    flicker walk -(j^2 - 1/4) (j^2 - 9/4) h(j), random run -j (j^2 - 1) (j^2 - 4)
 """
 
 from __future__ import annotations
@@ -325,20 +326,23 @@ def phase_autocovariance(lag: Floats, width: float, alpha: int) -> Floats:
 def sampled_autocovariance(lag: Floats, width: float, alpha: int) -> Floats:
     """Return s_x of a running sum of samples, with arguments as for `difference_autocovariance`.
 
-    White PM and noise steeper than a random walk are as in `phase_autocovariance`.
+    White PM is as in `phase_autocovariance`.
     """
-    if alpha not in (1, 0, -1, -2) or np.isinf(width):
+    if alpha == 2 or np.isinf(width):
         return phase_autocovariance(lag, width, alpha)
     from scipy.special import digamma
 
     j = np.abs(lag) * width
-    if alpha == 0:
-        return -j
-    if alpha == -2:
-        return j**3 - j
+    even = {0: -j, -2: j**3 - j, -4: -j * (j**2 - 1.0) * (j**2 - 4.0)}
+    if alpha in even:
+        return np.asarray(even[alpha])
     odd = 0.5 * (digamma(j + 0.5) - digamma(0.5))
-    covariance: Floats = -odd if alpha == 1 else (j**2 / 2.0 - 0.125) * odd
-    return covariance
+    factor = {
+        1: -np.ones_like(j),
+        -1: j**2 / 2.0 - 0.125,
+        -3: -(j**2 - 0.25) * (j**2 - 2.25),
+    }
+    return np.asarray(factor[alpha] * odd)
 
 
 def _power(lag: Floats, alpha: int) -> Floats:

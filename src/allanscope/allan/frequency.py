@@ -46,7 +46,7 @@ _SAME_AS = {
 
 
 def transfer(kind: str, f: ArrayLike, m: int, rate: float) -> Floats:
-    """Return |H(f)|^2 of an estimator.
+    """Return ``|H(f)|^2`` of an estimator.
 
     Parameters
     ----------

@@ -63,8 +63,10 @@ from allanscope.compiled import Pointer, kernel
 __all__ = [
     "BATCH",
     "COLUMNS",
+    "FREE",
     "HEAD",
     "MOMENTS",
+    "NOTED",
     "WIDTH",
     "Ladder",
     "advance",
@@ -93,6 +95,9 @@ sum of squares, each in two doubles."""
 
 WIDTH = 21
 
+FREE, NOTED = -1, -2
+"""A place for a mark that has none, and one whose sums have been noted: see `Ladder`."""
+
 
 class Ladder(NamedTuple):
     """All rungs of all axes, and the sums that their terms go to.
@@ -112,6 +117,12 @@ class Ladder(NamedTuple):
         Sums of squares (`COLUMNS`), then what `MOMENTS` says.
     offsets : ndarray, shape (axes, levels)
         What the entries of a rung count from, in units of the samples.
+    marks : ndarray of int64, shape (levels, slots)
+        Numbers of samples of the open segment at which each rung is to note its sums of OADEV:
+        `FREE` where there is none, `NOTED` once it is done.
+    marked : ndarray, shape (axes, taus, slots, 3)
+        At each mark: the squares of the terms that end there or before, the squares of those that
+        reach across, and the number of these.
     """
 
     rungs: Floats
@@ -120,6 +131,8 @@ class Ladder(NamedTuple):
     first: Ints
     sums: Floats
     offsets: Floats
+    marks: Ints
+    marked: Floats
 
 
 _LADDER = (
@@ -128,7 +141,9 @@ _LADDER = (
     *(Pointer(np.int64, 1), Pointer(np.int64, 1)),
     Pointer(np.float64, 3, written=True),
     Pointer(np.float64, 2, written=True),
-    *(int, int),
+    Pointer(np.int64, 2, written=True),
+    Pointer(np.float64, 4, written=True),
+    *(int, int, int),
 )
 _advance = kernel("cascade_advance", Pointer(np.float64, 2), int, int, *_LADDER)
 _settle = kernel("cascade_settle", int, *_LADDER)
@@ -194,7 +209,7 @@ def hand_up(block_sums: Floats, level: int, taken: int, ladder: Ladder) -> None:
 def _checked(ladder: Ladder, axes: int | None = None) -> tuple[Any, ...]:
     """Return a ladder as loops take it; ValueError where its arrays do not fit together."""
     rows, levels = ladder.rungs.shape[:2]
-    taus = int(ladder.first[-1])
+    taus, slots = int(ladder.first[-1]), ladder.marks.shape[1]
     if (
         ladder.rungs.shape[2:] != (3, 2 * BATCH)
         or ladder.heads.shape != (rows, levels, HEAD)
@@ -202,10 +217,12 @@ def _checked(ladder: Ladder, axes: int | None = None) -> tuple[Any, ...]:
         or ladder.lags.shape != (taus,)
         or ladder.sums.shape != (rows, taus, WIDTH)
         or ladder.offsets.shape != (rows, levels)
+        or ladder.marks.shape != (levels, slots)
+        or ladder.marked.shape != (rows, taus, slots, 3)
         or axes not in (None, rows)
     ):
         raise ValueError("the arrays of a ladder do not fit together")
-    return *ladder, rows, levels
+    return *ladder, rows, levels, slots
 
 
 def offset_near(offset: float, rise: float, samples: float) -> float:

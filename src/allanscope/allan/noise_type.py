@@ -11,19 +11,49 @@ noise. Two ratios of variances that a stream keeps anyway tell it:
 * from m = 2 on the ratio ``R(n) = MVAR / AVAR`` (DT0064 and SP 1065 use it to part white from
   flicker PM, which AVAR cannot). It rises with every step from white PM to random run, scatters
   least of all ratios, and unlike the autocorrelation does not confuse white FM with flicker PM.
+
+Labels are for the eye. Near a knee two noises share a variance, and beyond a 32nd of the run no
+ratio tells them apart; but what the shorter times show goes on at the longer ones. Degrees of
+freedom and biases therefore rest on levels of the five power laws from white PM to random walk FM
+(`levels_of`): the sum of their variances, none negative, that is nearest to AVAR and to
+MVAR / AVAR at all octaves.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["NAMES", "alpha_named", "at_factors", "identify"]
+__all__ = [
+    "ALPHAS",
+    "LETTERS",
+    "NAMES",
+    "Family",
+    "NoiseTypes",
+    "alpha_named",
+    "at_factors",
+    "identify",
+    "levels_of",
+    "one_noise",
+    "unit_variance",
+    "without_drift",
+]
+
+Floats = NDArray[np.float64]
+Family = Literal["avar", "mvar", "hvar"]
 
 NAMES = {2: "WPM", 1: "FPM", 0: "WFM", -1: "FFM", -2: "RWFM", -3: "FWFM", -4: "RRFM"}
 """Names of the power laws of the rate, S_y(f) ~ f^alpha, by alpha."""
 
-_ALPHA = np.array([2, 1, 0, -1, -2, -3, -4])
+LETTERS = {2: "Q", 1: "P", 0: "N", -1: "B", -2: "K", -3: "F", -4: "D"}
+"""Letter of the coefficient of each power law."""
+
+ALPHAS = tuple(NAMES)
+_ALPHA = np.array(ALPHAS)
 
 _FEWEST_WINDOWS = 32
 """n / m from which on R(n) is right in at least four of five runs whatever the noise."""
@@ -89,12 +119,7 @@ def identify(
     array([0, 0, 0, 0])
     """
     m = np.asarray(m, np.float64)
-    slope = np.asarray(drift, np.float64)[..., np.newaxis]
-    slope = slope if n >= _FEWEST_WINDOWS else np.zeros_like(slope)  # of few samples it is noise
-    in_allan, in_modified = (slope, slope) if drift_seen is None else drift_seen
-    # Of <(D - s m^2)^2> / (2 m^2), D being the second differences.
-    allan = np.asarray(avar, np.float64) - m**2 * slope * (np.asarray(in_allan) - slope / 2.0)
-    modified = np.asarray(mvar, np.float64) - m**2 * slope * (np.asarray(in_modified) - slope / 2.0)
+    allan, modified = without_drift(m, n, avar, mvar, drift, drift_seen)
     with np.errstate(divide="ignore", invalid="ignore"):
         by_ratio = _from_modified(m, modified / allan)
         by_correlation = _from_correlation(
@@ -105,6 +130,25 @@ def identify(
     first = (m == 1) & (n >= _FEWEST_SAMPLES)
     alpha = np.where(first, by_correlation, np.where(m * _FEWEST_WINDOWS <= n, by_ratio, np.nan))
     return _hold(alpha).astype(np.int64)
+
+
+def without_drift(
+    m: ArrayLike,
+    n: int,
+    avar: ArrayLike,
+    mvar: ArrayLike,
+    drift: ArrayLike = 0.0,
+    drift_seen: tuple[ArrayLike, ArrayLike] | None = None,
+) -> tuple[Floats, Floats]:
+    """Return AVAR and MVAR without a slope of the rate; arguments as for `identify`."""
+    m = np.asarray(m, np.float64)
+    slope = np.asarray(drift, np.float64)[..., np.newaxis]
+    slope = slope if n >= _FEWEST_WINDOWS else np.zeros_like(slope)  # of few samples it is noise
+    in_allan, in_modified = (slope, slope) if drift_seen is None else drift_seen
+    # Of <(D - s m^2)^2> / (2 m^2), D being the second differences.
+    allan = np.asarray(avar, np.float64) - m**2 * slope * (np.asarray(in_allan) - slope / 2.0)
+    modified = np.asarray(mvar, np.float64) - m**2 * slope * (np.asarray(in_modified) - slope / 2.0)
+    return allan, modified
 
 
 def at_factors(wanted: ArrayLike, m: ArrayLike, alpha: ArrayLike) -> NDArray[np.int64]:
@@ -175,3 +219,193 @@ def _hold(alpha: NDArray[np.float64]) -> NDArray[np.float64]:
     last = np.maximum.accumulate(last, axis=-1)
     held = np.take_along_axis(alpha, np.maximum(last, 0), axis=-1)
     return np.where(last >= 0, held, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseTypes:
+    """The noise of a record: a label at each averaging time, and levels that add up.
+
+    Attributes
+    ----------
+    alpha : ndarray of int, shape (k,) or (axes, k)
+        Label at each averaging time, as from `identify`.
+    levels : ndarray, shape (5,) or (axes, 5), or None
+        Level of white PM, flicker PM, white FM, flicker FM and random walk FM, in units of
+        `unit_variance`; None where the labels are all that is known. An axis of zeros is one that
+        has steeper noise, or no variances: its labels count.
+    """
+
+    alpha: NDArray[np.int64]
+    levels: Floats | None = None
+
+    def at(self, wanted: ArrayLike, tau: Floats) -> NoiseTypes:
+        """Return the noise at other averaging times than the `tau` it was found at."""
+        alpha = np.asarray(self.alpha)
+        alpha = np.broadcast_to(alpha, (*alpha.shape[:-1], tau.size))
+        return NoiseTypes(at_factors(wanted, tau, alpha), self.levels)
+
+    def shares(self, family: Family, tau: Floats) -> Floats:
+        """Return which part of a variance each power law has, from alpha = 2 to -4.
+
+        Parameters
+        ----------
+        family : {'avar', 'mvar', 'hvar'}
+            Variance.
+        tau : ndarray, shape (k,)
+            Averaging times in samples.
+
+        Returns
+        -------
+        ndarray, shape (k, 7) or (axes, k, 7)
+        """
+        alpha = np.asarray(self.alpha)
+        alpha = np.broadcast_to(alpha, (*alpha.shape[:-1], tau.size))
+        labelled = np.asarray(alpha[..., np.newaxis] == _ALPHA, np.float64)
+        if self.levels is None:
+            return labelled
+        powers = self.levels[..., np.newaxis, :] * unit_variance(family, tau).T
+        total = powers.sum(axis=-1, keepdims=True)
+        mixed = np.zeros(labelled.shape)
+        mixed[..., :_LEVELS] = powers / np.where(total > 0, total, 1.0)
+        return np.where(total > 0, mixed, labelled)
+
+
+def one_noise(noise: str) -> NoiseTypes:
+    """Return one noise type at every averaging time."""
+    return NoiseTypes(np.array([alpha_named(noise)]))
+
+
+def levels_of(m: ArrayLike, n: int, avar: ArrayLike, mvar: ArrayLike, alpha: ArrayLike) -> Floats:
+    """Return the levels of the five power laws that together are nearest to a curve.
+
+    Parameters
+    ----------
+    m : array_like of int, shape (k,)
+        Averaging factors: octaves.
+    n : int
+        Number of rate samples.
+    avar, mvar : array_like, shape (axes, k)
+        Without drift; NaN where there is none.
+    alpha : array_like of int, shape (axes, k)
+        Labels: where one is steeper than a random walk there are no levels.
+
+    Returns
+    -------
+    ndarray, shape (axes, 5)
+
+    Examples
+    --------
+    >>> m = 2 ** np.arange(8)
+    >>> white, walk = unit_variance("avar", m)[[2, 4]]
+    >>> slow, fast = unit_variance("mvar", m)[[2, 4]]
+    >>> alpha = np.zeros((1, 8), np.int64)
+    >>> levels_of(m, 1024, [3 * white + 2 * walk], [3 * slow + 2 * fast], alpha).round(6).tolist()
+    [[0.0, 0.0, 3.0, 0.0, 2.0]]
+    """
+    from scipy.optimize import nnls
+
+    m = np.asarray(m, np.float64)
+    plain, modified = (unit_variance(kind, m).T for kind in _FITTED)
+    scale = plain.max(axis=0)
+    found = np.zeros((len(np.atleast_2d(avar)), _LEVELS))
+    for axis, (allan, smooth, label) in enumerate(
+        zip(np.atleast_2d(avar), np.atleast_2d(mvar), np.atleast_2d(alpha), strict=True)
+    ):
+        use = (m * _FEWEST_SPANS <= n) & (allan > 0) & (smooth > 0)
+        if use.sum() < _FEWEST_POINTS or label.min() < -2:
+            continue
+        size = allan[use].max()
+        first, second = plain[use] / scale, modified[use] / scale
+        measured, ratio = allan[use] / size, smooth[use] / allan[use]
+        apart = m[use] > 1  # at m = 1 the two are the same
+        sigma = np.sqrt(2.0 * m[use] / (_EDF * n))
+        expected, averaged = measured, smooth[use] / size
+        levels = np.zeros(_LEVELS)
+        for _ in range(_ROUNDS):
+            weight = 1.0 / (expected * sigma)
+            of_ratio = (apart / (_RATIO * sigma * averaged))[:, np.newaxis]
+            rows = [first * weight[:, np.newaxis]]
+            rows.append((second - ratio[:, np.newaxis] * first) * of_ratio)
+            wanted = np.append(measured * weight, np.zeros(int(use.sum())))
+            try:
+                levels, _ = nnls(np.concatenate(rows), wanted)
+            except RuntimeError:  # the columns are nearly dependent: those of the last round stand
+                break
+            if not levels.any():
+                break
+            expected, averaged = first @ levels, second @ levels
+        found[axis] = levels / scale * size
+    return found
+
+
+_LEVELS = 5
+_FITTED: tuple[Family, ...] = ("avar", "mvar")
+_FEWEST_SPANS = 8
+"""n / m from which on a variance has a say in the levels."""
+_FEWEST_POINTS = 3
+_EDF = 1.3
+"""Degrees of freedom in n / m, roughly, of any noise."""
+_RATIO = 0.4
+"""Scatter of MVAR / AVAR in that of AVAR: both are of the same samples."""
+_ROUNDS = 3
+_SUMMED = 256
+"""Averaging time up to which MVAR is the exact sum; flicker PM goes on as its limit."""
+
+
+def unit_variance(family: Family, tau: ArrayLike) -> Floats:
+    """Return the variance of each power law of unit level, from white PM to random walk FM.
+
+    Of discrete noise with the density |2 sin(pi f)|^alpha, up to a factor for each power law that
+    all variances have in common.
+
+    Parameters
+    ----------
+    family : {'avar', 'mvar', 'hvar'}
+        Variance.
+    tau : array_like, shape (k,)
+        Averaging times in samples.
+
+    Returns
+    -------
+    ndarray, shape (5, k)
+
+    Examples
+    --------
+    >>> unit_variance("avar", [1, 2, 4])[2].tolist()
+    [2.0, 1.0, 0.5]
+    """
+    t = np.asarray(tau, np.float64)
+    if family == "hvar":
+        weights = (20.0, -30.0, 12.0, -2.0)
+        third = [w * _lagged(k * t) for k, w in enumerate(weights)]
+        return np.asarray(np.sum(third, axis=0) / (6.0 * t**2))
+    allan = (6.0 * _lagged(0.0 * t) - 8.0 * _lagged(t) + 2.0 * _lagged(2.0 * t)) / (2.0 * t**2)
+    if family == "avar":
+        return allan
+    ratio = np.stack([_modified_ratio(float(one)) for one in t.tolist()], axis=-1)
+    return np.asarray(allan * ratio)
+
+
+def _lagged(j: Floats) -> Floats:
+    """Return the covariance of the phase at a lag in samples, up to what differences remove."""
+    from scipy.special import digamma
+
+    odd = 0.5 * (digamma(j + 0.5) - digamma(0.5))
+    spike = np.where(j == 0, 1.0, 0.0)
+    return np.stack([spike, -odd, -j, (j**2 / 2.0 - 0.125) * odd, j**3 - j])
+
+
+@lru_cache(maxsize=1024)
+def _modified_ratio(tau: float) -> Floats:
+    """Return MVAR / AVAR of each power law: a sum over pairs up to m = 32, its limit above."""
+    if tau > _SUMMED:
+        flicker_pm = 3.37 / (1.04 + 3.0 * np.log(np.pi * tau))
+        return np.array([1.0 / tau, flicker_pm, *_modified_ratio(float(_SUMMED))[2:]])
+    m = max(round(tau), 1)
+    d = np.arange(1.0 - m, m)
+    total = np.zeros(_LEVELS)
+    for k, weight in ((0, 6.0), (1, -4.0), (-1, -4.0), (2, 1.0), (-2, 1.0)):
+        total += weight * (_lagged(np.abs(d + k * m)) @ (m - np.abs(d)))
+    modified = total / (2.0 * float(m) ** 4)
+    ratio: Floats = modified / unit_variance("avar", [m])[:, 0]
+    return ratio

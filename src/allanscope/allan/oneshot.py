@@ -20,13 +20,13 @@ from allanscope.allan.confidence import BiasCorrection, HadamardFactor, assemble
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.estimators import REGISTRY, Estimator, Sums, estimator_named
 from allanscope.allan.estimators.base import AverageEstimator
-from allanscope.allan.noise_type import alpha_named
+from allanscope.allan.noise_type import NoiseTypes, one_noise
 from allanscope.allan.phase import DataKind, to_phases
 
 if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
 
-__all__ = ["Taus", "choose_factors", "deviation", "power_law"]
+__all__ = ["Taus", "choose_factors", "deviation", "factors_of", "identify_noise", "noise_types"]
 
 Phases = list[NDArray[np.float64]]
 
@@ -118,24 +118,52 @@ def deviation(
     sums = _sums(estimator, phases, factors, n)
     if len(phases) > 1:
         sums = _with_values(estimator, sums, taus, rate, max(phase.size - 1 for phase in phases))
-    alpha = (
-        power_law(phases, estimator.tau(sums.m, n))
-        if noise is None
-        else np.array(alpha_named(noise))
-    )
+    tau = estimator.tau(sums.m, n)
+    known = noise_types(phases, tau) if noise is None else one_noise(noise)
     return assemble(
         kind,
         sums,
         rate,
         level,
-        alpha,
+        known,
         bias_corrected=bias_corrected,
         hadamard_factor=hadamard_factor,
     )
 
 
-def power_law(phases: Phases, tau: ArrayLike) -> NDArray[np.int64]:
-    """Return the noise type of a record at each averaging time in samples, as alpha.
+def identify_noise(
+    data: ArrayLike, rate: float, taus: Taus = "octave", data_kind: DataKind = "rate"
+) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
+    """Return averaging times in s and the noise type that dominates at each.
+
+    Parameters
+    ----------
+    data, rate, taus, data_kind
+        As for `deviation`.
+
+    Returns
+    -------
+    tau, noise : ndarray, shape (k,)
+        ``WPM FPM WFM FFM RWFM FWFM RRFM``, that of the curve's `Deviation.noise`.
+
+    Examples
+    --------
+    >>> walk = np.random.default_rng(3).normal(size=2000).cumsum()
+    >>> tau, noise = identify_noise(walk, 10.0, [0.1, 0.4])
+    >>> noise.tolist()
+    ['RWFM', 'RWFM']
+    """
+    curve = deviation(data, rate, "oadev", taus, data_kind)
+    return curve.tau, curve.noise
+
+
+def factors_of(kind: str, taus: Taus, n: int, rate: float) -> NDArray[np.int64]:
+    """Return the averaging factors of an estimator by name; see `choose_factors`."""
+    return choose_factors(estimator_named(kind), taus, n, rate)
+
+
+def noise_types(phases: Phases, tau: ArrayLike) -> NoiseTypes:
+    """Return the noise of a record at averaging times in samples.
 
     Parameters
     ----------
@@ -146,11 +174,11 @@ def power_law(phases: Phases, tau: ArrayLike) -> NDArray[np.int64]:
 
     Returns
     -------
-    ndarray of int64, shape (k,)
-        2 (white PM) to -4, see `allanscope.allan.noise_type.identify`.
+    NoiseTypes
+        Of one axis.
     """
-    alpha: NDArray[np.int64] = _bank(phases, 1.0, 1).power_law(tau)[0]
-    return alpha
+    found = _bank(phases, 1.0, 1).noise_types(tau)
+    return NoiseTypes(found.alpha[0], None if found.levels is None else found.levels[0])
 
 
 def _bank(phases: Phases, rate: float, per_octave: int) -> AllanBank:

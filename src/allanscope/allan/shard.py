@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan.cascade import Cascade
-from allanscope.allan.kernels import BATCH, Ladder, advance, offset_near
+from allanscope.allan.kernels import BATCH, advance, offset_near
 from allanscope.compiled import Pointer, kernel
 
 __all__ = ["ALIGNED", "BLOCK", "LEVELS", "Shard"]
@@ -115,7 +115,7 @@ class Shard:
     def _advance(self, samples: NDArray[np.generic]) -> list[NDArray[np.float64]]:
         """Feed the low rungs; return the samples less the anchor, shape (axes, n) each."""
         low = self.cascade
-        ladder = Ladder(low.rungs, low.heads, low.lags, low.first, low.sums, low.offsets)
+        ladder = low.ladder()
         taken = []
         for begin in range(0, len(samples), _SLICE):
             one = np.subtract(

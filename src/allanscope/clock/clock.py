@@ -146,11 +146,13 @@ class Clock:
             return self._fit(host, "host", host_sigma, host, device)
         return RateFit(self.nominal_hz, self.nominal_hz, "nominal", host=host, device=device)
 
-    def arrivals(self) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-        """Return numbers of samples and times in s, each shape (k,), by the clock of `rate`.
+    def arrivals(
+        self,
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]] | None:
+        """Return numbers of samples, times in s and segments, each (k,), by the clock of `rate`.
 
-        They tell how the rate wandered. None while the rate is not measured, and where the numbers
-        have lost their meaning in between.
+        They tell how the rate wandered. Within a segment numbers and times have one origin. None
+        while the rate is not measured.
         """
         source = self.rate().source
         if source == "nominal":
@@ -254,13 +256,15 @@ class Envelope:
         self._take()
         return self._fit()
 
-    def arrivals(self) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-        """Return numbers and times of what is kept, each shape (k,); None of several segments."""
+    def arrivals(
+        self,
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]] | None:
+        """Return numbers, times and segments of what is kept, each (k,); None of nothing."""
         self._take()
         rows = slice(0, self._used)
-        if not self._used or np.ptp(self._segment[rows]) > 0:
+        if not self._used:
             return None
-        return self._index[rows].copy(), self._time_s[rows].copy()
+        return self._index[rows].copy(), self._time_s[rows].copy(), self._segment[rows].copy()
 
     def _fit(self) -> LineFit | None:
         used = self._used - 1 if self._used > SETTLED_ROWS else self._used

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from allanscope.quantities import TWO_SIDED_95
+from allanscope.quantities import MAD_TO_SIGMA, TWO_SIDED_95
 
 __all__ = ["ClockError", "LineFit", "RateFit", "fit_line"]
 
@@ -40,7 +40,6 @@ LEAST_WARMING_C = 0.5
 THERMOMETER = 0.01
 """Share of a temperature coefficient that the noise and the scale of the thermometer may make."""
 
-MAD_TO_SIGMA = 1.4826
 TIGHTEST_S = 1e-7
 """No clock is read more finely than this; residuals below are rounding."""
 

@@ -30,7 +30,7 @@ FLAGS = (
     *("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fno-sanitize=undefined"),
 )
 
-LEVELS = {"x86_64": {1: "x86-64", 3: "x86-64-v3"}}
+LEVELS = {"x86_64": {1: "x86-64", 3: "x86-64-v3", 4: "x86-64-v4"}}
 """Processors that a library is compiled for, by architecture; `processor.c` chooses."""
 
 _OLDEST = {"linux": "2.17", "macos": "11.0"}
@@ -91,6 +91,8 @@ def build(folder: Path) -> Path:
             objects.append(str(room / f"v{level}.o"))
             chosen = f"-mcpu={name.replace('-', '_')}" if zig else f"-march={name}"
             processor = [chosen] if name else []
+            if level == 4:
+                processor.append("-mprefer-vector-width=512")
             library = (f"-DLEVEL=v{level}", "-c", str(HERE / "library.c"), "-o", objects[-1])
             run(*target, *FLAGS, *processor, *library)
         made = room / library_name()

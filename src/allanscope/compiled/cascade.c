@@ -3,19 +3,22 @@
 #include "kernels.h"
 
 enum { BATCH = 256, HEAD = 128, WIDTH = 21, ENTRIES = 2 * BATCH };
+enum { LONGEST_TERM = 2 * 63, NOTED = -2 };
 enum { OSTDEV, OADEV, OHDEV, MDEV, PDEV, STDEV, ADEV, HDEV, TOTDEV, OSTDEV_MOMENTS, STDEV_MOMENTS = 15 };
 
 /* `Ladder` of allan/kernels.py, as kernels receive it. */
 #define LADDER                                                                                   \
     double *rungs, double *heads, const int64_t *lags, const int64_t *first, double *sums,       \
-        double *offsets, int64_t axes, int64_t levels
-#define THE_LADDER {rungs, heads, lags, first, sums, offsets, axes, levels}
+        double *offsets, int64_t *marks, double *marked, int64_t axes, int64_t levels, int64_t slots
+#define THE_LADDER {rungs, heads, lags, first, sums, offsets, marks, marked, axes, levels, slots}
 
 typedef struct {
     double *rungs, *heads;
     const int64_t *lags, *first;
     double *sums, *offsets;
-    int64_t axes, levels;
+    int64_t *marks;
+    double *marked;
+    int64_t axes, levels, slots;
 } ladder;
 
 /* Entries x, z, q of a rung, ENTRIES each. */
@@ -105,14 +108,14 @@ static void with_offset(
     }
 }
 
-/* Add the terms that end at n entries, all estimators at once. */
-static void full_overlap(
-    const double *restrict rung, int64_t start, int64_t n, int64_t k, double stride,
+/* Add the terms that end at n entries, all estimators at once.
+
+   On rung 0 MDEV sums z + x, which include the last phase: one more term, as SP 1065 counts. */
+static inline __attribute__((always_inline)) void overlap(
+    const double *restrict rung, int64_t start, int64_t n, int64_t k, double stride, int inclusive,
     double *restrict total) {
     const double *x = rung + start, *z = x + ENTRIES, *q = z + ENTRIES;
     double half = 0.5 * (double)k * stride;
-    /* On rung 0 MDEV sums z + x, which include the last phase: one more term, as SP 1065 counts. */
-    double inclusive = stride == 1.0 ? 1.0 : 0.0;
     lanes w_sums = {0.0}, ww = {0.0}, dd = {0.0}, hh = {0.0}, ee = {0.0}, rr = {0.0};
 #define TERMS(type, j)                                                                           \
     type x0 = *(const type *)(x + (j)), x1 = *(const type *)(x + (j) - k);                       \
@@ -122,9 +125,19 @@ static void full_overlap(
     type q0 = *(const type *)(q + (j)), q1 = *(const type *)(q + (j) - k);                       \
     type q2 = *(const type *)(q + (j) - 2 * k);                                                  \
     type w = x0 - x1, before = x1 - x2, d = w - before, h = d - (before - (x2 - x3));            \
-    type e = (z0 - z3) - 3.0 * (z1 - z2) + inclusive * h;                                        \
+    type e = (z0 - z3) - 3.0 * (z1 - z2);                                                        \
+    if (inclusive) e += h;                                                                       \
     type r = half * (z0 - z2) - ((q0 - q1) - (q1 - q2));
     int64_t j = 0;
+#if defined(WIDE)
+#define ADD(sums, value) sums += first_of(value), sums += second_of(value)
+    for (; j + 2 * LANES <= n; j += 2 * LANES) {
+        TERMS(wide, j)
+        wide w2 = w * w, d2 = d * d, h2 = h * h, e2 = e * e, r2 = r * r;
+        ADD(w_sums, w), ADD(ww, w2), ADD(dd, d2), ADD(hh, h2), ADD(ee, e2), ADD(rr, r2);
+    }
+#undef ADD
+#endif
     for (; j + LANES <= n; j += LANES) {
         TERMS(lanes, j)
         w_sums += w, ww += w * w, dd += d * d, hh += h * h, ee += e * e, rr += r * r;
@@ -142,6 +155,14 @@ static void full_overlap(
     total[OHDEV] += sum_of(hh);
     total[MDEV] += sum_of(ee);
     total[PDEV] += sum_of(rr);
+}
+
+static void full_overlap(
+    const double *rung, int64_t start, int64_t n, int64_t k, double stride, double *total) {
+    if (stride == 1.0)
+        overlap(rung, start, n, k, stride, 1, total);
+    else
+        overlap(rung, start, n, k, stride, 0, total);
 }
 
 /* Add the terms of a segment's first 3 k entries, where the longer differences do not fit. */
@@ -203,6 +224,46 @@ static void no_overlap(const double *x, int64_t before, int64_t stop, int64_t k,
     total[STDEV] += ww;
     total[ADEV] += dd;
     total[HDEV] += hh;
+}
+
+/* Number of the first term after entry `from`, by its end: it begins with its segment at the earliest. */
+static int64_t first_end(int64_t from, int64_t k) { return from < 2 * k ? 2 * k : from + 1; }
+
+/* Sum of the squares that OADEV has of the terms that end after entry `from`, up to `to`, of a rung
+   that has spent `before`. */
+static double squares_between(const double *rung, int64_t before, int64_t from, int64_t to, int64_t k) {
+    double total = 0.0;
+    int64_t shift = BATCH - 1 - before;
+    for (int64_t j = shift + first_end(from, k); j <= shift + to; j++) {
+        double d = (rung[j] - rung[j - k]) - (rung[j - k] - rung[j - 2 * k]);
+        total += d * d;
+    }
+    return total;
+}
+
+/* Note for each mark of a rung, a number of samples, the squares of all terms that end there or
+   before, and of those that reach across it with their number: `allan/dynamic.py`. It is done when
+   the last of these has come, and `spend` has not yet taken them. */
+static void note_marks(
+    const ladder *l, int64_t axis, int64_t level, int64_t before, int64_t new, int is_end) {
+    const double *rung = rung_of(l, axis, level);
+    int64_t *marks = l->marks + level * l->slots, now = before + new;
+    for (int64_t slot = 0; slot < l->slots; slot++) {
+        int64_t mark = marks[slot], here = mark >> level;
+        int64_t next = (mark + ((int64_t)1 << level) - 1) >> level;
+        if (mark < 0 || next + LONGEST_TERM <= before) continue;
+        if (!is_end && next + LONGEST_TERM > now) continue;
+        for (int64_t t = l->first[level]; t < l->first[level + 1]; t++) {
+            int64_t k = l->lags[t], last = least(next + 2 * k - 1, now);
+            double *found = l->marked + ((axis * l->first[l->levels] + t) * l->slots + slot) * 3;
+            double spent = sums_of(l, axis, t)[OADEV];
+            found[0] = here < before ? spent - squares_between(rung, before, here, before, k)
+                                     : spent + squares_between(rung, before, before, here, k);
+            found[1] = squares_between(rung, before, here, last, k);
+            found[2] = last < first_end(here, k) ? 0.0 : (double)(last - first_end(here, k) + 1);
+        }
+        if (axis == l->axes - 1) marks[slot] = NOTED;
+    }
 }
 
 /* Add all terms that end in the `new` entries of a rung that has spent `before` of them. */
@@ -294,6 +355,7 @@ static void count_from_mean(const ladder *l, int64_t axis, int64_t level, double
 static void spend_batches(const ladder *l, int64_t axis, int64_t level, int64_t batches) {
     for (int full = 1; full; level++, batches /= 2) {
         int64_t before = (batches - 1) * BATCH;
+        note_marks(l, axis, level, before, BATCH, 0);
         spend(l, axis, level, before, BATCH);
         if (level + 1 < l->levels) promote(l, axis, level, before, BATCH);
         double rise = make_history(rung_of(l, axis, level), ldexp(1.0, (int)level));
@@ -347,6 +409,7 @@ KERNEL(void, cascade_settle)(int64_t taken, LADDER) {
     for (int64_t axis = 0; axis < axes; axis++) {
         for (int64_t level = 0; level < levels; level++) {
             int64_t entries = taken >> level, new = entries % BATCH, before = entries - new;
+            note_marks(l, axis, level, before, new, 1);
             if (new > 0) {
                 spend(l, axis, level, before, new);
                 if (level + 1 < levels) promote(l, axis, level, before, new);

@@ -24,6 +24,16 @@
 typedef double lanes __attribute__((vector_size(32), aligned(8), may_alias));
 enum { LANES = 4 };
 
+#if defined(__AVX512F__)
+/* Eight terms in one register. They are added to four lanes, the first four first: the same bits. */
+#define WIDE
+typedef double wide __attribute__((vector_size(64), aligned(8), may_alias));
+
+static inline lanes first_of(wide v) { return (lanes){v[0], v[1], v[2], v[3]}; }
+
+static inline lanes second_of(wide v) { return (lanes){v[4], v[5], v[6], v[7]}; }
+#endif
+
 static inline double sum_of(lanes v) { return (v[0] + v[1]) + (v[2] + v[3]); }
 
 static inline double dot(const double *a, const double *b, int64_t n) {

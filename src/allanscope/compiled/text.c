@@ -1,4 +1,5 @@
-/* Rows of plain numbers out of delimited text, many at a time: `wire/text/table.py`. */
+/* Rows of plain numbers out of delimited text, many at a time: `wire/text/table.py`; and their time
+   stamps as long as they come evenly: `wire/continuity.py`. */
 
 #include "kernels.h"
 
@@ -109,4 +110,34 @@ KERNEL(int64_t, read_rows)
         values = own;
     }
     return rows;
+}
+
+/* Follow time stamps as `Pacer.follow` does, up to one that `Pacer.missing` has something to say of.
+
+   `limits`: least and most period, the share of a deviation that the clock is pulled by, and the
+   lateness in periods from which a sample is missing. `state`: period, expected and last time, times
+   of both anchors; `counts`: samples so far, those of both anchors. Returns the number of stamps. */
+KERNEL(int64_t, accept_stamps)
+(const double *times, int64_t n, int64_t trusted, int64_t anchored, const double *limits,
+ double *state, int64_t *counts) {
+    double period = state[0], expected = state[1], last = state[2];
+    int64_t taken = 0;
+    for (; taken < n; taken++) {
+        double time = times[taken];
+        /* Written so that NaN stops it, too. */
+        if (time < last - period / 2 || !((time - expected) / period <= limits[3])) break;
+        last = time;
+        if (counts[0] - counts[2] >= anchored) {
+            counts[1] = counts[2], state[3] = state[4];
+            counts[2] = counts[0], state[4] = time;
+        }
+        if (counts[0] - counts[1] >= trusted) {
+            period = (time - state[3]) / (double)(counts[0] - counts[1]);
+            period = period < limits[0] ? limits[0] : period > limits[1] ? limits[1] : period;
+        }
+        expected = expected + limits[2] * (time - expected) + period;
+        counts[0]++;
+    }
+    state[0] = period, state[1] = expected, state[2] = last;
+    return taken;
 }

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import difference_autocovariance, difference_edf
+from allanscope.allan.noise_type import ALPHAS, Family, NoiseTypes
 from allanscope.compiled import Pointer, kernel
 
 __all__ = [
@@ -95,6 +96,8 @@ class Estimator(ABC):
         True when the deviation is in (unit of the data) x s.
     hadamard : bool
         True when the variance has a factor of 1/6 that DT0064 gives as 1/2.
+    family : {'avar', 'mvar', 'hvar'}
+        Variance that it is an estimate of: it says how much each of several noises has in it.
     derived_from : str
         Estimator of which this one is a multiple by `factor`, or ``""``.
     """
@@ -108,6 +111,7 @@ class Estimator(ABC):
     even: ClassVar[bool] = False
     time: ClassVar[bool] = False
     hadamard: ClassVar[bool] = False
+    family: ClassVar[Family] = "avar"
     derived_from: ClassVar[str] = ""
 
     @abstractmethod
@@ -178,6 +182,44 @@ class Estimator(ABC):
     def expectation(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return raw / true variance as well as it is known; the limits allow for it."""
         return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))
+
+    def of_mixture(
+        self, noise: NoiseTypes, m: NDArray[np.int64], n: NDArray[np.int64], stride: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return degrees of freedom, expectation and left-in bias for several noises at once.
+
+        Parameters
+        ----------
+        noise : NoiseTypes
+            Labels and levels.
+        m, n, stride : array_like of int, shape (k,)
+            As in `edf`.
+
+        Returns
+        -------
+        edf, expectation, bias : ndarray, shape (k,) or (axes, k)
+            `expectation` as the method of that name, `bias` as `uncorrected_bias`.
+
+        Notes
+        -----
+        Expectations add up. Variances of a variance do so with the products of all pairs. What two
+        power laws have in common lies between the geometric mean of their degrees of freedom
+        (spectra of one shape) and the larger of them (one a spike in the other): between these.
+        """
+        shares = noise.shares(self.family, self.tau(m, int(np.max(n))))
+        present = [i for i in range(len(ALPHAS)) if shares[..., i].any()]
+        known = [max(ALPHAS[i], self.lowest_alpha) for i in present]
+        share = shares[..., present]
+        edf = np.stack([np.maximum(self.edf(a, m, n, stride), 1.0) for a in known], axis=-1)
+        ratio = np.stack([self.expectation(a, m, n) for a in known], axis=-1)
+        left = np.stack([self.uncorrected_bias(a, m, n) for a in known], axis=-1)
+        # Raw THEO1 is its own expectation, and has of each noise what its bias says.
+        weight = share * np.where(ratio == 1.0, left, ratio)
+        raw = weight / weight.sum(axis=-1, keepdims=True)
+        one, other = edf[..., :, np.newaxis], edf[..., np.newaxis, :]
+        common = np.maximum(one, other) ** 0.75 * np.minimum(one, other) ** 0.25
+        scatter = np.einsum("...i,...j,...ij->...", raw, raw, 1.0 / common)
+        return 1.0 / scatter, (share * ratio).sum(axis=-1), (share * left).sum(axis=-1)
 
 
 REGISTRY: dict[str, Estimator] = {}
@@ -297,6 +339,12 @@ class AverageEstimator(Estimator):
             quarters = round(4.0 * float(np.log2(spans[index])))
             edf[index] = _wandering_edf(int(alpha[index]), quarters)
         return edf
+
+    def of_mixture(
+        self, noise: NoiseTypes, m: NDArray[np.int64], n: NDArray[np.int64], stride: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return them for the label: the slowest noise has a share that only the run limits."""
+        return super().of_mixture(NoiseTypes(noise.alpha), m, n, stride)
 
     def needed(self, m: int) -> int:
         """Return how many rate samples give `min_terms` means."""

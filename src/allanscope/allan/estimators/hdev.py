@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from allanscope.allan.estimators.base import DifferenceEstimator, register
+from allanscope.allan.noise_type import Family
 
 __all__ = ["Hdev"]
 
@@ -41,5 +42,6 @@ class Hdev(DifferenceEstimator):
     variance_name: ClassVar[str] = "HVAR"
     lowest_alpha: ClassVar[int] = -4
     hadamard: ClassVar[bool] = True
+    family: ClassVar[Family] = "hvar"
     order: ClassVar[int] = 3
     overlap: ClassVar[bool] = False

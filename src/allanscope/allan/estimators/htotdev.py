@@ -14,6 +14,7 @@ from allanscope.allan.estimators.reflected import (
     reflected_expectation,
     reflected_mean_square,
 )
+from allanscope.allan.noise_type import Family
 
 __all__ = ["Htotdev", "htot_variance"]
 
@@ -53,6 +54,7 @@ class Htotdev(Estimator):
     min_terms: ClassVar[int] = 1
     lowest_alpha: ClassVar[int] = -4
     hadamard: ClassVar[bool] = True
+    family: ClassVar[Family] = "hvar"
 
     def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
         """Return raw variance and number of windows."""

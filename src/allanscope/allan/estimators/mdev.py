@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import difference_edf
 from allanscope.allan.estimators.base import Estimator, register
+from allanscope.allan.noise_type import Family
 from allanscope.compiled import Pointer, kernel
 
 __all__ = ["Mdev"]
@@ -39,6 +40,7 @@ class Mdev(Estimator):
 
     name: ClassVar[str] = "mdev"
     variance_name: ClassVar[str] = "MAVAR"
+    family: ClassVar[Family] = "mvar"
 
     def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
         """Return variance and number of terms."""

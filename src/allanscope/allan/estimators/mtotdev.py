@@ -14,6 +14,7 @@ from allanscope.allan.estimators.reflected import (
     reflected_expectation,
     reflected_mean_square,
 )
+from allanscope.allan.noise_type import Family
 
 __all__ = ["Mtotdev", "mtot_variance"]
 
@@ -50,6 +51,7 @@ class Mtotdev(Estimator):
 
     name: ClassVar[str] = "mtotdev"
     variance_name: ClassVar[str] = "MTOTVAR"
+    family: ClassVar[Family] = "mvar"
     trust_fraction: ClassVar[float] = 0.3
     min_terms: ClassVar[int] = 1
 

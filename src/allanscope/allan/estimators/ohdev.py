@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from allanscope.allan.estimators.base import DifferenceEstimator, register
+from allanscope.allan.noise_type import Family
 
 __all__ = ["Ohdev"]
 
@@ -35,4 +36,5 @@ class Ohdev(DifferenceEstimator):
     variance_name: ClassVar[str] = "OHVAR"
     lowest_alpha: ClassVar[int] = -4
     hadamard: ClassVar[bool] = True
+    family: ClassVar[Family] = "hvar"
     order: ClassVar[int] = 3

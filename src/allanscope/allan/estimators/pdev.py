@@ -8,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.edf import LagSums, difference_edf, phase_autocovariance, sum_lags
+from allanscope.allan.edf import LagSums, difference_edf, sampled_autocovariance, sum_lags
 from allanscope.allan.estimators.base import Estimator, mean_square_second, register
+from allanscope.allan.noise_type import Family
 from allanscope.compiled import Pointer, kernel
 
 __all__ = ["Pdev"]
@@ -43,6 +44,7 @@ class Pdev(Estimator):
 
     name: ClassVar[str] = "pdev"
     variance_name: ClassVar[str] = "PVAR"
+    family: ClassVar[Family] = "mvar"
 
     def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
         """Return variance and number of terms."""
@@ -86,7 +88,7 @@ def _lags(alpha: int, points: int, span: float) -> LagSums:
     offset = np.arange(1 - weights.size, weights.size) / points
 
     def covariance(lag: NDArray[np.float64]) -> NDArray[np.float64]:
-        phase = phase_autocovariance(lag[:, np.newaxis] + offset, float(points), alpha)
+        phase = sampled_autocovariance(lag[:, np.newaxis] + offset, float(points), alpha)
         return phase @ pairs
 
     power = covariance(np.zeros(1))[0]

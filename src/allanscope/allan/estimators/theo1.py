@@ -129,9 +129,13 @@ def _weighted_squares(x: NDArray[np.float64], m: int, stride: int) -> float:
 
 
 def theo1_edf(alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
-    """Return the published degrees of freedom of THEO1 (arguments broadcast)."""
+    """Return the published degrees of freedom of THEO1 (arguments broadcast).
+
+    Where the record holds no window, those of the shortest record that does: the published fits
+    have a pole there.
+    """
     alpha, m, n = np.broadcast_arrays(alpha, m, n)
-    tau, count = 0.75 * m, n + 1.0
+    tau, count = 0.75 * m, np.maximum(n, m) + 1.0
     wide = 4.4 * count - 1.0
     by_alpha = {
         2: 0.86 * (count + 1) * (count - 4 * tau / 3) / (count - tau) * tau / (tau + 1.14),

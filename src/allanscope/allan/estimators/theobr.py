@@ -9,15 +9,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.edf import calibrated_edf
-from allanscope.allan.estimators.base import mean_square_second, register
+from allanscope.allan.estimators.base import REGISTRY, mean_square_second, register
 from allanscope.allan.estimators.theo1 import BIAS, Theo1, theo1_variance
+from allanscope.allan.noise_type import NoiseTypes
 
 __all__ = ["TheoBR", "theobr_ratio"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 _RATIO_EDF = 150.0
 """Degrees of freedom of the ratio: 110 to 330 for FM noise, by simulation, at any run length."""
 
 _MOST_RATIOS = 256
+_FEW_RATIOS = 64
+"""Tau of which the expected ratio is the mean."""
 _WINDOWS_PER_TAU = 128
 
 
@@ -82,6 +88,22 @@ class TheoBR(Theo1):
         mean_power = (end ** (1 - c) - 9.0 ** (1 - c)) / ((1 - c) * (end - 9.0))
         ratio: NDArray[np.float64] = (a + b * mean_power) / (a + b / (0.75 * m) ** c)
         return ratio
+
+    def of_mixture(
+        self, noise: NoiseTypes, m: Ints, n: Ints, stride: ArrayLike
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return degrees of freedom, what one ratio leaves of the bias of several noises, and 1.
+
+        The ratio is a mean over tau, at each of which the noises have other shares.
+        """
+        raw = REGISTRY["theo1"].of_mixture(noise, m, n, stride)[2]
+        whole = int(np.max(n))
+        last = max((whole + 1) // 30 - 3, 0)
+        window = 12 + 4 * np.unique(np.linspace(0, last, _FEW_RATIOS).round().astype(np.int64))
+        every = noise.at(0.75 * window, self.tau(m, whole))
+        ratios = REGISTRY["theo1"].of_mixture(every, window, np.full_like(window, whole), 1)[2]
+        edf, _, left = super().of_mixture(noise, m, n, stride)
+        return edf, raw * np.mean(1.0 / ratios, axis=-1, keepdims=True), left
 
     def needed(self, m: int) -> int:
         """Return how many rate samples make one window and one ratio."""

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.estimators.base import REGISTRY, register
 from allanscope.allan.estimators.oadev import Oadev
-from allanscope.allan.estimators.theobr import TheoBR
+from allanscope.allan.estimators.theobr import Floats, Ints, TheoBR
+from allanscope.allan.noise_type import NoiseTypes
 
 __all__ = ["TheoH"]
 
@@ -77,6 +78,18 @@ class TheoH(TheoBR):
             alpha, np.where(short, m, 1), n, np.where(short, stride, 1)
         )
         return np.where(short, allan, super().edf(alpha, m, n, stride))
+
+    def of_mixture(
+        self, noise: NoiseTypes, m: Ints, n: Ints, stride: ArrayLike
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return degrees of freedom, expectation and bias of the part that m belongs to."""
+        short = m <= _SHORT * np.max(n)
+        first = REGISTRY[Oadev.name].of_mixture(noise, m, n, np.where(short, stride, 1))
+        if short.all():
+            return first
+        second = super().of_mixture(noise, m, n, stride)
+        edf, expectation, left = (np.where(short, a, b) for a, b in zip(first, second, strict=True))
+        return edf, expectation, left
 
     def needed(self, m: int) -> int:
         """Return how many rate samples give a value: at tau = 0.75 m or, if not there, at m."""

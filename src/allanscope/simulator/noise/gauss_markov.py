@@ -12,7 +12,6 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 __all__ = ["GaussMarkov", "Narrowband"]
 
@@ -49,6 +48,10 @@ class GaussMarkov:
         """Return the next `n` samples, shape (n,), in the unit of the axis."""
         if n == 0:  # lfilter forgets its state on an empty input
             return np.empty(0)
+        from scipy.signal import (
+            lfilter,
+        )  # half a second to load: only where such noise is asked for
+
         white = self._drive * self._rng.standard_normal(n)
         samples, self._carry = lfilter([1.0], [1.0, -self._phi], white, zi=self._carry)
         return np.asarray(samples)
@@ -98,6 +101,8 @@ class Narrowband:
         """Return the next `n` samples, shape (n,), in the unit of the axis."""
         if n == 0:  # lfilter forgets its state on an empty input
             return np.empty(0)
+        from scipy.signal import lfilter
+
         white = self._rng.standard_normal((n, 2))
         driven = white @ self._step.T
         if not self._started:  # a first step out of nothing is the stationary state itself

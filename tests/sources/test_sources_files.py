@@ -133,10 +133,10 @@ def test_a_torn_compressed_file_says_where(tmp_path: Path, cut: int) -> None:
 
 
 def test_a_compression_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(file_module, "MAX_UNPACKED_BYTES", 1 << 20)
+    monkeypatch.setattr("allanscope.recording.records.FREE_UNPACKED_BYTES", 1 << 20)
     (tmp_path / "log.gz").write_bytes(gzip.compress(bytes(1 << 22)))
     source = FileSource(tmp_path / "log.gz")
-    with pytest.raises(InputError, match="unpacks to more than"):
+    with pytest.raises(InputError, match="unpack to more than"):
         drain(source)
     source.close()
 

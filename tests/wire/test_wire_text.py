@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allanscope.errors import UsageError
-from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
-from allanscope.wire import WireSettings, format_named
+from allanscope.samples import AXES, Block, Event, Gap, Notice, StreamInfo
+from allanscope.wire import WireSettings, format_named, sniff
+from allanscope.wire.text import TextDecoder
 from allanscope.wire.text.columns import cells_of, column_of, columns_of
 from allanscope.wire.text.labelled import read_labelled
 from allanscope.wire.text.refusal import why_no_rows
@@ -651,12 +652,18 @@ def test_a_header_with_one_name_more_or_fewer_is_set_right(
 
 def test_damaged_rows_behind_a_header_do_not_turn_the_columns() -> None:
     text = "gx[dps],gy[dps],gz[dps]\n1,2\n" + f"{G3}\n" * 40 + "1,2,3,4\n" * 5
-    error, info, *rest = _decode(text, math.nan)
-    assert isinstance(info, StreamInfo)
+    events = _decode(text, math.nan)
+    (info,) = (event for event in events if isinstance(event, StreamInfo))
     assert info.axes == GYRO
-    assert not _remarks(rest)
-    assert isinstance(error, Notice)
-    assert error.text.startswith("line 2 is no row of the table: '1,2'")
+    assert _remarks(events) == [
+        "line 2 is no row of the table: '1,2' (2 cells where the header names 3 columns); "
+        "such lines are left out",
+        *(
+            f"line {line} is no row of the table: '1,2,3,4' "
+            "(4 cells where the header names 3 columns); such lines are left out"
+            for line in (43, 44)
+        ),
+    ]
 
 
 A3 = {"m/s^2": [0.1, -0.2, 9.79], "g": [0.01, -0.02, 1.001], "mg": [12.0, -21.0, 1003.5]}
@@ -774,3 +781,72 @@ def test_why_a_text_is_no_table_names_line_and_column(text: str, why: str) -> No
     said = why_no_rows(text.encode("latin-1"))
     assert said.startswith(why)
     assert bool(said) is bool(why)
+
+
+YMR = (
+    "$VNYMR,+164.618,+022.062,-003.757,-00.3611,-00.0797,+00.2916,"
+    "+03.553,+00.595,-08.826,+00.004000,-00.000843,+00.000141*64\r\n"
+)
+"""As a VN-100 sends it; the checksum is its own."""
+
+
+@pytest.mark.parametrize("host_s", [math.nan, 5.0])
+def test_sentences_of_a_vectornav_are_rows(host_s: float) -> None:
+    info, *rest = _decode(YMR * 40, host_s)
+    assert isinstance(info, StreamInfo)
+    assert info.axes == AXES
+    (block,) = (event for event in rest if isinstance(event, Block))
+    assert len(block) == 40
+    rates = np.degrees([0.004, -0.000843, 0.000141])
+    forces = np.array([3.553, 0.595, -8.826]) / 9.80665
+    assert block.counts[7] == pytest.approx(np.concatenate([rates, forces]))
+    assert not _remarks(rest)
+    assert sniff((YMR * 5).encode()).name == "text"
+
+
+def test_a_sentence_with_a_wrong_checksum_or_of_another_name_is_left_out() -> None:
+    decoder = TextDecoder(WireSettings())
+    damaged = YMR.replace("+03.553", "+03.653")
+    other = "$VNRRG,07,40*5C\r\n"
+    events = decoder.feed((YMR * 30 + damaged + other + YMR * 30).encode(), math.nan)
+    events += decoder.finish()
+    blocks = [event for event in events if isinstance(event, Block)]
+    assert sum(len(block) for block in blocks) == 60
+    assert decoder.stats.crc_errors == 1
+    assert decoder.stats.unknown == 1
+    assert [event.lost for event in events if isinstance(event, Gap)] == [None]
+
+
+def test_sentences_of_an_unknown_name_are_rows_without_a_header() -> None:
+    info, *rest = _decode("$IMU,0.1,0.2,0.3,0.01,-0.02,1.0\n" * 40, math.nan)
+    assert isinstance(info, StreamInfo)
+    assert info.axes == AXES
+    assert "no header" in _remarks(rest)[0]
+
+
+@pytest.mark.parametrize("units", ["ms,mdps,mg", "[ms],[mdps],[mg]", "(ms),(mdps),(mg)"])
+def test_units_in_a_second_line_of_the_header(units: str) -> None:
+    rows = "".join(f"{20 * i},{500 + i % 3},{1000 + i % 2}\n" for i in range(40))
+    info, *rest = _decode(f"Time,Gyro_X,Acc_Z\n{units}\n{rows}", math.nan)
+    assert isinstance(info, StreamInfo)
+    assert info.nominal_hz == pytest.approx(50.0)
+    (block,) = (event for event in rest if isinstance(event, Block))
+    assert block.counts[1].tolist() == pytest.approx([0.501, 1.001])
+    assert not _remarks(rest)
+
+
+def test_words_below_a_header_are_no_units() -> None:
+    events = _decode("gx[dps],gy,temp\nleft,right,warm\n" + "1.5,2.5,20\n" * 40, math.nan)
+    (info,) = (event for event in events if isinstance(event, StreamInfo))
+    assert info.axes == ("gx", "gy")
+
+
+def test_the_first_three_rows_that_are_none_are_told_with_their_column() -> None:
+    bad = ["1,oops,3", "1,2,n/a", "1;2;3", "x,y,z"]
+    text = "gx[dps],gy[dps],gz[dps]\n" + "1.5,2.5,3.5\n" * 30 + "\n".join(bad) + "\n"
+    told = [event.text for event in _decode(text, math.nan) if isinstance(event, Notice)]
+    assert [one.partition(" (")[2].partition(")")[0] for one in told] == [
+        "column 2: 'oops' is no number",
+        "column 3: 'n/a' is no number",
+        "",  # another separator
+    ]

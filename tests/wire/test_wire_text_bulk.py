@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from allanscope.samples import Block, Event
 from allanscope.wire import WireSettings
+from allanscope.wire.continuity import Continuity
 from allanscope.wire.text import decoder as decoding
 from allanscope.wire.text.columns import cells_of, columns_of
 from allanscope.wire.text.decoder import TextDecoder
@@ -100,6 +101,56 @@ def test_events_and_counters_are_those_of_single_lines(seed: int, odd: int, live
     pieces = [bytes(data[a:b]) for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]
     host_s = 5.0 if live else math.nan
     assert decoded(pieces, 1, host_s) == decoded(pieces, 1 << 40, host_s)
+
+
+def losing(seed: int) -> bytes:
+    """Return a table with lost rows, late, coarse or repeated times, and altered cells."""
+    rng = np.random.default_rng(seed)
+    n, rate = int(rng.integers(200, 2000)), float(rng.choice([12.5, 104.0, 416.0]))
+    times = np.arange(n) / rate
+    late = rng.uniform(0.0, 0.6 / rate, n)
+    times = [times, times.round(2), times.round(3), times + late][rng.integers(0, 4)]
+    if rng.random() < 0.2:
+        times[n // 2 :] -= times[n // 3]
+    kept = np.ones(n, bool)
+    for at in rng.integers(30, n, rng.integers(0, 6)):
+        kept[at : at + rng.choice([1, 2, 5, 40])] = False
+    values = rng.normal(size=(n, 7)) * 0.01 + [0, 0, 0, 0, 0, 1, 25]
+    lines = [
+        ",".join([f"{time:.6f}", *(f"{value:.5f}" for value in row)])
+        for time, row in zip(times[kept].tolist(), values[kept].tolist(), strict=True)
+    ]
+    for at in rng.integers(30, len(lines), rng.integers(0, 8)).tolist():
+        cell = int(rng.integers(0, len(lines[at])))
+        lines[at] = lines[at][:cell] + str(rng.choice([*"0159.,-x;"])) + lines[at][cell + 1 :]
+    return "\n".join([NAMES, *lines, ""]).encode()
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), live=st.booleans())
+@example(seed=5, live=False)
+def test_rows_that_are_delivered_together_are_told_as_they_are_one_by_one(
+    seed: int, live: bool
+) -> None:
+    data, rng = losing(seed), np.random.default_rng(seed)
+    cuts = sorted(rng.integers(0, len(data), rng.choice([0, 1, 4, 20])).tolist())
+    pieces = [data[a:b] for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]
+    host_s = 5.0 if live else math.nan
+    together = decoded(pieces, 4096, host_s)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Continuity, "accept", lambda *_: 0)
+        assert decoded(pieces, 4096, host_s) == together
+
+
+def test_few_rows_are_looked_at_one_by_one() -> None:
+    looked_at = []
+    look = Continuity.missing
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Continuity, "missing", lambda *a: looked_at.append(a) or look(*a))
+        decoder = TextDecoder(WireSettings())
+        decoder.feed("\n".join([*table(1), ""]).encode(), math.nan)
+    assert decoder.stats.samples == 300
+    assert len(looked_at) < 5
 
 
 def test_most_rows_are_read_together() -> None:

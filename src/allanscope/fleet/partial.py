@@ -185,7 +185,7 @@ class Tail:
             self._held = self.recent()
             self._waiting = []
 
-    def gap(self) -> None:
+    def gap(self, lost: int = 0) -> None:
         """End the segment."""
         self._rows += self.taken // (BLOCK // 2)
         self.taken = 0

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from allanscope.recording.outline import Damage
     from allanscope.recording.reader import Buffer, Fingerprint, Recording, is_recording
     from allanscope.recording.recorder import Recorder
+    from allanscope.recording.records import most_unpacked
     from allanscope.recording.recovery import RecoveryReport, recover
     from allanscope.recording.session import SessionWriter, write_recording
 
@@ -48,6 +49,7 @@ __all__ = [
     "export_csv",
     "export_parquet",
     "is_recording",
+    "most_unpacked",
     "recover",
     "segment_number",
     "write_recording",
@@ -69,6 +71,7 @@ __getattr__, __dir__ = lazily(
         "export_csv": "export",
         "export_parquet": "export",
         "is_recording": "reader",
+        "most_unpacked": "records",
         "recover": "recovery",
         "segment_number": "layout",
         "write_recording": "session",

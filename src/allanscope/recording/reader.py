@@ -27,10 +27,12 @@ from allanscope.recording.layout import (
 )
 from allanscope.recording.outline import Damage, Outline, outline_of
 from allanscope.recording.records import (
+    MAX_CHUNK_BYTES,
     MOST_MESSAGES,
     CorruptChunkError,
     Message,
     messages_of,
+    most_unpacked,
     unpacked,
 )
 
@@ -102,6 +104,9 @@ class Recording:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._segments = _segments(path)
+        packed = sum(file.stat().st_size for file in self.files)
+        if self.unpacked_bytes > MAX_CHUNK_BYTES + most_unpacked(packed):
+            raise InputError(f"{path} claims to unpack to {self.unpacked_bytes} bytes")
         self._rotten: dict[tuple[Path, int], Damage] = {}
         self._read_through = False
 

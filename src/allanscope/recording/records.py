@@ -34,6 +34,7 @@ __all__ = [
     "has_believable_length",
     "messages_of",
     "metadata_in",
+    "most_unpacked",
     "profile_in",
     "summary_start",
     "unpacked",
@@ -43,6 +44,11 @@ MAX_CHUNK_BYTES = 64 << 20
 """Chunks larger than this, before or after decompression, are refused: ours hold a second."""
 
 MAX_METADATA_BYTES = 1 << 16
+
+FREE_UNPACKED_BYTES = 16 << 20
+MOST_RATIO = 100
+"""What sensors say packs to a half or a tenth; whatever packs to less than a hundredth was made up,
+and would take minutes to read."""
 
 MOST_MESSAGES = 1 << 18
 """Ours hold a second of reads; empty messages pack to nothing, but each costs memory here."""
@@ -192,6 +198,15 @@ def _strings(data: bytes) -> Iterator[str]:
         if position > len(data):
             raise ValueError("a string is longer than what holds it")
         yield data[position - length : position].decode("utf-8")
+
+
+def most_unpacked(packed_bytes: int) -> int:
+    """Return how many bytes may come of so many packed ones.
+
+    >>> most_unpacked(1 << 20) >> 20
+    116
+    """
+    return FREE_UNPACKED_BYTES + MOST_RATIO * packed_bytes
 
 
 class CorruptChunkError(Exception):

@@ -16,14 +16,11 @@ from pathlib import Path
 from typing import IO, cast
 
 from allanscope.errors import InputError
-from allanscope.recording import Chunk, Recording
+from allanscope.recording import Chunk, Recording, most_unpacked
 
 __all__ = ["FileSource", "RecordedSource"]
 
 READ_BYTES = 1 << 18
-MAX_UNPACKED_BYTES = 1 << 36
-"""More than this out of a compressed file is a bomb and no capture: months of a device."""
-
 _GZIP_MAGIC = b"\x1f\x8b"
 WAIT_S = 0.05
 
@@ -106,8 +103,13 @@ class FileSource:
                 f"{self._path}: the compressed data is damaged after {self._unpacked} bytes"
             ) from error
         self._unpacked += len(data)
-        if self._unpacked > MAX_UNPACKED_BYTES:
-            raise InputError(f"{self._path} unpacks to more than {MAX_UNPACKED_BYTES} bytes")
+        if isinstance(self._file, gzip.GzipFile):
+            packed = cast("IO[bytes]", self._file.fileobj).tell()  # so far
+            if self._unpacked > most_unpacked(packed):
+                raise InputError(
+                    f"{self._path}: {packed} bytes unpack to more than {most_unpacked(packed)}, "
+                    "as no sensor's data does; unpack it first if it is sound"
+                )
         return data
 
 

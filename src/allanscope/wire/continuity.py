@@ -25,7 +25,9 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from allanscope.compiled import Pointer, kernel
 from allanscope.samples import Gap, GapReason
 from allanscope.wire.row import Row
 from allanscope.wire.stamps import period_of
@@ -36,6 +38,7 @@ Missing = int | Literal["back"] | None
 """Samples that are missing: 0 none, None an unknown number, ``back`` where time went back."""
 
 _MEMORY = 8192
+_ANCHORED = _MEMORY // 2
 _PULL = 1 / 8
 _FIRST_TRUST = 16
 _LEAST_SCATTER = 0.02
@@ -128,6 +131,21 @@ class Continuity:
         if missing == "back":
             return Gap("restarted", None)
         return None if missing == 0 else Gap("link" if damaged else "device", missing)
+
+    def accept(self, device_s: NDArray[np.float64]) -> int:
+        """Accept rows of these times, without damage, up to the first that needs a closer look.
+
+        That is one before which something is missing, or that is in doubt. Return how many came
+        before it: for each of them `missing` says 0, and `follow` no gap.
+        """
+        if self.accepted == 0 or self._due is not None or self._discarded:
+            return 0
+        follower = self._standstill if self._pacer is None else self._pacer
+        count = follower.accept(device_s)
+        if count:
+            self.accepted += count
+            self._standstill.follow(float(device_s[count - 1]))
+        return count
 
     def _timed(self, row: Row) -> bool:
         return self._pacer is not None and not math.isnan(row.device_s)
@@ -241,7 +259,7 @@ class Pacer:
         expected = time_s if self._expected is None else self._expected + missing * self._period
         self._last = time_s
         self._samples += missing
-        if not self._anchors or self._samples - self._anchors[-1][0] >= _MEMORY // 2:
+        if not self._anchors or self._samples - self._anchors[-1][0] >= _ANCHORED:
             self._anchors = [*self._anchors[-1:], (self._samples, time_s)]
         first, since = self._anchors[0]
         if self._samples - first >= self._trusted:
@@ -251,8 +269,27 @@ class Pacer:
         self._expected = expected + _PULL * (time_s - expected) + self._period
         self._samples += 1
 
+    def accept(self, times_s: NDArray[np.float64]) -> int:
+        """Take time stamps up to the first that `missing` has something to say of.
+
+        Returns how many; none after a jump that could not be counted.
+        """
+        if self._expected is None:
+            return 0
+        (first, since), (last, until) = self._anchors[0], self._anchors[-1]
+        state = np.array([self._period, self._expected, self._last, since, until])
+        counts = np.array([self._samples, first, last], np.int64)
+        limits = np.array([*self._plausible, _PULL, 0.5 if self._countable else 1.5])
+        taken = int(
+            _accept_stamps(times_s, len(times_s), self._trusted, _ANCHORED, limits, state, counts)
+        )
+        self._period, self._expected, self._last, since, until = state.tolist()
+        self._samples, first, last = counts.tolist()
+        self._anchors = [(first, since)] if first == last else [(first, since), (last, until)]
+        return taken
+
     def _restart(self) -> None:
-        self._trusted = min(self._known(), _MEMORY // 2)
+        self._trusted = min(self._known(), _ANCHORED)
         self._expected = None
         self._samples = 0
         self._anchors = []
@@ -300,3 +337,19 @@ class Standstill:
     def follow(self, time_s: float) -> None:
         """Take the next stamp."""
         self._last_s = time_s
+
+    def accept(self, times_s: NDArray[np.float64]) -> int:
+        """Return how many stamps come before the first that has jumped."""
+        if self._farthest_s == math.inf:
+            return len(times_s)
+        steps = np.abs(times_s - np.append(self._last_s, times_s[:-1]))
+        jumps = np.flatnonzero(steps > self._farthest_s)
+        return int(jumps[0]) if len(jumps) else len(times_s)
+
+
+_accept_stamps = kernel(
+    "accept_stamps",
+    *(Pointer(np.float64, 1), int, int, int, Pointer(np.float64, 1)),
+    *(Pointer(np.float64, 1, written=True), Pointer(np.int64, 1, written=True)),
+    returns=int,
+)

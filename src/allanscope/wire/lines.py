@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 __all__ = ["Lines", "is_text"]
 
-_LONGEST_LINE = 4096
+LONGEST_LINE = 4096
 _TEXT_BYTES = frozenset(b"\t\r\n\x1b") | frozenset(range(0x20, 0x7F))
 _MOSTLY = 0.9
 
@@ -80,7 +80,7 @@ class Lines:
         if self._overlong:
             return
         self._partial += piece
-        if len(self._partial) > _LONGEST_LINE:
+        if len(self._partial) > LONGEST_LINE:
             self._partial = bytearray()
             self._overlong = True
             self.dropped += 1

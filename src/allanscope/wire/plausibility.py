@@ -112,6 +112,23 @@ class Judged:
     def is_last(self) -> bool:
         return self._at + 1 == len(self._rows)
 
+    def sound(self, count: int) -> int:
+        """Return how many of the next `count` rows come before one that is suspect.
+
+        None of these has damage before it. They are still to be asked for, or passed over.
+        """
+        watched = min(count, _REMEMBERED - self._follower.sound)
+        if watched <= 0:
+            return count
+        first = self._at + 1
+        suspect = np.flatnonzero(self._found()[first : first + watched])
+        return int(suspect[0]) if len(suspect) else count
+
+    def skip(self, count: int) -> None:
+        """Pass over rows that are `sound`."""
+        self._at += count
+        self._follower.sound = min(self._follower.sound + count, _REMEMBERED)
+
     def next(self, damaged_before: bool = False) -> bool:
         """Return whether the next row is suspect, before which there may have been damage."""
         self._at += 1
@@ -120,9 +137,12 @@ class Judged:
         if self._follower.sound >= _REMEMBERED:
             return False
         self._follower.sound += 1
+        return bool(self._found()[self._at])
+
+    def _found(self) -> NDArray[np.bool_]:
         if self._isolated is None:
             self._isolated = self._follower.isolated(self._rows)
-        return bool(self._isolated[self._at])
+        return self._isolated
 
 
 def _isolated(values: NDArray[np.float64], count: int, least: float) -> NDArray[np.bool_]:

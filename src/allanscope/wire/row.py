@@ -7,9 +7,9 @@ the two halves of a sample may come in two messages or on two lines (`Pairing`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +24,10 @@ __all__ = [
     "Meaning",
     "Pairing",
     "Row",
+    "RowTable",
     "Triple",
     "Values",
     "nominal_rate",
-    "ticks_of",
-    "whole",
 ]
 
 HELD = 25
@@ -117,33 +116,79 @@ def nominal_rate(rows: list[Row], usual: tuple[float, ...] = ()) -> float:
     return float(f"{1.0 / period:.4g}")
 
 
-def whole(rows: list[Row], meaning: Meaning) -> list[Row]:
-    """Return the rows that have all that is needed."""
-    needed = list(meaning.needed)
-    if not needed:
-        return rows
-    values = np.array([row.values for row in rows], np.float64)
-    there = np.asarray(np.isfinite(values[:, needed]).all(axis=1)).tolist()
-    if all(there):
-        return rows
-    kept: list[Row] = []
-    damaged = False
-    for row, is_whole in zip(rows, there, strict=True):
-        damaged |= row.damaged_before
-        if is_whole:
-            kept.append(row._replace(damaged_before=damaged))
-            damaged = False
-    return kept
+@dataclass(frozen=True, slots=True)
+class RowTable:
+    """Many rows, a column for each field of `Row`.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, k)
+    device_s, host_s, temperature_c : ndarray, shape (n,)
+    damaged_before : ndarray of bool, shape (n,)
+    """
+
+    values: Values
+    device_s: NDArray[np.float64]
+    host_s: NDArray[np.float64]
+    temperature_c: NDArray[np.float64]
+    damaged_before: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, rows: Sequence[Row]) -> RowTable:
+        """Return single rows together."""
+        values, device_s, host_s, degrees, damaged = zip(*rows, strict=True)
+        return cls(
+            np.array(values, np.float64),
+            np.array(device_s, np.float64),
+            np.array(host_s, np.float64),
+            np.array(degrees, np.float64),
+            np.array(damaged, np.bool_),
+        )
+
+    @classmethod
+    def joined(cls, tables: Sequence[RowTable]) -> RowTable:
+        """Return tables one after the other; there is one at least."""
+        if len(tables) == 1:
+            return tables[0]
+        return cls(*(np.concatenate(each) for each in zip(*map(_columns, tables), strict=True)))
+
+    def __len__(self) -> int:
+        return len(self.device_s)
+
+    def __getitem__(self, chosen: slice | NDArray[np.int64]) -> RowTable:
+        return RowTable(*(column[chosen] for column in _columns(self)))
+
+    def row(self, i: int) -> Row:
+        """Return one row."""
+        values = tuple(self.values[i].tolist())
+        times = float(self.device_s[i]), float(self.host_s[i]), float(self.temperature_c[i])
+        return Row(values, *times, bool(self.damaged_before[i]))
+
+    def whole(self, meaning: Meaning) -> RowTable:
+        """Return the rows that have all that is needed."""
+        there = np.isfinite(self.values[:, list(meaning.needed)]).all(axis=1)
+        if there.all():
+            return self
+        at = np.flatnonzero(there)
+        if not len(at):
+            return self[at]
+        # Damage before a row that is left out is damage before the next that is not.
+        begins = np.append(0, at[:-1] + 1)
+        damaged = np.logical_or.reduceat(self.damaged_before[: at[-1] + 1], begins)
+        return replace(self[at], damaged_before=damaged)
+
+    def ticks(self) -> Ticks:
+        """Return the times and temperatures; none at all when the rows have none."""
+        columns = self.device_s, self.host_s, self.temperature_c
+        if all(np.isnan(column).all() for column in columns):
+            return Ticks.none()
+        return Ticks(np.arange(len(self)), *(column.copy() for column in columns))
 
 
-def ticks_of(rows: list[Row]) -> Ticks:
-    """Return the times and temperatures of rows; none at all when they have none."""
-    device, host, temperature = np.array(
-        [(row.device_s, row.host_s, row.temperature_c) for row in rows], np.float64
-    ).T.copy()
-    if np.isnan(device).all() and np.isnan(host).all() and np.isnan(temperature).all():
-        return Ticks.none()
-    return Ticks(np.arange(len(rows)), device, host, temperature)
+def _columns(table: RowTable) -> tuple[NDArray[Any], ...]:
+    return (
+        table.values, table.device_s, table.host_s, table.temperature_c, table.damaged_before,
+    )  # fmt: skip
 
 
 class Pairing:

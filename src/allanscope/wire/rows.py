@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from allanscope.samples import Block, Event, Gap, GapReason, Notice
 from allanscope.wire.base import LinkStats
 from allanscope.wire.continuity import Continuity
 from allanscope.wire.plausibility import Plausibility
-from allanscope.wire.row import HELD, Meaning, Row, ticks_of, whole
+from allanscope.wire.row import HELD, Meaning, Row, RowTable
 
 __all__ = ["Rows"]
 
@@ -54,7 +55,8 @@ class Rows:
         self._stats = stats
         self._decide = decide
         self._patience = patience
-        self._pending: list[Row] = []
+        self._single: list[Row] = []
+        self._tables: list[RowTable] = []
         self._meaning: Meaning | None = None
         self._time_per_second = 1.0
         self._continuity = Continuity(checked)
@@ -72,7 +74,7 @@ class Rows:
     ) -> None:
         """Take a row."""
         device_s /= self._time_per_second
-        self._pending.append(Row(values, device_s, host_s, temperature_c, self._damaged))
+        self._single.append(Row(values, device_s, host_s, temperature_c, self._damaged))
         self._damaged = False
 
     def extend(
@@ -83,14 +85,14 @@ class Rows:
         temperature_c: NDArray[np.float64],
     ) -> None:
         """Take many rows, values of shape (n, axes), that came without damage between them."""
-        scale = self._time_per_second
-        rows = zip(
-            values.tolist(), (device_s / scale).tolist(), temperature_c.tolist(), strict=True
-        )
-        damaged, self._damaged = self._damaged, self._damaged and not len(values)
-        for row, time_s, degrees in rows:
-            self._pending.append(Row(tuple(row), time_s, host_s, degrees, damaged))
-            damaged = False
+        if not len(values):
+            return
+        damaged = np.zeros(len(values), np.bool_)
+        damaged[0], self._damaged = self._damaged, False
+        self._collect()
+        times = device_s / self._time_per_second
+        hosts = np.full(len(values), host_s)
+        self._tables.append(RowTable(values, times, hosts, temperature_c, damaged))
 
     def damaged(self) -> None:
         """Note that something was unreadable."""
@@ -101,7 +103,7 @@ class Rows:
 
         Rows that were still held back are given up: they are too few to say what they mean.
         """
-        self._pending.clear()
+        self._single, self._tables = [], []
         self._damaged = False
         self._continuity.interrupt(reason)
 
@@ -115,64 +117,81 @@ class Rows:
     def take(self, final: bool = False) -> list[Event]:
         """Return the events of the rows since the last call; of all rows if `final`."""
         events: list[Event] = []
-        while self._pending:
-            if self._meaning is None:
-                held = self._held()
-                if len(self._pending) < held and not final:
+        self._collect()
+        if not self._tables:
+            return events
+        pending: RowTable | None = RowTable.joined(self._tables)
+        while pending:
+            if self._meaning is not None:
+                pending, waits = self._deliver(self._meaning, pending, events, final)
+                if waits:
                     break
-                self._settle(events, held)
-            elif not self._deliver(self._meaning, events, final):
+                continue
+            held = self._held(pending)
+            if len(pending) < held and not final:
                 break
-        if final:
-            self._pending.clear()
+            pending = self._settle(pending, events, held)
+        self._tables = [pending] if pending and not final else []
         return events
 
-    def _held(self) -> int:
+    def _collect(self) -> None:
+        """Put the single rows that came last into a table."""
+        if self._single:
+            self._tables.append(RowTable.of(self._single))
+            self._single = []
+
+    def _held(self, pending: RowTable) -> int:
         """Return how many rows to look at before it is decided what they mean."""
-        first = self._pending[: 4 * HELD]
-        if self._patience == HELD or not math.isnan(first[0].host_s) or len(first) < HELD:
+        times = pending.device_s[: 4 * HELD].tolist()
+        if self._patience == HELD or not math.isnan(pending.host_s[0]) or len(times) < HELD:
             return HELD
-        times = [row.device_s for row in first]
-        if math.isnan(times[0]) or (len(first) == 4 * HELD and _even(times)):
+        if math.isnan(times[0]) or (len(times) == 4 * HELD and _even(times)):
             return HELD
         return self._patience
 
-    def _settle(self, events: list[Event], held: int) -> None:
-        """Decide what the rows mean; throw them away when they mean nothing."""
-        first = self._pending[:held]
-        self._meaning = self._decide(first)
-        if self._meaning is None:
+    def _settle(self, pending: RowTable, events: list[Event], held: int) -> RowTable:
+        """Decide what the rows mean and return them; without those that mean nothing."""
+        first = [pending.row(i) for i in range(min(held, len(pending)))]
+        meaning = self._meaning = self._decide(first)
+        if meaning is None:
             self._stats.unknown += len(first)
-            del self._pending[: len(first)]
-            return
+            return pending[len(first) :]
         self._plausibility.restart()
-        self._rescale(self._meaning.time_per_second)
-        times = [row.device_s for row in whole(self._pending[:HELD], self._meaning)]
+        if meaning.time_per_second != self._time_per_second:
+            self._time_per_second = meaning.time_per_second
+            pending = replace(pending, device_s=pending.device_s / meaning.time_per_second)
+        times = pending[:HELD].whole(meaning).device_s.tolist()
         self._continuity.interrupt("restarted")
-        self._continuity.learn(
-            times, self._meaning.info.time_resolution_s, self._meaning.farthest_s
-        )
-        events.append(self._meaning.info)
+        self._continuity.learn(times, meaning.info.time_resolution_s, meaning.farthest_s)
+        events.append(meaning.info)
         assumed = {"host": 1, "assumed": 1}
-        events += [Notice("text", remark, assumed) for remark in self._meaning.remarks]
+        events += [Notice("text", remark, assumed) for remark in meaning.remarks]
+        return pending
 
-    def _rescale(self, time_per_second: float) -> None:
-        if time_per_second != self._time_per_second:
-            self._time_per_second = time_per_second
-            self._pending = [
-                row._replace(device_s=row.device_s / time_per_second) for row in self._pending
-            ]
+    def _deliver(
+        self, meaning: Meaning, pending: RowTable, events: list[Event], final: bool
+    ) -> tuple[RowTable | None, bool]:
+        """Deliver rows; return those that are left, and whether they wait for one after them.
 
-    def _deliver(self, meaning: Meaning, events: list[Event], final: bool) -> bool:
-        """Deliver what is pending; return False when the last row must wait for the one after."""
-        rows, self._pending = whole(self._pending, meaning), []
-        if not rows:
-            return True
-        counts, agree = meaning.convert(np.array([row.values for row in rows], np.float64))
+        Rows about which there is nothing to say are taken together; what is said of the others
+        they would be told, too, one by one.
+        """
+        rows = pending.whole(meaning)
+        if not len(rows):
+            return None, False
+        counts, agree = meaning.convert(rows.values)
         judged = self._plausibility.judge(counts[agree])
         between = self._continuity
-        start = 0
-        for i, (row, agrees) in enumerate(zip(rows, agree.tolist(), strict=True)):
+        alone = np.append(np.flatnonzero(~agree | rows.damaged_before), len(rows))
+        start = i = 0
+        while i < len(rows):
+            until = int(alone[np.searchsorted(alone, i)])
+            count = between.accept(rows.device_s[i : i + judged.sound(until - i)])
+            if count:
+                judged.skip(count)
+                i += count
+                continue
+            row, agrees = rows.row(i), bool(agree[i])
             missing = between.missing(row)
             doubtful = agrees and between.in_doubt(row, missing)
             failed = not agrees and self._failed(meaning, row)
@@ -180,24 +199,24 @@ class Rows:
             waits = doubtful and i + 1 == len(rows)
             if failed or waits or (suspect and judged.is_last and not final):
                 self._block(rows[start:i], counts[start:i], events)
-                self._pending = rows[i:]
                 self._meaning = None if failed else meaning
                 self._plausibility.follow(counts[:i][agree[:i]])
-                return failed
-            unsound = not agrees or (doubtful and not between.borne_out(row, rows[i + 1]))
+                return rows[i:], not failed
+            unsound = not agrees or (doubtful and not between.borne_out(row, rows.row(i + 1)))
             if unsound or suspect:
                 self._block(rows[start:i], counts[start:i], events)
                 self._leave_out(unsound)
-                start = i + 1
+                start = i = i + 1
                 continue
             gap = between.follow(row, missing)
             if gap is not None:
                 self._block(rows[start:i], counts[start:i], events)
                 self._say(gap, events)
                 start = i
+            i += 1
         self._block(rows[start:], counts[start:], events)
         self._plausibility.follow(counts[agree])
-        return True
+        return None, False
 
     def _leave_out(self, unsound: bool) -> None:
         """Note a row that is left out: damaged for sure, or else suspect."""
@@ -230,10 +249,10 @@ class Rows:
         self._index += gap.lost or 0
         events.append(gap)
 
-    def _block(self, rows: list[Row], counts: NDArray[np.generic], events: list[Event]) -> None:
-        if not rows:
+    def _block(self, rows: RowTable, counts: NDArray[np.generic], events: list[Event]) -> None:
+        if not len(rows):
             return
-        events.append(Block(self._index, counts, ticks_of(rows)))
+        events.append(Block(self._index, counts, rows.ticks()))
         self._index += len(rows)
         self._stats.samples += len(rows)
 

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from allanscope.samples import AXES
 from allanscope.wire.text.units import DIVISORS, Quantity, unit_of_text
 
-__all__ = ["Column", "Columns", "cells_of", "column_of", "columns_of", "in_unknown_unit", "unnamed"]
+__all__ = [
+    "Column",
+    "Columns",
+    "cells_of",
+    "column_of",
+    "columns_of",
+    "in_unknown_unit",
+    "unnamed",
+    "with_units_below",
+]
 
 _NAME = re.compile(r"\s*([^\[\](){}]*?)\s*(?:[\[({]([^\])}]*)[\])}])?\s*")
 _AXIS = re.compile(
@@ -140,6 +149,33 @@ def columns_of(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
             seen.add((column.quantity, column.axis))
         columns.append(column)
     return tuple(columns) if any(column and column.axis >= 0 for column in columns) else None
+
+
+def with_units_below(columns: Columns, cells: Sequence[str]) -> Columns | None:
+    """Return the columns with the units of a second line of their header, None where it is none.
+
+    Examples
+    --------
+    >>> columns = columns_of(["Time", "GyroX"])
+    >>> [one.unit for one in with_units_below(columns, ["[ms]", "[deg/s]"])]
+    ['ms', 'deg/s']
+    >>> with_units_below(columns, ["first", "second"]) is None
+    True
+    """
+    if len(cells) != len(columns):
+        return None
+    found: list[Column | None] = []
+    some = False
+    for column, cell in zip(columns, cells, strict=True):
+        unit = unit_of_text(cell.strip("[](){} "))
+        if column is None or not unit:
+            found.append(column)
+        elif unit in DIVISORS[column.quantity]:
+            found.append(replace(column, unit=unit))
+            some = True
+        else:
+            return None
+    return tuple(found) if some else None
 
 
 def unnamed(count: int) -> Columns | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -13,9 +14,18 @@ from allanscope.sanitize import plain_line, without_escapes
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.lines import Lines
 from allanscope.wire.rows import Rows
-from allanscope.wire.text.columns import Columns, cells_of, columns_of, in_unknown_unit, unnamed
+from allanscope.wire.text.columns import (
+    Columns,
+    cells_of,
+    columns_of,
+    in_unknown_unit,
+    unnamed,
+    with_units_below,
+)
 from allanscope.wire.text.labelled import Spoken, SpokenRow, read_labelled
 from allanscope.wire.text.meaning import TextMeaning
+from allanscope.wire.text.refusal import why_no_row
+from allanscope.wire.text.sentences import Sentence, sentence_in
 from allanscope.wire.text.table import Table, is_number, joined_dates, realigned
 from allanscope.wire.text.units import Quantity
 
@@ -26,6 +36,7 @@ _COMMENT = re.compile(r"\A\s*(?:#|%|//)\s*")
 _ENOUGH_UNNAMED = 3
 _ENOUGH_MISALIGNED = 3
 _LONGEST_QUOTE = 60
+_MOST_COMPLAINTS = 3
 _WORTH_A_CALL = 4096
 """Bytes from which on rows are read together."""
 _MOST_EXACT = 1024
@@ -68,10 +79,11 @@ class TextDecoder:
         self._given_up = False
         self._left_out: tuple[str, ...] = ()
         self._others = 0
+        self._sentences = b""
         self._heading = 0
         self._host_s = math.nan
         self._joining = True
-        self._complained = False
+        self._complaints = 0
 
     def feed(self, data: bytes, host_s: float) -> list[Event]:
         """Take bytes that arrived at host time `host_s` and return what they complete."""
@@ -129,6 +141,9 @@ class TextDecoder:
 
     def _line(self, line: bytes) -> list[Event]:
         line = joined_dates(without_escapes(line))
+        sentence = sentence_in(line)
+        if sentence is not None:
+            return self._sentence(sentence)
         joining, self._joining = self._joining, False
         if joining and not math.isnan(self._host_s) and _only_numbers(line):
             # From a port the first line may be the tail of one; a file begins with its beginning.
@@ -138,6 +153,22 @@ class TextDecoder:
         if self._doubted and Table(self._doubted).row(line) is not None:
             return self._start_table(self._doubted) + self._line(line)
         return self._no_row(line)
+
+    def _sentence(self, sentence: Sentence) -> list[Event]:
+        """Take a sentence: the first name that is known, or else has numbers, is the stream."""
+        self._joining = False
+        if self._sentences and sentence.name != self._sentences:
+            self.stats.unknown += 1
+            return []
+        if not sentence.sound:
+            self.stats.crc_errors += 1
+            self._damage()
+            return []
+        if sentence.columns is not None and not self._sentences:
+            self._sentences = sentence.name
+            self.named = True
+            return self._start_table(sentence.columns) + self._line(sentence.values)
+        return self._line(sentence.values)
 
     def _no_row(self, line: bytes) -> list[Event]:
         """Take a line that is no row of the table in force, if there is one."""
@@ -152,24 +183,33 @@ class TextDecoder:
         if self._others > 2 * len(self._unnamed) + 2:
             self._unnamed.clear()
         if not any(numbers) and not self._spoken.chosen:
-            columns = columns_of(cells_of(_COMMENT.sub("", text)), self._bare)
-            if columns is not None:
-                self.named = True
-                left_out = tuple(
-                    f"the unit of {cell} is not known: that column is left out"
-                    for cell in cells
-                    if in_unknown_unit(cell)
-                )
-                if self._doubtful(columns):
-                    return []
-                self._left_out = left_out
-                names = [cell.lower() for cell in cells_of(_COMMENT.sub("", text))]
-                bare = "no sensor is named" if names == ["x", "y", "z"] else ""
-                return self._start_table(columns, left_out, bare)
+            events = self._header(cells_of(_COMMENT.sub("", text)))
+            if events is not None:
+                return events
         if self._table is not None and 2 * sum(numbers) >= len(numbers):
             return self._bad_row(text)
         self._words(text, len(cells))
         return []
+
+    def _header(self, cells: list[str]) -> list[Event] | None:
+        """Take a line without numbers, None where it names neither columns nor their units."""
+        below = self._units_below(cells)
+        if below is not None:
+            return self._start_table(below, self._left_out)
+        columns = columns_of(cells, self._bare)
+        if columns is None:
+            return None
+        self.named = True
+        left_out = tuple(
+            f"the unit of {cell} is not known: that column is left out"
+            for cell in cells
+            if in_unknown_unit(cell)
+        )
+        if self._doubtful(columns):
+            return []
+        self._left_out = left_out
+        bare = "no sensor is named" if [c.lower() for c in cells] == ["x", "y", "z"] else ""
+        return self._start_table(columns, left_out, bare)
 
     @property
     def _bare(self) -> Quantity:
@@ -233,6 +273,14 @@ class TextDecoder:
         lines, self._unnamed = self._unnamed, []
         return [event for line in lines for event in self._line(line)]
 
+    def _units_below(self, cells: Sequence[str]) -> Columns | None:
+        """Return the columns in force with the units that a second line of the header gives."""
+        table = self._table
+        if table is None or table.rows or self._misaligned:
+            return None
+        columns = with_units_below(table.columns, cells)
+        return None if columns == table.columns else columns
+
     def _doubtful(self, columns: Columns) -> bool:
         """Return whether a header may be the one in force, damaged; the rows after it will tell."""
         doubted, self._doubted = self._doubted, ()
@@ -281,15 +329,16 @@ class TextDecoder:
             self._rows.add(values, math.nan, self._host_s, degrees)
 
     def _bad_row(self, text: str, number: int = 0) -> list[Event]:
-        """Leave out a line that should be a row; of a file, say which one is the first."""
+        """Leave out a line that should be a row; of a file, say why of the first few."""
         self._damage()
-        if self._complained or not math.isnan(self._host_s):
+        if self._complaints == _MOST_COMPLAINTS or not math.isnan(self._host_s):
             return []
-        self._complained = True
+        self._complaints += 1
         said = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"
+        why = why_no_row(self._table.columns, text.encode()) if self._table is not None else ""
         line = (
-            f"line {number or self._lines.number} is no row of the table: {said!r}; "
-            "such lines are left out"
+            f"line {number or self._lines.number} is no row of the table: {said!r}"
+            f"{f' ({why})' if why else ''}; such lines are left out"
         )
         return [Notice("error", line)]
 

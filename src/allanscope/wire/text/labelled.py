@@ -34,7 +34,7 @@ SpokenRow = tuple[tuple[float, ...], float]
 Kind = tuple[str, str, str]
 """Label of a line, unit of its gyroscope, unit of its accelerometer."""
 
-_LONGEST = 400
+LONGEST_LABELLED = 400
 _FLOAT = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _PAIR = re.compile(rf"([A-Za-z]\w{{0,20}})\s*(\[[^\]]{{0,12}}\])?\s*[=:]\s*({_FLOAT})(?![\w.])")
 _LIST = re.compile(
@@ -118,8 +118,9 @@ def read_labelled(line: str) -> Labelled | None:
     line : str
         Printable text without escape sequences.
     """
-    if len(line) > _LONGEST or (":" not in line and "=" not in line):
+    if len(line) > LONGEST_LABELLED or (":" not in line and "=" not in line):
         return None
+    line = " ".join(line.split())  # blanks without end cost their square
     found = _Found()
     label = _LABEL.search(line)
     for part in _REMARK.sub(" ", line).split("|"):

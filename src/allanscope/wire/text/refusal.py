@@ -19,7 +19,7 @@ from allanscope.wire.text.columns import (
 )
 from allanscope.wire.text.table import Table, is_number, joined_dates
 
-__all__ = ["why_no_rows"]
+__all__ = ["why_no_row", "why_no_rows"]
 
 _SHOWN = 3
 _LOOKED_AT = 1 << 14
@@ -68,7 +68,8 @@ def _reasons(sample: bytes) -> Iterator[str]:
                     yield f"{where}: {_no_axis(cells)}"
                 worded = True
         elif columns is not None:
-            yield from _why_no_row(columns, line, cells, where)
+            if Table(columns).row(line) is None and (why := why_no_row(columns, line)):
+                yield f"{where}, {why}" if why.startswith("column") else f"{where}: {why}"
         elif not all(numbers):
             yield f"{where}: {_shown(cells[numbers.index(False)])} is no number"
         elif unnamed(len(cells)) is None:
@@ -79,16 +80,20 @@ def _reasons(sample: bytes) -> Iterator[str]:
             return
 
 
-def _why_no_row(columns: Columns, line: bytes, cells: list[str], where: str) -> Iterator[str]:
-    if Table(columns).row(line) is not None:
-        return
+def why_no_row(columns: Columns, line: bytes) -> str:
+    """Return why a line is no row of these columns: which column, what stands there.
+
+    >>> from allanscope.wire.text.columns import Column
+    >>> why_no_row((Column("gyro", "dps", 0), None), b"none,2")
+    "column 1: 'none' is no number"
+    """
+    cells = cells_of(plain_line(joined_dates(line)))
     if len(cells) != len(columns):
-        yield f"{where}: {len(cells)} cells where the header names {len(columns)} columns"
-        return
+        return f"{len(cells)} cells where the header names {len(columns)} columns"
     for number, (column, cell) in enumerate(zip(columns, cells, strict=True), start=1):
         if column is not None and cell and not is_number(cell):
-            yield f"{where}, column {number}: {_shown(cell)} is no number"
-            return
+            return f"column {number}: {_shown(cell)} is no number"
+    return ""
 
 
 def _no_axis(cells: list[str]) -> str:

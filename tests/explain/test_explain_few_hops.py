@@ -45,6 +45,14 @@ def test_hops_all_along_are_a_telegraph_signal(bench, seed):
     assert kinds(b, hops(b, at_s, 3 * SIGMA)) == ["random_telegraph"]
 
 
+@pytest.mark.parametrize("seed", [549, 550])
+def test_smooth_noise_on_two_codes_is_no_telegraph_signal(bench, seed):
+    b = bench(seed, 300.0)
+    smooth = np.convolve(b.rng.normal(size=len(b.t) + 1), [0.7, 0.5], "valid")
+    record = b.record(0.5 + 0.7 * smooth, lsb=1.0)
+    assert "random_telegraph" not in [e.kind for e in explain(record).axes["gx"].effects]
+
+
 def test_a_shock_in_a_car_is_no_telegraph_signal():
     result = allanscope.analyse(MEASURED / "asm330lhhx-vehicle.parquet")
     found = result.axes["gy"].explanation.effects

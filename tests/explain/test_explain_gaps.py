@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from allanscope.explain import explain
+from allanscope.history import Record
 from support.thinned import RATE, thinned
 
 ROWS = 24_000
@@ -79,3 +80,21 @@ def test_a_line_has_its_size():
     found = explain(thinned(_rounded(values), _kept(rng), LSB)).axes["gx"]
     assert [effect.kind for effect in found.effects] == ["sinusoid"]
     assert found.effects[0].parameters["amplitude"].value == pytest.approx(0.02, abs=0.0015)
+
+
+def test_a_record_in_bursts_is_told_that_its_gaps_are_why():
+    rng = np.random.default_rng(4)
+    row = np.concatenate([24 * k + np.arange(4) for k in range(1500)])
+    record = Record(
+        rate_hz=960.0,
+        stride=1,
+        axes=("gx",),
+        values=_rounded(rng.normal(0, 0.05, (len(row), 1))),
+        lsb=(LSB,),
+        temperature_c=np.full(len(row), np.nan),
+        start_s=row / 960.0,
+        segments=np.array([[4 * k, 4 * k + 4] for k in range(1500)], np.int64),
+    )
+    why = explain(record).axes["gx"].hindrance
+    assert "1,499 gaps" in why
+    assert "too short" not in why

@@ -148,6 +148,8 @@ def effect_of(candidate: Candidate, axis: str, share: float = math.nan) -> Effec
         "detection_selected": bool(0 < candidate.excess < 10.0),
         **kind.evidence,
     }
+    if candidate.equivalent:
+        evidence["rivals"] = {k: float(candidate.rivals[k]) for k in candidate.equivalent}
     if candidate.seen_in:
         evidence["seen_in"] = candidate.seen_in
     held = candidate.held_out

@@ -3,9 +3,9 @@
 1. *penalty*: the gain exceeds what the search for it costs, to which each effect that was accepted
    before adds ln 2 (alpha / 2^k is left to spend);
 2. *adequacy*: it is what its name says, or `unexplained` in its place (`adequate`);
-3. *held out*: it gains on data that was not used to fit it, what goes on all along more than its
-   own standard error; of a large gain of a process at least a quarter, else it did not recur; and
-   where a slope must be the same in every quarter, it is;
+3. *held out*: on data that was not used to fit it, it gains more than the standard error of that
+   gain; of a large gain of a process at least a quarter, else it did not recur; and where a slope
+   must be the same in every quarter, it is;
 4. *error*: with everything accepted and the final model fitted, neither chi-square nor worst band
    is larger than the textbook model leaves, beyond sampling; effects that make it so are refused
    after all (`moves.drop.refuse`).
@@ -19,6 +19,7 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import ResidualError
+from allanscope.explain.effects.shock import within_shock
 from allanscope.explain.effects.temperature import Temperature
 from allanscope.explain.effects.unexplained import covered, is_remnant, leaves_too_little
 from allanscope.explain.view import View
@@ -26,8 +27,6 @@ from allanscope.explain.view import View
 __all__ = ["adequate", "growth", "is_measured", "judge", "judge_members", "owed", "penalty_passed"]
 
 _RECURRING, _SMALL = 0.25, 30.0
-_CONTRADICTS = 15.0
-"""Error over the gain from which the blocks contradict each other."""
 _SAME = 1.02
 """Ratio up to which two errors are the same."""
 _LEAST_CHI2, _LEAST_Z = 2.0, 4.0
@@ -55,7 +54,7 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
         return None, f"adequacy: {why}"
     held = verdict.effect.hold_out(view, verdict)
     recurring = _RECURRING * (verdict.gain - _SMALL) if verdict.effect.is_process else 0.0
-    if held is not None and held.nats <= max(_least(verdict, held), recurring):
+    if held is not None and held.nats <= max(held.error, recurring):
         return None, f"held out: {held.nats:.1f} nats on other data"
     if held is not None and _is_refuted(verdict, held):
         return None, "held out: quarters of the record disagree"
@@ -68,6 +67,8 @@ def _superfluous(view: View, verdict: Candidate) -> str:
         return "that range is known already"
     if leaves_too_little(view, verdict):
         return "nothing would be left to fit"
+    if within_shock(view, verdict):
+        return "a piece of a shock"
     return "the end of a loud tone" if is_remnant(view, verdict) else ""
 
 
@@ -79,9 +80,7 @@ def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:
             judged.append(candidate)
             continue
         held = candidate.effect.hold_out(view.without(candidate), candidate)
-        if held is not None and (
-            held.nats <= _least(candidate, held) or _is_refuted(candidate, held)
-        ):
+        if held is not None and (held.nats <= held.error or _is_refuted(candidate, held)):
             return None
         judged.append(replace(candidate, held_out=held))
     return replace(view, accepted=tuple(judged))
@@ -90,18 +89,6 @@ def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:
 def owed(view: View, first: int) -> float:
     """Return the penalty of everything accepted after the first so many effects."""
     return float(sum(c.penalty for c in view.accepted[first:]) + first * np.log(2))
-
-
-def _least(candidate: Candidate, held: HeldOut) -> float:
-    """Return what must be exceeded on other data.
-
-    What goes on all along gains in every block, so that the scatter of the blocks is its error. Of
-    what is slow or happens once a few blocks hold all the gain, and their scatter is as large as
-    the gain. Where it is several times that, some blocks lose what others gain: it is a piece of
-    something else, as a step within a shock is.
-    """
-    recurs = held.replicated is not None and not candidate.effect.is_slow
-    return held.error if recurs else held.error / _CONTRADICTS
 
 
 def _is_refuted(candidate: Candidate, held: HeldOut) -> bool:

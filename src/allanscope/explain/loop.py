@@ -157,7 +157,7 @@ def explain(
     if open_axes:
         # Shared by the threads, so filled before; an axis that fails on it will say so.
         with set_workers(threads), suppress(Exception):
-            _ = series.thermal, series.equal, series.loud
+            _ = series.thermal, series.equal, series.loud, series.shaken
     failures: dict[str, Exception] = {}
     with ThreadPoolExecutor(threads) as pool:
 

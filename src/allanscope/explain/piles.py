@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import poisson
+from scipy.special import pdtrc
 
 __all__ = ["Pile", "missing_codes", "piles"]
 
@@ -155,7 +155,7 @@ def _is_heaped(arrivals: NDArray[np.int64], i: int, usual: float) -> bool:
     excess = (arrivals[i] - usual) / arrivals.sum()
     if arrivals[i] < _TWICE * usual or excess < _MATTERS:
         return False
-    return bool(poisson.sf(arrivals[i] - 1, max(usual, 1.0)) * len(arrivals) < _ALPHA)
+    return bool(pdtrc(arrivals[i] - 1, max(usual, 1.0)) * len(arrivals) < _ALPHA)
 
 
 def _beside(values: NDArray[np.int64], arrivals: NDArray[np.int64], i: int, step: float) -> float:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
+from allanscope.explain.shaken import Shaken, shaken_rows
 from allanscope.explain.values import Coincidence
 from allanscope.history import Record
 from allanscope.lazy import once
@@ -61,6 +62,8 @@ _HALF_AN_OCTAVE = 17
 SHORTEST_ROWS = 2048
 SHORTEST_S = 10.0
 """Effects are held out in blocks of a second: of fewer than ten, nothing can be told."""
+_MANY_GAPS = 10
+"""Gaps from which not the length of a record but the loss of rows is why no stretch is long."""
 _LONGEST_PERIOD = 256
 """Rows after which a pattern may begin anew: noise never does."""
 _FULL_SCALE = 32767
@@ -85,6 +88,8 @@ class Series:
         Rows that are filling.
     rows : ndarray of int, shape (rows of the record,)
         Where each row of the record lies on the grid; it may lie beyond.
+    gaps : int
+        Gaps that were too many to bridge, so that only the longest stretch is taken; else 0.
     """
 
     axes: tuple[str, ...]
@@ -97,6 +102,7 @@ class Series:
     start_s: float = 0.0
     remarks: tuple[str, ...] = ()
     rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), repr=False)
+    gaps: int = 0
 
     def __len__(self) -> int:
         return int(self.values.shape[0])
@@ -161,6 +167,13 @@ class Series:
         return equal[~(self.bridged[1:] | self.bridged[:-1])]
 
     @once
+    def shaken(self) -> tuple[Shaken, ...]:
+        """Shocks, on whichever axis."""
+        rows = {axis: np.ascontiguousarray(self.values[:, k]) for k, axis in enumerate(self.axes)}
+        steps = dict(zip(self.axes, self.lsb, strict=True))
+        return tuple(shaken_rows(rows, self.rate_hz, steps))
+
+    @once
     def coincidence(self) -> Coincidence:
         """How often rows are equal by chance."""
         return Coincidence.of(self.values, self.equal)
@@ -213,14 +226,14 @@ def series_of(record: Record) -> Series:
     row = np.round((record.start_s - record.start_s[0]) * record.rate_hz).astype(np.int64)
     if np.any(np.diff(row) < 1):
         row = np.arange(len(row))
-    size, rows, taken = int(row[-1]) + 1, row, slice(0, len(row))
+    size, rows, taken, gaps = int(row[-1]) + 1, row, slice(0, len(row)), 0
     if size > len(row) * (1 + _MOST_BRIDGED):
         first, last = max(record.segments, key=lambda s: int(s[1] - s[0]))
         remarks.append(
             f"{100 * (1 - len(row) / size):.0f} % of the run is missing: only its longest stretch "
             f"without a long gap ({(last - first) / record.rate_hz:.0f} s) was searched for effects"
         )
-        taken = slice(first, last)
+        taken, gaps = slice(first, last), len(record.segments) - 1
         rows = row - row[first]
         row = rows[taken]
         size = len(row)
@@ -240,6 +253,7 @@ def series_of(record: Record) -> Series:
         start_s=float(record.start_s[taken.start]),
         remarks=tuple(remarks),
         rows=rows,
+        gaps=gaps,
     )
 
 
@@ -305,6 +319,13 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
     needed = max(SHORTEST_S, SHORTEST_ROWS / series.rate_hz)
     if n < SHORTEST_ROWS or series.duration_s < SHORTEST_S:
         missing = duration(np.ceil(needed - series.duration_s))
+        if series.gaps >= _MANY_GAPS:
+            return (
+                f"rows are missing throughout: {series.gaps:,} gaps, and the longest stretch "
+                f"without one is {duration(series.duration_s)} of the {duration(needed)} that a "
+                "search for effects takes; find where rows are lost (the logger or its link), for "
+                "a longer run with such gaps has none either",
+            )
         return (
             f"too short to search for effects: {duration(series.duration_s)} of the "
             f"{duration(needed)} that it takes; run at least {missing} longer",

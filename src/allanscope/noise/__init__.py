@@ -36,7 +36,13 @@ if TYPE_CHECKING:
     from allanscope.noise.curve_fit import CurveResidual, fit_curve, gls_chi2
     from allanscope.noise.fit import NoiseFit, fit_array, fit_noise
     from allanscope.noise.model import NoiseModel
-    from allanscope.noise.power_laws import POWER_LAWS, fit_power_laws
+    from allanscope.noise.power_laws import (
+        POWER_LAWS,
+        fit_power_laws,
+        letters_for,
+        model_of,
+        power_laws_of,
+    )
     from allanscope.noise.quantised import advice, find_step
     from allanscope.noise.white_level import add_coupled, total_white
 
@@ -62,6 +68,9 @@ __all__ = [
     "fit_noise",
     "fit_power_laws",
     "gls_chi2",
+    "letters_for",
+    "model_of",
+    "power_laws_of",
     "relative_bounds",
     "total_white",
     "wait_until",
@@ -91,6 +100,9 @@ __getattr__, __dir__ = lazily(
         "fit_noise": "fit",
         "fit_power_laws": "power_laws",
         "gls_chi2": "curve_fit",
+        "letters_for": "power_laws",
+        "model_of": "power_laws",
+        "power_laws_of": "power_laws",
         "relative_bounds": "crlb",
         "wait_until": "crlb",
         "total_white": "white_level",

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
-from scipy.stats import f as f_distribution
+from scipy.special import fdtri
 
 from allanscope.allan import Deviation
 
@@ -95,7 +95,7 @@ def bound_model(curve: Deviation, *, quantile: float = QUANTILE) -> Bound | None
     if use.sum() < 3:
         return None
     tau, measured, edf = curve.tau[use], curve.deviation[use] ** 2, curve.edf[use]
-    floor = np.maximum(f_distribution.ppf(quantile, edf, edf), 1.0)
+    floor = np.maximum(fdtri(edf, edf, quantile), 1.0)
     best: tuple[float, Array, float] | None = None
     for time in np.geomspace(tau[0] / 3, tau[-1], _TIMES):
         columns = _columns(tau, time) / measured[:, np.newaxis]

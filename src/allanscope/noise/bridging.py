@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import cho_solve_banded, cholesky_banded, solve_banded
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import oaconvolve
 
 from allanscope.history import Record
 
@@ -208,7 +207,7 @@ class _Autoregression:
 
     def innovations(self, samples: Array) -> Array:
         """Return what of each sample those before it do not predict."""
-        return np.asarray(oaconvolve(samples, self.alpha)[: len(samples)])
+        return _convolved(samples, self.alpha)[: len(samples)]
 
     def drawn(self, samples: Array, gaps: Rows, standard: Array) -> Array:
         """Return a draw of the missing rows given the others.
@@ -225,7 +224,7 @@ class _Autoregression:
         order = len(self.alpha) - 1
         precision = np.correlate(self.alpha, self.alpha, "full")[order:]
         both_ways = np.concatenate([precision[:0:-1], precision])
-        pull = -oaconvolve(samples, both_ways)[order : order + len(samples)][gaps]
+        pull = -_convolved(samples, both_ways)[order : order + len(samples)][gaps]
         m = len(gaps)
         rows = []
         for k in range(min(m, order + 1)):
@@ -258,3 +257,10 @@ def _root_of_correlation(
     table = table / np.where(size > 0, size, 1.0)
     eigenvalues, vectors = np.linalg.eigh(table.T @ table / max(1, len(table)))
     return np.asarray((vectors * np.sqrt(np.maximum(eigenvalues, 0.0))) @ vectors.T)
+
+
+def _convolved(samples: Array, taps: Array) -> Array:
+    """Return the full convolution; `scipy.signal`, which has one, takes half a second to load."""
+    size = len(samples) + len(taps) - 1
+    length = next_fast_len(size, real=True)
+    return np.asarray(irfft(rfft(samples, length) * rfft(taps, length), length)[:size])

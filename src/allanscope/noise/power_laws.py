@@ -1,7 +1,8 @@
 """Coefficients of every power law: those of phase noise, and those steeper than a random walk.
 
 The fit of a result has N, B, K and, where the data ask for it, Q. A record that has flicker phase
-noise (P), a flicker walk (F) or a random run (D) is fitted here, by the same likelihood::
+noise (P), a flicker walk (F) or a random run (D) is fitted here, by the same likelihood: an array
+with `fit_power_laws`, an axis of a run with `power_laws_of`, beside the effects found on it::
 
     alpha    +2   +1    0   -1   -2   -3   -4
     letter    Q    P    N    B    K    F    D
@@ -13,38 +14,49 @@ letter moves by two places (N as Q, B as P, K as N, F as B, D as K).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allanscope.allan import LETTERS, alpha_named
+from allanscope.history import Record
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import (
     AngleQuantization,
     Flicker,
     FlickerPhase,
+    Ramp,
     RandomWalk,
     White,
 )
 from allanscope.noise.estimates import Estimates
-from allanscope.noise.evidence import evidence_of
+from allanscope.noise.evidence import Evidence, evidence_of, stretches_of
+from allanscope.noise.filters import Remainder
+from allanscope.noise.fit import NoiseFit
 from allanscope.noise.likelihood import Likelihood
 from allanscope.noise.model import NoiseModel
 from allanscope.noise.part import Component
+from allanscope.samples import unit_of
 
-__all__ = ["POWER_LAWS", "fit_power_laws"]
+__all__ = ["POWER_LAWS", "fit_power_laws", "letters_for", "model_of", "power_laws_of"]
 
-POWER_LAWS = {"Q": 2, "P": 1, "N": 0, "B": -1, "K": -2, "F": -3, "D": -4}
+POWER_LAWS = {letter: alpha for alpha, letter in LETTERS.items()}
 """Letter of each power law to alpha of S(f) ~ f^alpha."""
 
-_BY_ALPHA: Mapping[int, tuple[str, type[Component]]] = {
+_USUAL = "NBK"
+_SHARE = 0.1
+"""Of the sample rate: for a steep fit, rows above it say nothing that a filter does not bend."""
+
+_BY_ALPHA: Mapping[int, tuple[str, Callable[[float], Component]]] = {
     2: ("Q", AngleQuantization),
     1: ("P", FlickerPhase),
     0: ("N", White),
     -1: ("B", Flicker),
     -2: ("K", RandomWalk),
 }
+_REPLACED = (*(name for name, _ in _BY_ALPHA.values()), "R", "power_law")
 _UNITS = {
     **{"Q": "{}*s", "P": "{}*s", "N": "{}/sqrt(Hz)", "B": "{}", "K": "{}/sqrt(s)"},
     **{"F": "{}/s", "D": "{}/s/sqrt(s)"},
@@ -85,32 +97,134 @@ def fit_power_laws(
     >>> found["D"].lower < 1e-4 < found["D"].upper, found["D"].unit, found["K"].detected
     (True, 'dps/s/sqrt(s)', False)
     """
-    if not noises or set(noises) - set(POWER_LAWS):
-        raise ValueError(f"noises must be letters of {''.join(POWER_LAWS)}, got {noises!r}")
-    steep = bool(set(noises) & set("FD"))
-    if steep and set(noises) & set("QP"):
-        raise ValueError("F and D cannot be fitted beside Q and P: leave one of the pairs out")
+    letters = _checked(noises)
     samples = np.asarray(values, np.float64)
     if samples.ndim != 1 or samples.size < 17 or not np.isfinite(samples).all():
         raise ValueError("need a row of 17 or more finite values")
-    dt = 1.0 / rate
-    if steep:
-        samples = np.diff(samples) * rate
-    shift = 2 if steep else 0
-    chosen = {letter: _BY_ALPHA[POWER_LAWS[letter] + shift] for letter in noises}
-    model = NoiseModel(tuple(make(1.0) for _, make in chosen.values()), dt)  # type: ignore[call-arg]
-    fit = Likelihood(evidence_of([samples[np.newaxis]], dt)).amplitudes(model)
-    estimates = Estimates(fit, dt, samples.size * dt, unit)
-    found = {}
-    for letter, (name, _) in chosen.items():
-        one = estimates.coefficient(name)
+    dt, duration = 1.0 / rate, samples.size / rate
+    if _is_steep(letters):
+        evidence = evidence_of([np.diff(samples)[np.newaxis] * rate], dt)
+        return _steep(letters, evidence, dt, duration, unit)
+    return _fitted(
+        letters, NoiseModel((), dt), evidence_of([samples[np.newaxis]], dt), duration, unit
+    )
+
+
+def power_laws_of(record: Record, axis: str, noises: str, fit: NoiseFit) -> dict[str, Coefficient]:
+    """Return the coefficients of the power laws that are named, of an axis of a run.
+
+    Parameters
+    ----------
+    record : Record
+        Rows of all axes.
+    axis : str
+        Which one.
+    noises : str
+        Letters as for `fit_power_laws`.
+    fit : NoiseFit
+        Of this axis: its evidence is fitted again, beside its effects and behind its filters. With
+        F or D the differences of the rows are, up to a tenth of their rate.
+
+    Raises
+    ------
+    ValueError
+        As `fit_power_laws`, or when no stretch of rows is long enough.
+    """
+    letters, unit = _checked(noises), unit_of(axis)
+    row_s = 1.0 / record.rate_hz
+    duration = len(record.values) * row_s
+    if _is_steep(letters):
+        values = record.values[:, record.axes.index(axis)]
+        stretches = stretches_of(values, [(int(a), int(b) - 1) for a, b in record.segments])
+        steps = [np.diff(table, axis=1) / row_s for table in stretches]
+        high = ((_SHARE / row_s, np.inf),)
+        evidence = [part.without(high) for part in evidence_of(steps, row_s)]
+        return _steep(letters, evidence, row_s, duration, unit)
+    others = tuple(c for c in fit.model if c.symbol not in _REPLACED)
+    filters = tuple(f for f in fit.model.filters if not isinstance(f, Remainder))
+    beside = NoiseModel(others, fit.model.dt, filters)
+    return _fitted(letters, beside, fit.evidence, duration, unit)
+
+
+def model_of(text: str, dt: float) -> NoiseModel:
+    """Return the model that ``N=0.003,B=0.001`` describes, of Q, P, N, B, K and R.
+
+    Raises
+    ------
+    ValueError
+        For another letter, or what is no number.
+
+    Examples
+    --------
+    >>> model_of("N=4e-3,K=1e-4", 0.01).deviation("oadev", [100]).round(6).tolist()
+    [0.004]
+    """
+    known: dict[str, Callable[[float], Component]] = {**dict(_BY_ALPHA.values()), "R": Ramp}
+    parts: list[Component] = []
+    for part in text.split(","):
+        letter, _, value = part.partition("=")
+        if letter not in known:
+            raise ValueError(f"model {text!r}: write e.g. N=0.003,B=0.001, of {' '.join(known)}")
+        try:
+            parts.append(known[letter](float(value)))
+        except ValueError:
+            raise ValueError(f"model {text!r}: {value!r} is no number above zero") from None
+    return NoiseModel(tuple(parts), dt)
+
+
+def letters_for(labels: Iterable[str]) -> str:
+    """Return the letters to fit where these noise types were identified: N, B, K and theirs.
+
+    Examples
+    --------
+    >>> letters_for(["FPM", "FPM", "WFM", ""]), letters_for(["WFM", "RRFM", "FWFM"])
+    ('PNBK', 'NBKFD')
+    """
+    seen = {LETTERS[alpha_named(label)] for label in labels if label}
+    steep = seen & set("FD")
+    wanted = seen | set(_USUAL) if not steep else (seen | set(_USUAL)) - set("QP")
+    return "".join(letter for letter in POWER_LAWS if letter in wanted)
+
+
+def _checked(noises: str) -> str:
+    """Return the letters, each once; ValueError for what cannot be fitted."""
+    if not noises or set(noises) - set(POWER_LAWS):
+        raise ValueError(f"noises must be letters of {''.join(POWER_LAWS)}, got {noises!r}")
+    if _is_steep(noises) and set(noises) & set("QP"):
+        raise ValueError("F and D cannot be fitted beside Q and P: leave one of the pairs out")
+    return "".join(dict.fromkeys(noises))
+
+
+def _is_steep(letters: str) -> bool:
+    return bool(set(letters) & set("FD"))
+
+
+def _steep(
+    letters: str, evidence: Sequence[Evidence], dt: float, duration: float, unit: str
+) -> dict[str, Coefficient]:
+    """Fit differences over dt, in which every power law is two powers less steep."""
+    found = _fitted(letters, NoiseModel((), dt), evidence, duration, unit, shift=2)
+    if "N" in found:
         # White noise has N / sqrt(dt) a sample, and that is the Q of its differences over dt.
-        factor = np.sqrt(dt) if steep and letter == "N" else 1.0
-        found[letter] = replace(
-            one,
-            value=one.value * factor,
-            lower=one.lower * factor,
-            upper=one.upper * factor,
-            unit=_UNITS[letter].format(unit),
-        )
+        factor, one = np.sqrt(dt), found["N"]
+        limits = {name: getattr(one, name) * factor for name in ("value", "lower", "upper")}
+        found["N"] = replace(one, **limits)
     return found
+
+
+def _fitted(
+    letters: str,
+    beside: NoiseModel,
+    evidence: Sequence[Evidence],
+    duration: float,
+    unit: str,
+    shift: int = 0,
+) -> dict[str, Coefficient]:
+    chosen = {letter: _BY_ALPHA[POWER_LAWS[letter] + shift] for letter in letters}
+    parts = tuple(make(1.0) for _, make in chosen.values())
+    model = NoiseModel((*parts, *beside.components), beside.dt, beside.filters)
+    estimates = Estimates(Likelihood(evidence).maximise(model), beside.dt, duration, unit)
+    return {
+        letter: replace(estimates.coefficient(name), unit=_UNITS[letter].format(unit))
+        for letter, (name, _) in chosen.items()
+    }

@@ -10,9 +10,11 @@ increments between nodes, for edges, or with a curvature of some length, for bum
 
 whose maximum under the penalty is found by Newton's method. Sizes and lengths are weighted with
 their marginal likelihood in Laplace's approximation, as REML is for a spline: where the named
-parts leave nothing the best size is zero and there is no remainder. Source: Littenberg and Cornish,
-BayesLine (arXiv 1410.3852), for the idea of a smooth part below the named lines; Wood, Generalized
-Additive Models (2017), section 6.6, for the marginal likelihood.
+parts leave nothing the best size is zero and there is no remainder. Where there is one, it is
+mostly in one place: priors whose size follows that of a first estimate, smoothed, are weighted
+beside the others, so that a bump in one octave does not cost the error of a bump in every octave.
+Source: Littenberg and Cornish, BayesLine (arXiv 1410.3852), for the idea of a smooth part below the
+named lines; Wood, Generalized Additive Models (2017), section 6.6, for the marginal likelihood.
 
 A level of its own would compete with N. So s is zero where N is read: half of the ordinates below a
 fifth of the Nyquist frequency, weighted with the share of white noise in them, lie above it and
@@ -27,6 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, solveh_banded
+from scipy.ndimage import gaussian_filter1d
 
 from allanscope.noise.components import White
 from allanscope.noise.evidence import Evidence
@@ -43,6 +46,9 @@ _SIZES = np.geomspace(0.005, 3.0, 11)
 """Standard deviations of s over an octave that are tried."""
 _LENGTHS, _LEVELS = (0.2, 0.4, 0.8, 1.6), np.geomspace(0.01, 1.0, 7)
 """Lengths in octaves over which s bends, and standard deviations of its level, that are tried."""
+_LOCAL_LENGTHS = (0.1, *_LENGTHS)
+_AROUND, _LEAST_LOCAL, _LOCAL_ROUNDS = 0.4, 0.1, 2
+"""Octaves over which the size of s is averaged, its least relative size, and rounds."""
 _TO_ZERO = 0.3
 """Standard deviation of the level of s at a node, relative to its change over an octave."""
 _GAIN = 3.0
@@ -146,11 +152,31 @@ def smooth_log_ratio(frequency: Array, ratio: Array, dof: Array) -> Smooth | Non
     problem = _Problem(len(nodes), left, right_share, ratio[used], dof[used] / 2)
     priors = [_rough(len(nodes), spacing, size) for size in _SIZES]
     priors += [_bent(len(nodes), spacing, a, level) for a in _LENGTHS for level in _LEVELS]
-    values, gains = zip(*map(problem.at, priors), strict=True)
-    # The mean over what sizes and lengths are likely does better on other data than the likeliest.
+    tried = [problem.at(prior) for prior in priors]
+    mean, gain = _averaged(tried)
+    if gain >= _GAIN:
+        bent = [_bent(len(nodes), spacing, a, v) for a in _LOCAL_LENGTHS for v in _LEVELS]
+        for _ in range(_LOCAL_ROUNDS):
+            local = _local(mean, spacing)
+            mean, _ = _averaged(tried + [problem.at(_scaled(prior, local)) for prior in bent])
+    return Smooth(2.0**nodes, mean, gain)
+
+
+def _averaged(tried: Sequence[tuple[Array, float]]) -> tuple[Array, float]:
+    """Return the mean over what sizes and lengths are likely, and the log of their mean likelihood.
+
+    It does better on other data than the likeliest.
+    """
+    values, gains = zip(*tried, strict=True)
     weights = np.exp(np.array(gains) - max(gains))
     mean = np.average(values, axis=0, weights=weights)
-    return Smooth(2.0**nodes, mean, max(gains) + float(np.log(weights.mean())))
+    return mean, max(gains) + float(np.log(weights.mean()))
+
+
+def _local(s: Array, spacing: float) -> Array:
+    """Return the size that s has around each node, relative to its largest."""
+    size = np.sqrt(gaussian_filter1d((s - np.median(s)) ** 2, _AROUND / spacing, mode="nearest"))
+    return np.maximum(size / max(float(size.max()), 1e-300), _LEAST_LOCAL)
 
 
 class _Problem:
@@ -225,6 +251,15 @@ def _bent(k: int, spacing: float, length: float, level: float) -> Array:
         for other, beside in enumerate((1.0, -2.0, 1.0)[first:]):
             prior[other, first : k - 2 + first] += second * weight * beside
     return np.asarray(prior * (spacing / (2 * np.sqrt(2) * length * level**2)))
+
+
+def _scaled(prior: Array, size: Array) -> Array:
+    """Return the precision of s times a size at each node."""
+    scaled = np.zeros_like(prior)
+    for j, band in enumerate(prior):
+        stop = prior.shape[1] - j
+        scaled[j, :stop] = band[:stop] / (size[:stop] * size[j:])
+    return scaled
 
 
 def _times(banded: Array, s: Array) -> Array:

@@ -342,7 +342,8 @@ class SizedSignal(EffectKind):
         """Judge the size by interleaved blocks."""
         del candidate
         columns = self.columns(view)
-        return interleaved(view, joint_fit(view, columns), columns, recurs=self.must_replicate)
+        fit, again = joint_fit(view, columns), self.must_replicate
+        return interleaved(view, fit, columns, recurs=again, slow=self.is_slow)
 
 
 def is_alike(first: Estimate, second: Estimate) -> bool:

@@ -88,7 +88,7 @@ class AmplitudeCoupling(EffectKind):
         """What it is, in a phrase."""
         what = "level" if self.of_the_level else "motion"
         return (
-            f"the amplitude of {100 * self.share.value:.3g} % of the noise follows the {what} of "
+            f"{100 * self.share.value:.3g} % of the noise power follows the {what} of "
             f"{self.source.value}, {self.slope.value:.3g} {self.slope.unit}"
         )
 

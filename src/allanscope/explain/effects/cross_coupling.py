@@ -25,7 +25,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate, Parameter
@@ -129,7 +129,7 @@ def _candidate(view: View, source: str) -> Candidate | None:
     slope = float(np.sum(e * d * weight)) / normal
     z2 = slope**2 * normal
     others = len(view.series.axes) - 1
-    price = float(chi2.isf(ALPHA / others, 1)) / 2
+    price = float(chdtri(1, ALPHA / others)) / 2
     if z2 / 2 < price or not _same_everywhere(d, e, weight, slope):
         return None
     # Of two that are one signal neither leaks into the other.
@@ -188,7 +188,7 @@ def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
             own = float(np.sum(e[low:high] * d[low:high] * weight[low:high])) / normal
             distance += (own - slope) ** 2 * normal
             freedom += 1
-    return freedom < 1 or bool(chi2.sf(distance, freedom) > 1e-3)
+    return freedom < 1 or bool(chdtrc(freedom, distance) > 1e-3)
 
 
 def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:
@@ -221,7 +221,7 @@ def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:
             distance += float(np.sum(turned[low:high])) ** 2 / (_OF_THE_TAPER * scatter)
             freedom += 1
     little = distance - freedom < _IN_QUADRATURE * z2
-    return freedom == 0 or little or bool(chi2.sf(distance, freedom) > _TURNED_P)
+    return freedom == 0 or little or bool(chdtrc(freedom, distance) > _TURNED_P)
 
 
 def _direction(view: View, source: str) -> float:

@@ -8,7 +8,8 @@ few numbers describes; in time it is a tone
 
 whose complex amplitude a is smooth over a block of a quarter of the reciprocal width of the
 cluster. That is also how it is judged: the amplitude in each block is predicted from its two
-neighbours, and what the prediction gains in the block, which it did not use, is the held-out gain.
+neighbours, which must hold power in the block, and what the prediction gains there over noise of
+the same power, or over a constant line where that does better, is the held-out gain.
 In the model it is a component with the measured distribution of its power (`LineProfile`).
 
 It is no `sinusoid`: that has one amplitude and phase all along. It is no `narrowband`: that is
@@ -205,7 +206,7 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
     if width > _WIDEST * centre:
         return None
     held = _predicted(view, centre, width)
-    if held is None or held.nats <= _SURELY * held.error or not _stands_out(view, cluster):
+    if held is None or held.nats <= held.error or not _stands_out(view, cluster):
         return None
     independent = max(1.0, width * view.series.duration_s)
     moving = _history(view, centre, width)
@@ -253,7 +254,7 @@ def _around(view: View, centre: float, reach: float) -> Array:
 
 
 def _predicted(view: View, centre: float, width: float) -> HeldOut | None:
-    """Predict the amplitude in each block from its neighbours."""
+    """Predict the amplitude in each block from its neighbours; None where that explains nothing."""
     n, rate = view.grid.n, view.grid.rate_hz
     length = int(max(_BLOCK / width, 2 / centre) * rate)
     blocks = n // length
@@ -267,12 +268,29 @@ def _predicted(view: View, centre: float, width: float) -> HeldOut | None:
     shrunk = float(np.real(np.vdot(neighbours, middle)) / np.vdot(neighbours, neighbours).real)
     left = middle - max(shrunk, 0.0) * neighbours
     noise = float(view.spectrum.at(np.array([centre]))[0])
-    gained = (np.abs(middle) ** 2 - np.abs(left) ** 2) * length / (4 * noise)
+    floor = 4 * noise / length
+    seen = (np.abs(middle) ** 2 - np.abs(left) ** 2) / floor
+    if seen.sum() <= _SURELY * np.sqrt(len(seen)) * seen.std():
+        return None
+    predicted = _logliks(left, floor)
+    rivals = [_logliks(middle, floor), _logliks(middle - amplitude.mean(), floor)]
+    gained = predicted - max(rivals, key=lambda one: float(one.sum()))
     return HeldOut(
         nats=float(gained.sum()),
         error=float(np.sqrt(len(gained)) * gained.std()),
-        design=f"each block of {length / rate:.3g} s by its neighbours",
+        design=f"each block of {length / rate:.3g} s by its neighbours, against noise of the same "
+        "power and a constant line",
     )
+
+
+def _logliks(left: NDArray[np.complex128], floor: float) -> Array:
+    """Return the log-likelihood of complex residuals under their own variance, but for constants.
+
+    It is never less than that of the noise in which the line lies.
+    """
+    power = np.abs(left) ** 2
+    variance = max(float(power.mean()), floor)
+    return np.asarray(-power / variance - np.log(variance))
 
 
 def _history(view: View, centre: float, width: float) -> tuple[float, float, float, float]:

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.stats import norm
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
@@ -66,7 +66,7 @@ class Outliers(EffectKind):
         if len(view.data) < 4 * _NEIGHBOURS:
             return []
         n = len(view.data)
-        limit = float(norm.isf(ALPHA / (2 * n)))
+        limit = -float(ndtri(ALPHA / (2 * n)))
         z, level = deviations(view.data)
         rounding = 0.5 * view.step / max(float(np.median(np.abs(view.data - level))) * 1.48, 1e-300)
         at = np.flatnonzero(np.abs(z) > limit + rounding)
@@ -75,7 +75,7 @@ class Outliers(EffectKind):
             return []
         at, z, level = _on_their_own(view.data, at, z, limit + rounding)
         between = int(np.count_nonzero((np.abs(z) > _BULK) & (np.abs(z) < limit)))
-        expected = 2 * norm.sf(_BULK) * n
+        expected = 2 * ndtr(-_BULK) * n
         heavy = between - expected > 6 * np.sqrt(expected) + len(at)
         if heavy or len(at) > _MOST * n:
             return []
@@ -83,7 +83,7 @@ class Outliers(EffectKind):
         signal[at] = view.data[at] - level[at]
         close = int(np.count_nonzero(np.abs(z[at]) < limit + 1.0))
         sizes = np.abs(z[at])
-        gain = float(-np.sum(np.log(2 * n) + norm.logsf(sizes - rounding)))
+        gain = float(-np.sum(np.log(2 * n) + log_ndtr(rounding - sizes)))
         count = Estimate(float(len(at)), float(len(at)), float(len(at) + 2 * close + 1))
         return [Candidate(cls(count, float(sizes.max())), gain, signal=signal)]
 

@@ -58,6 +58,9 @@ noise, and fit it at every sample far better than it should; above the second it
 above the third the size of the hops is that of the path."""
 _BLURRED = 0.01
 """Share of the size by which missed and invented hops may then still move it."""
+_ONE_CODE, _FEW_ROWS = 1.3, 10.0
+"""Ratio up to which the hops are one step of the values, and rows in a dwell up to which noise that
+is rounded stays on one value."""
 _MOVED = 16.0
 """Variance of the level over that of white noise from which slow hops are looked for."""
 
@@ -121,6 +124,16 @@ class RandomTelegraph(EffectKind):
             return None
         process, twin = found
         return _with_spectrum(view, again, twin) if process.excess >= 0 else again
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Refuse hops between neighbouring values every few rows: they are the converter's codes.
+
+        Noise behind a low-pass that hardly leaves two codes stays on each for some rows.
+        """
+        codes = 2 * self.amplitude.value / view.step if view.step > 0 else 0.0
+        rows = self.dwell.value * view.grid.rate_hz
+        is_code = 1 / _ONE_CODE < codes < _ONE_CODE and rows < _FEW_ROWS
+        return None if is_code else candidate
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the amplitude by interleaved blocks, on the path found in all of them."""

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import idct
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
@@ -84,7 +84,7 @@ class ScaleDrift(EffectKind):
             return []
         slope, gain = _fit(power, freedom)
         own = sum(_fit(power[j : j + 1], freedom[j : j + 1])[1] for j in range(len(power)))
-        agree = chi2.sf(2 * (own - gain), len(power) - 1) >= _DISAGREE
+        agree = chdtrc(len(power) - 1, max(2 * (own - gain), 0.0)) >= _DISAGREE
         abrupt, bent = _abrupt(power, freedom), _is_bent(power, freedom, slope, gain)
         if not agree or bent or abrupt - log_alternatives(_BLOCKS) > gain:
             return []
@@ -176,7 +176,7 @@ def _is_bent(power: Array, freedom: Array, slope: float, gain: float) -> bool:
     rest = _pooled(power / _scale(slope, power.shape[1]) ** 2, freedom)
     deviance = float(freedom.sum() * np.sum(rest - 1 - np.log(rest)))
     left = deviance - 2 * _BENT * gain
-    return bool(chi2.sf(max(left, 0.0), power.shape[1] - 2) < _DISAGREE)
+    return bool(chdtrc(power.shape[1] - 2, max(left, 0.0)) < _DISAGREE)
 
 
 def _candidate(view: View, power: Array, freedom: Array, slope: float, gain: float) -> Candidate:

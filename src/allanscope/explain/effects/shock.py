@@ -3,10 +3,11 @@ r"""A shock: something is knocked, dropped or driven over, and rings for a momen
 For a second or ten the samples move by many times their noise, to and fro, and then it is over;
 perhaps the level is another one afterwards, which is a `step` of its own. In the spectrum a shock
 is everywhere, in the curve it looks like white noise or a random walk, and one that is explained by
-steps and excursions takes a dozen of them. So it is found in time, before everything else: rows
-beyond six robust deviations from a running median, close to each other, that swing. These rows are
-taken out: the level is drawn straight through them, with the noise of the rows before them on it,
-so that the spectrum has no hole there.
+steps and excursions takes a dozen of them. So it is found in time, before everything else, and on
+all axes together (`shaken`): what shakes one axis is looked for on the others at that moment, with
+one time and duration. These rows are taken out: the level before is drawn through them to the level
+after, with noise like that beside them on it, so that the spectrum has no hole there. What
+changes the level within the time of a shock is one `step` at most, and belongs to its finding.
 """
 
 from __future__ import annotations
@@ -16,37 +17,28 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, uniform_filter1d
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.shaken import Shaken
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 
 Array = NDArray[np.float64]
 
-_WINDOW_S = 5.0
-"""Of the running median: half of it must be quiet."""
-_FEWEST_ROWS = 25
-"""In a window; longer rows do not show a shock."""
-_LOUD = 6.0
-"""Robust deviations."""
-_MEANS = (4, 12)
-"""Rows over which means are taken as well."""
-_LEAST_ROWS = 5
-"""Loud rows of a shock; fewer are outliers."""
-_GAP_S, _MARGIN_S, _LONGEST_S = 1.0, 0.3, 10.0
-"""Between loud rows of one shock, before and after it, and the longest one."""
-_MOST, _MOST_SHOCKS = 0.1, 12
-"""Share of the rows in shocks, and their number, beyond which the record is loud all along."""
-_SWINGS = 0.5
-"""Standard deviation within a shock over its rms: a level that stays is an excursion."""
-_SIDE, _TURNS = 3.0, 2
-"""Deviations from which a row is on one side, and least changes of the side."""
-_SIGMA = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation."""
+_OFF_ROWS = 12
+"""Rows by which the time of a shock may be off: a mean of so many begins to be loud."""
+_MARGIN_S = 0.3
+"""Before and after what is loud, taken out too."""
+_ALIKE_ROWS, _ALIKE_SIZES = 50, 4
+"""Rows that are compared to go on from them, and how far back, in lengths of what is missing."""
+_LEVELS = 3.0
+"""Standard errors from which the levels before and after a shock differ."""
+_ROBUST = float(np.pi / 2)
+"""Variance of a median over that of a mean."""
 
 
 @dataclass(frozen=True)
@@ -81,67 +73,68 @@ class Shock(EffectKind):
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Tell whether another shock is the same."""
         del grid
-        return abs(self.time.value - other.time.value) < _GAP_S
+        return abs(self.time.value - other.time.value) < self.duration.value + _MARGIN_S
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
-        """Look for rows that swing far beyond the noise, for a short while."""
-        rate = view.grid.rate_hz
-        window = int(_WINDOW_S * rate) | 1
-        if window < _FEWEST_ROWS or len(view.data) < 4 * window:
-            return []
-        away = view.data - median_filter(view.data, window, mode="nearest")
-        sigma = max(_SIGMA * float(np.median(np.abs(away))), 0.5 * view.step)
-        if sigma <= 0:
-            return []
-        spans = _spans(np.flatnonzero(_is_loud(away, sigma)), rate)
-        rows = sum(stop - first for first, stop in spans)
-        if len(spans) > _MOST_SHOCKS or rows > _MOST * len(view.data):
-            return []
-        shocks = [span for span in spans if _swings(away[slice(*span)], sigma)]
-        return [_candidate(view, away, sigma, span) for span in shocks]
+        """Take the shocks that the record holds on whichever axis, where this axis is moved."""
+        known = [_extent(c.effect, view) for c in view.accepted if isinstance(c.effect, Shock)]
+        return [
+            _candidate(view, shaken)
+            for shaken in view.series.shaken
+            if view.axis in shaken.axes
+            and not any(first < shaken.stop and shaken.first < stop for first, stop in known)
+        ]
 
 
-def _is_loud(away: Array, sigma: float) -> NDArray[np.bool_]:
-    """Tell which rows, or means of some rows, are far away: vibration hides a slower swing."""
-    loud = np.abs(away) > _LOUD * sigma
-    kept = np.clip(away, -_LOUD * sigma, _LOUD * sigma)  # one bad sample makes no loud mean
-    for rows in _MEANS:
-        mean = uniform_filter1d(kept, rows, mode="nearest")
-        loud |= np.abs(mean) > _LOUD * _SIGMA * float(np.median(np.abs(mean)))
-    return loud
+def within_shock(view: View, candidate: Candidate) -> bool:
+    """Tell whether a change of the level is a piece of a shock that was accepted.
+
+    What is left of a shock is one step at most, and no excursion.
+    """
+    times = _ends(candidate.effect)
+    if not times:
+        return False
+    for known in view.accepted:
+        if isinstance(known.effect, Shock):
+            first, stop = (row / view.grid.rate_hz for row in _extent(known.effect, view))
+            first, stop = first - _MARGIN_S, stop + _MARGIN_S
+            if all(first <= time <= stop for time in times) and (
+                len(times) > 1
+                or any(first <= t <= stop for c in view.accepted for t in _ends(c.effect))
+            ):
+                return True
+    return False
 
 
-def _spans(loud: NDArray[np.int64], rate: float) -> list[tuple[int, int]]:
-    """Return the first row and the end of every group of loud rows that is long enough."""
-    if len(loud) == 0:
+def _ends(effect: EffectKind) -> list[float]:
+    """Return when an effect changes the level, in s from the first row; never for most kinds."""
+    at, length = effect.parameters.get("time"), effect.parameters.get("duration")
+    if not effect.is_piecewise or at is None:
         return []
-    groups = np.split(loud, np.flatnonzero(np.diff(loud) > max(2.0, _GAP_S * rate)) + 1)
-    return [
-        (int(group[0]), int(group[-1]) + 1)
-        for group in groups
-        if len(group) >= _LEAST_ROWS and group[-1] - group[0] < _LONGEST_S * rate
-    ]
+    times = [float(at.value)]
+    return times if length is None else [*times, times[0] + float(length.value)]
 
 
-def _swings(away: Array, sigma: float) -> bool:
-    """Tell whether the rows go to and fro, which those at a level that hops once do not."""
-    rms = float(np.sqrt(np.mean(away**2)))
-    side = np.sign(away[np.abs(away) > _SIDE * sigma])
-    turns = int(np.count_nonzero(np.diff(side)))
-    return turns >= _TURNS and float(np.std(away)) > max(_SIDE * sigma, _SWINGS * rms)
+def _extent(effect: Shock, view: View) -> tuple[int, int]:
+    """Return the first row of a shock and the one after its last."""
+    rate = view.grid.rate_hz
+    first = (effect.time.value - view.series.start_s) * rate
+    return round(first), round(first + effect.duration.value * rate)
 
 
-def _candidate(view: View, away: Array, sigma: float, span: tuple[int, int]) -> Candidate:
+def _candidate(view: View, shaken: Shaken) -> Candidate:
     rate, n = view.grid.rate_hz, len(view.data)
+    sigma = shaken.sigma[view.axis]
     margin = int(np.ceil(_MARGIN_S * rate))
-    first, stop = max(0, span[0] - margin), min(n, span[1] + margin)
+    first, stop = max(0, shaken.first - margin), min(n, shaken.stop + margin)
+    rest, level = _quiet(view.data, first, stop, sigma)
     signal = np.zeros(n)
-    signal[first:stop] = view.data[first:stop] - _quiet(view.data, first, stop)
-    size = np.abs(away[slice(*span)])
-    gain = 0.5 * float(np.sum((size / sigma) ** 2))
-    off = _MEANS[-1] / rate  # where a mean begins to be loud
-    time, duration = span[0] / rate, (span[1] - span[0]) / rate
+    signal[first:stop] = view.data[first:stop] - rest
+    size = np.abs(view.data[first:stop] - level)
+    gain = 0.5 * float(np.sum(np.maximum((size / sigma) ** 2 - 1, 0.0)))
+    off = _OFF_ROWS / rate
+    time, duration = shaken.first / rate, (shaken.stop - shaken.first) / rate
     start = view.series.start_s + time
     effect = Shock(
         Estimate(start, start - off, start + off, "s"),
@@ -151,16 +144,42 @@ def _candidate(view: View, away: Array, sigma: float, span: tuple[int, int]) -> 
     return Candidate(effect, gain, float(np.log(n)), signal=signal)
 
 
-def _quiet(data: Array, first: int, stop: int) -> Array:
-    """Return a straight level from before to after, with the noise of the rows before on it.
+def _quiet(data: Array, first: int, stop: int, sigma: float) -> tuple[Array, Array]:
+    """Return the level from before to after with noise on it, and the level alone.
 
-    At the beginning of a record it is the noise of the rows after.
+    The level is straight; where it is clearly another one afterwards it changes in the middle, so
+    that one step is all there is left of it. The noise goes on from before and leads to what comes
+    after: a line in it must not break off.
     """
     size = stop - first
     before, after = data[max(0, first - size) : first], data[stop : stop + size]
-    source = before if len(before) == size else after
-    if len(source) < size:
-        source = np.resize(np.concatenate([before, after]), size)
     ends = [float(np.median(side)) for side in (before, after) if len(side)]
     level = np.linspace(ends[0], ends[-1], size)
-    return np.asarray(level + source - np.median(source))
+    counts = [len(side) for side in (before, after) if len(side)]
+    error = sigma * float(np.sqrt(sum(_ROBUST / count for count in counts)))
+    if abs(ends[-1] - ends[0]) > _LEVELS * error:
+        level = np.where(np.arange(size) < size // 2, ends[0], ends[-1])
+    onward, back = _continued(data[:first], size), _continued(data[stop:][::-1], size)
+    turn = np.pi / 2 * (np.arange(size) + 0.5) / size
+    if onward is not None and back is not None:
+        noise = np.cos(turn) * onward + np.sin(turn) * back[::-1]  # the power stays
+    elif onward is not None:
+        noise = onward
+    elif back is not None:
+        noise = back[::-1]
+    else:
+        rest = np.concatenate([before, after])
+        noise = np.resize(rest - np.median(rest), size)
+    return np.asarray(level + noise), level
+
+
+def _continued(rows: Array, size: int) -> Array | None:
+    """Return rows that go on from some, taken from where these were most alike before."""
+    near = rows[-(_ALIKE_SIZES * size + _ALIKE_ROWS) :]
+    if len(near) < size + 2 * _ALIKE_ROWS:
+        return None
+    near = near - np.median(near[-size - _ALIKE_ROWS :])
+    windows = sliding_window_view(near[:-size], _ALIKE_ROWS)
+    apart = np.sum((windows - near[-_ALIKE_ROWS:]) ** 2, axis=1)
+    begin = int(np.argmin(apart)) + _ALIKE_ROWS
+    return near[begin : begin + size]

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
 
+from allanscope.compiled import Pointer, kernel
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
@@ -45,6 +45,11 @@ _LEAP = 0.4
 _FINER = 2
 """Times on which the temperature is followed, for every ordinate it has: its square has twice as
 many."""
+
+_DOUBLES, _DOUBLES_OUT = Pointer(np.float64, 1), Pointer(np.float64, 1, written=True)
+_filter_bank = kernel(
+    "filter_bank", _DOUBLES, _DOUBLES, int, float, _DOUBLES_OUT, _DOUBLES_OUT, int
+)
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,7 @@ class Temperature(EffectKind):
         """Judge the slope and the curvature by interleaved blocks."""
         del candidate
         columns = self.terms(view)
-        return interleaved(view, joint_fit(view, columns), columns, recurs=True)
+        return interleaved(view, joint_fit(view, columns), columns, recurs=True, slow=True)
 
     def columns(self, view: View) -> Array:
         """Return the ordinates of the temperature and its square, and their change with ln lag."""
@@ -271,6 +276,7 @@ def _lagged(x: Array, lag: float) -> Array:
     """
     keep = float(np.exp(-1 / lag))
     mean = lag * (1 - keep)  # of the exponential over a step
-    taps = [1 - mean, mean - keep]
-    state = np.array([x[0] - taps[0] * x[0]])
-    return np.asarray(lfilter(taps, [1.0, -keep], x, zi=state)[0])
+    past: Array = np.concatenate([mean * x[:1], x[:-1]])
+    pole, weight, level = np.array([keep]), np.array([mean * (1 - keep)]), x[:1] / (1 - keep)
+    _filter_bank(pole, weight, 1, 0.0, level, past[1:], len(x) - 1)
+    return (1 - mean) * x + past

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import idct
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
@@ -122,7 +122,7 @@ def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: 
     distance = float(np.sum(np.array(weights) * (np.array(ratios) - common) ** 2))
     # Heavy contrast need not be white to a per cent: a tenth of it may differ.
     room = float(np.sum(weights)) * (0.1 * common) ** 2
-    return bool(chi2.sf(max(distance - room, 0.0), max(len(ratios) - 1, 1)) > 1e-3)
+    return bool(chdtrc(max(len(ratios) - 1, 1), max(distance - room, 0.0)) > 1e-3)
 
 
 def log_alternatives(blocks: int) -> float:

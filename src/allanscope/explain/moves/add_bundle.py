@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.effects.shock import within_shock
 from allanscope.explain.effects.unexplained import is_remnant
 from allanscope.explain.gates import judge_members, owed
 from allanscope.explain.moves import SearchPath
@@ -36,7 +37,11 @@ def add_bundle(
     for _ in range(_MOST):
         if trial is not view:
             candidates = proposals(trial, slow, path)
-        own = [c for c in candidates if c.effect.is_slow and not is_remnant(trial, c)]
+        own = [
+            c
+            for c in candidates
+            if c.effect.is_slow and not is_remnant(trial, c) and not within_shock(trial, c)
+        ]
         promising = [c for c in own if c.gain > _PROMISING]
         if not promising:
             return None

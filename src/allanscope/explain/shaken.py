@@ -1,0 +1,187 @@
+"""Where a record is shaken: rows far from their level that swing, for a moment, on all axes.
+
+Rows beyond six robust deviations from a running median, close to each other, are a group. One that
+goes to and fro is a shock; one that goes only once to the other side is a piece of something on a
+single axis, and a shock where a second axis does so at the same time. A knock moves the whole
+board: at a time that is known the other axes need not be as loud to be moved by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter, uniform_filter1d
+
+from allanscope.quantities import MAD_TO_SIGMA
+
+__all__ = ["Shaken", "shaken_rows"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_WINDOW_S = 5.0
+"""Of the running median: half of it must be quiet."""
+_FEWEST_ROWS = 25
+"""In a window; longer rows do not show a shock."""
+_LOUD, _MOVED = 6.0, 4.5
+"""Robust deviations: of a row that is loud, and of one where another axis tells when."""
+_MEANS = (4, 12)
+"""Rows over which means are taken as well."""
+_LEAST_ROWS = 5
+"""Loud rows of a shock; fewer are outliers."""
+_AT_KNOWN_TIME = 2
+"""Loud rows of an axis that are enough where another one tells when."""
+_GAP_S, _LONGEST_S = 1.0, 10.0
+"""Between loud rows of one shock, and the longest one."""
+_MOST, _MOST_SHOCKS = 0.1, 12
+"""Share of the rows in shocks, and their number, beyond which an axis is loud all along."""
+_SWINGS = 0.5
+"""Standard deviation within a shock over its rms: a level that stays is an excursion."""
+_SIDE, _TURNS = 3.0, 2
+"""Deviations from which a row is on one side, and least changes of the side."""
+_AXES = 2
+"""Axes on which one change of the side at the same time is enough."""
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """One shock of the record.
+
+    Attributes
+    ----------
+    first, stop : int
+        First row, and the one after the last, of what is loud on any axis.
+    sigma : mapping
+        Axis that is moved to the standard deviation of its rows in quiet.
+    """
+
+    first: int
+    stop: int
+    sigma: Mapping[str, float]
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axes that are moved."""
+        return tuple(self.sigma)
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Loud rows of one axis."""
+
+    axis: str
+    first: int
+    stop: int
+    turns: int
+    swings: bool
+
+    @property
+    def is_shock(self) -> bool:
+        return self.swings and self.turns >= _TURNS
+
+
+@dataclass(frozen=True)
+class _Away:
+    """How far one axis is from its level, in robust deviations: rows, and means of some rows."""
+
+    rows: Array
+    means: tuple[Array, ...]
+    sigma: float
+
+    def beyond(self, limit: float, part: slice = slice(None)) -> Flags:
+        """Tell which rows, or means of some rows, are far away: vibration hides a slower swing."""
+        found = np.abs(self.rows[part]) > limit
+        for mean in self.means:
+            found |= np.abs(mean[part]) > limit
+        return np.asarray(found)
+
+
+def shaken_rows(
+    axes: Mapping[str, Array], rate_hz: float, steps: Mapping[str, float]
+) -> list[Shaken]:
+    """Return the shocks of a record, the first one first.
+
+    Parameters
+    ----------
+    axes : mapping
+        Axis to its rows, equally spaced.
+    steps : mapping
+        Axis to the least difference of its values.
+    """
+    window = int(_WINDOW_S * rate_hz) | 1
+    size = len(next(iter(axes.values())))
+    if window < _FEWEST_ROWS or size < 4 * window:
+        return []
+    away = {axis: one for axis, x in axes.items() if (one := _away(x, window, steps[axis]))}
+    groups = [group for axis, one in away.items() for group in _groups(axis, one, rate_hz)]
+    found = []
+    for first, stop in _events(groups, rate_hz):
+        part = slice(first, stop)
+        moved = {
+            axis: one.sigma
+            for axis, one in away.items()
+            if np.count_nonzero(one.beyond(_MOVED, part)) >= _LEAST_ROWS
+            or np.count_nonzero(one.beyond(_LOUD, part)) >= _AT_KNOWN_TIME
+        }
+        found.append(Shaken(first, stop, moved))
+    return found
+
+
+def _away(x: Array, window: int, step: float) -> _Away | None:
+    away = x - median_filter(x, window, mode="reflect")
+    sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(away))), 0.5 * step)
+    if sigma <= 0:
+        return None
+    kept = np.clip(away, -_LOUD * sigma, _LOUD * sigma)  # one bad sample makes no loud mean
+    means = [uniform_filter1d(kept, rows, mode="reflect") for rows in _MEANS]
+    scales = [MAD_TO_SIGMA * float(np.median(np.abs(mean))) for mean in means]
+    scaled = tuple(m / s for m, s in zip(means, scales, strict=True) if s > 0)
+    return _Away(away / sigma, scaled, sigma)
+
+
+def _groups(axis: str, away: _Away, rate_hz: float) -> list[_Group]:
+    """Return the groups of loud rows of one axis; none where it is loud all along."""
+    loud = np.flatnonzero(away.beyond(_LOUD))
+    spans = [
+        (int(part[0]), int(part[-1]) + 1)
+        for part in np.split(loud, np.flatnonzero(np.diff(loud) > max(2.0, _GAP_S * rate_hz)) + 1)
+        if len(part) >= _LEAST_ROWS and part[-1] - part[0] < _LONGEST_S * rate_hz
+    ]
+    rows = sum(stop - first for first, stop in spans)
+    if len(spans) > _MOST_SHOCKS or rows > _MOST * len(away.rows):
+        return []
+    return [_Group(axis, *span, *_swing(away.rows[slice(*span)])) for span in spans]
+
+
+def _swing(away: Array) -> tuple[int, bool]:
+    """Return how often rows change the side, and whether they swing as no steady level does."""
+    side = np.sign(away[np.abs(away) > _SIDE])
+    rms = float(np.sqrt(np.mean(away**2)))
+    turns = int(np.count_nonzero(np.diff(side)))
+    return turns, bool(float(np.std(away)) > max(_SIDE, _SWINGS * rms))
+
+
+def _events(groups: list[_Group], rate_hz: float) -> list[tuple[int, int]]:
+    """Return the ends of the shocks: groups of all axes that touch are one."""
+    turning = sorted((g for g in groups if g.turns), key=lambda g: g.first)
+    sets: list[list[_Group]] = []
+    for group in turning:
+        if sets and group.first < max(g.stop for g in sets[-1]):
+            sets[-1].append(group)
+        else:
+            sets.append([group])
+    found = []
+    for members in sets:
+        swinging = [g for g in members if g.swings]
+        axes = {g.axis for g in swinging}
+        if not any(g.is_shock for g in members) and len(axes) < _AXES:
+            continue
+        first, stop = min(g.first for g in swinging), max(g.stop for g in swinging)
+        if stop - first < _LONGEST_S * rate_hz:
+            found.append((first, stop))
+        else:
+            found += [(g.first, g.stop) for g in members if g.is_shock]
+    return sorted(found)

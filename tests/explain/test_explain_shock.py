@@ -1,0 +1,94 @@
+"""A shock is one event on every axis that it moves, and no steps and excursions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allanscope.explain import explain
+from allanscope.explain.heldout import _contradiction
+from allanscope.explain.shaken import shaken_rows
+
+SIGMA = 4e-3 * 52.0**0.5
+AT_S, LASTS_S = 130.0, 1.5
+
+
+def ringing(t, peak, at=AT_S, lasts=LASTS_S):
+    """Return a decaying oscillation of six cycles."""
+    late = np.maximum(t - at, 0.0) / lasts
+    return peak * np.exp(-4.6 * late) * np.sin(2 * np.pi * 6 * late) * (t >= at)
+
+
+@pytest.fixture(scope="module")
+def knocked(bench):
+    """Knock two axes hard, a third lightly; gx has another level afterwards."""
+    b = bench(610, 300.0)
+    step = np.where(b.t >= AT_S + 0.7, 4 * SIGMA, 0.0)
+    return explain(
+        b.record(
+            b.noise() + ringing(b.t, 30 * SIGMA) + step,
+            b.noise() + ringing(b.t, -25 * SIGMA),
+            b.noise() + ringing(b.t, 9 * SIGMA),
+            b.noise(),
+        )
+    )
+
+
+def test_a_knock_is_one_shock_at_one_time_on_the_axes_that_it_moves(knocked):
+    shocks = {
+        axis: [e for e in found.effects if e.kind == "shock"]
+        for axis, found in knocked.axes.items()
+    }
+    assert {axis: len(found) for axis, found in shocks.items()} == {
+        "gx": 1, "gy": 1, "gz": 1, "ax": 0
+    }  # fmt: skip
+    times = {effect.parameters["time"].value for found in shocks.values() for effect in found}
+    assert len(times) == 1
+    assert times.pop() == pytest.approx(AT_S, abs=0.25)
+    assert shocks["gx"][0].axes == ("gx", "gy", "gz")
+
+
+def test_beside_it_stands_the_level_that_it_leaves_and_nothing_else(knocked):
+    kinds = {axis: [e.kind for e in found.effects] for axis, found in knocked.axes.items()}
+    assert kinds == {"gx": ["shock", "step"], "gy": ["shock"], "gz": ["shock"], "ax": []}
+    size = knocked.axes["gx"].effects[1].parameters["size"]
+    assert size.value == pytest.approx(4 * SIGMA, rel=0.1)
+
+
+def test_the_error_of_the_step_is_below_its_gain(knocked):
+    evidence = knocked.axes["gx"].effects[1].evidence
+    assert evidence["held_out_nats"] > 3 * evidence["held_out_nats_se"]
+
+
+def test_a_shock_of_a_fiftieth_of_a_second_is_no_steps(bench):
+    b = bench(611, 60.0)
+    t = np.arange(len(b.t)) / 1000.0
+    record = b.record(b.noise() + ringing(t, 30 * SIGMA, at=1.5, lasts=0.02))
+    record = replace(record, rate_hz=1000.0, start_s=t)
+    stretched = replace(
+        record,
+        values=np.vstack([record.values] + [b.record(b.noise()).values] * 6),
+        temperature_c=np.full(7 * len(t), np.nan),
+        start_s=np.arange(7 * len(t)) / 1000.0,
+        segments=np.array([[0, 7 * len(t)]], np.int64),
+    )
+    found = explain(stretched).axes["gx"].effects
+    assert [e.kind for e in found if e.kind in {"shock", "step", "excursion"}] == ["shock"]
+
+
+def test_a_level_that_leaves_and_returns_on_three_axes_is_no_shock(bench):
+    b = bench(612, 300.0)
+    box = np.where((b.t >= 100) & (b.t < 102), 12 * SIGMA, 0.0)
+    axes = {axis: b.noise() + box for axis in ("gx", "gy", "gz")}
+    assert shaken_rows(axes, 52.0, dict.fromkeys(axes, 1e-4)) == []
+
+
+def test_pieces_of_a_shock_contradict_a_step_and_a_true_step_does_not(bench):
+    b = bench(613, 300.0)
+    white = b.rng.normal(size=len(b.t))
+    pulse = np.exp(-np.abs(b.t - 150.0) / 0.2)[np.newaxis]
+    swing = 30 * np.exp(-np.abs(b.t - 150.0) / 0.3) * np.cos(2 * np.pi * 3 * (b.t - 150.0))
+    assert _contradiction(pulse, white + 8 * pulse[0], 52.0) < 2
+    assert _contradiction(pulse, white + swing, 52.0) > 20

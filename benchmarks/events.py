@@ -5,9 +5,9 @@
 A simulated night at 104 Hz has eight events of eight kinds, none declared. It is played at many
 times its pace through a session, as `allanscope replay` does, and its bytes are then taken in
 megabytes, as `allanscope analyse` does; both must find the same at the same samples. Then clean
-nights, sample by sample; the series of 200 nights of six axes, levels of white, flicker and random
-walk noise drawn directly as values of a second; the measured recordings as streams; and the
-processor time of watching six axes at 6.66 kHz, over that of the stream.
+nights, sample by sample; 200 nights of six axes whose blocks of a second are drawn directly, and
+how these compare with blocks of samples; delays over those of oracles; the measured recordings as
+streams; and the processor time of watching, and of the Allan deviation over time.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import numpy as np
 from figures import Figure, written
 from numpy.typing import NDArray
 
+from allanscope.allan import AllanBank
 from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.pipeline import Decoding, DeviceSettings
 from allanscope.pipeline.analyse_arrays import events_of_columns
@@ -32,11 +33,15 @@ from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.session import Session
 from allanscope.pipeline.table_files import table_of_file
 from allanscope.recording import Chunk, write_recording
-from allanscope.samples import AXES, Block, StreamInfo
+from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator import Simulator, simulate_blocks
 from allanscope.sources import RecordedSource
 from allanscope.watch import ALPHA, Event, Watch
+from allanscope.watch.lines import Lines
+from allanscope.watch.rare import Rare
 from allanscope.watch.scan import Scan
+from allanscope.watch.summary import Summariser, rows_of_block
+from allanscope.watch.watch import NOISE_NATS, SHARES
 
 RATE = 104.0
 MEASURED = Path(__file__).parent.parent / "recordings" / "measured"
@@ -97,6 +102,14 @@ def chunks(sensor: Disturbed, seconds: float, seed: int) -> Iterator[Chunk]:
         yield Chunk(host_ns, data)
 
 
+def record_night(path: Path, seconds: float, seed: int) -> Disturbed:
+    """Write the night as a recording; return the sensor, which knows what happened when."""
+    sensor = Disturbed(seconds, seed)
+    facts = {"name": "simulated", "wire": "native", "origin": "synthetic"}
+    write_recording(path, chunks(sensor, seconds, seed), facts)
+    return sensor
+
+
 def found(analyser: Analyser) -> tuple[Event, ...]:
     state = analyser.state
     assert state is not None
@@ -107,10 +120,8 @@ def found(analyser: Analyser) -> tuple[Event, ...]:
 def night(minutes: float, speed: float, seed: int, folder: Path) -> list[Figure]:
     """Play the night, then take it in megabytes; print what was found when."""
     seconds = 60.0 * minutes
-    sensor = Disturbed(seconds, seed)
     path = folder / "night.mcap"
-    facts = {"name": "simulated", "wire": "native", "origin": "synthetic"}
-    write_recording(path, chunks(sensor, seconds, seed), facts)
+    sensor = record_night(path, seconds, seed)
     session = Session(RecordedSource(path, speed), decoding(), Analyser())
     began = time.monotonic()
     session.run()
@@ -165,21 +176,170 @@ def clean(nights: int, hours: float) -> Figure:
     return Figure(f"events of {nights} clean nights of {hours:g} h, 6 axes", alarms, "", allowed)
 
 
-def series(nights: int, blocks: int, seed: int = 1) -> Figure:
-    """Scan the levels of many nights, drawn as values of a second."""
-    rng, axes = np.random.default_rng(seed), 6 * nights
-    scan = Scan(axes, np.full(axes, np.log(ALPHA / 5)))
-    # Flicker as a sum of first-order processes an octave apart; random walk; white noise.
-    decay = np.exp(-1.0 / 2.0 ** np.arange(14))[:, np.newaxis]
-    slow, walk = np.zeros((14, axes)), np.zeros(axes)
-    alarmed: set[int] = set()
+class Drawn:
+    """Blocks of many axes at 104 Hz whose values are drawn, and not made of samples.
+
+    Levels of white, flicker and random-walk noise; powers of the bins as exponential deviates, held
+    against references that are learned as `watch.summary` does; isolated outliers.
+
+    Parameters
+    ----------
+    axes, seed : int
+        How many, and of the generator.
+    slow : bool
+        Whether levels have flicker and random walk.
+    """
+
+    bins, bands = 49, 8
+
+    def __init__(self, axes: int, seed: int, slow: bool = True) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.axes, self.slow, self.blocks = axes, slow, 0
+        self.decay = np.exp(-1.0 / 2.0 ** np.arange(14))[:, np.newaxis]
+        self.flicker, self.walk = np.zeros((14, axes)), np.zeros(axes)
+        self.power = np.ones((axes, self.bins), np.float32)
+        self.band_log = np.zeros((axes, self.bands))
+
+    def level(self) -> NDArray[np.float64]:
+        """Return the level of a block of each axis, white noise 1."""
+        x = self.rng.standard_normal(self.axes)
+        if self.slow:
+            kick = self.rng.standard_normal(self.flicker.shape)
+            self.flicker = self.decay * self.flicker + np.sqrt(1 - self.decay**2) * kick
+            self.walk += 0.01 * self.rng.standard_normal(self.axes)
+            x += 0.1 * self.flicker.sum(axis=0) + self.walk
+        return x
+
+    def noise(self, ratio: float = 1.0) -> NDArray[np.float64]:
+        """Return how loud a block of each axis is; `ratio` is of powers."""
+        means = self.rng.gamma(6.0, ratio / 6.0, self.band_log.shape)
+        away = np.log(means) - self.band_log
+        self.band_log += np.clip(away, -2.0, 2.0) / min(self.blocks + 1, 1800)
+        return np.sort(3.0 * np.expm1(away / 3.0), axis=1)[:, 1:-1].mean(axis=1)
+
+    def lines(self, amplitude: float = 0.0) -> NDArray[np.float32]:
+        """Return the powers of a block; `amplitude` adds so many times the noise's in one bin."""
+        power = self.rng.standard_exponential(self.power.shape, np.float32)
+        if amplitude:
+            both = self.rng.standard_normal((2, self.axes))
+            power[:, 20] = ((both[0] + np.sqrt(2.0) * amplitude) ** 2 + both[1] ** 2) / 2.0
+        ratio = power / self.power
+        usual = np.median(ratio, axis=1) / np.float32(math.log(2.0))
+        self.power += (np.minimum(power, 5.0 * self.power) - self.power) / min(
+            self.blocks + 2, 1800
+        )
+        self.blocks += 1
+        return np.asarray(ratio / usual[:, np.newaxis], np.float32)
+
+
+def accelerated(nights: int, blocks: int) -> list[Figure]:
+    """Watch nights of six axes whose blocks are drawn; count the axes that ever raise an alarm."""
+    axes = 6 * nights
+    drawn, alpha = Drawn(axes, 1), {k: math.log(ALPHA * v) for k, v in SHARES.items()}
+    level, noise = np.full(axes, alpha["level"]), np.full(axes, alpha["noise"] - NOISE_NATS)
+    scan = Scan(2 * axes, np.concatenate([level, noise]))
+    lines = Lines(axes, drawn.bins, alpha["lines"])
+    rare = Rare(axes, np.full(axes, alpha["outliers"]))
+    held = np.zeros((axes, drawn.bins), np.bool_)
+    alarmed: dict[str, set[int]] = {
+        "level": set(),
+        "noise": set(),
+        "line": set(),
+        "outliers": set(),
+    }
     for _ in range(blocks):
-        slow = decay * slow + np.sqrt(1 - decay**2) * rng.standard_normal(slow.shape)
-        walk += 0.01 * rng.standard_normal(axes)
-        level = rng.standard_normal(axes) + 0.1 * slow.sum(axis=0) + walk
-        alarmed |= {alarm.channel for alarm in scan.take(level)}
-    what = f"axes of {axes} with a false shift in {blocks / 3600:g} h"
-    return Figure(what, len(alarmed), "", axes * ALPHA)
+        for alarm in scan.take(np.concatenate([drawn.level(), drawn.noise()])):
+            alarmed["level" if alarm.channel < axes else "noise"].add(alarm.channel % axes)
+        alarmed["line"] |= {found.axis for found in lines.take(drawn.lines(), held)}
+        bursts, _ = rare.take(drawn.rng.poisson(0.002, axes))
+        alarmed["outliers"] |= {burst.channel for burst in bursts}
+    print(f"axes with a false alarm, by kind: { {k: len(v) for k, v in alarmed.items()} }")
+    many = len(set().union(*alarmed.values()))
+    what = f"axes of {axes} with a false alarm in {blocks / 3600:g} h, drawn as blocks"
+    return [Figure(what, many, "", axes * ALPHA), *alike()]
+
+
+def alike(blocks: int = 3000) -> list[Figure]:
+    """Compare drawn blocks with those of samples."""
+    rng, rows = np.random.default_rng(2), rows_of_block(RATE)
+    real, drawn = Summariser(6, rows), Drawn(6, 3)
+    held, other = np.zeros((6, real.bins), np.bool_), np.zeros(6, np.bool_)
+    loud: dict[str, list[NDArray[np.float64]]] = {"samples": [], "drawn": []}
+    bins: dict[str, list[NDArray[np.float32]]] = {"samples": [], "drawn": []}
+    for number in range(blocks):
+        block = np.rint(rng.normal(0.0, 20.0, (rows, 6))).astype(np.int16)
+        known, mine = real.take(block, held, other), (drawn.noise(), drawn.lines())
+        if number >= blocks // 3:
+            loud["samples"].append(known.noise)
+            bins["samples"].append(known.ratio)
+            loud["drawn"].append(mine[0])
+            bins["drawn"].append(mine[1])
+    spread = np.std(loud["drawn"]) / np.std(loud["samples"])
+    tail = np.quantile(bins["drawn"], 0.9999) / np.quantile(bins["samples"], 0.9999)
+    return [
+        Figure("spread of the noise of drawn blocks over that of samples", float(spread), ""),
+        Figure("0.9999 quantile of bins, drawn over of samples", float(tail), ""),
+    ]
+
+
+def oracle(gain: NDArray[np.float64], limit: float) -> float:
+    """Return the median delay of a CUSUM of log-likelihood ratios that knows the change."""
+    total, delay = np.zeros(gain.shape[1]), np.full(gain.shape[1], np.inf)
+    for number, more in enumerate(gain, 1):
+        total = np.maximum(total + more, 0.0)
+        delay[(total > limit) & np.isinf(delay)] = number
+    return float(np.median(delay))
+
+
+def delays(blocks: int = 3000, after: int = 90, axes: int = 120) -> list[Figure]:
+    """Return median delays at three times the limit over those of oracles.
+
+    The limit of a level or of the noise is what the longest window shows, 0.37 standard deviations
+    of a block; of a ramp, what shows in four minutes; of a line, 0.7 of the noise in its bin.
+    An oracle knows size and place, and has one false alarm in 40 nights (Siegmund).
+    """
+    size = 3 * 0.37
+    limit = math.log(40 * 43_200.0) - 1.166 * size
+    drawn = Drawn(axes, 4, slow=False)
+    alpha = {k: math.log(ALPHA * v) for k, v in SHARES.items()}
+    level = np.full(2 * axes, alpha["level"])
+    scan = Scan(3 * axes, np.concatenate([level, np.full(axes, alpha["noise"] - NOISE_NATS)]))
+    lines = Lines(axes, drawn.bins, alpha["lines"])
+    held = np.zeros((axes, drawn.bins), np.bool_)
+    slope, strength = 3 * 0.37 / 120.0 * 2.0, 3.0 * math.sqrt(0.7)
+    first = np.full((4, axes), np.inf)
+    kept: list[list[NDArray[np.float64]]] = [[], [], [], []]
+    usual = spread = 0.0
+    quiet: list[NDArray[np.float64]] = []
+    for number in range(-blocks, after):
+        on = number >= 0
+        still = drawn.noise(1.0 + size * spread if on else 1.0)
+        values = [drawn.level() + size * on, drawn.level() + slope * (number + 1) * on, still]
+        power = drawn.lines(strength if on else 0.0)
+        if -500 <= number < 0:
+            quiet.append(still)
+            usual, spread = float(np.mean(quiet)), float(np.std(quiet))
+        found = [divmod(alarm.channel, axes) for alarm in scan.take(np.concatenate(values))]
+        found += [(3, one.axis) for one in lines.take(power, held)]
+        if not on:
+            continue
+        for kind, axis in found:
+            first[kind, axis] = min(first[kind, axis], number + 1)
+        moved = slope * (number + 1)
+        kept[0].append(size * values[0] - size**2 / 2)
+        kept[1].append(moved * values[1] - moved**2 / 2)
+        kept[2].append(size * (still - usual) / spread - size**2 / 2)
+        rho = strength**2
+        kept[3].append(power[:, 20] * rho / (1 + rho) - math.log1p(rho))
+    names = ("level shift", "ramp", "white level", "line")
+    figures = []
+    for name, delay, gain in zip(names, first, kept, strict=True):
+        best = oracle(np.array(gain), limit)
+        print(f"{name:12} median delay {np.median(delay):5.1f} s, of an oracle {best:5.1f} s")
+        figures.append(
+            Figure(f"delay of a {name} over an oracle's", np.median(delay) / best, "", 1.5)
+        )
+    return figures
 
 
 def measured() -> Figure:
@@ -214,6 +374,41 @@ def cost(blocks: int) -> Figure:
     return Figure("of a core, 6.66 kHz x 6 axes", 100 * share, "%", 0.5)
 
 
+def over_time(hours: float, rate: float) -> list[Figure]:
+    """Return the processor time and the memory that the Allan deviation over time adds.
+
+    Banks with and without it are timed by themselves, in turn, the best of three each; their
+    difference is set against all that is done with the samples, timed over a quarter of them.
+    """
+    rng = np.random.default_rng(1)
+    blocks = [np.rint(rng.normal(0, 20, (1 << 13, 6))).astype(np.int16) for _ in range(4)]
+    many = round(hours * 3600 * rate / (1 << 13))
+    spent: dict[bool, list[float]] = {True: [], False: []}
+    for kept in (False, True) * 3:
+        bank = AllanBank(rate, 6, window=0.0 if kept else None)
+        began = time.process_time()
+        for number in range(many):
+            bank.update(blocks[number % 4])
+        spent[kept].append(time.process_time() - began)
+        if kept:
+            windows, held = len(bank.dynamic().start_s), bank.nbytes
+        else:
+            plain = bank.nbytes
+    analyser = Analyser(AnalyserSettings(over_time=False))
+    analyser.take(StreamInfo(axes=AXES, scale=(1e-3,) * 6, nominal_hz=rate))
+    began = time.process_time()
+    for number in range(many // 4):
+        analyser.take(Block(number << 13, blocks[number % 4], Ticks.none()))
+    whole = 4.0 * (time.process_time() - began)
+    more = (min(spent[True]) - min(spent[False])) / whole
+    what = f"{hours:g} h x 6 axes at {rate:g} Hz"
+    return [
+        Figure(f"Allan curve over time, {what}: windows", windows, ""),
+        Figure(f"processor time it adds, {what}", 100.0 * more, "%", 5.0),
+        Figure(f"memory it adds, {what}", (held - plain) / 2**20, "MiB", 64.0),
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--minutes", type=float, default=100.0, help="length of the night")
@@ -228,9 +423,11 @@ def main() -> None:
         figures = night(60.0 if quick else options.minutes, speed, 1, Path(folder))
     figures += [
         clean(1 if quick else options.nights, 1.0 if quick else 12.0),
-        series(20 if quick else 200, 3600 if quick else 43_200),
+        *accelerated(10 if quick else 200, 3600 if quick else 43_200),
+        *delays(),
         measured(),
         cost(300),
+        *over_time(1.0 if quick else 12.0, RATE),
     ]
     written(figures, options.json)
 

@@ -18,7 +18,10 @@ from allanscope.watch.spending import log_weight
 
 __all__ = ["LONGEST", "Alarm", "Scan", "log_tail"]
 
-WINDOWS = np.array([2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256])
+WINDOWS = np.array(
+    [2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 40, 48, 64, 96, 128, 192, 256]
+)
+"""Blocks. Densest where shifts at three times the limit are seen: a shift waits for a window."""
 BEFORE = np.minimum(16 * WINDOWS, np.maximum(8 * WINDOWS, 512))
 STEPS = np.maximum(WINDOWS // 16, 1)
 LONGEST = int((WINDOWS + BEFORE).max())
@@ -165,7 +168,7 @@ class Scan:
         # Of white noise, differences a window apart have nothing in common; of flicker and random
         # walk, what came before is in all of them.
         white = self._variance() * (1 / window + 1 / before)
-        coloured = 1.0 - np.minimum(white / np.maximum(own, 1e-300), 1.0)
+        coloured = 1.0 - _share(white, own, 1.0)
         dof = span / (window + coloured * (window + before / 4))
         # Where nothing speaks against white noise, short windows tell of the long ones.
         is_white = (own < white * (1.0 + np.sqrt(2.0 / np.maximum(dof, 1.0)))) & (own > 0.0)
@@ -190,9 +193,18 @@ class Scan:
         early = looks <= 16
         calm = np.where(early, new, np.minimum(new, WINSOR * square))
         self._square[due] = square + gain * (calm - square)
-        fourth = np.minimum(new / np.maximum(square, 1e-300), 16.0) ** 2
+        fourth = _share(new, square, 16.0) ** 2
         self._fourth[due] += gain * (np.where(early, 3.0, fourth) - self._fourth[due])
         self._looks[due] = looks
+
+
+def _share(
+    part: NDArray[np.float64], whole: NDArray[np.float64], most: float
+) -> NDArray[np.float64]:
+    """Return part / whole, at most `most`, also where the whole is nothing."""
+    share = np.where(part > 0.0, most, 0.0)
+    np.divide(np.minimum(part, most * whole), whole, out=share, where=whole > 0.0)
+    return share
 
 
 def log_tail(deviate: NDArray[np.float64], dof: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,8 +21,9 @@ from allanscope.watch.tracks import TOGETHER_S, Span, Track, Tracks, event_of, g
 
 __all__ = ["Watch"]
 
-KINDS_OF_TESTS = 5
-"""Level, noise, lines, outliers, and what concerns the stream as a whole share `ALPHA`."""
+SHARES = {"level": 0.3, "noise": 0.3, "lines": 0.3, "outliers": 0.05, "stream": 0.05}
+"""Of `ALPHA`. What is rare needs least: a burst is so many counts that a stricter limit is no
+delay."""
 TESTS_OF_STREAM = 4
 
 LONG_GAP = 0.5
@@ -64,15 +65,15 @@ class Watch:
         self.blocks = 0
         self._axes = axes
         self._rows = rows_of_block(info.nominal_hz)
-        log_alpha = math.log(ALPHA / KINDS_OF_TESTS)
-        of_stream = log_alpha - math.log(TESTS_OF_STREAM)
+        of = {kind: math.log(ALPHA * share) for kind, share in SHARES.items()}
+        of_stream = of["stream"] - math.log(TESTS_OF_STREAM)
         self._summarise = Summariser(axes, self._rows)
         bins = self._summarise.bins
         # Series: the level of each axis, its noise, then repeats and rate of the stream.
-        shares = [log_alpha, log_alpha - NOISE_NATS, of_stream]
+        shares = [of["level"], of["noise"] - NOISE_NATS, of_stream]
         self._scan = Scan(2 * axes + 2, np.repeat(shares, [axes, axes, 2]))
-        self._lines = Lines(axes, bins, log_alpha)
-        self._rare = Rare(axes + 2, np.repeat([log_alpha, of_stream], [axes, 2]))
+        self._lines = Lines(axes, bins, of["lines"])
+        self._rare = Rare(axes + 2, np.repeat([of["outliers"], of_stream], [axes, 2]))
         self._held = np.zeros((axes, bins), np.bool_)
         self._other_noise = np.zeros(axes, np.bool_)
         self._buffer: NDArray[Any] = np.empty((self._rows, axes), np.int16)

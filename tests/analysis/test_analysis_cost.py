@@ -97,7 +97,7 @@ def test_what_is_held_does_not_grow_with_the_length_of_the_run():
         spectrum = sum(array.nbytes for array in state.spectrum.state().values())
         held[n] = state.bank.nbytes + spectrum + len(state.history.means()) * 32
     assert held[2_000_000] < 1.5 * held[200_000]
-    assert held[2_000_000] < 2 << 20
+    assert held[2_000_000] < 4 << 20, "half of it for the deviation over time"
 
 
 def test_a_recording_is_decoded_by_the_buffer_and_not_by_the_read(tmp_path, monkeypatch):

@@ -65,6 +65,39 @@ def test_a_harmonic_beyond_nyquist_belongs_to_its_fundamental():
     assert len(findings_of(lines)) == 4
 
 
+@pytest.mark.parametrize(
+    ("frequencies", "mixed"),
+    [
+        ((30.0, 28.7, 31.3), ("f - 1.3 Hz", "f + 1.3 Hz")),
+        ((20.0, 21.5, 23.0, 24.5), ("f + 1.5 Hz", "f + 3 Hz", "f + 4.5 Hz")),
+        ((30.0, 7.3, 37.3), ("f + 7.3 Hz", "7.3 Hz")),
+        ((30.0, 2.6, 27.4, 32.6), ("f - 2.6 Hz", "f + 2.6 Hz", "2.6 Hz")),
+        ((44.3, 50.2, 9.5), ("50.2 Hz", "f - 34.8 Hz")),
+        ((20.3, 31.7), ("fs/2 - f",)),
+        ((20.3, 5.7), ("fs/4 - f",)),
+        ((20.2, 30.3), ("3/2 f",)),
+        ((20.3, 33.1, 11.9), ()),
+    ],
+)
+def test_lines_that_are_made_of_others_are_one_finding(frequencies, mixed):
+    # The second and third add up to the fundamental, or are mixed; the first is the strongest.
+    lines = {"gx": [line(f, 1e-5, gain=100.0 - k) for k, f in enumerate(frequencies)]}
+    found = findings_of(lines, rate_hz=104.0)
+    assert sum(len(one.members) for one in found) == len(frequencies)
+    assert sorted(found[0].mixed) == sorted(mixed)
+    assert len(found) == (1 if mixed else len(frequencies))
+
+
+def test_lines_are_not_made_of_others_by_chance():
+    rng = np.random.default_rng(6)
+    joined = 0
+    for _ in range(200):
+        lines = {"gx": [line(f, 3e-4) for f in rng.uniform(5, 50, 5)]}
+        joined += any(one.mixed or one.folded for one in findings_of(lines, rate_hz=104.0))
+    # Three sorts of relations, each with a hundredth by chance in the whole record at the most.
+    assert joined <= 8
+
+
 def test_lines_are_no_folded_harmonics_by_chance():
     rng = np.random.default_rng(5)
     joined = 0

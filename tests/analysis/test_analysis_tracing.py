@@ -8,10 +8,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from allanscope.analysis import Analyser, AnalyserSettings, cause_phrase, summarise
+from allanscope.analysis import Analyser, AnalyserSettings, cause_phrase, summarise, verdict
 from allanscope.analysis.direction import motion_of_line, motion_of_step
-from allanscope.analysis.line_origin import fold, origin_of, reduced, wander_of
+from allanscope.analysis.line_families import fold
+from allanscope.analysis.line_origin import origin_of, reduced, wander_of
+from allanscope.analysis.shared_lines import SeenLines, lines_in_both
 from allanscope.clock import Clock
+from allanscope.samples import Gap, Ticks
 from allanscope.simulator import AxisTruth, Simulator, Truth
 from allanscope.wire import LinkStats
 
@@ -195,6 +198,113 @@ def test_the_result_says_that_a_line_is_an_alias():
     assert line.origin.source == "external"
     assert line.origin.frequency_hz == pytest.approx(150.0, abs=0.02)
     assert cause_phrase(line).startswith("external, alias of 150")
+    assert "on gx, alias of 150" in verdict(result).lines[1].text
     (told,) = [one for one in result.to_dict()["findings"] if one["origin"]]
     assert told["origin"]["frequency_hz"] == line.origin.frequency_hz
     assert told["motion"] is None
+
+
+def test_where_the_record_cannot_tell_it_says_what_would():
+    found = traced(150.0, 1, ppm=0.0)
+    told = found.experiment
+    assert told.duration_s >= 600
+    assert told.gain_nats >= 10
+    assert f"to tell it: {told.words}" in found.words
+    assert "if of the sensor's clock" in told.expectation
+    assert traced(150.0, 4).experiment is None
+
+
+def test_another_rate_settles_what_the_advice_says_it_does():
+    found = traced(150.0, 1, ppm=0.0)
+    rate = found.experiment.rate_hz
+    sensor = simulator(150.0, 1, ppm=0.0).reconfigured(rate=rate)
+    values = sensor.read(int(120 * rate)).counts[:, 0].astype(float)
+    power = np.abs(np.fft.rfft(values - values.mean())) ** 2
+    hz = np.fft.rfftfreq(len(values), 1 / sensor.clock.true_hz)
+    seen = hz[np.argmax(np.where(hz > 1, power, 0))]
+    assert seen == pytest.approx(fold(150.0, sensor.clock.true_hz), abs=0.02)
+
+
+def test_the_true_amplitude_is_that_before_the_low_pass():
+    sensor = simulator(150.0, 4)
+    block = sensor.read(int(600 * RATE))
+    clock = Clock.of(sensor.info)
+    clock.update(0, block.ticks)
+    seen = fold(150.0, clock.rate().hz)
+    found = origin_of(
+        block.counts.astype(float), np.arange(len(block), dtype=float), clock.rate().hz,
+        (seen, seen - 3e-4, seen + 3e-4), wander_of(clock.arrivals()),
+        cutoff_hz=33.0, amplitude=(0.019, 0.021, "dps"),
+    )  # fmt: skip
+    low, high = found.amplitude
+    # |H| = 1 / sqrt(1 + (f / fc)^2) of one pole, and with the fourth power of two (Butterworth).
+    ratio = 150.0 / 33.0
+    assert low == pytest.approx(0.019 * np.sqrt(1 + ratio**2), rel=1e-3)
+    assert high == pytest.approx(0.021 * np.sqrt(1 + ratio**4), rel=1e-3)
+    assert "true amplitude 88 to 430 mdps" in found.words
+    assert found.brief.startswith("alias of 150")
+
+
+@pytest.mark.parametrize(
+    ("true_hz", "locked", "source"), [(150.0, 0, "external"), (31.0, 1, "internal")]
+)
+def test_gaps_of_unknown_length_leave_the_phase_of_each_piece(true_hz, locked, source):
+    sensor = simulator(true_hz, 2, ppm=100.0, minutes=20.0, locked=bool(locked))
+    block = sensor.read(int(1200 * RATE))
+    gone = np.zeros(len(block), bool)
+    gone[40_000:40_117] = gone[80_000:80_031] = True
+    rows = np.flatnonzero(~gone)
+    pieces = np.searchsorted([40_000, 80_000], rows, side="right")
+    clock = Clock.of(sensor.info)
+    for piece in range(3):
+        part = rows[pieces == piece]
+        ticks = replace_rows(block.ticks, part)
+        clock.update(int(np.flatnonzero(pieces == piece)[0]), ticks)
+        clock.gap(Gap("restarted", None))
+    numbers, times, segments = clock.arrivals()
+    assert len(np.unique(segments)) == 3
+    wander = wander_of((numbers, times, segments))
+    assert wander.relative_ppm == pytest.approx(100.0, rel=0.1)
+    seen = (
+        fold(true_hz, clock.rate().hz)
+        if not locked
+        else true_hz / sensor.clock.true_hz * clock.rate().hz
+    )
+    values = block.counts[rows].astype(float)
+    found = origin_of(
+        values, np.arange(len(rows), dtype=float), clock.rate().hz,
+        (seen, seen - 2e-3, seen + 2e-3), wander, pieces=pieces,
+    )  # fmt: skip
+    assert found.source == source
+    if source == "external":
+        assert found.frequency_hz == pytest.approx(true_hz, abs=0.01)
+
+
+def replace_rows(ticks, rows):
+    return Ticks(
+        np.arange(len(rows)), ticks.device_s[rows], ticks.host_s[rows], ticks.temperature_c[rows]
+    )
+
+
+@pytest.mark.parametrize(
+    ("second", "line", "words"),
+    [
+        ((208.3, 5.0), 58.3, "external, alias of 150 Hz"),
+        ((208.3, 5.0), 46.0 * 208.3 / 104.0, "locked to the sensor's clock"),
+        ((107.1, 5.0), 46.0, "external, at 46 Hz"),
+        ((107.1, 5.0), fold(370.0, 107.1), "external, alias of 370 Hz"),
+        ((104.0, 5.0), 46.0, "cannot be told"),
+        ((107.1, 5.0), 20.0, ""),
+    ],
+)
+def test_two_rates_or_boards_decide(second, line, words):
+    one = SeenLines(104.0, 5.0, [(46.0, 45.9995, 46.0005)])
+    other = SeenLines(*second, [(line, line - 5e-4, line + 5e-4)])
+    found = lines_in_both(one, other)
+    assert bool(found) == bool(words)
+    assert not found or found[0].words.startswith(words)
+
+
+def test_a_vague_line_agrees_with_anything_and_decides_nothing():
+    one = SeenLines(104.0, 5.0, [(46.0, 45.0, 47.0)])
+    assert lines_in_both(one, SeenLines(107.1, 5.0, [(20.0, 19.0, 21.0)])) == ()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from allanscope.allan import Deviation
+from allanscope.allan import Deviation, DynamicDeviation
 from allanscope.analysis import Analysis, AxisAnalysis, Level, ModelCurve, Rate
 from allanscope.explain import AxisExplanation, Effect, Parameter, ResidualError
 from allanscope.noise import BestAveraging, Coefficient, DatasheetVerdict
@@ -46,7 +46,21 @@ def demo_analysis(duration_s: float = 7300.0, seed: int = 1, kinds=ESTIMATORS) -
         marks=((600.0, "fan off"),) if duration_s > 600 else (),
         remarks=("the device dropped 1998 samples once",) if duration_s > 900 else (),
         version="0.1.0",
+        dynamic=_dynamic(duration_s, rng) if duration_s > 60 else None,
     )
+
+
+def _dynamic(duration_s: float, rng: np.random.Generator) -> DynamicDeviation:
+    """Return 200 windows; in one of ten, a while long, the noise of two axes is twice as large."""
+    window_s = duration_s / 32
+    start = np.linspace(0.0, duration_s - window_s, 200)
+    tau = 2.0 ** np.arange(-12, np.log2(window_s / 4), 0.5)
+    few = np.sqrt(tau / window_s)
+    shape = len(AXES), 200, len(tau)
+    deviation = 1e-3 / np.sqrt(tau) * (1.0 + 0.3 * few * rng.standard_normal(shape))
+    deviation[:2, 120:140] *= 2.0
+    terms = np.full(shape[1:], 100, np.int64)
+    return DynamicDeviation(tau, start, start + window_s, np.abs(deviation), terms, window_s)
 
 
 def _axis(axis: str, duration_s: float, rng: np.random.Generator, kinds) -> AxisAnalysis:

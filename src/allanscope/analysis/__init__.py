@@ -27,9 +27,10 @@ if TYPE_CHECKING:
         StreamState,
         loop_input,
     )
+    from allanscope.analysis.comparison import Comparison, ReferenceCurve, read_reference
     from allanscope.analysis.direction import Direction, Motion
     from allanscope.analysis.finding_phrases import cause_phrase, finding_phrase, share_text
-    from allanscope.analysis.findings import NAMELESS, Finding, findings_of
+    from allanscope.analysis.findings import NAMELESS, Finding, findings_of, line_of
     from allanscope.analysis.line_origin import KnownSource, LineOrigin
     from allanscope.analysis.result import (
         SCHEMA,
@@ -42,7 +43,10 @@ if TYPE_CHECKING:
         Reading,
         event_dict,
     )
-    from allanscope.analysis.summary import Depth, summarise
+    from allanscope.analysis.shared_lines import SeenLines, SharedLine, lines_in_both
+    from allanscope.analysis.summary import Depth, compared, summarise
+    from allanscope.analysis.together import Aligned, Own, Separation, aligned, separated
+    from allanscope.analysis.undisturbed import Undisturbed
     from allanscope.analysis.verdict_lines import (
         Grade,
         Verdict,
@@ -72,11 +76,13 @@ if TYPE_CHECKING:
 __all__ = [
     "NAMELESS",
     "SCHEMA",
+    "Aligned",
     "Analyser",
     "AnalyserSettings",
     "Analysis",
     "AsOf",
     "AxisAnalysis",
+    "Comparison",
     "Depth",
     "Direction",
     "Finding",
@@ -87,17 +93,25 @@ __all__ = [
     "LoopInput",
     "ModelCurve",
     "Motion",
+    "Own",
     "Rate",
     "Reading",
+    "ReferenceCurve",
+    "SeenLines",
+    "Separation",
+    "SharedLine",
     "StreamState",
+    "Undisturbed",
     "Verdict",
     "VerdictLine",
+    "aligned",
     "as_of_text",
     "best_text",
     "cause_phrase",
     "clock_text",
     "coefficient_text",
     "coefficient_unit",
+    "compared",
     "density_verdict",
     "effect_brief",
     "effect_text",
@@ -105,13 +119,17 @@ __all__ = [
     "finding_phrase",
     "findings_of",
     "gaps_text",
+    "line_of",
+    "lines_in_both",
     "loop_input",
     "losses_phrase",
     "losses_text",
     "not_measured",
     "parameter_text",
     "rate_text",
+    "read_reference",
     "searched",
+    "separated",
     "share_text",
     "shares_text",
     "summarise",
@@ -122,12 +140,25 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "line_of": "findings",
+        "lines_in_both": "shared_lines",
+        "SharedLine": "shared_lines",
+        "SeenLines": "shared_lines",
+        "separated": "together",
+        "aligned": "together",
+        "Separation": "together",
+        "Own": "together",
+        "Aligned": "together",
         "Analyser": "analyser",
         "AnalyserSettings": "analyser",
         "Analysis": "result",
         "AsOf": "result",
         "AxisAnalysis": "result",
+        "Comparison": "comparison",
         "Depth": "summary",
+        "ReferenceCurve": "comparison",
+        "compared": "summary",
+        "read_reference": "comparison",
         "Finding": "findings",
         "Grade": "verdict_lines",
         "Level": "result",
@@ -165,6 +196,7 @@ __getattr__, __dir__ = lazily(
         "parameter_text": "wording",
         "rate_text": "wording",
         "shares_text": "wording",
+        "Undisturbed": "undisturbed",
         "searched": "verdict_lines",
         "summarise": "summary",
         "verdict": "verdict_lines",

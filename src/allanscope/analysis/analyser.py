@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank, CurveChoices
+from allanscope.analysis.comparison import ReferenceCurve
 from allanscope.analysis.padding import Padding
 from allanscope.analysis.rows import BUFFERED, RowBuffer, in_parallel, lowest_and_highest
 from allanscope.clock import Clock
@@ -66,6 +67,10 @@ class AnalyserSettings:
         Axes that the closed loop works on at a time.
     curves : CurveChoices
         How the curves of the final result are made.
+    over_time : bool
+        Keep what the Allan deviation over time needs.
+    references : mapping
+        Curves to compare with, by axis.
     """
 
     part: str = ""
@@ -75,6 +80,8 @@ class AnalyserSettings:
     gathered_rows: int = 1 << 13
     threads: int = 2
     curves: CurveChoices = field(default_factory=CurveChoices)
+    over_time: bool = True
+    references: Mapping[str, ReferenceCurve] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +164,7 @@ class Analyser:
                 asked.history_rows,
                 asked.gathered_rows,
                 keep_samples=asked.curves.taken_from_samples,
+                window_s=asked.curves.window_s if asked.over_time else None,
             )
         else:
             self.configurations.remove(known)
@@ -224,6 +232,8 @@ class StreamState:
         Rows that are summed up at a time.
     keep_samples : bool
         Keep every sample too, for curves that no bank has.
+    window_s : float or None
+        Length of the windows of the Allan deviation over time, 0 for one that grows; None for none.
     """
 
     def __init__(
@@ -234,11 +244,12 @@ class StreamState:
         gathered_rows: int = BUFFERED,
         *,
         keep_samples: bool = False,
+        window_s: float | None = None,
     ) -> None:
         rate_hz = info.nominal_hz or 1.0
         columns = len(info.axes)
         self.info = info
-        self.bank = AllanBank(rate_hz, axes=columns, per_octave=per_octave)
+        self.bank = AllanBank(rate_hz, columns, per_octave, window=window_s)
         self.spectrum = SpectrumBank(rate_hz, axes=columns)
         self.history = History(columns, history_rows)
         self.clock = Clock.of(info)
@@ -265,9 +276,11 @@ class StreamState:
             self._in_segment = True
         counts = block.counts
         self.counted = self.counted and np.issubdtype(counts.dtype, np.integer)
-        self.watch.ticks(self.samples + self.lost, block.ticks)
+        # The numbers of the history: a device that restarts may count from nought again.
+        first = self.samples + self.lost
+        self.watch.ticks(first, block.ticks)
+        self.clock.update(first, block.ticks)
         self.samples += len(block)
-        self.clock.update(block.index, block.ticks)
         temperature_c = self.temperature.at_samples(block)
 
         def sum_up() -> None:
@@ -282,7 +295,7 @@ class StreamState:
         self.release_padding()
         self._in_segment = False
         self.watch.gap(gap)
-        self.bank.gap()
+        self.bank.gap(gap.lost or 0)
         if self._kept is not None:
             self._kept.append(None)
         self.spectrum.gap()
@@ -386,17 +399,7 @@ class LoopInput:
 
     def since(self, begin_s: float) -> LoopInput:
         """Return what there is from a time on; the densities of the whole run are left out."""
-        record = self.record
-        first = int(np.searchsorted(record.start_s, begin_s))
-        segments = np.maximum(record.segments - first, 0)
-        later = replace(
-            record,
-            values=record.values[first:],
-            temperature_c=record.temperature_c[first:],
-            start_s=record.start_s[first:],
-            segments=segments[segments[:, 1] > 0],
-        )
-        return replace(self, record=later, densities={})
+        return replace(self, record=self.record.between(begin_s), densities={})
 
 
 def loop_input(state: StreamState) -> LoopInput:

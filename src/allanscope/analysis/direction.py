@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.analysis.line_origin import LineSums
-from allanscope.quantities import number
+from allanscope.quantities import MAD_TO_SIGMA, number
 
 __all__ = ["Direction", "Motion", "motion_of_line", "motion_of_step"]
 
@@ -152,7 +152,7 @@ def motion_of_step(
     found = change(np.array([time_s]))[0]
     grid = np.linspace(times_s[0] + reach, times_s[-1] - reach, _ELSEWHERE)
     # What the level does anyway over as long a time.
-    error = 1.4826 * np.median(np.abs(change(grid)), axis=0)
+    error = MAD_TO_SIGMA * np.median(np.abs(change(grid)), axis=0)
     return _motion(found.astype(np.complex128), error, axes, values.mean(axis=0), None)
 
 

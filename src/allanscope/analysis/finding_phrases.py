@@ -21,6 +21,7 @@ __all__ = [
     "finding_phrase",
     "finding_sentence",
     "share_text",
+    "source_text",
 ]
 
 PHRASES = {
@@ -90,9 +91,15 @@ def share_text(finding: Finding) -> str:
     return f" ({number(100.0 * finding.share, 2)} % of the excess)"
 
 
+def source_text(finding: Finding) -> str:
+    """Return the source of a line in few words after a comma; empty where it is not known."""
+    known = finding.origin
+    return f", {known.brief}" if known is not None and known.brief else ""
+
+
 def cause_phrase(finding: Finding) -> str:
     """Return where a finding comes from and its direction; empty where neither is known."""
-    known = [one.words for one in (finding.origin, finding.motion) if one is not None]
+    known = [one.words for one in (finding.origin, finding.motion, finding.leak) if one is not None]
     return "; ".join(known)
 
 
@@ -126,7 +133,24 @@ def finding_phrase(finding: Finding) -> str:
         belongs.append(f"harmonic{'s' * (len(finding.harmonics) > 1)} {orders}")
     if finding.folded:
         belongs[-1] += f" ({_listed([str(order) for order in finding.folded])} folded)"
+    belongs += _mixed(finding.mixed)
     return f"{text}, with {_listed(belongs)}" if belongs else text
+
+
+def _mixed(mixed: Sequence[str]) -> list[str]:
+    """Return the lines that are made of a fundamental f, with equal distances put together.
+
+    >>> _mixed(["f - 1.2 Hz", "f + 1.2 Hz", "fs/2 - f"])
+    ['f ± 1.2 Hz', 'fs/2 - f']
+    """
+    both = {one.replace("f + ", "f - ") for one in mixed if one.startswith("f + ")} & {*mixed}
+    paired = (
+        one.replace("f - ", "f ± ").replace("f + ", "f ± ")
+        if one.replace("f + ", "f - ") in both
+        else one
+        for one in mixed
+    )
+    return list(dict.fromkeys(paired))
 
 
 def _phrase(effects: Sequence[Effect]) -> str:

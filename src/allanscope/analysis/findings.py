@@ -7,8 +7,8 @@ of one cause. Two effects are one finding where they
   the time, the source, the range; or, where a kind has no place, in all of their numbers, unless
   the board has one cause of it, as it has one temperature;
 - are lines of which one is a harmonic of the other, or sits in the other's band;
-- are lines of which one is a harmonic of the other beyond the Nyquist frequency, which is seen
-  folded about the sample clock, where that is unlikely by chance;
+- are lines of which one is made of the other, or of two: a harmonic beyond the Nyquist frequency,
+  seen folded about the sample clock, a sideband, a sum, an image (`line_families`);
 - are narrow bands on two axes that overlap, or a line and a narrow band without a name about it;
 - begin or end at one time: a step, an excursion and a burst.
 
@@ -23,9 +23,11 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
+from allanscope.analysis.line_families import Line, relations_of
 from allanscope.explain import Effect, Parameter
 
 if TYPE_CHECKING:
+    from allanscope.analysis.coherence import Leak
     from allanscope.analysis.direction import Motion
     from allanscope.analysis.line_origin import LineOrigin
 
@@ -42,10 +44,6 @@ _HIGHEST = 40
 """Highest order of a harmonic."""
 _BY_CHANCE = 0.02
 """Largest uncertainty of an order; beyond, any line would be a harmonic of any other."""
-_FOLDED_HIGHEST = 9
-"""Highest order of a harmonic that is seen folded."""
-_FOLDED_CHANCE = 0.01
-"""Expected number of folded harmonics by chance, among all lines and orders that are compared."""
 _ONE_CAUSE = frozenset({"temperature", "repeated_samples"})
 """Kinds that have one cause on all axes, however large they are on each."""
 _NARROW = 0.1
@@ -85,10 +83,15 @@ class Finding:
         known. Findings are sorted by it, those without a name after the others.
     folded : tuple of int
         Orders of the harmonics among them that are seen folded about the sample rate.
+    mixed : tuple of str
+        What the other lines are of the fundamental f and the sample rate fs: ``f + 1.2 Hz``,
+        ``fs/2 - f``; or the frequency of a line that f is mixed with.
     origin : LineOrigin or None
         Where a line comes from; None of what is no line, and while a run goes on.
     motion : Motion or None
         The direction of a line, a step or an excursion.
+    leak : Leak or None
+        The direction of a cross-coupling, where lines tell what noise does not.
     """
 
     kind: str
@@ -98,8 +101,10 @@ class Finding:
     harmonics: tuple[int, ...] = field(default=())
     share: float = math.nan
     folded: tuple[int, ...] = ()
+    mixed: tuple[str, ...] = ()
     origin: LineOrigin | None = None
     motion: Motion | None = None
+    leak: Leak | None = None
 
 
 def findings_of(
@@ -116,7 +121,7 @@ def findings_of(
     excess_nats : mapping, optional
         Axis to its excess over sampling error (`Shares.excess_nats`), of which effects have shares.
     rate_hz : float
-        Sample rate about which harmonics fold; 0 to look for none that do.
+        Sample rate about which lines fold and mix; 0 to join none that do.
     """
     excess = excess_nats or {}
     members = [
@@ -136,54 +141,37 @@ def findings_of(
         )
         for one in dict.fromkeys(group)
     ]
-    found = _with_folded(whole, list(effects), excess, rate_hz) if rate_hz else whole
+    found = _with_families(whole, list(effects), excess, rate_hz) if rate_hz else whole
     return tuple(sorted(found, key=_order))
 
 
-def _with_folded(
+def _with_families(
     found: list[Finding], axes: list[str], excess: Mapping[str, float], rate_hz: float
 ) -> list[Finding]:
-    """Join harmonics beyond the Nyquist frequency to their fundamental, the surest first.
-
-    In counts a harmonic folds exactly, however well the rate is known.
-    """
-    lines = [one for one in found if one.kind == "sinusoid"]
-    tried = len(lines) * (len(lines) - 1) * (_FOLDED_HIGHEST - 1)
-    matches = []
-    for base in lines:
-        for other in lines:
-            known, seen = (_frequency(one.members[0].effect) for one in (base, other))
-            if base is other or known is None or seen is None:
-                continue
-            for order in range(2, _FOLDED_HIGHEST + 1):
-                rest = order * known.value % rate_hz
-                away = abs(min(rest, rate_hz - rest) - seen.value)
-                room = order * (known.upper - known.lower) + seen.upper - seen.lower
-                chance = tried * 2 * room / (rate_hz / 2)
-                if order * known.value > rate_hz / 2 and away <= room and chance < _FOLDED_CHANCE:
-                    matches.append((chance, order, base, other))
-    joined: dict[int, Finding] = {}
-    gone: set[int] = set()
-    orders: dict[int, list[int]] = {}
-    for _, order, base, other in sorted(matches, key=lambda one: (one[1], one[0])):
-        if id(other) in gone or id(base) in gone or id(other) in joined:
-            continue
-        before = joined.get(id(base), base)
-        members = (*before.members, *other.members)
-        seen_on = {one.axis for one in members}
-        orders.setdefault(id(base), []).append(order)
-        folded = tuple(sorted(orders[id(base)]))
-        joined[id(base)] = replace(
-            before,
+    """Join lines that are made of others to their fundamental."""
+    places = [at for at, one in enumerate(found) if one.kind == "sinusoid"]
+    lines = []
+    for at in places:
+        known = line_of(found[at].members[0].effect) or (0.0, 0.0, 0.0, 0.0)
+        lines.append(Line(*known[:3], found[at].gain_nats))
+    joined = dict(enumerate(found))
+    for one in relations_of(lines, rate_hz):
+        at = places[one.bases[0]]
+        base, product = joined[at], joined.pop(places[one.product])
+        members = (*base.members, *product.members)
+        seen_on = {member.axis for member in members}
+        order = (one.order,) if one.order else ()
+        joined[at] = replace(
+            base,
             axes=tuple(axis for axis in axes if axis in seen_on),
             members=members,
-            gain_nats=before.gain_nats + other.gain_nats,
-            harmonics=tuple(sorted({*before.harmonics, order})),
+            gain_nats=base.gain_nats + product.gain_nats,
+            harmonics=tuple(sorted({*base.harmonics, *order})),
             share=_share(list(members), excess),
-            folded=folded,
+            folded=tuple(sorted({*base.folded, *order})),
+            mixed=(*base.mixed, one.words) if one.words else base.mixed,
         )
-        gone.add(id(other))
-    return [joined.get(id(one), one) for one in found if id(one) not in gone]
+    return list(joined.values())
 
 
 def _order(finding: Finding) -> tuple[bool, float, float]:

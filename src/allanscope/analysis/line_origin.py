@@ -22,22 +22,24 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
-from allanscope.quantities import number
+from allanscope.analysis.experiments import Experiment, another_rate
+from allanscope.analysis.line_families import fold
+from allanscope.quantities import DEVIATION, MAD_TO_SIGMA, number, symbols
 
 __all__ = [
     "KnownSource",
     "LineOrigin",
     "LineSums",
     "Wander",
-    "fold",
     "origin_of",
     "reduced",
     "wander_of",
 ]
 
 Array = NDArray[np.float64]
+Arrivals = tuple[NDArray[np.int64], Array, NDArray[np.int64]]
 Source = Literal["internal", "external", "free-running", "unknown"]
 
 _FOLDS = 12
@@ -47,11 +49,15 @@ _BLOCKS = 512
 _PADDING = 4
 _FEWEST_BLOCKS = 64
 _SECTIONS = 8
+_MOST_PIECES = 16
+"""Part of the record below which a piece between gaps of unknown length is left out."""
+_FEWEST_ARRIVALS = 3
 _SURE_OF_SOURCE = 5.0
 """Nats by which a line from outside and one of the sensor's own clock must differ."""
 _SURE_OF_FREQUENCY = 4.0
 _SYSTEMATIC = 0.002
-"""Share of a gain that the errors of the measured clock may take."""
+_ERRORS = 3.0
+"""Largest share of a gain that the errors of the measured clock may take, and how many of them."""
 _INCOHERENT_P = 1e-6
 _INCOHERENT_RAD = 0.5
 """Phase that a line must wander by, rms, before it is said not to be of the samples' clock."""
@@ -79,6 +85,8 @@ class Wander:
         Change of the rate over the record, highest less lowest.
     rate_hz : float
         Mean rate: that of the line from which `at` tells the distance.
+    error_s : float
+        Standard error of the times.
     """
 
     coefficients: Array
@@ -86,6 +94,7 @@ class Wander:
     last: float
     relative_ppm: float
     rate_hz: float
+    error_s: float
 
     def at(self, n: Array) -> Array:
         """Return the error of the time of samples in s, shape (n,), without its own line."""
@@ -136,8 +145,14 @@ class LineOrigin:
     attenuation : (float, float) or None
         What the low-pass of the axis leaves of the amplitude at the true frequency: of two poles
         and of one. None where either is not known.
+    amplitude : (float, float) or None
+        True amplitude before that low-pass, lowest and highest, in the unit of the axis.
+    experiment : Experiment or None
+        What would tell the source or the frequency, where this record cannot.
     words : str
         All of it in a phrase.
+    brief : str
+        The source in few words; empty where it is not known.
     """
 
     source: Source
@@ -150,41 +165,39 @@ class LineOrigin:
     known: tuple[KnownSource, ...]
     attenuation: tuple[float, float] | None
     words: str
+    brief: str = ""
+    amplitude: tuple[float, float] | None = None
+    experiment: Experiment | None = None
 
 
-def fold(frequency_hz: float, rate_hz: float) -> float:
-    """Return where a frequency is seen at a sample rate.
-
-    Examples
-    --------
-    >>> fold(60.0, 104.0), fold(150.0, 104.0)
-    (44.0, 46.0)
-    """
-    rest = frequency_hz % rate_hz
-    return min(rest, rate_hz - rest)
-
-
-def wander_of(arrivals: tuple[NDArray[np.int64], Array] | None) -> Wander | None:
+def wander_of(arrivals: Arrivals | None) -> Wander | None:
     """Return how a clock wandered; None where that is not known better than not at all.
 
     Parameters
     ----------
-    arrivals : (numbers, times in s), each shape (k,), or None
-        The smallest delays of a stream (`Clock.arrivals`).
+    arrivals : (numbers, times in s, segments), each shape (k,), or None
+        The smallest delays of a stream (`Clock.arrivals`). Times of different segments have
+        different origins.
     """
-    if arrivals is None or len(arrivals[0]) < 4 * 3:
+    if arrivals is None:
         return None
-    n = arrivals[0].astype(np.float64)
+    use = np.bincount(arrivals[2])[arrivals[2]] >= _FEWEST_ARRIVALS
+    n = arrivals[0][use].astype(np.float64)
+    time_s, segment = arrivals[1][use], arrivals[2][use]
+    if len(n) < 4 * _FEWEST_ARRIVALS:
+        return None
     first, last = float(n[0]), float(n[-1])
     if last <= first:
         return None
     x = 2.0 * (n - first) / (last - first) - 1.0
-    time_s = arrivals[1] - arrivals[1][0]
+    which = np.unique(segment, return_inverse=True)[1]
+    starts = (segment[:, None] == np.unique(segment)).astype(np.float64)
+    time_s = time_s - time_s[np.flatnonzero(np.diff(which, prepend=-1))][which]
     keep = np.ones(len(n), bool)
     for _ in range(3):
-        best = _smoothest(x[keep], time_s[keep])
-        late = time_s - chebyshev.chebval(x, best)
-        sigma = 1.4826 * float(np.median(np.abs(late - np.median(late))))
+        best, origins = _smoothest(x, time_s, starts, keep)
+        late = time_s - chebyshev.chebval(x, best) - starts @ origins
+        sigma = MAD_TO_SIGMA * float(np.median(np.abs(late - np.median(late))))
         keep = np.abs(late - np.median(late)) <= 5.0 * max(sigma, 1e-9)
     if len(best) <= 2:
         return None
@@ -192,44 +205,61 @@ def wander_of(arrivals: tuple[NDArray[np.int64], Array] | None) -> Wander | None
     pace = chebyshev.chebval(x, chebyshev.chebder(best))
     mean = float(np.polyfit(x, chebyshev.chebval(x, best), 1)[0])
     relative_ppm = 1e6 * float(np.ptp(pace)) / mean
-    return Wander(best, 0.0, last - first, relative_ppm, (last - first) / (2.0 * mean))
+    error_s = max(sigma, 1e-9) * math.sqrt((len(best) + len(origins)) / int(keep.sum()))
+    return Wander(best, 0.0, last - first, relative_ppm, (last - first) / (2.0 * mean), error_s)
 
 
-def _smoothest(x: Array, y: Array) -> Array:
-    """Return the polynomial that the Schwarz criterion prefers."""
-    n = len(x)
-    found: list[tuple[float, Array]] = []
+def _smoothest(x: Array, y: Array, starts: Array, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the polynomial that the Schwarz criterion prefers, and the origin of each segment."""
+    n = int(keep.sum())
+    found: list[tuple[float, Array, Array]] = []
+    basis = chebyshev.chebvander(x, _HIGHEST_ORDER)[:, 1:]
     for order in range(1, min(_HIGHEST_ORDER, n // 3) + 1):
-        c = np.asarray(chebyshev.chebfit(x, y, order), np.float64)
-        rest = y - chebyshev.chebval(x, c)
+        design = np.hstack([basis[keep, :order], starts[keep]])
+        c = np.asarray(np.linalg.lstsq(design, y[keep])[0], np.float64)
+        rest = y[keep] - design @ c
         misfit = n * math.log(max(float(rest @ rest) / n, 1e-24))
-        found.append((misfit + 3 * order * math.log(n), c))
-    return min(found, key=lambda one: one[0])[1]
+        found.append((misfit + 3 * order * math.log(n), np.r_[0.0, c[:order]], c[order:]))
+    return min(found, key=lambda one: one[0])[1:]
 
 
 @dataclass(frozen=True, slots=True)
 class LineSums:
     """A line reduced to sums, of each axis that has it.
 
+    Where it is not known how many samples a gap lacks, the phase beyond is another: then each piece
+    of an axis between such gaps has sums of its own, nought elsewhere.
+
     Attributes
     ----------
-    sums : ndarray of complex, shape (axes, m)
+    sums : ndarray of complex, shape (axes x pieces, m)
         Of the samples, turned back by the frequency.
-    level : ndarray, shape (axes,)
-        Mean power of a sum over the whole record where there is no line.
+    level : ndarray, shape (axes x pieces,)
+        Mean power of a sum over the whole piece where there is no line.
+    share : ndarray, shape (axes x pieces,)
+        Part of the record that a piece is.
     late_s : ndarray, shape (m,)
         Error of the clock.
     reach : int
         Bins of the padded transform on each side in which the line is looked for.
     spread : float
         Bins by which a line of 1 Hz is drawn out because the clock wanders.
+    error_s : float
+        Standard error of `late_s`.
     """
 
     sums: NDArray[np.complex128]
     level: Array
+    share: Array
     late_s: Array
     reach: int
     spread: float
+    error_s: float = 0.0
+
+    def systematic(self, beta: float) -> float:
+        """Return the share of a gain that the errors of the clock may take."""
+        phase = 2.0 * np.pi * beta * _ERRORS * self.error_s
+        return min(_SYSTEMATIC, phase**2)
 
     def near(self, beta: float) -> NDArray[np.int64]:
         """Return the bins in which a line may be that follows the clock so far."""
@@ -242,16 +272,20 @@ class LineSums:
         return float(np.max(self._gains(beta)))
 
     def _gains(self, beta: float) -> Array:
+        return np.asarray(self._gains_of_pieces(beta).sum(axis=0))
+
+    def _gains_of_pieces(self, beta: float) -> Array:
         turned = self.sums * np.exp(-2j * np.pi * beta * self.late_s)
         power = np.abs(np.fft.fft(turned, _PADDING * self.sums.shape[1], axis=1)) ** 2
-        return np.asarray((power[:, self.near(beta)] / self.level[:, None]).sum(axis=0))
+        return np.asarray(power[:, self.near(beta)] / self.level[:, None])
 
     def offset(self, beta: float) -> tuple[float, float]:
         """Return how far the line is from where it was looked for, and the standard error.
 
         In cycles per record; the error is that of one frequency in white noise.
         """
-        near, gains = self.near(beta), self._gains(beta)
+        near, pieces = self.near(beta), self._gains_of_pieces(beta)
+        gains = pieces.sum(axis=0)
         top = int(np.argmax(gains))
         order = np.argsort(near)
         at = int(np.flatnonzero(order == top)[0])
@@ -259,7 +293,9 @@ class LineSums:
         if 0 < at < len(order) - 1:
             left, mid, right = gains[order[at - 1 : at + 2]]
             bend = 0.5 * (left - right) / min(left - 2 * mid + right, -1e-12)
-        error = math.sqrt(3.0) / (math.pi * math.sqrt(2.0 * max(float(gains[top]), 1.0)))
+        # A piece is the shorter for the frequency.
+        strength = max(float(pieces[:, top] @ self.share**2), float(np.min(self.share)) ** 2)
+        error = math.sqrt(3.0) / (math.pi * math.sqrt(2.0 * strength))
         return (float(near[top]) + bend) / _PADDING, error
 
     def phases(self, beta: float) -> tuple[float, float]:
@@ -270,7 +306,7 @@ class LineSums:
         at = self.near(beta)[int(np.argmax(self._gains(beta)))]
         turned = turned * np.exp(-2j * np.pi * at / size * np.arange(m))
         square, freedom, total, weights = 0.0, 0, 0.0, 0.0
-        for row, level in zip(turned, self.level, strict=True):
+        for row, level in zip(turned, self.level / self.share, strict=True):
             part = np.array([one.sum() for one in np.array_split(row, _SECTIONS)])
             gain = np.abs(part) ** 2 / (level / _SECTIONS)
             use = gain > _SECTIONS
@@ -286,7 +322,7 @@ class LineSums:
             weights += len(x)
         if not freedom:
             return 0.0, 1.0
-        return math.sqrt(total / weights), float(chi2.sf(square, freedom))
+        return math.sqrt(total / weights), float(chdtrc(freedom, square))
 
 
 def origin_of(
@@ -299,7 +335,9 @@ def origin_of(
     width_hz: float = 0.0,
     rate_ppm: float | None = None,
     cutoff_hz: float | None = None,
-    is_whole: bool = True,
+    pieces: NDArray[np.int64] | None = None,
+    offered_hz: Sequence[float] = (),
+    amplitude: tuple[float, float, str] | None = None,
 ) -> LineOrigin:
     """Tell where a line comes from.
 
@@ -321,23 +359,30 @@ def origin_of(
         Standard error of the rate; None where it was not measured.
     cutoff_hz : float, optional
         -3 dB frequency of the low-pass of the axis.
-    is_whole : bool
-        Whether it is known of every gap how many samples it lacks; else there is no phase.
+    pieces : ndarray, shape (n,), optional
+        Number of the piece of each row, where it is not known how many samples lie between two.
+    offered_hz : sequence of float
+        Nominal sample rates that the part offers.
+    amplitude : (float, float, str), optional
+        Interval of the amplitude as it is seen, and its unit.
     """
     seen, low, high = frequency
     error = max((high - low) / (2 * 1.96), 1e-6 * seen)
     wander_ppm = None if wander is None else wander.relative_ppm
-    line = reduced(values, numbers, rate_hz, seen, max(high - low, width_hz), wander)
+    line = reduced(values, numbers, rate_hz, seen, max(high - low, width_hz), wander, pieces)
     source: Source = "unknown"
     margin, chosen = 0.0, None
     places = [k * rate_hz + sign * seen for k in range(_FOLDS + 1) for sign in (1, -1)]
     betas = [k * rate_hz + seen for k in range(-_FOLDS, _FOLDS + 1)]
     left = sorted(one for one in places if one > 0)
-    if line is not None and is_whole:
+    gain = 0.0
+    if line is not None:
+        gain = line.gain(0.0)
         source, margin, remain = _told(line, betas, wander is not None)
         if source == "external":
             left = sorted(abs(one) for one in remain)
             chosen = left[0] if len(left) == 1 else None
+            gain = line.gain(remain[0])
         elif source == "internal":
             left, chosen = [], seen
         if chosen is not None:
@@ -363,7 +408,22 @@ def origin_of(
         passed = (1 / math.sqrt(1 + ratio**4), 1 / math.sqrt(1 + ratio**2))
     few = () if source == "internal" else tuple(left[:8])
     found = LineOrigin(source, chosen, *ends, few, margin, wander_ppm, known, passed, words="")
-    return _worded(found, seen, rate_hz, rate_ppm, is_whole)
+    if passed is not None and amplitude is not None:
+        found = replace(found, amplitude=(amplitude[0] / passed[1], amplitude[1] / passed[0]))
+    if chosen is None and len(numbers):
+        length_s = float(numbers[-1] - numbers[0] + 1) / rate_hz
+        open_source = source == "unknown"
+        to_do = another_rate(
+            seen,
+            rate_hz,
+            left,
+            offered_hz,
+            gain / length_s,
+            width_hz=max(width_hz, high - low),
+            or_internal=open_source,
+        )
+        found = replace(found, experiment=to_do)
+    return _worded(found, seen, rate_hz, rate_ppm, amplitude[2] if amplitude else "")
 
 
 def reduced(
@@ -373,6 +433,7 @@ def reduced(
     seen: float,
     width_hz: float,
     wander: Wander | None,
+    pieces: NDArray[np.int64] | None = None,
 ) -> LineSums | None:
     """Return the sums of a line; None where the record is too short for any phase."""
     n = len(values)
@@ -403,7 +464,30 @@ def reduced(
     spread = 0.0 if wander is None else 0.5e-6 * wander.relative_ppm * cycles
     if not level.all():
         return None
-    return LineSums(sums, level, late, _PADDING * reach, spread)
+    share = np.ones(len(level))
+    if pieces is not None:
+        sums, share = _in_pieces(sums, place, pieces)
+        level = np.repeat(level, len(share) // len(level)) * share
+    error_s = 0.0 if wander is None else wander.error_s
+    return LineSums(sums, level, share, late, _PADDING * reach, spread, error_s)
+
+
+def _in_pieces(
+    sums: NDArray[np.complex128], place: NDArray[np.int64], pieces: NDArray[np.int64]
+) -> tuple[NDArray[np.complex128], Array]:
+    """Return the sums of every piece of every axis, nought elsewhere, and its part of the record.
+
+    A block that belongs to two pieces is given to the larger part of it; short pieces are left out.
+    """
+    names, count = np.unique(pieces, return_counts=True)
+    names = names[count >= len(pieces) / _MOST_PIECES]
+    if not len(names):
+        names = np.unique(pieces)[np.argmax(count)][None]
+    blocks = sums.shape[1]
+    held = np.array([np.bincount(place[pieces == one], minlength=blocks) for one in names])
+    own = (held.argmax(axis=0) == np.arange(len(names))[:, None]) & (held > 0)
+    parts = (sums[:, None, :] * own).reshape(-1, blocks)
+    return parts, np.tile(held.sum(axis=1) / len(pieces), len(sums))
 
 
 def _told(
@@ -419,14 +503,14 @@ def _told(
         at = beta if best >= inside else 0.0
         unsure = 1 / (2 * np.pi * spread * math.sqrt(2 * max(top, 1.0)))
         free = max(line.gain(at + step * unsure) for step in range(-8, 9))
-        allowed = _SURE_OF_SOURCE + _SYSTEMATIC * top
+        systematic = line.systematic(max(abs(beta), abs(unsure))) * top
+        allowed = _SURE_OF_SOURCE + systematic
         apart, chance = line.phases(at)
         steady = free - top <= allowed and not (chance < _INCOHERENT_P and apart > _INCOHERENT_RAD)
-        sure = _SURE_OF_SOURCE + _SYSTEMATIC * top
-        if steady and inside - best > sure:
+        if steady and inside - best > allowed:
             return "internal", inside - best, ()
-        if steady and best - inside > sure:
-            within = _SURE_OF_FREQUENCY + _SYSTEMATIC * top
+        if steady and best - inside > allowed:
+            within = _SURE_OF_FREQUENCY + systematic
             remain = tuple(b for b, gain in gains.items() if gain > best - within)
             return "external", best - inside, remain
     apart, chance = line.phases(0.0)
@@ -474,26 +558,29 @@ def _known(
 
 
 def _worded(
-    found: LineOrigin, seen: float, rate_hz: float, rate_ppm: float | None, is_whole: bool
+    found: LineOrigin, seen: float, rate_hz: float, rate_ppm: float | None, unit: str
 ) -> LineOrigin:
     """Return it with its words."""
     ppm = f"{number(found.wander_ppm, 2)} ppm" if found.wander_ppm is not None else ""
+    brief = ""
     match found.source:
         case "internal":
-            text = f"locked to the sensor's clock, at {number(seen / rate_hz, 5)} fs"
+            brief = "locked to the sensor's clock"
+            text = f"{brief}, at {number(seen / rate_hz, 5)} fs"
         case "free-running":
+            brief = "not of the sensor's clock"
             text = "external or mechanical: it does not keep phase with the sensor's clock"
         case "external" if found.frequency_hz is not None:
             true = number(found.frequency_hz, 5)
             is_alias = found.frequency_hz > rate_hz / 2
+            brief = f"alias of {true} Hz" if is_alias else "external"
             text = f"external, alias of {true} Hz" if is_alias else f"external, at {true} Hz"
         case "external":
+            brief = "external"
             text = "external; true frequency cannot be told from this record"
         case _:
             why = (
-                "an unknown number of samples is missing"
-                if not is_whole
-                else "the sample rate was not measured"
+                "the sample rate was not measured"
                 if rate_ppm is None
                 else f"the sample rate changed by {ppm}"
                 if ppm
@@ -504,7 +591,12 @@ def _worded(
         low, high = found.attenuation
         if found.frequency_hz > rate_hz / 2:
             text += f", attenuated to {number(100 * low, 2)} to {number(100 * high, 2)} %"
+            if found.amplitude is not None and unit in DEVIATION:
+                least, most = (number(DEVIATION[unit].factor * one, 2) for one in found.amplitude)
+                text += f", true amplitude {least} to {most} {symbols(DEVIATION[unit].unit)}"
     if found.known:
         names = " or ".join(one.name for one in found.known)
         text += f"; agrees with {names} (expected by chance: {number(found.known[0].by_chance, 2)})"
-    return replace(found, words=text)
+    if found.experiment is not None:
+        text += f"; to tell it: {found.experiment.words}"
+    return replace(found, words=text, brief=brief)

@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.allan import CurveChoices, Deviation
+from allanscope.allan import CurveChoices, Deviation, DynamicDeviation
+from allanscope.analysis.comparison import Comparison
+from allanscope.analysis.experiments import Experiment, next_experiments
 from allanscope.analysis.findings import Finding, findings_of
+from allanscope.analysis.undisturbed import Undisturbed
 from allanscope.explain import AxisExplanation, Effect, ResidualError
 from allanscope.history import Record
 from allanscope.noise import BestAveraging, Coefficient, DatasheetVerdict
@@ -23,6 +26,7 @@ from allanscope.wire import LinkStats
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from allanscope.analysis.coherence import Common
     from allanscope.analysis.tracing import Trace
 
 __all__ = [
@@ -180,6 +184,8 @@ class AxisAnalysis:
         Q, N, B, K, R; empty until the first fit.
     readings : mapping
         ``N``, ``N_1s``, ``B``, ``K`` as read off the curves, those that can be.
+    power_laws : mapping
+        Coefficients of the power laws that were asked for, Q P N B K F D, fitted together.
     coefficients_as_of : AsOf or None
         What they were fitted to: all there is, unless a fit has failed since.
     explanation_as_of : AsOf or None
@@ -190,6 +196,8 @@ class AxisAnalysis:
         Measured one-sided density.
     density_model : ModelCurve or None
         Density of the final model at the frequencies of `density`.
+    comparison : Comparison or None
+        With the curve of an earlier session or a mask, where one was named.
     failure : str
         What went wrong in the analysis of this axis, empty when nothing did: then only what is
         independent of it is here.
@@ -209,8 +217,10 @@ class AxisAnalysis:
     remarks: tuple[str, ...] = ()
     failure: str = ""
     readings: Mapping[str, Reading] = field(default_factory=dict)
+    power_laws: Mapping[str, Coefficient] = field(default_factory=dict)
     coefficients_as_of: AsOf | None = None
     explanation_as_of: AsOf | None = None
+    comparison: Comparison | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +248,10 @@ class Analysis:
         for something. They stand at the top of whatever shows the result.
     remarks : tuple of str
         What the reader must know about the run as a whole, one sentence each.
+    undisturbed : Undisturbed or None
+        The longest stretch without an event, and its coefficients; None where there are no events.
+    dynamic : DynamicDeviation or None
+        The Allan deviation over time, of all axes in their order; not part of the JSON.
     record : Record or None
         The kept time series, for figures; not part of the JSON.
     origin : {'', 'measured', 'synthetic', 'emulated'}
@@ -246,6 +260,8 @@ class Analysis:
         How the curves were made, and what is shown of them.
     traces : mapping
         What findings were traced to, by axis and index of the leading effect.
+    common : tuple of Common
+        Ranges of frequencies in which axes are coherent, from low to high.
     """
 
     input: Mapping[str, str]
@@ -266,10 +282,13 @@ class Analysis:
     remarks: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
     version: str = ""
+    undisturbed: Undisturbed | None = None
+    dynamic: DynamicDeviation | None = None
     record: Record | None = None
     origin: Origin = ""
     choices: CurveChoices = field(default_factory=CurveChoices)
     traces: Mapping[tuple[str, int], Trace] = field(default_factory=dict)
+    common: tuple[Common, ...] = ()
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -292,9 +311,14 @@ class Analysis:
 
     def _traced(self, finding: Finding) -> Finding:
         trace = self.traces.get((finding.members[0].axis, finding.members[0].index))
-        return (
-            finding if trace is None else replace(finding, origin=trace.origin, motion=trace.motion)
-        )
+        if trace is None:
+            return finding
+        return replace(finding, origin=trace.origin, motion=trace.motion, leak=trace.leak)
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]:
+        """What would settle what is open, the shortest first."""
+        return next_experiments(self)
 
     @property
     def uncertainty(self) -> dict[str, Any]:
@@ -393,6 +417,7 @@ class Analysis:
             "temperature": dict(self.temperature),
             "marks": [{"time_s": time_s, "text": text} for time_s, text in self.marks],
             "events": [event_dict(event) for event in self.events],
+            "undisturbed": _undisturbed_dict(self.undisturbed),
             "assumptions": list(self.assumptions),
             "remarks": [*self.assumptions, *self.remarks],
             "failures": list(self.failures),
@@ -400,6 +425,8 @@ class Analysis:
             "curve_choices": asdict(self.choices),
             "uncertainty": self.uncertainty,
             "findings": [_finding_dict(finding) for finding in self.findings],
+            "experiments": [asdict(one) for one in self.experiments],
+            "common": [asdict(one) for one in self.common],
             "axes": {name: _axis_dict(axis, self.choices) for name, axis in self.axes.items()},
         }
         return cast("dict[str, Any]", _plain(result))
@@ -421,15 +448,27 @@ def _axis_dict(axis: AxisAnalysis, choices: CurveChoices) -> dict[str, Any]:
             name: asdict(axis.readings[name]) if name in axis.readings else None
             for name in READINGS
         },
+        "power_laws": {name: _coefficient_dict(one) for name, one in axis.power_laws.items()},
         "coefficients_as_of": asdict(axis.coefficients_as_of) if axis.coefficients_as_of else None,
         "best_averaging": asdict(axis.best_averaging) if axis.best_averaging else None,
         "datasheet": {k: asdict(v) for k, v in axis.datasheet.items()}
         or {"density": {**_NOT_COMPARED, "unit": f"{axis.unit}/sqrt(Hz)"}},
         **_explanation_dict(axis.explanation or _NOT_SEARCHED),
         "effects_as_of": asdict(axis.explanation_as_of) if axis.explanation_as_of else None,
+        "comparison": axis.comparison.to_dict() if axis.comparison else None,
         "failure": axis.failure or None,
         "remarks": list(axis.remarks),
     }
+
+
+def _undisturbed_dict(found: Undisturbed | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    axes = {
+        axis: {name: _coefficient_dict(one) for name, one in coefficients.items()}
+        for axis, coefficients in found.axes.items()
+    }
+    return {"begin_s": found.begin_s, "end_s": found.end_s, "axes": axes}
 
 
 def _coefficient_dict(one: Coefficient) -> dict[str, Any]:
@@ -510,9 +549,11 @@ def _finding_dict(finding: Finding) -> dict[str, Any]:
         "share": finding.share,
         "harmonics": list(finding.harmonics),
         "folded": list(finding.folded),
+        "mixed": list(finding.mixed),
         "effects": [{"axis": one.axis, "index": one.index} for one in finding.members],
         "origin": asdict(finding.origin) if finding.origin else None,
         "motion": asdict(finding.motion) if finding.motion else None,
+        "leak": asdict(finding.leak) if finding.leak else None,
     }
 
 

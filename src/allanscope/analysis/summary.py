@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from allanscope.allan import CurveChoices, Deviation
+from allanscope.allan import CurveChoices, Deviation, DynamicDeviation
 from allanscope.analysis.analyser import (
     FEWEST_ROWS,
     Analyser,
@@ -18,16 +18,19 @@ from allanscope.analysis.analyser import (
     StreamState,
     loop_input,
 )
+from allanscope.analysis.coherence import common_of
+from allanscope.analysis.comparison import ReferenceCurve, compare_curve
 from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.line_origin import wander_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.published import published
 from allanscope.analysis.reading_remarks import disagreement
 from allanscope.analysis.readings import density_of, read_axis
-from allanscope.analysis.remarks import axis_remarks, run_remarks
+from allanscope.analysis.remarks import axis_remarks, run_remarks, scale_remarks
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
 from allanscope.analysis.sampling import sampling_remarks
 from allanscope.analysis.tracing import Trace, trace_findings
+from allanscope.analysis.undisturbed import undisturbed
 from allanscope.errors import UsageError
 from allanscope.explain import Explanation, explain, failed, failure_text, fit_beside
 from allanscope.history import Record
@@ -37,13 +40,15 @@ from allanscope.noise import (
     NoiseFit,
     find_best_averaging,
     fit_noise,
+    letters_for,
+    power_laws_of,
 )
 from allanscope.parts import PARTS, full_scale_of
 from allanscope.samples import unit_of
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
 
-__all__ = ["Depth", "summarise"]
+__all__ = ["Depth", "compared", "summarise"]
 
 Depth = Literal["live", "full"]
 """``live`` is what a refresh can afford; ``full`` runs every estimator and closes the loop."""
@@ -91,6 +96,8 @@ def summarise(
     axes = _axes(state, given, rate, depth, settings, known)
     part = settings.part or state.info.part
     offered = PARTS[part or POLLED_PART].rates_hz if state.info.polled else ()
+    events = state.watch.events(rate_hz)
+    quiet = undisturbed(events, given.record, PARTS.get(part)) if depth == "full" else None
     found = Analysis(
         input=dict(input_facts),
         part=part,
@@ -105,18 +112,45 @@ def summarise(
         unknown_losses=state.unknown_losses,
         temperature=state.temperature.summary(),
         marks=_marks(analyser, state, rate_hz),
-        events=state.watch.events(rate_hz),
+        events=events,
+        undisturbed=quiet,
         assumptions=tuple(analyser.assumptions),
         remarks=(
             *run_remarks(analyser, state, rate),
+            *_scale_remarks(state, given.record, part),
             *sampling_remarks(axes, _claimed(state, rate), offered),
         ),
         version=version("allanscope"),
+        dynamic=_dynamic(state, rate_hz),
         record=given.record if depth == "full" else None,
         origin=state.info.origin,
         choices=settings.curves,
     )
-    return replace(found, traces=_traces(found, state, given)) if depth == "full" else found
+    found = compared(found, settings.references)
+    if depth != "full":
+        return found
+    found = replace(found, traces=_traces(found, state, given))
+    return replace(found, common=common_of(given.record, found.findings))
+
+
+def _dynamic(state: StreamState, rate_hz: float) -> DynamicDeviation | None:
+    """Return the Allan deviation over time; None where there are no windows yet, or none kept."""
+    if not state.bank.keeps_windows:
+        return None
+    state.bank.scale = np.asarray(state.info.scale)
+    found = state.bank.dynamic(rate_hz)
+    return found if found.deviation.size else None
+
+
+def compared(analysis: Analysis, references: Mapping[str, ReferenceCurve]) -> Analysis:
+    """Return the result with each axis compared with its reference, as far as it has one."""
+    axes = {
+        name: replace(axis, comparison=compare_curve(axis.curves["oadev"], references[name]))
+        if name in references and "oadev" in axis.curves
+        else axis
+        for name, axis in analysis.axes.items()
+    }
+    return replace(analysis, axes=axes)
 
 
 def _traces(found: Analysis, state: StreamState, given: LoopInput) -> dict[tuple[str, int], Trace]:
@@ -218,6 +252,7 @@ def _axes(
             rate=rate,
             part=part,
             as_of=as_of,
+            power_laws=settings.curves.power_laws if depth == "full" else "",
         )
         for name in state.info.axes
     }
@@ -322,6 +357,7 @@ def _axis(
     rate: Rate,
     part: str,
     as_of: AsOf,
+    power_laws: str,
 ) -> AxisAnalysis:
     column = state.info.axes.index(name)
     explanation = loop.axes.get(name) if loop else None
@@ -334,6 +370,8 @@ def _axis(
     # Where gaps leave the stream no density, that of the bridged rows is read.
     measured = density if len(density.frequency) or fit is None else density_of(fit.evidence)
     readings = read_axis(measured, curve, unit_of(name))
+    if power_laws == "auto":
+        power_laws = letters_for(curve.noise[curve.trusted].tolist() if curve is not None else ())
     searched = AsOf(loop.length_s, loop.samples) if loop and explanation else None
     model = fit.model if fit else None
     own = fit.coefficients if fit else {}
@@ -366,6 +404,7 @@ def _axis(
         density_model=drawn.density,
         explanation=explanation,
         readings=readings,
+        power_laws=power_laws_of(record, name, power_laws, fit) if fit and power_laws else {},
         coefficients_as_of=as_of if coefficients else None,
         explanation_as_of=searched,
         remarks=(
@@ -384,6 +423,12 @@ def _fit(record: Record, name: str, density: Density, part: str) -> NoiseFit | N
         return fit_noise(record, name, density, part=PARTS.get(part))
     except ValueError:  # constant, or in pieces too short: the remarks say which
         return None
+
+
+def _scale_remarks(state: StreamState, record: Record, part: str) -> tuple[str, ...]:
+    if state.counted or not part:
+        return ()
+    return scale_remarks(dict(zip(state.info.axes, record.lsb, strict=True)), part)
 
 
 def _level(record: Record, column: int, unit: str) -> Level | None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.analysis.coherence import Leak, leak_of
 from allanscope.analysis.direction import Motion, motion_of_line, motion_of_step
 from allanscope.analysis.findings import Finding, event_times, line_of
 from allanscope.analysis.line_origin import LineOrigin, Wander, origin_of, reduced
@@ -30,10 +31,13 @@ class Trace:
         Of a line.
     motion : Motion or None
         Direction of a line, a step or an excursion.
+    leak : Leak or None
+        Direction of a cross-coupling that its noise alone does not tell.
     """
 
     origin: LineOrigin | None = None
     motion: Motion | None = None
+    leak: Leak | None = None
 
 
 def trace_findings(
@@ -70,6 +74,16 @@ def trace_findings(
     moving = [k for k in range(len(record.axes)) if np.ptp(record.values[:, k]) > 0]
     axes = tuple(record.axes[k] for k in moving)
     values = record.values[:, moving]
+    pieces = None
+    if not is_whole:
+        pieces = np.searchsorted(record.segments[:, 0], np.arange(len(values)), side="right")
+    offered = PARTS[part].rates_hz if part in PARTS else ()
+
+    def lines_on(coupled: Finding) -> dict[float, float]:
+        here = [one for one in findings if set(one.axes) & set(coupled.axes)]
+        known = [line_of(one.members[0].effect) for one in here]
+        return {one[0]: max(one[2] - one[1], one[3]) for one in known if one is not None}
+
     known: dict[tuple[str, int], Trace] = {}
     for finding in findings:
         lead = finding.members[0]
@@ -86,16 +100,27 @@ def trace_findings(
                 width_hz=line[3],
                 rate_ppm=rate_ppm,
                 cutoff_hz=_cutoff(lead.axis, rate_hz, part, (effects or {}).get(lead.axis, ())),
-                is_whole=is_whole,
+                pieces=pieces,
+                offered_hz=offered,
+                amplitude=_amplitude(lead.effect),
             )
             motion = _line_motion(values, axes, numbers, rate_hz, line, origin)
             trace = Trace(origin, motion)
         elif lead.effect.kind in _EVENTS:
             at = event_times(lead.effect)[0]
             trace = replace(trace, motion=motion_of_step(values, record.start_s, axes, at))
+        elif lead.effect.kind == "cross_coupling":
+            trace = replace(trace, leak=leak_of(finding, lines_on(finding), record, rate_hz))
         if trace != Trace():
             known[lead.axis, lead.index] = trace
     return known
+
+
+def _amplitude(effect: Effect) -> tuple[float, float, str] | None:
+    known = effect.parameters.get("amplitude")
+    if known is None or known.lower is None or known.upper is None:
+        return None
+    return known.lower, known.upper, known.unit
 
 
 def _line_motion(

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from allanscope.analysis.finding_phrases import finding_sentence, share_text
-from allanscope.analysis.findings import findings_of
+from allanscope.analysis.experiments import nats
+from allanscope.analysis.finding_phrases import finding_sentence, share_text, source_text
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.wording import (
     effect_brief,
@@ -23,7 +23,15 @@ from allanscope.analysis.wording import (
 from allanscope.explain import AxisExplanation
 from allanscope.noise import DatasheetVerdict
 from allanscope.parts import PARTS
-from allanscope.quantities import DENSITY, DEVIATION, MAIN_LETTERS, SENSOR_NAMES, number, symbols
+from allanscope.quantities import (
+    DENSITY,
+    DEVIATION,
+    MAIN_LETTERS,
+    SENSOR_NAMES,
+    duration,
+    number,
+    symbols,
+)
 
 __all__ = ["Grade", "Verdict", "VerdictLine", "searched", "verdict"]
 
@@ -71,13 +79,15 @@ class Verdict:
 
 def verdict(analysis: Analysis) -> Verdict:
     """Return the verdict on a result, or on a result so far."""
-    noise, effects = _noise_line(analysis), _whole(_effect_line(analysis.axes), analysis.axes)
+    noise, effects = _noise_line(analysis), _whole(_effect_line(analysis), analysis.axes)
     losses = _loss_lines(analysis)
     failed = _failure_lines(analysis.axes)
     details = (
         *(VerdictLine("note", "Assumed", text) for text in analysis.assumptions),
         *failed,
+        *_comparison_lines(analysis.axes),
         *losses,
+        *_quiet_lines(analysis),
         *_search_lines(analysis.axes),
         *_stream_lines(analysis),
         *_remark_lines(analysis),
@@ -191,15 +201,18 @@ def _failure_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     ]
 
 
-def _effect_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
+def _effect_line(analysis: Analysis) -> VerdictLine:
     """Say what was found beyond the noise model, at most three, and whether that explains it."""
+    axes = analysis.axes
     looked = _looked(axes)
     open_axes = {name: one for name, one in looked.items() if searched(one)}
     if not open_axes:
         return VerdictLine("note", "Effects", "not searched" if looked else "not searched yet")
-    excess = {name: one.shares.excess_nats for name, one in open_axes.items() if one.shares}
-    found = findings_of({name: one.own_effects for name, one in open_axes.items()}, excess)
-    texts = [f"{finding_sentence(one, tuple(axes))}{share_text(one)}" for one in found[:_NAMED]]
+    found = analysis.findings
+    texts = [
+        f"{finding_sentence(one, tuple(axes))}{source_text(one)}{share_text(one)}"
+        for one in found[:_NAMED]
+    ]
     if len(found) > _NAMED:
         texts.append(f"and {len(found) - _NAMED} more, see the report")
     text = "; ".join(texts)
@@ -230,6 +243,19 @@ def _looked(axes: Mapping[str, AxisAnalysis]) -> dict[str, AxisExplanation]:
     }
 
 
+def _comparison_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
+    """Return how the curves compare with those of an earlier session, or with a mask."""
+    known = {name: axis.comparison for name, axis in axes.items() if axis.comparison}
+    higher = [f"{name} {one.words}" for name, one in known.items() if not one.passed]
+    if not known:
+        return []
+    head = f"Compared with {next(iter(known.values())).reference.name}"
+    if higher:
+        return [VerdictLine("bad", head, "; ".join(higher))]
+    named = _named(known, axes)
+    return [VerdictLine("good", head, f"{named} not higher")]
+
+
 def _search_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     """Return why the loop could not look at some axes."""
     reasons: dict[str, list[str]] = {}
@@ -257,6 +283,19 @@ def _named(names: Iterable[str], axes: Mapping[str, AxisAnalysis]) -> str:
 # --- what is missing ----------------------------------------------------------------------------
 
 
+def _quiet_lines(analysis: Analysis) -> list[VerdictLine]:
+    """Say which stretch of the run is undisturbed; its coefficients stand in the tables."""
+    quiet = analysis.undisturbed
+    if quiet is None:
+        return []
+    many = len(analysis.events)
+    text = (
+        f"{duration(quiet.begin_s)} to {duration(quiet.end_s)}, the longest stretch without any of "
+        f"the {many} event{'s' * (many != 1)}; its coefficients are beside those of the whole run"
+    )
+    return [VerdictLine("note", "Undisturbed", text)]
+
+
 def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
     suspect = analysis.link.suspect
     doubt = f"{suspect} left out: one value is far from all rows around it, and the link has errors"
@@ -271,12 +310,23 @@ def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
 
 def _next_line(analysis: Analysis, losses: Iterable[VerdictLine]) -> VerdictLine:
     """Say what to do next: mend the link, keep recording, or nothing more."""
-    line = _recording_line(analysis.axes)
+    line = _with_experiment(_recording_line(analysis.axes), analysis)
     lost = next((one for one in losses if one.grade == "bad"), None)
     if lost is None:
         return line
     then = f"; {line.head[:1].lower()}{line.head[1:]}: {line.text}"
     return VerdictLine("bad", "Check the link", f"{lost.text} of the samples lost{then}")
+
+
+def _with_experiment(line: VerdictLine, analysis: Analysis) -> VerdictLine:
+    """Return the line with the shortest experiment that settles something beyond N, B and K."""
+    beyond = [one for one in analysis.experiments if not one.is_of_noise]
+    if not beyond:
+        return line
+    first = beyond[0]
+    evidence = nats(first.gain_nats)
+    text = f"to tell {first.question}: {first.action} (expected evidence {evidence})"
+    return replace(line, text=f"{line.text}; {text}")
 
 
 def _recording_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:

@@ -1,0 +1,314 @@
+"""The next experiment: one action that would settle what a record leaves open, and its evidence.
+
+The log-likelihood by which two rival models of a signal differ grows in proportion to the time for
+which it is seen. So what was gained so far tells how long an experiment must last, and what
+evidence is to be expected of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from allanscope.analysis.line_families import fold
+from allanscope.quantities import duration, number
+
+if TYPE_CHECKING:
+    from allanscope.analysis.findings import Finding
+    from allanscope.analysis.result import Analysis
+    from allanscope.explain import Effect
+    from allanscope.noise import Coefficient
+
+__all__ = ["Experiment", "another_rate", "next_experiments"]
+
+SETTLED_NATS = 10.0
+"""Evidence after which a question counts as settled: odds of 20 000 to 1."""
+_SHORTEST_S = 600.0
+_APART = 4.0
+"""Places of a line that are fewer resolutions apart than this are one."""
+_SHOWN = 3
+_DETECTED = 2.0
+"""Length of the run over that after which a coefficient would be known to 20 %: then it is detected
+or excluded, by `benchmarks/next_experiment.py`."""
+_KNOWN = 0.2
+_WARMING = 5.0
+"""Time constants after which a warm-up is over."""
+_TURN_S, _TURN_DPS, _TILT_G = 60.0, 30.0, 0.5
+"""A board that is turned by hand to and fro: how long, and the rms that its axes then show."""
+_LEAST_MARGIN = 1.0
+"""Nats by which two fitted processes are taken to differ where they differ by less."""
+_THERMAL = frozenset({"temperature", "warm_up"})
+_ONCE = frozenset({"step", "excursion", "shock", "variance_change"})
+_LINES = frozenset({"sinusoid", "narrowband", "drifting_line"})
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """An action, and what it would show.
+
+    Attributes
+    ----------
+    question : str
+        What is open.
+    action : str
+        What to do, in the imperative.
+    expectation : str
+        What is to be seen by each of the rivals.
+    duration_s : float
+        How long it takes.
+    gain_nats : float
+        Log-likelihood that is to be expected between the rivals, of which one is true.
+    rate_hz : float or None
+        Sample rate of it, where it is another.
+    is_of_noise : bool
+        Whether the question is a coefficient.
+    """
+
+    question: str
+    action: str
+    expectation: str
+    duration_s: float
+    gain_nats: float
+    rate_hz: float | None = None
+    is_of_noise: bool = False
+
+    @property
+    def words(self) -> str:
+        """Action and expectation in a phrase."""
+        return f"{self.action}: {self.expectation}; expected evidence {nats(self.gain_nats)}"
+
+
+def nats(gain: float) -> str:
+    """Return evidence in a phrase.
+
+    >>> nats(123.4), nats(2.34e4)
+    ('120 nats', 'above 1000 nats')
+    """
+    return "above 1000 nats" if gain > 1000.0 else f"{number(gain, 2)} nats"
+
+
+def another_rate(
+    seen_hz: float,
+    rate_hz: float,
+    candidates_hz: Sequence[float],
+    offered_hz: Sequence[float],
+    nats_per_s: float,
+    *,
+    width_hz: float = 0.0,
+    or_internal: bool = True,
+) -> Experiment | None:
+    """Return at which rate a line is seen elsewhere by each of its possible true frequencies.
+
+    Parameters
+    ----------
+    seen_hz, rate_hz : float
+        Where it is seen, and the true sample rate.
+    candidates_hz : sequence of float
+        True frequencies that remain, the lowest first.
+    offered_hz : sequence of float
+        Nominal rates that the part offers; empty where they are not known.
+    nats_per_s : float
+        Log-likelihood that the line gains in a second.
+    width_hz : float
+        Bandwidth within which it drifts.
+    or_internal : bool
+        Whether it may be of the sensor's own clock: then it keeps its fraction of the rate.
+
+    Returns
+    -------
+    Experiment or None
+        None where no rate moves one of the candidates away from the others.
+
+    Examples
+    --------
+    >>> found = another_rate(46.0, 104.0, (46.0, 58.0, 150.0), (52.0, 104.0, 208.0, 416.0), 0.1)
+    >>> print(found.words)  # doctest: +NORMALIZE_WHITESPACE
+    record 10 min at 416 Hz: seen at 184 Hz if of the sensor's clock, at 46 Hz if at 46 Hz,
+    at 58 Hz if at 58 Hz, at 150 Hz if at 150 Hz; expected evidence 60 nats
+    """
+    near = min(offered_hz, key=lambda one: abs(one / rate_hz - 1), default=rate_hz)
+    if abs(near / rate_hz - 1) > 0.1:
+        near, offered_hz = rate_hz, ()
+    # At a lower rate the low-pass of the part would take the line away.
+    nominal = [one for one in offered_hz if one > near] or [2 * near, 4 * near]
+    if nats_per_s <= 0:
+        return None
+    lasting_s = max(_SHORTEST_S, SETTLED_NATS / nats_per_s)
+    resolution = max(_APART / lasting_s, width_hz)
+    best: tuple[int, float, list[float]] | None = None
+    for asked in sorted(nominal):
+        rate = asked * rate_hz / near
+        places = [seen_hz / rate_hz * rate] if or_internal else []
+        places += [fold(one, rate) for one in candidates_hz]
+        apart = _distinct(places, resolution)
+        if apart > 1 and (best is None or apart > best[0]):
+            best = apart, asked, places
+    if best is None:
+        return None
+    _, asked, places = best
+    parts = [f"seen at {_hz(places[0])} if of the sensor's clock"] if or_internal else []
+    rest = places[or_internal:]
+    parts += [
+        f"at {_hz(place)} if at {_hz(true)}"
+        for true, place in zip(candidates_hz[:_SHOWN], rest, strict=False)
+    ]
+    text = ", ".join(parts)
+    return Experiment(
+        question=(
+            "where the line at {} comes from"
+            if or_internal
+            else "the true frequency of the line at {}"
+        ).format(_hz(seen_hz)),
+        action=f"record {duration(lasting_s)} at {number(asked, 3).removesuffix('.0')} Hz",
+        expectation=text if or_internal else f"seen {text}",
+        duration_s=lasting_s,
+        gain_nats=nats_per_s * lasting_s,
+        rate_hz=asked,
+    )
+
+
+def _distinct(places: Sequence[float], resolution: float) -> int:
+    """Return how many places can be told apart."""
+    ordered = sorted(places)
+    return 1 + sum(b - a > resolution for a, b in pairwise(ordered)) if ordered else 0
+
+
+def _hz(value: float) -> str:
+    text = number(value, 4 if value < 1000 else max(4, math.ceil(math.log10(value))))
+    return (text.rstrip("0").rstrip(".") if "." in text else text) + " Hz"
+
+
+def next_experiments(analysis: Analysis) -> tuple[Experiment, ...]:
+    """Return what would settle what a result leaves open, the shortest first.
+
+    Open are a coefficient that was not detected, an effect of which another kind would do as well
+    or that happened once, a line without a source, and a coupling without a direction.
+    """
+    length_s = analysis.duration_s
+    found = [one for finding in analysis.findings for one in _of_finding(finding, analysis)]
+    late = {}
+    for axis, one in analysis.axes.items():
+        for letter, known in one.coefficients.items():
+            to_do = _of_coefficient(letter, axis, known, length_s)
+            if to_do is not None:
+                late[axis, letter] = to_do
+    return tuple(sorted([*found, *late.values()], key=lambda one: one.duration_s))
+
+
+def _of_coefficient(
+    letter: str, axis: str, known: Coefficient, length_s: float
+) -> Experiment | None:
+    """Return for how long to record until a coefficient is detected, or has a lower limit."""
+    if known.detected or known.wait_s is None or not known.upper > 0:
+        return None
+    lasting_s = _DETECTED * (length_s + known.wait_s)
+    size = math.sqrt(known.value * known.upper)
+    return Experiment(
+        question=f"{letter} of {axis}, not detected",
+        action=f"record for {duration(lasting_s)}",
+        expectation=f"{letter} of {number(size, 2)} {known.unit} detected, or a limit below it",
+        duration_s=lasting_s,
+        # A power that is known to 40 % is 1 / 0.4 standard errors from none.
+        gain_nats=0.5 * _DETECTED / (2 * _KNOWN) ** 2,
+        is_of_noise=True,
+    )
+
+
+def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
+    """Return what would settle what is open of a finding."""
+    if finding.origin is not None and finding.origin.experiment is not None:
+        return [finding.origin.experiment]
+    lead = finding.members[0]
+    effect, where = lead.effect, " ".join(finding.axes)
+    if effect.kind == "cross_coupling" and finding.leak is None and len(finding.members) > 1:
+        return [_turned(effect, lead.axis, analysis)]
+    gain = effect.evidence.get("gain_nats") or 0.0
+    is_once = effect.evidence.get("replicated") == "not replicated"
+    if not gain > 0 or not (effect.equivalent or is_once):
+        return []
+    names = [one.replace("_", " ") for one in (effect.kind, *effect.equivalent)]
+    question = f"{' or '.join(names)} on {where}" + ("" if effect.equivalent else ", seen once")
+    if {effect.kind, *effect.equivalent} & _THERMAL:
+        return [_warmed(question, effect, gain, analysis.duration_s)]
+    if effect.equivalent:
+        return [_longer(question, effect, gain, analysis.duration_s)]
+    return [_beside(question, gain, analysis.duration_s)] if effect.kind in _ONCE else []
+
+
+def _beside(question: str, gain: float, length_s: float) -> Experiment:
+    """Return what a second board tells: it sees at the same moment what comes from outside."""
+    return Experiment(
+        question,
+        f"record beside a second board for {duration(length_s)}",
+        "on both boards at once if from outside, on one if of the sensor",
+        length_s,
+        gain,
+    )
+
+
+def _turned(effect: Effect, axis: str, analysis: Analysis) -> Experiment:
+    """Return what a turn of the board tells: only the axis that leaks takes the other along."""
+    source = str(effect.parameters["source"].value)
+    slope = float(effect.parameters["slope"].value)
+    one = analysis.axes[axis]
+    noise = one.coefficients["N"].value if "N" in one.coefficients else 0.0
+    is_gyro = one.unit == "dps"
+    rms = _TURN_DPS if is_gyro else _TILT_G
+    gain = 0.5 * (slope * rms / noise) ** 2 * _TURN_S / 2 if noise > 0 else SETTLED_NATS
+    how = f"turn the board about {source}" if is_gyro else f"tilt the board along {source}"
+    return Experiment(
+        f"which of {source} and {axis} leaks into the other",
+        f"{how} by hand to and fro for {duration(_TURN_S)}",
+        f"{axis} follows by {number(100 * slope, 2)} % if {source} is the source",
+        _TURN_S,
+        gain,
+    )
+
+
+def _warmed(question: str, effect: Effect, gain: float, length_s: float) -> Experiment:
+    """Return what a second warm-up tells: the same signal again, or none.
+
+    Both rivals explain one signal of a known log-likelihood. In a second record where only one of
+    them predicts it, that is the evidence.
+    """
+    known = effect.parameters.get("time_constant")
+    lasting_s = length_s if known is None else min(_WARMING * float(known.value), length_s)
+    rivals: Mapping[str, float] = effect.evidence.get("rivals") or {}
+    expected = min([gain, *rivals.values()])
+    return Experiment(
+        question,
+        f"let it cool, switch it on again and record for {duration(lasting_s)}",
+        "the same change again if it is of the warm-up",
+        lasting_s,
+        expected,
+    )
+
+
+def _longer(question: str, effect: Effect, gain: float, length_s: float) -> Experiment:
+    """Return for how long to record until two processes differ by enough.
+
+    The log-likelihood ratio of two processes grows in proportion to the time. A line that keeps its
+    frequency stays in one bin while the bins become narrower, noise in a band does not: after three
+    times the record all but a third of the gain is between them.
+    """
+    rivals: Mapping[str, float] = effect.evidence.get("rivals") or {}
+    if {effect.kind, *effect.equivalent} <= _LINES:
+        return Experiment(
+            question,
+            f"record for {duration(3 * length_s)}",
+            "one bin of the spectrum if it is a line, several if it is noise in a band",
+            3 * length_s,
+            gain * 2,
+        )
+    margin = max([_LEAST_MARGIN, *(abs(gain - one) for one in rivals.values())])
+    lasting_s = length_s * max(1.0, SETTLED_NATS / margin)
+    return Experiment(
+        question,
+        f"record for {duration(lasting_s)}",
+        "one of them is refused",
+        lasting_s,
+        margin * lasting_s / length_s,
+    )

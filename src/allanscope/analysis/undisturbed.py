@@ -1,0 +1,109 @@
+"""Which part of a run is quiet, and what the noise is there.
+
+One lorry at four in the morning is in the coefficients of the whole night. Beside them stand those
+of the longest stretch in which nothing was found to begin, to end or to last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from allanscope.analysis.published import published
+from allanscope.history import Record
+from allanscope.noise import Coefficient, fit_noise
+from allanscope.parts import Part
+from allanscope.watch import Event
+
+__all__ = ["Undisturbed", "longest_stretch", "undisturbed"]
+
+FEWEST_ROWS = 256
+NEARLY_ALL = 0.98
+"""Share of the run from which on there is nothing to tell apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Undisturbed:
+    """The longest stretch without a change, and the noise there.
+
+    Attributes
+    ----------
+    begin_s, end_s : float
+        In s since the first sample.
+    axes : mapping
+        Axis to its coefficients Q, N, B, K, R, of the samples of the stretch alone.
+    """
+
+    begin_s: float
+    end_s: float
+    axes: Mapping[str, Mapping[str, Coefficient]]
+
+
+def longest_stretch(events: Iterable[Event], length_s: float) -> tuple[float, float]:
+    """Return begin and end of the longest stretch in which nothing begins, ends or lasts.
+
+    A level that has shifted, and a rate that is another one, disturb at that moment alone; so does
+    noise that has become less.
+
+    Examples
+    --------
+    >>> from allanscope.watch import Occurrence
+    >>> lorry = Occurrence(100.0, 99.0, 101.0, 103.0, 160.0, 2.0, 1, 2)
+    >>> longest_stretch([Event("variance_change", ("gx",), "times", (lorry,), 1, 30.0)], 1000.0)
+    (160.0, 1000.0)
+    >>> shift = Occurrence(700.0, 699.0, 701.0, 703.0, None, 0.1, 1, 2)
+    >>> longest_stretch([Event("step", ("gx",), "dps", (shift,), 1, 30.0)], 1000.0)
+    (0.0, 699.0)
+    """
+    disturbed = []
+    for event in events:
+        for once in event.occurrences:
+            end_s = length_s if once.end_s is None else once.end_s
+            fades = event.kind == "variance_change" and once.size < 1.0
+            if fades or event.kind in ("step", "rate_change"):
+                disturbed.append((once.lower_s, once.upper_s))
+                disturbed.append((end_s, end_s))
+            else:
+                disturbed.append((once.lower_s, end_s))
+    quiet, free_s = (0.0, 0.0), 0.0
+    for begin_s, end_s in [*sorted(disturbed), (length_s, length_s)]:
+        if begin_s - free_s > quiet[1] - quiet[0]:
+            quiet = free_s, begin_s
+        free_s = max(free_s, end_s)
+    return quiet
+
+
+def undisturbed(
+    events: Iterable[Event], record: Record, part: Part | None = None
+) -> Undisturbed | None:
+    """Return the longest undisturbed stretch of a run and its coefficients.
+
+    Parameters
+    ----------
+    events : iterable of Event
+        What was found in the run.
+    record : Record
+        Rows of the whole run.
+    part : Part, optional
+        Whose filters are offered to the fit.
+
+    Returns
+    -------
+    Undisturbed or None
+        None where nothing was found, or where the stretch is too short.
+    """
+    if not len(record.start_s):
+        return None
+    whole_s = float(record.start_s[-1]) + 1.0 / record.rate_hz
+    begin_s, end_s = longest_stretch(events, whole_s)
+    inside = record.between(begin_s, end_s)
+    if end_s - begin_s > NEARLY_ALL * whole_s or len(inside.values) < FEWEST_ROWS:
+        return None
+    fits = {}
+    for axis in record.axes:
+        try:
+            fits[axis] = fit_noise(inside, axis, part=part)
+        except ValueError:  # constant, or in pieces too short
+            continue
+    found = {axis: published(axis, fits, {}) for axis in fits}
+    return Undisturbed(begin_s, end_s, found) if found else None

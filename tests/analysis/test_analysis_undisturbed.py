@@ -1,0 +1,80 @@
+"""The longest stretch without an event, its coefficients, and where they are shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allanscope.analysis import Undisturbed
+from allanscope.analysis.undisturbed import longest_stretch, undisturbed
+from allanscope.history import Record
+from allanscope.report import render
+from allanscope.view import summary_lines
+from allanscope.view.tables import coefficients_table
+from allanscope.watch import Event, Occurrence
+from support.demo_analysis import demo_analysis
+
+
+def event(kind: str, begin_s: float, end_s: float | None, size: float = 2.0) -> Event:
+    once = Occurrence(begin_s, begin_s - 1.0, begin_s + 1.0, begin_s + 5.0, end_s, size, 1, 2)
+    return Event(kind, ("gx",), "", (once,), 1, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("events", "wanted"),
+    [
+        ([], (0.0, 1000.0)),
+        ([event("sinusoid", 300.0, None)], (0.0, 299.0)),
+        ([event("step", 300.0, None)], (301.0, 1000.0)),
+        ([event("step", 300.0, 600.0)], (600.0, 1000.0)),
+        ([event("variance_change", 300.0, None, 3.0)], (0.0, 299.0)),
+        ([event("variance_change", 300.0, None, 0.5)], (301.0, 1000.0)),
+        ([event("outliers", 600.0, 620.0), event("sinusoid", 100.0, 950.0)], (0.0, 99.0)),
+    ],
+)
+def test_what_lasts_disturbs_all_the_while_and_a_shift_only_its_moment(
+    events: list[Event], wanted: tuple[float, float]
+) -> None:
+    assert longest_stretch(events, 1000.0) == wanted
+
+
+def record(loud: slice) -> Record:
+    """Return 2000 s of white noise, N = 1 mdps/sqrt(Hz), three times as loud in a part of it."""
+    rate_hz, n = 10.0, 20_000
+    values = np.random.default_rng(5).normal(0.0, 1e-3 * np.sqrt(rate_hz), (n, 1))
+    values[loud] *= 3.0
+    starts = np.arange(n) / rate_hz
+    temperature, whole = np.full(n, np.nan), np.array([[0, n]])
+    return Record(rate_hz, 1, ("gx",), values, (1e-6,), temperature, starts, whole)
+
+
+def test_the_coefficients_are_those_of_the_quiet_part() -> None:
+    loud = event("variance_change", 200.0, 800.0, 3.0)
+    found = undisturbed([loud], record(slice(2000, 8000)))
+    assert found is not None
+    assert (found.begin_s, round(found.end_s)) == (800.0, 2000)
+    white = found.axes["gx"]["N"]
+    assert white.lower < 1e-3 < white.upper
+    assert white.value == pytest.approx(1e-3, rel=0.05)
+
+
+def test_a_run_without_events_or_without_quiet_has_none() -> None:
+    assert undisturbed([], record(slice(0))) is None
+    busy = [event("outliers", float(second), second + 19.0) for second in range(1, 2000, 20)]
+    assert undisturbed(busy, record(slice(0))) is None
+
+
+def test_terminal_tables_report_and_json_show_it_beside_the_whole() -> None:
+    analysis = demo_analysis()
+    quiet = {name: {"N": axis.coefficients["N"]} for name, axis in analysis.axes.items()}
+    analysis = replace(analysis, undisturbed=Undisturbed(600.0, 3600.0, quiet))
+    lines = summary_lines(analysis)
+    assert sum(line.startswith("undisturbed ") for line in lines) == 6
+    assert any(line.startswith("Undisturbed: 10 min to 1 h") for line in lines)
+    assert "gx, 10 min to 1 h" in coefficients_table(analysis)
+    assert "undisturbed, 10 min to 1 h" in render(analysis)
+    stated = analysis.to_dict()["undisturbed"]
+    assert (stated["begin_s"], stated["end_s"]) == (600.0, 3600.0)
+    assert stated["axes"]["gz"]["N"]["value"] == analysis.axes["gz"].coefficients["N"].value

@@ -69,7 +69,7 @@ def test_the_angle_error_is_worked_out_in_both_readings(tags):
 
 def test_every_figure_has_a_caption_that_explains_its_marks(page):
     figures = re.findall(r"<figure.*?</figure>", page, re.DOTALL)
-    assert len(figures) == 2 + 2 * 4 + 2 + 1
+    assert len(figures) == 2 + 2 * 4 + 2 + 2
     captions = [re.search(r"<figcaption>(.*?)</figcaption>", one, re.DOTALL)[1] for one in figures]
     assert min(map(len, captions)) > 60
     overlay, _, deviation, residual, density, lag = captions[:6]

@@ -35,11 +35,24 @@ def line(ax, label):
 def test_there_is_one_picture_of_everything(gallery):
     each = {f"{axis}-{what}" for axis in ("gx", "ax") for what in NAMES}
     each |= {f"{name}-{what}" for name in ("gyroscope", "accelerometer") for what in OF_SENSOR}
-    assert set(gallery) == each | {"ratio"}
+    assert set(gallery) == each | {"dynamic", "ratio"}
 
 
 OF_SENSOR = ("overlay", "series")
 NAMES = ("deviation", "residual", "density", "lag")
+
+
+def test_the_map_over_time_shows_each_axis_over_its_own_median_and_the_marks(gallery, analysis):
+    *charts, bar = drawn(gallery["dynamic"])
+    shown = [ax for ax in charts if ax.get_visible()]
+    assert [ax.get_title() for ax in shown] == ["gx", "ax"]
+    dynamic = analysis.dynamic
+    assert dynamic is not None
+    for column, ax in enumerate(shown):
+        ratio = np.asarray(ax.collections[0].get_array()).reshape(len(dynamic.tau), -1)
+        assert ratio.shape[1] == min(len(dynamic.start_s), 200)
+        np.testing.assert_allclose(ratio[0, 0], dynamic.relative(column)[0, 0])
+    assert [text.get_text() for text in bar.get_yticklabels()] == ["¼", "½", "1", "2", "4"]
 
 
 @pytest.mark.parametrize(("name", "factor"), [("gx", 1e3), ("ax", 1e6)])

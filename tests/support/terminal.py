@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import fcntl
 import os
 import pty
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import termios
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 __all__ = ["Screen", "Terminal"]
@@ -21,6 +23,7 @@ import fcntl, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)  # the pty becomes the terminal of this process
 sys.path.insert(0, {here!r})
 """
+_UNFINISHED = re.compile(r"\x1b(\[[?0-9;]*)?$")
 _TOKEN = re.compile(r"\x1b\[([?0-9;]*)([A-Za-z])|(\x1b.)|([\x00-\x1f])|([^\x1b\x00-\x1f]+)")
 
 
@@ -29,6 +32,7 @@ class Terminal:
 
     def __init__(self, script: str, columns: int, lines: int, **environment: str) -> None:
         self.raw = ""
+        self._decoder = codecs.getincrementaldecoder("utf-8")()
         self._size = (columns, lines)
         self._master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
@@ -65,11 +69,20 @@ class Terminal:
         """Press keys."""
         os.write(self._master, text.encode())
 
+    def resize(self, columns: int, lines: int) -> None:
+        """Make the window another size."""
+        self._size = (columns, lines)
+        fcntl.ioctl(self._slave, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
+
     def read_until(self, text: str, timeout_s: float = 60.0) -> None:
         """Read what is written until a text has appeared."""
+        self.wait_for(lambda raw: text in raw, timeout_s)
+
+    def wait_for(self, shown: Callable[[str], bool], timeout_s: float = 60.0) -> None:
+        """Read what is written until all of it together satisfies a condition."""
         end = time.monotonic() + timeout_s
-        while text not in self.raw:
-            assert time.monotonic() < end, f"no {text!r} in {self.raw!r}"
+        while not shown(self.raw):
+            assert time.monotonic() < end, repr(self.raw)
             self._read()
 
     def read_until_row(self, pattern: str, timeout_s: float = 60.0) -> None:
@@ -96,7 +109,7 @@ class Terminal:
     def _read(self) -> bool:
         ready, _, _ = select.select([self._master], [], [], 0.05)
         if ready:
-            self.raw += os.read(self._master, 1 << 16).decode("utf-8")
+            self.raw += self._decoder.decode(os.read(self._master, 1 << 16))
         return bool(ready)
 
 
@@ -107,7 +120,7 @@ class Screen:
         self.columns = columns
         self.rows = [""]
         self._row = self._column = 0
-        for parameters, command, _, control, text in _TOKEN.findall(raw):
+        for parameters, command, _, control, text in _TOKEN.findall(_UNFINISHED.sub("", raw)):
             if text:
                 self._put(text)
             elif control == "\n":

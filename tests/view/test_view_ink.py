@@ -66,7 +66,7 @@ def test_what_did_not_change_is_not_logged_again(written):
 def test_what_is_gone_is_wiped(written):
     rows = written(_drawing(LINE, [(1, 2)], [((3.0, 4.0), "N")]), _drawing(), _drawing())
     assert rows["/a/curve"][-1].strips() == []
-    assert rows["/a/curve"][-1].dots().size == 0
+    assert rows["/a/curve/points"][-1].dots().size == 0
     assert rows["/a/curve/words"][-1].dots().size == 0
     assert len(rows["/a/curve"]) == 2
 
@@ -76,3 +76,10 @@ def test_a_word_that_moves_a_little_is_not_logged_again(written):
     rows = written(*[_drawing(LINE, (), [(place, "N")]) for place in places])
     assert [row.elapsed_s for row in rows["/a/curve/words"]] == [0.0, 2.0]
     assert rows["/a/curve/words"][0].values["Points2D:labels"] == ["N"]
+
+
+def test_a_dot_has_few_enough_components_for_the_viewer_to_show_its_text(written):
+    (row,) = written(_drawing((), [(1, 2)]))["/a/curve/points"]
+    shown = [name for name, values in row.values.items() if name.startswith("Points2D:")]
+    assert len(shown) <= 4, "of more than four the viewer tells the number"
+    assert row.values["Points2D:labels"] == ["text"]

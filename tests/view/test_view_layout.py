@@ -34,10 +34,34 @@ def test_every_estimator_has_a_chart_of_every_axis():
 
 
 def test_charts_show_nothing_from_outside_themselves():
-    for tab in _tabs().values():
+    for name, tab in _tabs().items():
+        if name == "axes together":
+            continue
         for view in _views(tab):
             contents = [view.contents] if isinstance(view.contents, str) else view.contents
             assert all(str(path).startswith("$origin/") for path in contents), view.name
+
+
+def test_the_axes_of_a_sensor_stand_together_in_one_frame():
+    gyro, accel = _views(_tabs()["axes together"])
+    for view, axes in ((gyro, ("gx", "gy", "gz")), (accel, ("ax", "ay", "az"))):
+        shown = [str(path) for path in view.contents]
+        assert [f"/{axis}/allan/oadev/**" in shown for axis in axes] == [True] * 3
+        assert sum("grid" in path for path in shown) == 1
+
+
+def test_only_the_points_of_curves_answer_when_they_are_pointed_at():
+    for name in ("σ(τ)", "axis by axis", "axes together", "closed loop"):
+        for view in _views(_tabs()[name]):
+            live = {
+                path
+                for path, behaviour in view.visualizer_overrides.items()
+                if behaviour.interactive is not None
+                and behaviour.interactive.as_arrow_array()[0].as_py()
+            }
+            assert all(path.endswith("/points") for path in live), view.name
+            if "allan" in str(view.contents):
+                assert any(path.endswith("/allan/oadev/points") for path in live), view.name
 
 
 def test_other_estimators_are_hidden_on_the_axis_tab_until_they_are_wanted():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allanscope.analysis import Analysis, ModelCurve
+from allanscope.analysis import Analysis, ModelCurve, ReferenceCurve, compared
 from allanscope.quantities import DENSITY, DEVIATION
 from allanscope.view.chart import HEIGHT, WIDTH
 from allanscope.view.drawing import percent_of_model
@@ -128,6 +128,20 @@ def test_the_datasheet_crosses_one_second_at_its_density_over_root_two(painted):
         at_one = np.exp(np.interp(0.0, np.log(tau), np.log(sigma)))
         expected = DEVIATION[unit].factor * DATASHEET[unit] / np.sqrt(2)
         assert at_one == pytest.approx(expected, rel=1e-3)
+
+
+def test_an_earlier_session_is_drawn_where_it_was_with_its_name(analysis):
+    gx = analysis.axes["gx"]
+    earlier = ReferenceCurve("first", gx.curves["oadev"].tau, 2.0 * gx.curves["oadev"].deviation)
+    wall = Wall()
+    painter = Painter(wall.log)
+    painter.paint(compared(analysis, {"gx": earlier}))
+    assert "/gy/allan/earlier" not in wall.drawings
+    drawing = wall.drawings["/gx/allan/earlier"]
+    assert [text for _, text, _ in drawing.words] == ["first"]
+    drawn = painter.frames.allan("dps").values(np.concatenate(drawing.strips))
+    expected = np.interp(np.log(drawn[:, 0]), np.log(earlier.tau), np.log(earlier.deviation))
+    np.testing.assert_allclose(np.log(drawn[:, 1] / 1e3), expected, atol=1e-3)
 
 
 def test_axes_of_one_sensor_share_their_scales(painted):
@@ -255,3 +269,15 @@ def test_the_demo_itself_has_the_noise_that_it_claims(analysis: Analysis):
     N_ax, _, _ = noise_of("ax")
     np.testing.assert_allclose(curve.deviation[:20] * np.sqrt(curve.tau[:20]), N_ax, rtol=0.02)
     assert pytest.approx(2.9e-3) == N
+
+
+def test_the_map_over_time_is_red_where_an_axis_has_more_noise_than_usual(analysis):
+    wall = Wall()
+    Painter(wall.log).paint(analysis)
+    gx, gz = (wall.drawings[f"/{axis}/dynamic/map"].image for axis in ("gx", "gz"))
+    known = gx[..., 3] > 0
+    assert known.any()
+    assert not known.all()
+    red = (gx[..., 0].astype(int) - gx[..., 2] > 100) & known
+    assert 0.05 < red.sum() / known.sum() < 0.2
+    assert ((gz[..., 0].astype(int) - gz[..., 2] > 100) & (gz[..., 3] > 0)).mean() < 0.02

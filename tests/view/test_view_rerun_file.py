@@ -47,7 +47,7 @@ def test_the_last_curve_is_that_of_the_final_result(session):
             due *= 1.06
     frames.fit(final)
     for axis, unit, factor in (("gx", "dps", 1e3), ("az", "g", 1e6)):
-        row = session[f"/{axis}/allan/oadev"][-1]
+        row = session[f"/{axis}/allan/oadev/points"][-1]
         curve = final.axes[axis].curves["oadev"]
         drawn = frames.allan(unit).values(row.dots())
         order = np.argsort(drawn[:, 0])

@@ -9,6 +9,7 @@ import termios
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -16,9 +17,11 @@ from allanscope.analysis import verdict
 from allanscope.samples import Gap, Notice
 from allanscope.view import TerminalView, summary_lines
 from allanscope.view.diary import Trends
+from allanscope.view.terminal_chart import curve_lines
 from allanscope.view.terminal_screen import Screen
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, blocks
+from support.terminal import Screen as TerminalScreen
 from support.terminal import Terminal
 
 RUN = """
@@ -331,3 +334,76 @@ def test_the_summary_is_plain_and_complete():
     assert any(line.startswith("gx  2.900 [2.874, 2.926]") for line in lines)
     assert any("warm-up" in line for line in lines)
     assert any("partly unexplained" in line for line in lines)
+
+
+CURVES = WAIT.replace("demo_analysis(60.0)", "demo_analysis(7300.0)")
+
+
+def braille(text):
+    return sum(0x2800 < ord(letter) <= 0x28FF for letter in text)
+
+
+def test_the_curves_are_drawn_where_there_is_room_and_c_chooses_them():
+    with Terminal(CURVES, 120, 48) as terminal:
+        terminal.read_until("? help")
+        shown = [row for row in terminal.screen().rows if row.count("σ(τ)") == 2]
+        assert len(shown) == 1, "both sensors, beside each other"
+        for press, titles in (("c", ["mdps"]), ("c", ["µg"]), ("c", []), ("c", ["mdps", "µg"])):
+            drawn = terminal.raw.count("? help")
+            terminal.type(press)
+            terminal.wait_for(lambda raw, drawn=drawn: raw.count("? help") > drawn)
+            page = terminal.raw.rsplit("allanscope  ", 1)[1]
+            assert [unit for unit in ("mdps", "µg") if f"σ(τ), {unit}" in page] == titles
+            assert bool(braille(page)) == bool(titles)
+        terminal.type("q")
+        assert terminal.finish() == 0
+        assert braille(terminal.screen().text), "they stay on the last screen"
+    with Terminal(CURVES, 80, 24) as terminal:
+        terminal.read_until("m mark")
+        assert not braille(terminal.raw), "the numbers are more important"
+
+
+def test_a_question_mark_explains_the_keys():
+    with Terminal(CURVES, 80, 40) as terminal:
+        terminal.read_until("? help")
+        assert "c  curves: both sensors" not in terminal.raw
+        terminal.type("?")
+        terminal.read_until("c  curves: both sensors")
+        assert all(len(row) <= 80 for row in terminal.screen().rows)
+
+
+def test_a_terminal_that_is_made_narrower_gets_a_clean_page():
+    with Terminal(CURVES, 120, 48) as terminal:
+        terminal.read_until("m mark")
+        terminal.resize(70, 30)
+        terminal.raw = ""
+        terminal.type("?")
+        terminal.read_until("c  curves: both sensors")
+        terminal.type("q")
+        assert terminal.finish() == 0
+        _, page = terminal.raw.split("\r\n" * 29, 1)
+        assert page.startswith("\x1b[29A")
+        rows = TerminalScreen(page.removeprefix("\x1b[29A"), 70, 30).rows
+        assert sum(row.startswith("allanscope  LSM6DSM") for row in rows) == 1
+        assert all(len(row) <= 70 for row in rows)
+
+
+def test_a_curve_lies_where_its_numbers_are():
+    analysis = demo_analysis(7300.0)
+    axes = {"gx": analysis.axes["gx"]}
+    title, *rows, axis, labels = (line.plain for line in curve_lines(axes, 67, 23))
+    assert title == "σ(τ), mdps   gx"
+    assert labels.endswith(" s")
+    ticks = {row[:5].strip(): k for k, row in enumerate(rows) if "┤" in row}
+    across = [k for k, letter in enumerate(axis) if letter == "┬"]
+    decades = round(len(ticks) - 1), len(across) - 1
+    curve = axes["gx"].curves["oadev"]
+    near = np.argmin(abs(np.log10(curve.tau)))  # 1 s
+    place = (np.log10(curve.tau[near]) + 4) / decades[1]  # the chart begins at 1e-4 s
+    column = across[0] + place * (across[-1] - across[0])
+    low, high = ticks["0.1"], ticks["10³"]
+    sigma = np.log10(1e3 * curve.deviation[near])
+    expected = low - (sigma + 1.0) / decades[0] * (low - high)
+    drawn = [k for k, row in enumerate(rows) if braille(row[round(column)])]
+    assert min(abs(k - expected) for k in drawn) <= 1.0
+    assert len(drawn) <= 2, "a line, and no cloud"

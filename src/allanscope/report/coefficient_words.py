@@ -11,6 +11,7 @@ from allanscope.quantities import (
     COEFFICIENT_NAMES,
     COEFFICIENTS,
     LETTERS,
+    POWER_LAW_NAMES,
     duration,
     interval,
     limit,
@@ -22,6 +23,7 @@ __all__ = [
     "CoefficientRow",
     "coefficient_cell",
     "coefficient_rows",
+    "power_law_rows",
     "reading_cell",
     "white_facts",
 ]
@@ -78,6 +80,20 @@ def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
             )
         )
     return rows
+
+
+def power_law_rows(axis: AxisAnalysis) -> list[tuple[str, str, str, str]]:
+    """Return letter, name, value and status of the power laws that were asked for."""
+    return [
+        (
+            letter,
+            POWER_LAW_NAMES[letter],
+            f"{interval(one.value, one.lower, one.upper) if one.detected else limit(one.upper)}"
+            f" {symbols(one.unit)}",
+            "detected" if one.detected else "upper limit",
+        )
+        for letter, one in axis.power_laws.items()
+    ]
 
 
 def reading_cell(one: Reading | None, name: str, unit: str) -> str:

@@ -79,6 +79,11 @@ def deviation_picture(
             _model(ax, model, factor)
         if line is not None:
             ax.plot(curve.tau, line, "-.", c=DATASHEET, lw=1.3, label="datasheet")
+        if axis.comparison is not None and not squared:
+            earlier = axis.comparison.reference
+            shown = (earlier.tau >= curve.tau[0] / 2) & (earlier.tau <= curve.tau[-1] * 2)
+            kept, label = factor * earlier.deviation[shown], _label(earlier.name)
+            ax.plot(earlier.tau[shown], kept, "-", c=BEFORE, lw=1.3, label=label)
         ax.legend(loc="upper right")
 
     def told() -> list[tuple[float, str]]:

@@ -6,19 +6,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from allanscope.allan import DynamicDeviation
 from allanscope.analysis import AxisAnalysis
 from allanscope.history import Record
 from allanscope.quantities import DENSITY, LEVEL, number, symbols
 from allanscope.report.curve_pictures import scale_loglog
 from allanscope.report.picture import CYCLE, DATASHEET, FOUND, MEASURED, MODEL, Picture, ink
 
-__all__ = ["density_picture", "lag_picture", "ratio_picture", "series_picture"]
+__all__ = ["density_picture", "dynamic_picture", "lag_picture", "ratio_picture", "series_picture"]
 
 _POINTS = 600
 _CELLS = 80
+_MAP_COLUMNS = 200
 
 
 def density_picture(name: str, axis: AxisAnalysis) -> Picture:
@@ -71,6 +74,45 @@ def series_picture(
         ax.legend(loc="upper right", ncols=3)
 
     return Picture(draw, height=2.8)
+
+
+def dynamic_picture(
+    dynamic: DynamicDeviation, columns: Mapping[str, int], marks: Sequence[tuple[float, str]] = ()
+) -> Picture:
+    """Draw the Allan deviation over time, a map an axis: each cell over the median at its tau."""
+
+    def draw(figure: Figure) -> None:
+        names = list(columns)
+        rows = -(-len(names) // 3)
+        charts = figure.subplots(rows, min(len(names), 3), sharex=True, sharey=True, squeeze=False)
+        windows = np.linspace(0, len(dynamic.start_s) - 1, min(len(dynamic.start_s), _MAP_COLUMNS))
+        chosen = np.unique(windows.astype(np.int64))
+        for ax in charts.flat[len(names) :]:
+            ax.set_visible(False)
+        for name, ax in zip(names, charts.flat, strict=False):
+            ratio = np.ma.masked_invalid(dynamic.relative(columns[name])[chosen].T)
+            mesh = ax.pcolormesh(
+                dynamic.centre_s[chosen],
+                dynamic.tau,
+                np.ma.masked_less_equal(ratio, 0.0),
+                cmap="RdYlBu_r",
+                norm=LogNorm(0.25, 4.0),
+                shading="nearest",
+                rasterized=True,
+            )
+            ax.set_yscale("log")
+            ax.set_title(name, fontsize="medium")
+            for at_s, _ in marks:
+                ax.axvline(at_s, c=ink(), ls=":", lw=0.8)
+        figure.supxlabel("time (s)", fontsize="medium")
+        figure.supylabel("averaging time τ (s)", fontsize="medium")
+        bar = figure.colorbar(
+            mesh, ax=charts, label="σ(τ) / its median", ticks=[0.25, 0.5, 1, 2, 4]
+        )
+        bar.ax.minorticks_off()
+        bar.ax.set_yticklabels(["¼", "½", "1", "2", "4"])
+
+    return Picture(draw, height=3.4 if len(columns) > 3 else 2.2, fixed=False)
 
 
 def lag_picture(record: Record, name: str, unit: str) -> Picture:

@@ -15,6 +15,7 @@ from allanscope.analysis import (
     Analysis,
     AxisAnalysis,
     Finding,
+    Undisturbed,
     cause_phrase,
     finding_phrase,
     searched,
@@ -31,6 +32,7 @@ from allanscope.report.curve_pictures import (
 )
 from allanscope.report.data_pictures import (
     density_picture,
+    dynamic_picture,
     lag_picture,
     ratio_picture,
     series_picture,
@@ -49,6 +51,7 @@ class _Axis:
     sensor: str
     remarks: tuple[str, ...]
     coefficients: list[coefficient_words.CoefficientRow]
+    power_laws: list[tuple[str, str, str, str]]
     facts: list[words.Fact]
     looked: bool
     effects: list[words.EffectWords]
@@ -96,7 +99,12 @@ def render(
         subtitle=words.subtitle(analysis, operator),
         verdict=verdict(analysis),
         conventions=words.conventions(analysis),
-        findings=[words.Fact(" ".join(one.axes), _with_cause(one)) for one in analysis.findings],
+        found=len(analysis.findings),
+        findings=[
+            *(words.Fact(" ".join(one.axes), _with_cause(one)) for one in analysis.findings),
+            *(words.Fact(" ".join(one.axes), f"common at {one.words}") for one in analysis.common),
+            *(words.Fact("next", f"{one.question}: {one.words}") for one in analysis.experiments),
+        ],
         overlays=[
             {"name": sensor, "axes": names, "svg": svgs[f"{sensor}-overlay"]}
             for unit, sensor in SENSOR_NAMES.items()
@@ -104,7 +112,7 @@ def render(
             for names in [[name for name, axis in shown.items() if axis.unit == unit]]
         ],
         full=full,
-        summary=_summary(shown),
+        summary=_summary(shown, analysis.undisturbed),
         levels=[zero_g] if zero_g is not None else [],
         axes=[_axis(name, axis, svgs, analysis.choices) for name, axis in shown.items()],
         series=[
@@ -112,6 +120,8 @@ def render(
             for sensor in SENSOR_NAMES.values()
             if f"{sensor}-series" in svgs
         ],
+        dynamic_svg=svgs.get("dynamic", ""),
+        dynamic_words=words.windows(analysis.dynamic),
         ratio_svg=svgs.get("ratio", ""),
         quality=words.quality(analysis),
         uncertainty=analysis.uncertainty,
@@ -173,6 +183,7 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str], choices: Curve
         sensor=SENSOR_NAMES[axis.unit],
         remarks=axis.remarks,
         coefficients=coefficient_words.coefficient_rows(axis),
+        power_laws=coefficient_words.power_law_rows(axis),
         facts=words.axis_facts(axis),
         looked=loop is not None,
         effects=[words.effect_words(effect) for effect in loop.own_effects] if loop else [],
@@ -188,8 +199,11 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str], choices: Curve
     )
 
 
-def _summary(axes: Mapping[str, AxisAnalysis]) -> list[dict[str, Any]]:
-    """Return a table for each sensor: N, B and K of its axes and what the datasheet says."""
+def _summary(axes: Mapping[str, AxisAnalysis], quiet: Undisturbed | None) -> list[dict[str, Any]]:
+    """Return a table for each sensor: N, B and K of its axes and what the datasheet says.
+
+    Below each axis stands the longest undisturbed stretch of the run, where there is one.
+    """
     tables = []
     for unit, sensor in SENSOR_NAMES.items():
         here = {name: axis for name, axis in axes.items() if axis.unit == unit}
@@ -198,6 +212,7 @@ def _summary(axes: Mapping[str, AxisAnalysis]) -> list[dict[str, Any]]:
             rows = [
                 {
                     "name": name,
+                    "quiet": _quiet_cells(name, unit, quiet),
                     "cells": [
                         *(
                             coefficient_words.coefficient_cell(a.coefficients.get(k), k, unit)
@@ -210,6 +225,15 @@ def _summary(axes: Mapping[str, AxisAnalysis]) -> list[dict[str, Any]]:
             ]
             tables.append({"name": sensor, "heads": [*heads, "datasheet"], "rows": rows})
     return tables
+
+
+def _quiet_cells(name: str, unit: str, quiet: Undisturbed | None) -> list[str]:
+    if quiet is None or name not in quiet.axes:
+        return []
+    known = quiet.axes[name]
+    cells = (coefficient_words.coefficient_cell(known.get(k), k, unit) for k in MAIN_LETTERS)
+    when = f"undisturbed, {duration(quiet.begin_s)} to {duration(quiet.end_s)}"
+    return [*cells, when]
 
 
 def _command(analysis: Analysis) -> str:
@@ -236,6 +260,9 @@ def pictures(analysis: Analysis) -> dict[str, Picture]:
             )
     if shown:
         found["ratio"] = ratio_picture(shown)
+    columns = {name: i for i, name in enumerate(analysis.axes) if name in shown}
+    if analysis.dynamic is not None and columns:
+        found["dynamic"] = dynamic_picture(analysis.dynamic, columns, marked_moments(analysis))
     return found
 
 

@@ -16,7 +16,7 @@ _SHOWN = (("ostdev", "classical"), ("oadev", "AVAR"), ("mdev", "MVAR"), ("ohdev"
 
 
 def transfer_picture(m: int = 64) -> Picture:
-    """Draw |H|^2 of the classical, Allan, modified Allan and Hadamard variance over f tau."""
+    """Draw ``|H|^2`` of the classical, Allan, modified Allan and Hadamard variance over f tau."""
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()

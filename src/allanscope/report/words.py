@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
 
-from allanscope.allan import CurveChoices, variance_name
+from allanscope.allan import CurveChoices, DynamicDeviation, variance_name
 from allanscope.analysis import (
     NAMELESS,
     Analysis,
@@ -139,6 +139,17 @@ def curve_values(axis: AxisAnalysis, choices: CurveChoices) -> CurveValues:
     return CurveValues(caption, ["τ, s", *names], rows)
 
 
+def windows(dynamic: DynamicDeviation | None) -> str:
+    """Return what a reader must know of the map of the Allan deviation over time."""
+    if dynamic is None:
+        return ""
+    many, window = len(dynamic.start_s), duration(dynamic.window_s)
+    return (
+        f"Allan deviation of {many} windows of {window} each, over its median at each averaging "
+        "time (dynamic Allan deviation). Red: more noise than usual, blue: less."
+    )
+
+
 def subtitle(analysis: Analysis, operator: str) -> str:
     """Return what was measured, in one line: part, serial number, rate, length, who measured."""
     axes, known = len(analysis.axes), analysis.rate
@@ -182,6 +193,9 @@ def axis_facts(axis: AxisAnalysis) -> list[Fact]:
         words = symbols(found.explanation)
         text = f"{found.verdict}: {words}" if words else found.verdict
         facts.append(Fact(f"datasheet: {name}", text))
+    if axis.comparison is not None:
+        name = f"compared with {axis.comparison.reference.name}"
+        facts.append(Fact(name, axis.comparison.words))
     return facts
 
 

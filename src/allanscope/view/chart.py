@@ -24,6 +24,7 @@ __all__ = [
     "MARGIN",
     "WIDTH",
     "Chart",
+    "InUnits",
     "Linear",
     "Log",
     "Points",
@@ -158,6 +159,26 @@ class Linear:
     def _label(self, value: float) -> str:
         text = f"{round(value, 9):g}"
         return "0" if float(text) == 0.0 else f"{text} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class InUnits:
+    """A scale whose values are in a smaller unit than its ticks: hours at the edge, seconds in."""
+
+    scale: Linear
+    unit: float
+
+    def place(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Return the share of the way from low to high."""
+        return self.scale.place(np.asarray(values, np.float64) / self.unit)
+
+    def read(self, places: ArrayLike) -> NDArray[np.float64]:
+        """Return the values at these places."""
+        return self.unit * self.scale.read(places)
+
+    def ticks(self) -> list[Tick]:
+        """Return a tick every step."""
+        return self.scale.ticks()
 
 
 def _power_of_ten(power: int) -> str:

@@ -16,14 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from allanscope.allan import Deviation
-from allanscope.analysis import ModelCurve
+from allanscope.allan import Deviation, DynamicDeviation
+from allanscope.analysis import ModelCurve, ReferenceCurve
 from allanscope.explain import AxisExplanation
 from allanscope.noise import DatasheetVerdict
 from allanscope.quantities import Reading, number, symbols
 from allanscope.spectrum import Density
 from allanscope.view.chart import HEIGHT, WIDTH, Chart, Points, Strips, dashed
-from allanscope.view.palette import EFFECT, GRID, MODEL, REFERENCE, TEXT, Colour, muted
+from allanscope.view.palette import (
+    EFFECT,
+    GRID,
+    MODEL,
+    REFERENCE,
+    TEXT,
+    Colour,
+    muted,
+    ratio_colours,
+)
 
 __all__ = [
     "Drawing",
@@ -32,8 +41,10 @@ __all__ = [
     "draw_density",
     "draw_density_limit",
     "draw_density_model",
+    "draw_earlier",
     "draw_found",
     "draw_grid",
+    "draw_map",
     "draw_model",
     "draw_residual",
     "draw_textbook",
@@ -41,6 +52,9 @@ __all__ = [
 ]
 
 _HATCH = 8.0
+_MAP_COLUMNS, _MAP_ROWS = 300, 96
+_MAP_REACH = 0.36
+"""Log of how far a row of a map may be from the averaging time that it shows."""
 _NOISE_TERMS = ("Q", "N", "B", "K", "R", "rounding")
 
 
@@ -48,7 +62,8 @@ _NOISE_TERMS = ("Q", "N", "B", "K", "R", "rounding")
 class Drawing:
     """Strips and dots, each with its colour and radius, and words that are always shown.
 
-    Radii follow the viewer: positive in world units, negative in points of the screen.
+    Radii follow the viewer: positive in world units, negative in points of the screen. An image,
+    rows from above of red, green, blue and opacity, fills the chart and lies below everything.
     """
 
     strips: Strips = field(default_factory=list)
@@ -56,9 +71,9 @@ class Drawing:
     strip_radii: list[float] = field(default_factory=list)
     dots: list[Points] = field(default_factory=list)
     dot_colours: list[Colour] = field(default_factory=list)
-    dot_radii: list[float] = field(default_factory=list)
     dot_texts: list[str] = field(default_factory=list)
     words: list[tuple[tuple[float, float], str, Colour]] = field(default_factory=list)
+    image: NDArray[np.uint8] | None = None
 
     def line(self, strips: Strips, colour: Colour, width: float = 2.0) -> None:
         """Add polylines `width` points of the screen wide."""
@@ -73,12 +88,10 @@ class Drawing:
         points: Points,
         texts: Sequence[str],
         colour: Colour,
-        size: float = 4.0,
     ) -> None:
-        """Add dots `size` points of the screen across that say their text when pointed at."""
+        """Add dots that say their text when pointed at."""
         self.dots += list(points)
         self.dot_colours += [colour] * len(points)
-        self.dot_radii += [-size / 2] * len(points)
         self.dot_texts += texts
 
     def word(self, at: tuple[float, float], text: str, colour: Colour) -> None:
@@ -136,9 +149,43 @@ def draw_curve(
     texts = _texts(curve, value, lower, upper, symbols(reading.unit))
     for trusted, of_dots in ((True, colour), (False, muted(colour))):
         chosen = np.flatnonzero(shown & (curve.trusted == trusted))
-        drawing.dot(points[chosen], [texts[i] for i in chosen], of_dots, size=3.6)
+        drawing.dot(points[chosen], [texts[i] for i in chosen], of_dots)
     if named:
         _name(drawing, points[shown & curve.trusted], curve.kind, colour)
+    return drawing
+
+
+def draw_map(
+    chart: Chart, dynamic: DynamicDeviation, axis: int, events_s: Sequence[float]
+) -> Drawing:
+    """Draw the Allan deviation over time as colours: each cell over the median at its tau.
+
+    Parameters
+    ----------
+    chart : Chart
+        Time, and averaging time upwards.
+    dynamic : DynamicDeviation
+        Of all axes.
+    axis : int
+        Which one.
+    events_s : sequence of float
+        Times at which something began, drawn upright.
+    """
+    time_s = chart.x.read((np.arange(_MAP_COLUMNS) + 0.5) / _MAP_COLUMNS)
+    tau = chart.y.read(1.0 - (np.arange(_MAP_ROWS) + 0.5) / _MAP_ROWS)
+    near = np.log(dynamic.tau)[:, np.newaxis] - np.log(tau)
+    row = np.argmin(np.abs(near), axis=0)
+    window = np.argmin(np.abs(dynamic.centre_s[:, np.newaxis] - time_s), axis=0)
+    ratio = dynamic.relative(axis)[np.ix_(window, row)].T
+    outside = np.abs(near).min(axis=0) > _MAP_REACH
+    ratio[outside] = np.nan
+    spare = (time_s < dynamic.start_s[0]) | (time_s > dynamic.stop_s[-1])
+    ratio[:, spare] = np.nan
+    drawing = Drawing(image=ratio_colours(ratio))
+    for at_s in events_s:
+        x = float(WIDTH * chart.x.place(at_s))
+        if 0.0 <= x <= WIDTH:
+            drawing.line([np.array([[x, 0.0], [x, HEIGHT]], np.float32)], EFFECT, width=1.0)
     return drawing
 
 
@@ -179,6 +226,17 @@ def draw_datasheet(chart: Chart, verdict: DatasheetVerdict, reading: Reading) ->
     if strips:
         x, y = strips[0][0] + 0.16 * (strips[-1][-1] - strips[0][0])
         drawing.word((float(x) + 85.0, float(y) - 68.0), "datasheet", REFERENCE)
+    return drawing
+
+
+def draw_earlier(chart: Chart, reference: ReferenceCurve, reading: Reading) -> Drawing:
+    """Draw the curve of an earlier session, or a mask, with its name at the end."""
+    drawing = Drawing()
+    strips = chart.line(reference.tau, reading.factor * reference.deviation)
+    drawing.line(strips, REFERENCE, width=1.6)
+    if strips:
+        x, y = (float(value) for value in strips[-1][-1])
+        drawing.word((min(x, WIDTH - 80.0), min(y + 40.0, HEIGHT - 44.0)), reference.name, TEXT)
     return drawing
 
 

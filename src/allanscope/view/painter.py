@@ -2,10 +2,11 @@
 
 ::
 
-    /gx/allan/grid  oadev  mdev  ...  model  textbook  datasheet
+    /gx/allan/grid  oadev  mdev  ...  model  textbook  datasheet  earlier
     /gx/time/grid   tdev  ...
     /gx/spectrum/grid  measured  model  found  datasheet
     /gx/residual/grid  oadev
+    /gx/dynamic/grid  map
 
 Each estimator is an entity of its own, so that the viewer can show or hide it by itself.
 
@@ -21,10 +22,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from allanscope.allan import Deviation
+from allanscope.allan import Deviation, DynamicDeviation
 from allanscope.analysis import Analysis, AxisAnalysis
 from allanscope.quantities import DENSITY, DEVIATION, Reading, symbols
-from allanscope.view.chart import Chart, Linear, Log
+from allanscope.view.chart import Chart, InUnits, Linear, Log
 from allanscope.view.drawing import (
     Drawing,
     draw_curve,
@@ -32,8 +33,10 @@ from allanscope.view.drawing import (
     draw_density,
     draw_density_limit,
     draw_density_model,
+    draw_earlier,
     draw_found,
     draw_grid,
+    draw_map,
     draw_model,
     draw_residual,
     draw_textbook,
@@ -51,6 +54,9 @@ TIME_DEVIATIONS = ("tdev", "ttotdev")
 
 _STEADY_AVERAGES = 4.0
 """A band of fewer ordinates may come out anywhere near zero, which is no reason to show decades."""
+
+_TIME_UNITS = (("d", 86_400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
+_TIME_STEPS = tuple(factor * 10.0**power for power in range(-2, 6) for factor in (1.0, 2.0, 5.0))
 
 _STEPS = ((5.0, 2.5), (10.0, 5.0), (20.0, 10.0), (50.0, 25.0), (100.0, 50.0))
 
@@ -181,6 +187,18 @@ class Painter:
             self._allan(name, axis, everything)
             self._spectrum(name, axis)
             self._residual(name, axis)
+        if everything and analysis.dynamic is not None:
+            self._dynamic(analysis, analysis.dynamic)
+
+    def _dynamic(self, analysis: Analysis, dynamic: DynamicDeviation) -> None:
+        chart = _time_chart(dynamic)
+        onsets_s = [once.onset_s for event in analysis.events for once in event.occurrences]
+        for number, (name, axis) in enumerate(analysis.axes.items()):
+            if not axis.curves:
+                continue
+            self._grid(f"/{name}/dynamic", chart)
+            drawing = draw_map(chart, dynamic, number, onsets_s)
+            self.log(f"/{name}/dynamic/map", drawing)
 
     def _allan(self, name: str, axis: AxisAnalysis, everything: bool) -> None:
         reading = DEVIATION[axis.unit]
@@ -203,6 +221,8 @@ class Painter:
             self.log(f"{base}/model", draw_model(chart, axis.model, reading))
         if axis.model_before is not None:
             self.log(f"{base}/textbook", draw_textbook(chart, axis.model_before, reading))
+        if everything and axis.comparison is not None:
+            self.log(f"{base}/earlier", draw_earlier(chart, axis.comparison.reference, reading))
         if everything and "density" in axis.datasheet:
             self.log(f"{base}/datasheet", draw_datasheet(chart, axis.datasheet["density"], reading))
 
@@ -238,6 +258,20 @@ class Painter:
         self._grids[base] = chart
         self.log(f"{base}/grid", draw_grid(chart))
         return True
+
+
+def _time_chart(dynamic: DynamicDeviation) -> Chart:
+    """Return the chart of the deviation over time; its length is a few round steps."""
+    end_s = float(dynamic.stop_s[-1])
+    unit, unit_s = next(((u, s) for u, s in _TIME_UNITS if end_s > 2.0 * s), _TIME_UNITS[-1])
+    step = next(s for s in _TIME_STEPS if end_s / unit_s <= 6.0 * s)
+    high = step * np.ceil(end_s / unit_s / step)
+    return Chart(
+        InUnits(Linear(0.0, float(high), step), unit_s),
+        Log.around(dynamic.tau, least=2),
+        unit,
+        "τ, s",
+    )
 
 
 def _curve_colour(axis: str, kind: str) -> Colour:

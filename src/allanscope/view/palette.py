@@ -10,6 +10,9 @@ every strip opaque, and what was meant to be faint comes out nearly black. What 
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 __all__ = [
     "AXIS",
     "EFFECT",
@@ -18,13 +21,30 @@ __all__ = [
     "GRID",
     "LINK",
     "MODEL",
+    "NAMED",
     "REFERENCE",
     "TEXT",
     "Colour",
     "muted",
+    "ratio_colours",
 ]
 
 Colour = tuple[int, int, int]
+
+RATIO_COLOURS = ((0, 60, 140), (86, 180, 233), (235, 235, 235), (230, 159, 0), (140, 30, 0))
+RATIO_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
+"""Ratios at which a map has these colours: blue is less than usual, red more."""
+
+
+def ratio_colours(ratio: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return red, green, blue and opacity of each ratio; what is not known is not seen."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = np.log(ratio)
+    steps = np.log(RATIO_STEPS)
+    known = np.isfinite(place)
+    place = np.where(known, place, 0.0)
+    parts = [np.interp(place, steps, column) for column in zip(*RATIO_COLOURS, strict=True)]
+    return np.stack([*parts, np.where(known, 255.0, 0.0)], axis=-1).astype(np.uint8)
 
 
 def muted(colour: Colour, strength: float = 0.5) -> Colour:
@@ -56,6 +76,9 @@ AXIS: dict[str, Colour] = {
     "az": _SKY_BLUE,
 }
 """Measured data, by axis."""
+
+NAMED = {_VERMILLION: "red", _GREEN: "green", _SKY_BLUE: "blue"}
+"""What people call the colours of the axes."""
 
 MODEL = _PURPLE
 """The fitted model, its total and its parts."""

@@ -16,6 +16,8 @@ from allanscope.quantities import LEVEL, MAIN_LETTERS, SENSOR_NAMES, symbols
 from allanscope.samples import unit_of
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
 from allanscope.view.painter import DEFAULT_ESTIMATOR, TIME_DEVIATIONS
+from allanscope.view.palette import AXIS, NAMED
+from allanscope.view.rerun_ink import POINTS
 from allanscope.view.rerun_series import SENSORS
 
 __all__ = ["TABS", "layout"]
@@ -23,16 +25,24 @@ __all__ = ["TABS", "layout"]
 TABS = (
     "σ(τ)",
     "axis by axis",
+    "axes together",
     "estimators",
     "spectra",
     "closed loop",
     "time series",
+    "σ(τ) over time",
     "temperature and rate",
     "link",
     "findings",
     "tables",
 )
 """Names of the tabs, in order."""
+
+
+_DOT = 1.8
+"""Radius of the dots of curves, in points of the screen."""
+
+_MAP_KEY = "σ(τ) over its median; blue less, red more"
 
 
 def layout(axes: Sequence[str], estimators: Sequence[str], active_tab: int = 0) -> rrb.Blueprint:
@@ -55,10 +65,12 @@ def layout(axes: Sequence[str], estimators: Sequence[str], active_tab: int = 0) 
             row_shares=[1, 5],
         ),
         rrb.Tabs(*[_axis(axis, others) for axis in axes]),
+        rrb.Horizontal(*[_together(unit, axes) for unit in _units(axes)]),
         rrb.Tabs(*[_estimator(axes, kind) for kind in estimators]),
         _charts(axes, [_chart(f"/{axis}/spectrum", axis) for axis in axes]),
         rrb.Tabs(*[_loop(unit, axes) for unit in _units(axes)]),
         rrb.Tabs(*[_time_series(unit, axes) for unit in _units(axes)]),
+        _charts(axes, [_chart(f"/{axis}/dynamic", f"{axis}: {_MAP_KEY}") for axis in axes]),
         rrb.Vertical(
             _plot("/samples/temperature", "temperature, °C"),
             _plot("/rate", "measured over nominal rate, ppm (± 1 σ)"),
@@ -86,10 +98,18 @@ def layout(axes: Sequence[str], estimators: Sequence[str], active_tab: int = 0) 
 
 
 def _chart(
-    origin: str, name: str, contents: Sequence[str] = ("$origin/**",), hidden: Sequence[str] = ()
+    origin: str,
+    name: str,
+    contents: Sequence[str] = ("$origin/**",),
+    hidden: Sequence[str] = (),
+    curves: Sequence[str] = (DEFAULT_ESTIMATOR,),
 ) -> rrb.Spatial2DView:
-    """Return a view of one chart: its rectangle, with room for the labels."""
-    still = rrb.EntityBehavior(interactive=False)
+    """Return a view of one chart: its rectangle, with room for the labels.
+
+    Only the dots of curves answer when they are pointed at, with their numbers: of a line or a word
+    the viewer would tell how it is stored.
+    """
+    still, live = (rrb.EntityBehavior(interactive=value) for value in (False, True))
     return rrb.Spatial2DView(
         origin=origin,
         name=name,
@@ -98,22 +118,34 @@ def _chart(
             x_range=[-MARGIN["left"], WIDTH + MARGIN["right"]],
             y_range=[-MARGIN["top"], HEIGHT + MARGIN["bottom"]],
         ),
+        defaults=[rr.Points2D.from_fields(radii=rr.Radius.ui_points(_DOT))],
         overrides={
-            f"{origin}/grid": still,
+            origin: still,
+            **{f"{origin.rstrip('/')}/{curve}/{POINTS}": live for curve in curves},
             **{f"{origin}/{path}": rrb.EntityBehavior(visible=False) for path in hidden},
         },
     )
 
 
 def _overview(axis: str) -> rrb.Spatial2DView:
-    parts = ("grid", "datasheet", "model", DEFAULT_ESTIMATOR)
+    parts = ("grid", "datasheet", "earlier", "model", DEFAULT_ESTIMATOR)
     return _chart(f"/{axis}/allan", axis, [f"$origin/{part}/**" for part in parts])
+
+
+def _together(unit: str, axes: Sequence[str]) -> rrb.Spatial2DView:
+    """Return the curves of all axes of a sensor in one chart: their charts have one frame."""
+    chosen = [axis for axis in axes if unit_of(axis) == unit]
+    grid = [f"/{chosen[0]}/allan/{part}/**" for part in ("grid", "datasheet")]
+    curves = [f"/{axis}/allan/{DEFAULT_ESTIMATOR}/**" for axis in chosen]
+    colours = ", ".join(f"{axis} {NAMED[AXIS[axis]]}" for axis in chosen)
+    name = f"{SENSOR_NAMES[unit]} σ(τ): {colours}"
+    return _chart("/", name, [*grid, *curves], curves=[f"{axis}/allan/oadev" for axis in chosen])
 
 
 def _estimator(axes: Sequence[str], kind: str) -> rrb.Grid:
     chart = "time" if kind in TIME_DEVIATIONS else "allan"
     paths = [f"$origin/{part}/**" for part in ("grid", kind)]
-    grid = _charts(axes, [_chart(f"/{axis}/{chart}", axis, paths) for axis in axes])
+    grid = _charts(axes, [_chart(f"/{axis}/{chart}", axis, paths, (), [kind]) for axis in axes])
     grid.name = kind.upper()
     return grid
 
@@ -130,7 +162,9 @@ def _axis(axis: str, others: Sequence[str]) -> rrb.Horizontal:
         for letter in MAIN_LETTERS
     ]
     return rrb.Horizontal(
-        _chart(f"/{axis}/allan", f"{axis} σ(τ)", hidden=hidden),
+        _chart(
+            f"/{axis}/allan", f"{axis} σ(τ)", hidden=hidden, curves=[DEFAULT_ESTIMATOR, *others]
+        ),
         rrb.Vertical(_text(f"/tables/{axis}", "numbers"), *trends, row_shares=[11, 3, 3, 3]),
         column_shares=[6, 5],
         name=axis,

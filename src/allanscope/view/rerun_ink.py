@@ -1,8 +1,9 @@
 """Puts drawings into a Rerun recording: one entity, one row, one chunk for each.
 
 Every entity that is logged becomes a chunk of its own in the file and in the viewer's memory, and
-chunks, not values, are what costs: so the strips and the dots of a drawing share an entity. Words
-need another one, because all labels of an entity are either always shown or only when pointed at.
+chunks, not values, are what costs: so all strips of a drawing share an entity. Its dots have one of
+their own, because they alone answer when they are pointed at, and so have its words, because all
+labels of an entity are either always shown or only when pointed at.
 """
 
 from __future__ import annotations
@@ -13,14 +14,22 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
-from allanscope.view.chart import Strips
+from allanscope.view.chart import HEIGHT, WIDTH, Strips
 from allanscope.view.drawing import Drawing
 from allanscope.view.palette import Colour
 
-__all__ = ["Ink"]
+__all__ = ["POINTS", "Ink"]
+
+POINTS = "points"
+"""Name of the entity below a drawing's own that holds its dots.
+
+Of four components at most the viewer shows the values, the text among them, where it is pointed at;
+of more it shows their number. So size and order are the layout's, and the viewer's own.
+"""
 
 _ORDER = {"grid": -20.0, "datasheet": 0.0, "textbook": 10.0, "model": 15.0, "found": 25.0}
 _ORDER_OF_CURVES = 20.0
+_ORDER_OF_IMAGES = -30.0
 
 _Words = list[tuple[float, float, str, Colour]]
 _NEVER: _Words = [(0.0, 0.0, "", (0, 0, 0))]
@@ -50,7 +59,8 @@ class Ink:
 
     def log(self, path: str, drawing: Drawing) -> None:
         """Log a drawing as the entity `path`, and its words as ``path/words``."""
-        shapes = hash(tuple(part.tobytes() for part in (*drawing.strips, *drawing.dots)))
+        parts = (*drawing.strips, *drawing.dots, *([] if drawing.image is None else drawing.image))
+        shapes = hash(tuple(part.tobytes() for part in parts))
         if self._shapes.get(path) != shapes:
             self._shapes[path] = shapes
             self._log_shapes(path, drawing)
@@ -61,27 +71,31 @@ class Ink:
 
     def _log_shapes(self, path: str, drawing: Drawing) -> None:
         order = _ORDER.get(path.rpartition("/")[2], _ORDER_OF_CURVES)
-        shapes: list[Any] = [
+        self._recording.log(
+            path,
             rr.LineStrips2D(
                 _arrow(drawing.strips),
                 colors=drawing.strip_colours,
                 radii=drawing.strip_radii,
                 draw_order=order,
-            )
-        ]
+            ),
+        )
         if drawing.dots or path in self._dotted:
             self._dotted.add(path)
-            shapes.append(
-                rr.Points2D(
-                    np.array(drawing.dots).reshape(-1, 2),
+            self._recording.log(
+                f"{path}/{POINTS}",
+                rr.Points2D.from_fields(
+                    positions=np.array(drawing.dots).reshape(-1, 2),
                     colors=drawing.dot_colours,
-                    radii=drawing.dot_radii,
                     labels=drawing.dot_texts,
                     show_labels=False,
-                    draw_order=order + 1.0,
-                )
+                ),
             )
-        self._recording.log(path, *shapes)
+        if drawing.image is not None:
+            rows, columns = drawing.image.shape[:2]
+            cell = (WIDTH / columns, HEIGHT / rows, 1.0)
+            image = rr.Image(drawing.image, color_model="RGBA", draw_order=_ORDER_OF_IMAGES)
+            self._recording.log(f"{path}/image", rr.Transform3D(scale=cell), image)
 
     def _log_words(self, path: str, words: _Words) -> None:
         self._recording.log(

@@ -8,6 +8,7 @@ from allanscope.analysis import (
     NAMELESS,
     Analysis,
     AxisAnalysis,
+    Undisturbed,
     as_of_text,
     best_text,
     cause_phrase,
@@ -77,7 +78,7 @@ def coefficients_table(analysis: Analysis) -> str:
     for unit, sensor in SENSOR_NAMES.items():
         axes = {name: axis for name, axis in analysis.axes.items() if axis.unit == unit}
         if axes:
-            parts += [f"### {sensor.capitalize()}", _sensor_table(unit, axes)]
+            parts += [f"### {sensor.capitalize()}", _sensor_table(unit, axes, analysis.undisturbed)]
     return "\n\n".join(parts)
 
 
@@ -127,6 +128,10 @@ def findings_table(analysis: Analysis) -> str:
             lines.append(f"    - {markdown(words)}")
         if cause := cause_phrase(finding):
             lines.append(f"    - {markdown(cause)}")
+    lines += [
+        f"- **{' '.join(one.axes)}** common at {markdown(one.words)}" for one in analysis.common
+    ]
+    lines += [f"- to tell {markdown(f'{e.question}: {e.words}')}" for e in analysis.experiments]
     events = "\n".join(f"- {markdown(event.words)}" for event in analysis.events)
     events = f"### Events\n\n{events}\n\n### Effects\n\n" if events else ""
     found = (
@@ -194,7 +199,7 @@ def _remarks(analysis: Analysis) -> Iterable[str]:
             yield from (f"{name}: {remark}" for remark in axis.explanation.remarks)
 
 
-def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis]) -> str:
+def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis], quiet: Undisturbed | None) -> str:
     head = [
         "axis",
         *(f"{letter}, {coefficient_unit(unit, letter)}" for letter in MAIN_LETTERS),
@@ -205,6 +210,11 @@ def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis]) -> str:
     for name, axis in axes.items():
         cells = [coefficient_text(unit, k, axis.coefficients.get(k)) for k in MAIN_LETTERS]
         rows.append((name, *cells, best_text(axis), density_verdict(axis)))
+        if quiet is not None and name in quiet.axes:
+            known = quiet.axes[name]
+            cells = [coefficient_text(unit, k, known.get(k)) for k in MAIN_LETTERS]
+            when = f"{name}, {duration(quiet.begin_s)} to {duration(quiet.end_s)}"
+            rows.append((when, *cells, "", "undisturbed"))
     return _table(head, rows)
 
 

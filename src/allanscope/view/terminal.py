@@ -14,7 +14,9 @@ import time
 from collections.abc import Callable
 from typing import Literal, TextIO
 
+from rich.control import Control
 from rich.live import Live
+from rich.segment import ControlType
 from rich.text import Text
 
 from allanscope.analysis import Analysis, not_measured
@@ -23,7 +25,7 @@ from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.sanitize import one_line
 from allanscope.view.console import Keys, SteadyConsole
 from allanscope.view.diary import Diary, GapTeller, Level, Trends
-from allanscope.view.terminal_screen import Screen, status_line, summary_lines
+from allanscope.view.terminal_screen import Curves, Screen, status_line, summary_lines
 from allanscope.view.worker import Task, Worker
 
 __all__ = ["TerminalMode", "TerminalView", "summary_lines"]
@@ -37,7 +39,8 @@ _ALIVE_EVERY_S = 1.0
 _PATIENCE_S = 2.0
 """So long the end of a run waits for a terminal that takes nothing."""
 
-_KEYS = "m mark   q end and report      ↑ ↓ changed, = stable since half of the run"
+_KEYS = "m mark   c curves   q end and report   ? help      ↑ ↓ changed, = stable"
+_CURVES: tuple[Curves, ...] = ("both", "gyroscope", "accelerometer", "none")
 _STYLES: dict[Level, str] = {"info": "", "warn": "bold", "error": "bold red"}
 
 
@@ -88,8 +91,11 @@ class TerminalView:
         self._marks = 0
         self._on_mark, self._on_quit = on_mark, on_quit
         self._console = SteadyConsole(stream, soft_wrap=mode != "live")
+        self._size = self._console.size
         self._live: Live | None = None
         self._screen: Screen | None = None
+        self._curves: Curves = "both"
+        self._explain_keys = False
         self._closed = False
         self._keys: Keys | None = None
         if mode == "live":
@@ -176,7 +182,7 @@ class TerminalView:
         if live is not None:
             with contextlib.suppress(OSError, ValueError):
                 if self._latest is not None:
-                    live.update(Screen(self._latest, self._trends))
+                    live.update(Screen(self._latest, self._trends, curves=self._curves))
                 live.stop()
         elif self._mode == "plain" and self._latest is not None:
             for row in ("", *summary_lines(self._latest)):
@@ -214,6 +220,12 @@ class TerminalView:
         )
 
     def _go_live(self) -> None:
+        self._start_screen()
+        if self._on_mark is not None or self._on_quit is not None:
+            keys = {"m": self._mark, "q": self._quit, "c": self._next_curves, "?": self._help}
+            self._keys = Keys(keys)
+
+    def _start_screen(self) -> None:
         self._live = Live(
             Text("waiting for samples ..."),
             console=self._console,
@@ -223,19 +235,37 @@ class TerminalView:
             vertical_overflow="crop",
         )
         self._live.start(refresh=True)
-        if self._on_mark is not None or self._on_quit is not None:
-            self._keys = Keys({"m": self._mark, "q": self._quit})
+
+    def _turn_page(self) -> None:
+        """Begin on an empty page: in a narrower terminal, lines that stand are folded or cut."""
+        if self._live is not None:
+            self._live.transient = True
+            self._live.stop()
+        above = self._console.size.height - 1
+        self._console.print("\n" * above, end="")
+        self._console.control(Control((ControlType.CURSOR_UP, above)))
+        self._start_screen()
 
     def _draw(self, analysis: Analysis) -> None:
         self._drawn_at = self._clock()
         keys = _KEYS if self._keys is not None and self._keys.active else ""
         self._screen = Screen(
-            analysis, self._trends, keys, self._left(analysis), self._recorded(analysis)
+            analysis,
+            self._trends,
+            keys,
+            self._left(analysis),
+            self._recorded(analysis),
+            self._curves,
+            self._explain_keys,
         )
         self._submit(self._refresh, once="screen")
 
     def _refresh(self) -> None:
         try:
+            now, before = self._console.size, self._size
+            if now.width < before.width or now.height < before.height:
+                self._turn_page()
+            self._size = now
             if self._live is not None and self._screen is not None:
                 self._live.update(self._screen, refresh=True)
         except (OSError, ValueError):  # ValueError: the stream is closed
@@ -268,6 +298,18 @@ class TerminalView:
         self._marks = max(self._marks, earlier) + 1  # a session that was taken up has some already
         if self._on_mark is not None:
             self._on_mark(f"mark {self._marks}")
+
+    def _next_curves(self) -> None:
+        self._curves = _CURVES[(_CURVES.index(self._curves) + 1) % len(_CURVES)]
+        self._redraw()
+
+    def _help(self) -> None:
+        self._explain_keys = not self._explain_keys
+        self._redraw()
+
+    def _redraw(self) -> None:
+        if self._live is not None and self._latest is not None:
+            self._draw(self._latest)
 
     def _quit(self) -> None:
         if self._on_quit is not None:

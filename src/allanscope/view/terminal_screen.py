@@ -7,7 +7,8 @@ plain lines.
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 from rich.console import Console, ConsoleOptions, Group, RenderResult
 from rich.table import Table
@@ -29,6 +30,7 @@ from allanscope.analysis import (
     searched,
     verdict,
 )
+from allanscope.noise import Coefficient
 from allanscope.quantities import (
     COEFFICIENTS,
     DEVIATION,
@@ -42,8 +44,12 @@ from allanscope.quantities import (
 from allanscope.sanitize import one_line
 from allanscope.view.diary import Direction, Trends
 from allanscope.view.palette import AXIS, GRADE, Colour
+from allanscope.view.terminal_chart import LEAST_LINES, curve_lines
 
-__all__ = ["Screen", "status_line", "summary_lines"]
+__all__ = ["Curves", "Screen", "status_line", "summary_lines"]
+
+Curves = Literal["both", "gyroscope", "accelerometer", "none"]
+"""Sensors whose Allan curves are drawn; of both as far as there is room."""
 
 _WIDE = 130
 _ARROWS: dict[Direction, str] = {"up": "↑", "down": "↓", "settled": "=", "": " "}
@@ -52,6 +58,20 @@ _FOLD_LOSS = 16
 
 _LEAST_LINES = 5
 """Lines beside the verdict and the table that are always there: header, run, age, space, keys."""
+
+_SIDE_BY_SIDE = 100
+"""Columns from which two charts stand beside each other."""
+
+_MOST_CHART_LINES = 18
+_DETAILS_BESIDE_CHART = 4
+"""Lines of details that a chart leaves room for."""
+
+_HELP = (
+    "m  set a mark in the recording        c  curves: both sensors, one of them, none",
+    "q  end the run and write the report   ?  this help, or the details again",
+    "N  white noise, B  bias instability, K  rate random walk; 95 % intervals, < upper limit",
+    "↑ ↓  changed since half of the run, =  stable",
+)
 
 _SUMMARY_WIDTH = 160
 _SUMMARY_HEIGHT = 1000
@@ -72,6 +92,10 @@ class Screen:
         What follows the time of the run, e.g. how much of a recording is left.
     recorded : (float, int), optional
         Time and samples that have come by now, where the result is older.
+    curves : {'none', 'both', 'gyroscope', 'accelerometer'}
+        Allan curves to draw where there is room.
+    explain_keys : bool
+        Explain keys and signs in the place of the details.
     """
 
     def __init__(
@@ -81,12 +105,16 @@ class Screen:
         keys: str = "",
         left: str = "",
         recorded: tuple[float, int] | None = None,
+        curves: Curves = "none",
+        explain_keys: bool = False,
     ) -> None:
         self._analysis = analysis
         self._trends = trends
         self._keys = keys
         self._left = left
         self._recorded = recorded or (analysis.duration_s, analysis.samples)
+        self._curves = curves
+        self._explain_keys = explain_keys
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         wide = options.max_width >= _WIDE
@@ -100,10 +128,35 @@ class Screen:
         table = self._axes(wide)
         taken = sum(_rows(text, width) for text in three) + bool(known.banner)
         room = max(2, height - _LEAST_LINES - table.row_count - taken - 2)
-        details = _details(known.details, room, width)
-        yield Group(*top, *three, self._as_of(), table, *([Text(), *details] if details else []))
+        charts = [] if options.ascii_only else self._charts(width, room)
+        room = max(2, room - len(charts))
+        if self._explain_keys:
+            details = [Text(line, no_wrap=True, overflow="ellipsis") for line in _HELP]
+        else:
+            details = _details(known.details, room, width)
+        below = [*charts, *([Text(), *details] if details else [])]
+        yield Group(*top, *three, self._as_of(), table, *below)
         if self._keys:
             yield Text(self._keys, style="dim", no_wrap=True, overflow="ellipsis")
+
+    def _charts(self, width: int, room: int) -> list[Text]:
+        """Return an empty line and the Allan curves; nothing where there is no room for them."""
+        sensors = {
+            sensor: {k: axis for k, axis in self._analysis.axes.items() if axis.unit == unit}
+            for unit, sensor in SENSOR_NAMES.items()
+            if self._curves in ("both", sensor)
+        }
+        shown = [axes for axes in sensors.values() if axes]
+        if not shown:
+            return []
+        height = min(_MOST_CHART_LINES, room - _DETAILS_BESIDE_CHART - 1)
+        if len(shown) > 1 and width < _SIDE_BY_SIDE:
+            shown = shown[: max(1, (height + 1) // (LEAST_LINES + 1))]
+            height = (height + 1) // len(shown) - 1
+            charts = [[Text(), *curve_lines(axes, width, height)] for axes in shown]
+            return [line for chart in charts if len(chart) > 1 for line in chart]
+        each = (width - 2 * (len(shown) - 1)) // len(shown)
+        return _beside([curve_lines(axes, each, height) for axes in shown], each)
 
     def _header(self) -> Table:
         known = self._analysis
@@ -147,6 +200,9 @@ class Screen:
                 table.add_row(*self._head(unit, wide))
             for name, axis in axes.items():
                 table.add_row(*self._row(name, axis, wide))
+                quiet = self._analysis.undisturbed
+                if quiet is not None and name in quiet.axes:
+                    table.add_row(*self._quiet_row(axis.unit, quiet.axes[name]))
         return table
 
     def _head(self, unit: str, wide: bool) -> list[Text]:
@@ -163,6 +219,11 @@ class Screen:
             cells += [Text(best_text(axis)), Text(density_verdict(axis)), Text(_residual(axis))]
         return cells
 
+    def _quiet_row(self, unit: str, known: Mapping[str, Coefficient]) -> list[Text]:
+        """Return the coefficients of the longest undisturbed stretch, below those of the whole."""
+        cells = [coefficient_text(unit, letter, known.get(letter)) for letter in MAIN_LETTERS]
+        return [Text(cell, style="dim") for cell in ("undisturbed", *cells)]
+
     def _coefficient(self, name: str, axis: AxisAnalysis, letter: str, wide: bool) -> Text:
         known = axis.coefficients.get(letter)
         if known is None:
@@ -174,6 +235,19 @@ class Screen:
             return Text(f"{coefficient_text(axis.unit, letter, known)} {arrow}")
         reading = COEFFICIENTS[axis.unit, letter][0]
         return Text(f"{symbols(reading.compact(known.value, known.lower, known.upper))} {arrow}")
+
+
+def _beside(charts: Sequence[Sequence[Text]], width: int) -> list[Text]:
+    """Return the lines of charts that stand beside each other, after an empty one."""
+    lines: list[Text] = []
+    for row in zip(*(chart for chart in charts if chart), strict=True):
+        line = Text(no_wrap=True)
+        for part in row:
+            part.pad_right(width - part.cell_len)
+            line.append_text(part).append("  ")
+        line.rstrip()
+        lines.append(line)
+    return [Text(), *lines] if lines else []
 
 
 def _details(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:

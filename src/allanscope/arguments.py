@@ -28,6 +28,8 @@ __all__ = [
     "replay",
     "report",
     "simulate",
+    "stability",
+    "together",
     "verify",
 ]
 
@@ -72,11 +74,14 @@ def open_view(one: ArgumentParser) -> None:
 def analyse(one: ArgumentParser) -> None:
     """Take what an analysis needs."""
     one.add_argument(
-        "input", help="a recording, a raw serial capture, delimited text, .npz, .npy or Parquet"
+        "input",
+        help="a recording, a raw serial capture, delimited text, a bag of ROS 2 (.mcap, .db3 or "
+        "its folder), a folder of HSDatalog, .npz, .npy, .mat or Parquet",
     )
     one.add_argument("--json", metavar="FILE", help="write the result; - for standard output")
     one.add_argument("--report", metavar="FILE.html", help="write the report")
     one.add_argument("--table", metavar="FILE.csv", help="write every curve as a table")
+    _compare_argument(one)
     _figures_argument(one)
     _heading_arguments(one)
     _curve_arguments(one)
@@ -108,7 +113,7 @@ def device(one: ArgumentParser) -> None:
 
 def import_data(one: ArgumentParser) -> None:
     """Take what an import needs."""
-    one.add_argument("input", help="a raw serial capture or delimited text")
+    one.add_argument("input", help="a raw serial capture, delimited text or a file of arrays")
     one.add_argument("out", help="the recording to write")
     _device_arguments(one)
 
@@ -158,6 +163,13 @@ def report(one: ArgumentParser) -> None:
     _figures_argument(one)
     _heading_arguments(one)
     _curve_arguments(one)
+    _device_arguments(one)
+
+
+def together(one: ArgumentParser) -> None:
+    """Take what recordings of one bench need."""
+    one.add_argument("recordings", nargs="+", help="two to twelve recordings of one bench")
+    one.add_argument("--json", metavar="FILE", help="write the curves; - for standard output")
     _device_arguments(one)
 
 
@@ -225,6 +237,36 @@ def convert(one: ArgumentParser) -> None:
     )
 
 
+def stability(one: ArgumentParser) -> None:
+    """Take what a single quantity of the theory needs."""
+    one.add_argument(
+        "name",
+        choices=[*("fit", "identify", "avlr", "mtie", "tierms", "gcodev", "hat"), "edf", "cov"],
+        help="coefficients of power laws; noise types; one line of known slope; time errors; the "
+        "noise that two records share; three-cornered hat of three; degrees of freedom and limits; "
+        "covariance of variances under a model",
+    )
+    one.add_argument(
+        "inputs",
+        nargs="*",
+        metavar="INPUT",
+        help="recordings, tables, or text with one number a line; gcodev: A-B and A-C; hat: A-B, "
+        "B-C and C-A; edf and cov: none",
+    )
+    one.add_argument("--axis", default="", help="of a recording (default: its first)")
+    one.add_argument("--data", default="rate", choices=["rate", "phase"], help="of one column")
+    one.add_argument("--taus", default="octave", type=_taus, metavar="NAME|LIST", help="as analyse")
+    one.add_argument("--kind", default="oadev", help="estimator of hat, edf, cov and identify")
+    one.add_argument("--letters", default="auto", help="fit: of QPNBKFD; avlr: one of QNBKR")
+    one.add_argument("--low", type=float, default=0.0, metavar="S", help="avlr: from this tau")
+    one.add_argument("--high", type=float, default=1e12, metavar="S", help="avlr: to this tau")
+    one.add_argument("--noise-type", default="WFM", metavar="NAME", help="edf: WPM to RRFM")
+    one.add_argument("--model", default="", metavar="N=...,B=...", help="cov: of QPNBKR")
+    one.add_argument("--samples", type=int, default=0, metavar="N", help="edf, cov: of the run")
+    one.add_argument("--out", metavar="FILE.csv", help="write the table (default: print it)")
+    _device_arguments(one)
+
+
 def chart(one: ArgumentParser) -> None:
     """Take what a chart of the method needs."""
     one.add_argument("name", choices=["transfer", "chain"], help="what to draw")
@@ -251,6 +293,13 @@ def _device_arguments(one: ArgumentParser) -> None:
     )
     group.add_argument(
         "--unit", action="append", default=[], type=_unit, metavar="gyro=dps", help="unit of text"
+    )
+    group.add_argument(
+        "--stream",
+        default="",
+        metavar="NAME",
+        help="which sensor of an input that holds several: the topic of a bag, the part of an "
+        "HSDatalog folder (default: the one with the most samples)",
     )
 
 
@@ -299,6 +348,14 @@ def _curve_arguments(one: ArgumentParser) -> None:
         "--simple-limits",
         action="store_true",
         help="also DT0064's limits, deviation -+ deviation / sqrt(terms)",
+    )
+    _window_argument(one)
+    group.add_argument(
+        "--power-laws",
+        default="",
+        metavar="LETTERS",
+        help="also fit these together, with intervals: Q P (phase noise) N B K F (flicker walk) "
+        "D (random run); auto: N, B, K and those that are identified",
     )
 
 
@@ -355,6 +412,7 @@ def _session_arguments(one: ArgumentParser) -> None:
         help="where to draw; auto (default) is a window where there is a display, else web",
     )
     _view_port_argument(one)
+    _compare_argument(one)
     one.add_argument(
         "--on-event",
         default="",
@@ -364,7 +422,19 @@ def _session_arguments(one: ArgumentParser) -> None:
     one.add_argument(
         "--events-to", metavar="FILE", help="a pipe, file or /dev/fd/N for a JSON line an event"
     )
+    _window_argument(one)
     one.add_argument("--json", action="store_true", help="print the result at the end")
+
+
+def _window_argument(one: ArgumentParser) -> None:
+    one.add_argument(
+        "--window",
+        type=_duration,
+        default=0.0,
+        metavar="TIME",
+        help="length of the windows of the Allan deviation over time, e.g. 10m; by default they "
+        "grow with the run",
+    )
 
 
 def _view_port_argument(one: ArgumentParser) -> None:
@@ -375,6 +445,15 @@ def _view_port_argument(one: ArgumentParser) -> None:
         metavar="N",
         help="serve the page of the web viewer at 127.0.0.1:N and its data at N+1 (default: any "
         "free ports)",
+    )
+
+
+def _compare_argument(one: ArgumentParser) -> None:
+    one.add_argument(
+        "--compare",
+        metavar="DIR",
+        help="draw the curves of an earlier session beside, and say where these are higher; or a "
+        "mask, a CSV file with tau in s and gyro, accel, gx ... az in dps and g",
     )
 
 

@@ -20,7 +20,7 @@ from allanscope.sanitize import complain, sanitize
 
 if TYPE_CHECKING:
     from allanscope.allan import CurveChoices
-    from allanscope.analysis import Analysis
+    from allanscope.analysis import Analysis, ReferenceCurve
     from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings
 
 __all__ = ["WITH_SETTINGS", "parser"]
@@ -74,15 +74,18 @@ def open_view(options: Namespace) -> int:
 
 def analyse(options: Namespace) -> int:
     """Analyse a complete recording, raw capture or text file."""
+    from allanscope.analysis import compared
     from allanscope.atomic_write import refuse_place
     from allanscope.pipeline import analyse_input, write_json, write_report, write_table
 
     for name in (options.report, options.json, options.table):
         if name and name != "-":
             refuse_place(Path(name))
+    references = _references(options)
     analysis = analyse_input(
         Path(options.input), _device_settings(options), options.quiet, _curve_choices(options)
     )
+    analysis = compared(analysis, references)
     # The numbers first: whatever drawing may run into, they are there.
     if options.json == "-":
         _print_json(analysis, True)
@@ -239,6 +242,25 @@ def report(options: Namespace) -> int:
     return ExitCode.DONE
 
 
+def together(options: Namespace) -> int:
+    """Separate what boards on one bench share from the noise of each; compare their lines."""
+    from allanscope.atomic_write import refuse_place, write_text
+    from allanscope.pipeline import analyse_together
+
+    if options.json and options.json != "-":
+        refuse_place(Path(options.json))
+    paths = [Path(path) for path in options.recordings]
+    found = analyse_together(paths, _device_settings(options), options.quiet)
+    if options.json == "-":
+        print(found.json(), end="")
+        return ExitCode.DONE
+    if options.json:
+        write_text(Path(options.json), found.json())
+    print("\n".join(map(sanitize, found.lines_of_text())))
+    _name_outputs(options, options.json)
+    return ExitCode.DONE
+
+
 def fleet(options: Namespace) -> int:
     """Analyse many recordings with Dask; write one table and one report."""
     from allanscope.fleet import FleetSettings, complaint_lines, run_fleet, summary_lines
@@ -273,6 +295,37 @@ def convert(options: Namespace) -> int:
         options.carrier,
     )
     _name_outputs(options, options.out)
+    return ExitCode.DONE
+
+
+def stability(options: Namespace) -> int:
+    """Compute one quantity of the theory: MTIE, GCODEV, degrees of freedom, power laws, ..."""
+    from allanscope.pipeline import StabilityRequest, stability_table
+
+    request = StabilityRequest(
+        name=options.name,
+        inputs=tuple(Path(path) for path in options.inputs),
+        axis=options.axis,
+        is_phase=options.data == "phase",
+        taus=options.taus,
+        kind=options.kind.lower(),
+        letters=options.letters,
+        low_s=options.low,
+        high_s=options.high,
+        noise_type=options.noise_type,
+        model=options.model,
+        samples=options.samples,
+        device=_device_settings(options),
+        quiet=options.quiet,
+    )
+    table = stability_table(request)
+    if options.out:
+        from allanscope.atomic_write import write_text
+
+        write_text(Path(options.out), table)
+        _name_outputs(options, options.out)
+    else:
+        print(table, end="")
     return ExitCode.DONE
 
 
@@ -353,8 +406,10 @@ _COMMANDS = {
     "recover": (recover, arguments.recover, "recover session.mcap saved.mcap"),
     "check": (check, arguments.check, "check night.mcap --against spec.toml"),
     "report": (report, arguments.report, "report night-1 night-2 --out both.html"),
+    "together": (together, arguments.together, "together board-1.mcap board-2.mcap board-3.mcap"),
     "fleet": (fleet, arguments.fleet, "fleet 'lot/**/*.mcap' --out lot-result"),
     "convert": (convert, arguments.convert, "convert density.csv adev.csv --from S_y --to adev"),
+    "stability": (stability, arguments.stability, "stability mtie night.mcap --axis gx"),
     "chart": (chart, arguments.chart, "chart transfer transfer.svg"),
     "ports": (ports, arguments.nothing, "ports"),
     "doctor": (doctor, arguments.doctor, "doctor"),
@@ -419,6 +474,7 @@ def _device_settings(options: Namespace) -> DeviceSettings:
         accel_fs=options.accel_fs,
         wire=options.wire,
         units=tuple(options.unit),
+        stream=options.stream,
     )
 
 
@@ -440,6 +496,8 @@ def _curve_choices(options: Namespace) -> CurveChoices:
             bias_corrected="all" if options.bias == "all" else options.bias == "usual",
             variance=options.variance,
             simple_limits=options.simple_limits,
+            window_s=options.window,
+            power_laws=options.power_laws,
         )
     except ValueError as error:
         raise UsageError(str(error)) from None
@@ -457,7 +515,15 @@ def _session_settings(options: Namespace, duration_s: float | None) -> SessionSe
         view_port=options.view_port,
         on_event=options.on_event,
         events_to=Path(options.events_to) if options.events_to else None,
+        window_s=options.window,
+        references=_references(options),
     )
+
+
+def _references(options: Namespace) -> dict[str, ReferenceCurve]:
+    from allanscope.analysis import read_reference
+
+    return read_reference(Path(options.compare)) if options.compare else {}
 
 
 def _simulated_settings(options: Namespace) -> SimulatedSettings:

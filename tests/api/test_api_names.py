@@ -71,3 +71,33 @@ def test_every_error_is_an_allanscope_error_and_a_wrong_argument_a_value_error()
         assert issubclass(getattr(allanscope, name), allanscope.AllanscopeError)
     assert issubclass(allanscope.UsageError, ValueError)
     assert not issubclass(allanscope.InputError, ValueError)
+
+
+@pytest.mark.parametrize("module", ["analyse_file", "check", "live"])
+def test_what_measures_loads_nothing_that_takes_half_a_second_for_one_function(module):
+    heavy = {"scipy.stats", "scipy.signal", "scipy.interpolate", "matplotlib", "rerun", "pyarrow"}
+    code = f"import sys, allanscope.pipeline.{module}; print(*sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not heavy & set(ran.stdout.split())
+
+
+ABSENT = """
+import sys
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"rerun", "pyarrow", "matplotlib", "PIL", "jinja2"}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Absent())
+from allanscope.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_a_file_is_analysed_without_what_only_viewer_and_report_need(tmp_path):
+    made, result = tmp_path / "a.mcap", tmp_path / "a.json"
+    for command in (
+        ["simulate", str(made), "--hours", "0.003", "--quiet"],
+        ["analyse", str(made), "--json", str(result), "--quiet"],
+    ):
+        subprocess.run([sys.executable, "-c", ABSENT, *command], capture_output=True, check=True)
+    assert '"oadev"' in result.read_text()

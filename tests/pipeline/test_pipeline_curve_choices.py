@@ -125,3 +125,62 @@ def test_all_taus_are_refused_where_nobody_waits_for_them():
     assert few.m.tolist() == list(range(1, 25))
     with pytest.raises(ValueError, match="all averaging times of 300000 samples take too long"):
         choices.of_samples(np.zeros(300_000), "oadev", 0.95, RATE)
+
+
+def test_a_curve_is_compared_with_an_earlier_session_and_with_a_mask(text, tmp_path, capsys):
+    code, alone, _, _ = run(text, tmp_path, "--per-octave", "4")
+    assert code == 0
+    assert alone["axes"]["gx"]["comparison"] is None
+    (tmp_path / "result.json").write_text(json.dumps(alone))
+    noisier = tmp_path / "noisier.csv"
+    noisier.write_text("gx[dps]\n" + "".join(f"{1.5 * x:.5f}\n" for x in DATA), encoding="ascii")
+    _, result, _, page = run(noisier, tmp_path, "--compare", str(tmp_path))
+    found = result["axes"]["gx"]["comparison"]
+    assert not found["passed"]
+    assert found["ratio"] == pytest.approx(1.5, rel=1e-3)
+    assert found["reference"] == tmp_path.name
+    assert "1.50 times higher" in page
+    mask = tmp_path / "mask.csv"
+    mask.write_text("tau,gyro\n0.01,0.06\n1,0.006\n")
+    assert main(["analyse", str(text), "--rate", "100", "--compare", str(mask)]) == 0
+    assert "Compared with mask.csv: gx not higher" in capsys.readouterr().out
+    assert main(["analyse", str(text), "--rate", "100", "--compare", "nowhere"]) == 3
+    assert "cannot compare with nowhere" in capsys.readouterr().err
+
+
+def test_power_laws_stand_in_result_and_report(tmp_path):
+    """White noise, flicker phase noise and a random run, each on an axis, by intervals of 95 %."""
+    recording = tmp_path / "noises.mcap"
+    noises = ("N=0.003,P=0.0005,axis=gx", "N=0.003,F=0.003,axis=gy", "N=0.01,D=0.01,axis=gz")
+    given = [word for one in noises for word in ("--noise", one)]
+    main(
+        [
+            "simulate",
+            str(recording),
+            "--hours",
+            "0.1",
+            "--rate",
+            "104",
+            "--seed",
+            "1",
+            "--quiet",
+            *given,
+        ]
+    )
+    code, result, _, page = run(recording, tmp_path, "--power-laws", "auto")
+    assert code == 0
+    assert result["curve_choices"]["power_laws"] == "auto"
+    for axis, letter, truth in (("gx", "P", 0.0005), ("gx", "N", 0.003), ("gy", "F", 0.003)):
+        one = result["axes"][axis]["power_laws"][letter]
+        assert one["detected"]
+        assert one["lower"] < truth < one["upper"]
+    assert result["axes"]["gz"]["power_laws"]["D"]["detected"]
+    assert set(result["axes"]["ax"]["power_laws"]) == set("NBK")
+    assert "flicker phase noise" in page
+    assert "Power laws fitted together" in page
+
+
+def test_power_laws_that_cannot_be_fitted_together_are_refused(text, capsys):
+    for letters, message in (("XN", "unknown power laws"), ("PF", "cannot be fitted beside")):
+        assert main(["analyse", str(text), "--rate", "100", "--power-laws", letters]) == 2
+        assert message in capsys.readouterr().err

@@ -82,7 +82,7 @@ def test_the_viewers_file_of_a_live_run_shows_the_values_of_its_result(session):
         # Positions are logarithms on the chart's own scale: one straight line for all three axes.
         drawn, curves = [], []
         for name in names:
-            dots = shown[f"/{name}/allan/oadev"][-1].dots()
+            dots = shown[f"/{name}/allan/oadev/points"][-1].dots()
             dots = dots[np.argsort(dots[:, 0])]
             curve = result["axes"][name]["curves"]["oadev"]
             assert len(dots) > 10

@@ -123,7 +123,7 @@ def test_nothing_that_a_file_claims_is_believed(tmp_path, kind, monkeypatch):
     elif kind == "no arrays":
         _zip(path, {"xl/workbook.xml": b"<x/>"})
     elif kind == "bomb":
-        monkeypatch.setattr("allanscope.pipeline.table_files.MOST_BYTES", 1 << 16)
+        monkeypatch.setattr("allanscope.pipeline.table_files.arrays.MOST_BYTES", 1 << 16)
         _zip(path, {"gx.npy": _header((10**6,)) + bytes(8 * 10**6)})
     else:
         np.savez(path, gx=np.full(N, np.nan), rate=100.0)
@@ -135,3 +135,57 @@ def test_damaged_parquet_is_one_clear_line(tmp_path, capsys):
     (tmp_path / "bad.parquet").write_bytes(b"PAR1" + bytes(500) + b"PAR1")
     assert main(["analyse", str(tmp_path / "bad.parquet"), "--rate", "100"]) == 3
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arrays", "options", "axes"),
+    [
+        ({"gyro_dps": GYRO, "acc_mps2": ACCEL, "Fs": 100.0}, (), "gx gy gz ax ay az"),
+        ({"imu": {"t": T, "gyro_dps": GYRO.T, "accel": ACCEL.T}}, (), "gx gy gz ax ay az"),
+        ({"omega": GYRO[:, 0], "Fs": 100.0}, (), "gx"),
+        ({"data": np.column_stack([T, ACCEL])}, ("--unit", "accel=m/s^2"), "ax ay az"),
+    ],
+)
+@pytest.mark.parametrize("packed", [True, False])
+def test_matlab_files_are_analysed(tmp_path, arrays, options, axes, packed):
+    from scipy.io import savemat
+
+    savemat(tmp_path / "a.mat", arrays, do_compression=packed, long_field_names=True)
+    out = tmp_path / "a.json"
+    assert main(["analyse", str(tmp_path / "a.mat"), "--json", str(out), "--quiet", *options]) == 0
+    result = json.loads(out.read_text())
+    assert " ".join(result["axes"]) == axes
+    assert result["rate"]["nominal_hz"] == pytest.approx(100.0)
+    assert result["input"]["wire"] == "mat"
+    if "az" in result["axes"]:
+        assert result["axes"]["az"]["level"]["mean"] == pytest.approx(1.0, abs=0.01)
+    else:
+        assert result["axes"]["gx"]["level"]["mean"] == pytest.approx(GYRO[:, 0].mean(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("bomb", "bytes of arrays"),
+        ("version", "save it with -v7"),
+        ("cut", "a.mat"),
+        ("none", "no axis among the arrays"),
+    ],
+)
+def test_what_is_wrong_with_a_matlab_file_is_said(tmp_path, kind, message, monkeypatch):
+    from scipy.io import savemat
+
+    path = tmp_path / "a.mat"
+    savemat(
+        path,
+        {"x": np.zeros(1 << 16)} if kind == "bomb" else {"q": T, "r": T[:5]},
+        do_compression=True,
+    )
+    if kind == "bomb":
+        monkeypatch.setattr("allanscope.pipeline.table_files.matlab.MOST_BYTES", 1 << 18)
+    elif kind == "version":
+        path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512))
+    elif kind == "cut":
+        path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(InputError, match=message):
+        table_of_file(path)

@@ -82,7 +82,7 @@ def test_what_the_viewer_was_shown_is_what_the_result_says(session, result):
     rows = read_back(folder / "session.rrd")
     for axis in ("gx", "gy", "gz"):
         curve = result["axes"][axis]["curves"]["oadev"]
-        labels = rows[f"/{axis}/allan/oadev"][-1].values["Points2D:labels"]
+        labels = rows[f"/{axis}/allan/oadev/points"][-1].values["Points2D:labels"]
         drawn = [tuple(map(float, LABEL.match(text).groups())) for text in labels]
         shown = {round(float(f"{tau:.4g}"), 9): 1e3 * s for tau, s in zip(*pairs(curve), strict=1)}
         assert len(drawn) >= 0.7 * len(shown), "all but what lies off the chart"

@@ -11,9 +11,9 @@
                    port ───▶ open_stream ─▶ Block, Gap                 stream
 
 A function here is what a command of the same name calls: `live` (with replays), `analyse_file`,
-`check`, `convert` (import and export), `simulate`. `outputs` writes what a run leaves behind, and
-opens its charts again. Whichever way samples come, they pass the same decoder and the same sums, so
-that no two ways can disagree.
+`check`, `convert` (import and export), `simulate`, `together`. `outputs` writes what a run leaves
+behind, and opens its charts again. Whichever way samples come, they pass the same decoder and the
+same sums, so that no two ways can disagree.
 """
 
 from __future__ import annotations
@@ -75,16 +75,25 @@ if TYPE_CHECKING:
         Stream,
         open_stream,
     )
-    from allanscope.pipeline.theory import convert_table, draw_chart
+    from allanscope.pipeline.theory import (
+        StabilityRequest,
+        convert_table,
+        draw_chart,
+        stability_table,
+    )
+    from allanscope.pipeline.together import Together, analyse_together
 
 __all__ = [
     "Decoding",
     "DeviceSettings",
     "SessionSettings",
     "SimulatedSettings",
+    "StabilityRequest",
     "Stream",
+    "Together",
     "analyse",
     "analyse_input",
+    "analyse_together",
     "check_against",
     "checks",
     "convert_table",
@@ -102,6 +111,7 @@ __all__ = [
     "run_replay",
     "run_virtual_device",
     "simulate_recording",
+    "stability_table",
     "stopped_by_signals",
     "to_json",
     "to_junit",
@@ -113,7 +123,9 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "StabilityRequest": "theory",
         "convert_table": "theory",
+        "stability_table": "theory",
         "draw_chart": "theory",
         "Decoding": "decoding",
         "DeviceSettings": "settings",
@@ -121,7 +133,9 @@ __getattr__, __dir__ = lazily(
         "SimulatedSettings": "settings",
         "Stream": "stream",
         "analyse": "analyse_arrays",
+        "Together": "together",
         "analyse_input": "analyse_file",
+        "analyse_together": "together",
         "check_against": "check",
         "checks": "doctor",
         "export_recording": "convert",

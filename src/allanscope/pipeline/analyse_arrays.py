@@ -7,7 +7,7 @@ everything that is done with a device is done with arrays too: the same sums, fi
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -69,6 +69,7 @@ def analyse(
     gyro_fs: float | None = None,
     accel_fs: float | None = None,
     wire: str = "",
+    stream: str = "",
     quiet: bool = True,
     curves: CurveChoices | None = None,
 ) -> Analysis:
@@ -78,7 +79,7 @@ def analyse(
     ----------
     recording_or_arrays
         A path (a recording, the folder of a session, a raw capture, delimited text, a file of
-        arrays: .npz, .npy, Parquet); a `Recording`;
+        arrays: .npz, .npy, .mat, Parquet; a bag of ROS 2); a `Recording`;
         an array of shape (n,) or (n, axes), integers or floats; or a mapping of column names to
         arrays of shape (n,): t, gx gy gz, ax ay az, temp, each alone or with its unit as in
         ``"gx[mdps]"``. A table of pandas or polars, an ``.npz`` file, and an array or a dataset of
@@ -100,6 +101,9 @@ def analyse(
         that the parts have after a reset are taken, 250 dps and 2 g, and ``input`` says so.
     wire : str
         Wire format of a capture; found out if not given.
+    stream : str
+        Which of several sensors in a file: the topic of a bag. Without it the one with the most
+        samples.
     quiet : bool
         False to show progress while a file is read.
     curves : CurveChoices, optional
@@ -130,7 +134,9 @@ def analyse(
     >>> result.axes["gz"].explanation.effects
     ()
     """
-    device = DeviceSettings(part=part, rate_hz=rate, gyro_fs=gyro_fs, accel_fs=accel_fs, wire=wire)
+    device = DeviceSettings(
+        part=part, rate_hz=rate, gyro_fs=gyro_fs, accel_fs=accel_fs, wire=wire, stream=stream
+    )
     source: Any = recording_or_arrays
     if isinstance(source, Recording):
         source = source.path
@@ -206,7 +212,7 @@ def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Even
     yield info
     for remark in (*columns.assumed, *_scale_remarks(columns, device), *pace.remarks):
         yield Notice("text", remark, {"host": 1, "assumed": 1})
-    n = len(counts)
+    n = len(next(iter(columns.axes.values())))
     holes = pace.holes
     bounds = [0, *holes, n]
     index = 0
@@ -217,8 +223,8 @@ def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Even
             index += lost
         for first in range(start, stop, ROWS):
             rows = slice(first, min(first + ROWS, stop))
-            yield Block(index, counts[rows], _ticks(columns, rows))
-            index += len(counts[rows])
+            yield Block(index, counts(rows), _ticks(columns, rows))
+            index += rows.stop - rows.start
 
 
 class _Pace(NamedTuple):
@@ -291,17 +297,16 @@ def _scale_remarks(columns: Columns, device: DeviceSettings) -> list[str]:
 
 def _described(
     columns: Columns, device: DeviceSettings, rate_hz: float
-) -> tuple[StreamInfo, NDArray[Any]]:
-    """Return what the samples mean, and the samples as counts of that."""
+) -> tuple[StreamInfo, Callable[[slice], NDArray[Any]]]:
+    """Return what the samples mean, and what gives the counts of some rows in that meaning."""
     part = part_named(device.part) if device.part else PARTS["LSM6DSM"]
     scale_of_counts = {
         "gyro": part.gyro_scale(device.gyro_fs or AFTER_RESET["gyro"]),
         "accel": part.accel_scale(device.accel_fs or AFTER_RESET["accel"]),
     }
-    values, scales = [], []
-    for axis, column in columns.axes.items():
+    scales = []
+    for axis in columns.axes:
         unit = columns.unit(axis)
-        values.append(column if unit == "lsb" else column / DIVISORS[quantity_of(axis)][unit])
         counted = columns.scales.get(axis, scale_of_counts[quantity_of(axis)])
         scales.append(counted if unit == "lsb" else 1.0)
     times = columns.time_s
@@ -316,18 +321,33 @@ def _described(
         time_resolution_s=0.0 if times is None else resolution_of(cast("Any", times[:1000])),
         device_clock=times is not None,
     )
-    return info, _block_counts(values)
+    dtype = _type_of_counts(columns)
+
+    def counts(rows: slice) -> NDArray[Any]:
+        """Return rows of all axes; never of the whole, which may be gigabytes."""
+        found = []
+        for axis, column in columns.axes.items():
+            unit = columns.unit(axis)
+            there = column[rows]
+            found.append(there if unit == "lsb" else there / DIVISORS[quantity_of(axis)][unit])
+        return np.column_stack(found).astype(dtype, copy=False)
+
+    return info, counts
 
 
-def _block_counts(values: list[NDArray[Any]]) -> NDArray[Any]:
-    """Return one array for all axes: int16 or int32 where all are integers, else float64."""
-    rows = np.column_stack(values)
-    if rows.dtype.kind in "iu":
+def _type_of_counts(columns: Columns) -> type[np.generic]:
+    """Return one type for all axes: int16 or int32 where all are integers, else float64."""
+    counted = [
+        column
+        for axis, column in columns.axes.items()
+        if columns.unit(axis) == "lsb" and column.dtype.kind in "iu" and column.size
+    ]
+    if len(counted) == len(columns.axes):
+        low, high = min(int(c.min()) for c in counted), max(int(c.max()) for c in counted)
         for dtype in (np.int16, np.int32):
-            limits = np.iinfo(dtype)
-            if rows.size and rows.min() >= limits.min and rows.max() <= limits.max:
-                return rows.astype(dtype)
-    return rows.astype(np.float64)
+            if low >= np.iinfo(dtype).min and high <= np.iinfo(dtype).max:
+                return dtype
+    return np.float64
 
 
 def _ticks(columns: Columns, rows: slice) -> Ticks:

@@ -55,7 +55,7 @@ def analyse_input(
         When its sample rate cannot be known from it and was not given.
     """
     facts = {"name": path.name, "path": str(path)}
-    if path.is_file() and is_table_file(path):
+    if is_table_file(path):
         return _analyse_table(path, device, facts, quiet, curves)
     fingerprint = None
     if path.is_dir() or is_recording(path):
@@ -108,7 +108,7 @@ def full_settings(
         How the curves are made.
     """
     if one_thread:
-        return AnalyserSettings(part, history_rows=FULL_ROWS, threads=1)
+        return AnalyserSettings(part, history_rows=FULL_ROWS, threads=1, over_time=False)
     chosen = curves or CurveChoices()
     return AnalyserSettings(
         part,
@@ -129,7 +129,7 @@ def _analyse_table(
     """Return the result of a file of arrays."""
     from allanscope.pipeline.analyse_arrays import analyse_columns
 
-    found = table_of_file(path)
+    found = table_of_file(path, device.stream)
     device = replace(
         device, part=device.part or found.part, rate_hz=device.rate_hz or found.rate_hz
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
@@ -26,6 +26,7 @@ __all__ = [
     "columns_of_mapping",
     "columns_of_table",
     "quantity_of",
+    "text_of_columns",
     "with_guesses",
     "with_units",
 ]
@@ -242,6 +243,34 @@ def with_guesses(columns: Columns) -> Columns:
         why = ", as gravity has that size" if by_gravity else ""
         said.append(f"the unit of {sensor} is not said: taken as {words}{why}")
     return replace(columns, units=units, assumed=tuple(said))
+
+
+def text_of_columns(columns: Columns) -> tuple[bytes, Callable[[slice], bytes]]:
+    r"""Return a table as text: its header, and what writes some rows, to the last digit.
+
+    Examples
+    --------
+    >>> table = columns_of_mapping({"t[ms]": [0, 10], "az[mg]": [998, 1002]})
+    >>> header, rows = text_of_columns(table)
+    >>> (header + rows(slice(0, 2))).decode()
+    't[s],az[mg]\n0.0,998\n0.01,1002\n'
+    """
+    there: dict[str, NDArray[Any]] = {}
+    if columns.time_s is not None:
+        there["t[s]"] = columns.time_s
+    for axis, values in columns.axes.items():
+        scale = columns.scales.get(axis) if columns.unit(axis) == "lsb" else None
+        there[f"{axis}[{columns.unit(axis) if scale is None else unit_of(axis)}]"] = (
+            values if scale is None else values * scale
+        )
+    if columns.temperature_c is not None:
+        there["temp[degC]"] = columns.temperature_c
+
+    def rows(some: slice) -> bytes:
+        written = [map(repr, values[some].tolist()) for values in there.values()]
+        return "".join(",".join(row) + "\n" for row in zip(*written, strict=True)).encode()
+
+    return (",".join(there) + "\n").encode(), rows
 
 
 def quantity_of(name: str) -> Quantity:

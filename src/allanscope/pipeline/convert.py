@@ -11,10 +11,11 @@ from allanscope.atomic_write import refuse_place, write_text
 from allanscope.clock import Clock
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
+from allanscope.pipeline.columns import text_of_columns, with_guesses, with_units
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import Extent, events_of
 from allanscope.pipeline.settings import DeviceSettings
-from allanscope.pipeline.table_files import is_table_file
+from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.recording import (
     Chunk,
     Recording,
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 __all__ = ["export_recording", "import_capture"]
 
+_ROWS = 1 << 12
+"""Of a table that are written at a time."""
+
 Configuration = tuple[tuple[str, ...], tuple[float, ...], float]
 """As `StreamInfo.configuration` has it."""
 
@@ -39,18 +43,20 @@ Configuration = tuple[tuple[str, ...], tuple[float, ...], float]
 def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> None:
     """Keep a text file or a raw capture as a recording, with what the user knows about it.
 
-    The bytes are kept as they are: a better reader of tomorrow can read them again.
+    The bytes are kept as they are: a better reader of tomorrow can read them again. Arrays and
+    bags of ROS 2 become rows of text, which `replay`, `fleet` and `export` read.
 
     Raises
     ------
     InputError
         When it holds no samples that could be read, or is a recording already.
     """
+    if is_table_file(source):
+        _import_table(source, out, device, quiet)
+        return
     if is_recording(source):
         Recording(source)  # a damaged one says so itself
         raise InputError(f"{source} is a recording already; analyse and export take it as it is")
-    if is_table_file(source):
-        raise InputError(f"{source} is a file of arrays: analyse reads it as it is")
     decoding = Decoding(device.for_wire(), device.wire)
     for _ in events_of(source, decoding, quiet, "reading"):
         pass
@@ -68,6 +74,34 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
                 yield Chunk(0, chunk.data)
 
         write_recording(out, chunks(), facts)
+
+
+def _import_table(source: Path, out: Path, device: DeviceSettings, quiet: bool) -> None:
+    """Keep a file of arrays as a recording of text."""
+    found = table_of_file(source, device.stream)
+    try:
+        columns = with_guesses(with_units(found.columns, dict(device.units)))
+    except UsageError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{source}: {error}") from None
+    device = replace(
+        device, part=device.part or found.part, rate_hz=device.rate_hz or found.rate_hz, wire="text"
+    )
+    if not device.rate_hz and columns.time_s is None:
+        raise UsageError(f"{source} has no times that tell its sample rate; give --rate HZ")
+    header, rows = text_of_columns(columns)
+    size = len(next(iter(columns.axes.values())))
+
+    def chunks() -> Iterator[Chunk]:
+        yield Chunk(0, header)
+        with progress(size, "writing", unit="B", quiet=quiet) as advance:
+            for start in range(0, size, _ROWS):
+                yield Chunk(0, rows(slice(start, start + _ROWS)))
+                advance(min(_ROWS, size - start))
+
+    facts = {**device.metadata(), "name": source.name, "came_from": found.kind}
+    write_recording(out, chunks(), facts)
 
 
 def export_recording(

@@ -44,6 +44,10 @@ SILENCE_S = 0.6
 MUTE_S = 3.0
 """A device that has said nothing at all for this long may not be one."""
 
+FRUITLESS_BYTES = 2 << 20
+"""A file whose first bytes, so many of them, hold no sample is none of ours: reading on may take as
+long as it likes."""
+
 OURS = {"host": 1}
 """Marks a notice as the host's own remark, not the device's."""
 
@@ -136,6 +140,7 @@ class Decoding:
         if self._decoder is not None:
             self._first_byte_ns = self._first_byte_ns or chunk.host_ns
             found = self._decoder.feed(chunk.data, _seconds(chunk))
+            self._refuse_fruitless(chunk.host_ns)
             self._look_at(found)
             return events + found + self._watch(found, np.array([chunk.host_ns]))
         return events + self._listen(chunk)
@@ -167,6 +172,7 @@ class Decoding:
             host_s = np.where(host_ns != 0, host_ns * 1e-9, np.nan)
             data = buffer.data[begin:] if begin else buffer.data
             found = feed_chunks(self._decoder, data, ends[taken:] - begin, host_s)
+            self._refuse_fruitless(int(host_ns[0]))
             self._look_at(found)
             events += found + self._watch(found, host_ns)
         return events
@@ -225,6 +231,15 @@ class Decoding:
             return []
         missing = [] if self._numbered else self._decoder.interrupt("stalled")
         return [*missing, Notice("error", text, OURS)]
+
+    def _refuse_fruitless(self, host_ns: int) -> None:
+        """Raise InputError for a file, which has no times, that begins with too much of nothing."""
+        stats = self.stats
+        if not host_ns and not stats.samples and not stats.frames and stats.bytes > FRUITLESS_BYTES:
+            raise InputError(
+                f"no samples as {self.wire} in the first {stats.bytes} bytes; "
+                "cut off what comes before them, or name another --wire"
+            )
 
     def _choose(self, name: str) -> None:
         self._format = format_named(name)

@@ -18,7 +18,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from allanscope.analysis import Analyser, AnalyserSettings, Analysis
+from allanscope.allan import CurveChoices
+from allanscope.analysis import Analyser, AnalyserSettings, Analysis, compared
 from allanscope.errors import AllanscopeError, DeviceError, InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
 from allanscope.pipeline.decoding import Decoding
@@ -35,6 +36,7 @@ from allanscope.pipeline.process import give_large_blocks_back, stopped_by_signa
 from allanscope.pipeline.session import News, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.pipeline.stream import device_source, nothing_heard
+from allanscope.pipeline.table_files import is_table_file
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import Event, Notice
 from allanscope.sanitize import complain
@@ -91,7 +93,7 @@ def run_live(
     session = Session(
         source,
         decoding,
-        Analyser(AnalyserSettings(part=device.part)),
+        Analyser(_analyser_settings(device, settings)),
         ledger=recorder,
         duration_s=settings.duration_s,
         input_facts=lambda: {**facts, "reader": source.reader},
@@ -159,6 +161,8 @@ def run_replay(
     InputError
         When there is no recording, or it holds no samples.
     """
+    if is_table_file(path):
+        raise InputError(f"{path} is no stream: allanscope import makes a recording of it")
     unheard = not settings.on_event and settings.events_to is None
     if math.isinf(speed) and settings.view == "none" and settings.out is None and unheard:
         final = _replayed_unseen(path, device, settings)
@@ -168,7 +172,7 @@ def run_replay(
     device = recorded_settings(recording, device)
     source = RecordedSource(path, speed)
     decoding = Decoding(device.for_wire(), device.wire)
-    analyser = Analyser(AnalyserSettings(part=device.part))
+    analyser = Analyser(_analyser_settings(device, settings))
     folder = None
     if settings.out is not None:
         folder = made_folder(settings.out)
@@ -191,9 +195,18 @@ def run_replay(
     return _run(session, settings, folder, facts, None, whole_s, finished, stays)
 
 
+def _analyser_settings(device: DeviceSettings, settings: SessionSettings) -> AnalyserSettings:
+    return AnalyserSettings(
+        part=device.part,
+        curves=CurveChoices(window_s=settings.window_s),
+        references=settings.references,
+    )
+
+
 def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettings) -> Analysis:
     """Return the result of a recording that nobody watches: the fast way, on two cores."""
-    final = analyse_input(path, device, settings.quiet)
+    curves = CurveChoices(window_s=settings.window_s)
+    final = compared(analyse_input(path, device, settings.quiet, curves), settings.references)
     terminal = TerminalView("quiet" if settings.quiet else "plain")
     terminal.snapshot(final)
     terminal.close()

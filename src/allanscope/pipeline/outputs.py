@@ -228,7 +228,7 @@ def report_sessions(
     refuse_place(out)
     sessions = {
         name: analyse_input(path, device, quiet, curves)
-        for name, path in zip(_short_names(paths), paths, strict=True)
+        for name, path in zip(short_names(paths), paths, strict=True)
     }
     if len(sessions) == 1:
         (one,) = sessions.values()
@@ -241,7 +241,7 @@ def report_sessions(
     return out
 
 
-def _short_names(paths: list[Path]) -> list[str]:
+def short_names(paths: list[Path]) -> list[str]:
     """Return the paths without the folder that they share, each once."""
     whole = [path.absolute() for path in paths]
     if len(set(whole)) < len(whole):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from allanscope.analysis import ReferenceCurve
 from allanscope.errors import UsageError
 from allanscope.parts import part_named
 from allanscope.samples import Origin
@@ -24,6 +25,8 @@ ViewMode = Literal["auto", "window", "web", "none"]
 class DeviceSettings:
     """What the user said about the device; empty or None where the stream must tell.
 
+    `stream` is which one of several sensors in a file: the topic of a bag.
+
     Raises
     ------
     UsageError
@@ -37,6 +40,7 @@ class DeviceSettings:
     wire: str = ""
     units: Sequence[tuple[str, str]] = field(default_factory=tuple)
     origin: Origin = ""
+    stream: str = ""
 
     def __post_init__(self) -> None:
         part = part_named(self.part or "LSM6DSM")
@@ -108,6 +112,10 @@ class SessionSettings:
         Command that is run for each event; empty for none.
     events_to : Path or None
         Pipe or file that gets a line of JSON for each event.
+    window_s : float
+        Length in s of the windows of the Allan deviation over time; 0 has them grow with the run.
+    references : mapping
+        Curves to compare with, by axis.
     folder : Path
         Where the folder of a new session is made, when `out` is not given.
     """
@@ -119,6 +127,8 @@ class SessionSettings:
     view_port: int | None = None
     on_event: str = ""
     events_to: Path | None = None
+    window_s: float = 0.0
+    references: Mapping[str, ReferenceCurve] = field(default_factory=dict)
     folder: Path = Path()
 
     def __post_init__(self) -> None:

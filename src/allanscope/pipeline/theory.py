@@ -1,28 +1,59 @@
-"""Densities and deviations of tables turned into each other, and charts of the method."""
+"""The classical theory by itself: conversions, single quantities, and charts of the method.
+
+`convert_table` turns densities and deviations of tables into each other, `stability_table` computes
+what stability programs have beside the curves of an analysis, and `draw_chart` draws.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import (
     ROWS,
+    avlr,
+    chi_square_limits,
+    degrees_of_freedom,
     density_of_deviation,
+    deviation,
     deviation_of_density,
+    factors_of,
+    gcodev,
+    identify_noise,
     lags_of_level,
+    mtie,
     phase_to_rate_density,
     rate_to_phase_density,
+    three_cornered_hat,
+    tierms,
 )
 from allanscope.atomic_write import write_text
 from allanscope.errors import InputError, UsageError
+from allanscope.noise import deviation_covariance, fit_power_laws, letters_for, model_of
 from allanscope.parts import part_named
-from allanscope.pipeline.analyse_file import FULL_ROWS
+from allanscope.pipeline.analyse_file import FULL_ROWS, recorded_settings
+from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.replaying import events_of
 from allanscope.pipeline.settings import DeviceSettings
+from allanscope.pipeline.table_files import is_table_file, table_of_file
+from allanscope.recording import Recording, is_recording
+from allanscope.samples import Block, Gap, StreamInfo, unit_of
+from allanscope.sanitize import complain
 from allanscope.spectrum import SEGMENT
 
-__all__ = ["QUANTITIES", "chain_steps", "convert_table", "draw_chart"]
+__all__ = [
+    "QUANTITIES",
+    "StabilityRequest",
+    "chain_steps",
+    "convert_table",
+    "draw_chart",
+    "stability_table",
+]
 
 QUANTITIES = ("S_y", "S_phi", "L", "adev")
 """One-sided density of the rate, of the phase in rad^2/Hz, half of that in dB, and deviation."""
@@ -108,6 +139,283 @@ def _as(wanted: str, f: Floats, density: Floats, carrier: float) -> Floats:
         return density
     phase = rate_to_phase_density(f, density, carrier)
     return np.asarray(10.0 * np.log10(phase / 2.0)) if wanted == "L" else phase
+
+
+@dataclass(frozen=True, slots=True)
+class StabilityRequest:
+    """One quantity of the theory, and what it is asked of.
+
+    Attributes
+    ----------
+    name : str
+        fit, identify, avlr, mtie, tierms, gcodev, hat, edf or cov.
+    inputs : tuple of Path
+        Files of samples: one; two for gcodev (A - B and A - C); three for hat (A - B, B - C,
+        C - A); none for edf and cov.
+    axis : str
+        Axis of a file that has several; its first if empty.
+    is_phase : bool
+        Whether text of one column is phase and not rate.
+    taus : str or tuple of float
+        As in `deviation`.
+    kind : str
+        Estimator, for hat, edf and cov.
+    letters : str
+        Power laws of fit, ``auto`` for those that are identified; the line of avlr.
+    low_s, high_s : float
+        Range of tau of avlr.
+    noise_type : str
+        Of edf.
+    model : str
+        Of cov: ``N=0.003,B=0.001``.
+    samples : int
+        Length of the run, for edf and cov.
+    device : DeviceSettings
+        What a file does not say by itself.
+    quiet : bool
+        Show no progress.
+    """
+
+    name: str
+    inputs: tuple[Path, ...] = ()
+    axis: str = ""
+    is_phase: bool = False
+    taus: str | tuple[float, ...] = "octave"
+    kind: str = "oadev"
+    letters: str = "auto"
+    low_s: float = 0.0
+    high_s: float = 1e12
+    noise_type: str = "WFM"
+    model: str = ""
+    samples: int = 0
+    device: DeviceSettings = field(default_factory=DeviceSettings)
+    quiet: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Series:
+    """The longest stretch of an axis without a gap: rates in dps, g, or whatever the text has."""
+
+    rates: Floats
+    rate_hz: float
+    unit: str
+
+    @property
+    def phase(self) -> Floats:
+        """Return the integral of the rates, in their unit times s."""
+        return np.append(0.0, np.cumsum(self.rates)) / self.rate_hz
+
+
+def stability_table(request: StabilityRequest) -> str:
+    """Return a quantity of the theory as delimited text, a row for each averaging time or letter.
+
+    Raises
+    ------
+    UsageError
+        For a wrong number of inputs, or what the quantity cannot be computed of.
+    InputError
+        When a file cannot be read.
+    """
+    make, inputs = _QUANTITIES[request.name]
+    if len(request.inputs) != inputs:
+        raise UsageError(f"{request.name} takes {inputs} inputs, got {len(request.inputs)}")
+    series = [_series_of(path, request) for path in request.inputs]
+    try:
+        columns = make(request, *series)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(_cell(value) for value in row) for row in rows]
+    return "\n".join([",".join(columns), *lines]) + "\n"
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+Columns = Mapping[str, list[Any]]
+
+
+def _fit(request: StabilityRequest, one: _Series) -> Columns:
+    letters = request.letters
+    if letters == "auto":
+        letters = letters_for(identify_noise(one.rates, one.rate_hz)[1].tolist())
+    found = fit_power_laws(one.rates, one.rate_hz, letters, unit=one.unit)
+    names = ("value", "lower", "upper", "unit")
+    columns = {name: [getattr(c, name) for c in found.values()] for name in names}
+    detected = [int(c.detected) for c in found.values()]
+    return {"coefficient": list(found), **columns, "detected": detected}
+
+
+def _identify(request: StabilityRequest, one: _Series) -> Columns:
+    curve = deviation(one.rates, one.rate_hz, request.kind, _taus(request, one.rate_hz))
+    names = ("tau", "m", "noise", "edf", "deviation", "lower", "upper")
+    return {"tau_s" if k == "tau" else k: getattr(curve, k).tolist() for k in names}
+
+
+def _avlr(request: StabilityRequest, one: _Series) -> Columns:
+    letter = "N" if request.letters == "auto" else request.letters
+    curve = deviation(one.rates, one.rate_hz, "oadev", _taus(request, one.rate_hz))
+    found = avlr(curve, letter, request.low_s, request.high_s)
+    names = ("value", "lower", "upper", "chi2", "points")
+    return {"coefficient": [letter], **{name: [getattr(found, name)] for name in names}}
+
+
+def _factors(request: StabilityRequest, kind: str, n: int, rate: float) -> list[int]:
+    found: list[int] = factors_of(kind, _taus(request, rate), n, rate).tolist()
+    return found
+
+
+def _taus(request: StabilityRequest, rate: float) -> Any:
+    """Return a set of averaging times by name, or times of the nearest whole number of samples."""
+    if isinstance(request.taus, str):
+        return request.taus
+    return [max(round(tau * rate), 1) / rate for tau in request.taus]
+
+
+def _time_error(quantity: Callable[..., Floats]) -> Callable[..., Columns]:
+    def columns(request: StabilityRequest, one: _Series) -> Columns:
+        m = _factors(request, "oadev", one.rates.size, one.rate_hz)
+        values = quantity(one.phase, m).tolist()
+        return {"tau_s": [k / one.rate_hz for k in m], "m": m, request.name: values}
+
+    return columns
+
+
+def _gcodev(request: StabilityRequest, first: _Series, second: _Series) -> Columns:
+    rate = _one_rate(first, second)
+    m = _factors(request, "oadev", first.rates.size, rate)
+    values = gcodev(first.rates, second.rates, rate, m).tolist()
+    return {"tau_s": [k / rate for k in m], "m": m, "gcodev": values}
+
+
+def _hat(request: StabilityRequest, *pairs: _Series) -> Columns:
+    rate = _one_rate(*pairs)
+    curves = [deviation(pair.rates, rate, request.kind, _taus(request, rate)) for pair in pairs]
+    found = three_cornered_hat(*(curve.variance for curve in curves))
+    tau, m = curves[0].tau.tolist(), curves[0].m.tolist()
+    deviations = [(np.sign(v) * np.sqrt(np.abs(v))).tolist() for v in found]
+    return {"tau_s": tau, "m": m, **dict(zip("abc", deviations, strict=True))}
+
+
+def _edf(request: StabilityRequest) -> Columns:
+    rate, n = _run(request)
+    m = _factors(request, request.kind, n, rate)
+    edf = degrees_of_freedom(request.kind, request.noise_type, m, n)
+    lower, upper = chi_square_limits(1.0, edf)
+    limits = {"lower": lower.tolist(), "upper": upper.tolist()}
+    return {"tau_s": [k / rate for k in m], "m": m, "edf": edf.tolist(), **limits}
+
+
+def _cov(request: StabilityRequest) -> Columns:
+    rate, n = _run(request)
+    m = np.array(_factors(request, request.kind, n, rate))
+    model = model_of(request.model, 1.0 / rate)
+    covariance = deviation_covariance(model, request.kind, m, n)
+    expected = model.deviation(request.kind, m) ** 2
+    columns = {f"m{k}": covariance[:, i].tolist() for i, k in enumerate(m.tolist())}
+    head = {"tau_s": (m / rate).tolist(), "m": m.tolist(), "variance": expected.tolist()}
+    return {**head, **columns}
+
+
+_QUANTITIES: Mapping[str, tuple[Callable[..., Columns], int]] = {
+    "fit": (_fit, 1),
+    "identify": (_identify, 1),
+    "avlr": (_avlr, 1),
+    "mtie": (_time_error(mtie), 1),
+    "tierms": (_time_error(tierms), 1),
+    "gcodev": (_gcodev, 2),
+    "hat": (_hat, 3),
+    "edf": (_edf, 0),
+    "cov": (_cov, 0),
+}
+"""Each quantity, and the files that it takes."""
+
+
+def _run(request: StabilityRequest) -> tuple[float, int]:
+    if request.samples < 1:
+        raise UsageError(f"{request.name} needs --samples, the length of the run")
+    return request.device.rate_hz or 1.0, request.samples
+
+
+def _one_rate(*series: _Series) -> float:
+    rates = {one.rate_hz for one in series}
+    if len(rates) > 1:
+        raise ValueError(f"the records have different rates: {sorted(rates)} Hz")
+    return rates.pop()
+
+
+def _series_of(path: Path, request: StabilityRequest) -> _Series:
+    column = _single_column(path)
+    if column is not None:
+        rate = request.device.rate_hz or 1.0
+        rates = np.diff(column) * rate if request.is_phase else column
+        return _Series(_longest(path, rates), rate, "")
+    device = request.device
+    if is_table_file(path):
+        table = table_of_file(path)
+        axis = _axis_of(path, request.axis, tuple(table.columns.axes))
+        rate_hz = device.rate_hz or table.rate_hz
+        if not rate_hz:
+            raise UsageError(f"{path} does not say its sample rate; give --rate")
+        values = np.asarray(table.columns.axes[axis], np.float64)
+        return _Series(_longest(path, values), rate_hz, unit_of(axis))
+    if path.is_dir() or is_recording(path):
+        device = recorded_settings(Recording(path), device)
+    parts: list[Floats] = []
+    info: StreamInfo | None = None
+    for event in events_of(
+        path, Decoding(device.for_wire(), device.wire), request.quiet, "reading"
+    ):
+        match event:
+            case StreamInfo():
+                info = info or event
+                number = info.axes.index(_axis_of(path, request.axis, info.axes))
+            case Block() if info is not None:
+                parts.append(event.counts[:, number] * info.scale[number])
+            case Gap():
+                parts.append(np.array([np.nan]))
+    if info is None or not parts:
+        raise InputError(f"{path} holds no samples")
+    axis = info.axes[number]
+    return _Series(_longest(path, np.concatenate(parts)), info.nominal_hz, unit_of(axis))
+
+
+def _axis_of(path: Path, wanted: str, axes: tuple[str, ...]) -> str:
+    if wanted and wanted not in axes:
+        raise UsageError(f"{path} has no axis {wanted}; it has {' '.join(axes)}")
+    return wanted or axes[0]
+
+
+def _single_column(path: Path) -> Floats | None:
+    """Return the numbers of text that has one on each line, under any heading; None for others."""
+    if path.is_dir() or is_table_file(path) or is_recording(path):
+        return None
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        return None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
+    cells = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    numbers = [row for row in cells if row[0][:1].isdecimal() or row[0][:1] in "+-.nN"]
+    try:
+        values = np.array([float(*row) for row in numbers])
+    except (TypeError, ValueError):
+        return None
+    return values if values.size > 1 else None
+
+
+def _longest(path: Path, values: Floats) -> Floats:
+    """Return the longest run of finite values; say so where there are several."""
+    finite = np.isfinite(values)
+    if finite.all():
+        return values
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], finite.astype(np.int8), [0]])))
+    starts, stops = edges[::2], edges[1::2]
+    best = int(np.argmax(stops - starts))
+    complain(f"{path} has gaps: the longest stretch, {stops[best] - starts[best]} samples, is used")
+    return values[starts[best] : stops[best]]
 
 
 def draw_chart(name: str, out: Path, device: DeviceSettings) -> None:

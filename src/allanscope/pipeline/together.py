@@ -1,0 +1,219 @@
+"""`together`: recordings of boards on one bench, or of one board at two rates.
+
+What all boards share is separated from the noise of each, and the lines that two recordings have in
+common are traced by their two sample rates.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allanscope.analysis import (
+    Aligned,
+    Analysis,
+    SeenLines,
+    Separation,
+    SharedLine,
+    aligned,
+    line_of,
+    lines_in_both,
+    separated,
+)
+from allanscope.errors import InputError, UsageError
+from allanscope.pipeline.analyse_file import analyse_input
+from allanscope.pipeline.outputs import short_names
+from allanscope.pipeline.settings import DeviceSettings
+from allanscope.quantities import DEVIATION, number, symbols
+from allanscope.samples import unit_of
+
+__all__ = ["Together", "analyse_together"]
+
+_MOST = 12
+_CRYSTAL_PPM = 40.0
+"""Standard error of the crystal of a board, by which another board's may differ."""
+_SHOWN = 5
+"""Averaging times that are shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Together:
+    """What recordings have in common, and what each has alone.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the recordings.
+    clock : Aligned or None
+        How they lie in time; None where they have no axis in common for long enough.
+    axes : mapping
+        Axis to what all share of it and what each has alone; empty where nothing tells how they
+        lie in time.
+    lines : tuple of (str, str, SharedLine)
+        Two recordings, and a line that both have.
+    remarks : tuple of str
+        What the reader must know.
+    """
+
+    names: tuple[str, ...]
+    clock: Aligned | None
+    axes: Mapping[str, Separation]
+    lines: tuple[tuple[str, str, SharedLine], ...]
+    remarks: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain numbers, null for what is not."""
+        clock = self.clock
+        return {
+            "schema": "allanscope-together/1",
+            "recordings": list(self.names),
+            "lag_s": list(clock.lag_s) if clock else None,
+            "drift_ppm": list(clock.drift_ppm) if clock else None,
+            "remarks": list(self.remarks),
+            "lines": [{"recordings": [a, b], **asdict(line)} for a, b, line in self.lines],
+            "axes": {
+                axis: {
+                    "unit": unit_of(axis),
+                    "tau": one.tau.tolist(),
+                    "common": _plain(one.common),
+                    "individual": one.is_individual,
+                    "own": {
+                        name: {
+                            "deviation": _plain(own.deviation),
+                            "lower": _plain(own.lower),
+                            "upper": _plain(own.upper),
+                            "measured": _plain(own.measured),
+                            "gain": own.gain,
+                        }
+                        for name, own in zip(self.names, one.own, strict=True)
+                    },
+                }
+                for axis, one in self.axes.items()
+            },
+        }
+
+    def json(self) -> str:
+        """Return `to_dict` as text."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+
+    def lines_of_text(self) -> list[str]:
+        """Return what a terminal shows."""
+        found = [f"{k}  {name}" for k, name in enumerate(self.names, 1)]
+        for axis, one in self.axes.items():
+            found += ["", *_table(axis, one)]
+        if self.lines:
+            found.append("")
+        for a, b, line in self.lines:
+            seen = " and ".join(f"{number(f, 5)} Hz" for f in line.seen_hz)
+            pair = f"{self.names.index(a) + 1} and {self.names.index(b) + 1}"
+            found.append(f"line at {seen} in {pair}: {line.words}")
+        return [*found, *([""] if self.remarks else []), *self.remarks]
+
+
+def analyse_together(paths: Sequence[Path], device: DeviceSettings, quiet: bool = True) -> Together:
+    """Return what two to twelve recordings share, and what each has alone.
+
+    Raises
+    ------
+    UsageError
+        For one recording, or more than twelve.
+    InputError
+        When one cannot be read.
+    """
+    if not 2 <= len(paths) <= _MOST:
+        raise UsageError(f"give 2 to {_MOST} recordings; got {len(paths)}")
+    names = tuple(short_names(list(paths)))
+    results = [analyse_input(path, device, quiet) for path in paths]
+    seen = [_seen(one) for one in results]
+    lines = tuple(
+        (names[i], names[j], line)
+        for i, j in combinations(range(len(names)), 2)
+        for one, other in [(seen[i], seen[j])]
+        if one is not None and other is not None
+        for line in lines_in_both(one, other)
+    )
+    unmeasured = [name for name, one in zip(names, seen, strict=True) if one is None]
+    remarks = [f"sample rate not measured, lines not compared: {', '.join(unmeasured)}"]
+    clock, axes, why = _separation(results)
+    return Together(names, clock, axes, lines, (*(remarks if unmeasured else []), *why))
+
+
+def _seen(one: Analysis) -> SeenLines | None:
+    """Return the lines of a result; None where its rate was not measured."""
+    ppm = one.rate.uncertainty_ppm
+    if ppm is None:
+        return None
+    lines = [line_of(finding.members[0].effect) for finding in one.findings]
+    by_device = _CRYSTAL_PPM if one.rate.source == "device" else 0.0
+    found = [line[:3] for line in lines if line is not None]
+    return SeenLines(one.rate.best_hz, math.hypot(ppm, by_device), found)
+
+
+def _separation(
+    results: Sequence[Analysis],
+) -> tuple[Aligned | None, dict[str, Separation], list[str]]:
+    """Return the records on one clock, each axis separated, and what must be said of it."""
+    shared = [a for a in results[0].axes if all(a in one.axes for one in results)]
+    if not shared:
+        return None, {}, ["the recordings have no axis in common"]
+    records, rates = [], []
+    for one in results:
+        record = one.record
+        if record is None or not len(record.segments):
+            raise InputError("a recording has no samples in one piece")
+        first, last = max(record.segments.tolist(), key=lambda s: s[1] - s[0])
+        columns = [record.axes.index(axis) for axis in shared]
+        records.append(record.values[first:last, columns])
+        rates.append(record.rate_hz)
+    clock = aligned(records, rates)
+    remarks = []
+    if not clock.is_common:
+        why = "nothing that all recordings share tells how they lie in time"
+        return clock, {}, [f"{why}: each deviation is its own"]
+    if clock.values.shape[1] < _FEWEST_STEPS:
+        return clock, {}, ["the recordings overlap for too short a time"]
+    axes = {
+        axis: separated(clock.values[:, :, k], clock.rate_hz)
+        for k, axis in enumerate(shared)
+        if all(np.ptp(clock.values[:, :, k], axis=1) > 0)
+    }
+    if len(results) == 2:
+        remarks.append("two recordings: what is not shared is the mean of both, not of each")
+    return clock, axes, remarks
+
+
+_FEWEST_STEPS = 64
+
+
+def _table(axis: str, one: Separation) -> list[str]:
+    """Return a few rows of one axis: what is shared, and what each has alone."""
+    reading = DEVIATION[unit_of(axis)]
+    last = len(one.tau) - 1
+    rows = sorted({round(last * k / (_SHOWN - 1)) for k in range(_SHOWN)}) if last >= 0 else []
+    own = "own" if one.is_individual else "own, mean of both"
+    lines = [f"{axis}, Allan deviation in {symbols(reading.unit)}: common; {own} [95 %]"]
+    curves = one.own if one.is_individual else one.own[:1]
+    for row in rows:
+        cells = [f"{number(one.tau[row]):>8} s", f"{_cell(one.common[row], reading.factor):>8}"]
+        for curve in curves:
+            value, low, high = (
+                _cell(x[row], reading.factor) for x in (curve.deviation, curve.lower, curve.upper)
+            )
+            cells.append(f"{value} [{low}, {high}]" if value != "-" else f"< {high}")
+        lines.append("   ".join(cells))
+    return lines
+
+
+def _cell(value: float, factor: float) -> str:
+    return number(value * factor if math.isfinite(value) else None)
+
+
+def _plain(values: np.ndarray[Any, np.dtype[np.float64]]) -> list[float | None]:
+    return [float(x) if math.isfinite(x) else None for x in values]

@@ -1,6 +1,7 @@
 """Take the pictures of the documentation: every tab of the viewer, and the report.
 
-The viewer shows a made-up session, the report the analysis of a simulated hour. Run it from
+The viewer shows a made-up session, and of the Allan deviation over time a simulated night with
+eight events; the report shows the analysis of a simulated hour. Run it from
 anywhere: ``python docs/screenshots.py``, or with the names of the pictures that are wanted. It
 needs a Vulkan driver, of which a software one (mesa-vulkan-drivers) will do, and Chromium.
 """
@@ -33,10 +34,12 @@ from support.headless_viewer import HeadlessViewer, why_no_viewer  # noqa: E402
 VIEWS = (
     "allan",
     "axis",
+    "together",
     "estimators",
     "spectra",
     "loop",
     "series",
+    "dynamic",
     "temperature",
     "link",
     "findings",
@@ -69,6 +72,7 @@ def main() -> int:
         if views:
             session = _recorded(Path(folder), options.seconds)
             for name in views:
+                session = _night(Path(folder)) if name == "dynamic" else session
                 _view(session, VIEWS.index(name), options.out / f"view-{name}.png", options.size)
         if reports:
             page = _report(Path(folder))
@@ -85,6 +89,20 @@ def _recorded(folder: Path, seconds: float) -> Path:
     perform(view, seconds)
     view.close()
     return folder / "session.rrd"
+
+
+def _night(folder: Path) -> Path:
+    """Replay the night with eight events of `benchmarks/events.py` and return its file."""
+    sys.path.insert(0, str(HERE.parent / "benchmarks"))
+    from events import record_night
+
+    from allanscope.pipeline import DeviceSettings, SessionSettings, run_replay
+
+    recording, session = folder / "night.mcap", folder / "night"
+    record_night(recording, 6000.0, seed=1)
+    settings = SessionSettings(out=session, view="none", quiet=True)
+    run_replay(recording, float("inf"), DeviceSettings(), settings)
+    return session / "session.rrd"
 
 
 def _view(session: Path, tab: int, path: Path, size: str) -> None:

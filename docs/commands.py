@@ -5,7 +5,7 @@ A test compares the page with the parser, so a command or an option cannot chang
 
 from __future__ import annotations
 
-from argparse import Action, ArgumentParser, _HelpAction, _SubParsersAction
+from argparse import Action, ArgumentParser, _ArgumentGroup, _HelpAction, _SubParsersAction
 from pathlib import Path
 
 from allanscope.cli import parser
@@ -16,39 +16,45 @@ PAGE = Path(__file__).resolve().parent / "reference" / "commands.md"
 HEAD = """\
 # Commands
 
-This page is written by `python docs/commands.py` from the parser.
+Written by `python docs/commands.py`. Every command takes `--quiet` (print only results and errors)
+and `--debug` (show a traceback); `allanscope --version` prints all versions that matter.
 
-Every command takes `--quiet` (print only results and errors) and `--debug` (show a traceback on an
-error). `allanscope --version` prints the versions that matter, `allanscope COMMAND --help` what
-stands here.
-
-`allanscope --show-settings` prints the settings file, with everything that can stand in it:
-defaults of `live` (part, rate, full scales, wire format, folder of new sessions, view, port; of
-`replay` and `open` the last two). It is `~/.config/allanscope/settings.toml`, on Windows
-`%APPDATA%/allanscope/settings.toml`, or what the variable `ALLANSCOPE_SETTINGS` names.
+`allanscope --show-settings` prints the settings file with everything it may contain: defaults of
+`live` (part, rate, full scales, wire format, folder of new sessions, view, port) and of `replay`
+and `open` (view, port). It is `~/.config/allanscope/settings.toml`, on Windows
+`%APPDATA%/allanscope/settings.toml`, or the file named by `ALLANSCOPE_SETTINGS`.
 
 | exit code | meaning |
 |---|---|
-| 0 | done; also a run that Ctrl-C ended cleanly: files closed, report written |
-| 1 | internal error: please report it, `--debug` shows where; other axes are written all the same |
-| 2 | usage: something in the call does not exist |
-| 3 | input that cannot be read |
+| 0 | done; also after Ctrl-C, with files closed and the report written |
+| 1 | internal error: please report it with `--debug`; the other axes are complete |
+| 2 | wrong usage |
+| 3 | input cannot be read |
 | 4 | device lost or not found |
 | 5 | `check` or `verify` failed |
-| 6 | done, but not all of it: standard error and `failures` in the result say what |
+| 6 | incomplete: standard error and `failures` in the result say what is missing |
 | 130 | stopped by Ctrl-C before it was done |
 
 An error is one line on standard error: what, where, what to do.
 """
 
 COMMON = {"--quiet", "--debug"}
+PIPE = "\\|"
+HEADS = ["| argument | meaning |", "|---|---|"]
 
 
 def page() -> str:
     """Return the whole page."""
-    sections = [_section(name, one) for name, one in _commands(parser()).items()]
+    commands = _commands(parser())
+    shared = {str(g.title): g for one in commands.values() for g in _groups(one)}
     return "\n".join(
-        [HEAD, *sections, _kinds("Effects", effect_help()), _kinds("Faults", fault_help())]
+        [
+            HEAD,
+            *(_section(name, one) for name, one in commands.items()),
+            *(_group(one) for one in shared.values()),
+            _kinds("Effects", effect_help()),
+            _kinds("Faults", fault_help()),
+        ]
     )
 
 
@@ -70,22 +76,46 @@ def _actions(one: ArgumentParser) -> list[Action]:
     return one._actions  # noqa: SLF001 - argparse has no public list of them
 
 
+def _groups(one: ArgumentParser) -> list[_ArgumentGroup]:
+    """Return the named groups of options, which several commands share."""
+    own = ("positional arguments", "options")
+    return [g for g in one._action_groups if g.title not in own]  # noqa: SLF001 - as above
+
+
 def _section(name: str, one: ArgumentParser) -> str:
+    groups = _groups(one)
+    grouped = {id(action) for group in groups for action in group._group_actions}  # noqa: SLF001
+    rows = [
+        _row(action)
+        for action in _actions(one)
+        if not isinstance(action, _HelpAction) and id(action) not in grouped
+        if not COMMON & set(action.option_strings)
+    ]
     lines = [f"## allanscope {name}", "", one.description or "", ""]
-    actions = [a for a in _actions(one) if not isinstance(a, _HelpAction)]
-    rows = [_row(action) for action in actions if not COMMON & set(action.option_strings)]
     if rows:
-        lines += ["| argument | meaning |", "|---|---|", *rows, ""]
+        lines += [*HEADS, *rows, ""]
+    if groups:
+        links = [f"[{g.title}](#{_heading(g).lower().replace(' ', '-')})" for g in groups]
+        lines += [f"Options of {', '.join(links)}.", ""]
     example = (one.epilog or "").removeprefix("Example: ")
     return "\n".join([*lines, f"    {example}", ""])
+
+
+def _heading(group: _ArgumentGroup) -> str:
+    return f"Options of {group.title}"
+
+
+def _group(group: _ArgumentGroup) -> str:
+    rows = map(_row, group._group_actions)  # noqa: SLF001
+    return "\n".join([f"## {_heading(group)}", "", *HEADS, *rows, ""])
 
 
 def _row(action: Action) -> str:
     shown = ", ".join(action.option_strings) or str(action.metavar or action.dest).upper()
     if action.option_strings and action.nargs != 0:
-        value = "\\|".join(map(str, action.choices)) if action.choices else ""
-        shown += f" {value or action.metavar or action.dest.upper()}"
-    words = (action.help or "").replace("|", "\\|")
+        value = PIPE.join(map(str, action.choices)) if action.choices else ""
+        shown += f" {value or str(action.metavar or action.dest.upper()).replace('|', PIPE)}"
+    words = (action.help or "").replace("|", PIPE)
     default = action.default
     if default not in (None, "", False, [], "auto") and "default" not in words:
         words = f"{words} (default {default:g})" if isinstance(default, float) else words

@@ -43,6 +43,12 @@ def live(one: ArgumentParser) -> None:
         default="auto",
         help="device path, pyserial URL, auto (find the board; default) or sim (simulated board)",
     )
+    one.add_argument(
+        "--baud",
+        type=int,
+        metavar="N",
+        help="line rate of a UART (default: 115200; 1843200 with --wire sdatalog)",
+    )
     one.add_argument("--resume", metavar="DIR", help="continue an interrupted session")
     _duration_argument(one)
     _session_arguments(one)
@@ -313,7 +319,12 @@ def nothing(one: ArgumentParser) -> None:
 
 def _device_arguments(one: ArgumentParser) -> None:
     group = one.add_argument_group("input", "what the data do not say themselves")
-    group.add_argument("--part", default="", help="LSM6DS3H, LSM6DSL or LSM6DSM")
+    group.add_argument(
+        "--part",
+        default="",
+        help="LSM6DS3H, LSM6DSL or LSM6DSM; also LSM6DSO, LSM6DSR, LSM6DSV, LSM6DSV16X, "
+        "ISM330DHCX, ASM330LHH, ASM330LHHX",
+    )
     group.add_argument("--rate", type=float, metavar="HZ", help="nominal sample rate")
     group.add_argument("--gyro-fs", type=float, metavar="DPS", help="gyro full scale")
     group.add_argument("--accel-fs", type=float, metavar="G", help="accelerometer full scale")
@@ -321,7 +332,8 @@ def _device_arguments(one: ArgumentParser) -> None:
         "--wire",
         default="",
         metavar="FORMAT",
-        help="native, tmsg, tmsg-sensortile, datalog, datalog11 or text (default: detected)",
+        help="native, sdatalog, tmsg, tmsg-sensortile, datalog, datalog11 or text (default: "
+        "detected)",
     )
     group.add_argument(
         "--unit",

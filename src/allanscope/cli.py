@@ -475,6 +475,7 @@ def _device_settings(options: Namespace) -> DeviceSettings:
         wire=options.wire,
         units=tuple(options.unit),
         stream=options.stream,
+        baud=getattr(options, "baud", None),
     )
 
 

@@ -3,12 +3,16 @@
 Values are those of the ST datasheets DocID028475 Rev 7 (LSM6DSL) and DocID028165 (LSM6DSM), and of
 ST's register drivers. What ST does not publish is None here and is reported as such. DSL and DSM
 share a WHO_AM_I, and so do DS3 and DS3H: a stream cannot tell them apart, the user must.
+
+Parts beyond these three (`Part.beyond`) come with the boards of today, whose streams and files name
+them: scales, rates and what of the noise we found written, so that a verdict is possible. Their
+filters are not known here and are left to the fit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from allanscope.errors import UsageError
@@ -34,6 +38,9 @@ GYRO_SCALES: Mapping[float, float] = {
     2000.0: 70e-3,
 }
 """dps per count at each full scale in dps. Not full scale / 32768: 2000 dps reaches 2293.76."""
+
+_WIDE_GYRO_SCALES: Mapping[float, float] = {**GYRO_SCALES, 4000.0: 140e-3}
+"""The same for parts that reach 4000 dps."""
 
 ACCEL_SCALES: Mapping[float, float] = {2.0: 0.061e-3, 4.0: 0.122e-3, 8.0: 0.244e-3, 16.0: 0.488e-3}
 """g per count at each full scale in g."""
@@ -84,6 +91,10 @@ class Part:
         Sensitivity of the temperature output; 0 counts mean 25 degC.
     source : str
         Where the noise values come from.
+    gyro_scales, accel_scales : mapping
+        dps and g per count at each full scale, ascending.
+    beyond : bool
+        True for a part beyond the three that the program is made for.
     """
 
     name: str
@@ -99,14 +110,17 @@ class Part:
     zero_g_g_per_c: float | None
     temperature_lsb_per_c: float
     source: str
+    gyro_scales: Mapping[float, float] = field(default_factory=lambda: GYRO_SCALES)
+    accel_scales: Mapping[float, float] = field(default_factory=lambda: ACCEL_SCALES)
+    beyond: bool = False
 
     def gyro_scale(self, full_scale_dps: float) -> float:
         """Return dps per count; UsageError for a full scale that the part does not have."""
-        return _scale(GYRO_SCALES, full_scale_dps, "gyro", "dps")
+        return _scale(self.gyro_scales, full_scale_dps, "gyro", "dps")
 
     def accel_scale(self, full_scale_g: float) -> float:
         """Return g per count; UsageError for a full scale that the part does not have."""
-        return _scale(ACCEL_SCALES, full_scale_g, "accelerometer", "g")
+        return _scale(self.accel_scales, full_scale_g, "accelerometer", "g")
 
     def mode(self, rate_hz: float, *, high_performance: bool = True) -> Mode:
         """Return the power mode at a rate: what the HM_MODE bits leave open, the rate decides.
@@ -126,13 +140,16 @@ class Part:
     def cutoffs_hz(self, axis: str, rate_hz: float) -> tuple[float, ...]:
         """Return the -3 dB frequencies that the part's digital filters may have at a rate.
 
-        Only those below the Nyquist frequency; they are where a fit of the band limit starts.
+        Only those below the Nyquist frequency; they are where a fit of the band limit starts. None
+        for parts whose filters are not known here.
 
         Examples
         --------
         >>> part_named("LSM6DSM").cutoffs_hz("gx", 208.0)
         (66.56,)
         """
+        if self.beyond:
+            return ()
         if axis.startswith("a"):
             return tuple(share * rate_hz for share in ACCEL_CUTOFF_SHARES if share < 0.5)
         settings = [GYRO_LPF1_HZ[rate] for rate in GYRO_LPF1_HZ if abs(rate_hz / rate - 1) < 0.1]
@@ -151,7 +168,9 @@ def _scale(table: Mapping[float, float], full_scale: float, sensor: str, unit: s
 
 
 _RATES = (12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1660.0, 3330.0, 6660.0)
+_RATES_OF_TODAY = (7.5, 15.0, 30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 1920.0, 3840.0, 7680.0)
 _ACCEL_RMS = {2.0: 1.8e-3, 4.0: 2.0e-3, 8.0: 2.4e-3, 16.0: 3.0e-3}
+_UNPUBLISHED = "not published in any document we could read"
 
 PARTS: Mapping[str, Part] = {
     "LSM6DS3H": Part(
@@ -167,7 +186,7 @@ PARTS: Mapping[str, Part] = {
         zero_rate_dps_per_c=None,
         zero_g_g_per_c=None,
         temperature_lsb_per_c=16.0,
-        source="not published in any document we could read",
+        source=_UNPUBLISHED,
     ),
     "LSM6DSL": Part(
         name="LSM6DSL",
@@ -199,6 +218,82 @@ PARTS: Mapping[str, Part] = {
         temperature_lsb_per_c=256.0,
         source="LSM6DSM datasheet, tables 3 and 4",
     ),
+    "LSM6DSO": Part(
+        name="LSM6DSO",
+        who_am_i=0x6C,
+        rates_hz=_RATES,
+        gyro_density=3.8e-3,
+        accel_density={2.0: 70e-6, 4.0: 75e-6, 8.0: 80e-6, 16.0: 110e-6},
+        gyro_rms=None,
+        accel_rms=_ACCEL_RMS,
+        zero_rate_dps=1.0,
+        zero_g_g=20e-3,
+        zero_rate_dps_per_c=10e-3,
+        zero_g_g_per_c=None,
+        temperature_lsb_per_c=256.0,
+        source="LSM6DSO datasheet DS12140 Rev 2, table 2",
+        beyond=True,
+    ),
+    "ISM330DHCX": Part(
+        name="ISM330DHCX",
+        who_am_i=0x6B,
+        rates_hz=_RATES,
+        gyro_density=5e-3,
+        accel_density={2.0: 60e-6},
+        gyro_rms=None,
+        accel_rms=None,
+        zero_rate_dps=1.0,
+        zero_g_g=10e-3,
+        zero_rate_dps_per_c=None,
+        zero_g_g_per_c=0.1e-3,
+        temperature_lsb_per_c=256.0,
+        source="ISM330DHCX datasheet DS13012 Rev 6, as quoted in public course notes",
+        gyro_scales=_WIDE_GYRO_SCALES,
+        beyond=True,
+    ),
+    **{
+        name: Part(
+            name=name,
+            who_am_i=0x70,
+            rates_hz=_RATES_OF_TODAY,
+            gyro_density=density,
+            accel_density=None if density is None else {2.0: 60e-6},
+            gyro_rms=None,
+            accel_rms=None,
+            zero_rate_dps=None,
+            zero_g_g=None,
+            zero_rate_dps_per_c=None,
+            zero_g_g_per_c=None,
+            temperature_lsb_per_c=256.0,
+            source=source,
+            gyro_scales=_WIDE_GYRO_SCALES,
+            beyond=True,
+        )
+        for name, density, source in (
+            ("LSM6DSV", 2.8e-3, "LSM6DSV datasheet, as quoted by Luxonis"),
+            ("LSM6DSV16X", None, _UNPUBLISHED),
+        )
+    },
+    **{
+        name: Part(
+            name=name,
+            who_am_i=0x6B,
+            rates_hz=_RATES,
+            gyro_density=None,
+            accel_density=None,
+            gyro_rms=None,
+            accel_rms=None,
+            zero_rate_dps=None,
+            zero_g_g=None,
+            zero_rate_dps_per_c=None,
+            zero_g_g_per_c=None,
+            temperature_lsb_per_c=256.0,
+            source=_UNPUBLISHED,
+            gyro_scales=_WIDE_GYRO_SCALES,
+            beyond=True,
+        )
+        for name in ("LSM6DSR", "ASM330LHH", "ASM330LHHX")
+    },
 }
 """Every part that allanscope knows, by name."""
 
@@ -211,7 +306,7 @@ def full_scale_of(axis: str, scale: float) -> float | None:
     >>> full_scale_of("gx", 8.75e-3), full_scale_of("ax", 1.0)
     (250.0, None)
     """
-    table = GYRO_SCALES if axis.startswith("g") else ACCEL_SCALES
+    table = _WIDE_GYRO_SCALES if axis.startswith("g") else ACCEL_SCALES
     return next((full for full, step in table.items() if abs(scale / step - 1) < 1e-3), None)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from allanscope.samples import Block, StreamInfo
 from allanscope.simulator import Firmware, Simulator, parse_fault
-from allanscope.wire import WireSettings, format_named, formats
+from allanscope.wire import WireSettings, answers, format_named, formats
 
 RATE = 52.0
 
@@ -37,8 +37,12 @@ class Link:
         return total
 
     def start(self):
-        for message in self.format.start(self.settings):
-            self.firmware.receive(message)
+        messages = self.format.start(self.settings)
+        while messages:
+            for message in messages:
+                self.firmware.receive(message)
+            self.hear(0.01)
+            messages = answers(self.decoder)
 
     @property
     def values(self):

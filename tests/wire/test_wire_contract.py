@@ -13,7 +13,17 @@ from hypothesis import strategies as st
 
 from allanscope.errors import UsageError
 from allanscope.samples import AXES, Block, Event, Gap, Notice, StreamInfo, Ticks
-from allanscope.wire import WireSettings, feed_chunks, format_named, formats, sniff
+from allanscope.wire import (
+    Command,
+    Encoder,
+    WireSettings,
+    answers,
+    feed_chunks,
+    format_named,
+    formats,
+    sniff,
+)
+from support.asked import said_when_asked
 
 Joined = Callable[[list[Event]], list[Event]]
 Check = Callable[[list[Event], list[Event]], None]
@@ -43,7 +53,24 @@ def block(samples: int = 120, index: int = 0, seed: int = 4, rate: float = RATE)
 
 def stream(name: str, *blocks: Block, info: StreamInfo = INFO) -> bytes:
     encoder = format_named(name).encoder()
-    return encoder.describe(info) + b"".join(map(encoder.encode, blocks))
+    return (
+        encoder.describe(info)
+        + said_when_asked(encoder, name)
+        + b"".join(map(encoder.encode, blocks))
+    )
+
+
+def started(name: str, device: Encoder, asked: WireSettings) -> tuple[list[Command], bytes]:
+    """Return the commands that a host starts a device with, and all that the device answers."""
+    entry = format_named(name)
+    host, commands, said = entry.decoder(asked), [], b""
+    messages = entry.start(asked)
+    while messages:
+        new = [command for message in messages for command in device.receive(message)]
+        reply = b"".join(map(device.reply, new))
+        host.feed(reply, 0.0)
+        commands, said, messages = commands + new, said + reply, answers(host)
+    return commands, said
 
 
 STREAMS = {name: stream(name, block(60), block(60, 64, seed=5)) for name in formats()}
@@ -110,6 +137,8 @@ class TestEveryFormat:
         assert decoder.stats.bytes == len(stream(name, sent))
 
     def test_the_temperature_comes_along(self, name: str, fed: Callable[..., list[Event]]) -> None:
+        if name == "sdatalog":
+            pytest.skip("this firmware sends no temperature")
         events = fed(format_named(name).decoder(SETTINGS), stream(name, block()))
         for event in events:
             if isinstance(event, Block):
@@ -215,8 +244,8 @@ class TestEveryFormat:
         entry = format_named(name)
         asked = WireSettings(rate_hz=208.0, gyro_fs=500.0, accel_fs=4.0)
         device = entry.encoder()
-        commands = [c for message in entry.start(asked) for c in device.receive(message)]
-        if entry.start(asked):
+        commands, _ = started(name, device, asked)
+        if commands:
             assert commands[-1].name == "start"
             fields = {k: v for c in commands if c.name == "set" for k, v in c.fields.items()}
             assert fields["rate_hz"] == 208.0
@@ -232,14 +261,12 @@ class TestEveryFormat:
         entry = format_named(name)
         device, decoder = entry.encoder(), entry.decoder(SETTINGS)
         wire = device.describe(INFO)
-        for message in entry.start(SETTINGS):
-            for command in device.receive(message):
-                wire += device.reply(command)
-        wire += device.status(100, 90, 10, 1.0) + device.encode(block())
+        commands, said = started(name, device, SETTINGS)
+        wire += said + device.status(100, 90, 10, 1.0) + device.encode(block())
         events = checked(decoder.feed(wire, 0.0) + decoder.finish())
         assert decoder.stats.samples == 120
         replies = [e for e in events if isinstance(e, Notice) and e.kind == "reply"]
-        assert len(replies) >= len(entry.start(SETTINGS)) - 3
+        assert len(replies) >= len(commands) - 3
         assert not [e for e in events if isinstance(e, Notice) and e.kind == "error"]
 
     def test_many_chunks_at_once_are_the_same_as_one_by_one(
@@ -342,7 +369,7 @@ def test_a_damaged_message_under_coarse_stamps_is_never_passed_over(
 
 
 def test_an_unknown_format_is_refused_with_all_names() -> None:
-    with pytest.raises(UsageError, match="native, tmsg"):
+    with pytest.raises(UsageError, match="native, sdatalog, tmsg"):
         format_named("morse")
 
 
@@ -371,6 +398,7 @@ def test_what_a_format_can_do_is_declared_by_its_class_and_its_streams() -> None
         )
     assert declared == {
         "native": {"numbered"},
+        "sdatalog": set(),
         "tmsg": set(),
         "tmsg-sensortile": set(),
         "datalog": {"polled"},

@@ -11,8 +11,9 @@ from allanscope.samples import Block, Gap
 from allanscope.simulator import Simulator, Truth, parse_effect
 from allanscope.wire import WireSettings, format_named, formats
 from allanscope.wire.plausibility import Plausibility
+from support.asked import said_when_asked
 
-UNCHECKED = ("text", "datalog", "datalog11", "tmsg", "tmsg-sensortile")
+UNCHECKED = ("text", "datalog", "datalog11", "sdatalog", "tmsg", "tmsg-sensortile")
 EFFECTS = (
     "outliers:count=20,axis=gx",
     "outliers:count=5,size=3,axis=ay",
@@ -27,7 +28,7 @@ def stream(wire, samples=1600, effects=(), seed=7):
     truth = replace(Truth.typical("LSM6DSM", seed), effects=tuple(map(parse_effect, effects)))
     device = Simulator(rate=104.0, seed=seed, gyro_fs=250.0, truth=truth)
     per = max(encoder.samples_per_frame(104.0), 1)
-    pieces = [encoder.describe(device.info)]
+    pieces = [encoder.describe(device.info) + said_when_asked(encoder, wire)]
     return pieces + [encoder.encode(device.read(per)) for _ in range(samples // per)]
 
 

@@ -23,6 +23,7 @@ from allanscope.wire import (
     LinkStats,
     WireFormat,
     WireSettings,
+    answers,
     feed_chunks,
     format_named,
     formats,
@@ -40,6 +41,9 @@ LISTEN_BYTES = 1 << 18
 
 SILENCE_S = 0.6
 """After this much silence the device is told to start, in every format that knows how to say it."""
+
+SHORT_SILENCE_S = 0.35
+"""And before that in a format whose devices are put out of step by what all others say."""
 
 MUTE_S = 3.0
 """A device that has said nothing at all for this long may not be one."""
@@ -104,7 +108,8 @@ class Decoding:
     def _begin(self) -> None:
         self._opened_ns: int | None = None
         self._first_byte_ns: int | None = None
-        self._woken = self._missed = False
+        self._wakes = [(SHORT_SILENCE_S, True), (SILENCE_S, False)]
+        self._missed = False
 
     @property
     def wire(self) -> str:
@@ -209,8 +214,13 @@ class Decoding:
             if isinstance(event, StreamInfo):
                 self._numbered = event.numbered or event.time_resolution_s > 0.0
                 events[at] = replace(event, origin=event.origin or self._settings.origin)
-        if self._write is None or self._format is None:
+        if self._decoder is None or self._format is None:
             return
+        to_say = answers(self._decoder)
+        if self._write is None:
+            return  # a replay: it has been said
+        for message in to_say:
+            self._write(message)
         if any(isinstance(e, Notice) and "wanted" in e.fields for e in events):
             for message in self._format.describe():
                 self._write(message)
@@ -277,12 +287,14 @@ class Decoding:
         return events
 
     def _wake_if_silent(self, now_ns: int) -> list[Event]:
-        """Tell a silent device to start, as stock TMsg firmware needs; then say that it is mute."""
+        """Tell a silent device to start, as stock ST firmware needs; then say that it is mute."""
         assert self._opened_ns is not None
         silent_s = (now_ns - self._opened_ns) * 1e-9
-        if not self._woken and silent_s > SILENCE_S:
-            self._woken = True
-            self._send_start()
+        if self._wakes and silent_s > self._wakes[0][0]:
+            _, alone = self._wakes.pop(0)
+            if self._format is not None:
+                self._wakes.clear()
+            self._send_start(alone)
         if self._missed or silent_s <= MUTE_S:
             return []
         self._missed = True
@@ -310,13 +322,22 @@ class Decoding:
             return [*missing, Notice("text", "the device speaks again", OURS)]
         return []
 
-    def _send_start(self) -> None:
+    def _send_start(self, alone: bool | None = None) -> None:
+        """Tell the device to start; where its format is not known, in those that are spoken alone.
+
+        Or in the others, or (None) in all of them, those that are spoken alone first.
+        """
         if self._write is None:
             return
-        names = [self._format.name] if self._format else formats()
-        for name in names:
-            for message in format_named(name).start(self._settings):
-                self._write(message)
+        known = (
+            [self._format]
+            if self._format
+            else sorted(map(format_named, formats()), key=lambda one: not one.alone)
+        )
+        for one in known:
+            if self._format or alone in (None, one.alone):
+                for message in one.start(self._settings):
+                    self._write(message)
 
 
 def _seconds(chunk: Chunk) -> float:

@@ -25,7 +25,8 @@ ViewMode = Literal["auto", "window", "web", "none"]
 class DeviceSettings:
     """What the user said about the device; empty or None where the stream must tell.
 
-    `stream` is which one of several sensors in a file: the topic of a bag.
+    `stream` is which one of several sensors in a file: the topic of a bag. `baud` is the line rate
+    of a UART; None for the usual one of the wire format.
 
     Raises
     ------
@@ -41,6 +42,7 @@ class DeviceSettings:
     units: Sequence[tuple[str, str]] = field(default_factory=tuple)
     origin: Origin = ""
     stream: str = ""
+    baud: int | None = None
 
     def __post_init__(self) -> None:
         part = part_named(self.part or "LSM6DSM")
@@ -48,6 +50,8 @@ class DeviceSettings:
             object.__setattr__(self, "part", part.name)
         if self.rate_hz is not None and not 0.0 < self.rate_hz < 1e6:
             raise UsageError(f"a sample rate of {self.rate_hz:g} Hz makes no sense")
+        if self.baud is not None and self.baud <= 0:
+            raise UsageError(f"a line rate of {self.baud} baud makes no sense")
         if self.gyro_fs is not None:
             part.gyro_scale(self.gyro_fs)
         if self.accel_fs is not None:

@@ -14,8 +14,8 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
 from allanscope.pipeline.simulate import simulator
 from allanscope.samples import Block, Event, Gap, StreamInfo
-from allanscope.sources import Source, open_source
-from allanscope.wire import LinkStats
+from allanscope.sources import Source, SourceSettings, open_source
+from allanscope.wire import LinkStats, format_named
 
 __all__ = ["Stream", "device_source", "nothing_heard", "open_stream"]
 
@@ -196,7 +196,8 @@ def device_source(port: str, device: DeviceSettings, simulated: SimulatedSetting
         When the port cannot be opened.
     """
     if port != "sim":
-        return open_source(port)
+        usual = format_named(device.wire or "native").baud
+        return open_source(port, SourceSettings(baud=device.baud or usual))
     from allanscope.sources import SimulatedSource
 
     return SimulatedSource(

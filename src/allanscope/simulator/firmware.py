@@ -89,6 +89,7 @@ class Firmware:
         self.epoch = int(stream(seed, "epoch").integers(1 << 16))
         self.plugged = True
         self._encoder = format_named(wire).encoder()
+        self._info = sensor.info
         self._ring = Ring(ring_bytes)
         self._line = Line(self._ring, LineNoise(faults, rng), self.ledger)
         self._happenings = [

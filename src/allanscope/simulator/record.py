@@ -12,7 +12,7 @@ from allanscope.errors import UsageError
 from allanscope.samples import Block
 from allanscope.simulator.noise import stream
 from allanscope.simulator.simulator import Simulator
-from allanscope.wire import WireSettings, format_named
+from allanscope.wire import Encoder, WireFormat, WireSettings, answers, format_named
 
 __all__ = ["simulate_blocks"]
 
@@ -71,8 +71,8 @@ def simulate_blocks(
     encoder = format_named(wire).encoder()
     info = replace(sensor.info, epoch=EPOCH)
     greeting = encoder.describe(info)
-    for order in format_named(wire).start(WireSettings()) if encoder.silent_until_started else ():
-        greeting += b"".join(encoder.reply(command) for command in encoder.receive(order))
+    if encoder.silent_until_started:
+        greeting += _started(format_named(wire), encoder)
     rate = sensor.clock.true_hz
     frame = encoder.samples_per_frame(info.nominal_hz)
     a_second = frame * max(1, round(rate / frame))
@@ -86,6 +86,18 @@ def simulate_blocks(
         status = encoder.describe(info) + encoder.status(count, count, 0, count / rate)
         if status:
             yield reads.time_ns(count / rate), status
+
+
+def _started(wire: WireFormat, device: Encoder) -> bytes:
+    """Return all that a device answers to a host that starts it."""
+    host, heard = wire.decoder(WireSettings()), b""
+    orders = wire.start(WireSettings())
+    while orders:
+        commands = [command for order in orders for command in device.receive(order)]
+        said = b"".join(map(device.reply, commands))
+        host.feed(said, 0.0)
+        heard, orders = heard + said, answers(host)
+    return heard
 
 
 class _Reads:

@@ -13,6 +13,7 @@ it counts in its `LinkStats`.
 ============================= ======================================================================
 ``native/``                   numbered frames with a CRC: losses to the sample, from the numbers
 ``tmsg/`` ``datalog/``        stock ST firmware: losses from time stamps, counts from milli-units
+``sdatalog/``                 ST's firmware of today: a conversation, and counts with time stamps
 ``text/``                     tables and labelled lines from anywhere
 ``rows`` ``row``              what those without numbers share: rows to events
 ``continuity``                what is missing between two rows, as far as time stamps tell
@@ -20,7 +21,8 @@ it counts in its `LinkStats`.
 ``milli`` ``device_side``     milli-units of stock firmware; what simulated devices share
 ============================= ======================================================================
 
-`feed_chunks` feeds a decoder many reads at once, as a replay does.
+`feed_chunks` feeds a decoder many reads at once, as a replay does; `answers` are what a host must
+send back, where a protocol is a conversation.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from allanscope.wire.base import (
     LinkStats,
     WireFormat,
     WireSettings,
+    answers,
     feed_chunks,
 )
 from allanscope.wire.registry import SniffResult, format_named, formats, sniff
@@ -44,6 +47,7 @@ __all__ = [
     "SniffResult",
     "WireFormat",
     "WireSettings",
+    "answers",
     "feed_chunks",
     "format_named",
     "formats",

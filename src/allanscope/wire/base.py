@@ -24,6 +24,7 @@ __all__ = [
     "LinkStats",
     "WireFormat",
     "WireSettings",
+    "answers",
     "feed_chunks",
 ]
 
@@ -172,9 +173,16 @@ class WireFormat:
     framed : bool
         True when samples come in frames, between others that hold none. Elsewhere what is counted
         as a frame is a row of samples.
+    alone : bool
+        True where what a host writes in other formats puts a device out of step for good, so that
+        it must be spoken to before those.
+    baud : int
+        Line rate of a UART that carries it, where nobody says another.
     """
 
     framed: ClassVar[bool] = False
+    alone: ClassVar[bool] = False
+    baud: ClassVar[int] = 115_200
 
     name: str
     summary: str
@@ -202,6 +210,20 @@ class WireFormat:
     def score(self, sample: bytes) -> float:
         """Return from 0 (surely not) to 1 (surely) how well a sample of a stream fits."""
         raise NotImplementedError
+
+
+@runtime_checkable
+class _Answers(Protocol):
+    def answers(self) -> list[bytes]: ...
+
+
+def answers(decoder: Decoder) -> list[bytes]:
+    """Return what a host must send now because of what the decoder has been fed, once.
+
+    A device whose protocol is a conversation is answered so; the decoders of all other formats
+    never have anything to say.
+    """
+    return decoder.answers() if isinstance(decoder, _Answers) else []
 
 
 @runtime_checkable

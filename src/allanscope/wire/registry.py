@@ -18,6 +18,7 @@ __all__ = ["SniffResult", "format_named", "formats", "sniff"]
 
 _FORMATS: dict[str, tuple[str, str]] = {
     "native": ("allanscope.wire.native", "NativeFormat"),
+    "sdatalog": ("allanscope.wire.sdatalog", "SDatalogFormat"),
     "tmsg": ("allanscope.wire.tmsg", "TMsgFormat"),
     "tmsg-sensortile": ("allanscope.wire.tmsg", "TMsgSensorTileFormat"),
     "datalog": ("allanscope.wire.datalog", "DataLogFormat"),

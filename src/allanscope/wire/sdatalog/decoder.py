@@ -1,0 +1,175 @@
+"""Packets of the SDATALOG link to events."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.parts import PARTS
+from allanscope.samples import AXES, Event, GapReason, Notice, StreamInfo
+from allanscope.sanitize import text_of
+from allanscope.wire.base import LinkStats, WireSettings
+from allanscope.wire.row import Meaning, Row, Values
+from allanscope.wire.rows import Rows
+from allanscope.wire.sdatalog.conversation import Conversation
+from allanscope.wire.sdatalog.halves import Frames, Halves, single
+from allanscope.wire.sdatalog.packets import BINARY, CUSTOM, Packet, Unpacker
+from allanscope.wire.sdatalog.status import Sensor, Status
+
+__all__ = ["SDatalogDecoder"]
+
+_RESOLUTION_S = 1e-6
+
+
+class SDatalogDecoder:
+    """Bytes of a board with SDATALOG firmware to events, and to what it must be answered.
+
+    A packet of a sensor is one sample with its time, in seconds since the start by the crystal of
+    the board, or a piece of HSDatalog's binary data. What is lost is told by these times: packets
+    have no number, and a board that is busy sending leaves a sample out without a word.
+
+    Parameters
+    ----------
+    settings : WireSettings
+        What the user said about the device.
+    """
+
+    def __init__(self, settings: WireSettings) -> None:
+        self.stats = LinkStats()
+        self._settings = settings
+        self._unpacker = Unpacker()
+        self._conversation = Conversation(settings)
+        self._rows = Rows(self.stats, self._decide)
+        self._told: Status | None = None
+        self._sensors: dict[int, Sensor] = {}
+        self._frames: dict[int, Frames] = {}
+        self._halves = Halves((), math.inf)
+        self._epoch = 0
+        self._asked = False
+
+    def feed(self, data: bytes, host_s: float) -> list[Event]:
+        """Take bytes that arrived at host time `host_s` and return what they complete."""
+        self.stats.bytes += len(data)
+        events: list[Event] = []
+        for packet in self._unpacker.feed(data):
+            if packet is None:
+                self.stats.resyncs += 1
+                self._rows.damaged()
+            elif packet.kind in (BINARY, CUSTOM):
+                events += self._data(packet, host_s)
+            else:
+                self.stats.frames += 1
+                events += self._rows.take()
+                events += self._other(packet)
+        return events + self._rows.take()
+
+    def answers(self) -> list[bytes]:
+        """Return what the board must be told now, each in a single write."""
+        return self._conversation.answers()
+
+    def interrupt(self, reason: str) -> list[Event]:
+        """Forget a partial packet, e.g. after an unplug; the next Block follows a Gap."""
+        self._unpacker.reset()
+        self._conversation.reset()
+        self._asked = False
+        self._begin()
+        self._rows.interrupt(cast("GapReason", reason))
+        return []
+
+    def finish(self) -> list[Event]:
+        """Return what the end of the stream completes: rows that were held back."""
+        return self._rows.take(final=True)
+
+    def _data(self, packet: Packet, host_s: float) -> list[Event]:
+        if self._told is None:
+            return self._ask()
+        sensor = self._sensors.get(packet.channel)
+        if sensor is None:
+            self.stats.unknown += 1
+            return []
+        if packet.kind == CUSTOM:
+            halves = single(packet.content)
+        else:
+            frames = self._frames.get(packet.channel)
+            halves = frames.take(packet.content) if frames else None
+        if halves is None:
+            self.stats.unknown += 1
+            self._rows.damaged()
+            return []
+        self.stats.frames += 1
+        for values, time_s in self._halves.take(sensor.kind, halves):
+            self._rows.add(values, time_s, host_s)
+        return []
+
+    def _ask(self) -> list[Event]:
+        """Ask a board that streams already what it sends; until it says so nothing has a scale."""
+        self.stats.unknown += 1
+        if self._asked:
+            return []
+        self._asked = True
+        self._conversation.ask_for_status()
+        wanted: dict[str, int | float | str] = {"host": 1, "wanted": "descriptor"}
+        return [Notice("text", "samples of a board that has not described itself", wanted)]
+
+    def _other(self, packet: Packet) -> list[Event]:
+        whole = self._conversation.take(packet)
+        if whole is None:
+            return []
+        events: list[Event] = []
+        status = self._conversation.status
+        if status is not None and status != self._told:
+            changed = _meaning(status) != _meaning(self._told)
+            self._told = status
+            if changed:
+                events += self._rows.change()
+                self._learn(status)
+        return [*events, Notice("reply", text_of(whole.rstrip(b"\0")) or "done")]
+
+    def _learn(self, status: Status) -> None:
+        """Take note of what the samples that follow mean."""
+        self._sensors = {one.channel: one for one in status.sensors if one.enabled}
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget what was waiting for the rest of a sample."""
+        sensors = self._sensors.values()
+        rate_hz = max((one.rate_hz for one in sensors), default=0.0)
+        period_s = 1.0 / rate_hz if rate_hz else math.inf
+        self._halves = Halves(tuple(one.kind for one in sensors), period_s)
+        self._frames = {one.channel: Frames(one.rows, period_s) for one in sensors if one.rows}
+
+    def _decide(self, rows: list[Row]) -> Meaning | None:
+        sensors = {one.kind: one for one in self._sensors.values()}
+        if not sensors or self._told is None:
+            return None
+        of_axis = {axis: sensors.get("gyro" if axis[0] == "g" else "acc") for axis in AXES}
+        measured = {axis: sensor for axis, sensor in of_axis.items() if sensor is not None}
+        columns = [i for i, axis in enumerate(AXES) if axis in measured]
+        first = next(iter(measured.values()))
+        self._epoch += 1
+        info = StreamInfo(
+            axes=tuple(measured),
+            scale=tuple(sensor.scale for sensor in measured.values()),
+            nominal_hz=self._settings.rate_hz or first.rate_hz,
+            part=first.part if first.part in PARTS else "",
+            wire="sdatalog",
+            time_resolution_s=_RESOLUTION_S,
+            device_clock=True,
+            epoch=self._epoch,
+            details=self._told.details,
+        )
+
+        def convert(new: Values) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+            values = new[:, columns]
+            agree = np.asarray(np.isfinite(values).all(axis=1))
+            return np.nan_to_num(values).astype(np.int16), agree
+
+        return Meaning(info, convert)
+
+
+def _meaning(status: Status | None) -> object:
+    """Return what makes the counts of one status another scale or rate than those of the next."""
+    return status and tuple(one for one in status.sensors if one.enabled)

@@ -40,7 +40,7 @@ class AllanscopeError(Exception):
 class UsageError(AllanscopeError, ValueError):
     """The call asks for something that does not exist, e.g. an unknown part name.
 
-    In Python it is a ValueError like any other argument that makes no sense.
+    In Python it is a ValueError like any other argument that is not possible.
     """
 
     exit_code = ExitCode.USAGE

@@ -1,4 +1,4 @@
-"""What axes have in common, and which of two leaks into the other."""
+"""What axes have in common, and which of two couples into the other."""
 
 from __future__ import annotations
 

@@ -191,10 +191,10 @@ def test_a_temperature_may_be_missing_for_a_while():
     ("arrays", "arguments", "message"),
     [
         (small(), {}, "the sample rate is not known; give rate"),
-        (small(), {"rate": 0.0}, "a sample rate of 0 Hz makes no sense"),
+        (small(), {"rate": 0.0}, "a sample rate of 0 Hz is not possible"),
         (small(8).reshape(2, 4), {"rate": 1.0}, r"shape \(2, 4\) needs axes"),
         (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx"]}, "1 axis names do not fit"),
-        (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx", "gx", "gy"]}, "gx comes twice"),
+        (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx", "gx", "gy"]}, "gx appears twice"),
         (small(8).reshape(2, 2, 2), {"rate": 1.0}, r"not \(2, 2, 2\)"),
         (small(0), {"rate": 1.0}, "hold no samples"),
         ({"gx": [0.0, np.inf]}, {"rate": 1.0}, "sample 1 of gx is inf"),

@@ -58,7 +58,7 @@ def test_a_short_record_says_how_much_longer(bench):
     b = bench(36, 20.0)
     result = explain(b.record(b.noise())).axes["gx"]
     assert result.hindrance == result.remarks[0]
-    assert "20 s of the 39 s that it takes" in result.hindrance
+    assert "20 s of the 39 s needed" in result.hindrance
 
 
 def test_a_saturated_axis_is_named_as_what_it_is(bench):

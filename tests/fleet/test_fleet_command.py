@@ -88,7 +88,7 @@ def test_ctrl_c_ends_in_order_and_the_same_command_goes_on(
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers, too
     said, complained = process.communicate(timeout=200)
     assert process.returncode == ExitCode.STOPPED, complained
-    assert "left: the same command goes on" in said
+    assert "left: repeat the command to continue" in said
     assert "allanscope: stopped before it was done" in complained
     assert "Traceback" not in complained
     done = {path: path.stat().st_mtime_ns for path in out.glob("results/*/*.json.gz")}

@@ -145,7 +145,7 @@ def test_the_board_is_looked_for_by_its_usb_number(complaint, monkeypatch):
     monkeypatch.setattr(list_ports, "comports", list)
     code, line = complaint("live", "auto", *LIVE)
     assert code == 4
-    for word in ("0483:5740", "374b", "no serial port is there at all", "allanscope live sim"):
+    for word in ("0483:5740", "374b", "no serial port was found", "allanscope live sim"):
         assert word in line
 
 
@@ -184,7 +184,7 @@ def test_cells_that_cannot_be_read_are_told_with_their_line(complaint, tmp_path)
     code, line = complaint("analyse", "cells.csv", "--wire", "text")
     assert code == 3
     assert "cells.csv holds no samples" in line
-    assert "line 3 is no row of the table: '0.1,0.2,n/a,0.4'" in line
+    assert "line 3 is not a row of the table: '0.1,0.2,n/a,0.4'" in line
 
 
 def test_a_few_unreadable_rows_are_left_out_and_the_first_is_told(tmp_path):
@@ -308,7 +308,7 @@ def test_text_that_fits_no_format_is_named_by_line_and_column(complaint, tmp_pat
     (tmp_path / "odd.csv").write_text(HEADER + "0,0.1,none,0.2\n" * 9)
     code, line = complaint("analyse", "odd.csv")
     assert code == 3
-    assert "line 2, column 3: 'none' is no number; line 3, column 3" in line
+    assert "line 2, column 3: 'none' is not a number; line 3, column 3" in line
 
 
 def test_an_axis_that_fails_leaves_the_others_whole(tmp_path, monkeypatch, capsys):

@@ -85,7 +85,7 @@ def test_estimators_factor_noise_type_bias_and_simple_limits(text, tmp_path):
         (["--taus", "0.001,1"], "tau 0.001 s is shorter than half a sample of 0.01 s"),
         (["--taus", "sometimes"], "unknown taus 'sometimes'; choose octave, decade, many, all"),
         (["--taus", "1,x"], "are no times in s"),
-        (["--kinds", "oadev,avar"], "unknown estimator 'avar'; choose of stdev ostdev adev"),
+        (["--kinds", "oadev,avar"], "unknown estimator 'avar'; choose from stdev ostdev adev"),
         (["--noise-type", "pink"], "unknown noise type 'pink'; choose one of WPM FPM"),
         (["--per-octave", "0"], "0 averaging times in each octave; take 1 to 64"),
     ],

@@ -142,7 +142,7 @@ def test_what_is_no_session_is_refused_with_what_to_do(session, recording, tmp_p
         with pytest.raises(InputError, match="allanscope replay"):
             charts_of(str(nothing))
     for elsewhere in ("rerun+http://10.0.0.1:9876/proxy", "https://example.com/x.rrd"):
-        with pytest.raises(UsageError, match="no address of this machine"):
+        with pytest.raises(UsageError, match="not an address of this machine"):
             charts_of(elsewhere)
 
 

@@ -47,7 +47,7 @@ def test_a_stall_of_numbered_samples_costs_what_the_numbers_say() -> None:
     assert [gap.lost for gap in gaps(events)] == [30]
     assert told, "a board that restarted in silence is told to start"
     texts = [event.text for event in events if isinstance(event, Notice)]
-    assert texts == ["the device has fallen silent", "the device speaks again"]
+    assert texts == ["no data from the device", "data from the device again"]
 
 
 def test_a_port_that_says_nothing_is_told_to_start_and_then_complained_about_once() -> None:

@@ -197,8 +197,8 @@ def _bad(path: Path, kind: str) -> None:
     [
         ("claim", "claims to unpack to"),
         ("other", "no topic of type sensor_msgs/msg/Imu; it has /tf"),
-        ("short", "is no sensor_msgs/Imu"),
-        ("long frame", "is no sensor_msgs/Imu"),
+        ("short", "is not a sensor_msgs/Imu"),
+        ("long frame", "is not a sensor_msgs/Imu"),
         ("empty", "no topic of type"),
         ("view", "no bag of ROS 2"),
         ("foreign", "no bag of ROS 2"),

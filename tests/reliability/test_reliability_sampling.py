@@ -83,7 +83,7 @@ def test_stock_firmware_skips_and_says_so(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_bytes(encoder.encode(Block(0, counts, Ticks.none())))
     analysis = analyse_input(tmp_path / "a.txt", DeviceSettings(), quiet=True)
     (told,) = [remark for remark in analysis.remarks if "rows come" in remark]
-    assert "a pace that the sensor cannot be set to" in told
+    assert "a rate that the sensor does not have" in told
 
 
 def test_a_pace_is_called_a_timers_only_where_all_is_known() -> None:
@@ -91,7 +91,7 @@ def test_a_pace_is_called_a_timers_only_where_all_is_known() -> None:
     offered = PARTS["LSM6DSM"].rates_hz
     axes = {"gx": SimpleNamespace(explanation=SimpleNamespace(effects=()))}
     (told,) = sampling_remarks(axes, rate, offered)
-    assert "a pace that the sensor cannot be set to" in told
+    assert "a rate that the sensor does not have" in told
     assert "about 3.8 % of the samples of a sensor set to 52.00 Hz" in told
     assert sampling_remarks(axes, rate) == ()
     assert sampling_remarks(axes, replace(rate, uncertainty_ppm=300.0), offered) == ()

@@ -44,7 +44,7 @@ LATE = (0.5, 9.0, "error")
     [
         ({}, 0, ""),
         ({"refresh": ALWAYS}, 6, "a result during the run failed: MemoryError"),
-        ({"view": LATE}, 6, "a view has failed and is shown no more: RuntimeError"),
+        ({"view": LATE}, 6, "a view failed and was closed: RuntimeError"),
         ({"report": ALWAYS}, 6, "report.html is lost: a picture that cannot be drawn"),
         ({"file": ALWAYS}, 6, "result.json is in "),
         ({"file": ALWAYS, "spare": ALWAYS}, 6, "result.json is lost"),

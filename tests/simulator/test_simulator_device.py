@@ -330,7 +330,7 @@ def test_a_path_can_be_chosen_and_a_dead_link_there_is_replaced(tmp_path):
 def test_a_path_that_is_taken_is_left_alone(tmp_path):
     path = tmp_path / "notes.txt"
     path.write_text("mine")
-    with pytest.raises(UsageError, match="exists and is no link"):
+    with pytest.raises(UsageError, match="exists and is not a link"):
         Device(Simulator(), path=path)
     assert path.read_text() == "mine"
     with pytest.raises(UsageError, match="cannot make a port"):

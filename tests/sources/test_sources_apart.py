@@ -60,7 +60,7 @@ def pid_of(source: SerialSource) -> int:
 def test_it_says_who_reads_and_at_which_priority(device: Device, apart: SerialSource) -> None:
     device.say(b"x")
     assert read_bytes(apart, 1) == b"x"
-    assert apart.reader.startswith("a process of its own at ")
+    assert apart.reader.startswith("a separate process at ")
     assert "priority" in apart.reader
 
 
@@ -121,7 +121,7 @@ def test_a_reader_that_is_killed_is_replaced_by_a_thread_and_a_gap_is_told(
     device.say(b"after")
     chunks = read_until(apart, lambda chunk: bool(chunk.data))
     assert (chunks[-1].data, chunks[-1].event) == (b"after", "hole")
-    assert apart.reader == "a thread of the measuring process, because the process for it has ended"
+    assert apart.reader == "a thread of the measuring process, because its process has ended"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -66,7 +66,7 @@ def test_without_a_board_it_says_what_it_looked_for_and_what_is_there() -> None:
     for words in ("0483:5740", "374b", "/dev/ttyS0", "/dev/ttyUSB0", "allanscope live sim"):
         assert words in line
     assert "\n" not in line
-    with pytest.raises(DeviceError, match="no serial port is there at all"):
+    with pytest.raises(DeviceError, match="no serial port was found"):
         auto_port(list)
 
 

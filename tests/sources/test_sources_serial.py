@@ -82,7 +82,7 @@ def test_patience_can_end(device: Device) -> None:
     source = SerialSource(str(device.path), SourceSettings(give_up_s=0.01), comports=list)
     device.unplug()
     read_until(source, lambda chunk: chunk.event == "disconnected")
-    with pytest.raises(DeviceError, match=r"has been gone for 0\.01 s: there is no port"):
+    with pytest.raises(DeviceError, match=r"has been disconnected for 0\.01 s: there is no port"):
         read_until(source, lambda _: False)
     source.close()
 
@@ -132,7 +132,7 @@ def test_a_missing_port_says_what_is_there(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", ["/dev/null", "/etc/hostname", "/tmp"])
 def test_what_is_no_serial_port_is_told_so(path: str) -> None:
-    with pytest.raises(DeviceError, match=f"{path} is no serial port"):
+    with pytest.raises(DeviceError, match=f"{path} is not a serial port"):
         SerialSource(path, comports=list)
 
 

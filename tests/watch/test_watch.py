@@ -225,7 +225,7 @@ def test_delay_is_near_that_of_an_oracle():
 
 
 def test_wide_words_are_judged_without_dividing_by_nothing():
-    """Of 24 or 32 bits, whose variance over that of a window not yet looked at is no number."""
+    """Of 24 or 32 bits, whose variance over that of a window not yet looked at is not a number."""
     scan = Scan(1, np.full(1, np.log(ALPHA)))
     for value in np.random.default_rng(1).normal(0.0, 1e6, 700):
         assert scan.take(np.full(1, value)) == []

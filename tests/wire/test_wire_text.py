@@ -656,11 +656,11 @@ def test_damaged_rows_behind_a_header_do_not_turn_the_columns() -> None:
     (info,) = (event for event in events if isinstance(event, StreamInfo))
     assert info.axes == GYRO
     assert _remarks(events) == [
-        "line 2 is no row of the table: '1,2' (2 cells where the header names 3 columns); "
-        "such lines are left out",
+        "line 2 is not a row of the table: '1,2' (2 cells where the header names 3 columns); "
+        "such lines are skipped",
         *(
-            f"line {line} is no row of the table: '1,2,3,4' "
-            "(4 cells where the header names 3 columns); such lines are left out"
+            f"line {line} is not a row of the table: '1,2,3,4' "
+            "(4 cells where the header names 3 columns); such lines are skipped"
             for line in (43, 44)
         ),
     ]
@@ -769,7 +769,7 @@ def test_a_given_rate_is_above_times_that_disagree(times: str, used: bool) -> No
     [
         (
             "gx[dps],gy[dps]\n0.1,abc\n0.1,2,3,4\n",
-            "line 2, column 2: 'abc' is no number; line 3: 4 cells",
+            "line 2, column 2: 'abc' is not a number; line 3: 4 cells",
         ),
         ("p,q\n1,2\n", "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp"),
         ("gx[furlong],q\n1,2\n", "line 1: the unit of 'gx[furlong]' is not known"),
@@ -846,7 +846,7 @@ def test_the_first_three_rows_that_are_none_are_told_with_their_column() -> None
     text = "gx[dps],gy[dps],gz[dps]\n" + "1.5,2.5,3.5\n" * 30 + "\n".join(bad) + "\n"
     told = [event.text for event in _decode(text, math.nan) if isinstance(event, Notice)]
     assert [one.partition(" (")[2].partition(")")[0] for one in told] == [
-        "column 2: 'oops' is no number",
-        "column 3: 'n/a' is no number",
+        "column 2: 'oops' is not a number",
+        "column 3: 'n/a' is not a number",
         "",  # another separator
     ]

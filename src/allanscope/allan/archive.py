@@ -178,7 +178,7 @@ class Archive:
         if not (
             fits and power and ascending and used <= self.rows.shape[2] and 0 <= filled < stride
         ):
-            raise ValueError("state of a bank is damaged: its archive does not fit together")
+            raise ValueError("state of a bank is damaged: its archive is inconsistent")
         self.stride, self.used, self.filled, self.starts = stride, used, filled, starts
         self.rows, self.part = arrays["rows"], arrays["part"]
 

@@ -410,7 +410,7 @@ class AllanBank:
         arrays = _unpacked(state, like=blank._arrays())
         scale, anchor = arrays["scale"], arrays["anchor"]
         if anchor.size not in (0, scale.size):
-            raise ValueError("state of a bank is damaged: scale and anchor do not fit together")
+            raise ValueError("state of a bank is damaged: scale and anchor are inconsistent")
         bank = cls(float(arrays["rate"]), scale.size, int(arrays["per_octave"]), scale)
         bank._anchor = anchor if anchor.size else None
         bank._cascade.restore(arrays)
@@ -490,9 +490,7 @@ def _unpacked(
         found = header["format"], header["version"]
         described = dict(header["arrays"])
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise ValueError(
-            f"this is no state of a bank: its header cannot be read: {error!r}"
-        ) from None
+        raise ValueError(f"not the state of a bank: its header cannot be read: {error!r}") from None
     if found != (_FORMAT, _VERSION):
         raise ValueError(f"state is {found[0]!r} version {found[1]!r}; need {_FORMAT!r} {_VERSION}")
     arrays = {}
@@ -500,7 +498,7 @@ def _unpacked(
         array = np.array(state.get(name, ()), order="C")
         sound = _description(array) == described.get(name)
         if not sound or array.dtype != model.dtype or array.ndim != model.ndim:
-            raise ValueError(f"state of a bank is damaged: {name!r} is not what was saved")
+            raise ValueError(f"state of a bank is damaged: {name!r} has the wrong type or shape")
         arrays[name] = array
     return arrays
 

@@ -247,7 +247,7 @@ class Cascade:
         if shapes != [(name, arrays[name].shape) for name, _ in shapes] or not (
             0 <= taken <= samples and (taken // 32).bit_length() <= self.levels
         ):
-            raise ValueError("state of a bank is damaged: its sums do not fit together")
+            raise ValueError("state of a bank is damaged: its sums are inconsistent")
         self.samples, self.taken = samples, taken
         self.rungs, self.heads = arrays["rungs"], arrays["heads"]
         self.sums, self.counts = arrays["sums"], arrays["counts"]

@@ -95,7 +95,7 @@ class CurveChoices:
     def __post_init__(self) -> None:
         for kind in self.kinds:
             if kind not in KINDS:
-                raise ValueError(f"unknown estimator {kind!r}; choose of {' '.join(KINDS)}")
+                raise ValueError(f"unknown estimator {kind!r}; choose from {' '.join(KINDS)}")
         if self.noise is not None:
             object.__setattr__(self, "noise", NAMES[alpha_named(self.noise)])
         if self.hadamard not in ("sp1065", "dt0064"):
@@ -105,14 +105,15 @@ class CurveChoices:
         letters = "" if self.power_laws == "auto" else self.power_laws
         if set(letters) - set(LETTERS.values()):
             raise ValueError(
-                f"unknown power laws {letters!r}; choose auto or of {''.join(LETTERS.values())}"
+                f"unknown power laws {letters!r}; choose auto or letters of "
+                f"{''.join(LETTERS.values())}"
             )
         if set(letters) & set("FD") and set(letters) & set("QP"):
-            raise ValueError("F and D cannot be fitted beside Q and P: leave one of the pairs out")
+            raise ValueError("F and D cannot be fitted beside Q and P: omit one of the pairs")
         if not 1 <= self.per_octave <= 64:
             raise ValueError(f"{self.per_octave} averaging times in each octave; take 1 to 64")
         if not 0.0 <= self.window_s < 1e9:
-            raise ValueError(f"a window of {self.window_s} s makes no sense; 0 grows with the run")
+            raise ValueError(f"a window of {self.window_s} s is not possible; 0 grows with the run")
         if isinstance(self.taus, str):
             if self.taus and self.taus not in TAU_SETS:
                 names = ", ".join(TAU_SETS)

@@ -15,7 +15,7 @@ All this is measured by `benchmarks/thinning.py`.
 How many samples more give a value (`samples_to_value`) follows from counts alone. A bank has
 averaging factors of its own: those of its rungs and, for what is evaluated from the archive,
 multiples of the archive's stride, which doubles whenever its room is full. The one nearest to the
-time that is asked for is meant.
+time that is required is meant.
 """
 
 from __future__ import annotations

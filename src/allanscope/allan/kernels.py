@@ -221,7 +221,7 @@ def _checked(ladder: Ladder, axes: int | None = None) -> tuple[Any, ...]:
         or ladder.marked.shape != (rows, taus, slots, 3)
         or axes not in (None, rows)
     ):
-        raise ValueError("the arrays of a ladder do not fit together")
+        raise ValueError("the arrays of a ladder are inconsistent")
     return *ladder, rows, levels, slots
 
 

@@ -1,7 +1,7 @@
 """What axes have in common: the magnitude-squared coherence of each band, and its cause.
 
 Axes that are coherent in a band have one cause there, whatever its name. Of two axes of which one
-leaks into the other, noise of equal colour does not tell which; a line or a step does, that one
+couples into the other, noise of equal colour does not tell which; a line or a step does, that one
 of them has alone, or that the other has in just the proportion of the leak.
 """
 
@@ -69,7 +69,7 @@ class Common:
         """All of it in a phrase."""
         band = f"{number(self.low_hz, 2)} to {number(self.high_hz, 2)} Hz"
         size = f"coherence {number(self.coherence, 2)} (limit {number(self.limit, 2)})"
-        return f"{band}: {size}, {self.cause or 'one common cause without a name'}"
+        return f"{band}: {size}, {self.cause or 'one common cause, not identified'}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,5 +236,5 @@ def leak_of(
     if abs(margin) < _DECIDED_NATS or float(misfits.min()) > _FITS_NATS * len(lines):
         return None
     source, target = pair if margin > 0 else pair[::-1]
-    words = f"{source} leaks into {target}: told by {'a line' if len(lines) == 1 else 'lines'}"
+    words = f"{source} couples into {target}: decided by {'a line' if len(lines) == 1 else 'lines'}"
     return Leak(source, target, abs(margin), words)

@@ -78,16 +78,17 @@ class Experiment:
     @property
     def words(self) -> str:
         """Action and expectation in a phrase."""
-        return f"{self.action}: {self.expectation}; expected evidence {nats(self.gain_nats)}"
+        gain = nats(self.gain_nats)
+        return f"{self.action}: {self.expectation}; expected log-likelihood gain {gain}"
 
 
 def nats(gain: float) -> str:
-    """Return evidence in a phrase.
+    """Return a log-likelihood gain (nats) in two digits.
 
     >>> nats(123.4), nats(2.34e4)
-    ('120 nats', 'above 1000 nats')
+    ('120', 'above 1000')
     """
-    return "above 1000 nats" if gain > 1000.0 else f"{number(gain, 2)} nats"
+    return "above 1000" if gain > 1000.0 else number(gain, 2)
 
 
 def another_rate(
@@ -126,7 +127,7 @@ def another_rate(
     --------
     >>> found = another_rate(46.0, 104.0, (46.0, 58.0, 150.0), (52.0, 104.0, 208.0, 416.0), 0.1)
     >>> print(found.words)  # doctest: +NORMALIZE_WHITESPACE
-    record 10 min at 416 Hz: seen at 184 Hz if of the sensor's clock, at 46 Hz if at 46 Hz,
+    record 10 min at 416 Hz: seen at 184 Hz if locked to the sensor's clock, at 46 Hz if at 46 Hz,
     at 58 Hz if at 58 Hz, at 150 Hz if at 150 Hz; expected evidence 60 nats
     """
     near = min(offered_hz, key=lambda one: abs(one / rate_hz - 1), default=rate_hz)
@@ -149,7 +150,7 @@ def another_rate(
     if best is None:
         return None
     _, asked, places = best
-    parts = [f"seen at {_hz(places[0])} if of the sensor's clock"] if or_internal else []
+    parts = [f"seen at {_hz(places[0])} if locked to the sensor's clock"] if or_internal else []
     rest = places[or_internal:]
     parts += [
         f"at {_hz(place)} if at {_hz(true)}"
@@ -242,8 +243,8 @@ def _beside(question: str, gain: float, length_s: float) -> Experiment:
     """Return what a second board tells: it sees at the same moment what comes from outside."""
     return Experiment(
         question,
-        f"record beside a second board for {duration(length_s)}",
-        "on both boards at once if from outside, on one if of the sensor",
+        f"record together with a second board for {duration(length_s)}",
+        "on both boards at once if external, on one if internal",
         length_s,
         gain,
     )
@@ -260,8 +261,8 @@ def _turned(effect: Effect, axis: str, analysis: Analysis) -> Experiment:
     gain = 0.5 * (slope * rms / noise) ** 2 * _TURN_S / 2 if noise > 0 else SETTLED_NATS
     how = f"turn the board about {source}" if is_gyro else f"tilt the board along {source}"
     return Experiment(
-        f"which of {source} and {axis} leaks into the other",
-        f"{how} by hand to and fro for {duration(_TURN_S)}",
+        f"which of {source} and {axis} couples into the other",
+        f"{how} by hand, back and forth, for {duration(_TURN_S)}",
         f"{axis} follows by {number(100 * slope, 2)} % if {source} is the source",
         _TURN_S,
         gain,
@@ -281,7 +282,7 @@ def _warmed(question: str, effect: Effect, gain: float, length_s: float) -> Expe
     return Experiment(
         question,
         f"let it cool, switch it on again and record for {duration(lasting_s)}",
-        "the same change again if it is of the warm-up",
+        "the same change again if it is a warm-up",
         lasting_s,
         expected,
     )
@@ -308,7 +309,7 @@ def _longer(question: str, effect: Effect, gain: float, length_s: float) -> Expe
     return Experiment(
         question,
         f"record for {duration(lasting_s)}",
-        "one of them is refused",
+        "one of them is rejected",
         lasting_s,
         margin * lasting_s / length_s,
     )

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 PHRASES = {
-    "amplitude_coupling": "noise as loud as {source} moves, {share} of its power",
+    "amplitude_coupling": "noise amplitude follows {source}, {share} of its power",
     "band_limit": "low-pass at {cutoff}",
     "cross_coupling": "cross-coupling from {source}, {slope}",
     "dead_zone": "dead zone of {width} around {level}, {fraction} of the samples",

@@ -568,7 +568,7 @@ def _worded(
             brief = "locked to the sensor's clock"
             text = f"{brief}, at {number(seen / rate_hz, 5)} fs"
         case "free-running":
-            brief = "not of the sensor's clock"
+            brief = "not locked to the sensor's clock"
             text = "external or mechanical: it does not keep phase with the sensor's clock"
         case "external" if found.frequency_hz is not None:
             true = number(found.frequency_hz, 5)
@@ -598,5 +598,5 @@ def _worded(
         names = " or ".join(one.name for one in found.known)
         text += f"; agrees with {names} (expected by chance: {number(found.known[0].by_chance, 2)})"
     if found.experiment is not None:
-        text += f"; to tell it: {found.experiment.words}"
+        text += f"; to decide: {found.experiment.words}"
     return replace(found, words=text, brief=brief)

@@ -190,9 +190,9 @@ def _phrase(effect: Effect) -> str:
 
 
 _PHRASES = {
-    "gauss_markov": "Gauss-Markov noise of {correlation_time} s holds the rest",
-    "power_law": "noise of density f^-{exponent} holds the rest",
-    "random_telegraph": "a telegraph signal with a dwell of {dwell} s holds the rest",
+    "gauss_markov": "the rest is Gauss-Markov noise of {correlation_time} s",
+    "power_law": "the rest is noise of density f^-{exponent}",
+    "random_telegraph": "the rest is a telegraph signal with a dwell time of {dwell} s",
     "band_limit": "a low-pass at {cutoff} Hz",
     "cross_coupling": "a coupling from {source}",
     "sinusoid": "a line at {frequency} Hz",
@@ -202,7 +202,7 @@ _PHRASES = {
     "repeated_samples": "repeated samples",
     "saturation": "saturation",
     "dead_zone": "a dead zone",
-    "amplitude_coupling": "noise as loud as {source} moves",
-    "unexplained": "what no effect explains",
+    "amplitude_coupling": "noise whose amplitude follows {source}",
+    "unexplained": "an unexplained part",
 }
 """Effects as causes; others by the name of their kind."""

@@ -53,8 +53,8 @@ def run_remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str
         )
     if state.watch_failure:
         out.append(
-            f"The watch for events failed ({state.watch_failure}): later ones were not looked for; "
-            "please report it."
+            f"Event detection failed ({state.watch_failure}): later events are missing; please "
+            "report it."
         )
     if rate.measured_hz is None:
         out.append("The true sample rate is not known: averaging times use the nominal rate.")
@@ -62,7 +62,7 @@ def run_remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str
     if rate.source == "device" and apart_ppm is not None and abs(apart_ppm) > 1e6 * DISAGREEMENT:
         out.append(
             f"The clocks of the device and the computer differ by {number(abs(apart_ppm), 2)} ppm, "
-            "as when the computer reads late: the rate is by the device's clock."
+            "as if the computer read late; the rate is taken from the device's clock."
         )
     return (*out, *dict.fromkeys(analyser.errors[-5:]))
 

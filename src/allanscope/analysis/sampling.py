@@ -60,13 +60,13 @@ def sampling_remarks(
     if share < 1.0 - OSCILLATOR:
         out.append(
             f"{rows} of a sensor set to {number(rate.nominal_hz, 4)} Hz: the reader is slower than "
-            f"the sensor and sees one sample in {number(1.0 / share, 3)}; noise above half its "
-            "pace is folded into what it sees."
+            f"the sensor and reads one sample in {number(1.0 / share, 3)}; noise above half the "
+            "reading rate is aliased."
         )
     elif share > 1.0 + OSCILLATOR and not repeated:
         out.append(
             f"{rows} although the sensor is set to {number(rate.nominal_hz, 4)} Hz, and no row "
-            "repeats: the setting is not what was said."
+            "repeats: the sensor is set to another rate."
         )
     elif _unrepeated(axes) and (words := _skipped(rate, offered_hz)):
         out.append(f"{rows}, {words}")
@@ -101,8 +101,8 @@ def _skipped(rate: Rate, offered_hz: Sequence[float]) -> str:
             f"the samples of {setting} are never sent (skipped)."
         )
     return (
-        f"in step with a timer of {period_ms} ms, a pace that the sensor cannot be set to: about "
-        f"{share} % of the samples of {setting} are never sent (skipped), more of a faster one."
+        f"in step with a timer of {period_ms} ms, a rate that the sensor does not have: about "
+        f"{share} % of the samples of {setting} are never sent (skipped), more if it is faster."
     )
 
 

@@ -298,7 +298,9 @@ def _quiet_lines(analysis: Analysis) -> list[VerdictLine]:
 
 def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
     suspect = analysis.link.suspect
-    doubt = f"{suspect} left out: one value is far from all rows around it, and the link has errors"
+    doubt = (
+        f"{suspect} excluded: one value is far from all neighbouring rows, and the link has errors"
+    )
     suspects = [VerdictLine("note", "Suspect rows", doubt)] if suspect else []
     if not analysis.lost_samples and not analysis.unknown_losses:
         return suspects
@@ -325,7 +327,7 @@ def _with_experiment(line: VerdictLine, analysis: Analysis) -> VerdictLine:
         return line
     first = beyond[0]
     evidence = nats(first.gain_nats)
-    text = f"to tell {first.question}: {first.action} (expected evidence {evidence})"
+    text = f"to decide {first.question}: {first.action} (expected log-likelihood gain {evidence})"
     return replace(line, text=f"{line.text}; {text}")
 
 

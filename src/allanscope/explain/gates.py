@@ -49,13 +49,13 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
     """
     verdict = adequate(view, candidate)
     if verdict is None:
-        return None, "adequacy: it is not what its name says"
+        return None, "adequacy: the data are not of this kind"
     if why := _superfluous(view, verdict):
         return None, f"adequacy: {why}"
     held = verdict.effect.hold_out(view, verdict)
     recurring = _RECURRING * (verdict.gain - _SMALL) if verdict.effect.is_process else 0.0
     if held is not None and held.nats <= max(held.error, recurring):
-        return None, f"held out: {held.nats:.1f} nats on other data"
+        return None, f"held out: {held.nats:.1f} nats on held-out data"
     if held is not None and _is_refuted(verdict, held):
         return None, "held out: quarters of the record disagree"
     return replace(verdict, held_out=held), "accepted"
@@ -64,11 +64,11 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
 def _superfluous(view: View, verdict: Candidate) -> str:
     """Return why what was accepted already leaves it no place; empty where it does."""
     if covered(view, verdict):
-        return "that range is known already"
+        return "the range is explained already"
     if leaves_too_little(view, verdict):
         return "nothing would be left to fit"
     if within_shock(view, verdict):
-        return "a piece of a shock"
+        return "part of a shock"
     return "the end of a loud tone" if is_remnant(view, verdict) else ""
 
 

@@ -302,7 +302,7 @@ def _grown(before: ResidualError, after: ResidualError) -> tuple[str, ...]:
     why = growth(before, after)[1].removeprefix("error: ")
     if not why:
         return ()
-    return (f"{why}: what is left is judged by the smaller sampling error of the better model",)
+    return (f"{why}: the residual is compared with the smaller sampling error of the better model",)
 
 
 def _final(

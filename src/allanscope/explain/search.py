@@ -39,7 +39,7 @@ _LOG = logging.getLogger(__name__)
 
 _LEVEL_AND_SPECTRUM, _LEFT_OVER = 2, 4
 """The stage in which effects hide each other, and are fitted again with each new one."""
-_FULL = "the search was stopped: no more effects are taken on one axis, and more may be there"
+_FULL = "the search was stopped at the largest number of effects for one axis; there may be more"
 
 
 @dataclass(frozen=True, slots=True)

@@ -294,7 +294,7 @@ def _temperature(
     if not known.any():
         return None
     if np.all(measured[known] == 0.0):
-        remarks.append("the temperature is 0 throughout: no sensor behind it, so it is not used")
+        remarks.append("the temperature is 0 throughout: probably no sensor; not used")
         return None
     if np.ptp(measured[known]) == 0.0:
         remarks.append("the temperature never changes: nothing can be regressed on it")
@@ -313,22 +313,21 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
     period = _period(samples)
     if period:
         return (
-            f"the samples repeat every {period} rows to the last digit: a test pattern or a loop "
-            "of the sender, no noise to analyse",
+            f"the samples repeat every {period} rows to the last digit: a test pattern or a "
+            "repeated buffer; no noise to analyse",
         )
     needed = max(SHORTEST_S, SHORTEST_ROWS / series.rate_hz)
     if n < SHORTEST_ROWS or series.duration_s < SHORTEST_S:
         missing = duration(np.ceil(needed - series.duration_s))
         if series.gaps >= _MANY_GAPS:
             return (
-                f"rows are missing throughout: {series.gaps:,} gaps, and the longest stretch "
-                f"without one is {duration(series.duration_s)} of the {duration(needed)} that a "
-                "search for effects takes; find where rows are lost (the logger or its link), for "
-                "a longer run with such gaps has none either",
+                f"rows are missing throughout: {series.gaps:,} gaps; the longest stretch without "
+                f"one is {duration(series.duration_s)} of the {duration(needed)} needed to search "
+                "for effects; find where rows are lost (logger or link), a longer run does not help",
             )
         return (
             f"too short to search for effects: {duration(series.duration_s)} of the "
-            f"{duration(needed)} that it takes; run at least {missing} longer",
+            f"{duration(needed)} needed; run at least {missing} longer",
         )
     if (
         np.unique(measured[:: max(1, n // 4096)]).size < 2
@@ -359,14 +358,14 @@ def observations(series: Series, axis: str) -> tuple[str, ...]:
         if rail > _AT_THE_RAIL:
             found.append(
                 f"{100 * rail:.2g} % of the samples are at the end of the range: the axis is "
-                "saturated and its noise is not what the figures say"
+                "saturated; its noise values are not valid"
             )
     for other in series.axes:
         factor = multiple_of(series, axis, other) if other != axis else None
         if factor is not None:
             found.append(
-                f"{axis} is {factor:.6g} times {other}: the two hold one signal, which says "
-                "nothing of how they are coupled"
+                f"{axis} is {factor:.6g} times {other}: both carry one signal, so their "
+                "coupling is not known"
             )
     share = float(series.bridged.mean())
     if share > 0:
@@ -377,7 +376,7 @@ def observations(series: Series, axis: str) -> tuple[str, ...]:
     if series.stride > 1:
         found.append(
             f"rows are means of {series.stride} samples: single samples (outliers, repeats, "
-            "the lattice) could not be judged, and above "
+            "the lattice) were not examined, and above "
             f"{series.rate_hz / 2:.3g} Hz there is only the streaming spectrum"
         )
     return tuple(found)

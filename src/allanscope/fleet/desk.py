@@ -134,7 +134,7 @@ def complaint_lines(result: FleetResult) -> list[str]:
     --------
     >>> complaint_lines(FleetResult(failures={"c": "c is empty"}, copies={"b": "a"}, left=2))
     ['c is empty', 'b is a copy of a: left out of the lot',
-     'stopped before it was done; 2 recordings left: the same command goes on']
+     'stopped before it was done; 2 recordings left: repeat the command to continue']
     """
     copies = [
         f"{one} is a copy of {other}: left out of the lot"
@@ -143,7 +143,7 @@ def complaint_lines(result: FleetResult) -> list[str]:
     lines = [*result.failures.values(), *_some([str(one) for one in result.losses]), *_some(copies)]
     if result.left:
         left = f"{result.left} recording{'s' * (result.left != 1)} left"
-        lines.append(f"stopped before it was done; {left}: the same command goes on")
+        lines.append(f"stopped before it was done; {left}: repeat the command to continue")
     return lines
 
 
@@ -153,7 +153,7 @@ def summary_lines(result: FleetResult) -> list[str]:
     Examples
     --------
     >>> summary_lines(FleetResult({"a": "1", "b": "2"}, 1, {"c": "c is empty"}, left=4))
-    ['2 recordings analysed, 1 of them before; 1 failed; 4 left: the same command goes on']
+    ['2 recordings analysed, 1 of them before; 1 failed; 4 left: repeat the command to continue']
     """
     ready = len(result.keys)
     before = ready - result.done
@@ -167,7 +167,7 @@ def summary_lines(result: FleetResult) -> list[str]:
     if result.failures:
         text += f"; {len(result.failures)} failed"
     if result.left:
-        text += f"; {result.left} left: the same command goes on"
+        text += f"; {result.left} left: repeat the command to continue"
     files = [str(path) for path in (result.table, result.report) if path is not None]
     return [text, *files]
 

@@ -190,7 +190,7 @@ def _rack_lines(shared: list[SharedEffect], units: int) -> list[VerdictLine]:
             "note",
             "shared",
             f"{one.kind.replace('_', ' ')} at {number(one.frequency_hz, 5)} Hz on "
-            f"{len(one.units)} of {units} units: look for it where they stand, not in them",
+            f"{len(one.units)} of {units} units: it comes from the bench, not from them",
         )
         for one in shared
         if one.of_rack

@@ -34,7 +34,7 @@ TASKS_PER_WORKER = 3
 
 LOOK_AGAIN_S = 0.5
 
-_WORKERS_DIED = "its worker died again and again; too little memory?"
+_WORKERS_DIED = "its worker died repeatedly; too little memory?"
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ def write_lot(result: FleetResult, store: Store, settings: FleetSettings) -> Non
     Raises
     ------
     UsageError
-        If they cannot be written, or the pattern that names units makes no sense.
+        If they cannot be written, or the pattern that names units is not possible.
     """
     result.copies = copies_among(result.keys)
     originals = result.keys.keys() - result.copies.keys()
@@ -97,7 +97,7 @@ class UnitNames:
     Raises
     ------
     UsageError
-        If it is no regular expression with a group.
+        If it is not a regular expression with a group.
 
     Examples
     --------
@@ -113,7 +113,9 @@ class UnitNames:
         try:
             self._pattern = re.compile(pattern) if pattern else None
         except re.error as error:
-            raise UsageError(f"--unit-name {pattern!r} is no regular expression: {error}") from None
+            raise UsageError(
+                f"--unit-name {pattern!r} is not a regular expression: {error}"
+            ) from None
         if self._pattern is not None and self._pattern.groups < 1:
             raise UsageError(f"--unit-name {pattern!r} has no group; write e.g. '/(unit-[0-9]+)/'")
 

@@ -118,7 +118,7 @@ class Estimates:
 
         What was not detected may be anything up to its limit: the geometric mean of estimate and
         limit predicts the time to a factor of two or three, by simulation, and too short a one
-        where the limit is still far off. A run that should have been long enough is asked for as
+        where the limit is still far off. A run that should have been long enough is required as
         much more as the interval is too wide, at most for as long again.
         """
         free = self.fit.free[index]

@@ -339,5 +339,5 @@ def _remarks(coefficients: Mapping[str, Coefficient], fit: Fit, coarse: str) -> 
             "and hardly ever quantization of an angle"
         )
     if not fit.converged:
-        remarks.append("the fit did not converge: its numbers are the best that were found")
+        remarks.append("the fit did not converge: its values are the best found")
     return tuple(remarks)

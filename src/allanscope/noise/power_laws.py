@@ -152,7 +152,7 @@ def model_of(text: str, dt: float) -> NoiseModel:
     Raises
     ------
     ValueError
-        For another letter, or what is no number.
+        For another letter, or what is not a number.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def model_of(text: str, dt: float) -> NoiseModel:
         try:
             parts.append(known[letter](float(value)))
         except ValueError:
-            raise ValueError(f"model {text!r}: {value!r} is no number above zero") from None
+            raise ValueError(f"model {text!r}: {value!r} is not a number above zero") from None
     return NoiseModel(tuple(parts), dt)
 
 
@@ -191,7 +191,7 @@ def _checked(noises: str) -> str:
     if not noises or set(noises) - set(POWER_LAWS):
         raise ValueError(f"noises must be letters of {''.join(POWER_LAWS)}, got {noises!r}")
     if _is_steep(noises) and set(noises) & set("QP"):
-        raise ValueError("F and D cannot be fitted beside Q and P: leave one of the pairs out")
+        raise ValueError("F and D cannot be fitted beside Q and P: omit one of the pairs")
     return "".join(dict.fromkeys(noises))
 
 

@@ -197,7 +197,7 @@ def _judged(analysis: Analysis, axis: str, name: str, bounds: dict[str, float]) 
         reason = f"{text} {found.unit} is below {number(minimum)}"
         if not found.detected:
             reason = (
-                f"not detected, below {text} {found.unit}; at least {number(minimum)} is asked for"
+                f"not detected, below {text} {found.unit}; at least {number(minimum)} is required"
             )
     return Verdict(
         axis,
@@ -220,14 +220,14 @@ def _read(path: Path) -> Limits:
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no TOML file: {error}") from None
+        raise InputError(f"{path} is not a TOML file: {error}") from None
     groups = {"gyro": AXES[:3], "accel": AXES[3:]}
     limits: Limits = {axis: {} for axis in AXES}
     # Groups first, so that an axis of its own overrules its group wherever it stands in the file.
     for title, table in sorted(tables.items(), key=lambda item: item[0] not in groups):
         if title not in (*groups, *AXES) or not isinstance(table, dict):
             raise InputError(
-                f"{path}: [{title}] is no axis; use gyro, accel or one of {' '.join(AXES)}"
+                f"{path}: [{title}] is not an axis; use gyro, accel or one of {' '.join(AXES)}"
             )
         for name, entry in table.items():
             for axis in groups.get(title, (title,)):
@@ -247,7 +247,7 @@ def _bounds(path: Path, title: str, name: str, entry: Any) -> dict[str, float]:
     )
     if not sound:
         raise InputError(
-            f"{path}: [{title}] {name} = {entry!r} is no limit; write e.g. N = 0.004 or "
+            f"{path}: [{title}] {name} = {entry!r} is not a limit; write e.g. N = 0.004 or "
             "N = { min = 0.001, max = 0.004 }"
         )
     return {key: float(value) for key, value in table.items()}

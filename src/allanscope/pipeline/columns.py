@@ -105,7 +105,7 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None, timed: bool = 
         assumed = assumed if len(axes) > 1 else ()
     twice = [name for i, name in enumerate(axes) if name in axes[:i]]
     if twice:
-        raise ValueError(f"{twice[0]} comes twice among the names of the axes")
+        raise ValueError(f"{twice[0]} appears twice among the names of the axes")
     if len(axes) != values.shape[1]:
         raise ValueError(f"{len(axes)} axis names do not fit an array of shape {values.shape}")
     columns = columns_of_mapping(dict(zip(axes, values.T, strict=True)))
@@ -274,7 +274,7 @@ def text_of_columns(columns: Columns) -> tuple[bytes, Callable[[slice], bytes]]:
 
 
 def quantity_of(name: str) -> Quantity:
-    """Return the quantity of an axis, or the name itself where it is no axis."""
+    """Return the quantity of an axis, or the name itself where it is not an axis."""
     if name in AXES:
         return "gyro" if name.startswith("g") else "accel"
     return cast("Quantity", name)

@@ -187,11 +187,11 @@ def _export_coefficients(
             )
     except NotDetected as error:
         raise InputError(
-            f"{source}: {error}; record longer, or choose what {out.name} gets there: "
-            "--upper-limits include (the limits) or --upper-limits zero"
+            f"{source}: {error}; record longer, or write {out.name} with --upper-limits include "
+            "(the limits) or --upper-limits zero"
         ) from None
     except ValueError as error:
-        raise InputError(f"{source}: {error}; {layout} cannot be given its numbers") from None
+        raise InputError(f"{source}: {error}; nothing to write for {layout}") from None
     write_text(out, text)
     if not quiet and out.is_file():
         print(f"{out}: coefficients of {len(coefficients)} axes")

@@ -315,11 +315,11 @@ class Decoding:
         if chunk.event == "stalled":
             # A board that restarted without leaving the bus may wait to be told to start.
             self._send_start()
-            return [Notice("error", "the device has fallen silent", OURS)]
+            return [Notice("error", "no data from the device", OURS)]
         if chunk.event == "resumed":
             # Numbers or times tell what is missing; without either nothing does.
             missing = [] if self._numbered else self._decoder.interrupt("stalled")
-            return [*missing, Notice("text", "the device speaks again", OURS)]
+            return [*missing, Notice("text", "data from the device again", OURS)]
         return []
 
     def _send_start(self, alone: bool | None = None) -> None:

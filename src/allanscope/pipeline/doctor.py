@@ -120,18 +120,22 @@ def _viewer() -> Check:
     if importlib.util.find_spec("rerun_cli") is None:
         mend = f"{Path(sys.executable).name} -m pip install rerun-sdk; or use --view none"
         return Check("bad", "viewer", "Rerun is not installed", mend)
-    where = "opens a window" if has_display() else "no display here: serves a page (--view web)"
+    where = (
+        "opens a window"
+        if has_display()
+        else "no display: the charts are served as a web page (--view web)"
+    )
     return Check("ok", "viewer", where)
 
 
 def _graphics(devices: Path = Path("/dev/dri"), drivers: Path = Path("/usr/share/vulkan")) -> Check:
     """Tell whether a window can be drawn; the web viewer needs nothing of this machine."""
     if not sys.platform.startswith("linux"):
-        return Check("ok", "GPU", "not looked at on this system")
+        return Check("ok", "GPU", "not checked on this system")
     if any(devices.glob("renderD*")):
         return Check("ok", "GPU", "there is one")
     if any((drivers / "icd.d").glob("*")):
-        return Check("ok", "GPU", "none; the processor draws the window")
+        return Check("ok", "GPU", "none; software rendering")
     return Check(
         "note",
         "GPU",

@@ -235,7 +235,7 @@ def _tell_alarm(line: str, news: News, quiet: bool) -> None:
     if quiet and line:
         complain(line)
     kind: Literal["error", "text"] = "error" if line else "text"
-    news.put(Notice(kind, line or "the recording is whole again", {"host": 1}))
+    news.put(Notice(kind, line or "recording to disk continues", {"host": 1}))
 
 
 def _metadata(source: Source, device: DeviceSettings) -> dict[str, str]:

@@ -299,7 +299,8 @@ def charts_of(source: str) -> str:
         address = urlsplit(source)
         if address.scheme != "rerun+http" or address.hostname not in ("127.0.0.1", "localhost"):
             raise UsageError(
-                f"{source} is no address of this machine; write rerun+http://127.0.0.1:PORT/proxy, "
+                f"{source} is not an address of this machine; write "
+                "rerun+http://127.0.0.1:PORT/proxy, "
                 "or the folder of a session"
             )
         return source
@@ -309,7 +310,9 @@ def charts_of(source: str) -> str:
     if not path.exists():
         raise InputError(f"there is no {path}; allanscope replay draws the charts of a recording")
     if path.suffix != ".rrd":
-        raise InputError(f"{path} is no .rrd; allanscope replay draws the charts of a recording")
+        raise InputError(
+            f"{path} is not an .rrd file; allanscope replay draws the charts of a recording"
+        )
     return str(path)
 
 

@@ -295,9 +295,7 @@ class Session:
                 self._tell_one(viewer, event)
             except Exception as error:  # whoever watches must not end the measurement
                 self.audience = [one for one in self.audience if one is not viewer]
-                self.fail(
-                    f"a view has failed and is shown no more: {type(error).__name__}: {error}"
-                )
+                self.fail(f"a view failed and was closed: {type(error).__name__}: {error}")
 
     def _tell_one(self, viewer: Audience, event: Event) -> None:
         state = self.analyser.state

@@ -44,7 +44,7 @@ def simulate_recording(
         When the file exists, cannot be written, or the hours make no sense.
     """
     if not 0.0 < hours < 1e5:
-        raise UsageError(f"{hours:g} hours make no recording")
+        raise UsageError(f"{hours:g} hours are not a possible length")
     sensor = simulator(device, simulated, hours * 3600.0)
     wire = device.simulated_wire
     with progress(hours * 3600.0, "simulating", unit="s", quiet=quiet) as advance:
@@ -98,7 +98,7 @@ def run_emulated_device(
     Raises
     ------
     UsageError
-        When it is asked for what only the simulated device can do.
+        When it is required what only the simulated device can do.
     """
     from allanscope.simulator import EMULATED_WIRE, run_emulated
 

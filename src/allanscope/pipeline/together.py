@@ -175,8 +175,8 @@ def _separation(
     clock = aligned(records, rates)
     remarks = []
     if not clock.is_common:
-        why = "nothing that all recordings share tells how they lie in time"
-        return clock, {}, [f"{why}: each deviation is its own"]
+        why = "the recordings have no common signal to align them in time"
+        return clock, {}, [f"{why}; no common motion was separated"]
     if clock.values.shape[1] < _FEWEST_STEPS:
         return clock, {}, ["the recordings overlap for too short a time"]
     axes = {
@@ -185,7 +185,7 @@ def _separation(
         if all(np.ptp(clock.values[:, :, k], axis=1) > 0)
     }
     if len(results) == 2:
-        remarks.append("two recordings: what is not shared is the mean of both, not of each")
+        remarks.append("two recordings: the individual noise is the mean of both")
     return clock, axes, remarks
 
 

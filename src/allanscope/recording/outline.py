@@ -134,7 +134,7 @@ class _Walk:
             return len(MAGIC)
         first = self._next_record(0) if self.path.suffix == ".mcap" else None
         if first is None:
-            raise InputError(f"no recording: {self.path} is not an MCAP file")
+            raise InputError(f"not a recording: {self.path} is not an MCAP file")
         self._report(0, first, "the beginning is not readable")
         return first
 
@@ -151,7 +151,7 @@ class _Walk:
             if record is None:
                 return None
             if record.is_dated and record.label in self._labels:
-                text = "a copy of a chunk that came before, which is read once"
+                text = "a duplicate chunk, read once"
                 self._report(position, HEADER.size + int(length), text, record.seconds)
             else:
                 self._labels.add(record.label)
@@ -191,7 +191,9 @@ class _Walk:
             following = summary if summary and position < summary < self.size else None
         if following is None:
             seconds = chunk_seconds(self._read(position, HEAD_BYTES))
-            self._report(position, self.size - position, "torn: the end is not readable", seconds)
+            self._report(
+                position, self.size - position, "truncated: the end is not readable", seconds
+            )
             return self.size + 1
         self._report(position, following - position, "not readable")
         return following

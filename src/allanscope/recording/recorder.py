@@ -238,9 +238,9 @@ class Recorder:
 
     def _refusal(self, error: OSError) -> str:
         """Return one line that changes only when something new is to be said."""
-        state = "what comes is kept in memory"
+        state = "new data are kept in memory"
         if self.dropped_bytes:
-            state = "memory is full, and what comes now is lost"
+            state = "memory is full; new data are lost"
         return (
             f"{self.path}: not recording ({error.strerror}): {state}; free some space, "
             "monitoring goes on"

@@ -196,7 +196,7 @@ def _strings(data: bytes) -> Iterator[str]:
         (length,) = struct.unpack_from("<I", data, position)
         position += 4 + length
         if position > len(data):
-            raise ValueError("a string is longer than what holds it")
+            raise ValueError("a string exceeds its record")
         yield data[position - length : position].decode("utf-8")
 
 
@@ -254,7 +254,7 @@ def messages_of(data: bytes, topics: dict[int, str]) -> list[Message]:
         body, position = position + _HEADER_BYTES, position + _HEADER_BYTES + length
         if opcode == Opcode.MESSAGE and length >= _MESSAGE_BYTES:
             if host_ns > _LAST_NS:
-                raise CorruptChunkError("a chunk has a message of a time that no clock shows")
+                raise CorruptChunkError("a chunk has a message with an impossible time")
             if len(found) == MOST_MESSAGES:
                 raise CorruptChunkError(f"a chunk holds more than {MOST_MESSAGES} messages")
             topic, start = topics.get(channel, ""), body + _MESSAGE_BYTES

@@ -88,7 +88,7 @@ def recover(
         metadata = {**recording.metadata, "recovered_from": str(damaged)}
         _copy(recording, part, metadata, report, advance)
         if not report.reads:
-            raise InputError(f"{damaged} holds nothing that can be saved")
+            raise InputError(f"{damaged} has no readable data")
     report.damage = recording.damage
     report.lost_s += sum(one.seconds or 0.0 for one in report.damage if one.what.startswith("torn"))
     return report

@@ -227,7 +227,7 @@ def zero_g(analysis: Analysis) -> Fact | None:
 
 
 def effect_words(effect: Effect) -> EffectWords:
-    """Return one effect in words, with what convinced."""
+    """Return one effect in words, with the evidence."""
     # What has no name says in its own words where it is; its parameters say less.
     shown = {} if effect.kind == NAMELESS and effect.evidence.get("words") else effect.parameters
     parameters = ", ".join(

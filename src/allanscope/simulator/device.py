@@ -296,7 +296,7 @@ def run_emulated(duration_s: float | None = None, link: Path | None = None) -> N
         subprocess.run(["make", "-s", "-C", str(FIRMWARE), f"OUT={folder}"], check=True)
         port = link or Path(folder) / "ttySensorTile"
         if port.exists() and not port.is_symlink():
-            raise UsageError(f"{port} exists and is no link; choose another path")
+            raise UsageError(f"{port} exists and is not a link; choose another path")
         port.unlink(missing_ok=True)  # one that an earlier QEMU has left behind
         command = ["qemu-system-arm", "-M", "b-l475e-iot01a", "-kernel", f"{folder}/paced.elf"]
         command += ["-display", "none", "-monitor", "none", "-serial", "chardev:usart"]

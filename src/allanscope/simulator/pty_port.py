@@ -51,7 +51,7 @@ class PtyPort:
         self._folder = None if path else tempfile.TemporaryDirectory(prefix="allanscope-")
         self._path = path or Path(str(self._folder and self._folder.name)) / "ttySensorTile0"
         if self._path.exists() and not self._path.is_symlink():
-            raise UsageError(f"{self._path} exists and is no link; choose another path")
+            raise UsageError(f"{self._path} exists and is not a link; choose another path")
         self.url = str(self._path)
         self._device: int | None = None
         self._open()

@@ -144,7 +144,7 @@ class Simulator:
         }
         known = part_named(part)
         if not 0.0 < rate <= 1e6:
-            raise UsageError(f"a sample rate of {rate:g} Hz makes no sense")
+            raise UsageError(f"a sample rate of {rate:g} Hz is not possible")
         if seed < 0:
             raise UsageError(f"a seed is 0 or more, not {seed}")
         if not axes or not set(axes) <= set(AXES):

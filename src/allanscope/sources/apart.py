@@ -118,7 +118,9 @@ class ReaderApart:
         kind, self.came_ns, data = self._frames.popleft()
         if kind == GONE:
             number = int(data)
-            raise OSError(number, os.strerror(number) if number else "the device has hung up")
+            raise OSError(
+                number, os.strerror(number) if number else "the device closed the connection"
+            )
         return data
 
     def write(self, data: bytes) -> None:
@@ -155,13 +157,13 @@ class ReaderApart:
         with suppress(BrokenPipeError):
             os.write(self._control, b"g")
         self.alone = True
-        self.how = f"a process of its own at {priority}"
+        self.how = f"a separate process at {priority}"
 
     def _fall_back(self) -> None:
         """Read here again: the other process ended without a word."""
         self.missed = self.alone
         self.alone = False
-        self.how = f"{A_THREAD}, because the process for it has ended"
+        self.how = f"{A_THREAD}, because its process has ended"
         self._raw.clear()
         self._end()
 

@@ -57,7 +57,7 @@ class SourceSettings:
     Raises
     ------
     UsageError
-        If a value makes no sense.
+        If a value is not possible.
     """
 
     baud: int = 115200

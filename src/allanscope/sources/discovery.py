@@ -160,7 +160,7 @@ def describe_ports(comports: Comports | None = None) -> list[str]:
 def plugged_in(ports: list[PortDescription]) -> str:
     """Return what is there, for an error message."""
     if not ports:
-        return "no serial port is there at all"
+        return "no serial port was found"
     return "there is " + ", ".join(port.device for port in ports)
 
 

@@ -94,7 +94,7 @@ def open_file(path: Path) -> Source:
         If it cannot be read, or is a port, which has no end.
     """
     if path.is_char_device():
-        raise InputError(f"{path} is no file; a port is read by allanscope live {path}")
+        raise InputError(f"{path} is not a file; a port is read by allanscope live {path}")
     means_it = _open_recording if _is_recording(str(path)) else _open_file
     return means_it(str(path), SourceSettings())
 

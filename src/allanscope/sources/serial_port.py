@@ -97,7 +97,7 @@ class SerialSource:
         self._sleep = sleep
         self._pace = Pace()
         self.reader = A_THREAD
-        """Who reads the port: a process of its own at some priority, or a thread of this one."""
+        """Who reads the port: a separate process at some priority, or a thread of this one."""
         self._last_ns = 0
         self._streaming = False
         self._waited: int | None = 0
@@ -130,7 +130,7 @@ class SerialSource:
         Raises
         ------
         DeviceError
-            When the device has been gone for longer than the settings allow.
+            When the device has been disconnected for longer than the settings allow.
         """
         with self._reading:
             if self._closing.is_set():
@@ -239,7 +239,8 @@ class SerialSource:
             self._next_try_ns = now + int(self._retry_s * 1e9)
             if now - self._lost_ns > self._settings.give_up_s * 1e9:
                 raise DeviceError(
-                    f"{self.name} has been gone for {self._settings.give_up_s:g} s: {self.trouble}"
+                    f"{self.name} has been disconnected for {self._settings.give_up_s:g} s: "
+                    f"{self.trouble}"
                 ) from error
             return Chunk(now)
         self.trouble = ""
@@ -252,7 +253,7 @@ class SerialSource:
         if self._port.vendor is not None:
             back = [one for one in find_ports(self._comports) if self._port.is_same_device(one)]
             if not back:
-                raise FileNotFoundError(errno.ENOENT, "the device is not there")
+                raise FileNotFoundError(errno.ENOENT, "the device is not connected")
             port = back[0]
             name = port.device
         self._link = self._opened(name)

@@ -124,7 +124,7 @@ class Posix:
             return b""
         data = os.read(fd, READ_BYTES)
         if not data:
-            raise OSError(errno.EIO, "the device has hung up")
+            raise OSError(errno.EIO, "the device closed the connection")
         return data
 
     def write(self, data: bytes) -> None:
@@ -161,7 +161,7 @@ class _Socket:
     def __init__(self, url: str) -> None:
         parts = urlsplit(url)
         if not parts.hostname or parts.port is None:
-            raise ValueError(f"{url} is no address; write socket://HOST:PORT")
+            raise ValueError(f"{url} is not an address; write socket://HOST:PORT")
         self._socket = socket.create_connection((parts.hostname, parts.port), CONNECT_TIMEOUT_S)
         self._socket.settimeout(WRITE_TIMEOUT_S)
 
@@ -170,7 +170,7 @@ class _Socket:
             return b""
         data = self._socket.recv(READ_BYTES)
         if not data:
-            raise ConnectionResetError(errno.ECONNRESET, "the other side has hung up")
+            raise ConnectionResetError(errno.ECONNRESET, "the other side closed the connection")
         return data
 
     def write(self, data: bytes) -> None:
@@ -220,7 +220,7 @@ def why_not_open(name: str, error: Exception, ports: list[PortDescription]) -> D
     if reason in _BUSY:
         return DeviceError(f"{name} is in use by {_holders(name)}")
     if reason in _NO_TTY:
-        return DeviceError(f"{name} is no serial port; see `allanscope ports`")
+        return DeviceError(f"{name} is not a serial port; see `allanscope ports`")
     return DeviceError(f"cannot open {name}: {_words(error)}")
 
 

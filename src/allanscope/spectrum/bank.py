@@ -180,7 +180,7 @@ class SpectrumBank:
             For a state that is damaged, of another version, or no state of a spectrum.
         """
         if str(state.get("format", "")) != _FORMAT:
-            raise ValueError(f"this is no state of a spectrum: need {_FORMAT!r}")
+            raise ValueError(f"not the state of a spectrum: need {_FORMAT!r}")
         try:
             bank = cls(float(np.asarray(state["rate"])), int(np.asarray(state["axes"])))
             bank.samples = int(np.asarray(state["samples"]))

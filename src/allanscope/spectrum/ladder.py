@@ -198,7 +198,7 @@ class Ladder:
         count = np.array(arrays["count"], np.int64)
         power = np.array(arrays["power"], np.float64)
         if power.shape != (len(count), self.axes, _BINS) or np.any(count < 0):
-            raise ValueError("state of a spectrum is damaged: power and count do not fit together")
+            raise ValueError("state of a spectrum is damaged: power and count are inconsistent")
         if not np.all(np.isfinite(power)):
             raise ValueError("state of a spectrum is damaged: its powers are not finite")
         pending = self._split(arrays, "pending", len(count))

@@ -208,7 +208,7 @@ def _fit_and_loop() -> Iterator[Value]:
             yield _within(f"{letter} of {name}", expected * scale, found)
         effects = axis.explanation.effects if axis.explanation else ()
         wrong = [effect.kind for effect in effects if effect.kind != truth.kind]
-        words = f"effects of {name} that are not there" + f" ({', '.join(wrong)})" * bool(wrong)
+        words = f"false effects of {name}" + f" ({', '.join(wrong)})" * bool(wrong)
         yield Value(words, 0, len(wrong), float(not wrong))
         for parameter, number in truth.parameters.items():
             right = [e for e in effects if e.kind == truth.kind]

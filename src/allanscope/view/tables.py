@@ -131,7 +131,7 @@ def findings_table(analysis: Analysis) -> str:
     lines += [
         f"- **{' '.join(one.axes)}** common at {markdown(one.words)}" for one in analysis.common
     ]
-    lines += [f"- to tell {markdown(f'{e.question}: {e.words}')}" for e in analysis.experiments]
+    lines += [f"- to decide {markdown(f'{e.question}: {e.words}')}" for e in analysis.experiments]
     events = "\n".join(f"- {markdown(event.words)}" for event in analysis.events)
     events = f"### Events\n\n{events}\n\n### Effects\n\n" if events else ""
     found = (

@@ -75,7 +75,7 @@ class WebPage:
 def port_taken(port: int, error: OSError) -> UsageError:
     """Return what to raise when a port of the user's choice cannot be bound."""
     return UsageError(
-        f"port {port} of {LOOPBACK} cannot be had: {error.strerror}; choose another --port"
+        f"port {port} of {LOOPBACK} is not available: {error.strerror}; choose another --port"
     )
 
 

@@ -72,7 +72,7 @@ class AmplitudeCoupling(EffectKind):
     of_the_level: bool
 
     kind = "amplitude_coupling"
-    meaning = "the noise is as loud as another axis moves"
+    meaning = "the amplitude of the noise follows another axis"
     needs = frozenset({"axes", "samples"})
     stage = 3
     is_single = True

@@ -132,7 +132,7 @@ def _candidate(view: View, source: str) -> Candidate | None:
     price = float(chdtri(1, ALPHA / others)) / 2
     if z2 / 2 < price or not _same_everywhere(d, e, weight, slope):
         return None
-    # Of two that are one signal neither leaks into the other.
+    # Of two that are one signal neither couples into the other.
     if multiple_of(view.series, view.axis, source) is not None or not _in_phase(
         view, x, weight, z2
     ):

@@ -58,7 +58,7 @@ class DeadZone(EffectKind):
         return (
             f"samples within a dead zone of {self.width.value:.3g} {self.width.unit} around "
             f"{self.level.value:.4g} {self.level.unit} are replaced by it "
-            f"({100 * self.fraction.value:.3g} % of all), and the noise figures do not hold"
+            f"({100 * self.fraction.value:.3g} % of all), and the noise values are not valid"
         )
 
     @classmethod

@@ -49,7 +49,7 @@ class Excursion(SizedSignal):
     size: Estimate
 
     kind = "excursion"
-    meaning = "the level leaves once and comes back"
+    meaning = "the level shifts once and returns"
     sized_by = "size"
     located_by = "time"
     is_piecewise = True

@@ -46,7 +46,7 @@ class GaussMarkov(EffectKind):
     correlation_time: Estimate
 
     kind = "gauss_markov"
-    meaning = "a stationary bias that forgets itself after the correlation time"
+    meaning = "a stationary, exponentially correlated bias"
     is_process = True
     resembles_bend = True
     excluded_by = frozenset({"quantization"})

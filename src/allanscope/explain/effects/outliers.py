@@ -42,7 +42,7 @@ class Outliers(EffectKind):
     largest_deviations: float
 
     kind = "outliers"
-    meaning = "isolated samples that the rest does not allow"
+    meaning = "isolated samples far outside the distribution of the rest"
     needs = frozenset({"samples"})
     stage = 1
     is_single = True

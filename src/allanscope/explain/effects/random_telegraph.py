@@ -1,4 +1,4 @@
-r"""A random telegraph signal: the level hops between two values, +A and -A, at random.
+r"""A random telegraph signal: the level switches between two values, +A and -A, at random.
 
 Second moments are those of Gauss-Markov noise with sigma = A and 1/Tc = 2/dwell, exactly, so no
 curve and no spectrum can name it. What can is the path: a two-state hidden Markov model on block
@@ -76,7 +76,7 @@ class RandomTelegraph(EffectKind):
     """Size of the hops on the path, from which it is found again."""
 
     kind = "random_telegraph"
-    meaning = "the level hops between two values"
+    meaning = "the level switches between two values"
     is_single = True
     is_fitted = True
     is_not_gaussian = True

@@ -62,7 +62,7 @@ class RepeatedSamples(EffectKind):
     fraction: Estimate
 
     kind = "repeated_samples"
-    meaning = "rows repeat the row before although they should not"
+    meaning = "rows repeat the row before"
     needs = frozenset({"samples"})
     stage = 0
     is_single = True

@@ -50,7 +50,7 @@ class Shock(EffectKind):
     peak: Estimate
 
     kind = "shock"
-    meaning = "a knock that rings for a moment"
+    meaning = "a knock that rings"
     stage = 0
     located_by = "time"
     shared_by = "time"

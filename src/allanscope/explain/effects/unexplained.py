@@ -85,7 +85,7 @@ class Unexplained(EffectKind):
     figures: Mapping[str, float] = field(default_factory=dict)
 
     kind = "unexplained"
-    meaning = "left over, and no name fits"
+    meaning = "a residual that no effect explains"
     located_by = "frequency_low"
     is_named = False
     stage = 4

@@ -42,7 +42,7 @@ def read(path: Path, stream: str = "") -> TableFile:
         # Only numbers, texts and structures: a function handle is never made one.
         content = loadmat(path, simplify_cells=True, appendmat=False)
     except (MatReadError, TypeError, KeyError, IndexError, UnicodeError) as error:
-        raise ValueError(f"no sound .mat file: {error}") from None
+        raise ValueError(f"not a valid .mat file: {error}") from None
     found = Found()
     for number, (name, array) in enumerate(_arrays(content)):
         if number == MOST_MEMBERS:

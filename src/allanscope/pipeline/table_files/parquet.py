@@ -43,7 +43,7 @@ def read(path: Path, stream: str = "") -> TableFile:
             arrays = _columns_of_parquet(file, known)
             facts = _facts(schema.metadata)
     except pa.ArrowException as error:
-        raise ValueError(f"no sound Parquet file: {error}") from None
+        raise ValueError(f"not a valid Parquet file: {error}") from None
     columns = columns_of_mapping(arrays)
     scales = _numbers(facts.get("axes"), facts.get("scale"))
     rate = facts.get("rate_hz")

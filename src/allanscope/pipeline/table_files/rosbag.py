@@ -80,7 +80,7 @@ def _layout(data: bytes | memoryview, record: int, at: int) -> np.dtype[Any]:
     Raises
     ------
     ValueError
-        For what is no sensor_msgs/Imu in CDR.
+        For what is not a sensor_msgs/Imu in CDR.
     """
     if len(data) < 16 or data[0] != 0 or data[1] > 1:
         raise ValueError("a message is not in CDR")
@@ -88,7 +88,7 @@ def _layout(data: bytes | memoryview, record: int, at: int) -> np.dtype[Any]:
     (letters,) = struct.unpack_from(order + "I", data, 12)
     first = 4 + -(-(12 + letters) // 8) * 8
     if first + 8 * _DOUBLES > len(data):
-        raise ValueError(f"a message of {len(data)} bytes is no sensor_msgs/Imu")
+        raise ValueError(f"a message of {len(data)} bytes is not a sensor_msgs/Imu")
     fields: dict[str, tuple[str, int]] = {
         "logged": ("<u8", _LOGGED_AT if at else 0),
         "sec": (order + "i4", at + 4),
@@ -256,7 +256,7 @@ def _columns(topic: _Topic, said: list[str]) -> Columns:
 
 
 def _read_sqlite(file: Path, bag: _Bag) -> None:
-    """Take the messages of a bag in SQLite; nothing but its two tables is asked for."""
+    """Take the messages of a bag in SQLite; nothing but its two tables is required."""
     if file.with_name(f"{file.name}-wal").exists():
         bag.remarks.append(f"{file.name} was never closed: its last messages, in -wal, are missing")
     try:
@@ -267,7 +267,7 @@ def _read_sqlite(file: Path, bag: _Bag) -> None:
             # A view, or a virtual table, could be made up to never end.
             kinds = dict(base.execute("SELECT name, sql LIKE 'CREATE TABLE%' FROM sqlite_master"))
             if not all(kinds.get(name) for name in ("topics", "messages")):
-                raise ValueError("an SQLite file that is no bag of ROS 2")
+                raise ValueError("an SQLite file that is not a ROS 2 bag")
             rows = base.execute("SELECT id, name, type FROM topics LIMIT ?", (MOST_TOPICS + 2,))
             topics = {number: bag.topic(str(name), str(kind)) for number, name, kind in rows}
             for number, topic in topics.items():

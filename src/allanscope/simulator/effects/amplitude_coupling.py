@@ -24,7 +24,7 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
 KIND = EffectKind(
     name="amplitude_coupling",
-    summary="noise as loud as another axis moves",
+    summary="noise whose amplitude follows another axis",
     stage="coupling",
     parameters={
         "slope": Parameter("axis/source", "standard deviation of a sample per unit of the source"),

@@ -24,7 +24,7 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
 KIND = EffectKind(
     name="excursion",
-    summary="a change of the level that ends after a while",
+    summary="a level shift that returns",
     stage="signal",
     parameters={
         "duration": Parameter("s", "until the level comes back", above=0.0),

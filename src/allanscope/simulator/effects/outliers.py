@@ -1,4 +1,4 @@
-"""Outliers: isolated samples that the rest does not allow, as a torn read makes them."""
+"""Outliers: isolated samples far outside the distribution of the rest, as of a torn read."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
 KIND = EffectKind(
     name="outliers",
-    summary="isolated samples far off",
+    summary="isolated outliers",
     stage="signal",
     parameters={
         "count": Parameter("1", "in the whole record", above=0.0),

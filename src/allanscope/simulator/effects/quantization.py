@@ -29,7 +29,7 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
 KIND = EffectKind(
     name="quantization",
-    summary="a step so coarse that it matters",
+    summary="quantization coarser than the noise",
     stage="rounding",
     parameters={"step": Parameter("axis", "distance between neighbouring values", above=0.0)},
     set_up=_set_up,

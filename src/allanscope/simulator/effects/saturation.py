@@ -26,7 +26,7 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
 KIND = EffectKind(
     name="saturation",
-    summary="a limit beyond which the samples are cut off",
+    summary="a limit at which samples are clipped",
     stage="rounding",
     parameters={
         "level": Parameter("axis", "the limit"),

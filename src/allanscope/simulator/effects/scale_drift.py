@@ -25,7 +25,7 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
 KIND = EffectKind(
     name="scale_drift",
-    summary="a scale that changes in a straight line, white and slow noise alike",
+    summary="a linear drift of the scale factor, of white and slow noise alike",
     stage="noise",
     parameters={
         "relative": Parameter("1", "change of the scale at the end of the record", least=-1.0)

@@ -31,7 +31,7 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
 KIND = EffectKind(
     name="shock",
-    summary="a knock that rings for a moment",
+    summary="a knock that rings",
     stage="signal",
     parameters={
         "duration": Parameter("s", "until it has decayed to a few percent", above=0.0),

@@ -25,7 +25,7 @@ def _set_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
 KIND = EffectKind(
     name="warm_up",
-    summary="an offset that dies away exponentially",
+    summary="an offset that decays exponentially",
     stage="signal",
     parameters={
         "time_constant": Parameter("s", "of the decay", above=0.0),

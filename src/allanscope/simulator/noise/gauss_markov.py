@@ -50,7 +50,7 @@ class GaussMarkov:
             return np.empty(0)
         from scipy.signal import (
             lfilter,
-        )  # half a second to load: only where such noise is asked for
+        )  # half a second to load: only where such noise is required
 
         white = self._drive * self._rng.standard_normal(n)
         samples, self._carry = lfilter([1.0], [1.0, -self._phi], white, zi=self._carry)

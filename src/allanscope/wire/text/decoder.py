@@ -171,7 +171,7 @@ class TextDecoder:
         return self._line(sentence.values)
 
     def _no_row(self, line: bytes) -> list[Event]:
-        """Take a line that is no row of the table in force, if there is one."""
+        """Take a line that is not a row of the table in force, if there is one."""
         text = plain_line(line)
         cells = cells_of(text)
         numbers = [is_number(cell) for cell in cells if cell]
@@ -227,7 +227,7 @@ class TextDecoder:
         return True
 
     def _numbers(self, line: bytes, text: str, count: int) -> list[Event]:
-        """Take a line of nothing but numbers that is no row of the table."""
+        """Take a line of nothing but numbers that is not a row of the table."""
         if self._table is not None:
             held = self._misfit(self._table, line)
             return self._bad_row(text) if held is None else held
@@ -337,8 +337,8 @@ class TextDecoder:
         said = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"
         why = why_no_row(self._table.columns, text.encode()) if self._table is not None else ""
         line = (
-            f"line {number or self._lines.number} is no row of the table: {said!r}"
-            f"{f' ({why})' if why else ''}; such lines are left out"
+            f"line {number or self._lines.number} is not a row of the table: {said!r}"
+            f"{f' ({why})' if why else ''}; such lines are skipped"
         )
         return [Notice("error", line)]
 

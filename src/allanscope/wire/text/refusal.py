@@ -39,7 +39,7 @@ def why_no_rows(sample: bytes) -> str:
     Examples
     --------
     >>> why_no_rows(b"gx[dps],gy[dps]\n0.1,abc\n")
-    "line 2, column 2: 'abc' is no number"
+    "line 2, column 2: 'abc' is not a number"
     >>> why_no_rows(b"p,q\n1,2\n")
     "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp; line 2: ..."
     """
@@ -71,7 +71,7 @@ def _reasons(sample: bytes) -> Iterator[str]:
             if Table(columns).row(line) is None and (why := why_no_row(columns, line)):
                 yield f"{where}, {why}" if why.startswith("column") else f"{where}: {why}"
         elif not all(numbers):
-            yield f"{where}: {_shown(cells[numbers.index(False)])} is no number"
+            yield f"{where}: {_shown(cells[numbers.index(False)])} is not a number"
         elif unnamed(len(cells)) is None:
             yield (
                 f"{where}: {len(cells)} numbers without a header; "
@@ -85,14 +85,14 @@ def why_no_row(columns: Columns, line: bytes) -> str:
 
     >>> from allanscope.wire.text.columns import Column
     >>> why_no_row((Column("gyro", "dps", 0), None), b"none,2")
-    "column 1: 'none' is no number"
+    "column 1: 'none' is not a number"
     """
     cells = cells_of(plain_line(joined_dates(line)))
     if len(cells) != len(columns):
         return f"{len(cells)} cells where the header names {len(columns)} columns"
     for number, (column, cell) in enumerate(zip(columns, cells, strict=True), start=1):
         if column is not None and cell and not is_number(cell):
-            return f"column {number}: {_shown(cell)} is no number"
+            return f"column {number}: {_shown(cell)} is not a number"
     return ""
 
 

@@ -391,7 +391,7 @@ class ClockTimes:
         """
         match = _WRITTEN_TIME.fullmatch(cell) if len(cell) <= _LONGEST_TIME else None
         if match is None:
-            raise ValueError(f"{cell!r} is no time")
+            raise ValueError(f"{cell!r} is not a time")
         of_day = 3600.0 * int(match[4]) + 60.0 * int(match[5]) + float(match[6].replace(",", "."))
         if match[1] is not None:
             day = date(int(match[1]), int(match[2]), int(match[3])).toordinal()

@@ -137,7 +137,7 @@ def test_the_command_says_what_two_recordings_cannot_tell_and_traces_their_lines
     paths = written(tmp_path, 2, hz=150.0)
     assert main(["together", *paths, "--quiet"]) == 0
     shown = capsys.readouterr().out
-    assert "the mean of both, not of each" in shown
+    assert "the individual noise is the mean of both" in shown
     assert "external, alias of 150" in shown
 
 

@@ -85,7 +85,7 @@ def test_one_rotten_file_among_fifty_is_named_and_the_rest_goes_on(
         shutil.copytree(lot / "one", mine / f"unit-{number:02d}", ignore=lambda *_: ["b.mcap"])
     shutil.copy(lot / "two" / "bad.mcap", bad := mine / "unit-20" / "bad.mcap")
     result = fleet(cluster, tmp_path / "out", mine)
-    assert result.failures == {str(bad): f"no recording: {bad} is not an MCAP file"}
+    assert result.failures == {str(bad): f"not a recording: {bad} is not an MCAP file"}
     assert (len(result.keys), result.left) == (49, 0)
     # Copies are known by their content: only those that were handed out before the first result.
     assert 1 <= result.done <= 2 * TASKS_PER_WORKER
@@ -106,7 +106,7 @@ def test_a_recording_in_parts_is_the_recording(cluster: LocalCluster, lot: Path)
         failed: Outcome = submit_split(client, bad, DEVICE, 2).result()
         whole: Outcome = client.submit(analyse_place, place, DEVICE).result()
     assert outcome == whole
-    assert failed.error == f"no recording: {bad.url} is not an MCAP file"
+    assert failed.error == f"not a recording: {bad.url} is not an MCAP file"
 
 
 def test_the_dashboard_answers_or_the_line_says_why_not(cluster: LocalCluster) -> None:

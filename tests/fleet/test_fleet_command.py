@@ -46,7 +46,7 @@ def test_a_bad_file_is_one_line_and_the_rest_goes_on(
     out, ended = run
     assert ended.returncode == 3
     bad = lot / "two" / "bad.mcap"
-    assert f"allanscope: no recording: {bad} is not an MCAP file" in ended.stderr.splitlines()
+    assert f"allanscope: not a recording: {bad} is not an MCAP file" in ended.stderr.splitlines()
     assert "dashboard" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert ended.stdout.splitlines() == [

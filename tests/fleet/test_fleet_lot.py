@@ -346,7 +346,7 @@ def test_drift_is_found_among_repeats(lot: Lot) -> None:
 
 
 def test_the_page_tells_it_all_and_fetches_nothing(lot: Lot) -> None:
-    page = render_lot(lot, {"/lot/<b>.mcap": "no recording: /lot/<b>.mcap is not an MCAP file"})
+    page = render_lot(lot, {"/lot/<b>.mcap": "not a recording: /lot/<b>.mcap is not an MCAP file"})
     for text in (
         ODD,
         "50.010 Hz",

@@ -195,7 +195,7 @@ def test_a_few_unreadable_rows_are_left_out_and_the_first_is_told(tmp_path):
     assert main(["analyse", str(tmp_path / "cells.csv"), "--quiet", "--json", str(result)]) == 0
     told = json.loads(result.read_text())
     assert (told["samples"], told["lost_samples"]) == (599, 1)
-    assert any("line 101 is no row" in remark for remark in told["remarks"])
+    assert any("line 101 is not a row" in remark for remark in told["remarks"])
 
 
 def test_a_traceback_is_shown_on_request_and_changes_no_exit_code(capsys):

@@ -84,7 +84,7 @@ def test_estimators_factor_noise_type_bias_and_simple_limits(text, tmp_path):
         (["--taus", "0.1,9"], "stdev at tau 9 s needs 300 samples (3 s) more than the 1500"),
         (["--taus", "0.001,1"], "tau 0.001 s is shorter than half a sample of 0.01 s"),
         (["--taus", "sometimes"], "unknown taus 'sometimes'; choose octave, decade, many, all"),
-        (["--taus", "1,x"], "are no times in s"),
+        (["--taus", "1,x"], "not a list of times in s"),
         (["--kinds", "oadev,avar"], "unknown estimator 'avar'; choose from stdev ostdev adev"),
         (["--noise-type", "pink"], "unknown noise type 'pink'; choose one of WPM FPM"),
         (["--per-octave", "0"], "0 averaging times in each octave; take 1 to 64"),

@@ -49,7 +49,7 @@ def test_a_sensor_that_is_faster_than_its_reader_is_skipped(tmp_path: Path) -> N
     rate = Rate(104.0, measured_hz=50.0, uncertainty_ppm=20.0)
     (told,) = sampling_remarks({}, rate)
     assert "slower than the sensor" in told
-    assert "sees one sample in 2.08" in told
+    assert "reads one sample in 2.08" in told
 
 
 def test_a_rate_that_the_user_gave_is_above_times_that_disagree(tmp_path: Path) -> None:

@@ -323,7 +323,7 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
             return (
                 f"rows are missing throughout: {series.gaps:,} gaps; the longest stretch without "
                 f"one is {duration(series.duration_s)} of the {duration(needed)} needed to search "
-                "for effects; find where rows are lost (logger or link), a longer run does not help",
+                "for effects; find where rows are lost (logger or link); a longer run is no help",
             )
         return (
             f"too short to search for effects: {duration(series.duration_s)} of the "

@@ -33,7 +33,10 @@ from allanscope.recording.records import (
     summary_start,
 )
 
-__all__ = ["Damage", "Outline", "outline_of"]
+__all__ = ["TRUNCATED", "Damage", "Outline", "outline_of"]
+
+TRUNCATED = "truncated: the end is not readable"
+"""What a `Damage` says of a recording without its end."""
 
 _STEP = 1 << 20
 """The search for the next record goes through the file in pieces of this size."""
@@ -191,9 +194,7 @@ class _Walk:
             following = summary if summary and position < summary < self.size else None
         if following is None:
             seconds = chunk_seconds(self._read(position, HEAD_BYTES))
-            self._report(
-                position, self.size - position, "truncated: the end is not readable", seconds
-            )
+            self._report(position, self.size - position, TRUNCATED, seconds)
             return self.size + 1
         self._report(position, following - position, "not readable")
         return following

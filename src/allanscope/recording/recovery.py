@@ -10,7 +10,7 @@ from pathlib import Path
 from allanscope.atomic_write import atomic_write
 from allanscope.errors import InputError, UsageError
 from allanscope.recording.layout import RX, TOPICS
-from allanscope.recording.outline import Damage
+from allanscope.recording.outline import TRUNCATED, Damage
 from allanscope.recording.reader import Recording
 from allanscope.recording.segment import Segment
 
@@ -90,7 +90,7 @@ def recover(
         if not report.reads:
             raise InputError(f"{damaged} has no readable data")
     report.damage = recording.damage
-    report.lost_s += sum(one.seconds or 0.0 for one in report.damage if one.what.startswith("torn"))
+    report.lost_s += sum(one.seconds or 0.0 for one in report.damage if one.what == TRUNCATED)
     return report
 
 

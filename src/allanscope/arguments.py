@@ -135,7 +135,10 @@ def export_data(one: ArgumentParser) -> None:
     one.add_argument("recording", help="recording, session folder, raw capture or text")
     one.add_argument("out", help="file to write: .csv, .parquet, .yaml or .m (MATLAB)")
     one.add_argument(
-        "--layout", default="kalibr", choices=["kalibr", "ros", "vins"], help="format of the .yaml"
+        "--layout",
+        default="kalibr",
+        choices=["kalibr", "openvins", "orb-slam3", "vins", "ros", "axes"],
+        help="format of the .yaml; axes: every axis by itself (default kalibr)",
     )
     one.add_argument(
         "--upper-limits",

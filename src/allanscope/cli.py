@@ -145,7 +145,7 @@ def import_data(options: Namespace) -> int:
 
 
 def export_data(options: Namespace) -> int:
-    """Write samples as CSV or Parquet, or coefficients for Kalibr, ROS, VINS or MATLAB."""
+    """Write samples as CSV or Parquet, or coefficients for Kalibr, OpenVINS, MATLAB and others."""
     from allanscope.pipeline import export_recording
 
     export_recording(

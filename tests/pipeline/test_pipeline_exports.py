@@ -1,22 +1,29 @@
 """Files for others: keys, units and which convention each follows."""
 
+import json
+import os
 import re
 
 import numpy as np
 import pytest
 
+from allanscope import __version__
 from allanscope.__main__ import main
 from allanscope.allan import deviation
 from allanscope.noise import Coefficient, bound_model
 from allanscope.pipeline.exports import (
     LAYOUTS,
     NotDetected,
+    axes_yaml,
     bound_yaml,
     kalibr_yaml,
     matlab_imu_sensor,
+    openvins_yaml,
+    orb_slam3_yaml,
     ros_covariance_yaml,
     vins_yaml,
 )
+from allanscope.pipeline.stored_result import stored_result
 
 RATE = 104.0
 DEGREE, G = np.pi / 180, 9.80665
@@ -102,6 +109,79 @@ def test_white_noise_that_was_not_detected_is_treated_alike(layout):
     with pytest.raises(NotDetected, match="N on az"):
         LAYOUTS[layout](axes, RATE)
     assert "N on az" in LAYOUTS[layout](axes, RATE, upper_limits="include")
+
+
+def test_openvins_gets_the_numbers_of_kalibr_in_a_chain_of_one_imu():
+    text = openvins_yaml(AXES, RATE, upper_limits="include")
+    assert text.startswith("%YAML:1.0\n"), "OpenCV reads the type of the file from its first line"
+    assert "\nimu0:\n  T_i_b:\n    - [1.0, 0.0, 0.0, 0.0]\n" in text
+    inside = numbers(re.sub("(?m)^  ", "", text))
+    for key, value in numbers(kalibr_yaml(AXES, RATE, upper_limits="include")).items():
+        assert inside[key] == value
+
+
+def test_orb_slam3_gets_continuous_values_of_the_worst_axis():
+    text = orb_slam3_yaml(AXES, RATE, upper_limits="include").replace("IMU.", "")
+    assert numbers(text) == pytest.approx(
+        {
+            "NoiseGyro": 5e-3 * DEGREE,
+            "NoiseAcc": 90e-6 * G,
+            "GyroWalk": 3e-4 * DEGREE,
+            "AccWalk": 7e-6 * G,
+            "Frequency": RATE,
+        },
+        rel=1e-6,
+    )
+
+
+def test_every_axis_by_itself():
+    text = axes_yaml({k: AXES[k] for k in ("gx", "gz")}, RATE, upper_limits="zero")
+    first, second = (numbers(part.replace("  ", "")) for part in text.split("gx:")[1].split("gz:"))
+    assert first["noise_density"] == pytest.approx(4e-3 * DEGREE)
+    assert first["bias_instability"] == pytest.approx(1e-3 * DEGREE)
+    assert second["random_walk"] == pytest.approx(2e-4 * DEGREE)
+    assert second["bias_instability"] == 0.0
+    assert "ax:" not in text
+    assert "gy:" not in text
+
+
+def a_session(folder, **other):
+    """Make a session folder whose result is newer than its (empty) recording."""
+    fields = ("value", "lower", "upper", "unit", "detected", "wait_s")
+    axes = {
+        name: {"coefficients": {k: {f: getattr(c, f) for f in fields} for k, c in known.items()}}
+        for name, known in AXES.items()
+    }
+    rate = {"nominal_hz": 104.0, "measured_hz": 105.5}
+    result = {"allanscope": __version__, "part": "LSM6DSM", "duration_s": 60.0, "rate": rate}
+    (folder / "session.mcap").write_bytes(b"")
+    (folder / "result.json").write_text(json.dumps({**result, "axes": axes, **other}))
+    os.utime(folder / "session.mcap", (1e9, 1e9))
+    os.utime(folder / "result.json", (1e9 + 1, 1e9 + 1))
+    return folder
+
+
+def test_a_result_that_is_up_to_date_is_not_computed_again(tmp_path, capsys):
+    out = tmp_path / "imu.yaml"
+    arguments = ["export", str(a_session(tmp_path)), str(out), "--upper-limits", "include"]
+    assert main([*arguments, "--layout", "orb-slam3"]) == 0
+    assert "IMU.Frequency: 105.5" in out.read_text()
+    said = capsys.readouterr().out
+    assert said.startswith(f"Saved: {out}: N and K of the worst axis for ORB-SLAM3")
+    assert f"6 axes, from {tmp_path / 'result.json'}" in said
+    assert main([*arguments, "--rate", "104"]) == 3, "other settings need a new analysis"
+
+
+def test_a_result_that_is_older_than_the_recording_is_not_used(tmp_path):
+    folder = a_session(tmp_path)
+    assert stored_result(folder).coefficients["gx"]["N"] == AXES["gx"]["N"]
+    os.utime(folder / "session.mcap", (1e9 + 2, 1e9 + 2))
+    assert stored_result(folder) is None
+
+
+@pytest.mark.parametrize("other", [{"allanscope": "0.0.1"}, {"axes": None}, {"rate": {}}])
+def test_a_result_of_another_version_or_damaged_is_not_used(tmp_path, other):
+    assert stored_result(a_session(tmp_path, **other)) is None
 
 
 def test_vins_gets_discrete_values():

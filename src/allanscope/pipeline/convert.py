@@ -119,7 +119,7 @@ def export_recording(
 
     Parameters
     ----------
-    layout : {'kalibr', 'ros', 'vins'}
+    layout : {'kalibr', 'openvins', 'orb-slam3', 'vins', 'ros', 'axes'}
         Whose .yaml; a .m is MATLAB's.
     upper_limits : {'refuse', 'include', 'zero'}
         What is written for a coefficient that was not detected.
@@ -166,24 +166,30 @@ def _export_coefficients(
     layout: str,
     upper_limits: UpperLimits,
 ) -> None:
-    from allanscope.pipeline.exports import LAYOUTS, NotDetected, bound_yaml
+    from allanscope.pipeline.exports import CONTENTS, LAYOUTS, NotDetected, bound_yaml
+    from allanscope.pipeline.stored_result import StoredResult, stored_result
 
     refuse_place(out)
-    analysis = analyse_input(source, device, quiet)
-    coefficients = {name: axis.coefficients for name, axis in analysis.axes.items()}
-    part = f", {analysis.part}" if analysis.part else ""
-    facts = f"{source.name}{part}, {analysis.duration_s / 3600:.3g} h"
+    curves = {}
+    stored = stored_result(source) if layout != "bound" and device == DeviceSettings() else None
+    origin = source / "result.json" if stored else source
+    if stored is None:
+        analysis = analyse_input(source, device, quiet)
+        curves = {k: axis.curves["oadev"] for k, axis in analysis.axes.items() if axis.curves}
+        stored = StoredResult(
+            {name: axis.coefficients for name, axis in analysis.axes.items()},
+            analysis.rate.best_hz,
+            analysis.part,
+            analysis.duration_s,
+        )
+    part = f", {stored.part}" if stored.part else ""
+    facts = f"{source.name}{part}, {stored.duration_s / 3600:.3g} h"
     try:
         if layout == "bound":
-            curves = {
-                name: axis.curves["oadev"]
-                for name, axis in analysis.axes.items()
-                if "oadev" in axis.curves
-            }
             text = bound_yaml(curves, source=facts)
         else:
             text = LAYOUTS[layout](
-                coefficients, analysis.rate.best_hz, source=facts, upper_limits=upper_limits
+                stored.coefficients, stored.rate_hz, source=facts, upper_limits=upper_limits
             )
     except NotDetected as error:
         raise InputError(
@@ -194,7 +200,8 @@ def _export_coefficients(
         raise InputError(f"{source}: {error}; nothing to write for {layout}") from None
     write_text(out, text)
     if not quiet and out.is_file():
-        print(f"{out}: coefficients of {len(coefficients)} axes")
+        many = len(stored.coefficients)
+        print(f"Saved: {out}: {CONTENTS[layout]}; {many} axes, from {origin}")
 
 
 def measured_rates(events: Iterable[Event]) -> dict[Configuration, float]:

@@ -1,14 +1,15 @@
-"""The coefficients in the files of those who use them: Kalibr, ROS, VINS, MATLAB.
+"""The coefficients in the files of others: Kalibr, OpenVINS, ORB-SLAM3, VINS, ROS, MATLAB.
 
 Half of the confusion about IMU noise is about two questions that each of these answers differently:
 per sample or per root hertz, and whose units. Every file says so in comments::
 
-    continuous   sigma_c = N in rad/s/sqrt(Hz), K in rad/s^2/sqrt(Hz)      Kalibr, MATLAB
+    continuous   sigma_c = N in rad/s/sqrt(Hz), K in rad/s^2/sqrt(Hz)      Kalibr, OpenVINS,
+                                                                           ORB-SLAM3, MATLAB
     discrete     sigma_d = sigma_c sqrt(rate) for white noise,             VINS, ROS covariance
                  and K sqrt(rate) the way VINS puts it into its filter
 
-One number stands for three axes: that of the worst axis, since a filter that believes in too little
-noise diverges.
+Where one number stands for three axes it is that of the worst axis, since a filter that believes in
+too little noise diverges.
 
 A short record gives only an upper limit of K, and often of B. A limit is no estimate, and a file
 has no way to tell the two apart. So whoever asks for one says what is to be written:
@@ -28,12 +29,16 @@ from allanscope.noise import Coefficient, bound_model
 from allanscope.quantities import GRAVITY
 
 __all__ = [
+    "CONTENTS",
     "LAYOUTS",
     "NotDetected",
     "UpperLimits",
+    "axes_yaml",
     "bound_yaml",
     "kalibr_yaml",
     "matlab_imu_sensor",
+    "openvins_yaml",
+    "orb_slam3_yaml",
     "ros_covariance_yaml",
     "vins_yaml",
 ]
@@ -79,25 +84,87 @@ def kalibr_yaml(
         If there is no gyro or no accelerometer axis.
     """
     chosen = _Chosen(axes, upper_limits)
+    lines = [*_densities(chosen), f"rostopic: {rostopic}", f"update_rate: {rate_hz:.6g}   # Hz"]
+    return chosen.file("#", _continuous("Kalibr", source), lines)
+
+
+def openvins_yaml(
+    axes: Coefficients,
+    rate_hz: float,
+    *,
+    source: str = "",
+    upper_limits: UpperLimits = "refuse",
+) -> str:
+    """Return a ``kalibr_imu_chain.yaml`` for OpenVINS.
+
+    The IMU frame is the body frame and the intrinsics are the identity: `model: "kalibr"`.
+    """
+    chosen = _Chosen(axes, upper_limits)
+    lines = [
+        "imu0:",
+        "  T_i_b:",
+        *(f"    - {_unit_row(k, 4)}" for k in range(4)),
+        *(f"  {line}" for line in _densities(chosen)),
+        "  rostopic: /imu0",
+        "  time_offset: 0.0",
+        f"  update_rate: {rate_hz:.6g}   # Hz",
+        '  model: "kalibr"',
+    ]
+    for name in ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC"):
+        lines += [f"  {name}:", *(f"    - {_unit_row(k, 3)}" for k in range(3))]
+    lines += ["  Tg:", *(["    - [0.0, 0.0, 0.0]"] * 3)]
+    return "%YAML:1.0\n" + chosen.file("#", _continuous("OpenVINS", source), lines)
+
+
+def orb_slam3_yaml(
+    axes: Coefficients,
+    rate_hz: float,
+    *,
+    source: str = "",
+    upper_limits: UpperLimits = "refuse",
+) -> str:
+    """Return the five lines on the IMU in the settings file of ORB-SLAM3, to be copied there."""
+    chosen = _Chosen(axes, upper_limits)
     gyro_n, gyro_k = chosen.worst("g", "N"), chosen.worst("g", "K")
     accel_n, accel_k = chosen.worst("a", "N"), chosen.worst("a", "K")
-    return chosen.file(
-        "#",
-        [
-            "Noise of an IMU for Kalibr, estimated by allanscope." + _of(source),
-            "Continuous-time values: white noise is N, the two-sided density of IEEE 952",
-            "(half of a datasheet's one-sided power density), random walk is K.",
-            "Each value is that of the worst axis.",
-        ],
-        [
-            f"accelerometer_noise_density: {accel_n:.6e}   # m/s^2/sqrt(Hz)",
-            f"accelerometer_random_walk: {accel_k:.6e}   # m/s^3/sqrt(Hz)",
-            f"gyroscope_noise_density: {gyro_n:.6e}   # rad/s/sqrt(Hz)",
-            f"gyroscope_random_walk: {gyro_k:.6e}   # rad/s^2/sqrt(Hz)",
-            f"rostopic: {rostopic}",
-            f"update_rate: {rate_hz:.6g}   # Hz",
-        ],
-    )
+    lines = [
+        f"IMU.NoiseGyro: {gyro_n:.6e}   # rad/s/sqrt(Hz)",
+        f"IMU.NoiseAcc: {accel_n:.6e}   # m/s^2/sqrt(Hz)",
+        f"IMU.GyroWalk: {gyro_k:.6e}   # rad/s^2/sqrt(Hz)",
+        f"IMU.AccWalk: {accel_k:.6e}   # m/s^3/sqrt(Hz)",
+        f"IMU.Frequency: {rate_hz:.1f}   # Hz",
+    ]
+    return chosen.file("#", _continuous("ORB-SLAM3", source), lines)
+
+
+def axes_yaml(
+    axes: Coefficients,
+    rate_hz: float,
+    *,
+    source: str = "",
+    upper_limits: UpperLimits = "refuse",
+) -> str:
+    """Return N, B and K of every axis by itself, in SI units."""
+    chosen = _Chosen(axes, upper_limits)
+    numbers = {
+        kind: [chosen.each(kind, letter) for letter in "NBK"]
+        for kind in "ga"
+        if any(axes.get(f"{kind}{direction}") for direction in "xyz")
+    }
+    lines = [f"update_rate: {rate_hz:.6g}   # Hz"]
+    for kind, columns in numbers.items():
+        unit = _SI[kind]
+        for direction, (n, b, k) in zip("xyz", zip(*columns, strict=True), strict=True):
+            if not axes.get(f"{kind}{direction}"):
+                continue
+            lines += [
+                f"{kind}{direction}:",
+                f"  noise_density: {n:.6e}   # {unit}/sqrt(Hz), two-sided (N)",
+                f"  bias_instability: {b:.6e}   # {unit} (B)",
+                f"  random_walk: {k:.6e}   # {unit}/sqrt(s) (K)",
+            ]
+    about = "Noise of each axis of an IMU, estimated by allanscope." + _of(source)
+    return chosen.file("#", [about, "Continuous-time values of IEEE 952, in SI units."], lines)
 
 
 def ros_covariance_yaml(
@@ -230,13 +297,54 @@ def bound_yaml(curves: Mapping[str, Deviation], *, source: str = "") -> str:
     return "\n".join([*(f"# {text}" for text in comments), *lines, ""])
 
 
+def _continuous(whose: str, source: str) -> list[str]:
+    """Return the comments of a file with continuous-time values of the worst axis."""
+    return [
+        f"Noise of an IMU for {whose}, estimated by allanscope." + _of(source),
+        "Continuous-time values: white noise is N, the two-sided density of IEEE 952",
+        "(half of a datasheet's one-sided power density), random walk is K.",
+        "Each value is that of the worst axis.",
+    ]
+
+
+def _densities(chosen: _Chosen) -> list[str]:
+    """Return the four lines on noise that Kalibr and OpenVINS read."""
+    gyro_n, gyro_k = chosen.worst("g", "N"), chosen.worst("g", "K")
+    accel_n, accel_k = chosen.worst("a", "N"), chosen.worst("a", "K")
+    return [
+        f"accelerometer_noise_density: {accel_n:.6e}   # m/s^2/sqrt(Hz)",
+        f"accelerometer_random_walk: {accel_k:.6e}   # m/s^3/sqrt(Hz)",
+        f"gyroscope_noise_density: {gyro_n:.6e}   # rad/s/sqrt(Hz)",
+        f"gyroscope_random_walk: {gyro_k:.6e}   # rad/s^2/sqrt(Hz)",
+    ]
+
+
+def _unit_row(k: int, n: int) -> str:
+    return str([float(i == k) for i in range(n)])
+
+
 LAYOUTS: Mapping[str, Callable[..., str]] = {
     "kalibr": kalibr_yaml,
-    "ros": ros_covariance_yaml,
+    "openvins": openvins_yaml,
+    "orb-slam3": orb_slam3_yaml,
     "vins": vins_yaml,
+    "ros": ros_covariance_yaml,
+    "axes": axes_yaml,
     "matlab": matlab_imu_sensor,
 }
 """Every file by whose it is: from axes, rate, ``source=`` and ``upper_limits=`` to its text."""
+
+CONTENTS: Mapping[str, str] = {
+    "kalibr": "N and K of the worst axis for Kalibr, continuous",
+    "openvins": "N and K of the worst axis for OpenVINS, continuous",
+    "orb-slam3": "N and K of the worst axis for ORB-SLAM3, continuous",
+    "vins": "N and K of the worst axis for VINS, discrete",
+    "ros": "variances of sensor_msgs/Imu, discrete",
+    "axes": "N, B and K of each axis, continuous",
+    "matlab": "N, B and K of each axis for imuSensor, continuous",
+    "bound": "a bound on the noise of each axis",
+}
+"""What each file has, to be said when it is written."""
 
 
 class NotDetected(ValueError):

@@ -528,6 +528,7 @@ def _effect_dict(effect: Effect) -> dict[str, Any]:
         "equivalent": list(effect.equivalent),
         "axes": list(effect.axes),
         "share": effect.share,
+        "given_detection": asdict(effect.given_detection) if effect.given_detection else None,
         "evidence": dict(effect.evidence),
     }
 

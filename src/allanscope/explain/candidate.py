@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.explain.effect import Effect, Parameter
+from allanscope.explain.effect import Effect, Estimate, Parameter
+from allanscope.explain.given_detection import given_detection
 from allanscope.noise.part import Part
 
 if TYPE_CHECKING:
@@ -131,9 +132,7 @@ def effect_of(candidate: Candidate, axis: str, share: float = math.nan) -> Effec
     parameter as well.
 
     ``p_value`` is that of the gain, chi-square with two degrees of freedom, times what was looked
-    at; sizes of effects that were searched for are a little too large on average near the limit of
-    detection, because only those that noise lifted over it are seen (``detection_selected``). What
-    is read off the values, such as their step, has no gain.
+    at. What is read off the values, such as their step, has no gain.
     """
     kind = candidate.effect
     if kind.is_coefficient:
@@ -163,6 +162,10 @@ def effect_of(candidate: Candidate, axis: str, share: float = math.nan) -> Effec
     parameters = {name: _plain(p) for name, p in kind.parameters.items()}
     if not kind.is_named:
         parameters["share"] = Parameter(share)
+    size = parameters.get(kind.sized_by)
+    corrected = None
+    if isinstance(size, Parameter) and evidence["detection_selected"]:
+        corrected = _corrected(size, candidate)
     evidence["replicated"] = "not replicated" if replicated is None else replicated
     return Effect(
         kind=candidate.kind,
@@ -176,7 +179,16 @@ def effect_of(candidate: Candidate, axis: str, share: float = math.nan) -> Effec
         curve=kind.curve,
         repeats_rows=kind.repeats_rows,
         share=share,
+        given_detection=corrected,
     )
+
+
+def _corrected(size: Parameter, candidate: Candidate) -> Parameter | None:
+    """Return the size given that its gain exceeded the penalty; None where it has no interval."""
+    if isinstance(size.value, str) or size.lower is None or size.upper is None or not size.value:
+        return None
+    estimate = Estimate(size.value, size.lower, size.upper, size.unit)
+    return given_detection(estimate, candidate.penalty)
 
 
 def _plain(parameter: Parameter) -> Parameter:

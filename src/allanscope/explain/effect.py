@@ -109,6 +109,9 @@ class Effect:
         Whether its ``fraction`` is that of rows which repeat the row before.
     share : float
         Its part of the excess of the axis over sampling error (`Shares`); NaN where there is none.
+    given_detection : Parameter or None
+        Near the limit, where only what noise makes larger is seen: the size corrected for that;
+        None where the selection changes nothing.
     """
 
     kind: str
@@ -122,6 +125,7 @@ class Effect:
     curve: Component | None = None
     repeats_rows: bool = False
     share: float = math.nan
+    given_detection: Parameter | None = None
 
 
 @dataclass(frozen=True, slots=True)

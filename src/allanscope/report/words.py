@@ -263,6 +263,9 @@ def _evidence(effect: Effect) -> str:
         parts.append(f"false-alarm probability {_probability(known['p_value'])}")
     if known.get("held_out_design"):
         parts.append(f"held-out test: {known['held_out_design']}")
+    if effect.given_detection is not None:
+        corrected = parameter_text(effect.given_detection)
+        parts.append(f"near the limit; size corrected for having been detected: {corrected}")
     match known.get("replicated"):
         case True:
             parts.append("seen in independent parts of the recording")

@@ -90,6 +90,9 @@ class EffectKind(ABC):
     located_by : str
         Parameter that tells two effects of this kind on one axis apart; empty where there can be
         one.
+    sized_by : str
+        Parameter that a signal is multiplied by, of which the gain grows as the square; empty where
+        there is none. What is known of the size of a process depends on its shape as well.
     shared_by : str
         Parameter in which several axes agree where one physical effect is seen on all of them;
         empty where every axis has its own.
@@ -132,6 +135,7 @@ class EffectKind(ABC):
     confused_with: ClassVar[Mapping[str, str]] = {}
     excluded_by: ClassVar[frozenset[str]] = frozenset()
     located_by: ClassVar[str] = ""
+    sized_by: ClassVar[str] = ""
     shared_by: ClassVar[str] = ""
     is_single: ClassVar[bool] = False
     is_named: ClassVar[bool] = True
@@ -295,13 +299,9 @@ class EffectKind(ABC):
 class SizedSignal(EffectKind):
     """A slow signal of known form in time, of which the size is fitted together with the noise.
 
-    Attributes
-    ----------
-    sized_by : str
-        Field that holds the size; what `propose` puts there before it was fitted is only its unit.
+    What `propose` puts into the field of the size before it was fitted is only its unit.
     """
 
-    sized_by: ClassVar[str]
     is_slow = True
 
     @abstractmethod

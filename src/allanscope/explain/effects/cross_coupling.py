@@ -64,6 +64,7 @@ class CrossCoupling(EffectKind):
 
     kind = "cross_coupling"
     meaning = "another axis leaks in, at all frequencies alike"
+    sized_by = "slope"
     located_by = "source"
     needs = frozenset({"axes"})
     confused_with: ClassVar[Mapping[str, str]] = {

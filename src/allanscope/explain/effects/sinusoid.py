@@ -66,6 +66,7 @@ class Sinusoid(EffectKind):
 
     kind = "sinusoid"
     meaning = "a tone of constant amplitude and frequency"
+    sized_by = "amplitude"
     located_by = "frequency"
     shared_by = "frequency"
     is_fitted = True

@@ -76,6 +76,7 @@ class Temperature(EffectKind):
 
     kind = "temperature"
     meaning = "the level follows the measured temperature"
+    sized_by = "slope"
     is_slow = True
     is_drift = True
     is_thermal = True

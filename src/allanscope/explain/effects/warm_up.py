@@ -50,6 +50,7 @@ class WarmUp(EffectKind):
 
     kind = "warm_up"
     meaning = "the level relaxes exponentially from the start of the record"
+    sized_by = "amplitude"
     shared_by = "time_constant"
     is_single = True
     is_slow = True

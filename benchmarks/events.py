@@ -1,6 +1,6 @@
 """What begins at night: when it is found, what a clean night raises, and what watching costs.
 
-    python benchmarks/events.py [--minutes 100] [--speed 100] [--nights 4] [--quick] [--json FILE]
+    python benchmarks/events.py [--minutes 100] [--speed 100] [--nights 4] [--only night drawn ...]
 
 A simulated night at 104 Hz has eight events of eight kinds, none declared. It is played at many
 times its pace through a session, as `allanscope replay` does, and its bytes are then taken in
@@ -16,13 +16,14 @@ import argparse
 import math
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from figures import Figure, written
 from numpy.typing import NDArray
+from scipy.special import betainc, i0
 
 from allanscope.allan import AllanBank
 from allanscope.analysis import Analyser, AnalyserSettings
@@ -40,8 +41,9 @@ from allanscope.watch import ALPHA, Event, Watch
 from allanscope.watch.lines import Lines
 from allanscope.watch.rare import Rare
 from allanscope.watch.scan import Scan
-from allanscope.watch.summary import Summariser, rows_of_block
-from allanscope.watch.watch import NOISE_NATS, SHARES
+from allanscope.watch.spending import log_weight
+from allanscope.watch.summary import KNOCK, LANES, Summariser, groups_of, rows_of_block
+from allanscope.watch.watch import log_alphas
 
 RATE = 104.0
 MEASURED = Path(__file__).parent.parent / "recordings" / "measured"
@@ -50,6 +52,8 @@ KINDS = (
     *("step", "variance_change", "sinusoid", "outliers"),
     *("repeated_samples", "lost_samples", "rate_change", "ramp"),
 )
+PARTS = ("night", "clean", "drawn", "delays", "measured", "cost", "dynamic")
+Ratios = Callable[[int], NDArray[np.float64]]
 
 
 class Disturbed(Simulator):
@@ -190,14 +194,17 @@ class Drawn:
         Whether levels have flicker and random walk.
     """
 
-    bins, bands = 49, 8
+    bins, bands = 47, 8
 
     def __init__(self, axes: int, seed: int, slow: bool = True) -> None:
         self.rng = np.random.default_rng(seed)
         self.axes, self.slow, self.blocks = axes, slow, 0
         self.decay = np.exp(-1.0 / 2.0 ** np.arange(14))[:, np.newaxis]
         self.flicker, self.walk = np.zeros((14, axes)), np.zeros(axes)
-        self.power = np.ones((axes, self.bins), np.float32)
+        self.power = np.ones((groups_of(axes), self.bins, LANES), np.float32)
+        self.usual = np.ones((len(self.power), LANES), np.float32)
+        edges = np.linspace(0, self.bins, self.bands + 1).astype(np.int64)
+        self.edges, self.widths = edges[:-1], np.diff(edges)[:, np.newaxis]
         self.band_log = np.zeros((axes, self.bands))
 
     def level(self) -> NDArray[np.float64]:
@@ -217,30 +224,36 @@ class Drawn:
         self.band_log += np.clip(away, -2.0, 2.0) / min(self.blocks + 1, 1800)
         return np.sort(3.0 * np.expm1(away / 3.0), axis=1)[:, 1:-1].mean(axis=1)
 
-    def lines(self, amplitude: float = 0.0) -> NDArray[np.float32]:
-        """Return the powers of a block; `amplitude` adds so many times the noise's in one bin."""
+    def lines(self, amplitude: float = 0.0) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return ratios of a block and their scale, as `watch.summary` has them.
+
+        `amplitude` adds so many times the noise's in one bin.
+        """
         power = self.rng.standard_exponential(self.power.shape, np.float32)
         if amplitude:
-            both = self.rng.standard_normal((2, self.axes))
+            both = self.rng.standard_normal((2, len(power), LANES))
             power[:, 20] = ((both[0] + np.sqrt(2.0) * amplitude) ** 2 + both[1] ** 2) / 2.0
+        self.line = power[:, 20].ravel()[: self.axes]
         ratio = power / self.power
-        usual = np.median(ratio, axis=1) / np.float32(math.log(2.0))
+        means = np.sort(np.add.reduceat(ratio, self.edges, axis=1) / self.widths, axis=1)
+        over = means[:, 1:-1].mean(axis=1)
+        self.usual += (np.minimum(over, 2.0 * self.usual) - self.usual) / 16.0
+        scale = 1.0 / np.where(over > KNOCK * self.usual, over, self.usual)
         self.power += (np.minimum(power, 5.0 * self.power) - self.power) / min(
             self.blocks + 2, 1800
         )
         self.blocks += 1
-        return np.asarray(ratio / usual[:, np.newaxis], np.float32)
+        return ratio.astype(np.float32), scale.astype(np.float32)
 
 
-def accelerated(nights: int, blocks: int) -> list[Figure]:
+def accelerated(nights: int, blocks: int, seed: int = 1) -> list[Figure]:
     """Watch nights of six axes whose blocks are drawn; count the axes that ever raise an alarm."""
     axes = 6 * nights
-    drawn, alpha = Drawn(axes, 1), {k: math.log(ALPHA * v) for k, v in SHARES.items()}
-    level, noise = np.full(axes, alpha["level"]), np.full(axes, alpha["noise"] - NOISE_NATS)
-    scan = Scan(2 * axes, np.concatenate([level, noise]))
+    drawn, alpha = Drawn(axes, seed), log_alphas(6)
+    scan = Scan(2 * axes, np.repeat([alpha["level"], alpha["noise"]], axes))
     lines = Lines(axes, drawn.bins, alpha["lines"])
     rare = Rare(axes, np.full(axes, alpha["outliers"]))
-    held = np.zeros((axes, drawn.bins), np.bool_)
+    held = np.zeros(drawn.power.shape, np.int32)
     alarmed: dict[str, set[int]] = {
         "level": set(),
         "noise": set(),
@@ -250,7 +263,7 @@ def accelerated(nights: int, blocks: int) -> list[Figure]:
     for _ in range(blocks):
         for alarm in scan.take(np.concatenate([drawn.level(), drawn.noise()])):
             alarmed["level" if alarm.channel < axes else "noise"].add(alarm.channel % axes)
-        alarmed["line"] |= {found.axis for found in lines.take(drawn.lines(), held)}
+        alarmed["line"] |= {found.axis for found in lines.take(*drawn.lines(), held)}
         bursts, _ = rare.take(drawn.rng.poisson(0.002, axes))
         alarmed["outliers"] |= {burst.channel for burst in bursts}
     print(f"axes with a false alarm, by kind: { {k: len(v) for k, v in alarmed.items()} }")
@@ -263,7 +276,7 @@ def alike(blocks: int = 3000) -> list[Figure]:
     """Compare drawn blocks with those of samples."""
     rng, rows = np.random.default_rng(2), rows_of_block(RATE)
     real, drawn = Summariser(6, rows), Drawn(6, 3)
-    held, other = np.zeros((6, real.bins), np.bool_), np.zeros(6, np.bool_)
+    held, other = np.zeros(real.power.shape, np.int32), np.zeros((1, LANES), np.bool_)
     loud: dict[str, list[NDArray[np.float64]]] = {"samples": [], "drawn": []}
     bins: dict[str, list[NDArray[np.float32]]] = {"samples": [], "drawn": []}
     for number in range(blocks):
@@ -271,9 +284,9 @@ def alike(blocks: int = 3000) -> list[Figure]:
         known, mine = real.take(block, held, other), (drawn.noise(), drawn.lines())
         if number >= blocks // 3:
             loud["samples"].append(known.noise)
-            bins["samples"].append(known.ratio)
+            bins["samples"].append((known.ratio * known.scale)[..., :6])
             loud["drawn"].append(mine[0])
-            bins["drawn"].append(mine[1])
+            bins["drawn"].append(mine[1][0] * mine[1][1])
     spread = np.std(loud["drawn"]) / np.std(loud["samples"])
     tail = np.quantile(bins["drawn"], 0.9999) / np.quantile(bins["samples"], 0.9999)
     return [
@@ -282,64 +295,163 @@ def alike(blocks: int = 3000) -> list[Figure]:
     ]
 
 
-def oracle(gain: NDArray[np.float64], limit: float) -> float:
-    """Return the median delay of a CUSUM of log-likelihood ratios that knows the change."""
-    total, delay = np.zeros(gain.shape[1]), np.full(gain.shape[1], np.inf)
-    for number, more in enumerate(gain, 1):
-        total = np.maximum(total + more, 0.0)
-        delay[(total > limit) & np.isinf(delay)] = number
-    return float(np.median(delay))
+class Oracle:
+    """A CUSUM of the log-likelihood ratios of a change that it knows.
+
+    Its limit is such that it has one false alarm in 40 nights of 12 h: the mean time between them
+    is that of a run from zero to zero or the limit over the probability that it ends at the limit,
+    which is the mean of 1 / likelihood ratio over runs of the change (Siegmund 1985).
+
+    Parameters
+    ----------
+    still, changed : callable
+        Return ratios of so many blocks without and with the change.
+    """
+
+    RUNS, BLOCKS = 20_000, 200
+
+    def __init__(self, still: Ratios, changed: Ratios) -> None:
+        low, self.limit = 0.0, 20.0
+        gains = [[draw(self.RUNS) for _ in range(self.BLOCKS)] for draw in (still, changed)]
+        while self.limit - low > 0.01:
+            middle = 0.5 * (low + self.limit)
+            length = self._run(gains[0], middle)[1]
+            hits = self._run(gains[1], middle)[0]
+            low, self.limit = (
+                (middle, self.limit) if length < 40 * 43_200.0 * hits else (low, middle)
+            )
+
+    def _run(self, gains: list[NDArray[np.float64]], limit: float) -> tuple[float, float]:
+        """Return the mean of 1 / ratio where runs hit the limit, and how long they are."""
+        total, weight = np.zeros(self.RUNS), np.zeros(self.RUNS)
+        length, goes_on = np.zeros(self.RUNS), np.ones(self.RUNS, np.bool_)
+        for gain in gains:
+            total[goes_on] += gain[goes_on]
+            length += goes_on
+            weight[goes_on & (total > limit)] = 1.0
+            goes_on &= (total > 0.0) & (total <= limit)
+        return float(np.mean(weight * np.exp(-total))), float(length.mean())
+
+    def delay(self, gain: NDArray[np.float64]) -> float:
+        """Return the median delay in blocks; `gain` has shape (blocks, runs)."""
+        total, delay = np.zeros(gain.shape[1]), np.full(gain.shape[1], np.inf)
+        for number, more in enumerate(gain, 1):
+            total = np.maximum(total + more, 0.0)
+            delay[(total > self.limit) & np.isinf(delay)] = number
+        return float(np.median(delay))
 
 
-def delays(blocks: int = 3000, after: int = 90, axes: int = 120) -> list[Figure]:
-    """Return median delays at three times the limit over those of oracles.
+def compared(name: str, ours: NDArray[np.float64], best: float) -> Figure:
+    print(f"{name:12} median delay {np.median(ours):5.1f} s, of an oracle {best:5.1f} s")
+    return Figure(f"delay of a {name} over an oracle's", np.median(ours) / best, "", 1.5)
 
-    The limit of a level or of the noise is what the longest window shows, 0.37 standard deviations
-    of a block; of a ramp, what shows in four minutes; of a line, 0.7 of the noise in its bin.
-    An oracle knows size and place, and has one false alarm in 40 nights (Siegmund).
+
+def delays(blocks: int = 3000, after: int = 90, axes: int = 800) -> list[Figure]:
+    """Return median delays at three times the limit over those of oracles, for all eight kinds.
+
+    The limit of a level, of the noise or of the rate is what the longest window shows, 0.37
+    standard deviations of a block; of a ramp, what shows in four minutes; of a line, 0.7 of the
+    noise in its bin. Oracles know the size, and where it is.
     """
     size = 3 * 0.37
-    limit = math.log(40 * 43_200.0) - 1.166 * size
     drawn = Drawn(axes, 4, slow=False)
-    alpha = {k: math.log(ALPHA * v) for k, v in SHARES.items()}
-    level = np.full(2 * axes, alpha["level"])
-    scan = Scan(3 * axes, np.concatenate([level, np.full(axes, alpha["noise"] - NOISE_NATS)]))
+    alpha = log_alphas(6)
+    of_series = [alpha["level"], alpha["level"], alpha["noise"], alpha["rate"]]
+    scan = Scan(4 * axes, np.repeat(of_series, axes))
     lines = Lines(axes, drawn.bins, alpha["lines"])
-    held = np.zeros((axes, drawn.bins), np.bool_)
+    held = np.zeros(drawn.power.shape, np.int32)
     slope, strength = 3 * 0.37 / 120.0 * 2.0, 3.0 * math.sqrt(0.7)
-    first = np.full((4, axes), np.inf)
-    kept: list[list[NDArray[np.float64]]] = [[], [], [], []]
-    usual = spread = 0.0
+    first = np.full((5, axes), np.inf)
+    kept: list[list[NDArray[np.float64]]] = [[] for _ in range(5)]
     quiet: list[NDArray[np.float64]] = []
+    usual = spread = 0.0
     for number in range(-blocks, after):
         on = number >= 0
-        still = drawn.noise(1.0 + size * spread if on else 1.0)
+        still = drawn.noise((1.0 + size * spread / 3.0) ** 3 if on else 1.0)
         values = [drawn.level() + size * on, drawn.level() + slope * (number + 1) * on, still]
-        power = drawn.lines(strength if on else 0.0)
+        values.append(drawn.rng.standard_normal(axes) + size * on)
+        ratio, scale = drawn.lines(strength if on else 0.0)
         if -500 <= number < 0:
             quiet.append(still)
             usual, spread = float(np.mean(quiet)), float(np.std(quiet))
         found = [divmod(alarm.channel, axes) for alarm in scan.take(np.concatenate(values))]
-        found += [(3, one.axis) for one in lines.take(power, held)]
+        found += [(4, one.axis) for one in lines.take(ratio, scale, held)]
         if not on:
             continue
         for kind, axis in found:
             first[kind, axis] = min(first[kind, axis], number + 1)
         moved = slope * (number + 1)
-        kept[0].append(size * values[0] - size**2 / 2)
-        kept[1].append(moved * values[1] - moved**2 / 2)
+        for kind, more in ((0, size), (1, moved), (3, size)):
+            kept[kind].append(more * values[kind] - more**2 / 2)
         kept[2].append(size * (still - usual) / spread - size**2 / 2)
-        rho = strength**2
-        kept[3].append(power[:, 20] * rho / (1 + rho) - math.log1p(rho))
-    names = ("level shift", "ramp", "white level", "line")
+        kept[4].append(gain_of_line(drawn.line, strength))
+    normal = Oracle(
+        lambda n: size * drawn.rng.standard_normal(n) - size**2 / 2,
+        lambda n: size * drawn.rng.standard_normal(n) + size**2 / 2,
+    )
+    line = Oracle(
+        lambda n: gain_of_line(drawn.rng.standard_exponential(n), strength),
+        lambda n: gain_of_line(drawn.rng.noncentral_chisquare(2, 2 * strength**2, n) / 2, strength),
+    )
+    names = ("level shift", "ramp", "white level", "change of the rate", "line")
+    oracles = (normal, normal, normal, normal, line)
+    figures = [
+        compared(name, delay, best.delay(np.array(gain)))
+        for name, best, delay, gain in zip(names, oracles, first, kept, strict=True)
+    ]
+    return [*figures, *rare_delays(blocks, after, axes)]
+
+
+def gain_of_line(power: NDArray[np.float64], amplitude: float) -> NDArray[np.float64]:
+    """Return the log-likelihood ratios of powers with a sine so many times the noise, and none."""
+    return np.asarray(np.log(i0(2.0 * amplitude * np.sqrt(power))) - amplitude**2)
+
+
+def rare_delays(blocks: int, after: int, axes: int) -> list[Figure]:
+    """Return the same of bursts, repeats and losses.
+
+    There was one in 500 blocks before; then three times the mean that 16 blocks show half of the
+    time.
+    """
+    before, rng = 1.0 / 500.0, np.random.default_rng(5)
+    of = log_alphas(6)
+    log_alpha = {
+        "burst of outliers": of["outliers"],
+        "repetition": of["repeats"] - math.log(2.0),
+        "loss": of["losses"],
+    }
     figures = []
-    for name, delay, gain in zip(names, first, kept, strict=True):
-        best = oracle(np.array(gain), limit)
-        print(f"{name:12} median delay {np.median(delay):5.1f} s, of an oracle {best:5.1f} s")
-        figures.append(
-            Figure(f"delay of a {name} over an oracle's", np.median(delay) / best, "", 1.5)
+    for name, alpha in log_alpha.items():
+        fewest = least_count(before, blocks, alpha)
+        mean = 3.0 * (fewest - 0.33) / 16.0
+        rare, first = Rare(axes, np.full(axes, alpha)), np.full(axes, np.inf)
+        gains = []
+        for number in range(-blocks, after):
+            counts = rng.poisson(mean if number >= 0 else before, axes)
+            for burst in rare.take(counts)[0]:
+                if number >= 0:
+                    first[burst.channel] = min(first[burst.channel], number + 1)
+            if number >= 0:
+                gains.append(gain_of_counts(counts, before, mean))
+        best = Oracle(
+            lambda n, mean=mean: gain_of_counts(rng.poisson(before, n), before, mean),
+            lambda n, mean=mean: gain_of_counts(rng.poisson(mean, n), before, mean),
         )
+        figures.append(compared(name, first, best.delay(np.array(gains))))
     return figures
+
+
+def gain_of_counts(counts: NDArray[np.int64], before: float, mean: float) -> NDArray[np.float64]:
+    return np.asarray(counts * math.log(mean / before) - (mean - before))
+
+
+def least_count(before: float, blocks: int, log_alpha: float) -> int:
+    """Return how many in 16 blocks are a burst after so many blocks."""
+    many = 1
+    limit = -(log_alpha + log_weight(blocks)) + math.log(3)
+    while -math.log(betainc(many, before * blocks + 0.5, 16 / (16 + blocks))) < limit:
+        many += 1
+    return many
 
 
 def measured() -> Figure:
@@ -415,20 +527,26 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=100.0)
     parser.add_argument("--nights", type=int, default=4, help="clean ones")
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, help="some parts alone")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    quick = options.quick
-    with tempfile.TemporaryDirectory() as folder:
-        speed = math.inf if quick else options.speed
-        figures = night(60.0 if quick else options.minutes, speed, 1, Path(folder))
-    figures += [
-        clean(1 if quick else options.nights, 1.0 if quick else 12.0),
-        *accelerated(10 if quick else 200, 3600 if quick else 43_200),
-        *delays(),
-        measured(),
-        cost(300),
-        *over_time(1.0 if quick else 12.0, RATE),
-    ]
+    quick, figures = options.quick, []
+    if "night" in options.only:
+        with tempfile.TemporaryDirectory() as folder:
+            speed = math.inf if quick else options.speed
+            figures += night(60.0 if quick else options.minutes, speed, 1, Path(folder))
+    if "clean" in options.only:
+        figures.append(clean(1 if quick else options.nights, 1.0 if quick else 12.0))
+    if "drawn" in options.only:
+        figures += accelerated(10 if quick else 200, 3600 if quick else 43_200)
+    if "delays" in options.only:
+        figures += delays()
+    if "measured" in options.only:
+        figures.append(measured())
+    if "cost" in options.only:
+        figures.append(cost(300))
+    if "dynamic" in options.only:
+        figures += over_time(1.0 if quick else 12.0, RATE)
     written(figures, options.json)
 
 

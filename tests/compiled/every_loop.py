@@ -16,6 +16,7 @@ from allanscope.noise.amplitudes import maximise
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator.noise.power_law import FractionalIntegral
 from allanscope.spectrum.ladder import SEGMENT, Ladder
+from allanscope.watch import Watch
 from allanscope.wire import WireSettings
 from allanscope.wire.native import NativeDecoder, NativeEncoder
 from allanscope.wire.text.decoder import TextDecoder
@@ -108,7 +109,16 @@ def series() -> None:
     FractionalIntegral(0.5, 1e6, RNG).apply(np.empty(0))
 
 
+def watches() -> None:
+    for axes, rate in ((1, 32.0), (6, 104.0), (9, 833.0)):
+        info = StreamInfo(axes=AXES[:1] * axes, scale=(1.0,) * axes, nominal_hz=rate)
+        for dtype in (np.int16, np.float64):
+            watch = Watch(info)
+            for n in (1, round(rate), 7 * round(rate), 700 * round(rate) if rate < 40 else 0):
+                watch.rows(RNG.normal(0.0, 20.0, (n, axes)).astype(dtype))
+
+
 if __name__ == "__main__":
-    for part in (sums, estimators, spectra, frames, texts, fits, series):
+    for part in (sums, estimators, spectra, frames, texts, fits, series, watches):
         part()
     print("done")

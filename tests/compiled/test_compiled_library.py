@@ -19,7 +19,9 @@ from allanscope.allan.cascade import Cascade
 from allanscope.allan.estimators import reflected, theo1
 from allanscope.compiled import LibraryMissing, Pointer, build, kernel
 from allanscope.noise import amplitudes
+from allanscope.samples import StreamInfo
 from allanscope.spectrum import ladder
+from allanscope.watch import Watch, lines, scan, summary
 
 PACKAGE = Path(allanscope.__file__).parent
 DRIVER = Path(__file__).with_name("every_loop.py")
@@ -103,6 +105,8 @@ def results() -> list[NDArray[Any]]:
     cascade.extend(rng.normal(size=(2, 9001)))
     bank = ladder.Ladder(2)
     bank.push(rng.normal(size=(2, 9001)).astype(np.float32))
+    watch = Watch(StreamInfo(axes=("gx", "az"), scale=(1.0, 1.0), nominal_hz=104.0))
+    watch.rows(np.rint(rng.normal(0.0, 20.0, (300 * 104, 2))).astype(np.int16))
     values = rng.normal(size=901).cumsum()
     columns = np.geomspace(1.0, 1e4, 99) ** np.array([[-2.0], [-1.0], [0.0]])
     power = columns.sum(axis=0) * rng.gamma(5.0, 0.2, 99)
@@ -113,6 +117,8 @@ def results() -> list[NDArray[Any]]:
         *(np.array(reflected.reflected_mean_square(values, m, 1)) for m in (7, 100)),
         np.array(theo1.theo1_variance(values, 202)),
         *(theta, np.array(loglik), expected),
+        *(watch._summarise.power, watch._summarise._noise),
+        *(watch._lines._sums, watch._scan._square, watch._scan._fourth),
     ]
 
 
@@ -130,6 +136,11 @@ def test_every_level_of_the_processor_gives_the_same_bits(monkeypatch: pytest.Mo
         (reflected, "_squares", "reflected_squares"),
         (theo1, "_squares", "theo1_squares"),
         (amplitudes, "_maximise", "maximise"),
+        (summary, "_rows_int16", "watch_rows_int16"),
+        (summary, "_spectrum", "watch_spectrum"),
+        (summary, "_noise", "watch_noise"),
+        (lines, "_lines", "watch_lines"),
+        (scan, "_scan", "scan_block"),
     ]
     for one in lower:
         for module, name, source in used:

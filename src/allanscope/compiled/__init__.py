@@ -2,6 +2,7 @@
 
 ========================  ==========================================================
 `Pointer`, `kernel`       how a module calls a loop: checked arrays in, no copies
+`Fixed`                   arrays that a loop gets again and again, checked once
 `build`                   compiles the sources beside it; not part of a wheel
 ``*.c``                   the loops, a subject a file; `library.c` is all of them
 ========================  ==========================================================
@@ -26,7 +27,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from allanscope.errors import AllanscopeError
 
-__all__ = ["LibraryMissing", "Pointer", "kernel"]
+__all__ = ["Fixed", "LibraryMissing", "Pointer", "kernel"]
 
 _HERE = Path(__file__).parent
 _SUFFIX = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
@@ -93,6 +94,41 @@ class Pointer:
         return ctypes.c_void_p(array.ctypes.data)
 
 
+class Fixed:
+    """Arrays that are the last arguments of each call of a loop: to check them takes 2 us each.
+
+    A copy of their owner has a copy of this, which finds the copied arrays.
+
+    Parameters
+    ----------
+    arrays : ndarray
+        They must stay where they are, and be written to in place.
+    """
+
+    def __init__(self, *arrays: NDArray[Any]) -> None:
+        self._arrays = arrays
+        self._bound: Callable[..., Any] | None = None
+        self._addresses: list[int] = []
+
+    def call(self, loop: Any, *others: Any) -> Any:
+        """Call a loop, always the same one, with other arguments and these arrays."""
+        if self._bound is None:
+            own, checked = loop.argtypes[: len(others)], loop.argtypes[len(others) :]
+            for kind, array in zip(checked, self._arrays, strict=True):
+                kind.from_param(array)
+            self._addresses = [array.ctypes.data for array in self._arrays]
+            self._bound = bound = _library()[0][loop.__name__]
+            bound.argtypes = [*own, *(ctypes.c_void_p for _ in checked)]
+            bound.restype = loop.restype
+        return self._bound(*others, *self._addresses)
+
+    def __getstate__(self) -> tuple[NDArray[Any], ...]:
+        return self._arrays
+
+    def __setstate__(self, arrays: tuple[NDArray[Any], ...]) -> None:
+        self.__init__(*arrays)  # type: ignore[misc]
+
+
 def kernel(name: str, *arguments: Any, returns: Any = None) -> Callable[..., Any]:
     """Return a loop of the library.
 
@@ -103,7 +139,7 @@ def kernel(name: str, *arguments: Any, returns: Any = None) -> Callable[..., Any
     arguments : Pointer or ctypes type
         What it takes; ``int`` and ``float`` stand for 64 bits.
     returns : type, optional
-        ``float``, or nothing.
+        ``int``, ``float``, or nothing.
 
     Raises
     ------

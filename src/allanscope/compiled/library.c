@@ -6,4 +6,5 @@
 #include "series.c"
 #include "spectrum.c"
 #include "text.c"
+#include "watch.c"
 #include "wire.c"

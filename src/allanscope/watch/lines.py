@@ -13,15 +13,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.compiled import Fixed, Pointer, kernel
 from allanscope.watch.spending import log_weight
+from allanscope.watch.summary import LANES, groups_of, of_axis
 
 __all__ = ["LineAlarm", "Lines"]
 
-SIZES = (0.7, 5.0)
+SIZES = (0.7, 8.0)
 """Mean power that a line adds to its bin, in units of the noise there."""
+SHARES = (0.2, 0.8)
+"""Of the probability of a false alarm that each size may spend."""
 
-CAP = 12.0
+OVERSHOOT = np.array([1.9, 2.5])
+"""-log(p exp(h)), p the probability that a sum of each size, begun at zero in noise, reaches h
+before it is zero again: most begin by falling, and one that arrives is over h by far."""
+RESOLUTION = 1.5
+"""Bins that the window makes one: noise is in them together."""
+
+CAP = 18.0
 """Ratio beyond which a block counts no more: a knock is in all bins of one block."""
+
+LEAST = 3
+"""Blocks that a line lasts, and it is there in the last one: a board that is touched swings for a
+second or two, and what it did then stays in the sums for some more."""
 
 WARM_UP = 120
 """Blocks that the reference needs before lines are looked for."""
@@ -50,63 +64,82 @@ class LineAlarm:
     nats: float
 
 
+_lines = kernel(
+    "watch_lines",
+    *(int, int, float, int, int, Pointer(np.float32, 3), Pointer(np.float32, 2)),
+    *(Pointer(np.int32, 3), float, Pointer(np.float32, 1), Pointer(np.float32, 3, written=True)),
+    *(Pointer(np.float32, 4, written=True), Pointer(np.int32, 4, written=True)),
+    Pointer(np.float32, 3, written=True),
+)
+
+
 class Lines:
-    """Follow the bins of `axes` spectra."""
+    """Follow the bins of `axes` spectra; arrays are (groups of eight axes, bins, 8)."""
 
     def __init__(self, axes: int, bins: int, log_alpha: float) -> None:
         self.blocks = 0
-        self._limit = math.log(bins * len(SIZES)) - log_alpha
-        shape = len(SIZES), axes, bins
-        self._sums = np.zeros(shape, np.float32)
-        self._since = np.zeros(shape, np.int32)
-        self._ratios = np.zeros(shape, np.float32)
-        self._overdispersion = np.ones((axes, bins), np.float32)
+        self._axes = axes
+        penalty = math.log(max(bins / RESOLUTION, 1.0)) - log_alpha
+        self._limits = (penalty - np.log(SHARES) - OVERSHOOT)[:, np.newaxis]
+        shape = groups_of(axes), bins, LANES
+        self._spread = np.ones(shape, np.float32)
+        self._sums = np.zeros((len(SIZES), *shape), np.float32)
+        self._since = np.zeros((len(SIZES), *shape), np.int32)
+        self._tops = np.zeros((len(SIZES), shape[0], LANES), np.float32)
+        sizes = np.array(SIZES, np.float32)
+        self._fixed = Fixed(sizes, self._spread, self._sums, self._since, self._tops)
 
-    def take(self, ratio: NDArray[np.float32], held: NDArray[np.bool_]) -> list[LineAlarm]:
-        """Take the ratios of a block, shape (axes, bins); return one alarm an axis at most.
+    def take(
+        self, ratio: NDArray[np.float32], scale: NDArray[np.float32], held: NDArray[np.int32]
+    ) -> list[LineAlarm]:
+        """Take the ratios of a block; return one alarm an axis at most.
 
         Parameters
         ----------
-        ratio : ndarray
+        ratio : ndarray of float32, shape (groups, bins, 8)
             Power over reference.
-        held : ndarray of bool, shape (axes, bins)
-            Bins that are not looked at: an event is known there.
+        scale : ndarray of float32, shape (groups, 8)
+            By which the ratios of an axis are multiplied.
+        held : ndarray of int32, shape (groups, bins, 8)
+            Bins that are not looked at, -1: an event is known there.
         """
         self.blocks += 1
         # Exponential ratios have a mean square of 2. Where it is larger, as on a line that was
         # always there and beats with another, ratios count for less.
-        gain = np.float32(1.0 / min(self.blocks, 1800))
-        square = np.minimum(ratio, CAP) ** 2 / 2
-        self._overdispersion += gain * (square - self._overdispersion)
-        if self.blocks <= WARM_UP:
+        gain, is_on = 1.0 / min(self.blocks, 1800), self.blocks > WARM_UP
+        groups, bins = ratio.shape[:2]
+        self._fixed.call(_lines, groups, bins, gain, self.blocks, is_on, ratio, scale, held, CAP)
+        over = self._tops.reshape(len(SIZES), -1) - self._limits + log_weight(self.blocks)
+        if not is_on or float(over.max()) < 0.0:
             return []
-        scaled = np.minimum(ratio, CAP) / np.maximum(self._overdispersion, 1.0)
         alarms: dict[int, LineAlarm] = {}
-        limit = self._limit - log_weight(self.blocks)
-        for number, rho in enumerate(SIZES):
-            sums, since, ratios = self._sums[number], self._since[number], self._ratios[number]
-            sums += scaled * np.float32(rho / (1 + rho)) - np.float32(math.log1p(rho))
-            over = (sums <= 0.0) | held
-            since += 1
-            ratios += ratio
-            sums[over] = 0.0
-            since[over] = 0
-            ratios[over] = 0.0
-            if float(sums.max()) < limit:
-                continue
-            for axis in np.flatnonzero(sums.max(axis=1) >= limit):
-                at = int(sums[axis].argmax())
-                length = int(since[axis, at])
-                alarm = LineAlarm(
-                    int(axis), at, length, float(ratios[axis, at]) / length, float(sums[axis, at])
-                )
+        for number, axis in np.argwhere(over >= 0.0):
+            if axis < self._axes:
+                alarm, adds = self._alarm(int(number), int(axis), ratio, scale)
                 known = alarms.get(alarm.axis)
+                if alarm.since < LEAST or not adds:
+                    continue
                 if known is None or alarm.nats > known.nats:
                     alarms[alarm.axis] = alarm
         return list(alarms.values())
 
+    def _alarm(
+        self, number: int, axis: int, ratio: NDArray[np.float32], scale: NDArray[np.float32]
+    ) -> tuple[LineAlarm, bool]:
+        """Return what has the largest sum, and whether the last block added to it."""
+        sums = of_axis(self._sums[number], axis)
+        at = int(sums.argmax())
+        nats, rho = float(sums[at]), SIZES[number]
+        length = self.blocks - int(of_axis(self._since[number], axis)[at])
+        # The sum is one of ratios that are capped; beyond the cap, the last one tells more.
+        spread = max(float(of_axis(self._spread, axis)[at]), 1.0)
+        mean = (nats / length + math.log1p(rho)) * (1 + rho) / rho * spread
+        last = float(of_axis(ratio, axis)[at] * of_axis(scale, axis))
+        adds = last * rho / (1 + rho) > math.log1p(rho)
+        return LineAlarm(axis, at, length, max(mean, last) if last > CAP else mean, nats), adds
+
     def forget(self, axis: int) -> None:
         """Begin all sums of an axis anew."""
-        self._sums[:, axis] = 0.0
-        self._since[:, axis] = 0
-        self._ratios[:, axis] = 0.0
+        for sums, since in zip(self._sums, self._since, strict=True):
+            of_axis(sums, axis)[:] = 0.0
+            of_axis(since, axis)[:] = self.blocks

@@ -75,9 +75,15 @@ class Rare:
         """Take the counts of a block; return the bursts that were found, and those that ended."""
         at = self.blocks
         self.blocks += 1
-        self._recent = np.roll(self._recent, -1, axis=0)
-        self._recent[-1] = counts
-        found, ended = [], []
+        slot = self.blocks % WINDOWS[-1]  # of the oldest, once a block more has been taken
+        self._recent[at % WINDOWS[-1]] = counts
+        old = self._recent[slot]
+        found: list[Burst] = []
+        ended: list[Burst] = []
+        if not (self.open or counts.any() or old.any()):
+            if self.blocks >= WINDOWS[-1]:
+                self._exposure += 1.0
+            return found, ended
         for channel in np.flatnonzero(counts):
             one = int(channel)
             if one not in self.open and (burst := self._judged(one, at)) is not None:
@@ -92,7 +98,6 @@ class Rare:
                 burst.last = at
         # What leaves the windows without having been a burst is what there was before.
         free = np.array([one not in self.open for one in range(len(counts))])
-        old = np.where(free, self._recent[0], 0)
         past = free & (self.blocks >= WINDOWS[-1])
         self._total += np.where(past, old, 0)
         self._square += np.where(past, old * old, 0)
@@ -108,7 +113,7 @@ class Rare:
         bunch = max((square - total * mean) / total, 1.0) if total else 1.0
         limit = -(float(self._log_alpha[channel]) + log_weight(self.blocks))
         for window in WINDOWS:
-            recent = self._recent[-window:, channel]
+            recent = self._recent[np.arange(at - window + 1, at + 1) % WINDOWS[-1], channel]
             seen = int(recent.sum())
             share = window / (window + exposure)
             tail = float(betainc(max(seen / bunch, 1e-9), total / bunch + PRIOR, share))

@@ -1,26 +1,31 @@
 """What a second of samples is reduced to: levels, spectra, outliers, repeats.
 
 A stream is cut into blocks of a second's worth of rows, counted from its beginning, so that what is
-made of them depends on the samples and not on how reads were cut. Everything is plain numpy on
-arrays of one shape, and therefore the same to the last bit in every run on a machine.
+made of them depends on the samples and not on how reads were cut. The loops over samples and bins
+are `compiled/watch.c`, with eight axes side by side: an array of a spectrum is (groups of eight
+axes, bins, 8). They give the same to the last bit in every run.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len, prev_fast_len, rfft
 
-__all__ = ["FEWEST_ROWS", "BlockSummary", "Summariser", "rows_of_block"]
+from allanscope.compiled import Fixed, Pointer, kernel
+
+__all__ = ["FEWEST_ROWS", "LANES", "BlockSummary", "Summariser", "of_axis", "rows_of_block"]
 
 FEWEST_ROWS = 32
 FIRST_BIN = 2
 """Bins below it hold the level, which leaks through the window."""
+LANES = 8
+"""Axes that the loops take side by side."""
 
 OUTLYING = 6.0
 """Standard deviations that an outlier is away from the median of five samples about it."""
@@ -30,14 +35,49 @@ BURST = 0.1
 """Share of the samples of a block above which they are no outliers but other noise."""
 FIRST_BLOCKS = 16
 """Blocks in which the spread of an axis is found from medians alone."""
-TINY = np.float32(1e-20)
 MEMORY = 1800
 """Blocks over which references are averaged: half an hour."""
+KNOCK = 1.6
+"""Times its mean from which on the level of a block is taken by itself."""
+MOST = 5.0
+"""Times its reference that the power of a bin may be where it moves the reference."""
+
+_Floats, _Doubles = (Pointer(kind, 3, written=True) for kind in (np.float32, np.float64))
+_Pairs = Pointer(np.float32, 2)
+_repeats = kernel(
+    "watch_repeats", Pointer(np.uint8, 2), int, int, Pointer(np.uint8, 1), returns=int
+)
+_rows = (Pointer(np.float64, 2), Pointer(np.float64, 2), _Floats, _Doubles)
+_rows_int16 = kernel("watch_rows_int16", Pointer(np.int16, 2), int, int, *_rows, returns=int)
+_rows_float64 = kernel("watch_rows_float64", Pointer(np.float64, 2), int, int, *_rows, returns=int)
+_spectrum = kernel(
+    "watch_spectrum",
+    *(int, int, int, int, int, int, float, float, Pointer(np.int32, 3)),
+    *(Pointer(np.int64, 1), _Pairs, _Pairs, Pointer(np.int64, 1)),
+    *(_Floats, Pointer(np.float32, 2, written=True), _Floats, _Floats),
+    Pointer(np.float32, 4, written=True),
+)
+_noise = kernel(
+    "watch_noise",
+    *(int, int, int, int, float, float, Pointer(np.bool_, 2), Pointer(np.float32, 4), _Doubles),
+    *(Pointer(np.float32, 2, written=True), Pointer(np.float64, 2, written=True)),
+    Pointer(np.float32, 2, written=True),
+)
 
 
 def rows_of_block(rate_hz: float) -> int:
     """Return the rows of a second at this nominal rate (at 100 Hz where none is claimed)."""
     return max(round(rate_hz or 100.0), FEWEST_ROWS)
+
+
+def groups_of(axes: int) -> int:
+    """Return how many groups of eight so many axes are."""
+    return -(-axes // LANES)
+
+
+def of_axis(spectra: NDArray[Any], axis: int) -> NDArray[Any]:
+    """Return what an array (groups, ..., 8) has of one axis; a view."""
+    return spectra[axis // LANES, ..., axis % LANES]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +91,11 @@ class BlockSummary:
     noise : ndarray of float64, shape (k,)
         3 (r^(1/3) - 1), of the power r against the reference, as a trimmed mean over bands: a line
         is in one or two of them, a change of the noise level in all.
-    ratio : ndarray of float32, shape (k, bins)
-        Periodogram (Hann) against its reference and against the noise of this block: exponentially
-        distributed with mean 1 as long as nothing changes.
+    ratio : ndarray of float32, shape (groups, bins, 8)
+        Periodogram (Hann) against its reference; the next block overwrites it.
+    scale : ndarray of float32, shape (groups, 8)
+        What makes of the ratio one against the noise of this block: exponentially distributed with
+        mean 1 as long as nothing changes.
     outliers : ndarray of int64, shape (k,)
         Isolated samples far from their neighbours.
     repeats : int
@@ -63,6 +105,7 @@ class BlockSummary:
     level: NDArray[np.float64]
     noise: NDArray[np.float64]
     ratio: NDArray[np.float32]
+    scale: NDArray[np.float32]
     outliers: NDArray[np.int64]
     repeats: int
 
@@ -72,27 +115,46 @@ class Summariser:
 
     Attributes
     ----------
-    power : ndarray of float32, shape (axes, bins)
+    length : int
+        Samples of a block that are transformed.
+    bins : int
+        Bins of its spectrum that are looked at, from `FIRST_BIN` on.
+    power : ndarray of float32, shape (groups, bins, 8)
         Reference: mean periodogram of the last half hour, the squares of Hann-weighted counts.
     """
 
     def __init__(self, axes: int, rows: int) -> None:
-        self.rows = rows
-        self._length = rows if rows == next_fast_len(rows, real=True) else prev_fast_len(rows, True)
-        self.length = max(self._length, FEWEST_ROWS)
+        groups = groups_of(axes)
+        self.rows, self._axes = rows, axes
+        self.length = 2 * _transform(rows // 2).length
         self.bins = self.length // 2 - FIRST_BIN - 1
         many = min(max(self.bins // 6, 8 if self.bins > 24 else 4), 16)
-        self._bands = np.linspace(0, self.bins, many + 1).astype(np.int64)[:-1]
-        self._widths = np.diff(np.append(self._bands, self.bins)).astype(np.float32)
+        self._edges = np.linspace(0, self.bins, many + 1).astype(np.int64)
         self._trim = max(many // 8, 1)
-        self.power = np.zeros((axes, self.bins), np.float32)
-        self._band_log = np.zeros((axes, many))
-        self._spread = np.zeros(axes)
+        shape = groups, self.bins, LANES
+        self.power = np.zeros(shape, np.float32)
+        self._ratio = np.zeros(shape, np.float32)
+        self._bands = np.zeros((groups, 2, many, LANES), np.float32)
+        self._spread = np.zeros((groups, LANES))
+        self._anchor = np.zeros((groups, LANES))
+        self._x = np.zeros((groups, rows, LANES), np.float32)
+        self._summed = np.zeros((4, groups, LANES))
+        self._noise = np.zeros((groups, LANES))
+        self._scale = np.ones((groups, LANES), np.float32)
         self._blocks = 0
-        self._last_row: NDArray[Any] | None = None
+        self._last_row: NDArray[np.uint8] | None = None
+        plan, room = _transform(self.length // 2), np.zeros((self.length, LANES), np.float32)
+        self._of_rows = Fixed(self._anchor, self._x, self._summed)
+        self._of_wide_rows = Fixed(self._anchor, self._x, self._summed)
+        self._of_spectrum = Fixed(
+            *(plan.radices, plan.turns, plan.halves, self._edges),
+            *(self._x, room, self.power, self._ratio, self._bands),
+        )
+        usual, level = np.zeros((groups, many, LANES)), np.ones((groups, LANES), np.float32)
+        self._of_noise = Fixed(self._bands, usual, level, self._noise, self._scale)
 
     def take(
-        self, block: NDArray[Any], held: NDArray[np.bool_], other: NDArray[np.bool_]
+        self, block: NDArray[Any], held: NDArray[np.int32], other: NDArray[np.bool_]
     ) -> BlockSummary:
         """Reduce a block, then let it move the references.
 
@@ -100,92 +162,129 @@ class Summariser:
         ----------
         block : ndarray, shape (rows, axes)
             Samples in counts.
-        held : ndarray of bool, shape (axes, bins)
-            Bins whose reference stays: a line that is an event must not become normal.
-        other : ndarray of bool, shape (axes,)
+        held : ndarray of int32, shape (groups, bins, 8)
+            Bins whose reference stays, -1: a line that is an event must not become normal.
+        other : ndarray of bool, shape (groups, 8)
             Axes whose noise is another one by now, which must not become normal either.
         """
-        columns = np.ascontiguousarray(block.T)
-        repeats = self._repeats(columns)
-        mean = columns.mean(axis=1, dtype=np.float64)
-        x = (columns - mean[:, np.newaxis]).astype(np.float32)
-        outliers = self._outliers(x)
-        rest = x.mean(axis=1, dtype=np.float64)
-        spectrum = rfft(x[:, : self.length], axis=1)
-        noise = self._noise(_squares(spectrum[:, FIRST_BIN : FIRST_BIN + self.bins]), other)
-        ratio = self._ratio(_squares(_hann(spectrum, FIRST_BIN, self.bins)), held)
+        block = np.ascontiguousarray(block)
+        repeats = self._repeats(block)
+        if block.dtype != np.int16:
+            block = block.astype(np.float64)
+        if self._blocks == 0:
+            self._anchor.ravel()[: self._axes] = np.rint(block[0])
+        reach = 0.8 * OUTLYING * self._spread
+        if block.dtype == np.int16:
+            wide = self._of_rows.call(_rows_int16, block, *block.shape, reach)
+        else:
+            wide = self._of_wide_rows.call(_rows_float64, block, *block.shape, reach)
+        mean = self._summed[0] / self.rows
+        outliers = np.zeros(self._axes, np.int64)
+        if wide or self._blocks < FIRST_BLOCKS:
+            self._set_aside(outliers, mean, reach)
+        total, square = self._summed[:2] / self.rows
+        self._follow_spread(np.sqrt(np.maximum(square - total**2, 0.0)))
+        level = (self._anchor + total).ravel()[: self._axes]
+        self._transformed(held, other)
+        noise = self._noise.ravel()[: self._axes].copy()
+        np.rint(self._anchor + mean, out=self._anchor)
         self._blocks += 1
-        return BlockSummary(mean + rest, noise, ratio, outliers, repeats)
+        return BlockSummary(level, noise, self._ratio, self._scale, outliers, repeats)
 
-    def _repeats(self, columns: NDArray[Any]) -> int:
-        same = np.ones(columns.shape[1] - 1, np.bool_)
-        for column in columns:
-            same &= column[1:] == column[:-1]
-        first = self._last_row is not None and bool((columns[:, 0] == self._last_row).all())
-        self._last_row = columns[:, -1].copy()
-        return int(np.count_nonzero(same)) + first
+    def _repeats(self, block: NDArray[Any]) -> int:
+        rows = block.view(np.uint8)
+        last, self._last_row = self._last_row, rows[-1].copy()
+        if last is None:
+            return int(_repeats(rows[1:], len(rows) - 1, rows.shape[1], rows[0]))
+        return int(_repeats(rows, len(rows), rows.shape[1], last))
 
-    def _outliers(self, x: NDArray[np.float32]) -> NDArray[np.int64]:
-        """Count outliers and set them to zero; looks closely only where the extremes are wide."""
-        found = np.zeros(len(x), np.int64)
-        widest = np.maximum(x.max(axis=1), -x.min(axis=1))
-        early = self._blocks < FIRST_BLOCKS
-        for axis in np.flatnonzero(early | (widest > 0.8 * OUTLYING * self._spread)):
-            row = x[axis]
-            away = np.abs(row - _median_of_five(row))
-            usual = max(OF_MEDIAN * float(np.median(away)), 0.7 * float(self._spread[axis]))
-            if usual == 0.0:
+    def _set_aside(
+        self, found: NDArray[np.int64], mean: NDArray[np.float64], reach: NDArray[np.float64]
+    ) -> None:
+        """Count the outliers of axes with wide extremes, and put the mean in their place."""
+        for axis in range(self._axes):
+            at = divmod(axis, LANES)
+            middle, summed = float(mean[at]), self._summed[:, *at]
+            widest = max(summed[3] - middle, middle - summed[2])
+            if self._blocks >= FIRST_BLOCKS and widest <= reach[at]:
                 continue
+            row = of_axis(self._x, axis)
+            x = row - np.float32(middle)
+            away = np.abs(x - _median_of_five(x))
+            usual = max(OF_MEDIAN * float(np.median(away)), 0.7 * float(self._spread[at]))
             where = away > OUTLYING * usual
-            count = int(np.count_nonzero(where))
+            count = int(np.count_nonzero(where)) if usual > 0.0 else 0
             if 0 < count <= BURST * len(row):
-                row[where] = 0.0
+                far = row[where].astype(np.float64)
+                summed[0] += float(np.sum(middle - far))
+                summed[1] += float(np.sum(middle**2 - far**2))
+                row[where] = middle
                 found[axis] = count
-        gain = 1.0 / min(self._blocks + 1, MEMORY)
-        spread = np.sqrt(np.mean(np.square(x), axis=1, dtype=np.float64))
+
+    def _follow_spread(self, spread: NDArray[np.float64]) -> None:
+        early = self._blocks < FIRST_BLOCKS
         calm = spread if early else np.minimum(spread, 1.5 * self._spread)
-        self._spread += gain * (calm - self._spread)
-        return found
+        self._spread += (calm - self._spread) / min(self._blocks + 1, MEMORY)
 
-    def _noise(self, power: NDArray[np.float32], other: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return the power of each axis against its reference, without the bands far off.
+    def _transformed(self, held: NDArray[np.int32], other: NDArray[np.bool_]) -> None:
+        """Find the ratio of each bin to its reference, and what the noise is.
 
-        Without a window, which would throw away half of what a block knows of its noise.
+        The noise without a window, which would throw away half of what a block knows of it.
         """
-        means = np.add.reduceat(power, self._bands, axis=1) / self._widths
-        bands = np.log(means.astype(np.float64) + TINY)
-        if self._blocks == 0:
-            self._band_log[:] = bands
-        away = bands - self._band_log
-        # The cube root of a power is as good as normal (Wilson and Hilferty), its log is lopsided.
-        root = 3.0 * np.expm1(away / 3.0)
-        move = np.clip(away, -2.0, 2.0) / min(self._blocks + 1, MEMORY)
-        move[other] = 0.0
-        self._band_log += move
-        return np.asarray(np.sort(root, axis=1)[:, self._trim : -self._trim].mean(axis=1))
-
-    def _ratio(self, power: NDArray[np.float32], held: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Return the power of each bin against its reference and the level of this block."""
-        if self._blocks == 0:
-            self.power[:] = power
-        ratio = power / (self.power + TINY)
-        level = np.median(ratio, axis=1) / np.float32(math.log(2.0))
-        move = np.minimum(power, 5.0 * self.power) if self._blocks > FIRST_BLOCKS else power
-        move = move - self.power
-        move[held] = 0.0
-        self.power += move * np.float32(1.0 / min(self._blocks + 1, MEMORY))
-        return np.asarray(ratio / np.maximum(level, np.float32(0.05))[:, np.newaxis])
+        gain = 1.0 / min(self._blocks + 1, MEMORY)
+        most = MOST if self._blocks > FIRST_BLOCKS else math.inf
+        groups, many, is_first = len(self._x), len(self._edges) - 1, self._blocks == 0
+        n = self.length // 2
+        steps = len(_transform(n).radices)
+        self._of_spectrum.call(
+            _spectrum, groups, self.rows, n, steps, FIRST_BIN, many, gain, most, held
+        )
+        self._of_noise.call(_noise, groups, many, self._trim, is_first, gain, KNOCK, other)
+        if is_first:
+            self._ratio[:] = 1.0
 
 
-def _squares(spectrum: NDArray[np.complex64]) -> NDArray[np.float32]:
-    return np.asarray(spectrum.real**2 + spectrum.imag**2)
+@dataclass(frozen=True, slots=True)
+class _Transform:
+    """How a transform of a length is taken apart.
+
+    Attributes
+    ----------
+    length : int
+        Complex values.
+    radices : ndarray of int64
+        Factors of the length.
+    turns, halves : ndarray of float32, shape (length, 2)
+        exp(-2 pi i k / length), and exp(-pi i k / length).
+    """
+
+    length: int
+    radices: NDArray[np.int64]
+    turns: NDArray[np.float32]
+    halves: NDArray[np.float32]
 
 
-def _hann(spectrum: NDArray[np.complex64], first: int, many: int) -> NDArray[np.complex64]:
-    """Return bins of the transform as it were with a Hann window: a sum of three neighbours."""
-    middle = spectrum[:, first : first + many]
-    beside = spectrum[:, first - 1 : first + many - 1] + spectrum[:, first + 1 : first + many + 1]
-    return np.asarray(np.float32(0.5) * middle - np.float32(0.25) * beside)
+@cache
+def _transform(most: int) -> _Transform:
+    """Return the longest transform of at most so many values: a product of 2, 3, 4 and 5."""
+    length = most
+    while (radices := _radices(length)) is None:
+        length -= 1
+    angle = np.arange(length) / length
+    turns, halves = (
+        np.ascontiguousarray(np.exp(-2j * math.pi * a)[:, np.newaxis].view(np.float64), np.float32)
+        for a in (angle, angle / 2)
+    )
+    return _Transform(length, np.array(radices, np.int64), turns, halves)
+
+
+def _radices(length: int) -> list[int] | None:
+    found = []
+    for radix in (5, 4, 3, 2):
+        while length % radix == 0:
+            length //= radix
+            found.append(radix)
+    return found if length == 1 else None
 
 
 def _median_of_five(row: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -16,15 +16,23 @@ from allanscope.watch.lines import LineAlarm, Lines
 from allanscope.watch.rare import Burst, Rare
 from allanscope.watch.scan import RING, Alarm, Scan
 from allanscope.watch.spending import ALPHA
-from allanscope.watch.summary import FIRST_BIN, BlockSummary, Summariser, rows_of_block
+from allanscope.watch.summary import (
+    FIRST_BIN,
+    LANES,
+    BlockSummary,
+    Summariser,
+    of_axis,
+    rows_of_block,
+)
 from allanscope.watch.tracks import TOGETHER_S, Span, Track, Tracks, event_of, grouped
 
 __all__ = ["Watch"]
 
-SHARES = {"level": 0.3, "noise": 0.3, "lines": 0.3, "outliers": 0.05, "stream": 0.05}
-"""Of `ALPHA`. What is rare needs least: a burst is so many counts that a stricter limit is no
-delay."""
-TESTS_OF_STREAM = 4
+SHARES = {"level": 0.28, "noise": 0.2, "lines": 0.47, "outliers": 0.05}
+"""Of what an axis may spend. What is rare needs least: a burst is so many counts that a stricter
+limit is no delay."""
+OF_STREAM = {"repeats": 0.3, "losses": 0.3, "rate": 0.4}
+"""Of what the stream may spend, which is as much as an axis. Repeats are looked at in two ways."""
 
 LONG_GAP = 0.5
 """Share of a block that may be missing within it."""
@@ -36,10 +44,25 @@ BESIDE = 3
 GONE = 0.3
 """Share of a change below which it has gone."""
 LEAST_WINDOW = 16
-NOISE_NATS = 1.0
-"""By which a change of the noise must be clearer: its values are normal in their middle only."""
 NOISE_AFTER = 4
 """Blocks about another event of an axis in which its noise says nothing of its own."""
+
+
+def log_alphas(axes: int) -> dict[str, float]:
+    """Return the logs of the probabilities that tests of an axis, or of the stream, ever err.
+
+    So many axes may spend `ALPHA` each. The stream as a whole is one more that spends.
+
+    Examples
+    --------
+    >>> spent = {kind: math.exp(value) for kind, value in log_alphas(6).items()}
+    >>> of_axis = sum(spent[kind] for kind in SHARES)
+    >>> of_stream = sum(spent[kind] for kind in OF_STREAM)
+    >>> round((6 * of_axis + of_stream) / ALPHA, 6)
+    6.0
+    """
+    each = math.log(ALPHA * axes / (axes + 1))
+    return {kind: each + math.log(share) for kind, share in {**SHARES, **OF_STREAM}.items()}
 
 
 class Watch:
@@ -65,17 +88,19 @@ class Watch:
         self.blocks = 0
         self._axes = axes
         self._rows = rows_of_block(info.nominal_hz)
-        of = {kind: math.log(ALPHA * share) for kind, share in SHARES.items()}
-        of_stream = of["stream"] - math.log(TESTS_OF_STREAM)
         self._summarise = Summariser(axes, self._rows)
         bins = self._summarise.bins
+        of = log_alphas(axes)
+        repeats = of["repeats"] - math.log(2.0)
         # Series: the level of each axis, its noise, then repeats and rate of the stream.
-        shares = [of["level"], of["noise"] - NOISE_NATS, of_stream]
-        self._scan = Scan(2 * axes + 2, np.repeat(shares, [axes, axes, 2]))
+        series = np.repeat([of["level"], of["noise"], repeats, of["rate"]], [axes, axes, 1, 1])
+        counts = np.repeat([of["outliers"], repeats, of["losses"]], [axes, 1, 1])
+        self._scan = Scan(2 * axes + 2, series)
         self._lines = Lines(axes, bins, of["lines"])
-        self._rare = Rare(axes + 2, np.repeat([of["outliers"], of_stream], [axes, 2]))
-        self._held = np.zeros((axes, bins), np.bool_)
-        self._other_noise = np.zeros(axes, np.bool_)
+        self._rare = Rare(axes + 2, counts)
+        self._held = np.zeros(self._summarise.power.shape, np.int32)
+        self._holding: set[int] = set()
+        self._other_noise = np.zeros((len(self._held), LANES), np.bool_)
         self._buffer: NDArray[Any] = np.empty((self._rows, axes), np.int16)
         self._waits = 0
         self._lost = 0
@@ -174,7 +199,7 @@ class Watch:
         self._bursts(*self._rare.take(counts))
         alarms = self._scan.take(series)
         self._follow_lines(known)
-        for found in self._lines.take(known.ratio, self._held):
+        for found in self._lines.take(known.ratio, known.scale, self._held):
             self._line(found)
         for alarm in alarms:
             self._alarm(alarm)
@@ -182,7 +207,8 @@ class Watch:
             self._look_for_returns()
         if alarms or self.blocks % LEAST_WINDOW == 0:
             noise = ("variance_change",)
-            self._other_noise[:] = [bool(self.tracks.open(i, noise)) for i in range(self._axes)]
+            for axis in range(self._axes):
+                self._other_noise[divmod(axis, LANES)] = bool(self.tracks.open(axis, noise))
 
     def _sample(self, block: int) -> int:
         """Return the number of the first sample of a block that is not too long ago."""
@@ -321,7 +347,7 @@ class Watch:
 
     def _line(self, found: LineAlarm) -> None:
         onset = self.blocks - found.since
-        length, power = self._summarise.length, self._summarise.power[found.axis]
+        length, power = self._summarise.length, of_axis(self._summarise.power, found.axis)
         excess = max(found.ratio - 1.0, 0.1) * float(power[found.bin])
         amplitude = 4.4 / length * math.sqrt(excess)
         self._lines.forget(found.axis)
@@ -339,30 +365,31 @@ class Watch:
         self.tracks.add(track, same=lambda other: abs(other.bin - place) <= max(4, 0.05 * place))
 
     def _hold(self, axis: int, place: int) -> None:
-        self._held[axis, max(place - BESIDE, 0) : place + BESIDE + 1] = True
+        of_axis(self._held, axis)[max(place - BESIDE, 0) : place + BESIDE + 1] = -1
+        self._holding.add(axis)
 
     def _follow_lines(self, known: BlockSummary) -> None:
         """Measure the lines that are there, and notice when they go."""
-        for axis in range(self._axes):
-            if not self._held[axis].any():
-                continue
+        for axis in sorted(self._holding):
             open_lines = self.tracks.open(axis, ("sinusoid",))
             for track in open_lines:
                 self._follow_line(track, known)
             if not any(track.is_open for track in open_lines):
-                self._held[axis] = False
+                of_axis(self._held, axis)[:] = 0
+                self._holding.remove(axis)
 
     def _follow_line(self, track: Track, known: BlockSummary) -> None:
         place = round(track.bin) - FIRST_BIN
         bins = slice(max(place - 2, 0), place + 3)
-        reference = self._summarise.power[track.axis, bins].astype(np.float64)
-        excess = (known.ratio[track.axis, bins] - 1.0) * reference
+        reference = of_axis(self._summarise.power, track.axis)[bins].astype(np.float64)
+        scale = of_axis(known.scale, track.axis)
+        excess = (of_axis(known.ratio, track.axis)[bins] * scale - 1.0) * reference
         track.follow(float(excess.sum()))
         if track.mean > 0.0 and track.followed >= LEAST_WINDOW:
             track.last.size = math.sqrt(track.mean / 0.09375) / self._summarise.length
         if track.followed >= 2 * track.window and track.recent < GONE * track.mean:
             self.tracks.close(track, self._sample(self.blocks - track.window))
-            self._held[track.axis, max(place - BESIDE, 0) : place + BESIDE + 1] = False
+            of_axis(self._held, track.axis)[max(place - BESIDE, 0) : place + BESIDE + 1] = 0
 
 
 class BlockClock:

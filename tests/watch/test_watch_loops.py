@@ -1,0 +1,192 @@
+"""The loops of the watch in C against plain numpy, and copies that go on by themselves."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import ndtr
+from scipy.stats import t as student
+
+from allanscope.watch.lines import CAP, OVERSHOOT, SIZES
+from allanscope.watch.scan import (
+    BEFORE,
+    BORROWED,
+    CLIP,
+    DELAY,
+    FEWEST,
+    LENT,
+    MEMORY,
+    STEPS,
+    WINDOWS,
+    WINSOR,
+    Scan,
+    log_tail,
+)
+from allanscope.watch.spending import log_weight
+from allanscope.watch.summary import FIRST_BIN, Summariser, of_axis
+
+
+@pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float64])
+@pytest.mark.parametrize(("rows", "axes"), [(32, 1), (104, 6), (150, 8), (833, 11), (6660, 3)])
+def test_block_is_summed_up_as_by_numpy(rows: int, axes: int, dtype: type):
+    rng = np.random.default_rng(rows)
+    blocks = np.rint(rng.normal(300.0, 20.0, (20, rows, axes))).astype(dtype)
+    blocks[7, 5:7, :] = blocks[7, 4]
+    blocks[19, 20, 0] = 30_000
+    summarise = Summariser(axes, rows)
+    held = np.zeros(summarise.power.shape, np.int32)
+    other = np.zeros(summarise.power.shape[::2], np.bool_)
+    mean = np.zeros((summarise.bins, axes))
+    for number, block in enumerate(blocks):
+        known = summarise.take(block, held, other)
+        x = block.astype(np.float64)
+        assert known.outliers.sum() == (number == 19)
+        assert known.repeats == int((np.diff(x, axis=0) == 0).all(axis=1).sum())
+        if number == 19:
+            x[20, 0] = np.mean(x[:, 0])
+        np.testing.assert_allclose(known.level, x.mean(axis=0), rtol=1e-12)
+        spectrum = np.fft.rfft((x - x.mean(axis=0))[: summarise.length], axis=0)
+        before, middle, after = (spectrum[FIRST_BIN + i :][: summarise.bins] for i in (-1, 0, 1))
+        power = np.abs(0.5 * middle - 0.25 * (before + after)) ** 2
+        if 0 < number < 17:
+            ratio = np.stack([of_axis(known.ratio, axis) for axis in range(axes)], axis=1)
+            np.testing.assert_allclose(ratio * mean, power, rtol=1e-3, atol=1e-4 * mean.mean())
+        if number < 17:
+            mean += (power - mean) / (number + 1)
+
+
+class PlainScan:
+    """What `compiled/watch.c` does, written in numpy."""
+
+    def __init__(self, channels: int, log_alpha: NDArray[np.float64]) -> None:
+        many = len(WINDOWS)
+        self.log_alpha = (0.8 - np.log(many) + np.log(STEPS))[:, np.newaxis] + log_alpha
+        self.values: list[NDArray[np.float64]] = []
+        self.start = np.zeros(channels, np.int64)
+        self.square, self.looks = np.zeros((2, many, channels))
+        self.fourth = np.full((many, channels), 3.0)
+        self.pending = np.full((DELAY, many, channels), np.nan)
+
+    def take(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return by how much the nats of each channel exceed the limit, -inf where not judged."""
+        if len(self.values) >= BEFORE[0]:
+            centre = np.mean(self.values[-BEFORE[0] :], axis=0)
+            room = CLIP * np.sqrt(self.square[0] / (1 / WINDOWS[0] + 1 / BEFORE[0]))
+            clip = (len(self.values) - self.start >= BEFORE[0]) & (self.looks[0] >= FEWEST)
+            values = np.where(clip, np.clip(values, centre - room, centre + room), values)
+        self.values.append(values)
+        now = len(self.values)
+        due = [
+            w for w in range(len(WINDOWS)) if not now % STEPS[w] and now >= (WINDOWS + BEFORE)[w]
+        ]
+        differences = {}
+        best = np.full(len(values), -np.inf)
+        for w in due:
+            window, before = int(WINDOWS[w]), int(BEFORE[w])
+            recent, past = self.values[-window:], self.values[-window - before : -window]
+            difference = np.mean(recent, axis=0) - np.mean(past, axis=0)
+            known = now - window - before >= self.start
+            excess = self.judged(w, difference) - self.limit(w, now)
+            best = np.where(known, np.maximum(best, excess), best)
+            differences[w] = np.where(known, difference, np.nan)
+        raised = best > 0.0
+        self.pending[:, :, raised] = np.nan
+        for w in due:
+            slot = now // STEPS[w] % DELAY
+            self.learn(w, self.pending[slot, w])
+            self.pending[slot, w] = np.where(raised, np.nan, differences[w])
+        return best
+
+    def limit(self, w: int, now: int) -> NDArray[np.float64]:
+        return np.asarray(-(self.log_alpha[w] + log_weight(now)))
+
+    def judged(self, w: int, difference: NDArray[np.float64]) -> NDArray[np.float64]:
+        window, before, own = WINDOWS[w], BEFORE[w], self.square[w]
+        white = self.square[0] / (1 / WINDOWS[0] + 1 / BEFORE[0]) * (1 / window + 1 / before)
+        nats = np.zeros(len(own))
+        for c in np.flatnonzero(own > 0.0):
+            coloured = 1.0 - min(white[c] / own[c], 1.0)
+            dof = self.looks[w, c] * STEPS[w] / (window + coloured * (window + before / 4))
+            if dof < FEWEST:
+                continue
+            is_white = own[c] < white[c] * (1 + np.sqrt(2 / dof))
+            lent = min(BORROWED, LENT * dof) if is_white else 0.0
+            scale = (dof * own[c] + lent * white[c]) / (dof + lent)
+            heavy = max(self.fourth[w, c] - 3.0 - 2.0 * np.sqrt(24.0 / dof), 0.01)
+            dof = min(dof + lent, 4.0 + 6.0 / heavy)
+            nats[c] = log_tail(float(difference[c] / np.sqrt(scale)), dof)
+        return nats
+
+    def learn(self, w: int, difference: NDArray[np.float64]) -> None:
+        for c in np.flatnonzero(np.isfinite(difference)):
+            self.looks[w, c] += 1
+            gain, new = 1.0 / min(self.looks[w, c], MEMORY), difference[c] ** 2
+            usual, early = self.square[w, c], self.looks[w, c] <= 16
+            calm = new if early else min(new, WINSOR * usual)
+            peak = 3.0 if early else min(new / usual, 16.0) ** 2
+            self.square[w, c] += gain * (calm - usual)
+            self.fourth[w, c] += gain * (peak - self.fourth[w, c])
+
+
+def test_scan_is_that_of_plain_numpy():
+    blocks, many = 1500, 4
+    rng = np.random.default_rng(6)
+    x = rng.standard_normal((blocks, many))
+    x[:, 1] += 0.1 * np.cumsum(rng.standard_normal(blocks))
+    x[:, 2] += rng.standard_t(3, blocks)
+    x[1000:, 3] += 3.0
+    log_alpha = np.full(many, np.log(2.0))
+    loop, plain = Scan(many, log_alpha), PlainScan(many, log_alpha)
+    alarms = 0
+    for values in x - x[0]:
+        found = {alarm.channel for alarm in loop.take(values)}
+        assert found == set(np.flatnonzero(plain.take(values) > 0.0).tolist())
+        alarms += len(found)
+        np.testing.assert_allclose(loop._square, plain.square, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(loop._fourth, plain.fourth, rtol=1e-6)
+    assert alarms > 5
+
+
+def test_tail_is_near_that_of_student():
+    for deviate in (0.0, 2.0, 6.0, 30.0):
+        exact = -np.log(2.0 * ndtr(-deviate)) if deviate < 30 else deviate**2 / 2
+        assert log_tail(deviate, 1e9) == pytest.approx(exact, rel=0.02, abs=0.02)
+        if deviate < 30:
+            exact = -np.log(2.0 * student.sf(deviate, 8.0))
+            assert log_tail(deviate, 8.0) == pytest.approx(exact, rel=0.02, abs=0.02)
+
+
+def test_copy_of_a_scan_goes_on_by_itself():
+    x = np.random.default_rng(1).standard_normal((600, 2))
+    scan = Scan(2, np.zeros(2))
+    for values in x[:300]:
+        scan.take(values)
+    other = copy.deepcopy(scan)
+    for values in x[300:]:
+        scan.take(values)
+    assert not np.array_equal(other._square, scan._square)
+    for values in x[300:]:
+        other.take(values)
+    assert other._square.tobytes() == scan._square.tobytes()
+    assert other._sums.tobytes() == scan._sums.tobytes()
+
+
+def test_sums_of_noise_reach_their_limit_as_seldom_as_allowed():
+    """By runs of a line, each weighted with the likelihood of noise over that of the line."""
+    rng, runs, limit = np.random.default_rng(1), 40_000, 15.0
+    for size, gain in zip(SIZES, OVERSHOOT, strict=True):
+        total, likelihood = np.zeros((2, runs))
+        goes_on, reached = np.ones(runs, np.bool_), np.zeros(runs, np.bool_)
+        while goes_on.any():
+            ratio = rng.exponential(1.0 + size, int(goes_on.sum()))
+            step = size / (1.0 + size)
+            total[goes_on] += np.minimum(ratio, CAP) * step - np.log1p(size)
+            likelihood[goes_on] += ratio * step - np.log1p(size)
+            reached |= goes_on & (total >= limit)
+            goes_on &= (total > 0.0) & (total < limit)
+        exact = -np.log(np.mean(reached * np.exp(limit - likelihood)))
+        assert gain == pytest.approx(exact, abs=0.3)
+        assert gain < exact + 0.03

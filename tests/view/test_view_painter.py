@@ -11,6 +11,7 @@ from allanscope.view.chart import HEIGHT, WIDTH
 from allanscope.view.drawing import percent_of_model
 from allanscope.view.painter import Painter
 from allanscope.view.palette import AXIS, EFFECT, MODEL, muted
+from allanscope.watch import Event, Occurrence
 from support.demo_analysis import DATASHEET, LINE_HZ, demo_analysis, noise_of
 
 
@@ -281,3 +282,24 @@ def test_the_map_over_time_is_red_where_an_axis_has_more_noise_than_usual(analys
     red = (gx[..., 0].astype(int) - gx[..., 2] > 100) & known
     assert 0.05 < red.sum() / known.sum() < 0.2
     assert ((gz[..., 0].astype(int) - gz[..., 2] > 100) & (gz[..., 3] > 0)).mean() < 0.02
+
+
+def test_the_map_has_no_hole_between_two_averaging_times(analysis):
+    wall = Wall()
+    Painter(wall.log).paint(analysis)
+    image = wall.drawings["/gx/dynamic/map"].image
+    assert image is not None
+    rows = np.flatnonzero((image[..., 3] > 0).any(axis=1))
+    assert len(rows) == rows[-1] - rows[0] + 1
+
+
+def test_an_event_is_marked_on_every_map_and_paler_where_it_is_of_other_axes(analysis):
+    once = Occurrence(1.0, 0.9, 1.1, 2.0, None, 0.1, 104, 208)
+    kinds = (("step", ("gx",)), ("rate_change", ()))
+    events = tuple(Event(kind, axes, "", (once,), 1, 30.0) for kind, axes in kinds)
+    wall = Wall()
+    Painter(wall.log).paint(replace(analysis, events=events))
+    for axis, strong in (("gx", 2), ("az", 1)):
+        drawing = wall.drawings[f"/{axis}/dynamic/map"]
+        assert drawing.strip_colours.count(EFFECT) == strong
+        assert drawing.strip_colours.count(muted(EFFECT)) == 2 - strong

@@ -12,6 +12,7 @@ from allanscope.quantities import COEFFICIENTS, TWO_SIDED_95
 from allanscope.samples import Gap, Notice
 from allanscope.view import RerunView
 from allanscope.view.painter import Frames
+from allanscope.watch import Event, Occurrence
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, LEVELS, blocks, perform
 from support.readback import read_back
@@ -33,7 +34,9 @@ def session(tmp_path_factory):
     view.health({"queue": 3, "name": "text", "odd name.": 1.5, "bad": float("nan")})
     assert view.settle(20.0)
     assert (view.dropped, view._worker.failed) == (0, 0)
-    view.close(demo_analysis(SECONDS, seed=9))
+    once = Occurrence(7.0, 6.0, 8.0, 9.0, None, 0.1, 728, 936)
+    event = Event("step", ("gx",), "dps", (once,), 1, 30.0)
+    view.close(replace(demo_analysis(SECONDS, seed=9), events=(event,)))
     return read_back(folder / "session.rrd")
 
 
@@ -55,6 +58,17 @@ def test_the_last_curve_is_that_of_the_final_result(session):
         np.testing.assert_allclose(drawn[order][:n, 0], curve.tau[:n], rtol=1e-4)
         np.testing.assert_allclose(drawn[order][:n, 1], factor * curve.deviation[:n], rtol=1e-4)
         assert row.elapsed_s == SECONDS
+
+
+@pytest.mark.parametrize(
+    "plot",
+    [
+        *("samples/gyro", "samples/accel", "samples/temperature", "rate"),
+        *("link/throughput", "link/lost", "link/errors", "coefficients/gyro/N"),
+    ],
+)
+def test_an_event_is_marked_on_every_axis_of_time(session, plot):
+    assert [row.elapsed_s for row in session[f"/{plot}/events"] if row.elapsed_s] == [7.0]
 
 
 def test_history_can_be_scrubbed(session):

@@ -156,7 +156,11 @@ def draw_curve(
 
 
 def draw_map(
-    chart: Chart, dynamic: DynamicDeviation, axis: int, events_s: Sequence[float]
+    chart: Chart,
+    dynamic: DynamicDeviation,
+    axis: int,
+    events_s: Sequence[float],
+    others_s: Sequence[float] = (),
 ) -> Drawing:
     """Draw the Allan deviation over time as colours: each cell over the median at its tau.
 
@@ -169,7 +173,9 @@ def draw_map(
     axis : int
         Which one.
     events_s : sequence of float
-        Times at which something began, drawn upright.
+        Times at which something began on this axis or in the whole stream, drawn upright.
+    others_s : sequence of float
+        Those at which something began on other axes alone, drawn paler.
     """
     time_s = chart.x.read((np.arange(_MAP_COLUMNS) + 0.5) / _MAP_COLUMNS)
     tau = chart.y.read(1.0 - (np.arange(_MAP_ROWS) + 0.5) / _MAP_ROWS)
@@ -182,10 +188,11 @@ def draw_map(
     spare = (time_s < dynamic.start_s[0]) | (time_s > dynamic.stop_s[-1])
     ratio[:, spare] = np.nan
     drawing = Drawing(image=ratio_colours(ratio))
-    for at_s in events_s:
-        x = float(WIDTH * chart.x.place(at_s))
-        if 0.0 <= x <= WIDTH:
-            drawing.line([np.array([[x, 0.0], [x, HEIGHT]], np.float32)], EFFECT, width=1.0)
+    for times_s, colour in ((others_s, muted(EFFECT)), (events_s, EFFECT)):
+        for at_s in times_s:
+            x = float(WIDTH * chart.x.place(at_s))
+            if 0.0 <= x <= WIDTH:
+                drawing.line([np.array([[x, 0.0], [x, HEIGHT]], np.float32)], colour, width=1.0)
     return drawing
 
 

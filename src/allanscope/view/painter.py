@@ -192,12 +192,12 @@ class Painter:
 
     def _dynamic(self, analysis: Analysis, dynamic: DynamicDeviation) -> None:
         chart = _time_chart(dynamic)
-        onsets_s = [once.onset_s for event in analysis.events for once in event.occurrences]
         for number, (name, axis) in enumerate(analysis.axes.items()):
             if not axis.curves:
                 continue
             self._grid(f"/{name}/dynamic", chart)
-            drawing = draw_map(chart, dynamic, number, onsets_s)
+            own_s, others_s = _onsets(analysis, name)
+            drawing = draw_map(chart, dynamic, number, own_s, others_s)
             self.log(f"/{name}/dynamic/map", drawing)
 
     def _allan(self, name: str, axis: AxisAnalysis, everything: bool) -> None:
@@ -258,6 +258,16 @@ class Painter:
         self._grids[base] = chart
         self.log(f"{base}/grid", draw_grid(chart))
         return True
+
+
+def _onsets(analysis: Analysis, axis: str) -> tuple[list[float], list[float]]:
+    """Return when events began on an axis or in the whole stream, and when on other axes alone."""
+    own_s: list[float] = []
+    others_s: list[float] = []
+    for event in analysis.events:
+        times_s = own_s if axis in event.axes or not event.axes else others_s
+        times_s += [once.onset_s for once in event.occurrences]
+    return own_s, others_s
 
 
 def _time_chart(dynamic: DynamicDeviation) -> Chart:

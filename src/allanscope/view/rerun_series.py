@@ -22,8 +22,11 @@ SENSORS = {"dps": "gyro", "g": "accel"}
 
 _TEMPERATURE_EVERY_S = 5.0
 
-_TIME_AXES = ("/samples/gyro", "/samples/accel", "/rate", "/link/lost")
-"""Plots on whose zero line events are marked."""
+_TIME_AXES = (
+    *("/samples/gyro", "/samples/accel", "/rate", "/link/throughput", "/link/lost", "/link/errors"),
+    *(f"/coefficients/{sensor}/{one}" for sensor in SENSORS.values() for one in MAIN_LETTERS),
+)
+"""Plots on whose zero line events are marked; on that of the temperature at its last value."""
 _LARGEST_ERROR = 0.3
 """Coefficients are plotted once their relative error is below this; until then their limit is."""
 
@@ -48,7 +51,7 @@ class Series:
         self._started = started_unix_s
         self._level: dict[str, NDArray[np.float64]] = {}
         self._last_bytes = (0.0, 0)
-        self._last_temperature_s = -math.inf
+        self._last_temperature_s, self._temperature_c = -math.inf, math.nan
         self._limits_due_s = _FIRST_LIMIT_S
         self._marked: set[tuple[str, int]] = set()
 
@@ -92,7 +95,7 @@ class Series:
             "/link/errors",
             _steps("bad checksums", "resyncs", "reconnects"),
         )
-        for path in _TIME_AXES:
+        for path in (*_TIME_AXES, "/samples/temperature"):
             self._static(
                 f"{path}/events",
                 rr.SeriesPoints(names="events", colors=EFFECT, markers="diamond", marker_sizes=6.0),
@@ -130,6 +133,7 @@ class Series:
         ):
             self._last_temperature_s = last_s
             self.now(last_s)
+            self._temperature_c = rows.temperature_c
             self._scalars("/samples/temperature", [rows.temperature_c])
 
     def result(self, analysis: Analysis) -> None:
@@ -164,6 +168,8 @@ class Series:
                 self.now(once.onset_s)
                 for path in _TIME_AXES:
                     self._scalars(f"{path}/events", [0.0])
+                if math.isfinite(self._temperature_c):
+                    self._scalars("/samples/temperature/events", [self._temperature_c])
         self.now(analysis.duration_s)
 
     def health(self, numbers: Mapping[str, object]) -> None:

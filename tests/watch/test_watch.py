@@ -96,9 +96,28 @@ def test_line_is_found_with_frequency_and_amplitude():
     line = (time_s >= AT) * 3.0 * np.sin(2 * np.pi * 17.4 * time_s)
     values[:, 0] += line
     found = events(watched(counts(values)))["sinusoid"]
-    assert found.frequency_hz == pytest.approx(17.4, abs=1.1)
+    assert found.frequency_interval_hz is not None
+    lower, upper = found.frequency_interval_hz
+    assert lower < 17.4 < upper < lower + 0.4
+    assert f"{17.4:g}" in found.words
     assert found.size == pytest.approx(3.0 * INFO.scale[0], rel=0.25)
     assert found.occurrences[0].found_s - AT < 12
+
+
+def test_frequency_of_a_line_is_within_its_interval():
+    """Wherever it is between two bins, soon after it was found and later."""
+    held = 0
+    for seed, frequency in enumerate(np.linspace(16.0, 18.0, 15)):
+        values = rows(400, seed)
+        time_s = np.arange(len(values)) / RATE
+        values[:, 0] += (time_s >= 300) * 3.0 * np.sin(2 * np.pi * frequency * time_s)
+        for end, width in ((330, 1.0), (400, 0.4)):
+            interval = events(watched(counts(values[: end * RATE])))["sinusoid"]
+            assert interval.frequency_interval_hz is not None
+            lower, upper = interval.frequency_interval_hz
+            assert upper - lower < width
+            held += lower <= frequency <= upper
+    assert held >= 28
 
 
 def test_burst_of_outliers():

@@ -70,6 +70,10 @@ class Event:
         -log of the p-value, or log of the e-value, when it was first found.
     frequency_hz : float or None
         Of a line.
+    frequency_interval_hz : (float, float) or None
+        95 % interval of it: three bins at first, narrower while the line is there.
+    sizes : mapping
+        Size by axis.
     """
 
     kind: str
@@ -79,6 +83,7 @@ class Event:
     count: int
     nats: float
     frequency_hz: float | None = None
+    frequency_interval_hz: tuple[float, float] | None = None
     sizes: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -108,8 +113,9 @@ class Event:
         last = self.occurrences[-1]
         where = f" on {', '.join(self.axes)}" if self.axes else ""
         what = KINDS[self.kind]
-        if self.frequency_hz is not None:
-            what = f"a line at {number(self.frequency_hz)} Hz begins"
+        if self.frequency_hz is not None and self.frequency_interval_hz is not None:
+            ends = ", ".join(number(one) for one in self.frequency_interval_hz)
+            what = f"a line at {number(self.frequency_hz)} [{ends}] Hz begins"
         size = f"{number(last.size, 2)} {self.unit}".strip()
         if last.end_s is None:
             when = f"since {duration(last.onset_s)}"

@@ -380,11 +380,14 @@ class Watch:
 
     def _follow_line(self, track: Track, known: BlockSummary) -> None:
         place = round(track.bin) - FIRST_BIN
-        bins = slice(max(place - 2, 0), place + 3)
-        reference = of_axis(self._summarise.power, track.axis)[bins].astype(np.float64)
         scale = of_axis(known.scale, track.axis)
-        excess = (of_axis(known.ratio, track.axis)[bins] * scale - 1.0) * reference
-        track.follow(float(excess.sum()))
+        bins = np.arange(max(place - 2, 0), min(place + 3, self._summarise.bins))
+        noise = of_axis(self._summarise.power, track.axis)[bins].astype(np.float64)
+        excess = (of_axis(known.ratio, track.axis)[bins] * scale - 1.0) * noise
+        power = dict(zip((bins - place).tolist(), excess.tolist(), strict=True))
+        usual = float(noise[bins == place][0] / scale)
+        beside = np.array([power[0], power.get(-1, 0.0), power.get(1, 0.0), usual])
+        track.follow(float(excess.sum()), beside)
         if track.mean > 0.0 and track.followed >= LEAST_WINDOW:
             track.last.size = math.sqrt(track.mean / 0.09375) / self._summarise.length
         if track.followed >= 2 * track.window and track.recent < GONE * track.mean:

@@ -139,7 +139,7 @@ static enum as_result set(device *self, const as_command *command, bool *restart
 static void obey(device *self, const as_command *command, uint64_t now_us)
 {
     enum as_result result = AS_OK;
-    const uint8_t *payload = 0;
+    uint8_t payload[AS_REPLY_MAX];
     uint8_t length = 0;
     bool restart = false;
     bool describe = false;
@@ -166,12 +166,12 @@ static void obey(device *self, const as_command *command, uint64_t now_us)
             result = set(self, command, &restart);
             break;
         case AS_PING:
-            payload = command->body;
-            length = command->n;
-            if (length > AS_PING_MAX) {
+            if (command->n > AS_PING_MAX) {
                 result = AS_BAD_ARGUMENT;
-                length = 0;
+                break;
             }
+            (void)as_put64(as_put_bytes(payload, command->body, command->n), now_us);
+            length = (uint8_t)(command->n + 8u);
             break;
         default:
             result = AS_UNKNOWN_COMMAND;

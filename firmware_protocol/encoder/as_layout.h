@@ -4,7 +4,7 @@
 #define AS_LAYOUT_H
 
 enum {
-    AS_VERSION = 0x11, /* major 1, minor 1 */
+    AS_VERSION = 0x12, /* major 1, minor 2 */
     AS_AXES = 6,       /* gx gy gz ax ay az */
 
     /* sections 1, 2, 4: sizes in bytes */
@@ -20,6 +20,7 @@ enum {
     AS_STATUS_SIZE = 32,
     AS_EVENT_TEXT_MAX = 200,
     AS_PING_MAX = 32,
+    AS_REPLY_MAX = 40, /* what a command returns: the body of a ping and the time */
     AS_REPLY_FIXED = 4
 };
 

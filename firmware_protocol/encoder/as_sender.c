@@ -138,8 +138,8 @@ bool as_send_event(as_sender *sender, uint64_t mcu_time_us, uint8_t level, const
 bool as_send_reply(as_sender *sender, uint16_t command_seq, uint8_t command,
                    enum as_result result, const uint8_t *payload, uint32_t n)
 {
-    uint8_t body[AS_REPLY_FIXED + AS_PING_MAX];
-    if (n > AS_PING_MAX) {
+    uint8_t body[AS_REPLY_FIXED + AS_REPLY_MAX];
+    if (n > AS_REPLY_MAX) {
         return false;
     }
     uint8_t *at = as_put16(body, command_seq);

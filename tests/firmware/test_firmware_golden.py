@@ -14,7 +14,7 @@ from support.synthetic_sensor import count
 
 ROOT = Path(__file__).parents[2] / "firmware_protocol"
 LENGTH = 60_000
-SHA256 = "f0e692f444bf49a5da5a920171f81b7d6953f53654fa29f3ddc260039d18bbb7"
+SHA256 = "24aa2f327880dfa8986f4badafb409053b16b3c8e945a9436e431c28cbc78180"
 RATE, FRAME = 104.0, 3
 PERIOD_US = 1_000_000
 F = np.float32
@@ -32,7 +32,7 @@ def frames():
 
     def frame(kind, flags, n, body):
         nonlocal seq
-        plain = struct.pack("<BBHHBB", kind, 0x11, seq, 0x4C41, flags, n) + body
+        plain = struct.pack("<BBHHBB", kind, 0x12, seq, 0x4C41, flags, n) + body
         seq += 1
         return stuff(plain + zlib.crc32(plain).to_bytes(4, "little")) + b"\0"
 

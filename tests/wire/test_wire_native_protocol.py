@@ -77,7 +77,7 @@ def _said(frame: bytes) -> dict[str, Any]:
     """Read a frame by the tables of the norm alone."""
     kind, version, seq, epoch, flags, n = struct.unpack_from("<BBHHBB", frame)
     body = frame[8:]
-    assert version == 0x11
+    assert version == 0x12
     assert kind == 1 or (n == len(body) and flags == 0)
     said: dict[str, Any] = {"type": kind, "seq": seq, "epoch": epoch}
     if kind == 0x01:
@@ -96,7 +96,8 @@ def _said(frame: bytes) -> dict[str, Any]:
     elif kind == 0x06:
         sequence, command, result = struct.unpack_from("<HBB", body)
         said |= {"command_seq": sequence, "command": command, "result": result}
-        said |= {"payload": body[4:].hex()} if body[4:] else {}
+        if command == 0x85:
+            said |= {"payload": body[4:-8].hex(), "mcu_time": int.from_bytes(body[-8:], "little")}
     elif kind == 0x84:
         said |= {"entries": _entries(body)}
     else:
@@ -140,7 +141,8 @@ def test_the_encoder_writes_the_examples(imu: StreamInfo) -> None:
     encoder.receive(wire["start"])
     assert encoder.status(416, 400, 16, 6.0) == wire["status"]
     assert encoder.event("FIFO nearly full", 6.1, level=1) == wire["event"]
-    ping = Command("ping", 7, {"payload": b"\x00\x01\x00", "type": 0x85})
+    fields = {"payload": b"\x00\x01\x00", "type": 0x85, "uptime_s": 6.2}
+    ping = Command("ping", 7, fields)
     assert encoder.reply(ping) == wire["reply-to-ping"]
 
 

@@ -253,6 +253,7 @@ class Firmware:
         sensor = reconfigure(self.sensor, command)
         ok = command.name != "unknown" and sensor is not None
         if self._ring.has_reserve():
+            command.fields["uptime_s"] = self.now_s - self._boot_s
             self._push(self._encoder.reply(command, ok))
         if not ok or sensor is None:
             return

@@ -124,7 +124,8 @@ class Command:
     sequence : int
         Number that the reply must echo, where the format has one.
     fields : dict
-        What came with it: ``rate_hz``, ``gyro_fs``, ``accel_fs``, ``axes`` or raw ``payload``.
+        What came with it: ``rate_hz``, ``gyro_fs``, ``accel_fs``, ``axes`` or raw ``payload``; and
+        ``uptime_s``, when it came.
     """
 
     name: Literal["start", "stop", "describe", "ping", "set", "unknown"]

@@ -185,7 +185,7 @@ class Assembler:
         if kind == FrameType.DESCRIPTOR:
             yield from self._described(body, int.from_bytes(frame[4:6], "little"))
             return
-        notice = messages.notice_of(kind, body) if frame[7] == len(body) else None
+        notice = messages.notice_of(kind, version, body) if frame[7] == len(body) else None
         if notice is None:
             self._stats.unknown += 1
             return

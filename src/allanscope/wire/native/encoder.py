@@ -119,7 +119,10 @@ class NativeEncoder:
         result = Result.OK if ok else Result.FAILED
         if command.name == "unknown":
             result = Result.UNKNOWN_COMMAND
-        payload = command.fields.get("payload", b"") if command.name == "ping" else b""
+        payload = b""
+        if command.name == "ping":
+            uptime_us = round(command.fields.get("uptime_s", 0.0) * 1e6)
+            payload = command.fields.get("payload", b"") + uptime_us.to_bytes(8, "little")
         kind = int(command.fields.get("type", 0))
         body = REPLY_HEAD.pack(command.sequence & 0xFFFF, kind, result) + payload
         return self._seal(FrameType.REPLY, body)

@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 VERSION_MAJOR = 1
-VERSION = VERSION_MAJOR << 4 | 1
+VERSION = VERSION_MAJOR << 4 | 2
 
 HEADER_BYTES = 8
 """Type, version, sequence, epoch, flags, n: the same in every frame."""

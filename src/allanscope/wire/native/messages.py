@@ -43,6 +43,9 @@ EVENT_HEAD = struct.Struct("<QB")
 REPLY_HEAD = struct.Struct("<HBB")
 """Sequence number and type of the command, and the result."""
 _WARNING = 1
+_PING_TELLS_TIME = 2
+"""Minor version since which the reply to a ping ends with the device's time."""
+_TIME_BYTES = 8
 
 _COMMANDS: Mapping[int, str] = {
     FrameType.START: "start",
@@ -66,7 +69,7 @@ _NUMBERS = {
 }
 
 
-def notice_of(kind: int, body: bytes) -> Notice | None:
+def notice_of(kind: int, version: int, body: bytes) -> Notice | None:
     """Return what a status, event or reply says; None when it is none of them or too short."""
     if kind == FrameType.STATUS and len(body) >= STATUS.size:
         time_us, *numbers = STATUS.unpack_from(body)
@@ -81,7 +84,11 @@ def notice_of(kind: int, body: bytes) -> Notice | None:
         sequence, command, code = REPLY_HEAD.unpack_from(body)
         name = _COMMANDS.get(command, f"command {command:#04x}")
         result = Result(code).name.lower().replace("_", " ") if code in set(Result) else str(code)
-        return Notice("reply", f"{name}: {result}", {"sequence": sequence, "result": code})
+        answer: dict[str, int | float | str] = {"sequence": sequence, "result": code}
+        payload = body[REPLY_HEAD.size :]
+        if name == "ping" and version & 0xF >= _PING_TELLS_TIME and len(payload) >= _TIME_BYTES:
+            answer["uptime_s"] = int.from_bytes(payload[-_TIME_BYTES:], "little") * 1e-6
+        return Notice("reply", f"{name}: {result}", answer)
     return None
 
 

@@ -82,8 +82,7 @@ def test_a_viewer_that_was_stopped_holds_up_nothing(served, tmp_path):
 def test_a_viewer_that_joins_late_gets_curves_grids_and_layout(served):
     perform(served, 5.0)
     assert served.settle(60.0)
-    served._worker.submit(served._canvas.flush)
-    assert served.settle(60.0)
+    assert served.flush(60.0)
     with HeadlessViewer(served.address, "640x480") as viewer:
         state = viewer.wait(5.0)
         assert {"gx", "ay", "effects found", "state of the link"} <= {v.name for v in state.views}
@@ -108,13 +107,13 @@ def test_the_server_listens_on_the_loopback_interface_only(served):
     assert mine == [f"0100007F:{port:04X}"]
 
 
-def test_a_port_that_was_taken_in_the_meantime_is_replaced(tmp_path, monkeypatch):
+def test_a_port_that_was_taken_in_the_meantime_is_replaced(monkeypatch):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         ports = iter([taken.getsockname()[1], free_port()])
         monkeypatch.setattr(canvas, "free_port", lambda: next(ports))
-        recording, address = canvas.open_stream("demo", tmp_path / "session.rrd", serve=True)
+        recording, address = canvas.open_server("demo")
         assert f":{taken.getsockname()[1]}/" not in address
         recording.disconnect()
 
@@ -125,7 +124,7 @@ def test_without_any_free_port_the_error_says_what_to_do(monkeypatch):
         taken.listen()
         monkeypatch.setattr(canvas, "free_port", lambda: taken.getsockname()[1])
         with pytest.raises(DeviceError, match=r"no free port on 127\.0\.0\.1; use --view none"):
-            canvas.open_stream("demo", None, serve=True)
+            canvas.open_server("demo")
 
 
 def test_the_web_viewer_is_served_on_loopback_until_the_end(tmp_path, monkeypatch):

@@ -38,7 +38,7 @@ from allanscope.pipeline.settings import DeviceSettings, SessionSettings, Simula
 from allanscope.pipeline.stream import device_source, nothing_heard
 from allanscope.pipeline.table_files import is_table_file
 from allanscope.recording import Recorder, Recording
-from allanscope.samples import Event, Notice
+from allanscope.samples import AXES, Event, Notice
 from allanscope.sanitize import complain
 from allanscope.sources import RecordedSource, Source, must_be_there
 from allanscope.view import RerunView, TerminalView, load_rerun
@@ -223,10 +223,13 @@ def _leave(final: Analysis, folder: Path, recorded: bool, terminal: TerminalView
         with suppress(UsageError):  # once more, with what has just failed
             write_json(final, written.places["result.json"] / "result.json")
     here = [name for name, place in written.places.items() if place == folder]
-    saved = [*reversed(here), *(["session.mcap"] if recorded else []), "session.rrd"]
+    drawn = (folder / "session.rrd").exists()
+    saved = [*reversed(here), *(["session.mcap"] if recorded else [])]
+    saved += ["session.rrd"] if drawn else []
     beside = f"; beside it {', '.join(saved[1:])}" if saved[1:] else ""
     terminal.line(f"Saved: {folder / saved[0]}{beside}")
-    terminal.line(f"To see the charts again: allanscope open {folder}")
+    if drawn:
+        terminal.line(f"To see the charts again: allanscope open {folder}")
     return final
 
 
@@ -285,7 +288,7 @@ def _run(
     with stopped_by_signals(stop):
         try:
             try:
-                viewer.start()
+                _open(viewer, terminal, recorder, settings.duration_s)
                 session.run()
             finally:
                 session.source.close()
@@ -313,6 +316,16 @@ def _run(
     return (
         final if not viewer.failure else replace(final, failures=(*final.failures, viewer.failure))
     )
+
+
+def _open(
+    viewer: RerunView, terminal: TerminalView, recorder: Recorder | None, duration_s: float | None
+) -> None:
+    """Open the charts, and say how large their file becomes beside a recording."""
+    viewer.start()
+    promise = viewer.promise(AXES, duration_s)
+    if recorder is not None and promise:
+        terminal.line(promise)
 
 
 def earlier_events(

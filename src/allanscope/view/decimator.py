@@ -8,10 +8,13 @@ Results: they are spaced evenly in the logarithm of time, because a curve after 
 1 h and 1 s look the same, one after 1 s and one after 2 s do not. A result is drawn when the run
 has grown by `SHARE` since the last one, but not more often than once a second of the run and not
 less often than once a minute: some 1100 in twelve hours, which can be scrubbed through like a film.
+
+A file keeps fewer of both: results without that minute, rows ever longer as the run grows.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,7 +23,7 @@ from numpy.typing import NDArray
 
 from allanscope.samples import Block, Gap, StreamInfo
 
-__all__ = ["Decimator", "Pace", "Rows"]
+__all__ = ["Decimator", "Pace", "RowThinner", "Rows"]
 
 ROWS_HZ = 10.0
 
@@ -150,6 +153,65 @@ class Decimator:
         self._lost_track = False
 
 
+class RowThinner:
+    """Makes rows longer as the run grows, so that their number grows with its logarithm only.
+
+    Rows stay as they are in the first hour, are twice as long in the second, four times until the
+    fourth, and so on. Minimum and maximum are kept, so spikes are. They are handed on many at a
+    time, because each time costs as much as fifty rows.
+    """
+
+    FINE_S = 3600.0
+    TOGETHER = 50
+
+    def __init__(self) -> None:
+        self._waiting: list[Rows] = []
+
+    @classmethod
+    def stride(cls, elapsed_s: float) -> int:
+        """Return how many rows become one after so much of the run.
+
+        Examples
+        --------
+        >>> [RowThinner.stride(hours * 3600.0) for hours in (0.5, 1.5, 3.0, 12.0)]
+        [1, 2, 4, 16]
+        """
+        return 1 << max(0, math.ceil(math.log2(max(elapsed_s, 1.0) / cls.FINE_S)))
+
+    @classmethod
+    def expected(cls, seconds: float) -> float:
+        """Return about how many rows a run has."""
+        doublings = math.log2(max(seconds / cls.FINE_S, 1.0))
+        return ROWS_HZ * (min(seconds, cls.FINE_S) + 0.5 * cls.FINE_S * doublings)
+
+    def take(self, rows: Rows) -> Rows | None:
+        """Take rows; return longer ones when there are enough of them."""
+        self._waiting.append(rows)
+        span_s = float(rows.elapsed_s[-1] - self._waiting[0].elapsed_s[0])
+        stride = self.stride(float(rows.elapsed_s[-1]))
+        return self.rest() if span_s * ROWS_HZ >= self.TOGETHER * stride else None
+
+    def rest(self) -> Rows | None:
+        """Return all that waits."""
+        if not self._waiting:
+            return None
+        rows, self._waiting = Rows.joined(self._waiting), []
+        stride = self.stride(float(rows.elapsed_s[-1]))
+        if stride == 1:
+            return rows
+        # By time and not by number: a gap between two rows stays one.
+        which = np.floor(rows.elapsed_s * (ROWS_HZ / stride))
+        first = np.flatnonzero(np.diff(which, prepend=-1.0))
+        count = np.diff(first, append=len(which))
+        return Rows(
+            elapsed_s=np.add.reduceat(rows.elapsed_s, first) / count,
+            mean=np.add.reduceat(rows.mean, first, axis=0) / count[:, None],
+            low=np.minimum.reduceat(rows.low, first, axis=0),
+            high=np.maximum.reduceat(rows.high, first, axis=0),
+            temperature_c=rows.temperature_c,
+        )
+
+
 @dataclass(slots=True)
 class Pace:
     """Says which results to keep.
@@ -158,6 +220,10 @@ class Pace:
     ----------
     stretch : float
         Multiplies every spacing, for what is needed less often.
+    share : float
+        Of the run, between two results.
+    longest_s : float
+        Longest spacing before it is multiplied.
 
     Examples
     --------
@@ -167,13 +233,21 @@ class Pace:
     """
 
     stretch: float = 1.0
+    share: float = SHARE
+    longest_s: float = LONGEST_S
     _last_s: float | None = None
+
+    @staticmethod
+    def expected(seconds: float, share: float) -> float:
+        """Return about how many results a run has without a longest spacing."""
+        even_s = SHORTEST_S / share
+        return min(seconds, even_s) + math.log(max(seconds / even_s, 1.0)) / share
 
     def due(self, elapsed_s: float) -> bool:
         """Tell whether to keep the result after this much of the run; if so, remember it."""
         last = self._last_s
         if last is not None and last <= elapsed_s:
-            spacing = self.stretch * min(max(SHARE * last, SHORTEST_S), LONGEST_S)
+            spacing = self.stretch * min(max(self.share * last, SHORTEST_S), self.longest_s)
             if elapsed_s - last < spacing * (1.0 - 1e-9):
                 return False
         self._last_s = elapsed_s

@@ -31,7 +31,14 @@ from allanscope.view.tables import (
 from allanscope.view.viewer_process import free_port, refuse_taken
 from allanscope.view.web_page import LOOPBACK
 
-__all__ = ["APPLICATION", "SERVER_MEMORY", "Canvas", "open_output", "open_stream"]
+__all__ = [
+    "APPLICATION",
+    "SERVER_MEMORY",
+    "Canvas",
+    "open_file",
+    "open_output",
+    "open_server",
+]
 
 _LEVELS: Mapping[Level, str] = {"info": "INFO", "warn": "WARN", "error": "ERROR"}
 _FLUSH_S = 3.0
@@ -73,13 +80,15 @@ class Canvas:
         self._layout: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
 
     @classmethod
-    def open(
-        cls, session: Mapping[str, object], file: Path | None, serve: bool, port: int | None = None
-    ) -> tuple[Canvas, str]:
+    def serve(cls, session: Mapping[str, object], port: int | None = None) -> tuple[Canvas, str]:
         """Return a canvas, and the address from which viewers can fetch it."""
-        name = one_line(session.get("name", "allanscope"))
-        recording, address = open_stream(name, file, serve, port)
+        recording, address = open_server(one_line(session.get("name", "allanscope")), port)
         return cls(recording, session), address
+
+    @classmethod
+    def to_file(cls, session: Mapping[str, object], file: Path) -> Canvas:
+        """Return a canvas that writes to a file."""
+        return cls(open_file(one_line(session.get("name", "allanscope")), file), session)
 
     @classmethod
     def to_output(cls, session: Mapping[str, object], application: str, recording: str) -> Canvas:
@@ -165,19 +174,13 @@ class Canvas:
         self._recording.log("/log", rr.TextLog(one_line(text), level=_LEVELS[level]))
 
 
-def open_stream(
-    name: str, file: Path | None, serve: bool, port: int | None = None
-) -> tuple[rr.RecordingStream, str]:
-    """Return a recording, and the address of its server or an empty text.
+def open_server(name: str, port: int | None = None) -> tuple[rr.RecordingStream, str]:
+    """Return a recording that is served to viewers, and the address of its server.
 
     Parameters
     ----------
     name : str
         Of the recording, shown to people.
-    file : Path or None
-        Also written to this file; without the footer, whose index would grow in memory all night.
-    serve : bool
-        Also served to viewers.
     port : int, optional
         Where it is served; any free port if not given.
 
@@ -188,25 +191,35 @@ def open_stream(
     UsageError
         When the port that was given is taken.
     """
-    if serve and port is not None:
+    if port is not None:
         refuse_taken(port)
     for _ in range(_ATTEMPTS):
-        recording = rr.RecordingStream(APPLICATION)
-        recording.set_log_time_enabled(False)
-        server = _server(port or free_port()) if serve else None
-        sinks: list[rr.GrpcServerSink | rr.FileSink] = [] if server is None else [server]
-        if file is not None:
-            sinks.append(rr.FileSink(str(file), write_footer=False))
-        recording.set_sinks(*sinks)
-        recording.send_recording_name(name)
+        recording = _recording(name)
+        server = _server(port or free_port())
+        recording.set_sinks(server)
         try:
             # Rerun reports that a port is taken, by whoever was faster, only when flushing.
             recording.flush(timeout_sec=_FIRST_FLUSH_S)
         except Exception:
             recording.disconnect()
         else:
-            return recording, "" if server is None else str(server.uri)
+            return recording, str(server.uri)
     raise DeviceError("the viewer finds no free port on 127.0.0.1; use --view none")
+
+
+def open_file(name: str, file: Path) -> rr.RecordingStream:
+    """Return a recording that goes to a file.
+
+    Parameters
+    ----------
+    name : str
+        Of the recording, shown to people.
+    file : Path
+        It gets no footer, whose index would grow in memory all night.
+    """
+    recording = _recording(name)
+    recording.set_sinks(rr.FileSink(str(file), write_footer=False))
+    return recording
 
 
 def open_output(name: str, application: str = "", identity: str = "") -> rr.RecordingStream:
@@ -219,9 +232,15 @@ def open_output(name: str, application: str = "", identity: str = "") -> rr.Reco
     application, identity : str
         Names under which the reading viewer wants it; empty for our own.
     """
-    recording = rr.RecordingStream(application or APPLICATION, recording_id=identity or None)
-    recording.set_log_time_enabled(False)
+    recording = _recording(name, application or APPLICATION, identity)
     recording.stdout()
+    return recording
+
+
+def _recording(name: str, application: str = APPLICATION, identity: str = "") -> rr.RecordingStream:
+    """Return a recording that goes nowhere yet; what is logged waits until it does."""
+    recording = rr.RecordingStream(application, recording_id=identity or None)
+    recording.set_log_time_enabled(False)
     recording.send_recording_name(name)
     return recording
 

@@ -6,8 +6,8 @@
                      gap, notice ───────────┤ tasks (bounded, dropped when full)
     refresh thread   snapshot ──▶ Pace ─────┘
                                             ▼
-    worker thread                        Canvas ──▶ server on the loopback ──▶ viewer process
-                                                └─▶ session.rrd
+    worker thread                        Outlet ──▶ server on the loopback ──▶ viewer process
+                                         FileOutlet ──▶ session.rrd
 
 No method blocks, whatever the viewer does. Rerun takes more than a second and 90 MB to import, so
 that is left to `start`, or to `load_rerun` where something must not wait for it later.
@@ -16,17 +16,21 @@ that is left to `start`, or to `load_rerun` where something must not wait for it
 from __future__ import annotations
 
 import os
+import shutil
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
+from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from allanscope.analysis import Analysis
+from allanscope.quantities import duration, number
 from allanscope.samples import Block, Gap, Notice, StreamInfo
-from allanscope.view.decimator import Decimator, Pace, Rows
+from allanscope.view.decimator import Decimator, Rows
 from allanscope.view.diary import GapTeller, Level
+from allanscope.view.outlet import FileOutlet, Outlet, expected_bytes, largest_part, refusal
 from allanscope.view.viewer_process import DATA_PORT_AFTER_PAGE, ViewerKeeper, ViewMode, optimise
 from allanscope.view.worker import Worker
 
@@ -39,12 +43,10 @@ _QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 1, 10, 1800.0
 """Rows of the series that travel together: a tenth of a second; a second after half an hour, and
 where nobody is looking."""
 
-_RARELY = 5.0
-"""Grids, and estimators other than the default one, are drawn so many times less often."""
-
 _ROWS_WAITING = 4096
 _STATUS_EVERY_S = 5.0
 _LARGE_FILE = 50e6
+_NIGHT_S = 12 * 3600.0
 
 _COUNTS_UP = ("produced", "sent", "uptime_s")
 """Fields of a status that say nothing but that time passes."""
@@ -113,13 +115,11 @@ class RerunView:
         self._session = dict(session or {})
         self._say = say or (lambda line: None)
         self._worker: Worker | None = None
-        self._canvas: Canvas | None = None
+        self._outlets: list[Outlet] = []
         self._decimator = Decimator()
         self._rows: deque[tuple[tuple[str, ...], Rows]] = deque(maxlen=_ROWS_WAITING)
         self._rows_lost = 0
         self._latest: Analysis | None = None
-        self._everything = False
-        self._pace, self._rare_pace = Pace(), Pace(_RARELY)
         self._streaming = False
         self._status_at_s = -_STATUS_EVERY_S
         self._gaps = GapTeller()
@@ -133,7 +133,7 @@ class RerunView:
             Where to draw instead, as for a viewer that reads this program's output.
         """
         if canvas is not None:
-            self._canvas, self._worker = canvas, Worker("rerun-view")
+            self._outlets, self._worker = [Outlet(canvas)], Worker("rerun-view")
             return
         if self._mode == "none" and self._file is None:
             return
@@ -142,10 +142,45 @@ class RerunView:
 
         serve = self._mode != "none"
         data = None if self._port is None else self._port + DATA_PORT_AFTER_PAGE
-        self._canvas, self.address = Canvas.open(self._session, self._file, serve, data)
+        if serve:
+            canvas, self.address = Canvas.serve(self._session, data)
+            self._outlets.append(Outlet(canvas))
+        if self._file is not None:
+            self._keep(self._file)
         self._worker = Worker("rerun-view")
         if serve:
             self.viewer = ViewerKeeper(self.address, self._mode, self._say, self._port)
+
+    def promise(self, axes: Sequence[str], duration_s: float | None) -> str:
+        """Return a line that says how large the file becomes; empty where none is kept.
+
+        Parameters
+        ----------
+        axes : sequence of str
+            That there will be.
+        duration_s : float or None
+            Of the run; None where nobody knows.
+        """
+        if self._file is None or self.failure:
+            return ""
+        free = shutil.disk_usage(self._file.parent).free
+        lasts_s = _NIGHT_S if duration_s is None else duration_s
+        size = max(1e-6 * expected_bytes(lasts_s, axes), 1.0)
+        return (
+            f"{self._file.name} grows to about {number(size, 2)} MB in {duration(lasts_s)}, "
+            f"finer at first and coarser with time, and ends at "
+            f"{number(1e-6 * largest_part(free), 2)} MB"
+        )
+
+    def _keep(self, file: Path) -> None:
+        """Begin the file if the disk has room for it."""
+        from allanscope.view.rerun_canvas import Canvas
+
+        self.failure = refusal(file)
+        if self.failure:
+            self._say(self.failure)
+        else:
+            self._outlets.append(FileOutlet(Canvas.to_file(self._session, file), file, self._say))
 
     @property
     def dropped(self) -> int:
@@ -175,7 +210,7 @@ class RerunView:
         if rows is not None:
             self._rows_lost += len(self._rows) == _ROWS_WAITING
             self._rows.append((info.axes, rows))
-            self._task(self._draw_rows, once="rows")
+            self._submit(self._draw_rows, once="rows")
 
     def gap(self, gap: Gap) -> None:
         """Take a hole. Holes within a second of each other are told as one."""
@@ -212,9 +247,14 @@ class RerunView:
             self.viewer.watch()
         self._decimator.rate(analysis.rate.best_hz, analysis.duration_s)
         self._latest = analysis
-        if self._pace.due(analysis.duration_s):
-            self._everything |= self._rare_pace.due(analysis.duration_s)
-            self._task(self._draw_latest, once="result")
+        due = [outlet.due(analysis.duration_s) for outlet in self._outlets]
+        if any(due):
+            self._submit(self._draw_latest, once="result")
+
+    def flush(self, timeout_s: float = 10.0) -> bool:
+        """Hand all that was told so far to the server and to the file; see `settle`."""
+        self._task(lambda canvas: canvas.flush())
+        return self.settle(timeout_s)
 
     def settle(self, timeout_s: float = 10.0) -> bool:
         """Wait until all that was told so far is drawn; return False when that takes longer."""
@@ -240,53 +280,68 @@ class RerunView:
             Called when all is drawn, before the page of a web viewer ends.
         """
         stay = stay or (lambda: None)
-        worker, canvas, self._worker = self._worker, self._canvas, None
-        if worker is None or canvas is None:
+        worker, self._worker = self._worker, None
+        if worker is None:
             stay()
             return
         self._latest = final or self._latest
         page = self.serves_page
-        ended = worker.close(partial(self._finish, canvas, not page), timeout_s)
+        ended = worker.close(partial(self._finish, keep_served=page), timeout_s)
+        kept = [outlet for outlet in self._outlets if isinstance(outlet, FileOutlet)]
         try:
             stay()
         finally:
             if page and ended:
-                canvas.close()
+                for outlet in self._outlets:
+                    if outlet not in kept:
+                        outlet.close()
             if self.viewer is not None:
                 self.viewer.close()
         if worker.error is not None:
             self.failure = (
                 f"the charts are not complete: {type(worker.error).__name__}: {worker.error}"
             )
-        if ended and self._file is not None and self._file.exists():
-            if self._file.stat().st_size > _LARGE_FILE:
-                self._say(f"making {self._file.name} smaller, this takes a moment")
-            optimise(self._file)
+        for one in kept:
+            self.failure = one.ended if one.failed else self.failure
+            if ended and one.may_be_rewritten():
+                if one.path.stat().st_size > _LARGE_FILE:
+                    self._say(f"making {one.path.name} smaller, this takes a moment")
+                optimise(one.path)
 
     # --- in the worker's thread -----------------------------------------------------------------
 
-    def _draw_rows(self, canvas: Canvas) -> None:
+    def _draw_rows(self) -> None:
         """Draw all rows that have come; in a fast replay they are many at once."""
         waiting = [self._rows.popleft() for _ in range(len(self._rows))]
         while waiting:
             axes = waiting[0][0]
-            same = [rows for of, rows in waiting if of == axes]
-            canvas.series.samples(axes, Rows.joined(same))
+            same = Rows.joined([rows for of, rows in waiting if of == axes])
+            self._everywhere(methodcaller("rows", axes, same))
             waiting = [entry for entry in waiting if entry[0] != axes]
 
-    def _draw_latest(self, canvas: Canvas) -> None:
-        everything, self._everything = self._everything, False
-        if self._latest is not None:
-            canvas.result(self._latest, everything)
+    def _draw_latest(self) -> None:
+        latest = self._latest
+        if latest is not None:
+            self._everywhere(lambda outlet: outlet.result(latest))
 
-    def _finish(self, canvas: Canvas, close: bool) -> None:
-        self._everything = True
-        self._draw_rows(canvas)
-        self._draw_latest(canvas)
-        if close:
-            canvas.close()
-        else:
-            canvas.flush()
+    def _finish(self, keep_served: bool) -> None:
+        self._draw_rows()
+        self._everywhere(
+            lambda outlet: outlet.finish(
+                self._latest, close=isinstance(outlet, FileOutlet) or not keep_served
+            )
+        )
+
+    def _everywhere(self, task: Callable[[Outlet], None]) -> None:
+        """Do it for each outlet, whatever fails in another."""
+        failed: Exception | None = None
+        for outlet in self._outlets:
+            try:
+                task(outlet)
+            except Exception as error:
+                failed = failed or error
+        if failed is not None:
+            raise failed
 
     # --- tasks ----------------------------------------------------------------------------------
 
@@ -305,6 +360,9 @@ class RerunView:
         elapsed_s = self._decimator.elapsed_s
         self._task(lambda canvas: canvas.remark(elapsed_s, text, level))
 
-    def _task(self, task: Callable[[Canvas], None], once: str = "") -> None:
-        if self._worker is not None and self._canvas is not None:
-            self._worker.submit(partial(task, self._canvas), once)
+    def _task(self, task: Callable[[Canvas], None]) -> None:
+        self._submit(lambda: self._everywhere(lambda outlet: outlet.draw(task)))
+
+    def _submit(self, task: Callable[[], None], once: str = "") -> None:
+        if self._worker is not None and self._outlets:
+            self._worker.submit(task, once)

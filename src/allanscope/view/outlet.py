@@ -1,0 +1,227 @@
+"""Where charts go: to viewers, or to the file of the session, which is never in the way.
+
+Both are given the same; the file is given less of it as time passes, and ends before the disk does.
+All of it is done by the one thread that draws, but `due`.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from allanscope.analysis import Analysis
+from allanscope.view.decimator import Pace, Rows, RowThinner
+
+if TYPE_CHECKING:
+    from allanscope.view.rerun_canvas import Canvas
+
+__all__ = ["FileOutlet", "Outlet", "expected_bytes", "largest_part", "refusal"]
+
+_RARELY = 5.0
+"""Grids, and estimators other than the default one, are drawn so many times less often."""
+
+FILE_SHARE = 0.02
+"""Of the run, between two results in the file; a viewer is given them at least each minute."""
+
+MOST_BYTES = 512 << 20
+"""The file ends at this size, whatever there is to draw."""
+
+LEAST_FREE_BYTES = 32 << 20
+"""What a disk must have left for the recording; with less, no charts are kept."""
+
+LARGEST_SHARE = 4
+"""The file ends when it is larger than this part of what is free: then the recording has the rest.
+"""
+
+RESULT_BYTES, ROW_BYTES = 55e3, 60.0
+"""Of the file, per axis: of a result, estimators that are drawn rarely included, and of a row."""
+
+_LOOK_EVERY_S = 0.5
+
+
+class Outlet:
+    """Charts on their way to viewers: everything, as it comes.
+
+    Parameters
+    ----------
+    canvas : Canvas
+        Draws.
+    pace : Pace, optional
+        Which results are drawn.
+    """
+
+    def __init__(self, canvas: Canvas, pace: Pace | None = None) -> None:
+        self.canvas = canvas
+        self._pace = pace or Pace()
+        self._rare_pace = replace(self._pace, stretch=_RARELY)
+        self._waits = self._everything = False
+
+    def due(self, duration_s: float) -> bool:
+        """Tell whether the result after this much of the run is to be drawn; called by others."""
+        if not self._pace.due(duration_s):
+            return False
+        self._everything |= self._rare_pace.due(duration_s)
+        self._waits = True
+        return True
+
+    def draw(self, task: Callable[[Canvas], None]) -> None:
+        """Draw what is neither a result nor rows."""
+        task(self.canvas)
+
+    def rows(self, axes: tuple[str, ...], rows: Rows) -> None:
+        """Draw rows of the time series."""
+        self.canvas.series.samples(axes, rows)
+
+    def result(self, latest: Analysis) -> None:
+        """Draw a result if one was due."""
+        everything, self._everything = self._everything, False
+        waits, self._waits = self._waits, False
+        if waits:
+            self.draw(lambda canvas: canvas.result(latest, everything))
+
+    def finish(self, latest: Analysis | None, close: bool = True) -> None:
+        """Draw the last result in full, and end unless the page of a viewer is to stay."""
+        if latest is not None:
+            self.draw(lambda canvas: canvas.result(latest, True))
+        self.close() if close else self.canvas.flush()
+
+    def close(self) -> None:
+        """Hand everything over and end."""
+        self.canvas.close()
+
+
+class FileOutlet(Outlet):
+    """Charts on their way to ``session.rrd``, as long as the recording has room beside it.
+
+    Rerun's writer ends at the first error and says so when it is flushed; to disconnect it would
+    then wait for ever, and so would the end of the program.
+
+    Parameters
+    ----------
+    canvas : Canvas
+        Draws into the file.
+    path : Path
+        The file.
+    say : callable
+        Called with a line when the file ends early.
+    free_bytes : callable
+        Free space of the disk that holds a folder.
+
+    Attributes
+    ----------
+    ended : str
+        Why the file ended before the run did; empty while it has not.
+    failed : bool
+        Whether that is a fault: the room was taken, or a write failed.
+    """
+
+    def __init__(
+        self,
+        canvas: Canvas,
+        path: Path,
+        say: Callable[[str], None],
+        free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+    ) -> None:
+        super().__init__(canvas, Pace(share=FILE_SHARE, longest_s=float("inf")))
+        self.path = path
+        self.ended = ""
+        self.failed = False
+        self._say = say
+        self._free_bytes = free_bytes
+        self._thinner = RowThinner()
+        self._axes: tuple[str, ...] = ()
+        self._looked_s = -float("inf")
+
+    def draw(self, task: Callable[[Canvas], None]) -> None:
+        """Draw, if there is room."""
+        if not self.ended and time.monotonic() - self._looked_s >= _LOOK_EVERY_S:
+            self._look()
+            self._looked_s = time.monotonic()
+        if not self.ended:
+            task(self.canvas)
+
+    def rows(self, axes: tuple[str, ...], rows: Rows) -> None:
+        """Draw rows of the time series, fewer of them the longer the run is."""
+        if axes != self._axes:
+            self._draw_rows(self._thinner.rest())
+            self._axes = axes
+        self._draw_rows(self._thinner.take(rows))
+
+    def finish(self, latest: Analysis | None, close: bool = True) -> None:
+        """Draw what is left, and end the file."""
+        self._draw_rows(self._thinner.rest())
+        self._looked_s = -float("inf")
+        super().finish(latest, close)
+
+    def close(self) -> None:
+        """End the file if it has not ended."""
+        if not self.ended:
+            self._look()
+        if not self.ended:
+            self.canvas.close()
+
+    def may_be_rewritten(self) -> bool:
+        """Tell whether the disk has room for a second, smaller copy."""
+        try:
+            room = self._free_bytes(self.path.parent) - self.path.stat().st_size
+        except OSError:
+            return False
+        return not self.ended and room > LEAST_FREE_BYTES
+
+    def _draw_rows(self, rows: Rows | None) -> None:
+        if rows is not None:
+            self.draw(lambda canvas: canvas.series.samples(self._axes, rows))
+
+    def _look(self) -> None:
+        """Hand over what waits, and end the file if that fails or takes the recording's room."""
+        name = self.path.name
+        try:
+            self.canvas.flush()
+            size, free = self.path.stat().st_size, self._free_bytes(self.path.parent)
+        except Exception as error:
+            self._end(f"{name} could not be written ({error})")
+            return
+        if size > MOST_BYTES:
+            self._end(f"{name} has reached {MOST_BYTES >> 20} MB", failed=False)
+        elif free < LEAST_FREE_BYTES or size > free / LARGEST_SHARE:
+            self._end(f"{name} leaves the disk to the recording: {free / 1e6:.0f} MB are free")
+        else:
+            return
+        with suppress(Exception):
+            self.canvas.close()
+
+    def _end(self, why: str, failed: bool = True) -> None:
+        self.ended, self.failed = f"{why}; charts are no longer kept", failed
+        self._say(f"{self.ended}; allanscope replay draws them from the recording")
+
+
+def refusal(file: Path) -> str:
+    """Return why a disk gets no file of charts at all; empty where it does."""
+    free = shutil.disk_usage(file.parent).free
+    if free >= LEAST_FREE_BYTES:
+        return ""
+    return f"no charts are kept: {free / 1e6:.0f} MB are free, which are left to the recording"
+
+
+def expected_bytes(seconds: float, axes: Sequence[str]) -> float:
+    """Return about how large the file of a run becomes, before it is made smaller at the end.
+
+    Examples
+    --------
+    >>> night, month = (expected_bytes(hours * 3600.0, "abcdef") for hours in (12.0, 720.0))
+    >>> round(night / 1e6, -1), month < 2.0 * night
+    (160.0, True)
+    """
+    return len(axes) * (
+        RESULT_BYTES * Pace.expected(seconds, FILE_SHARE) + ROW_BYTES * RowThinner.expected(seconds)
+    )
+
+
+def largest_part(free: int) -> int:
+    """Return how large the file may become on a disk with so much free space."""
+    return max(min(MOST_BYTES, free // (LARGEST_SHARE + 1)), 0)

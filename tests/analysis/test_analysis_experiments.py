@@ -55,7 +55,7 @@ def test_two_processes_are_settled_in_proportion_to_what_they_differ_by():
     # 2 nats in this record: 10 in five times as much.
     assert told.duration_s == pytest.approx(5 * analysis.duration_s)
     assert told.gain_nats == pytest.approx(10.0)
-    assert told.question.startswith("gauss markov or random telegraph on gx")
+    assert told.question.startswith("correlated noise or random telegraph on gx")
 
 
 def test_a_step_is_settled_beside_a_second_board():

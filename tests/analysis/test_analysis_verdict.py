@@ -126,7 +126,7 @@ def test_why_there_is_no_verdict_against_a_datasheet_is_said(analysis):
     for part, why in (
         ("", "name it with --part"),
         ("LSM6DSM", "full scale"),
-        ("LSM6DSO", "LSM6DSO"),
+        ("LSM9DS1", "LSM9DS1"),
     ):
         told = heads(replace(unknown, part=part))["Noise not compared with a datasheet"]
         assert why in told.text

@@ -110,7 +110,7 @@ def test_a_replay_on_200_columns_takes_keys_too(session):
         terminal.type("q")
         assert terminal.finish() == 0, terminal.process.stderr.read()
         screen = terminal.screen()
-    assert "min. deviation, mdps" in screen.text
+    assert "minimum deviation, mdps" in screen.text
     assert "datasheet" in screen.text
     assert re.search(r" of [\d.]+ s, [\d.]+ s left", terminal.raw)
 

@@ -102,7 +102,7 @@ def test_before_and_after_are_both_drawn_and_what_they_leave(gallery, analysis):
 
 def test_what_was_found_is_marked_in_the_density(gallery):
     (ax,) = drawn(gallery["gx-density"])
-    assert [text.get_text() for text in ax.texts] == ["sinusoid 49.98 Hz"]
+    assert [text.get_text() for text in ax.texts] == ["line 49.98 Hz"]
     assert line(ax, "model").get_color() == MODEL
 
 

@@ -189,7 +189,7 @@ def test_a_line_that_was_found_is_marked_where_it_sits(painted):
     np.testing.assert_allclose(
         frames.spectrum("dps").values([[x[0], 0.0]])[0, 0], LINE_HZ, rtol=1e-5
     )
-    assert [word for _, word, _ in drawing.words] == ["sinusoid 49.98 Hz"]
+    assert [word for _, word, _ in drawing.words] == ["line 49.98 Hz"]
     assert drawings["/ax/spectrum/found"].strips == []
 
 

@@ -62,13 +62,13 @@ def test_the_table_of_an_axis_says_how_long_to_wait(analysis):
     table = axis_table("gx", analysis.axes["gx"])
     (k,) = [line for line in table.splitlines() if line.startswith("| **K**")]
     assert k.endswith("| 10 h |")
-    assert "found: **sinusoid**: frequency 49.980 \\[49.969, 49.991\\] Hz" in table
+    assert "found: **line**: frequency 49.980 \\[49.969, 49.991\\] Hz" in table
 
 
 def test_findings_name_the_effect_its_twins_and_its_equivalents(analysis):
     text = findings_table(analysis)
     assert "- **gx gy** line at 49.98 Hz, 20 mdps" in text
-    assert "    - **gy** **sinusoid**" in text
+    assert "    - **gy** **line**" in text
     assert "or temperature" in text
     assert "az: a rise near tau = 300 s is left that no effect explains" in text
 
@@ -113,7 +113,7 @@ def test_the_diary_tells_every_thing_once(analysis):
     diary = Diary()
     first = diary.news(analysis)
     assert ("warn", "the device dropped 1998 samples once") in first
-    assert sum(text.startswith("gx gy: found sinusoid") for _, text in first) == 1
+    assert sum(text.startswith("gx gy: found line") for _, text in first) == 1
     assert any(text.startswith("gx: N = 2.900 [2.874, 2.926] mdps/√Hz") for _, text in first)
     assert diary.news(analysis) == []
     assert diary.news(demo_analysis(7400.0)) == [], "better known is no news"
@@ -149,7 +149,7 @@ def test_the_diary_tells_when_an_effect_is_gone_and_when_it_is_back(analysis):
     without = replace(gx, explanation=replace(gx.explanation, effects=()))
     gone = diary.news(replace(analysis, axes={**analysis.axes, "gx": without}))
     assert [text.partition(" [")[0] for _, text in gone] == [
-        "gx: no longer found sinusoid: frequency 49.980"
+        "gx: no longer found line: frequency 49.980"
     ]
     assert len(diary.news(analysis)) == 1
 

@@ -19,6 +19,7 @@ from scipy.fft import rfft
 from allanscope.analysis.findings import Finding, line_of
 from allanscope.analysis.line_origin import reduced
 from allanscope.history import Record
+from allanscope.labels import kind_name
 from allanscope.quantities import number
 
 __all__ = ["Common", "Leak", "common_of", "leak_of"]
@@ -182,7 +183,7 @@ def _with_cause(one: Common, findings: Sequence[Finding]) -> Common:
         }
         on = {*finding.axes, *sources}
         if line_of(finding.members[0].effect) is None and set(one.axes) <= on:
-            cause = finding.kind.replace("_", " ")
+            cause = kind_name(finding.kind)
             return Common(one.low_hz, one.high_hz, one.axes, one.coherence, one.limit, cause)
     return one
 

@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from allanscope.analysis.line_families import fold
+from allanscope.labels import kind_name
 from allanscope.quantities import duration, number
 
 if TYPE_CHECKING:
@@ -230,7 +231,7 @@ def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
     is_once = effect.evidence.get("replicated") == "not replicated"
     if not gain > 0 or not (effect.equivalent or is_once):
         return []
-    names = [one.replace("_", " ") for one in (effect.kind, *effect.equivalent)]
+    names = [kind_name(one) for one in (effect.kind, *effect.equivalent)]
     question = f"{' or '.join(names)} on {where}" + ("" if effect.equivalent else ", seen once")
     if {effect.kind, *effect.equivalent} & _THERMAL:
         return [_warmed(question, effect, gain, analysis.duration_s)]

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 
 from allanscope.analysis.findings import NAMELESS, Finding, event_times
 from allanscope.explain import Effect, Parameter
+from allanscope.labels import kind_name
 from allanscope.quantities import DEVIATION, LEVEL, duration, measured, number, symbols
 
 __all__ = [
-    "KIND_NAMES",
     "PHRASES",
     "cause_phrase",
     "finding_phrase",
@@ -48,18 +48,6 @@ PHRASES = {
     "warm_up": "warm-up, {amplitude}, time constant {time_constant}",
 }
 """What is said of each kind; ``event`` is when it begins and ends."""
-
-KIND_NAMES = {
-    "band_limit": "low-pass",
-    "gauss_markov": "correlated noise",
-    "narrowband": "narrow-band noise",
-    "power_law": "power-law noise",
-    "sinusoid": "line",
-    "unexplained": "unexplained power",
-    "variance_change": "noise level change",
-    "warm_up": "warm-up",
-}
-"""Names of kinds whose word in a result, without its underscores, is not what people call it."""
 
 _EVENTS = frozenset({"shock", "step", "excursion", "variance_change"})
 _LEAST_SHARE = 0.01
@@ -127,7 +115,7 @@ def finding_phrase(finding: Finding) -> str:
     else:
         text = _phrase([one for one in effects if _is_alike(one, lead)])
         others = [kind for kind in kinds if kind != lead.kind]
-    belongs = [_name(kind) for kind in others]
+    belongs = [kind_name(kind) for kind in others]
     if finding.harmonics:
         orders = _listed([str(order) for order in finding.harmonics])
         belongs.append(f"harmonic{'s' * (len(finding.harmonics) > 1)} {orders}")
@@ -160,7 +148,7 @@ def _phrase(effects: Sequence[Effect]) -> str:
         return _own_words(lead)
     template = PHRASES.get(lead.kind)
     if template is None or not all(_is_known(name, lead) for name in _FIELD.findall(template)):
-        return lead.brief or _name(lead.kind)
+        return lead.brief or kind_name(lead.kind)
     return _FIELD.sub(lambda field: _filled(field[1], effects), template)
 
 
@@ -257,12 +245,8 @@ def _span(low: str, high: str, between: str = " to ") -> str:
     return f"{low}{between}{high}"
 
 
-def _name(kind: str) -> str:
-    return KIND_NAMES.get(kind, kind.replace("_", " "))
-
-
 def _several(kind: str, count: int) -> str:
-    return f"{_name(kind)}{'s' * (count > 1)}"
+    return f"{kind_name(kind)}{'s' * (count > 1)}"
 
 
 def _listed(texts: Sequence[str]) -> str:

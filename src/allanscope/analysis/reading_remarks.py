@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from allanscope.analysis.result import Reading
 from allanscope.explain import Effect
+from allanscope.labels import kind_name
 from allanscope.noise import Coefficient
 from allanscope.quantities import COEFFICIENTS, duration, number, symbols
 
@@ -181,7 +182,7 @@ def _phrase(effect: Effect) -> str:
     """Return an effect as a cause."""
     words = _PHRASES.get(effect.kind)
     if words is None:
-        kind = effect.kind.replace("_", " ")
+        kind = kind_name(effect.kind)
         return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
     values = {name: one.value for name, one in effect.parameters.items()}
     return words.format_map(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from allanscope.analysis.findings import NAMELESS
 from allanscope.analysis.result import Analysis, AxisAnalysis, Rate
 from allanscope.explain import AxisExplanation, Effect, Parameter
+from allanscope.labels import kind_name
 from allanscope.noise import Coefficient
 from allanscope.quantities import (
     COEFFICIENTS,
@@ -114,7 +115,7 @@ def effect_text(effect: Effect, intervals: bool = True) -> str:
     """Return one effect in one line, with or without the intervals of its parameters.
 
     >>> effect_text(Effect("sinusoid", {"frequency": Parameter(50.02, 50.0, 50.04, "Hz")}))
-    'sinusoid: frequency 50.020 [50.000, 50.040] Hz'
+    'line: frequency 50.020 [50.000, 50.040] Hz'
     """
     if effect.kind == NAMELESS and effect.evidence.get("words"):
         return symbols(f"{NAMELESS}: {effect.evidence['words']}")
@@ -122,9 +123,10 @@ def effect_text(effect: Effect, intervals: bool = True) -> str:
         f"{name.replace('_', ' ')} {parameter_text(value, intervals)}"
         for name, value in effect.parameters.items()
     )
-    text = f"{effect.kind.replace('_', ' ')}: {parameters}" if parameters else effect.kind
+    name = kind_name(effect.kind)
+    text = f"{name}: {parameters}" if parameters else name
     if effect.equivalent:
-        text += f"; or {' or '.join(kind.replace('_', ' ') for kind in effect.equivalent)}"
+        text += f"; or {' or '.join(map(kind_name, effect.equivalent))}"
     return text
 
 
@@ -141,7 +143,7 @@ def effect_brief(effect: Effect) -> str:
         for name, p in effect.parameters.items()
     )
     inside = ", ".join(parts)
-    return effect.kind.replace("_", " ") + (f" ({inside})" if inside else "")
+    return kind_name(effect.kind) + (f" ({inside})" if inside else "")
 
 
 def rate_text(known: Rate) -> str:

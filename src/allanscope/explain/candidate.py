@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.effect import Effect, Estimate, Parameter
 from allanscope.explain.given_detection import given_detection
+from allanscope.labels import kind_name
 from allanscope.noise.part import Part
 
 if TYPE_CHECKING:
@@ -206,7 +207,7 @@ def _words(candidate: Candidate) -> str:
     words = candidate.words
     if candidate.equivalent:
         words += "; this record cannot rule out " + " or ".join(
-            kind.replace("_", " ") for kind in candidate.equivalent
+            kind_name(kind) for kind in candidate.equivalent
         )
     if candidate.held_out is not None:
         words += (

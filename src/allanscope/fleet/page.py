@@ -23,6 +23,7 @@ from allanscope.fleet.lot import Lot
 from allanscope.fleet.pictures import distribution_picture, history_picture
 from allanscope.fleet.repeats import Spread, log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical import Typical, typical_of
+from allanscope.labels import kind_name
 from allanscope.quantities import (
     COEFFICIENTS,
     LEVEL,
@@ -170,7 +171,7 @@ def _datasheet(lot: Lot) -> str:
 
 def _shared(one: SharedEffect, units: int) -> dict[str, str]:
     return {
-        "kind": one.kind.replace("_", " "),
+        "kind": kind_name(one.kind),
         "frequency": _hertz(one.frequency_hz),
         "units": f"{len(one.units)} of {units}",
         "axes": ", ".join(one.axes),
@@ -185,7 +186,7 @@ def _replicates(found: list[Replication]) -> dict[str, Any]:
     """
     rows: dict[tuple[str, ...], list[str]] = defaultdict(list)
     for one in sorted(found, key=lambda one: (one.replicated, one.agree is True)):
-        kind, times = one.kind.replace("_", " "), f"{one.found} of {one.runs} runs"
+        kind, times = kind_name(one.kind), f"{one.found} of {one.runs} runs"
         rows[one.unit, kind, _hertz(one.frequency_hz), times, _again(one)].append(one.axis)
     return {
         "again": sum(one.replicated for one in found),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from allanscope.allan import DynamicDeviation
 from allanscope.analysis import AxisAnalysis
 from allanscope.history import Record
+from allanscope.labels import kind_name
 from allanscope.quantities import DENSITY, LEVEL, number, symbols
 from allanscope.report.curve_pictures import scale_loglog
 from allanscope.report.picture import CYCLE, DATASHEET, FOUND, MEASURED, MODEL, Picture, ink
@@ -174,7 +175,7 @@ def _found(ax: Axes, axis: AxisAnalysis) -> None:
             continue
         ax.axvline(place.value, c=FOUND, ls=":", lw=1.2)
         ax.annotate(
-            f"{effect.kind.replace('_', ' ')} {number(place.value, 4)} Hz",
+            f"{kind_name(effect.kind)} {number(place.value, 4)} Hz",
             (place.value, 0.02),
             (-3, 0),
             xycoords=("data", "axes fraction"),

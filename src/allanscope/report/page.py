@@ -10,6 +10,7 @@ from typing import Any
 
 import jinja2
 
+from allanscope import labels
 from allanscope.allan import CurveChoices
 from allanscope.analysis import (
     Analysis,
@@ -159,6 +160,7 @@ def template(name: str) -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.filters["svg"] = _as_markup
+    environment.globals["labels"] = labels
     return environment.get_template(name)
 
 
@@ -223,7 +225,7 @@ def _summary(axes: Mapping[str, AxisAnalysis], quiet: Undisturbed | None) -> lis
                 }
                 for name, a in here.items()
             ]
-            tables.append({"name": sensor, "heads": [*heads, "datasheet"], "rows": rows})
+            tables.append({"name": sensor, "heads": [*heads, labels.DATASHEET], "rows": rows})
     return tables
 
 

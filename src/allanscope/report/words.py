@@ -21,6 +21,7 @@ from allanscope.analysis import (
     shares_text,
 )
 from allanscope.explain import AxisExplanation, Effect
+from allanscope.labels import EXCESS, HELD_OUT, MODEL_ERRORS, kind_name
 from allanscope.noise import DatasheetVerdict
 from allanscope.quantities import (
     DEVIATION,
@@ -233,10 +234,10 @@ def effect_words(effect: Effect) -> EffectWords:
     parameters = ", ".join(
         f"{name.replace('_', ' ')} {parameter_text(one)}" for name, one in shown.items()
     )
-    kind = effect.kind.replace("_", " ")
+    kind = effect.kind if effect.kind == NAMELESS else kind_name(effect.kind)
     if len(effect.axes) > 1:
         kind += f" (the same on {' '.join(effect.axes)})"
-    equivalent = ", ".join(one.replace("_", " ") for one in effect.equivalent)
+    equivalent = ", ".join(map(kind_name, effect.equivalent))
     return EffectWords(kind, parameters, equivalent, _evidence(effect))
 
 
@@ -245,7 +246,7 @@ def search_rows(loop: AxisExplanation) -> list[SearchRow]:
     return [
         SearchRow(
             step.move,
-            step.kind.replace("_", " "),
+            kind_name(step.kind),
             step.description,
             f"{step.gain:.1f}" if math.isfinite(step.gain) else "exact",
             f"{step.penalty:.1f}",
@@ -288,25 +289,13 @@ def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
     """Return the table of errors before and after."""
     before, after = explanation.before, explanation.after
     gained = f"{number(explanation.held_out_nats)} ± {number(explanation.held_out_nats_se, 2)}"
-    pairs: Iterable[tuple[str, float, float]] = (
-        ("χ² per degree of freedom (full covariance)", before.chi2_per_dof, after.chi2_per_dof),
-        ("p-value of χ²", before.p_value, after.p_value),
-        ("residual rms, measured / model − 1 (%)", before.rms_percent, after.rms_percent),
-        (
-            "residual rms expected from sampling error (%)",
-            before.expected_rms_percent,
-            after.expected_rms_percent,
-        ),
-        (
-            "worst spectral band (standard deviations)",
-            before.worst_band_z,
-            after.worst_band_z,
-        ),
-    )
-    rows = [ErrorRow(name, number(one), number(two)) for name, one, two in pairs]
-    rows.append(ErrorRow("held-out log-likelihood gain", "", gained))
+    rows = [
+        ErrorRow(name, *(number(getattr(one, field)) for one in (before, after)))
+        for field, name in MODEL_ERRORS.items()
+    ]
+    rows.append(ErrorRow(HELD_OUT, "", gained))
     if shares := shares_text(explanation):
-        rows.append(ErrorRow("excess over sampling error", "", shares))
+        rows.append(ErrorRow(EXCESS, "", shares))
     return rows
 
 
@@ -341,7 +330,7 @@ def quality(analysis: Analysis) -> list[Fact]:
         Fact("samples", f"{count(analysis.samples)} per axis, {gaps_text(analysis.segments)}"),
         Fact("lost samples", losses_text(analysis)),
         Fact("rate", rate_text),
-        *(Fact(one.kind.replace("_", " "), effect_words(one).words) for one in analysis.effects),
+        *(Fact(kind_name(one.kind), effect_words(one).words) for one in analysis.effects),
         Fact(
             "link",
             f"{size(link.bytes)} in {count(link.frames)} frames, "

@@ -19,6 +19,7 @@ from scipy import special
 from allanscope.allan import Deviation, DynamicDeviation
 from allanscope.analysis import ModelCurve, ReferenceCurve
 from allanscope.explain import AxisExplanation
+from allanscope.labels import kind_name
 from allanscope.noise import DatasheetVerdict
 from allanscope.quantities import Reading, number, symbols
 from allanscope.spectrum import Density
@@ -357,7 +358,7 @@ def draw_found(chart: Chart, explanation: AxisExplanation) -> Drawing:
         drawing.dashes([np.array([(x, 0.0), (x, HEIGHT)], np.float32)], EFFECT, width=1.2)
         drawing.word(
             (float(np.clip(x, 110.0, WIDTH - 110.0)), height),
-            f"{effect.kind.replace('_', ' ')} {number(place.value, 4)} Hz",
+            f"{kind_name(effect.kind)} {number(place.value, 4)} Hz",
             EFFECT,
         )
         height += 34.0

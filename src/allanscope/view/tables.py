@@ -25,6 +25,15 @@ from allanscope.analysis import (
     wait_text,
 )
 from allanscope.explain import AxisExplanation
+from allanscope.labels import (
+    DATASHEET,
+    EXCESS,
+    HELD_OUT,
+    MINIMUM,
+    MODEL_ERRORS,
+    OTHER_UNITS,
+    WAIT,
+)
 from allanscope.quantities import (
     COEFFICIENT_NAMES,
     COEFFICIENTS,
@@ -100,7 +109,7 @@ def axis_table(name: str, axis: AxisAnalysis) -> str:
                 wait_text(coefficient),
             )
         )
-    head = ("coefficient", "value (95 %)", "other units", "to ±20 % in about")
+    head = ("coefficient", "value [95 % interval]", OTHER_UNITS, WAIT)
     parts = [f"### {name}", _table(head, rows) if rows else "*no fit yet*"]
     parts += [f"- {line}" for line in (*_facts(axis), *map(markdown, axis.remarks))]
     if axis.explanation is not None:
@@ -150,12 +159,12 @@ def loop_table(analysis: Analysis, unit: str) -> str:
     ]
     head = (
         "axis",
-        "χ² per dof",
-        "p",
-        "rms, % (expected)",
-        "worst band, z",
-        "held-out log-likelihood gain",
-        "excess over sampling error",
+        MODEL_ERRORS["chi2_per_dof"],
+        MODEL_ERRORS["p_value"],
+        f"{MODEL_ERRORS['rms_percent']} (expected)",
+        MODEL_ERRORS["worst_band_z"],
+        HELD_OUT,
+        EXCESS,
         "",
     )
     return _table(head, rows) if rows else "*not searched yet*"
@@ -203,8 +212,8 @@ def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis], quiet: Undisturbe
     head = [
         "axis",
         *(f"{letter}, {coefficient_unit(unit, letter)}" for letter in MAIN_LETTERS),
-        f"minimum deviation, {symbols(DEVIATION[unit].unit)}",
-        "datasheet",
+        f"{MINIMUM}, {symbols(DEVIATION[unit].unit)}",
+        DATASHEET,
     ]
     rows = []
     for name, axis in axes.items():
@@ -228,12 +237,12 @@ def _facts(axis: AxisAnalysis) -> Iterable[str]:
         yield text
     if axis.best_averaging is not None:
         yield (
-            f"minimum deviation {best_text(axis)} "
+            f"{MINIMUM} {best_text(axis)} "
             f"({count(axis.best_averaging.samples)} samples averaged), "
             f"the minimum {between(axis.best_averaging.tau_lower, axis.best_averaging.tau_upper)}"
         )
     for sheet in axis.datasheet.values():
-        yield f"datasheet: {sheet.verdict} ({markdown(sheet.explanation)})"
+        yield f"{DATASHEET}: {sheet.verdict} ({markdown(sheet.explanation)})"
 
 
 def _loop_row(explanation: AxisExplanation) -> Sequence[str]:

@@ -30,6 +30,7 @@ from allanscope.analysis import (
     searched,
     verdict,
 )
+from allanscope.labels import DATASHEET, MINIMUM, MODEL_ERRORS
 from allanscope.noise import Coefficient
 from allanscope.quantities import (
     COEFFICIENTS,
@@ -209,7 +210,7 @@ class Screen:
         cells = ["", *(f"{letter}  {coefficient_unit(unit, letter)}" for letter in MAIN_LETTERS)]
         if wide:
             deviation = symbols(DEVIATION[unit].unit)
-            cells += [f"min. deviation, {deviation}", "datasheet", "residual, rms"]
+            cells += [f"{MINIMUM}, {deviation}", DATASHEET, MODEL_ERRORS["rms_percent"]]
         return [Text(cell, style="dim") for cell in cells]
 
     def _row(self, name: str, axis: AxisAnalysis, wide: bool) -> list[Text]:
@@ -288,7 +289,7 @@ def _residual(axis: AxisAnalysis) -> str:
     if not searched(axis.explanation):
         return "not searched, see below"
     after = axis.explanation.after
-    text = f"{number(after.rms_percent, 2)} % (expected {number(after.expected_rms_percent, 2)} %)"
+    text = f"{number(after.rms_percent, 2)} (expected {number(after.expected_rms_percent, 2)})"
     return text if axis.explanation.explained else f"{text}, partly unexplained"
 
 

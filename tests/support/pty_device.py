@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import array
 import contextlib
-import fcntl
 import os
-import termios
 import tty
 from collections.abc import Callable
 from pathlib import Path
@@ -41,12 +38,6 @@ class Device:
 
     def say(self, data: bytes) -> None:
         assert os.write(self._ends[0], data) == len(data)
-
-    def waiting(self) -> int:
-        """Return how many bytes the kernel holds that nobody has read; unplugging drops them."""
-        count = array.array("i", [0])
-        fcntl.ioctl(self._ends[1], termios.FIONREAD, count)
-        return count[0]
 
     def fill(self) -> int:
         """Write zeros until no more are taken; return how many were."""

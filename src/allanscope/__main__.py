@@ -57,9 +57,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         _forget_what_is_not_taken()
         if arguments.debug:
             raise
-        what = f"{type(error).__name__}: {error}"
-        complain(f"internal error: {what}; run with --debug for the traceback")
-        return ExitCode.UNEXPECTED
+        return _unexpected(error, words[0])
+
+
+def _unexpected(error: Exception, command: str) -> int:
+    """Say what nobody foresaw, or which package is not installed; return the exit code."""
+    if isinstance(error, ModuleNotFoundError):
+        from allanscope.missing_package import what_is_missing
+
+        missing = what_is_missing(error, command)
+        if missing is not None:
+            complain(missing)
+            return ExitCode.USAGE
+    what = f"{type(error).__name__}: {error}"
+    complain(f"internal error: {what}; run with --debug for the traceback")
+    return ExitCode.UNEXPECTED
 
 
 def _forget_what_is_not_taken() -> None:

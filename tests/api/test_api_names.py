@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 import allanscope
+from allanscope.__main__ import main
+from allanscope.errors import ExitCode
 
 HEAVY = {"numpy", "scipy", "rerun", "matplotlib", "mcap", "serial", "rich", "jinja2"}
 
@@ -86,7 +88,7 @@ import sys
 class Absent:
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in {"rerun", "pyarrow", "matplotlib", "PIL", "jinja2"}:
-            raise ModuleNotFoundError(name)
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Absent())
 from allanscope.__main__ import main
 sys.exit(main(sys.argv[1:]))
@@ -101,3 +103,29 @@ def test_a_file_is_analysed_without_what_only_viewer_and_report_need(tmp_path):
     ):
         subprocess.run([sys.executable, "-c", ABSENT, *command], capture_output=True, check=True)
     assert '"oadev"' in result.read_text()
+
+
+@pytest.mark.parametrize(
+    ("command", "package"),
+    [
+        (["live", "sim", "--for", "1s", "--view", "none", "--out", "OUT"], "rerun-sdk"),
+        (["replay", "MADE", "--view", "none", "--out", "OUT"], "rerun-sdk"),
+        (["analyse", "MADE", "--quiet", "--report", "OUT"], "jinja2"),
+    ],
+)
+def test_a_package_that_is_missing_is_named_with_the_command_that_installs_it(
+    tmp_path, command, package
+):
+    out, made = tmp_path / "out", tmp_path / "a.mcap"
+    assert main(["simulate", str(made), "--hours", "0.003", "--quiet"]) == ExitCode.DONE
+    words = [{"OUT": str(out), "MADE": str(made)}.get(word, word) for word in command]
+    ran = subprocess.run(
+        [sys.executable, "-c", ABSENT, *words], capture_output=True, encoding="utf-8", check=False
+    )
+    assert ran.returncode == ExitCode.USAGE
+    line = ran.stderr.strip().rpartition("\n")[2]
+    assert line.startswith(
+        f"allanscope: {command[0]} needs the package {package}, which is not installed: "
+        f"python -m pip install '{package}"
+    )
+    assert not out.exists()

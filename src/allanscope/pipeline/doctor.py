@@ -118,7 +118,7 @@ def _modem_manager(processes: Path = Path("/proc")) -> Check | None:
 
 def _viewer() -> Check:
     if importlib.util.find_spec("rerun_cli") is None:
-        mend = f"{Path(sys.executable).name} -m pip install rerun-sdk; or use --view none"
+        mend = f"{Path(sys.executable).name} -m pip install rerun-sdk; analyse needs none"
         return Check("bad", "viewer", "Rerun is not installed", mend)
     where = (
         "opens a window"

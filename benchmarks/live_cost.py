@@ -2,6 +2,8 @@
 
     python benchmarks/live_cost.py [--seconds 60] [--rate 6660] [--json FILE] [--quick]
 
+The delay is measured in a second run, of a third of this time, paced as with a viewer.
+
 A simulated SensorTile in a process of its own streams six axes over a pseudo-terminal. This process
 does what ``allanscope live --view none`` does: it reads, records, decodes, sums up, refreshes the
 result, and looks for effects. Measured are its processor time per second of stream (the device is
@@ -30,8 +32,9 @@ from figures import Figure, written
 
 from allanscope.analysis import Analyser
 from allanscope.pipeline import Decoding
+from allanscope.pipeline.outputs import made_folder
 from allanscope.pipeline.process import give_large_blocks_back
-from allanscope.pipeline.refreshing import LoopProcess
+from allanscope.pipeline.refreshing import UNSEEN, VIEWED, LoopProcess, Pace
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
 from allanscope.sources import open_source
@@ -144,14 +147,15 @@ def _resident_mb() -> float:
     return float(text.partition("VmRSS:")[2].split()[0]) / 1024.0
 
 
-def run(port: str, seconds: float, folder: Path) -> dict[str, Any]:
+def run(port: str, seconds: float, folder: Path, pace: Pace = UNSEEN) -> dict[str, Any]:
     """Watch a port for some seconds and return what it cost."""
     give_large_blocks_back()
     load_rerun()
     watch, source = Watch(), Timed(open_source(port))
     recorder = Recorder(folder, {"name": "benchmark"})
     decoding = Decoding(WireSettings(), write=source.write)
-    session = Session(source, decoding, Analyser(), ledger=recorder, duration_s=WARM_S + seconds)
+    whole_s = WARM_S + seconds
+    session = Session(source, decoding, Analyser(), ledger=recorder, duration_s=whole_s, pace=pace)
     session.loop_process = LoopProcess(
         first_s=WARM_S + seconds / 2
     )  # one look falls into every run
@@ -197,13 +201,15 @@ def main() -> None:
     try:
         port = device.stdout.readline().strip()
         with tempfile.TemporaryDirectory() as folder:
-            cost = run(port, seconds, Path(folder))
+            cost = run(port, seconds, made_folder(Path(folder) / "unseen"))
+            viewed = made_folder(Path(folder) / "viewed")
+            seen = run(port, seconds / 3.0, viewed, VIEWED)
     finally:
         device.terminate()
         device.wait()
-    to_chart_ms = cost["late_ms_99"] + 1e3 * (GATHERED_S + PAINTED_S)
+    to_chart_ms = seen["late_ms_99"] + 1e3 * (GATHERED_S + PAINTED_S)
     figures = [
-        Figure("live, six axes", cost["core_percent"], "% of a core", goal=5.0),
+        Figure("live, six axes", cost["core_percent"], "% of a core", goal=3.0),
         Figure("byte to chart, 99 of 100", to_chart_ms, "ms", goal=250.0),
         Figure("reader kept from the port by us, at most", cost["reader_kept_ms_most"], "ms", 40.0),
         Figure("reader away from the port, at most", cost["reader_away_ms_most"], "ms"),

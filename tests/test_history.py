@@ -61,3 +61,26 @@ def test_temperature_is_averaged_where_there_is_one():
     history.update(np.zeros((8, 1)), np.array([20.0, np.nan, 22.0, 24.0, *[np.nan] * 4]))
     record = history.record(1.0, ("gx",), (1.0,))
     np.testing.assert_array_equal(record.temperature_c, [20.0, 23.0, np.nan, np.nan])
+
+
+def test_coarsened_rows_are_means_within_their_segments():
+    rng = np.random.default_rng(4)
+    history = History(2, rows=1 << 12)
+    for samples, lost in ((700, 9), (3, 40), (1200, 0)):
+        history.update(rng.normal(size=(samples, 2)), np.full(samples, 25.0))
+        history.gap(lost)
+    whole = history.record(104.0, ("gx", "ax"), (0.5, 2.0))
+    thinned = whole.coarsened(128)
+    assert whole.stride == 1
+    assert thinned.stride == 16
+    assert thinned.rate_hz == 104.0 / 16
+    assert (thinned.segments == [[0, 43], [43, 118]]).all()
+    for first, last in ((0, 43), (43, 118)):
+        begin = 0 if first == 0 else 703
+        rows = whole.values[begin : begin + 16 * (last - first)].reshape(-1, 16, 2).mean(axis=1)
+        np.testing.assert_allclose(thinned.values[first:last], rows, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(
+            thinned.start_s[first:last], whole.start_s[begin : begin + 16 * (last - first) : 16]
+        )
+    assert (thinned.temperature_c == 25.0).all()
+    assert whole.coarsened(len(whole.values)) is whole

@@ -67,6 +67,45 @@ class Record:
             filled=None if self.filled is None else self.filled[rows],
         )
 
+    def coarsened(self, most: int) -> Record:
+        """Return the means of 2, 4, 8 ... rows each, so many that at most `most` of them are left.
+
+        As in a History, no row spans a gap, and rows at the end of a segment that fill no new one
+        are given up.
+
+        Examples
+        --------
+        >>> history = History(axes=1, rows=8)
+        >>> history.update(np.array([[1], [3], [5], [7], [9], [11]], np.int16))
+        >>> record = history.record(104.0, ("gx",), (1.0,)).coarsened(3)
+        >>> record.stride, record.rate_hz, record.values.ravel().tolist()
+        (2, 52.0, [2.0, 6.0, 10.0])
+        """
+        each = 1
+        while len(self.values) > most * each:
+            each *= 2
+        if each == 1:
+            return self
+        whole = (self.segments[:, 1] - self.segments[:, 0]) // each
+        ends = np.cumsum(whole)
+        within = np.arange(whole.sum()) - np.repeat(ends - whole, whole)
+        first = np.repeat(self.segments[:, 0], whole) + each * within
+        values = self.values[first]
+        for further in range(1, each):
+            values += self.values[first + further]
+        rows = first[:, np.newaxis] + np.arange(each)
+        kept = np.column_stack([ends - whole, ends])
+        return replace(
+            self,
+            rate_hz=self.rate_hz / each,
+            stride=self.stride * each,
+            values=values / each,
+            temperature_c=_mean(self.temperature_c[rows]),
+            start_s=self.start_s[first],
+            segments=kept[whole > 0],
+            filled=None if self.filled is None else self.filled[rows].any(axis=1),
+        )
+
 
 class History:
     """Keep the row means of a stream in at most `rows` rows.

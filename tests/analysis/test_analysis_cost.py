@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from allanscope.allan import AllanBank
-from allanscope.analysis import Analyser, AnalyserSettings
+from allanscope.analysis import Analyser, AnalyserSettings, summarise, summary
 from allanscope.analysis.rows import WORTH_IT, in_parallel
+from allanscope.noise import fit_noise
 from allanscope.pipeline import Decoding
 from allanscope.recording import Chunk, Recording, write_recording
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.simulator import Simulator, simulate_blocks
 from allanscope.spectrum import SEGMENT, SpectrumBank
-from allanscope.wire import WireSettings
+from allanscope.wire import LinkStats, WireSettings
 from allanscope.wire.native import NativeDecoder
 
 ROOM = 1000
@@ -143,3 +144,27 @@ def test_an_error_in_either_half_is_raised():
         for rows in (1, WORTH_IT):
             with pytest.raises(ValueError, match="broken"):
                 in_parallel(rows, *halves)
+
+
+def test_a_refresh_fits_to_fewer_rows_and_finds_the_same_noise(monkeypatch):
+    """Two minutes at 6.66 kHz are 2^18 rows, of which eight make one: N is the same within 1 %."""
+    analyser = Analyser()
+    analyser.take(StreamInfo(("gx",), (0.01,), nominal_hz=6660.0))
+    rng = np.random.default_rng(7)
+    walk = np.cumsum(0.002 * rng.normal(size=1 << 18))
+    rows = np.rint(12 * rng.normal(size=1 << 18) + walk).astype(np.int16)
+    analyser.take(Block(0, rows[:, np.newaxis], Ticks.none()))
+    fitted = []
+
+    def counted(record, *given, **named):
+        fitted.append(len(record.values))
+        return fit_noise(record, *given, **named)
+
+    monkeypatch.setattr(summary, "fit_noise", counted)
+    few = summarise(analyser, LinkStats(), "live", {}).axes["gx"].coefficients["N"]
+    monkeypatch.setattr(summary, "LIVE_ROWS", 1 << 18)
+    all_of_them = summarise(analyser, LinkStats(), "live", {}).axes["gx"].coefficients["N"]
+    assert fitted == [1 << 15, 1 << 18]
+    assert few.value == pytest.approx(all_of_them.value, rel=0.01)
+    truth = 12 * 0.01 / 6660.0**0.5
+    assert few.lower < truth < few.upper

@@ -6,43 +6,51 @@ from itertools import pairwise
 import pytest
 
 from allanscope.analysis import Analyser
-from allanscope.pipeline.refreshing import Refresher, _pause
-from allanscope.pipeline.session import UNWATCHED_SHARE, WATCHED_SHARE
+from allanscope.pipeline.refreshing import ON_A_SCREEN, UNSEEN, VIEWED, Refresher, _pause
 
 
-def results(until_s, took_s, share):
+def results(until_s, took_s, pace):
     """Return when results come that each take so long and as much of the processor."""
     shown, now = [], 0.0
     while now < until_s:
         now += took_s
         shown.append(now)
-        now += _pause(now, took_s / share, took_s)
+        now += _pause(now, took_s, took_s, pace)
     return shown
 
 
-@pytest.mark.parametrize("share", [WATCHED_SHARE, UNWATCHED_SHARE])
+@pytest.mark.parametrize("pace", [VIEWED, ON_A_SCREEN])
 @pytest.mark.parametrize("took_s", [0.05, 0.4, 2.0])
-def test_no_result_grows_older_than_promised(share, took_s):
-    shown = results(4 * 3600.0, took_s, share)
+def test_no_result_on_a_screen_grows_older_than_promised(pace, took_s):
+    shown = results(4 * 3600.0, took_s, pace)
     for before, after in pairwise(shown):
         # Two thousand reads a second offer it: it is taken at once.
         assert after - before <= max(5.0, min(60.0, 0.1 * before)) + 1e-9
     assert len([t for t in shown if t <= 60.0]) >= 12
 
 
-def test_what_nobody_looks_at_costs_little_after_the_first_minutes():
-    shown = results(3600.0, 0.5, UNWATCHED_SHARE)
+def test_what_no_viewer_shows_costs_little_after_the_first_minutes():
+    shown = results(3600.0, 0.5, ON_A_SCREEN)
     assert 0.5 * len([t for t in shown if t > 600.0]) < 0.011 * 3000.0
 
 
+@pytest.mark.parametrize("took_s", [0.05, 0.4, 2.0])
+def test_where_nobody_looks_results_come_when_the_run_has_doubled_or_each_minute(took_s):
+    shown = results(4 * 3600.0, took_s, UNSEEN)
+    for before, after in pairwise(shown):
+        assert after - before <= max(5.0, min(60.0, before)) + 1e-9
+    assert 4 <= len([t for t in shown if 5.0 < t <= 60.0]) <= (12 if took_s < 0.1 else 4)
+    assert took_s * len([t for t in shown if t > 600.0]) < 0.034 * 4 * 3600.0
+
+
 def test_a_slow_machine_keeps_half_of_its_time():
-    shown = results(600.0, 8.0, UNWATCHED_SHARE)
+    shown = results(600.0, 8.0, ON_A_SCREEN)
     assert min(b - a for a, b in pairwise(shown)) >= 16.0
 
 
 def test_the_first_result_comes_with_the_first_samples():
     shown = threading.Event()
-    refresher = Refresher(lambda frozen: shown.set(), UNWATCHED_SHARE)
+    refresher = Refresher(lambda frozen: shown.set(), ON_A_SCREEN)
     refresher.offer(Analyser())
     assert shown.wait(30.0)
     refresher.close()

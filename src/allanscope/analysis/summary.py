@@ -53,6 +53,10 @@ __all__ = ["Depth", "compared", "summarise"]
 Depth = Literal["live", "full"]
 """``live`` is what a refresh can afford; ``full`` runs every estimator and closes the loop."""
 
+LIVE_ROWS = 1 << 15
+"""Rows that a refresh fits the noise to before the first search; the density knows what is above
+them, as in every long run."""
+
 LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
 TENTHS = 10
 
@@ -93,6 +97,8 @@ def summarise(
     rate = _rate(state)
     rate_hz = rate.best_hz or 1.0
     given = loop_input(state)
+    if depth == "live" and known is None:
+        given = replace(given, record=given.record.coarsened(LIVE_ROWS))
     axes = _axes(state, given, rate, depth, settings, known)
     part = settings.part or state.info.part
     offered = PARTS[part or POLLED_PART].rates_hz if state.info.polled else ()

@@ -1,8 +1,8 @@
 """Reads on their way from the reader to the session, taken together.
 
 A port at its fastest is read fifty times a second. Decoding, summing up and showing a read each
-cost some calls whatever it holds, so the session waits a moment after the first read and takes all
-that have come by then as one. A replay at full speed puts thousands there in that moment.
+cost some calls whatever it holds, so the session waits until the first read is a moment old and
+takes all that have come by then as one. A replay at full speed puts thousands there in that moment.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from allanscope.recording import Buffer
 from allanscope.sources import Chunk
 
-__all__ = ["TOGETHER_S", "Inbox", "joined"]
+__all__ = ["NOBODY_LOOKS_S", "TOGETHER_S", "Inbox", "joined"]
 
 REPLAY_ROOM, LIVE_ROOM = 8 << 20, 256 << 20
 """Bytes that may wait to be decoded. A replay can wait; a port is read for three quarters of an
@@ -28,7 +28,10 @@ _OVERHEAD = 200
 """Bytes that a read takes beside what it brings."""
 
 TOGETHER_S = 0.08
-"""How long reads are gathered: a third of what it may take from the port to the chart."""
+"""How old a read may grow here: a third of what it may take from the port to the chart."""
+
+NOBODY_LOOKS_S = 0.4
+"""The same where there is no chart and no screen."""
 
 
 class Inbox:
@@ -40,13 +43,20 @@ class Inbox:
         Bytes that may wait.
     together_s : float
         How long to gather after the first one.
+    live : bool
+        Whether reads carry the present time: then the time that the first one took to get here is
+        a part of this.
     """
 
-    def __init__(self, room: int = REPLAY_ROOM, together_s: float = TOGETHER_S) -> None:
+    def __init__(
+        self, room: int = REPLAY_ROOM, together_s: float = TOGETHER_S, live: bool = False
+    ) -> None:
         self._queue: queue.SimpleQueue[Chunk] = queue.SimpleQueue()
         self._taken = threading.Condition()
         self._left: float = room
         self._together_s = together_s
+        self._live = live
+        self._ended = threading.Event()
 
     def put(self, chunk: Chunk) -> None:
         """Add a read; waits for room."""
@@ -57,6 +67,7 @@ class Inbox:
 
     def end(self) -> None:
         """Say that nothing follows; never waits."""
+        self._ended.set()
         self._queue.put(Chunk(0, event="end"))
 
     def give_up(self) -> None:
@@ -67,7 +78,7 @@ class Inbox:
         """Wait for a read, and return all that have come a moment later, in order."""
         taken = [self._queue.get()]
         if taken[0].event != "end":
-            time.sleep(self._together_s)
+            self._gather(taken[0].host_ns)
         while taken[-1].event != "end":
             try:
                 taken.append(self._queue.get_nowait())
@@ -75,6 +86,12 @@ class Inbox:
                 break
         self._free(sum(len(chunk.data) + _OVERHEAD for chunk in taken))
         return taken
+
+    def _gather(self, came_ns: int) -> None:
+        age_s = 1e-9 * (time.monotonic_ns() - came_ns) if self._live else 0.0
+        wait_s = min(self._together_s - age_s, self._together_s)
+        if wait_s > 0.0:
+            self._ended.wait(wait_s)
 
     def _free(self, size: float) -> None:
         with self._taken:

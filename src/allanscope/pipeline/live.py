@@ -33,6 +33,7 @@ from allanscope.pipeline.outputs import (
     write_results,
 )
 from allanscope.pipeline.process import give_large_blocks_back, stopped_by_signals
+from allanscope.pipeline.refreshing import ON_A_SCREEN, UNSEEN, VIEWED, Pace
 from allanscope.pipeline.session import News, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
 from allanscope.pipeline.stream import device_source, nothing_heard
@@ -99,7 +100,7 @@ def run_live(
         input_facts=lambda: {**facts, "reader": source.reader},
         news=news,
         earlier=earlier_events(past, decoding, _recorded_write(source, recorder)),
-        watched=settings.view != "none",
+        pace=_pace(settings),
     )
     try:
         analysis = _run(session, settings, folder, facts, recorder)
@@ -168,6 +169,7 @@ def run_replay(
         final = _replayed_unseen(path, device, settings)
         done(final)
         return final
+    load_rerun()  # before there is a folder
     recording = Recording(path)
     device = recorded_settings(recording, device)
     source = RecordedSource(path, speed)
@@ -182,7 +184,7 @@ def run_replay(
         decoding,
         analyser,
         input_facts=lambda: facts,
-        watched=settings.view != "none",
+        pace=_pace(settings),
     )
 
     def finished(analysis: Analysis) -> None:
@@ -193,6 +195,13 @@ def run_replay(
     stays = settings.view == "web" or sys.stdout.isatty()
     whole_s = recording.duration_s
     return _run(session, settings, folder, facts, None, whole_s, finished, stays)
+
+
+def _pace(settings: SessionSettings) -> Pace:
+    """Return how often the result is computed for those who look."""
+    if settings.view != "none":
+        return VIEWED
+    return ON_A_SCREEN if sys.stdout.isatty() and not settings.quiet else UNSEEN
 
 
 def _analyser_settings(device: DeviceSettings, settings: SessionSettings) -> AnalyserSettings:

@@ -24,6 +24,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from allanscope.analysis import Analyser, LoopInput, StreamState, loop_input
 from allanscope.explain import Explanation, LiveLoop
@@ -31,14 +32,35 @@ from allanscope.pipeline.process import trim_memory
 from allanscope.quantities import duration
 from allanscope.samples import StreamInfo
 
-__all__ = ["LoopProcess", "Refresher"]
+__all__ = ["ON_A_SCREEN", "UNSEEN", "VIEWED", "LoopProcess", "Pace", "Refresher"]
 
 REFRESH_S = 1.0
 """No result comes sooner after the last one."""
 
-FRESH_S, OLDEST_S, OLDEST_SHARE = 5.0, 60.0, 0.1
-"""No result grows older than this share of the run, within these limits: whatever it costs, people
-watch the first minute, and nobody believes a number that stands for ten."""
+FRESH_S, OLDEST_S = 5.0, 60.0
+"""No result need be younger than the one, nor grows older than the other: people watch the first
+minute, and nobody believes a number that stands for ten."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How often results are computed.
+
+    Attributes
+    ----------
+    share : float
+        Of one core, that results may take where they are not due anyway.
+    oldest : float
+        Share of the run that no result grows older than, whatever it costs, within `FRESH_S` and
+        `OLDEST_S`.
+    """
+
+    share: float
+    oldest: float
+
+
+VIEWED, ON_A_SCREEN, UNSEEN = Pace(0.1, 0.1), Pace(0.01, 0.1), Pace(0.005, 1.0)
+"""With a viewer; in a terminal; where nobody looks, and a recording of the results is all."""
 
 LOW_PRIORITY = 10
 
@@ -52,15 +74,15 @@ class Refresher:
 
     At the beginning they come more often than their share allows, whenever the run has become
     three times as long: the curves grow with the logarithm of time. And however little it allows,
-    in the first minute one comes every 5 s, and later before the last one is older than a tenth of
-    the run, or a minute.
+    while somebody looks one comes every 5 s in the first minute, and later before the last one is
+    older than a tenth of the run, or a minute; else when the run has doubled, or every minute.
 
     Parameters
     ----------
     show : callable
         Computes a result from a copy of the analyser, and shows it.
-    share : float
-        Of one core, that results may take where they are not due anyway.
+    pace : Pace
+        How often.
     fail : callable
         Called with a line when a result fails: that must not end the recording.
     """
@@ -68,12 +90,12 @@ class Refresher:
     def __init__(
         self,
         show: Callable[[Analyser], None],
-        share: float,
+        pace: Pace,
         fail: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._show = show
         self._fail = fail
-        self._share = share
+        self._pace = pace
         self._next = 0.0
         self._began: float | None = None
         self._work: queue.Queue[Analyser | None] = queue.Queue(maxsize=1)
@@ -110,34 +132,37 @@ class Refresher:
             if results.bit_count() == 1:  # ever more rarely: each may have loaded code of its own
                 trim_memory()
             now = time.monotonic()
-            self._next = now + _pause(
-                now - (self._began or now), spent_s / self._share, now - began_s
-            )
+            run_s = now - (self._began or now)
+            self._next = now + _pause(run_s, spent_s, now - began_s, self._pace)
             self._busy.clear()
 
 
-def _pause(run_s: float, wanted_s: float, took_s: float) -> float:
+def _pause(run_s: float, spent_s: float, took_s: float, pace: Pace) -> float:
     """Return how long to wait after a result.
 
     Parameters
     ----------
     run_s : float
         Length of the run.
-    wanted_s : float
-        What the share of the core asks for.
+    spent_s : float
+        Processor time of the last result.
     took_s : float
-        How long the last result took: the next one takes as long, and is to be there in time. But
-        half of the time is left free on however slow a machine.
+        How long it took: the next one takes as long, and is to be there in time. But half of the
+        time is left free on however slow a machine.
+    pace : Pace
+        How often results are wanted.
 
     Examples
     --------
-    After 20 s, after 5 min and after a night, with results that take a second of processor time
-    and a hundredth of a core:
+    After 20 s, after 5 min and after a night, with results that take a second of processor time:
 
-    >>> [round(_pause(run_s, 100.0, 1.0), 1) for run_s in (20.0, 300.0, 40_000.0)]
+    >>> [round(_pause(run_s, 1.0, 1.0, ON_A_SCREEN), 1) for run_s in (20.0, 300.0, 40_000.0)]
     [4.0, 29.0, 59.0]
+    >>> [round(_pause(run_s, 1.0, 1.0, UNSEEN), 1) for run_s in (20.0, 300.0, 40_000.0)]
+    [19.0, 59.0, 59.0]
     """
-    oldest_s = min(max(OLDEST_SHARE * run_s, FRESH_S), OLDEST_S)
+    oldest_s = min(max(pace.oldest * run_s, FRESH_S), OLDEST_S)
+    wanted_s = spent_s / pace.share
     return max(min(wanted_s, oldest_s - took_s, 2 * run_s), took_s, REFRESH_S - took_s)
 
 

@@ -11,7 +11,7 @@ The reader does nothing but move bytes, so a slow disk, a long fit or a stalled 
 sample. The session thread never computes a result: it copies the running sums, which takes
 milliseconds, and the refresh thread does the rest; the next refresh starts only when the last one
 has ended and after a multiple of what it took, so refreshing adapts to the machine; but no result
-on the screen grows older than a tenth of the run or a minute.
+on a screen grows older than a tenth of the run or a minute.
 """
 
 from __future__ import annotations
@@ -27,8 +27,15 @@ from typing import Protocol
 
 from allanscope.analysis import Analyser, Analysis, Depth, event_dict, summarise
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.inbox import LIVE_ROOM, REPLAY_ROOM, Inbox, joined
-from allanscope.pipeline.refreshing import LoopProcess, Refresher
+from allanscope.pipeline.inbox import (
+    LIVE_ROOM,
+    NOBODY_LOOKS_S,
+    REPLAY_ROOM,
+    TOGETHER_S,
+    Inbox,
+    joined,
+)
+from allanscope.pipeline.refreshing import UNSEEN, LoopProcess, Pace, Refresher
 from allanscope.quantities import duration
 from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
@@ -36,10 +43,6 @@ from allanscope.sanitize import one_line
 from allanscope.sources import Chunk, Source
 
 __all__ = ["Audience", "Ledger", "News", "Session"]
-
-WATCHED_SHARE, UNWATCHED_SHARE = 0.1, 0.01
-"""Refreshes take at most this share of one core, with a viewer and without; but none grows older
-than `Refresher` allows."""
 
 SPACE_FIRST_NS, SPACE_EVERY_NS = 10_000_000_000, 60_000_000_000
 """When the room on the disk is first told, and how often."""
@@ -109,8 +112,8 @@ class Session:
     earlier : iterable of Event
         What the session held before it was cut off: taken first, shown to nobody, while the
         source is already read and recorded.
-    watched : bool
-        Whether there is a viewer, for which the result is computed more often.
+    pace : Pace
+        How often the result is computed, which depends on who looks.
     """
 
     def __init__(
@@ -125,7 +128,7 @@ class Session:
         input_facts: Callable[[], dict[str, str]] = dict,
         news: News | None = None,
         earlier: Iterable[Event] = (),
-        watched: bool = False,
+        pace: Pace = UNSEEN,
     ) -> None:
         self.source = source
         self.decoding = decoding
@@ -136,13 +139,16 @@ class Session:
         self._input_facts = input_facts
         self._earlier = earlier
         self._stop = threading.Event()
-        self._inbox = Inbox(REPLAY_ROOM if ledger is None else LIVE_ROOM)
+        if ledger is None:
+            self._inbox = Inbox(REPLAY_ROOM)
+        else:
+            together_s = NOBODY_LOOKS_S if pace is UNSEEN else TOGETHER_S
+            self._inbox = Inbox(LIVE_ROOM, together_s, live=True)
         self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
         self.failures: list[str] = []
         self.loop_process = LoopProcess(fail=self.fail, tell=self._remark)
-        share = WATCHED_SHARE if watched else UNWATCHED_SHARE
-        self._refresher = Refresher(self._show, share, self.fail)
+        self._refresher = Refresher(self._show, pace, self.fail)
         self._space_due_ns = 0
         self._space_told = False
 

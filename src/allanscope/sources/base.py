@@ -28,7 +28,7 @@ class Source(Protocol):
         """Who reads a port, and at which priority; empty where nothing can come too fast."""
 
     def read(self) -> Chunk:
-        """Return the next chunk, with empty data after at most about 50 ms of silence."""
+        """Return the next chunk, with empty data after about a tenth of a second of silence."""
 
     def write(self, data: bytes) -> None:
         """Send bytes to the device; does nothing where there is none."""

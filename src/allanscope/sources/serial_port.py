@@ -35,8 +35,8 @@ __all__ = ["SerialSource"]
 WAIT_S = 0.05
 """A read returns after this much silence."""
 
-TAKE_EVERY_S = 0.02
-"""What a process of its own has read is taken fifty times a second."""
+TAKE_EVERY_S = 0.08
+"""What a process of its own has read is taken so often: it knows when each read came."""
 
 READ_BYTES, FULL_BYTES = 4095, 15_000
 """What one read of a tty of Linux brings at most, and what it and the queue behind it hold at
@@ -63,7 +63,7 @@ class SerialSource:
     clock : callable
         Host monotonic time in nanoseconds.
     sleep : callable
-        Passes that many seconds, 50 ms at most.
+        Passes that many seconds, a tenth at most.
 
     Raises
     ------
@@ -122,7 +122,7 @@ class SerialSource:
         return self._port.facts()
 
     def read(self) -> Chunk:
-        """Return what has arrived, or an empty chunk after 50 ms.
+        """Return what has arrived, or an empty chunk after a tenth of a second.
 
         The chunk on which the link breaks has the event ``disconnected``; reads go on returning
         empty chunks until the device is back, with ``reconnected``.
@@ -158,7 +158,7 @@ class SerialSource:
                 return  # the reader sees it too, and reports it
 
     def close(self) -> None:
-        """Stop; waits for a read in another thread, 50 ms at most. The next one says ``end``."""
+        """Stop; waits for a read in another thread, which takes a moment. The next says ``end``."""
         self._closing.set()
         with self._reading:
             self._let_go()

@@ -66,7 +66,7 @@ class SimulatedSource:
         return self._serial.reader
 
     def read(self) -> Chunk:
-        """Return the next chunk, with empty data after at most about 50 ms of silence."""
+        """Return the next chunk, with empty data after about a tenth of a second of silence."""
         return self._serial.read()
 
     def write(self, data: bytes) -> None:

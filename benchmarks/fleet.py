@@ -32,8 +32,8 @@ from figures import Figure, written
 
 from allanscope.fleet import FleetResult, FleetSettings, run_fleet
 from allanscope.fleet.cluster import local_cluster
-from allanscope.fleet.places import find_places
-from allanscope.fleet.work import analyse_place
+from allanscope.fleet.inputs import find_inputs
+from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
 
 DEVICE = DeviceSettings(rate_hz=104.0)
@@ -92,8 +92,8 @@ def speed(folder: Path, workers: int, warm: Path, out: Path) -> Speed:
         start_s = time.perf_counter() - began
         if workers == 1:
             client.run(hold_to_one_core)
-        [place] = find_places([str(warm)])
-        client.run(analyse_place, place, ASKED)
+        [place] = find_inputs([str(warm)])
+        client.run(analyse_recording, place, ASKED)
         fleet(warm, out.with_name("warmed"), cluster.scheduler_address)
         before = client.run(usage)
         wall_s, result = fleet(folder / "lot", out, cluster.scheduler_address)
@@ -143,9 +143,9 @@ def night(folder: Path, hours: float) -> list[Figure]:
     path = folder / "night.mcap"
     simulate_recording(path, hours, DEVICE, SimulatedSettings(seed=7), quiet=True)
     with local_cluster(1) as cluster, Client(cluster, set_as_default=False) as client:
-        [place] = find_places([str(path)])
+        [place] = find_inputs([str(path)])
         before = client.run(usage)
-        outcome: Any = client.submit(analyse_place, place, ASKED).result()
+        outcome: Any = client.submit(analyse_recording, place, ASKED).result()
         after = client.run(usage)
     assert not outcome.error, outcome.error
     [who] = after

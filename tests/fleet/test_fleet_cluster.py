@@ -18,11 +18,11 @@ from distributed import Client, LocalCluster
 from allanscope.errors import UsageError
 from allanscope.fleet import FleetResult, FleetSettings, run_fleet
 from allanscope.fleet.cluster import connected, dashboard_line, local_cluster
+from allanscope.fleet.inputs import find_inputs
 from allanscope.fleet.outcome import Outcome
-from allanscope.fleet.places import find_places
 from allanscope.fleet.run import TASKS_PER_WORKER
 from allanscope.fleet.split import submit_split
-from allanscope.fleet.work import analyse_place
+from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings
 
 pytestmark = pytest.mark.timeout(300)
@@ -99,12 +99,12 @@ def test_workers_clear_no_pages_for_every_array(cluster: LocalCluster) -> None:
 
 
 def test_a_recording_in_parts_is_the_recording(cluster: LocalCluster, lot: Path) -> None:
-    [place] = find_places([str(lot / "one" / "a.mcap")])
-    [bad] = find_places([str(lot / "two" / "bad.mcap")])
+    [place] = find_inputs([str(lot / "one" / "a.mcap")])
+    [bad] = find_inputs([str(lot / "two" / "bad.mcap")])
     with connected(cluster.scheduler_address, None) as client:
         outcome: Outcome = submit_split(client, place, DEVICE, 3).result()
         failed: Outcome = submit_split(client, bad, DEVICE, 2).result()
-        whole: Outcome = client.submit(analyse_place, place, DEVICE).result()
+        whole: Outcome = client.submit(analyse_recording, place, DEVICE).result()
     assert outcome == whole
     assert failed.error == f"not a recording: {bad.url} is not an MCAP file"
 

@@ -13,13 +13,13 @@ from scipy.stats import t
 
 from allanscope.fleet.drift import drifts_of
 from allanscope.fleet.effects import effects_in, replications, shared_effects
-from allanscope.fleet.judgement import findings, lot_verdict, reservations
 from allanscope.fleet.lot import Lot, schema, write_table
 from allanscope.fleet.outliers import Outlier, far_units, far_values
 from allanscope.fleet.page import render_lot
 from allanscope.fleet.pictures import distribution_picture, history_picture
 from allanscope.fleet.repeats import log_sigma, spread_of, unit_estimates
-from allanscope.fleet.typical import typical_of
+from allanscope.fleet.typical_value import typical_of
+from allanscope.fleet.verdict import findings, lot_verdict, reservations
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
 from allanscope.allan.shard import ALIGNED
-from allanscope.fleet.partial import Partial, Tail
+from allanscope.fleet.partial import Partial, TailBuffer
 from allanscope.samples import Block, Event, Gap, Ticks
 from allanscope.spectrum import SpectrumBank
 
@@ -46,7 +46,7 @@ def feed(takers: list[Any], events: list[Event]) -> None:
 
 
 def in_parts(events: list[Event], bounds: list[int]) -> tuple[AllanBank, SpectrumBank]:
-    tail = Tail(1)
+    tail = TailBuffer(1)
     partials = []
     for first, stop in zip([0, *bounds], [*bounds, len(events)], strict=True):
         partial = Partial(tail.anchor, tail.taken, tail.recent())
@@ -78,7 +78,7 @@ def test_parts_cut_anywhere_are_one_pass(stream: list[Event], bounds: list[int])
 
 
 def test_the_tail_keeps_a_halo_and_what_fills_no_batch(stream: list[Event]) -> None:
-    tail = Tail(1)
+    tail = TailBuffer(1)
     block = stream[0]
     assert isinstance(block, Block)
     samples: NDArray[Any] = np.concatenate([block.counts] * 10)

@@ -17,9 +17,9 @@ from moto.server import ThreadedMotoServer
 
 from allanscope.errors import UsageError
 from allanscope.fleet import FleetSettings, run_fleet
-from allanscope.fleet.places import find_places
+from allanscope.fleet.inputs import find_inputs
 from allanscope.fleet.store import Store, result_folder
-from allanscope.fleet.work import analyse_place
+from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings
 
 pytestmark = pytest.mark.timeout(300)
@@ -85,9 +85,9 @@ def test_a_fleet_reads_from_s3_and_writes_there(
 
 
 def test_a_recording_on_s3_gives_the_same_result(bench: str, lot: Path) -> None:
-    [there] = find_places([f"{bench}/one/a.mcap"])
-    [here] = find_places([str(lot / "one" / "a.mcap")])
-    one, other = analyse_place(there, DEVICE), analyse_place(here, DEVICE)
+    [there] = find_inputs([f"{bench}/one/a.mcap"])
+    [here] = find_inputs([str(lot / "one" / "a.mcap")])
+    one, other = analyse_recording(there, DEVICE), analyse_recording(here, DEVICE)
     assert not one.error
     assert one.sha256 == other.sha256
     axes = [json.loads(gzip.decompress(x.result))["analysis"]["axes"] for x in (one, other)]
@@ -100,9 +100,9 @@ def test_an_object_that_was_replaced_is_looked_at_again(
     """The same name, length and second: the ETag alone tells."""
     data = (lot / "one" / "a.mcap").read_bytes()
     s3.pipe_file("bench/again/a.mcap", data)
-    [before] = find_places(["s3://bench/again"])
+    [before] = find_inputs(["s3://bench/again"])
     s3.pipe_file("bench/again/a.mcap", data[:-1] + bytes([data[-1] ^ 1]))
-    [after] = find_places(["s3://bench/again"])
+    [after] = find_inputs(["s3://bench/again"])
     assert (before.url, before.size) == (after.url, after.size)
     assert before.stamp != after.stamp
 
@@ -112,7 +112,7 @@ def test_a_bucket_that_is_not_there_is_refused_before_any_work(bench: str) -> No
     with pytest.raises(UsageError, match="cannot write to s3://nosuchbucket/out"):
         run_fleet(settings, DEVICE)
     with pytest.raises(UsageError, match="The specified bucket does not exist"):
-        find_places(["s3://nosuchbucket/**/*.mcap"])
+        find_inputs(["s3://nosuchbucket/**/*.mcap"])
 
 
 def test_a_url_that_cannot_be_written_to_is_refused(lot: Path) -> None:

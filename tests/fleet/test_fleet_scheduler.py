@@ -18,10 +18,10 @@ from distributed import Client
 
 from allanscope.__main__ import main
 from allanscope.errors import ExitCode
-from allanscope.fleet.desk import Desk
+from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.outcome import Outcome, result_key
-from allanscope.fleet.places import Place
 from allanscope.fleet.store import Store
+from allanscope.fleet.work_queue import WorkQueue
 from allanscope.pipeline import DeviceSettings
 
 pytestmark = pytest.mark.timeout(300)
@@ -123,11 +123,11 @@ def test_a_worker_of_another_version_is_refused(
 
 
 def test_a_result_of_another_version_is_not_kept(tmp_path: Path) -> None:
-    place = Place("/lot/a.mcap", 100, "yesterday")
+    place = RecordingInput("/lot/a.mcap", 100, "yesterday")
     store = Store(tmp_path, DeviceSettings())
-    desk = Desk(store, [place])
-    desk.todo.clear()
-    assert not desk.take(place, Outcome(place.url, "00", ("a.mcap",), b"result", version="9.9"))
-    assert list(desk.todo) == [place]
+    queue = WorkQueue(store, [place])
+    queue.todo.clear()
+    assert not queue.take(place, Outcome(place.url, "00", ("a.mcap",), b"result", version="9.9"))
+    assert list(queue.todo) == [place]
     assert not store.has(result_key("00", DeviceSettings()))
     store.close()

@@ -12,11 +12,11 @@ import pytest
 from distributed import Future, LocalCluster
 
 from allanscope.analysis import Analyser, AnalyserSettings
-from allanscope.fleet import FleetSettings, desk, run_fleet, split
+from allanscope.fleet import FleetSettings, run_fleet, split, work_queue
 from allanscope.fleet.cluster import Crew
-from allanscope.fleet.places import Place, find_places
+from allanscope.fleet.inputs import RecordingInput, find_inputs
 from allanscope.fleet.split import Survey, join, submit_split, sum_part, survey
-from allanscope.fleet.work import analyse_place
+from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings
 from allanscope.recording import Chunk, Recording, write_recording
 from allanscope.samples import Block, StreamInfo, Ticks
@@ -36,11 +36,11 @@ def torn(lot: Path, tmp_path: Path) -> Path:
 
 
 def test_a_short_recording_is_not_split(lot: Path) -> None:
-    [place] = find_places([str(lot / "two" / "a.mcap")])
+    [place] = find_inputs([str(lot / "two" / "a.mcap")])
     seen = survey(place, DEVICE, 2)
     assert seen == Survey(place)
     assert sum_part(place, None, 0, 2) is None
-    assert join(seen, [None, None], DEVICE) == analyse_place(place, DEVICE)
+    assert join(seen, [None, None], DEVICE) == analyse_recording(place, DEVICE)
 
 
 @pytest.mark.parametrize("parts", [2, 5])
@@ -49,11 +49,11 @@ def test_joined_parts_are_the_whole(
 ) -> None:
     # So short a run is split for the sake of the test: all of it is rest, and rests are exact.
     monkeypatch.setattr(split, "_is_splittable", lambda analyser: True)
-    [place] = find_places([str(torn)])
+    [place] = find_inputs([str(torn)])
     seen = survey(place, DEVICE, parts)
     assert len(seen.cuts) == parts
     sums = [sum_part(place, cut, number, parts) for number, cut in enumerate(seen.cuts)]
-    joined, whole = join(seen, sums, DEVICE), analyse_place(place, DEVICE)
+    joined, whole = join(seen, sums, DEVICE), analyse_recording(place, DEVICE)
     assert not whole.error
     assert joined == whole
 
@@ -98,13 +98,13 @@ def test_a_large_recording_is_split_by_itself_through_to_the_report(
     whole = written(tmp_path / "whole")
     parts: list[int] = []
 
-    def handed_out(crew: Crew, place: Place, device: DeviceSettings, count: int) -> Future:
+    def handed_out(crew: Crew, place: RecordingInput, device: DeviceSettings, count: int) -> Future:
         parts.append(count)
         return submit_split(crew, place, device, count)
 
     monkeypatch.setattr(split, "_is_splittable", lambda analyser: True)
     monkeypatch.setattr(split, "submit_split", handed_out)
-    monkeypatch.setattr(desk, "PART_BYTES", torn.stat().st_size // 3)
+    monkeypatch.setattr(work_queue, "PART_BYTES", torn.stat().st_size // 3)
     assert written(tmp_path / "split") == whole
     assert parts == [3]
 
@@ -112,7 +112,7 @@ def test_a_large_recording_is_split_by_itself_through_to_the_report(
 def test_what_cannot_be_read_fails_once(tmp_path: Path, board: Callable[..., Path]) -> None:
     path = tmp_path / "empty.mcap"
     write_recording(path, [], {"wire": "native"})
-    [place] = find_places([str(path)])
+    [place] = find_inputs([str(path)])
     assert "holds no samples" in join(survey(place, DEVICE, 2), [None, None], DEVICE).error
 
 

@@ -11,14 +11,14 @@ import pytest
 from allanscope.__main__ import main
 from allanscope.errors import UsageError
 from allanscope.fleet import FleetResult, FleetSettings
+from allanscope.fleet.inputs import RecordingInput
+from allanscope.fleet.lot_files import write_lot
 from allanscope.fleet.outcome import Outcome, packed, result_key, unpacked
-from allanscope.fleet.places import Place
 from allanscope.fleet.store import Store
-from allanscope.fleet.writing import write_lot
 from allanscope.pipeline import DeviceSettings
 
 DEVICE = DeviceSettings()
-PLACE = Place("/lot/a.mcap", 100, "yesterday")
+PLACE = RecordingInput("/lot/a.mcap", 100, "yesterday")
 DONE = Outcome(PLACE.url, "ab" * 32, ("a.mcap",), packed({"x": 1}))
 
 
@@ -29,7 +29,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def known(folder: Path, place: Place, device: DeviceSettings = DEVICE) -> str:
+def known(folder: Path, place: RecordingInput, device: DeviceSettings = DEVICE) -> str:
     with closing(Store(folder, device)) as store:
         return store.known(place)
 
@@ -47,21 +47,23 @@ def test_a_result_is_known_by_content_settings_and_version(
 @pytest.mark.parametrize(
     "changed",
     [
-        Place(PLACE.url, 101, "yesterday"),
-        Place(PLACE.url, 100, "today"),
-        Place(PLACE.url, 100, ""),
-        Place("/lot/b.mcap", 100, "yesterday"),
-        Place(PLACE.url, 100, "yesterday", (Place("/lot/a-001.mcap", 5, "today"),)),
+        RecordingInput(PLACE.url, 101, "yesterday"),
+        RecordingInput(PLACE.url, 100, "today"),
+        RecordingInput(PLACE.url, 100, ""),
+        RecordingInput("/lot/b.mcap", 100, "yesterday"),
+        RecordingInput(
+            PLACE.url, 100, "yesterday", (RecordingInput("/lot/a-001.mcap", 5, "today"),)
+        ),
     ],
 )
-def test_a_file_that_changed_is_looked_at_again(folder: Path, changed: Place) -> None:
+def test_a_file_that_changed_is_looked_at_again(folder: Path, changed: RecordingInput) -> None:
     assert known(folder, changed) == ""
 
 
 def test_only_a_file_as_long_as_a_known_one_may_be_it(folder: Path) -> None:
     with closing(Store(folder, DEVICE)) as store:
-        assert store.may_know(Place("/lot/b.mcap", 100, "now"))
-        assert not store.may_know(Place("/lot/b.mcap", 99, "now"))
+        assert store.may_know(RecordingInput("/lot/b.mcap", 100, "now"))
+        assert not store.may_know(RecordingInput("/lot/b.mcap", 99, "now"))
 
 
 @pytest.mark.parametrize("torn", [b'{"url": "/lot/z', b"\xff\xfe\n", b"[1]\n", b'{"url": 1}\n'])

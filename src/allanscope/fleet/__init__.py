@@ -2,7 +2,7 @@
 
 ::
 
-    patterns ─▶ places ─▶ run ──task──▶ worker: work.analyse_place ──▶ outcome
+    patterns ─▶ inputs ─▶ run ──task──▶ worker: worker_tasks.analyse_recording ──▶ outcome
                            │            (one process, one thread)        │
                            │◀────────────────────────────────────────────┘
                            ▼
@@ -30,18 +30,18 @@ from typing import TYPE_CHECKING
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
-    from allanscope.fleet.desk import FleetResult, complaint_lines, summary_lines
     from allanscope.fleet.run import FleetSettings, run_fleet
+    from allanscope.fleet.work_queue import FleetResult, complaint_lines, summary_lines
 
 __all__ = ["FleetResult", "FleetSettings", "complaint_lines", "run_fleet", "summary_lines"]
 
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "FleetResult": "desk",
+        "FleetResult": "work_queue",
         "FleetSettings": "run",
-        "complaint_lines": "desk",
+        "complaint_lines": "work_queue",
         "run_fleet": "run",
-        "summary_lines": "desk",
+        "summary_lines": "work_queue",
     },
 )

@@ -18,11 +18,11 @@ from allanscope.fleet.effects import (
     replications,
     shared_effects,
 )
-from allanscope.fleet.judgement import Finding, findings, lot_verdict, reservations
 from allanscope.fleet.lot import Lot
 from allanscope.fleet.pictures import distribution_picture, history_picture
 from allanscope.fleet.repeats import Spread, log_sigma, spread_of, unit_estimates
-from allanscope.fleet.typical import Typical, typical_of
+from allanscope.fleet.typical_value import Typical, typical_of
+from allanscope.fleet.verdict import Finding, findings, lot_verdict, reservations
 from allanscope.labels import kind_name
 from allanscope.quantities import (
     COEFFICIENTS,

@@ -16,7 +16,7 @@ from allanscope.analysis import AnalyserSettings
 from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.spectrum import SpectrumBank, SpectrumShard
 
-__all__ = ["Nothing", "Partial", "Tail"]
+__all__ = ["NullSum", "Partial", "TailBuffer"]
 
 PER_OCTAVE = AnalyserSettings().per_octave
 
@@ -150,7 +150,7 @@ class _Run:
             spectrum.gap()
 
 
-class Tail:
+class TailBuffer:
     """The end of the open segment; takes samples and gaps as a bank does.
 
     Parameters
@@ -205,7 +205,7 @@ class Tail:
         return self._rows + self.taken // (BLOCK // 2)
 
 
-class Nothing:
+class NullSum:
     """Takes samples and gaps, and keeps nothing."""
 
     def update(self, counts: NDArray[Any]) -> None:

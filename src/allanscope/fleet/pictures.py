@@ -11,8 +11,8 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from allanscope.fleet.drift import LEAST, started_days
-from allanscope.fleet.judgement import Finding
 from allanscope.fleet.lot import Lot
+from allanscope.fleet.verdict import Finding
 from allanscope.quantities import COEFFICIENTS, symbols
 from allanscope.report import DATASHEET, MEASURED, MODEL, Picture, ink
 

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 from allanscope.errors import DeviceError
 from allanscope.fleet.cluster import MOST_STRANDED, Crew, connected, dashboard_line, require_extra
-from allanscope.fleet.desk import Desk, FleetResult
+from allanscope.fleet.inputs import RecordingInput, find_inputs
+from allanscope.fleet.lot_files import UnitNames
 from allanscope.fleet.outcome import Outcome
-from allanscope.fleet.places import Place, find_places
 from allanscope.fleet.store import Store
-from allanscope.fleet.writing import UnitNames
+from allanscope.fleet.work_queue import FleetResult, WorkQueue
 from allanscope.pipeline import DeviceSettings, stopped_by_signals
 
 if TYPE_CHECKING:
@@ -80,21 +80,21 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
         If the scheduler goes away on the way; table and report are of what was done until then.
     """
     require_extra()
-    from allanscope.fleet.writing import write_lot
+    from allanscope.fleet.lot_files import write_lot
 
     UnitNames((), settings.unit_pattern)  # refused now, not when a night's work is done
-    places = find_places(settings.patterns)
+    places = find_inputs(settings.patterns)
     store = Store(settings.out, device)
     try:
-        desk = Desk(store, places)
-        if desk.todo:
-            _work_off(desk, settings, device)
-        result = desk.result
-        result.left = len(desk.todo)
+        queue = WorkQueue(store, places)
+        if queue.todo:
+            _work_off(queue, settings, device)
+        result = queue.result
+        result.left = len(queue.todo)
         write_lot(result, store, settings)
     finally:
         store.close()
-    if desk.is_deserted:
+    if queue.is_deserted:
         raise DeviceError(
             f"the Dask scheduler disconnected; {len(result.keys)} done, {result.left} left: "
             "the same command goes on"
@@ -102,7 +102,7 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     return result
 
 
-def _work_off(desk: Desk, settings: FleetSettings, device: DeviceSettings) -> None:
+def _work_off(queue: WorkQueue, settings: FleetSettings, device: DeviceSettings) -> None:
     from allanscope.view import progress
 
     stopped = threading.Event()
@@ -113,13 +113,13 @@ def _work_off(desk: Desk, settings: FleetSettings, device: DeviceSettings) -> No
     ):
         _say(settings, dashboard_line(client))
         with progress(
-            float(len(desk.todo)), "fleet", unit="recordings", quiet=settings.quiet
+            float(len(queue.todo)), "fleet", unit="recordings", quiet=settings.quiet
         ) as advance:
-            _hand_out(desk, Crew(client, _complain), device, advance, stopped)
+            _hand_out(queue, Crew(client, _complain), device, advance, stopped)
 
 
 def _hand_out(
-    desk: Desk,
+    queue: WorkQueue,
     crew: Crew,
     device: DeviceSettings,
     advance: Callable[[float], None],
@@ -128,26 +128,26 @@ def _hand_out(
     """Keep the workers busy until everything is done or the run is stopped."""
     from distributed.client import FuturesCancelledError
 
-    running: dict[Future, Place] = {}
+    running: dict[Future, RecordingInput] = {}
     stranded: Counter[str] = Counter()
     try:
-        while (desk.todo or running) and not stopped.is_set():
+        while (queue.todo or running) and not stopped.is_set():
             crew.look()
-            _take_back(desk, crew, running, stranded)
-            _fill_up(desk, crew, device, running)
+            _take_back(queue, crew, running, stranded)
+            _fill_up(queue, crew, device, running)
             for future, place in _finished(running):
                 del running[future]
-                advance(float(desk.take(place, _outcome(future, place))))
+                advance(float(queue.take(place, _outcome(future, place))))
                 future.release()
         for future in running:
             future.cancel()
     except (FuturesCancelledError, OSError):
-        desk.is_deserted = True
-    desk.todo.extend(running.values())
+        queue.is_deserted = True
+    queue.todo.extend(running.values())
 
 
 def _take_back(
-    desk: Desk, crew: Crew, running: dict[Future, Place], stranded: Counter[str]
+    queue: WorkQueue, crew: Crew, running: dict[Future, RecordingInput], stranded: Counter[str]
 ) -> None:
     """Take back what was given to workers that are gone; one that outlives none has failed."""
     for future in crew.stranded(running):
@@ -155,19 +155,21 @@ def _take_back(
         future.cancel()
         stranded[place.url] += 1
         if stranded[place.url] > MOST_STRANDED:
-            desk.take(place, Outcome(place.url, error=f"{place.url}: {_WORKERS_DIED}"))
+            queue.take(place, Outcome(place.url, error=f"{place.url}: {_WORKERS_DIED}"))
         else:
-            desk.todo.append(place)
+            queue.todo.append(place)
 
 
-def _fill_up(desk: Desk, crew: Crew, device: DeviceSettings, running: dict[Future, Place]) -> None:
+def _fill_up(
+    queue: WorkQueue, crew: Crew, device: DeviceSettings, running: dict[Future, RecordingInput]
+) -> None:
     """Hand out as much as keeps every worker busy until the next look."""
-    while desk.todo and len(running) < max(TASKS_PER_WORKER * crew.threads, 1):
-        place = desk.todo.popleft()
-        running[desk.submit(crew, place, device, idle=crew.threads - len(running))] = place
+    while queue.todo and len(running) < max(TASKS_PER_WORKER * crew.threads, 1):
+        place = queue.todo.popleft()
+        running[queue.submit(crew, place, device, idle=crew.threads - len(running))] = place
 
 
-def _finished(running: dict[Future, Place]) -> list[tuple[Future, Place]]:
+def _finished(running: dict[Future, RecordingInput]) -> list[tuple[Future, RecordingInput]]:
     """Wait a moment and return what has come back."""
     from distributed import wait
 
@@ -178,7 +180,7 @@ def _finished(running: dict[Future, Place]) -> list[tuple[Future, Place]]:
     return [(future, running[future]) for future in done]
 
 
-def _outcome(future: Future, place: Place) -> Outcome:
+def _outcome(future: Future, place: RecordingInput) -> Outcome:
     """Return what a task came to, also when it was the task itself that failed."""
     try:
         outcome: Any = future.result()

@@ -30,10 +30,16 @@ from numpy.typing import NDArray
 from allanscope.allan import AllanBank
 from allanscope.allan.archive import ROWS
 from allanscope.analysis import Analyser
+from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.outcome import Outcome
-from allanscope.fleet.partial import Nothing, Partial, Tail
-from allanscope.fleet.places import Place
-from allanscope.fleet.work import PIECE_BYTES, analyse_place, failure, new_analyser, outcome_of
+from allanscope.fleet.partial import NullSum, Partial, TailBuffer
+from allanscope.fleet.worker_tasks import (
+    PIECE_BYTES,
+    analyse_recording,
+    failure,
+    new_analyser,
+    outcome_of,
+)
 from allanscope.pipeline import Decoding, DeviceSettings, recorded_settings
 from allanscope.recording import Fingerprint, Recording
 from allanscope.samples import Event, StreamInfo
@@ -86,7 +92,7 @@ class Survey:
         Everything but the sums of deviations and spectrum.
     """
 
-    place: Place
+    place: RecordingInput
     outcome: Outcome | None = None
     cuts: tuple[Cut, ...] = ()
     analyser: Analyser | None = None
@@ -94,7 +100,9 @@ class Survey:
     sha256: str = ""
 
 
-def submit_split(client: Client | Crew, place: Place, device: DeviceSettings, parts: int) -> Future:
+def submit_split(
+    client: Client | Crew, place: RecordingInput, device: DeviceSettings, parts: int
+) -> Future:
     """Hand out one recording in parts; the future is an `Outcome`, as of a whole one."""
     seen = client.submit(survey, place, device, parts, pure=False)
     sums = [
@@ -109,7 +117,7 @@ def _cut(seen: Survey, number: int) -> Cut | None:
     return seen.cuts[number] if seen.cuts else None
 
 
-def survey(place: Place, device: DeviceSettings, parts: int) -> Survey:
+def survey(place: RecordingInput, device: DeviceSettings, parts: int) -> Survey:
     """Read a recording once and find where its parts begin."""
     try:
         return _surveyed(place, device, parts)
@@ -117,7 +125,7 @@ def survey(place: Place, device: DeviceSettings, parts: int) -> Survey:
         return Survey(place, failure(place, error))
 
 
-def sum_part(place: Place, cut: Cut | None, number: int, parts: int) -> Partial | None:
+def sum_part(place: RecordingInput, cut: Cut | None, number: int, parts: int) -> Partial | None:
     """Sum up one part; nothing for a recording that is not to be split."""
     if cut is None:
         return None
@@ -136,12 +144,12 @@ def join(seen: Survey, sums: list[Partial | None], device: DeviceSettings) -> Ou
     if seen.outcome is not None:
         return seen.outcome
     if seen.analyser is None or seen.decoding is None or not seen.cuts:
-        return analyse_place(place, device)
+        return analyse_recording(place, device)
     try:
         state = seen.analyser.configurations[0]
         axes = len(state.info.axes)
         rate_hz = state.info.nominal_hz or 1.0
-        anchor = cast(Tail, state.bank).anchor
+        anchor = cast(TailBuffer, state.bank).anchor
         bank = AllanBank(rate_hz, axes, seen.analyser.settings.per_octave, anchor=anchor)
         spectrum = SpectrumBank(rate_hz, axes, anchor=anchor)
         for partial in sums:
@@ -154,7 +162,7 @@ def join(seen: Survey, sums: list[Partial | None], device: DeviceSettings) -> Ou
         return failure(place, error)
 
 
-def _surveyed(place: Place, device: DeviceSettings, parts: int) -> Survey:
+def _surveyed(place: RecordingInput, device: DeviceSettings, parts: int) -> Survey:
     recording = Recording(place.open_path())
     settings = recorded_settings(recording, device)
     decoding = Decoding(settings.for_wire(), settings.wire)
@@ -200,8 +208,8 @@ def _leave_sums_out(analyser: Analyser) -> None:
     state = analyser.state
     assert state is not None
     if isinstance(state.bank, AllanBank):
-        state.bank = cast(AllanBank, Tail(len(state.info.axes)))
-        state.spectrum = cast(SpectrumBank, Nothing())
+        state.bank = cast(AllanBank, TailBuffer(len(state.info.axes)))
+        state.spectrum = cast(SpectrumBank, NullSum())
 
 
 def _cut_here(analyser: Analyser, decoding: Decoding, after: int) -> Cut:
@@ -210,7 +218,7 @@ def _cut_here(analyser: Analyser, decoding: Decoding, after: int) -> Cut:
         return Cut(held, after, None, 0, np.empty((0, 0)))
     analyser.state.settle()
     analyser.state.release_padding()
-    tail = cast(Tail, analyser.state.bank)
+    tail = cast(TailBuffer, analyser.state.bank)
     return Cut(held, after, tail.anchor, tail.taken, tail.recent())
 
 
@@ -221,5 +229,5 @@ def _is_splittable(analyser: Analyser) -> bool:
     """
     if len(analyser.configurations) != 1 or analyser.configurations[0].padding.is_left_out:
         return False
-    tail = cast(Tail, analyser.configurations[0].bank)
+    tail = cast(TailBuffer, analyser.configurations[0].bank)
     return tail.rows_of_half_a_stretch() > ROWS

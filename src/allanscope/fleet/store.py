@@ -25,8 +25,8 @@ from typing import Any, TextIO
 
 from allanscope.atomic_write import atomic_write
 from allanscope.errors import UsageError
+from allanscope.fleet.inputs import RecordingInput, RemotePath, is_of_this_machine
 from allanscope.fleet.outcome import Outcome, result_key, unpacked
-from allanscope.fleet.places import Place, RemotePath, is_of_this_machine
 from allanscope.pipeline import DeviceSettings
 
 __all__ = ["Folder", "RemoteIndex", "Store", "put_file", "result_folder", "staged"]
@@ -68,7 +68,7 @@ class Store:
             raise UsageError(f"cannot write to {folder}: {why}") from None
         self._sizes = {seen["size"] for seen in self._seen.values()}
 
-    def known(self, place: Place) -> str:
+    def known(self, place: RecordingInput) -> str:
         """Return the key of the result of a recording that has not changed since; else nothing."""
         seen = self._seen.get(place.url)
         if not seen or not place.stamp or seen["state"] != _state(place):
@@ -76,15 +76,15 @@ class Store:
         key = result_key(seen["sha256"], self._device)
         return key if key in self._kept else ""
 
-    def files_of(self, place: Place) -> tuple[str, ...]:
+    def files_of(self, place: RecordingInput) -> tuple[str, ...]:
         """Return the names of the files that made up a known recording."""
         return tuple(self._seen[place.url]["files"])
 
-    def may_know(self, place: Place) -> bool:
+    def may_know(self, place: RecordingInput) -> bool:
         """Whether some known recording is as long, so that this may be it under another name."""
         return place.size in self._sizes
 
-    def note(self, place: Place, outcome: Outcome) -> str:
+    def note(self, place: RecordingInput, outcome: Outcome) -> str:
         """Remember what file has which fingerprint; return the key of its result.
 
         Raises
@@ -156,7 +156,7 @@ class Store:
             raise UsageError(f"cannot write {self._index.name}: {error.strerror}") from None
 
 
-def _state(place: Place) -> list[list[str]]:
+def _state(place: RecordingInput) -> list[list[str]]:
     """Return what changes when one of the files does."""
     return [[one.url, str(one.size), one.stamp] for one in (place, *place.later)]
 

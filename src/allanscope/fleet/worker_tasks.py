@@ -11,16 +11,16 @@ from typing import Any
 
 from allanscope.analysis import Analyser, Analysis, summarise
 from allanscope.errors import AllanscopeError, InputError
+from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.outcome import Outcome, packed
-from allanscope.fleet.places import Place
 from allanscope.pipeline import Decoding, DeviceSettings, full_settings, recorded_settings
 from allanscope.recording import Fingerprint, Recording
 
 __all__ = [
     "PIECE_BYTES",
-    "analyse_place",
+    "analyse_recording",
     "failure",
-    "fingerprint_place",
+    "fingerprint_recording",
     "new_analyser",
     "outcome_of",
 ]
@@ -29,7 +29,7 @@ PIECE_BYTES = 1 << 18
 """Read at a time: so much is summed up in one thread, and other workers have the other cores."""
 
 
-def analyse_place(place: Place, device: DeviceSettings) -> Outcome:
+def analyse_recording(place: RecordingInput, device: DeviceSettings) -> Outcome:
     """Return what one recording comes to; the task of the fleet."""
     try:
         recording = Recording(place.open_path())
@@ -48,7 +48,7 @@ def analyse_place(place: Place, device: DeviceSettings) -> Outcome:
         return failure(place, error)
 
 
-def fingerprint_place(place: Place) -> Outcome:
+def fingerprint_recording(place: RecordingInput) -> Outcome:
     """Return the fingerprint alone, to see whether a recording is known under another name."""
     try:
         recording = Recording(place.open_path())
@@ -64,7 +64,7 @@ def new_analyser(settings: DeviceSettings) -> Analyser:
 
 
 def outcome_of(
-    place: Place, recording: Recording, sha256: str, analyser: Analyser, decoding: Decoding
+    place: RecordingInput, recording: Recording, sha256: str, analyser: Analyser, decoding: Decoding
 ) -> Outcome:
     """Sum up a recording that has been read to its end.
 
@@ -101,7 +101,7 @@ def _circumstances(recording: Recording, analyser: Analyser, analysis: Analysis)
     }
 
 
-def failure(place: Place, error: Exception) -> Outcome:
+def failure(place: RecordingInput, error: Exception) -> Outcome:
     """Return the outcome of a recording that cannot be analysed."""
     known = isinstance(error, AllanscopeError)
     text = str(error) if known else f"{place.url}: {type(error).__name__}: {error}"

@@ -5,8 +5,9 @@ the disk nor held whole in memory. `RemotePath` is as much of a `pathlib.Path` a
 results take; files of this machine stay plain paths.
 
 A night may lie in several files, ``session.mcap``, ``session-001.mcap``, ... Names alone do not
-tell whether a numbered file goes on with another, only the files do. A `Place` therefore keeps the
-numbered files that *could* follow, and the worker that reads the first says which of them it took.
+tell whether a numbered file goes on with another, only the files do. A `RecordingInput` therefore
+keeps the numbered files that *could* follow, and the worker that reads the first says which of them
+it took.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import IO, Any, cast
 from allanscope.errors import UsageError
 from allanscope.recording import segment_number
 
-__all__ = ["READ_AHEAD_BYTES", "Place", "RemotePath", "find_places", "is_of_this_machine"]
+__all__ = ["READ_AHEAD_BYTES", "RecordingInput", "RemotePath", "find_inputs", "is_of_this_machine"]
 
 _STAMPS = ("ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
 """What tells that a file has changed, the best first: an ETag goes with the content, a time may be
@@ -32,7 +33,7 @@ READ_AHEAD_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class RecordingInput:
     """One recording that was found.
 
     Attributes
@@ -43,14 +44,14 @@ class Place:
         Bytes of its first file.
     stamp : str
         When it was last changed, in whatever words the file system has; empty when it has none.
-    later : tuple of Place
+    later : tuple of RecordingInput
         Numbered files beside it that may go on with it.
     """
 
     url: str
     size: int
     stamp: str
-    later: tuple[Place, ...] = ()
+    later: tuple[RecordingInput, ...] = ()
 
     @property
     def name(self) -> str:
@@ -75,7 +76,7 @@ class Place:
         return cast(Path, RemotePath(self.url, names))
 
 
-def find_places(patterns: Iterable[str]) -> list[Place]:
+def find_inputs(patterns: Iterable[str]) -> list[RecordingInput]:
     """Return the recordings that the patterns match, each once, sorted by name.
 
     Parameters
@@ -89,7 +90,7 @@ def find_places(patterns: Iterable[str]) -> list[Place]:
     UsageError
         If a pattern matches nothing, or cannot be looked up.
     """
-    found: dict[str, Place] = {}
+    found: dict[str, RecordingInput] = {}
     for pattern in patterns:
         matched = list(_matches(pattern))
         if not matched:
@@ -100,7 +101,7 @@ def find_places(patterns: Iterable[str]) -> list[Place]:
     return _sessions([found[url] for url in sorted(found)])
 
 
-def _matches(pattern: str) -> Iterator[Place]:
+def _matches(pattern: str) -> Iterator[RecordingInput]:
     import fsspec
 
     try:
@@ -119,7 +120,7 @@ def _matches(pattern: str) -> Iterator[Place]:
         # Workers may have been started in another folder: paths are absolute.
         url = path if here else filesystem.unstrip_protocol(path)
         stamp = next((str(info[key]) for key in _STAMPS if info.get(key) is not None), "")
-        yield Place(url, int(info.get("size") or 0), stamp)
+        yield RecordingInput(url, int(info.get("size") or 0), stamp)
 
 
 def is_of_this_machine(filesystem: Any) -> bool:
@@ -128,17 +129,17 @@ def is_of_this_machine(filesystem: Any) -> bool:
     return "file" in ((protocol,) if isinstance(protocol, str) else protocol)
 
 
-def _sessions(files: list[Place]) -> list[Place]:
+def _sessions(files: list[RecordingInput]) -> list[RecordingInput]:
     """Put numbered files under the one that they may go on with."""
     by_path = {PurePosixPath(one.url): one for one in files}
-    later: dict[PurePosixPath, list[Place]] = {}
+    later: dict[PurePosixPath, list[RecordingInput]] = {}
     for path, one in by_path.items():
         first = _first_of(path)
         if first is not None and first in by_path:
             later.setdefault(first, []).append(one)
     followers = {one.url for group in later.values() for one in group}
     return [
-        Place(one.url, one.size, one.stamp, tuple(later.get(path, ())))
+        RecordingInput(one.url, one.size, one.stamp, tuple(later.get(path, ())))
         for path, one in by_path.items()
         if one.url not in followers
     ]

@@ -13,8 +13,8 @@ from allanscope.fleet.outcome import loss_of
 from allanscope.fleet.store import Store, staged
 
 if TYPE_CHECKING:
-    from allanscope.fleet.desk import FleetResult
     from allanscope.fleet.run import FleetSettings
+    from allanscope.fleet.work_queue import FleetResult
 
 __all__ = ["UnitNames", "copies_among", "write_lot"]
 

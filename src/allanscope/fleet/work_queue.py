@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.outcome import Loss, Outcome
-from allanscope.fleet.places import Place
 from allanscope.fleet.store import Folder, Store
 from allanscope.pipeline import DeviceSettings
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from allanscope.fleet.cluster import Crew
 
-__all__ = ["Desk", "FleetResult", "complaint_lines", "summary_lines"]
+__all__ = ["FleetResult", "WorkQueue", "complaint_lines", "summary_lines"]
 
 PART_BYTES = 128 << 20
 """Of packed bytes: smaller parts cost more in a second decoding than they gain."""
@@ -61,35 +61,37 @@ class FleetResult:
     report: Folder | None = None
 
 
-class Desk:
+class WorkQueue:
     """What is to do and what has come back."""
 
-    def __init__(self, store: Store, places: Iterable[Place]) -> None:
+    def __init__(self, store: Store, places: Iterable[RecordingInput]) -> None:
         self.result = FleetResult()
-        self.todo: deque[Place] = deque()
+        self.todo: deque[RecordingInput] = deque()
         self.is_deserted = False
         self._store = store
         self._looked_up: set[str] = set()
         for place in places:
             self._consider(place)
 
-    def submit(self, crew: Crew, place: Place, device: DeviceSettings, idle: int) -> Future:
+    def submit(
+        self, crew: Crew, place: RecordingInput, device: DeviceSettings, idle: int
+    ) -> Future:
         """Hand out one recording while so many workers are idle.
 
         One that may be known is only looked at; a large one is split among workers that no other
         recording waits for.
         """
         from allanscope.fleet.split import submit_split
-        from allanscope.fleet.work import analyse_place, fingerprint_place
+        from allanscope.fleet.worker_tasks import analyse_recording, fingerprint_recording
 
         if self._store.may_know(place) and place.url not in self._looked_up:
-            return crew.submit(fingerprint_place, place, pure=False)
+            return crew.submit(fingerprint_recording, place, pure=False)
         parts = self._parts(place, idle)
         if parts > 1:
             return submit_split(crew, place, device, parts)
-        return crew.submit(analyse_place, place, device, pure=False)
+        return crew.submit(analyse_recording, place, device, pure=False)
 
-    def take(self, place: Place, outcome: Outcome) -> bool:
+    def take(self, place: RecordingInput, outcome: Outcome) -> bool:
         """Keep what came back; return whether the recording is done with."""
         if not outcome.is_of_this_version:
             self.todo.append(place)
@@ -109,18 +111,18 @@ class Desk:
         self._finish(place, key, outcome.files)
         return True
 
-    def _parts(self, place: Place, idle: int) -> int:
+    def _parts(self, place: RecordingInput, idle: int) -> int:
         """Return in how many parts a recording is worth doing: many workers, and much of it."""
         return min(idle - len(self.todo), place.bytes // PART_BYTES)
 
-    def _consider(self, place: Place) -> None:
+    def _consider(self, place: RecordingInput) -> None:
         key = self._store.known(place)
         if key:
             self._finish(place, key, self._store.files_of(place))
         else:
             self.todo.append(place)
 
-    def _finish(self, place: Place, key: str, files: tuple[str, ...]) -> None:
+    def _finish(self, place: RecordingInput, key: str, files: tuple[str, ...]) -> None:
         self.result.keys[place.url] = key
         for one in place.later:
             if one.name not in files:  # numbered like a part of this session, but of another

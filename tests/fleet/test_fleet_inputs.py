@@ -17,11 +17,11 @@ from fsspec.spec import AbstractBufferedFile
 
 from allanscope.errors import UsageError
 from allanscope.fleet import FleetSettings, run_fleet
-from allanscope.fleet.desk import Desk
+from allanscope.fleet.inputs import READ_AHEAD_BYTES, find_inputs
 from allanscope.fleet.outcome import Outcome
-from allanscope.fleet.places import READ_AHEAD_BYTES, find_places
 from allanscope.fleet.store import Store
-from allanscope.fleet.work import analyse_place, fingerprint_place
+from allanscope.fleet.work_queue import WorkQueue
+from allanscope.fleet.worker_tasks import analyse_recording, fingerprint_recording
 from allanscope.pipeline import DeviceSettings
 from allanscope.recording import Chunk, Recording, write_recording
 
@@ -48,13 +48,13 @@ def analysis(outcome: Outcome) -> dict[str, Any]:
 
 def test_a_remote_recording_gives_the_same_result(lot: Path, memory: Any) -> None:
     put(memory, "x/a.mcap", (lot / "one" / "a.mcap").read_bytes())
-    [place] = find_places(["memory://bench/**/*.mcap"])
+    [place] = find_inputs(["memory://bench/**/*.mcap"])
     assert place.url == "memory:///bench/x/a.mcap"
-    [local] = find_places([str(lot / "one" / "a.mcap")])
-    there, here = analyse_place(place, DEVICE), analyse_place(local, DEVICE)
+    [local] = find_inputs([str(lot / "one" / "a.mcap")])
+    there, here = analyse_recording(place, DEVICE), analyse_recording(local, DEVICE)
     assert not there.error
     assert analysis(there) == analysis(here)
-    assert there.sha256 == here.sha256 == fingerprint_place(place).sha256
+    assert there.sha256 == here.sha256 == fingerprint_recording(place).sha256
 
 
 def test_a_remote_session_of_several_files_is_one(
@@ -63,7 +63,7 @@ def test_a_remote_session_of_several_files_is_one(
     first = session(20)
     for file in first.parent.glob("*.mcap"):
         put(memory, file.name, file.read_bytes())
-    [place] = find_places(["memory://bench/*.mcap"])
+    [place] = find_inputs(["memory://bench/*.mcap"])
     remote = Recording(place.open_path())
     assert len(remote.files) == 3
     assert list(remote.chunks()) == list(Recording(first).chunks())
@@ -95,7 +95,7 @@ def test_a_remote_file_is_read_by_pieces(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     chunks = [Chunk(1 + n, rng.bytes(20_000)) for n in range(1000)]
     size = write_recording(tmp_path / "a.mcap", chunks, {"wire": "native"}).stat().st_size
-    [place] = find_places([f"counted://{tmp_path}/*.mcap"])
+    [place] = find_inputs([f"counted://{tmp_path}/*.mcap"])
     assert place.url == f"counted://{tmp_path}/a.mcap"
     CountedFile.asked.clear()
     assert sum(1 for _ in Recording(place.open_path()).chunks()) == len(chunks)
@@ -106,19 +106,19 @@ def test_a_remote_file_is_read_by_pieces(tmp_path: Path) -> None:
 
 def test_a_remote_file_that_is_gone_is_one_line(memory: Any) -> None:
     put(memory, "a.mcap", b"x")
-    [place] = find_places(["memory://bench/a.mcap"])
+    [place] = find_inputs(["memory://bench/a.mcap"])
     memory.rm("/bench/a.mcap")
     put(memory, "b.mcap", b"")
-    error = analyse_place(place, DEVICE).error
+    error = analyse_recording(place, DEVICE).error
     assert error.startswith("cannot read memory:///bench/a.mcap")
     assert "\n" not in error
 
 
 def test_what_matches_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="nothing matches"):
-        find_places([f"{tmp_path}/*.mcap"])
+        find_inputs([f"{tmp_path}/*.mcap"])
     with pytest.raises(UsageError, match="cannot look for"):
-        find_places(["nosuchprotocol://x/*.mcap"])
+        find_inputs(["nosuchprotocol://x/*.mcap"])
 
 
 def test_numbered_files_of_another_session_stand_alone(
@@ -126,7 +126,7 @@ def test_numbered_files_of_another_session_stand_alone(
 ) -> None:
     first = session(20)
     shutil.copy(first, stranger := first.with_name("session-007.mcap"))
-    [place, *rest] = find_places([str(first.parent)])
+    [place, *rest] = find_inputs([str(first.parent)])
     assert not rest
     assert [one.name for one in place.later] == [
         "session-001.mcap",
@@ -134,12 +134,12 @@ def test_numbered_files_of_another_session_stand_alone(
         "session-007.mcap",
     ]
     store = Store(tmp_path / "out", DEVICE)
-    desk = Desk(store, [place])
-    desk.todo.clear()
+    queue = WorkQueue(store, [place])
+    queue.todo.clear()
     mine = ("session.mcap", "session-001.mcap", "session-002.mcap")
-    assert desk.take(place, Outcome(place.url, "00", mine, b"result"))
+    assert queue.take(place, Outcome(place.url, "00", mine, b"result"))
     store.close()
-    assert [one.url for one in desk.todo] == [str(stranger)]
+    assert [one.url for one in queue.todo] == [str(stranger)]
 
 
 @pytest.fixture

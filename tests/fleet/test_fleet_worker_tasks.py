@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from allanscope.analysis.rows import WORTH_IT
-from allanscope.fleet.work import new_analyser
+from allanscope.fleet.worker_tasks import new_analyser
 from allanscope.pipeline import DeviceSettings, full_settings
 
 

@@ -12,7 +12,7 @@ from allanscope.pipeline.refreshing import LoopProcess
 from allanscope.recording import Buffer
 from allanscope.samples import Block, StreamInfo, Ticks
 from allanscope.sources import Chunk
-from allanscope.view.diary import Diary
+from allanscope.view.change_log import ChangeLog
 from allanscope.wire import LinkStats
 
 RATE = 52.0
@@ -37,7 +37,7 @@ def finished(process):
 
 
 def test_a_line_is_found_by_the_child_and_announced_once(analyser):
-    process, diary = LoopProcess(first_s=120.0), Diary()
+    process, diary = LoopProcess(first_s=120.0), ChangeLog()
     before = summarise(analyser.frozen(), LinkStats(), "live", {}, known=process.explanation)
     assert not any("found" in text for _, text in diary.news(before))
     process.offer(analyser.frozen())
@@ -107,7 +107,7 @@ def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
         "4.00 % fast"
     ]
     assert verdict(result).lines[1].head == "No additional effects"
-    assert [text for _, text in Diary().news(result) if "clock" in text] == [
+    assert [text for _, text in ChangeLog().news(result) if "clock" in text] == [
         "found clock 4.00 % fast"
     ]
     said = result.to_dict()

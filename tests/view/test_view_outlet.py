@@ -12,7 +12,7 @@ import pytest
 
 from allanscope.recording import Chunk, Recorder, Recording
 from allanscope.view import RerunView, outlet
-from allanscope.view.decimator import ROWS_HZ, Pace, Rows, RowThinner
+from allanscope.view.decimator import ROWS_HZ, LogSpacing, Rows, RowThinner
 from support.demo_analysis import demo_analysis
 from support.demo_session import perform
 from support.readback import read_back
@@ -178,14 +178,14 @@ def test_longer_rows_do_not_bridge_a_gap() -> None:
 
 
 def test_the_number_of_results_grows_with_the_logarithm_of_the_run() -> None:
-    pace = Pace(share=outlet.FILE_SHARE, longest_s=float("inf"))
+    pace = LogSpacing(share=outlet.FILE_SHARE, longest_s=float("inf"))
     drawn = sum(pace.due(float(second)) for second in range(1, 12 * 3600))
-    assert drawn == pytest.approx(Pace.expected(12 * 3600.0, outlet.FILE_SHARE), rel=0.1)
+    assert drawn == pytest.approx(LogSpacing.expected(12 * 3600.0, outlet.FILE_SHARE), rel=0.1)
     assert drawn < 450
 
 
 def test_a_served_run_keeps_the_minute_that_its_file_does_without() -> None:
-    shown, kept = Pace(), Pace(share=outlet.FILE_SHARE, longest_s=float("inf"))
+    shown, kept = LogSpacing(), LogSpacing(share=outlet.FILE_SHARE, longest_s=float("inf"))
     at = range(36_000, 37_000)
     assert sum(map(shown.due, map(float, at))) >= 16
     assert sum(map(kept.due, map(float, at))) <= 2

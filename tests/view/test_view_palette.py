@@ -47,10 +47,10 @@ def test_labels_can_be_read_on_either_theme():
 
 def test_nothing_is_drawn_translucent(analysis):
     """The viewer draws strips opaque: on the light theme a translucent grey comes out black."""
-    from allanscope.view.painter import Painter
+    from allanscope.view.chart_builder import ChartBuilder
 
     drawings = {}
-    Painter(drawings.__setitem__).paint(analysis)
+    ChartBuilder(drawings.__setitem__).paint(analysis)
     colours = [c for d in drawings.values() for c in (*d.strip_colours, *d.dot_colours)]
     assert colours
     assert {len(colour) for colour in colours} == {3}

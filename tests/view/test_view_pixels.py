@@ -9,7 +9,7 @@ import pytest
 from allanscope.quantities import DEVIATION
 from allanscope.view import RerunView
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
-from allanscope.view.painter import Frames
+from allanscope.view.chart_builder import Frames
 from allanscope.view.palette import AXIS, EFFECT
 from support.demo_analysis import demo_analysis
 from support.headless_viewer import HeadlessViewer, why_no_viewer

@@ -11,7 +11,7 @@ from allanscope.noise import Coefficient
 from allanscope.quantities import COEFFICIENTS, TWO_SIDED_95
 from allanscope.samples import Gap, Notice
 from allanscope.view import RerunView
-from allanscope.view.painter import Frames
+from allanscope.view.chart_builder import Frames
 from allanscope.watch import Event, Occurrence
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, LEVELS, blocks, perform

@@ -16,7 +16,7 @@ from rich.console import Console
 from allanscope.analysis import verdict
 from allanscope.samples import Gap, Notice
 from allanscope.view import TerminalView, summary_lines
-from allanscope.view.diary import Trends
+from allanscope.view.change_log import Trends
 from allanscope.view.terminal_chart import curve_lines
 from allanscope.view.terminal_screen import Screen
 from support.demo_analysis import demo_analysis

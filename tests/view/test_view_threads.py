@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allanscope.view.decimator import LONGEST_S, Pace
+from allanscope.view.decimator import LONGEST_S, LogSpacing
 from allanscope.view.worker import Worker
 
 
@@ -87,7 +87,7 @@ def test_a_task_that_fails_is_counted_and_the_next_is_done():
 
 
 def test_twelve_hours_at_one_result_a_second_keep_about_eleven_hundred():
-    pace = Pace()
+    pace = LogSpacing()
     kept = [t for t in range(1, 43201) if pace.due(float(t))]
     assert 1000 < len(kept) < 1200
     assert kept[:60] == list(range(1, 61)), "every second at first"
@@ -98,19 +98,19 @@ def test_twelve_hours_at_one_result_a_second_keep_about_eleven_hundred():
 
 
 def test_a_stretched_pace_keeps_fewer():
-    pace = Pace(5.0)
+    pace = LogSpacing(5.0)
     assert [t for t in range(1, 30) if pace.due(float(t))] == [1, 6, 11, 16, 21, 26]
 
 
 def test_a_run_that_begins_anew_is_shown_at_once():
-    pace = Pace()
+    pace = LogSpacing()
     assert pace.due(5000.0)
     assert pace.due(1.0)
 
 
 @given(st.lists(st.floats(0.01, 200.0), min_size=1, max_size=50))
 def test_no_stretch_of_a_run_longer_than_a_minute_is_without_a_result(steps):
-    pace, last = Pace(), None
+    pace, last = LogSpacing(), None
     for t in np.cumsum(steps):
         if pace.due(float(t)):
             last = t

@@ -15,7 +15,7 @@ from allanscope.quantities import (
     number,
     symbols,
 )
-from allanscope.report import coefficient_words, words
+from allanscope.report import axis_text, coefficient_table
 from allanscope.report.curve_pictures import compare_picture
 from allanscope.report.page import template
 from allanscope.report.picture import Picture
@@ -81,10 +81,10 @@ def _axis(name: str, sessions: Mapping[str, Analysis], svgs: Mapping[str, str]) 
                 "name": label,
                 "cells": [
                     *(
-                        coefficient_words.coefficient_cell(a.coefficients.get(k), k, unit)
+                        coefficient_table.coefficient_cell(a.coefficients.get(k), k, unit)
                         for k in MAIN_LETTERS
                     ),
-                    words.sheet_cell(a),
+                    axis_text.sheet_cell(a),
                 ],
             }
             for label, a in here.items()

@@ -24,7 +24,8 @@ from allanscope.analysis import (
     verdict,
 )
 from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, duration, symbols
-from allanscope.report import coefficient_words, words
+from allanscope.report import axis_text, coefficient_table
+from allanscope.report.axis_text import Fact
 from allanscope.report.curve_pictures import (
     deviation_picture,
     estimators_picture,
@@ -51,17 +52,17 @@ class _Axis:
     name: str
     sensor: str
     remarks: tuple[str, ...]
-    coefficients: list[coefficient_words.CoefficientRow]
+    coefficients: list[coefficient_table.CoefficientRow]
     power_laws: list[tuple[str, str, str, str]]
-    facts: list[words.Fact]
+    facts: list[Fact]
     looked: bool
-    effects: list[words.EffectWords]
-    errors: list[words.ErrorRow]
+    effects: list[axis_text.EffectText]
+    errors: list[axis_text.ErrorRow]
     conclusion: list[str]
-    search: list[words.SearchRow]
+    search: list[axis_text.SearchRow]
     deviation_svg: str
     estimators_svg: str
-    curve_values: words.CurveValues
+    curve_values: axis_text.CurveValues
     residual_svg: str
     density_svg: str
     lag_svg: str
@@ -94,17 +95,23 @@ def render(
     shown = {name: axis for name, axis in analysis.axes.items() if "oadev" in axis.curves}
     svgs = {k: one.svg() + one.link(k) for k, one in (drawn or pictures(analysis)).items()}
     name = analysis.input.get("name", "session")
-    zero_g = words.zero_g(analysis)
+    zero_g = axis_text.zero_g(analysis)
     return template("page.html.j2").render(
         title=title or f"Noise of {analysis.part or 'a sensor'}: {name}",
-        subtitle=words.subtitle(analysis, operator),
+        subtitle=axis_text.subtitle(analysis, operator),
         verdict=verdict(analysis),
-        conventions=words.conventions(analysis),
+        conventions=axis_text.conventions(analysis),
         found=len(analysis.findings),
         findings=[
-            *(words.Fact(" ".join(one.axes), _with_cause(one)) for one in analysis.findings),
-            *(words.Fact(" ".join(one.axes), f"common at {one.words}") for one in analysis.common),
-            *(words.Fact("next", f"{one.question}: {one.words}") for one in analysis.experiments),
+            *(axis_text.Fact(" ".join(one.axes), _with_cause(one)) for one in analysis.findings),
+            *(
+                axis_text.Fact(" ".join(one.axes), f"common at {one.words}")
+                for one in analysis.common
+            ),
+            *(
+                axis_text.Fact("next", f"{one.question}: {one.words}")
+                for one in analysis.experiments
+            ),
         ],
         overlays=[
             {"name": sensor, "axes": names, "svg": svgs[f"{sensor}-overlay"]}
@@ -122,12 +129,12 @@ def render(
             if f"{sensor}-series" in svgs
         ],
         dynamic_svg=svgs.get("dynamic", ""),
-        dynamic_words=words.windows(analysis.dynamic),
+        dynamic_words=axis_text.windows(analysis.dynamic),
         ratio_svg=svgs.get("ratio", ""),
-        quality=words.quality(analysis),
+        quality=axis_text.quality(analysis),
         uncertainty=analysis.uncertainty,
         marks=[f"{duration(time_s)}: {text}" for time_s, text in marked_moments(analysis)],
-        provenance=words.provenance(analysis, _command(analysis)),
+        provenance=axis_text.provenance(analysis, _command(analysis)),
         footer=f"allanscope {analysis.version}",
     )
 
@@ -184,17 +191,17 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str], choices: Curve
         name=name,
         sensor=SENSOR_NAMES[axis.unit],
         remarks=axis.remarks,
-        coefficients=coefficient_words.coefficient_rows(axis),
-        power_laws=coefficient_words.power_law_rows(axis),
-        facts=words.axis_facts(axis),
+        coefficients=coefficient_table.coefficient_rows(axis),
+        power_laws=coefficient_table.power_law_rows(axis),
+        facts=axis_text.axis_facts(axis),
         looked=loop is not None,
-        effects=[words.effect_words(effect) for effect in loop.own_effects] if loop else [],
-        errors=words.error_rows(loop) if loop and searched(loop) else [],
-        conclusion=words.conclusion(loop) if loop else [],
-        search=words.search_rows(loop) if loop else [],
+        effects=[axis_text.effect_words(effect) for effect in loop.own_effects] if loop else [],
+        errors=axis_text.error_rows(loop) if loop and searched(loop) else [],
+        conclusion=axis_text.conclusion(loop) if loop else [],
+        search=axis_text.search_rows(loop) if loop else [],
         deviation_svg=svgs[f"{name}-deviation"],
         estimators_svg=svgs.get(f"{name}-estimators", ""),
-        curve_values=words.curve_values(axis, choices),
+        curve_values=axis_text.curve_values(axis, choices),
         residual_svg=svgs.get(f"{name}-residual", ""),
         density_svg=svgs.get(f"{name}-density", ""),
         lag_svg=svgs.get(f"{name}-lag", ""),
@@ -217,10 +224,10 @@ def _summary(axes: Mapping[str, AxisAnalysis], quiet: Undisturbed | None) -> lis
                     "quiet": _quiet_cells(name, unit, quiet),
                     "cells": [
                         *(
-                            coefficient_words.coefficient_cell(a.coefficients.get(k), k, unit)
+                            coefficient_table.coefficient_cell(a.coefficients.get(k), k, unit)
                             for k in MAIN_LETTERS
                         ),
-                        words.sheet_cell(a),
+                        axis_text.sheet_cell(a),
                     ],
                 }
                 for name, a in here.items()
@@ -233,7 +240,7 @@ def _quiet_cells(name: str, unit: str, quiet: Undisturbed | None) -> list[str]:
     if quiet is None or name not in quiet.axes:
         return []
     known = quiet.axes[name]
-    cells = (coefficient_words.coefficient_cell(known.get(k), k, unit) for k in MAIN_LETTERS)
+    cells = (coefficient_table.coefficient_cell(known.get(k), k, unit) for k in MAIN_LETTERS)
     when = f"undisturbed, {duration(quiet.begin_s)} to {duration(quiet.end_s)}"
     return [*cells, when]
 

@@ -22,7 +22,7 @@ import sys
 import time
 from contextlib import suppress
 
-__all__ = ["DATA", "GONE", "HEADER", "READY", "Pace"]
+__all__ = ["DATA", "GONE", "HEADER", "READY", "ReadPacer"]
 
 HEADER = struct.Struct("<cQI")
 """Of a frame: its kind, host monotonic time in ns, length of what follows in bytes."""
@@ -54,12 +54,12 @@ LOOK_EVERY_S = 1.0
 PRIORITY, NICE = 10, -11
 
 
-class Pace:
+class ReadPacer:
     """Say how long to pause before the next read.
 
     Examples
     --------
-    >>> pace = Pace()
+    >>> pace = ReadPacer()
     >>> pace.after(15, 10_000_000), pace.after(1860, 20_000_000), pace.after(4000, 20_000_000)
     (0.01, 0.02, 0.0)
     >>> 0.0075 <= pace.unevenly(0.01) <= 0.0125
@@ -116,7 +116,7 @@ def main(port: int, out: int, control: int) -> None:
         return
     os.set_blocking(out, False)
     waiting = bytearray()
-    pace, heard_ns, until = Pace(), time.monotonic_ns(), 0.0
+    pace, heard_ns, until = ReadPacer(), time.monotonic_ns(), 0.0
     while os.getppid() == parent:
         left_s = until - time.monotonic()
         wanted = [control] if left_s > 0.0 or len(waiting) > HELD_BYTES else [control, port]

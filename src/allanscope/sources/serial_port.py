@@ -17,10 +17,10 @@ from collections.abc import Callable
 
 from allanscope.errors import DeviceError, UsageError
 from allanscope.recording import Chunk, LinkEvent
-from allanscope.sources.apart import A_THREAD, ReaderApart, read_apart
 from allanscope.sources.base import SourceSettings
 from allanscope.sources.discovery import Comports, PortDescription, find_ports
-from allanscope.sources.port_reader import LATE_BYTES, Pace
+from allanscope.sources.isolated_reader import A_THREAD, IsolatedReader, isolated_reader_of
+from allanscope.sources.port_reader import LATE_BYTES, ReadPacer
 from allanscope.sources.transport import (
     LINK_ERRORS,
     Posix,
@@ -95,7 +95,7 @@ class SerialSource:
         self._writing = threading.Lock()
         self._closing = threading.Event()
         self._sleep = sleep
-        self._pace = Pace()
+        self._pace = ReadPacer()
         self.reader = A_THREAD
         """Who reads the port: a separate process at some priority, or a thread of this one."""
         self._last_ns = 0
@@ -166,7 +166,7 @@ class SerialSource:
     # --- while the link is there --------------------------------------------------------------
 
     def _listen(self, link: Transport) -> Chunk:
-        apart = link if isinstance(link, ReaderApart) else None
+        apart = link if isinstance(link, IsolatedReader) else None
         if self._pause_s and not (apart and apart.waiting):
             self._sleep(self._pause_s)
         try:
@@ -272,7 +272,9 @@ class SerialSource:
     def _opened(self, name: str) -> Transport:
         """Open a port, and have it read by a process of its own where there can be one."""
         link = self._opener(name, self._settings.baud)
-        return read_apart(link) if isinstance(link, Posix) and self._settings.apart else link
+        return (
+            isolated_reader_of(link) if isinstance(link, Posix) and self._settings.apart else link
+        )
 
     def _described(self, name: str) -> PortDescription:
         if "://" not in name:

@@ -9,9 +9,10 @@ whatever becomes of them, the measurement goes on::
     snapshot                                 └▶ session.rrd
 
 The viewer has no logarithmic axes, so charts are drawn by hand, in three steps that know nothing
-of each other: `chart` places values on a rectangle, `drawing` says what is drawn there, `rerun_ink`
-puts it into the recording. `painter` decides which entity shows what, `rerun_blueprint` which tab
-shows which entity. Only files named ``rerun_*`` import Rerun, and none of them before it is needed.
+of each other: `chart` places values on a rectangle, `drawing` says what is drawn there,
+`rerun_drawing` puts it into the recording. `chart_builder` decides which entity shows what,
+`rerun_blueprint` which tab shows which entity. Only files named
+``rerun_*`` import Rerun, and none of them before it is needed.
 """
 
 from __future__ import annotations

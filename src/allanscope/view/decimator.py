@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from allanscope.samples import Block, Gap, StreamInfo
 
-__all__ = ["Decimator", "Pace", "RowThinner", "Rows"]
+__all__ = ["Decimator", "LogSpacing", "RowThinner", "Rows"]
 
 ROWS_HZ = 10.0
 
@@ -213,7 +213,7 @@ class RowThinner:
 
 
 @dataclass(slots=True)
-class Pace:
+class LogSpacing:
     """Says which results to keep.
 
     Attributes
@@ -227,7 +227,7 @@ class Pace:
 
     Examples
     --------
-    >>> pace = Pace()
+    >>> pace = LogSpacing()
     >>> [t for t in (1.0, 1.5, 2.0, 1000.0, 1009.0, 1011.0) if pace.due(t)]
     [1.0, 2.0, 1000.0, 1011.0]
     """

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from allanscope.analysis import Analysis
-from allanscope.view.decimator import Pace, Rows, RowThinner
+from allanscope.view.decimator import LogSpacing, Rows, RowThinner
 
 if TYPE_CHECKING:
     from allanscope.view.rerun_canvas import Canvas
@@ -51,13 +51,13 @@ class Outlet:
     ----------
     canvas : Canvas
         Draws.
-    pace : Pace, optional
+    pace : LogSpacing, optional
         Which results are drawn.
     """
 
-    def __init__(self, canvas: Canvas, pace: Pace | None = None) -> None:
+    def __init__(self, canvas: Canvas, pace: LogSpacing | None = None) -> None:
         self.canvas = canvas
-        self._pace = pace or Pace()
+        self._pace = pace or LogSpacing()
         self._rare_pace = replace(self._pace, stretch=_RARELY)
         self._waits = self._everything = False
 
@@ -127,7 +127,7 @@ class FileOutlet(Outlet):
         say: Callable[[str], None],
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
     ) -> None:
-        super().__init__(canvas, Pace(share=FILE_SHARE, longest_s=float("inf")))
+        super().__init__(canvas, LogSpacing(share=FILE_SHARE, longest_s=float("inf")))
         self.path = path
         self.ended = ""
         self.failed = False
@@ -218,7 +218,8 @@ def expected_bytes(seconds: float, axes: Sequence[str]) -> float:
     (160.0, True)
     """
     return len(axes) * (
-        RESULT_BYTES * Pace.expected(seconds, FILE_SHARE) + ROW_BYTES * RowThinner.expected(seconds)
+        RESULT_BYTES * LogSpacing.expected(seconds, FILE_SHARE)
+        + ROW_BYTES * RowThinner.expected(seconds)
     )
 
 

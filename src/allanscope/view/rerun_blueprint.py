@@ -15,9 +15,9 @@ from allanscope.analysis import coefficient_unit
 from allanscope.quantities import LEVEL, MAIN_LETTERS, SENSOR_NAMES, symbols
 from allanscope.samples import unit_of
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
-from allanscope.view.painter import DEFAULT_ESTIMATOR, TIME_DEVIATIONS
+from allanscope.view.chart_builder import DEFAULT_ESTIMATOR, TIME_DEVIATIONS
 from allanscope.view.palette import AXIS, NAMED
-from allanscope.view.rerun_ink import POINTS
+from allanscope.view.rerun_drawing import POINTS
 from allanscope.view.rerun_series import SENSORS
 
 __all__ = ["TABS", "layout"]

@@ -15,10 +15,10 @@ import rerun as rr
 from allanscope.analysis import Analysis
 from allanscope.errors import DeviceError
 from allanscope.sanitize import one_line
-from allanscope.view.diary import Diary, Level
-from allanscope.view.painter import DEFAULT_ESTIMATOR, Painter
+from allanscope.view.change_log import ChangeLog, Level
+from allanscope.view.chart_builder import DEFAULT_ESTIMATOR, ChartBuilder
 from allanscope.view.rerun_blueprint import layout
-from allanscope.view.rerun_ink import Ink
+from allanscope.view.rerun_drawing import DrawingWriter
 from allanscope.view.rerun_series import SENSORS, Series
 from allanscope.view.tables import (
     axis_table,
@@ -72,9 +72,9 @@ class Canvas:
         self._recording = recording
         self._session = {k: v for k, v in session.items() if k != "started_unix_s"}
         self.series = Series(recording, started if isinstance(started, float) else None)
-        self._ink = Ink(recording)
-        self._painter = Painter(self._ink.log)
-        self._diary = Diary()
+        self._ink = DrawingWriter(recording)
+        self._painter = ChartBuilder(self._ink.log)
+        self._changes = ChangeLog()
         self._tables: dict[str, str] = {}
         self._kinds = {DEFAULT_ESTIMATOR: None}
         self._layout: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
@@ -102,7 +102,7 @@ class Canvas:
         self._lay_out(axes, tuple(self._kinds))
 
     def result(self, analysis: Analysis, everything: bool) -> None:
-        """Draw a result; see `Painter.paint` for `everything`."""
+        """Draw a result; see `ChartBuilder.paint` for `everything`."""
         self._lay_out(tuple(analysis.axes), self._estimators(analysis))
         self.series.now(analysis.duration_s)
         if everything:
@@ -112,7 +112,7 @@ class Canvas:
         self._painter.paint(analysis, everything)
         self.series.result(analysis)
         self._write_tables(analysis, everything)
-        for level, line in self._diary.news(analysis):
+        for level, line in self._changes.news(analysis):
             self._log(line, level)
 
     def remark(self, elapsed_s: float, text: str, level: Level) -> None:

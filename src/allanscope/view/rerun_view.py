@@ -4,7 +4,7 @@
 
     session thread   samples ──▶ Decimator ─┐
                      gap, notice ───────────┤ tasks (bounded, dropped when full)
-    refresh thread   snapshot ──▶ Pace ─────┘
+    refresh thread   snapshot ──▶ LogSpacing ─────┘
                                             ▼
     worker thread                        Outlet ──▶ server on the loopback ──▶ viewer process
                                          FileOutlet ──▶ session.rrd
@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING
 from allanscope.analysis import Analysis
 from allanscope.quantities import duration, number
 from allanscope.samples import Block, Gap, Notice, StreamInfo
+from allanscope.view.change_log import GapThrottle, Level
 from allanscope.view.decimator import Decimator, Rows
-from allanscope.view.diary import GapTeller, Level
 from allanscope.view.outlet import FileOutlet, Outlet, expected_bytes, largest_part, refusal
 from allanscope.view.viewer_process import DATA_PORT_AFTER_PAGE, ViewerKeeper, ViewMode, optimise
 from allanscope.view.worker import Worker
@@ -122,7 +122,7 @@ class RerunView:
         self._latest: Analysis | None = None
         self._streaming = False
         self._status_at_s = -_STATUS_EVERY_S
-        self._gaps = GapTeller()
+        self._gaps = GapThrottle()
 
     def start(self, canvas: Canvas | None = None) -> None:
         """Open the file, the server and the viewer, and say where to look.

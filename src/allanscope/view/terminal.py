@@ -23,8 +23,8 @@ from allanscope.analysis import Analysis, not_measured
 from allanscope.quantities import duration
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.sanitize import one_line
+from allanscope.view.change_log import ChangeLog, GapThrottle, Level, Trends
 from allanscope.view.console import Keys, SteadyConsole
-from allanscope.view.diary import Diary, GapTeller, Level, Trends
 from allanscope.view.terminal_screen import Curves, Screen, status_line, summary_lines
 from allanscope.view.worker import Task, Worker
 
@@ -84,7 +84,7 @@ class TerminalView:
         self._began = clock()
         self._said_status = -_STATUS_EVERY_S
         self._said_s = 0.0
-        self._diary, self._trends, self._gaps = Diary(), Trends(), GapTeller()
+        self._changes, self._trends, self._gaps = ChangeLog(), Trends(), GapThrottle()
         self._latest: Analysis | None = None
         self._heard, self._before = 0, 0
         self._drawn_at = self._began
@@ -140,7 +140,7 @@ class TerminalView:
         """Take the result so far."""
         self._latest = analysis
         self._trends.take(analysis)
-        for level, text in self._diary.news(analysis):
+        for level, text in self._changes.news(analysis):
             if self._mode == "plain" or level != "info":
                 self.line(text, level)
         # What a session held before it was cut off is in the result, and was shown to nobody.

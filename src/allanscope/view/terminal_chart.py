@@ -22,7 +22,7 @@ from rich.text import Text
 from allanscope.analysis import AxisAnalysis
 from allanscope.quantities import DEVIATION, symbols
 from allanscope.view.chart import Log
-from allanscope.view.painter import DEFAULT_ESTIMATOR
+from allanscope.view.chart_builder import DEFAULT_ESTIMATOR
 from allanscope.view.palette import AXIS
 
 __all__ = ["LEAST_LINES", "curve_lines"]

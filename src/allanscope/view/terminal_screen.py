@@ -43,7 +43,7 @@ from allanscope.quantities import (
     symbols,
 )
 from allanscope.sanitize import one_line
-from allanscope.view.diary import Direction, Trends
+from allanscope.view.change_log import Direction, Trends
 from allanscope.view.palette import AXIS, GRADE, Colour
 from allanscope.view.terminal_chart import LEAST_LINES, curve_lines
 

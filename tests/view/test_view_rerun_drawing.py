@@ -14,12 +14,12 @@ def written(tmp_path):
     """Return a function that logs drawings one after the other and gives the rows back."""
     import rerun as rr
 
-    from allanscope.view.rerun_ink import Ink
+    from allanscope.view.rerun_drawing import DrawingWriter
 
     def write(*drawings, forget_before=()):
         recording = rr.RecordingStream("test")
         recording.save(tmp_path / "ink.rrd")
-        ink = Ink(recording)
+        ink = DrawingWriter(recording)
         for i, drawing in enumerate(drawings):
             recording.set_time("elapsed", duration=float(i))
             if i in forget_before:

@@ -18,7 +18,7 @@ from allanscope.view.chart import HEIGHT, WIDTH, Strips
 from allanscope.view.drawing import Drawing
 from allanscope.view.palette import Colour
 
-__all__ = ["POINTS", "Ink"]
+__all__ = ["POINTS", "DrawingWriter"]
 
 POINTS = "points"
 """Name of the entity below a drawing's own that holds its dots.
@@ -37,7 +37,7 @@ _STEP_OF_WORDS = 8.0
 """Words stand on a coarse raster, so that they need not be logged again for every small move."""
 
 
-class Ink:
+class DrawingWriter:
     """Logs drawings that changed, and wipes what a later drawing of an entity no longer has.
 
     Parameters

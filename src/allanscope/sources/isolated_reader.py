@@ -21,24 +21,24 @@ from allanscope.sources import port_reader
 from allanscope.sources.port_reader import DATA, GONE, HEADER, READY
 from allanscope.sources.transport import Posix
 
-__all__ = ["ReaderApart", "read_apart"]
+__all__ = ["IsolatedReader", "isolated_reader_of"]
 
 PIPE_BYTES = 1 << 20
 END_S = 2.0
 A_THREAD = "a thread of the measuring process"
 
 
-def read_apart(link: Posix) -> Posix | ReaderApart:
+def isolated_reader_of(link: Posix) -> Posix | IsolatedReader:
     """Return a link that a process of its own reads, where there can be one; else the link."""
     if not sys.platform.startswith("linux") or not sys.executable:
         return link
     try:
-        return ReaderApart(link)
+        return IsolatedReader(link)
     except OSError:
         return link
 
 
-class ReaderApart:
+class IsolatedReader:
     """A serial port whose reads are those of another process.
 
     Parameters

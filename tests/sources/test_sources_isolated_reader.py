@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from allanscope.sources import SerialSource, SourceSettings
-from allanscope.sources.apart import ReaderApart
+from allanscope.sources.isolated_reader import IsolatedReader
 from support.pty_device import Device, read_bytes, read_until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a thread reads")
@@ -47,8 +47,8 @@ def apart(device: Device) -> Iterator[SerialSource]:
     with_process.close()
 
 
-def _link(source: SerialSource) -> ReaderApart:
-    assert isinstance(source._link, ReaderApart)
+def _link(source: SerialSource) -> IsolatedReader:
+    assert isinstance(source._link, IsolatedReader)
     return source._link
 
 
@@ -199,5 +199,5 @@ def test_without_a_process_a_thread_reads_and_says_so(
 
 def test_it_can_be_told_not_to(device: Device) -> None:
     source = SerialSource(str(device.path), SourceSettings(apart=False), comports=list)
-    assert not isinstance(source._link, ReaderApart)
+    assert not isinstance(source._link, IsolatedReader)
     source.close()

@@ -10,7 +10,7 @@ from allanscope.analysis.datasheet import compare
 from allanscope.explain import Effect, Parameter
 from allanscope.noise import Coefficient
 from allanscope.parts import part_named
-from allanscope.report import coefficient_words, words
+from allanscope.report import axis_text, coefficient_table
 
 
 def facts(found):
@@ -18,7 +18,7 @@ def facts(found):
 
 
 def test_a_coefficient_that_is_not_detected_is_a_limit_with_the_time_to_wait(analysis):
-    rows = {row.name: row for row in coefficient_words.coefficient_rows(analysis.axes["gx"])}
+    rows = {row.name: row for row in coefficient_table.coefficient_rows(analysis.axes["gx"])}
     assert list(rows) == ["N", "B", "K", "Q", "R"]
     assert rows["K"].value.startswith("< ")
     assert (rows["K"].status, rows["K"].wait) == ("upper limit", "10 h")
@@ -30,7 +30,7 @@ def test_an_expanded_uncertainty_stands_beside_what_was_detected(analysis):
     known = Coefficient(1e-3, 0.902e-3, 1.098e-3, "", True)
     limit = Coefficient(1e-6, 0.0, 3e-6, "", False)
     axis = replace(analysis.axes["gx"], coefficients={"N": known, "K": limit})
-    rows = {row.name: row for row in coefficient_words.coefficient_rows(axis)}
+    rows = {row.name: row for row in coefficient_table.coefficient_rows(axis)}
     assert rows["N"].uncertainty == "0.10 mdps/√Hz, 200"
     assert rows["K"].uncertainty == "–"
 
@@ -43,21 +43,21 @@ def test_the_other_unit_is_the_same_quantity(analysis):
     accel = replace(
         analysis.axes["ax"], coefficients={"N": Coefficient(1e-6, 9e-7, 1.1e-6, "", True)}
     )
-    assert coefficient_words.coefficient_rows(gyro)[0].other == "0.0600 °/√h"
-    assert coefficient_words.coefficient_rows(accel)[0].other == "9.81e-6 m/s²/√Hz"
+    assert coefficient_table.coefficient_rows(gyro)[0].other == "0.0600 °/√h"
+    assert coefficient_table.coefficient_rows(accel)[0].other == "9.81e-6 m/s²/√Hz"
 
 
 def test_level_says_how_stable_it_was_or_that_the_run_is_too_short(analysis):
     axis = analysis.axes["gx"]
-    assert facts(words.axis_facts(axis))["zero-rate level"] == (
+    assert facts(axis_text.axis_facts(axis))["zero-rate level"] == (
         "310.0 mdps; means over tenths of the run differ by 2.00 mdps (one standard deviation)"
     )
     short = replace(axis, level=Level(0.31, None, "dps"))
-    assert "too short" in facts(words.axis_facts(short))["zero-rate level"]
+    assert "too short" in facts(axis_text.axis_facts(short))["zero-rate level"]
 
 
 def test_best_averaging_names_samples_time_and_deviation(analysis):
-    text = facts(words.axis_facts(analysis.axes["gx"]))["best averaging"]
+    text = facts(axis_text.axis_facts(analysis.axes["gx"]))["best averaging"]
     best = analysis.axes["gx"].best_averaging
     assert text.startswith(f"{best.samples:,}".replace(",", " ") + " samples (")
     assert "the minimum lies " in text
@@ -66,21 +66,23 @@ def test_best_averaging_names_samples_time_and_deviation(analysis):
 def test_a_floor_from_which_the_curve_has_not_risen_is_not_called_falling(analysis):
     axis = analysis.axes["gx"]
     best = replace(axis.best_averaging, at_end=True)
-    text = facts(words.axis_facts(replace(axis, best_averaging=best)))["best averaging"]
+    text = facts(axis_text.axis_facts(replace(axis, best_averaging=best)))["best averaging"]
     assert text.endswith("the curve has not clearly risen from it, so a longer run may do better")
 
 
 def test_the_datasheet_is_explained_as_print_sets_it():
     white = Coefficient(2.7e-3, 2.6e-3, 2.8e-3, "dps/sqrt(Hz)", True)
     found = compare(part_named("LSM6DSM"), "gx", white, rate_hz=104.0, full_scale=125.0)
-    text = facts(words.axis_facts(AxisAnalysis("dps", {}, datasheet=found)))["datasheet: density"]
+    text = facts(axis_text.axis_facts(AxisAnalysis("dps", {}, datasheet=found)))[
+        "datasheet: density"
+    ]
     assert text.startswith("typical: one-sided density √2 N = 3.82 mdps/√Hz against 3.8 typical")
     assert "ARW √time: 0.162° after one hour" in text
 
 
 @pytest.mark.parametrize(("segments", "said"), [(1, "per axis, no gaps"), (3, "per axis, 2 gaps")])
 def test_the_gaps_of_a_run_are_counted(analysis, segments, said):
-    assert said in facts(words.quality(replace(analysis, segments=segments)))["samples"]
+    assert said in facts(axis_text.quality(replace(analysis, segments=segments)))["samples"]
 
 
 def test_the_zero_g_level_is_what_the_length_of_the_mean_tells(analysis):
@@ -88,8 +90,8 @@ def test_the_zero_g_level_is_what_the_length_of_the_mean_tells(analysis):
     axis = analysis.axes["ax"]
     axes = {name: replace(axis, level=Level(value, None, "g")) for name, value in level.items()}
     away = 1e3 * (math.hypot(*level.values()) - 1)
-    assert f"{away:.2f} mg away from 1 g" in words.zero_g(replace(analysis, axes=axes)).text
-    assert words.zero_g(analysis) is None, "one axis cannot tell"
+    assert f"{away:.2f} mg away from 1 g" in axis_text.zero_g(replace(analysis, axes=axes)).text
+    assert axis_text.zero_g(analysis) is None, "one axis cannot tell"
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_evidence_says_what_convinced(replicated, said):
             "replicated": replicated,
         },
     )
-    found = words.effect_words(effect)
+    found = axis_text.effect_words(effect)
     assert found.kind == "step (the same on gx gy)"
     assert found.equivalent == "random telegraph"
     assert found.words == (
@@ -124,7 +126,7 @@ def test_evidence_says_what_convinced(replicated, said):
 
 
 def test_the_error_table_has_every_measure_before_and_after(analysis):
-    rows = words.error_rows(analysis.axes["gx"].explanation)
+    rows = axis_text.error_rows(analysis.axes["gx"].explanation)
     loop = analysis.axes["gx"].explanation
     assert [row.before for row in rows[:1]] == [f"{loop.before.chi2_per_dof:.2f}"]
     assert len(rows) == 6
@@ -132,7 +134,7 @@ def test_the_error_table_has_every_measure_before_and_after(analysis):
 
 
 def test_quality_tells_rate_losses_link_and_temperature(analysis):
-    known = facts(words.quality(analysis))
+    known = facts(axis_text.quality(analysis))
     assert known["lost samples"] == "1 998"
     assert known["rate"].startswith("6664.2000 Hz ±0.11 ppm; 6660.00 Hz nominal, 0.0631 % off")
     assert "between 24.1 and 31.7 °C" in known["temperature"]
@@ -140,9 +142,9 @@ def test_quality_tells_rate_losses_link_and_temperature(analysis):
 
 
 def test_a_command_that_is_known_replaces_the_plain_one(analysis):
-    given = facts(words.provenance(analysis, "allanscope analyse x --rate 104"))
+    given = facts(axis_text.provenance(analysis, "allanscope analyse x --rate 104"))
     assert given["to reproduce"] == "allanscope analyse x --rate 104"
-    assert "to reproduce" not in facts(words.provenance(analysis, ""))
+    assert "to reproduce" not in facts(axis_text.provenance(analysis, ""))
 
 
 def test_what_has_no_name_is_told_in_its_own_words_alone():
@@ -150,7 +152,7 @@ def test_what_has_no_name_is_told_in_its_own_words_alone():
     band = {"frequency_low": Parameter(0.0, unit="Hz"), "share": Parameter(0.0423)}
     said = "lighter tails than a Gaussian (excess kurtosis -0.12)"
     effect = Effect("unexplained", band, evidence={"words": said})
-    found = words.effect_words(effect)
+    found = axis_text.effect_words(effect)
     assert (found.kind, found.parameters, found.words) == ("unexplained", "", said)
     assert effect_text(effect) == f"unexplained: {said}"
-    assert "share" in words.effect_words(Effect("unexplained", band)).parameters
+    assert "share" in axis_text.effect_words(Effect("unexplained", band)).parameters

@@ -44,7 +44,7 @@ from allanscope.view.drawing import (
 )
 from allanscope.view.palette import AXIS, ESTIMATOR, REFERENCE, Colour
 
-__all__ = ["DEFAULT_ESTIMATOR", "TIME_DEVIATIONS", "Frames", "Painter"]
+__all__ = ["DEFAULT_ESTIMATOR", "TIME_DEVIATIONS", "ChartBuilder", "Frames"]
 
 DEFAULT_ESTIMATOR = "oadev"
 """The estimator that the model is fitted to, and that is shown until another one is chosen."""
@@ -154,7 +154,7 @@ def _symmetric(largest: float) -> Linear:
 
 
 @dataclass(slots=True)
-class Painter:
+class ChartBuilder:
     """Draws results, one after the other.
 
     Attributes

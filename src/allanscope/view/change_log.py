@@ -1,12 +1,12 @@
 """What is said of a run while it goes on: news, where a coefficient is heading, gaps.
 
-`Diary` tells what is new since the last result: an effect found, an effect gone, a coefficient
+`ChangeLog` tells what is new since the last result: an effect found, an effect gone, a coefficient
 known. A remark is the same one while its words are; its numbers may change with every result (how
 many samples were saturated so far), and are only told again when one of them has grown to ten times
 what was told. The exact number of the moment is in the result and in the report.
 
-`Trends` compares a coefficient with what it was when the run was half as long. `GapTeller` says one
-line where a bad link has hundreds of gaps in a second.
+`Trends` compares a coefficient with what it was when the run was half as long. `GapThrottle` says
+one line where a bad link has hundreds of gaps in a second.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from allanscope.analysis import (
 from allanscope.quantities import MAIN_LETTERS, count
 from allanscope.samples import Gap
 
-__all__ = ["Diary", "Direction", "Entry", "GapTeller", "Level", "Trends"]
+__all__ = ["ChangeLog", "Direction", "Entry", "GapThrottle", "Level", "Trends"]
 
 Level = Literal["info", "warn", "error"]
 Entry = tuple[Level, str]
@@ -45,7 +45,7 @@ _APART_S = 1.0
 
 
 @dataclass(slots=True)
-class Diary:
+class ChangeLog:
     """Remembers what was told, and tells only what changed."""
 
     _effects: dict[tuple[str, str], str] = field(default_factory=dict)
@@ -156,12 +156,12 @@ class Trends:
 
 
 @dataclass(slots=True)
-class GapTeller:
+class GapThrottle:
     """Says one line for a gap, and none for those that follow within a second.
 
     Examples
     --------
-    >>> teller = GapTeller()
+    >>> teller = GapThrottle()
     >>> teller.tell(Gap("link", 27), 10.0)
     'gap (link): 27 samples lost'
     >>> teller.tell(Gap("link", 54), 10.1)

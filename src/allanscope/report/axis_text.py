@@ -35,11 +35,11 @@ from allanscope.quantities import (
     size,
     symbols,
 )
-from allanscope.report.coefficient_words import white_facts
+from allanscope.report.coefficient_table import white_facts
 
 __all__ = [
     "CurveValues",
-    "EffectWords",
+    "EffectText",
     "ErrorRow",
     "Fact",
     "SearchRow",
@@ -67,7 +67,7 @@ class Fact:
 
 
 @dataclass(frozen=True, slots=True)
-class EffectWords:
+class EffectText:
     """One effect, in words."""
 
     kind: str
@@ -227,7 +227,7 @@ def zero_g(analysis: Analysis) -> Fact | None:
     return Fact("zero-g level", f"length of the mean vector is {text}")
 
 
-def effect_words(effect: Effect) -> EffectWords:
+def effect_words(effect: Effect) -> EffectText:
     """Return one effect in words, with the evidence."""
     # What has no name says in its own words where it is; its parameters say less.
     shown = {} if effect.kind == NAMELESS and effect.evidence.get("words") else effect.parameters
@@ -238,7 +238,7 @@ def effect_words(effect: Effect) -> EffectWords:
     if len(effect.axes) > 1:
         kind += f" (the same on {' '.join(effect.axes)})"
     equivalent = ", ".join(map(kind_name, effect.equivalent))
-    return EffectWords(kind, parameters, equivalent, _evidence(effect))
+    return EffectText(kind, parameters, equivalent, _evidence(effect))
 
 
 def search_rows(loop: AxisExplanation) -> list[SearchRow]:

@@ -9,8 +9,8 @@ from allanscope.allan import AllanBank
 from allanscope.analysis import Analysis, ModelCurve, ReferenceCurve, compared
 from allanscope.quantities import DENSITY, DEVIATION
 from allanscope.view.chart import HEIGHT, WIDTH, Chart, Linear, Log
+from allanscope.view.chart_builder import ChartBuilder
 from allanscope.view.drawing import draw_map, percent_of_model
-from allanscope.view.painter import Painter
 from allanscope.view.palette import AXIS, EFFECT, MODEL, muted
 from allanscope.watch import Event, Occurrence
 from support.demo_analysis import DATASHEET, LINE_HZ, demo_analysis, noise_of
@@ -31,9 +31,9 @@ class Wall:
 @pytest.fixture(scope="module")
 def painted(analysis):
     wall = Wall()
-    painter = Painter(wall.log)
-    painter.paint(analysis)
-    return wall.drawings, painter.frames
+    charts = ChartBuilder(wall.log)
+    charts.paint(analysis)
+    return wall.drawings, charts.frames
 
 
 @pytest.mark.parametrize("axis", ["gx", "gz", "ax", "az"])
@@ -136,12 +136,12 @@ def test_an_earlier_session_is_drawn_where_it_was_with_its_name(analysis):
     gx = analysis.axes["gx"]
     earlier = ReferenceCurve("first", gx.curves["oadev"].tau, 2.0 * gx.curves["oadev"].deviation)
     wall = Wall()
-    painter = Painter(wall.log)
-    painter.paint(compared(analysis, {"gx": earlier}))
+    charts = ChartBuilder(wall.log)
+    charts.paint(compared(analysis, {"gx": earlier}))
     assert "/gy/allan/earlier" not in wall.drawings
     drawing = wall.drawings["/gx/allan/earlier"]
     assert [text for _, text, _ in drawing.words] == ["first"]
-    drawn = painter.frames.allan("dps").values(np.concatenate(drawing.strips))
+    drawn = charts.frames.allan("dps").values(np.concatenate(drawing.strips))
     expected = np.interp(np.log(drawn[:, 0]), np.log(earlier.tau), np.log(earlier.deviation))
     np.testing.assert_allclose(np.log(drawn[:, 1] / 1e3), expected, atol=1e-3)
 
@@ -214,29 +214,29 @@ def test_the_residual_is_unknown_where_there_is_no_model(analysis):
 
 def test_only_what_changes_is_drawn_at_every_result(analysis):
     wall = Wall()
-    painter = Painter(wall.log)
-    painter.paint(analysis)
-    painter.paint(analysis, everything=False)
+    charts = ChartBuilder(wall.log)
+    charts.paint(analysis)
+    charts.paint(analysis, everything=False)
     assert wall.count["/gx/allan/oadev"] == 2
     assert wall.count["/gx/allan/model"] == 2
     assert wall.count["/gx/allan/mdev"] == 1
     assert wall.count["/gx/allan/grid"] == 1
-    painter.paint(analysis)
+    charts.paint(analysis)
     assert wall.count["/gx/allan/grid"] == 2, "drawn again now and then for viewers that join late"
 
 
 def test_a_run_that_outgrows_its_chart_gets_a_new_grid_and_new_curves():
     wall = Wall()
-    painter = Painter(wall.log)
-    painter.paint(demo_analysis(9.0))
-    small = painter.frames.allan("dps")
-    painter.paint(demo_analysis(3000.0), everything=False)
-    large = painter.frames.allan("dps")
+    charts = ChartBuilder(wall.log)
+    charts.paint(demo_analysis(9.0))
+    small = charts.frames.allan("dps")
+    charts.paint(demo_analysis(3000.0), everything=False)
+    large = charts.frames.allan("dps")
     assert large.x.high > small.x.high
     assert wall.count["/gx/allan/grid"] == 2
     assert wall.count["/gx/allan/mdev"] == 2, "else it would lie on the old grid"
-    painter.paint(demo_analysis(9.0), everything=False)
-    assert painter.frames.allan("dps") == large, "a chart never shrinks"
+    charts.paint(demo_analysis(9.0), everything=False)
+    assert charts.frames.allan("dps") == large, "a chart never shrinks"
 
 
 def test_a_result_without_anything_yet_draws_nothing(analysis):
@@ -255,13 +255,13 @@ def test_a_result_without_anything_yet_draws_nothing(analysis):
         )
         for name, axis in analysis.axes.items()
     }
-    Painter(wall.log).paint(replace(analysis, axes=axes))
+    ChartBuilder(wall.log).paint(replace(analysis, axes=axes))
     assert wall.drawings == {}
 
 
 def test_any_subset_of_axes_can_be_drawn(analysis):
     wall = Wall()
-    Painter(wall.log).paint(replace(analysis, axes={"az": analysis.axes["az"]}))
+    ChartBuilder(wall.log).paint(replace(analysis, axes={"az": analysis.axes["az"]}))
     assert {path.split("/")[1] for path in wall.drawings} == {"az"}
 
 
@@ -275,7 +275,7 @@ def test_the_demo_itself_has_the_noise_that_it_claims(analysis: Analysis):
 
 def test_the_map_over_time_is_red_where_an_axis_has_more_noise_than_usual(analysis):
     wall = Wall()
-    Painter(wall.log).paint(analysis)
+    ChartBuilder(wall.log).paint(analysis)
     gx, gz = (wall.drawings[f"/{axis}/dynamic/map"].image for axis in ("gx", "gz"))
     known = gx[..., 3] > 0
     assert known.any()
@@ -303,7 +303,7 @@ def test_an_event_is_marked_on_every_map_and_paler_where_it_is_of_other_axes(ana
     kinds = (("step", ("gx",)), ("rate_change", ()))
     events = tuple(Event(kind, axes, "", (once,), 1, 30.0) for kind, axes in kinds)
     wall = Wall()
-    Painter(wall.log).paint(replace(analysis, events=events))
+    ChartBuilder(wall.log).paint(replace(analysis, events=events))
     for axis, strong in (("gx", 2), ("az", 1)):
         drawing = wall.drawings[f"/{axis}/dynamic/map"]
         assert drawing.strip_colours.count(EFFECT) == strong

@@ -52,6 +52,7 @@ void device_init(device *self, imu *sensor, as_ring *ring, const imu_config *con
     self->sensor = sensor;
     self->config = *config;
     self->clock = clock;
+    self->doubts = 0;
     self->health = sensor->configure(sensor, &self->config) ? IMU_WELL : IMU_SILENT;
     self->silent_since_us = now_us;
     as_sender_init(&self->sender, ring, epoch);
@@ -238,6 +239,30 @@ static bool well(device *self, imu_health found, uint64_t now_us)
     return false;
 }
 
+/* Say once what the sensor says that cannot be, and once that it is over. */
+static void doubt(device *self, uint8_t found, uint64_t now_us)
+{
+    static const struct {
+        uint8_t bit;
+        const char *begins;
+        const char *ends;
+    } words[] = {
+        {IMU_STAMP_STALLED,
+         "the time stamp of the sensor stands still: a loss in its FIFO would not show",
+         "the time stamp of the sensor runs again"},
+        {IMU_STATUS_CONTRADICTS,
+         "the FIFO of the sensor says that it is empty and that it is not: nothing is read",
+         "the FIFO of the sensor is consistent again"},
+    };
+    for (unsigned i = 0; i < sizeof words / sizeof *words; i++) {
+        const bool now = found & words[i].bit;
+        if (now != ((self->doubts & words[i].bit) != 0)) {
+            tell(self, now_us, now ? 1 : 0, now ? words[i].begins : words[i].ends);
+        }
+    }
+    self->doubts = found;
+}
+
 static void send_batch(device *self, const imu_batch *batch, uint64_t now_us)
 {
     if (batch->lost_before) {
@@ -246,8 +271,9 @@ static void send_batch(device *self, const imu_batch *batch, uint64_t now_us)
     if (batch->n == 0) {
         return;
     }
-    /* The last sample of a drained FIFO is as old as half a period on average; take it as new. */
-    const uint64_t age_us = samples_us(self, batch->n);
+    /* The newest sample that the sensor has is as old as half a period on average; take it as new,
+     * and count back from it: after a stall many frames come at one time. */
+    const uint64_t age_us = samples_us(self, batch->n + batch->behind);
     const as_data data = {
         .mcu_time_us = now_us > age_us ? now_us - age_us : 0,
         .sensor_time = batch->sensor_time,
@@ -272,6 +298,7 @@ void device_poll(device *self, uint64_t now_us)
             if (!well(self, self->sensor->read(self->sensor, usual, &batch), now_us)) {
                 break;
             }
+            doubt(self, batch.doubts, now_us);
             send_batch(self, &batch, now_us);
             drained += batch.n;
         } while (batch.n == usual && drained < MOST_DRAINED);

@@ -18,6 +18,7 @@ typedef struct {
     uint8_t clock;    /* enum as_clock: what drives the time that device_poll is given */
     imu_health health; /* of the sensor, when it was read the last time */
     uint64_t silent_since_us; /* since when it does not answer */
+    uint8_t doubts; /* enum imu_doubt: what was said of it */
     bool streaming;
     uint64_t began_us;         /* when the epoch began */
     uint64_t next_read_us;     /* when a frame's worth of samples will have gathered */

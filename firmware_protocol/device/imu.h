@@ -20,10 +20,18 @@ typedef struct {
 typedef struct {
     uint8_t n;            /* contiguous samples */
     uint32_t lost_before; /* samples that the sensor's FIFO lost before the first of them */
+    uint32_t behind;      /* samples that the sensor had gathered besides, after the last of them */
     uint32_t sensor_time; /* of the first, 25 us ticks unwrapped to 32 bits */
+    uint8_t doubts;       /* IMU_STAMP_STALLED, IMU_STATUS_CONTRADICTS */
     int16_t temperature;
     int16_t samples[AS_MOST_SAMPLES][AS_AXES];
 } imu_batch;
+
+/* What a sensor that answers and has its settings says that cannot be. */
+enum imu_doubt {
+    IMU_STAMP_STALLED = 1,     /* samples come, and its time stamp stands still */
+    IMU_STATUS_CONTRADICTS = 2 /* its FIFO is empty and is not; nothing is read from it */
+};
 
 /* How the sensor is. */
 typedef enum {

@@ -37,6 +37,10 @@ enum {
     FIFO_EMPTY = 0x10,
 
     SET_WORDS = 9, /* gyro 3, accelerometer 3, time stamp 3 */
+    FIFO_WORDS = 2048,
+    FIRST_RUN = 256, /* samples after which the period is measured for the first time */
+    LONGEST_RUN = 16384,
+    MOST_CONTRADICTIONS = 3, /* a sample that comes between two registers may look like one */
     RESET_MS = 15,
     TICKS_PER_S = 40000
 };
@@ -183,7 +187,12 @@ static bool configure(imu *base, imu_config *config)
                       put4(self, FIFO_CTRL2, fifo) && health(self) == IMU_WELL;
     self->settling = (uint8_t)(wanted->settling + 1); /* the first after a change of mode is void */
     self->has_last = false;
-    self->period_ticks_q8 = (uint32_t)(TICKS_PER_S * 256.0f / wanted->rate_hz);
+    self->stalled = false;
+    self->contradictions = 0;
+    self->run = 0;
+    self->measured = 0;
+    self->nominal_q16 = (uint32_t)(TICKS_PER_S * 65536.0f / wanted->rate_hz);
+    self->period_q16 = self->nominal_q16;
     return done;
 }
 
@@ -222,9 +231,36 @@ static uint32_t missing(const lsm6dsm *self, uint32_t ticks)
     if (!self->has_last) {
         return 0;
     }
-    const uint32_t periods =
-        (((ticks - self->last_ticks) << 8) + self->period_ticks_q8 / 2) / self->period_ticks_q8;
+    const uint64_t since_q16 = (uint64_t)(ticks - self->last_ticks) << 16;
+    const uint32_t periods = (uint32_t)((since_q16 + self->period_q16 / 2) / self->period_q16);
     return periods > 1 ? periods - 1 : 0;
+}
+
+/* Measure the period on samples without a gap: the rates of the part are not quite the ratios of
+ * its ticks that the datasheet names, and a long overrun counts in periods. */
+static void measure(lsm6dsm *self, uint32_t ticks, uint32_t lost)
+{
+    if (!self->has_last || lost > 0) {
+        self->run = 0;
+    }
+    if (self->run == 0) {
+        self->run_ticks = ticks;
+    } else if (self->run >= FIRST_RUN && (self->run & (self->run - 1)) == 0) {
+        const uint64_t since_q16 = (uint64_t)(ticks - self->run_ticks) << 16;
+        const uint32_t measured = (uint32_t)(since_q16 / self->run);
+        const uint32_t off = measured > self->nominal_q16 ? measured - self->nominal_q16
+                                                          : self->nominal_q16 - measured;
+        /* A tick more or less counts the less the longer the run: never by a shorter one. */
+        if (off < self->nominal_q16 / 16 && self->run >= self->measured) {
+            self->period_q16 = measured;
+            self->measured = self->run;
+        }
+        if (self->run == LONGEST_RUN) {
+            self->run = 0;
+            self->run_ticks = ticks;
+        }
+    }
+    self->run++;
 }
 
 /* Whether all bytes of a set are 0x00 or all are 0xFF: what a bus gives on which nobody speaks. */
@@ -249,6 +285,14 @@ static void take(imu_batch *batch, const uint8_t *set)
     batch->n++;
 }
 
+/* Whether the status says both that the FIFO is empty and that it holds something. */
+static bool contradicts(const uint8_t *status, bool overrun)
+{
+    const uint32_t level = (uint32_t)(status[0] | (status[1] & 7u) << 8);
+    const bool empty = status[1] & FIFO_EMPTY;
+    return empty ? level > 0 || overrun : level == 0 && !overrun;
+}
+
 /* Read what the FIFO holds; false when the bus fails. */
 static bool drain(lsm6dsm *self, uint8_t most, imu_batch *batch)
 {
@@ -261,9 +305,18 @@ static bool drain(lsm6dsm *self, uint8_t most, imu_batch *batch)
     const bool overrun = status[1] & FIFO_OVER_RUN;
     uint32_t words = status[1] & FIFO_EMPTY ? 0 : (uint32_t)(status[0] | (status[1] & 7u) << 8);
     if (words == 0 && overrun) {
-        words = 2048; /* eleven bits cannot say that it is full */
+        words = FIFO_WORDS; /* eleven bits cannot say that it is full */
     }
-    if (!align(self, &words, as_get16(status + 2) & 0x3FFu)) {
+    const uint32_t pattern = as_get16(status + 2) & 0x3FFu;
+    if (contradicts(status, overrun) || pattern >= SET_WORDS) {
+        if (self->contradictions < MOST_CONTRADICTIONS) {
+            self->contradictions++;
+        }
+        batch->doubts |= self->contradictions == MOST_CONTRADICTIONS ? IMU_STATUS_CONTRADICTS : 0;
+        return true;
+    }
+    self->contradictions = 0;
+    if (!align(self, &words, pattern)) {
         return false;
     }
     while (words >= SET_WORDS && batch->n < most) {
@@ -280,14 +333,19 @@ static bool drain(lsm6dsm *self, uint8_t most, imu_batch *batch)
             self->settling--;
             continue;
         }
+        const uint32_t lost = missing(self, ticks);
         if (batch->n == 0) {
-            batch->lost_before = missing(self, ticks);
+            batch->lost_before = lost;
             batch->sensor_time = ticks;
         }
+        self->stalled = self->has_last && ticks == self->last_ticks;
+        measure(self, ticks, lost);
         take(batch, set);
         self->last_ticks = ticks;
         self->has_last = true;
     }
+    batch->behind = words / SET_WORDS;
+    batch->doubts |= self->stalled ? IMU_STAMP_STALLED : 0;
     return true;
 }
 
@@ -298,6 +356,8 @@ static imu_health read(imu *base, uint8_t most, imu_batch *batch)
     const bool had_last = self->has_last;
     batch->n = 0;
     batch->lost_before = 0;
+    batch->behind = 0;
+    batch->doubts = 0;
     batch->sensor_time = AS_NO_SENSOR_TIME;
     const bool drained = drain(self, most, batch);
     const imu_health found = health(self); /* after the reading: so it vouches for what was read */
@@ -306,6 +366,7 @@ static imu_health read(imu *base, uint8_t most, imu_batch *batch)
     }
     batch->n = 0;
     batch->lost_before = 0;
+    self->run = 0;
     self->last_ticks = last_ticks; /* what is thrown away counts as missing */
     self->has_last = had_last;
     return found == IMU_WELL ? IMU_SILENT : found;

@@ -25,12 +25,18 @@ typedef struct {
 typedef struct {
     imu base;
     lsm6_bus bus;
-    uint32_t period_ticks_q8; /* 25 us ticks between samples, times 256 */
+    uint32_t period_q16; /* 25 us ticks between samples, times 65536: nominal, then measured */
+    uint32_t nominal_q16;
+    uint32_t run_ticks; /* time stamp of the sample from which the period is measured */
+    uint32_t run;       /* samples since then, none of them missing */
+    uint32_t measured;  /* samples over which the period was measured; 0 not yet */
     uint32_t last_ticks;      /* unwrapped time stamp of the last sample that was delivered */
     bool has_last;
     uint8_t fifo[4]; /* what FIFO_CTRL2 to 5 and CTRL1_XL to CTRL4_C were set to */
     uint8_t control[4];
     uint8_t settling; /* samples still to be thrown away after a change */
+    uint8_t contradictions; /* readings in a row whose status cannot be */
+    bool stalled;           /* whether the last sample had the time stamp of the one before */
 } lsm6dsm;
 
 void lsm6dsm_init(lsm6dsm *self, const char *part, const lsm6_bus *bus);

@@ -43,6 +43,8 @@ static imu_health read(imu *base, uint8_t most, imu_batch *batch)
     const uint32_t waiting = self->due - self->index;
     batch->n = (uint8_t)(waiting < most ? waiting : most);
     batch->lost_before = 0;
+    batch->behind = waiting - batch->n;
+    batch->doubts = 0;
     batch->temperature = (int16_t)(self->index >> 8 & 0xFF);
     batch->sensor_time = (uint32_t)((float)40000 / self->config.rate_hz) * self->index;
     for (uint8_t i = 0; i < batch->n; i++) {

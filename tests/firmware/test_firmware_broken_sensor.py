@@ -185,6 +185,60 @@ def test_a_device_says_that_its_bus_is_stuck_and_goes_on_to_the_sample(library, 
     assert len(device.infos()) == 1, "the descriptor is that of the epoch, whatever the bus gives"
 
 
+def test_after_a_stall_each_frame_has_the_time_of_its_own_samples(library):
+    """A quarter of a second of samples comes at once: they are as old as they lie deep."""
+    part = Lsm6dsm()
+    device = Device(library, part)
+    device.run(1.0)
+    part.advance(0.25)
+    device.now_s += 0.25
+    device.run(1.0)
+    blocks = [event for event in device.events if isinstance(event, Block)]
+    at = np.concatenate([block.ticks.offset + block.index for block in blocks])
+    times = np.concatenate([block.ticks.device_s for block in blocks])
+    k = kept(device.samples())
+    late = times - (k[at - at[0]] + 1) / 416.0
+    assert (np.diff(times) > 0.0).all()
+    assert np.ptp(late) < 2 * STEP_S
+
+
+def test_a_time_stamp_that_stands_still_is_said_once_and_when_it_is_over(library):
+    part = Lsm6dsm()
+    device = Device(library, part)
+    device.run(1.0)
+    part.ticking = False
+    device.run(1.0)
+    assert [text.partition(":")[0] for text in device.said()] == [
+        "the time stamp of the sensor stands still"
+    ]
+    part.ticking = True
+    device.run(1.0)
+    assert device.said()[1:] == ["the time stamp of the sensor runs again"]
+    assert device.gaps() == []
+
+
+@pytest.mark.parametrize("status", [0x13, 0x50, 0x00])
+def test_a_fifo_that_is_empty_and_is_not_gives_nothing_and_is_said(library, status):
+    """Empty with a level or an overrun, or neither empty nor of any level."""
+    part = Lsm6dsm()
+    part.fifo.clear()
+    device = Device(library, part)
+    device.run(1.0)
+    here = len(device.samples())
+    part.status = status
+    if status == 0x00:
+        part.fifo.clear()
+    device.run(0.1, advance=False)
+    assert len(device.samples()) == here
+    assert [text.partition(":")[0] for text in device.said()] == [
+        "the FIFO of the sensor says that it is empty and that it is not"
+    ]
+    part.status = None
+    device.run(1.0)
+    assert device.said()[1:] == ["the FIFO of the sensor is consistent again"]
+    kept(device.samples())
+
+
 @pytest.mark.parametrize("one_data_line", [False, True])
 @pytest.mark.parametrize("rate", [12.5, 416.0, 6660.0])
 def test_a_device_whose_part_breaks_down_says_so_sets_it_up_again_and_goes_on(

@@ -43,7 +43,7 @@ def frames():
         while True:
             n = min(due - produced, FRAME)
             if n:
-                first = max(now - samples_us(n), 0)
+                first = max(now - samples_us(due - produced), 0)
                 rows = [count(k, axis) for k in range(produced, produced + n) for axis in range(6)]
                 ticks, warmth = int(F(40000) / F(RATE)) * produced, produced >> 8 & 0xFF
                 head = struct.pack("<IQIh", produced, first, ticks, warmth)

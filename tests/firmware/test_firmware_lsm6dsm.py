@@ -89,6 +89,41 @@ def test_an_overrun_is_told_to_the_sample_and_axes_do_not_shift(library, rate):
     assert lost > 0
 
 
+@pytest.mark.parametrize("ticks_off", [-0.004, 0.004])
+@pytest.mark.parametrize("rate", [104.0, 6660.0])
+def test_a_long_overrun_is_counted_by_the_period_as_it_was_measured(library, rate, ticks_off):
+    """By the nominal one 5000 samples would be 20 off."""
+    part = Lsm6dsm(ticks_off=ticks_off)
+    driver = Driver(library, part)
+    driver.configure(rate=rate)
+    last = lost = 0
+    for late in [*[16] * 1200, 5000, *[16] * 40, 3000, 16]:
+        part.advance(late / rate)
+        while True:
+            _, batch = driver.read()
+            for k in numbers(batch):
+                if last and k > last + 1:
+                    assert batch.lost_before == k - last - 1
+                    lost += batch.lost_before
+                last = k
+            if batch.n < 16:
+                break
+    assert lost > 7000
+
+
+def test_a_batch_tells_how_many_samples_wait_behind_it(library):
+    part = Lsm6dsm()
+    driver = Driver(library, part)
+    driver.configure(rate=104.0)
+    part.advance(1.0)
+    driver.read()
+    part.advance(40.5 / 104.0)
+    found = [driver.read()[1] for _ in range(12)]
+    sizes = [(batch.n, batch.behind) for batch in found if batch.n]
+    assert sizes[-1][1] == 0
+    assert [n + behind for n, behind in sizes[1:]] == [behind for _, behind in sizes[:-1]]
+
+
 def test_the_time_stamp_is_unwrapped_across_its_24_bits(library):
     part = Lsm6dsm()
     driver = Driver(library, part)

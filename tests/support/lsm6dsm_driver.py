@@ -30,7 +30,9 @@ class Batch(c.Structure):
     _fields_ = (
         ("n", c.c_uint8),
         ("lost_before", c.c_uint32),
+        ("behind", c.c_uint32),
         ("sensor_time", c.c_uint32),
+        ("doubts", c.c_uint8),
         ("temperature", c.c_int16),
         ("samples", c.c_int16 * 6 * 18),
     )

@@ -30,10 +30,20 @@ class Lsm6dsm:
         What every byte reads as, and then nothing that is written arrives: 0x00 or 0xFF.
     one_data_line : bool
         Whether it is wired by SPI with one data line: then only writing works until SIM is set.
+    ticks_off : float
+        Relative error of the ticks in a period: rates and ticks are not quite in the ratio that the
+        datasheet names.
+    ticking : bool
+        Whether its time stamp counts.
+    status : int or None
+        What FIFO_STATUS2 reads as, whatever the FIFO holds.
     """
 
-    def __init__(self, off_nominal=0.0, one_data_line=False):
+    def __init__(self, off_nominal=0.0, one_data_line=False, ticks_off=0.0):
         self.off_nominal = off_nominal
+        self.ticks_off = ticks_off
+        self.ticking = True
+        self.status = None
         self.one_data_line = one_data_line
         self.answers = True
         self.stuck = None
@@ -69,7 +79,8 @@ class Lsm6dsm:
         while self._phase >= 1.0:
             self._phase -= 1.0
             # Time stamp and ODR share an oscillator: a period is the nominal number of ticks.
-            self._ticks += 40_000 * (1.0 + self.off_nominal) / self.rate_hz
+            period = 40_000 * (1.0 + self.off_nominal) / self.rate_hz
+            self._ticks += period * (1.0 + self.ticks_off) * self.ticking
             self._sample()
 
     @staticmethod
@@ -134,6 +145,8 @@ class Lsm6dsm:
 
     def _value(self, register):
         waiting = len(self.fifo)
+        if register == 0x3B and self.status is not None:
+            return self.status
         special = {
             0x20: 0x80,
             0x21: 0x01,

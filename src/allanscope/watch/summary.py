@@ -14,7 +14,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from allanscope.compiled import Fixed, Pointer, kernel
@@ -288,5 +287,15 @@ def _radices(length: int) -> list[int] | None:
 
 
 def _median_of_five(row: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the median of each value and its two neighbours to both sides.
+
+    Examples
+    --------
+    >>> _median_of_five(np.array([1, 9, 2, 3, 4, 5], np.float32)).tolist()
+    [2.0, 3.0, 3.0, 4.0, 4.0, 4.0]
+    """
     padded = np.concatenate([row[2:0:-1], row, row[-2:-4:-1]])
-    return np.asarray(np.median(sliding_window_view(padded, 5), axis=1), np.float32)
+    a, b, c, d, e = (padded[i : i + len(row)] for i in range(5))
+    low = np.maximum(np.minimum(a, b), np.minimum(d, e))
+    high = np.minimum(np.maximum(a, b), np.maximum(d, e))
+    return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c)))

@@ -130,6 +130,18 @@ def test_burst_of_outliers():
     assert not burst.is_present
 
 
+def test_onset_of_a_burst_is_within_its_interval():
+    """Also where its first seconds had no outlier yet."""
+    held = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        samples = counts(rows(700, seed))
+        samples[AT * RATE :, 1] += 200 * (rng.random(100 * RATE) < 1.0 / RATE)
+        (once,) = events(watched(samples))["outliers"].occurrences
+        held += once.lower_s <= AT <= once.upper_s
+    assert held >= 18
+
+
 def test_repeats_are_counted():
     samples = counts(rows(900))
     again = AT * RATE + np.arange(10, 4000, 40)

@@ -320,7 +320,8 @@ class Watch:
     def _bursts(self, found: list[Burst], ended: list[Burst]) -> None:
         for burst in found:
             kind, axis = self._count(burst.channel)
-            span = self._span(burst.first, burst.first, burst.first, burst.count)
+            lower = burst.first - burst.silence
+            span = self._span(burst.first, lower, burst.first, burst.count)
             track = Track(kind, axis, 0.0, 1, burst.nats, [span], is_counted=True)
             self.tracks.add(track, same=lambda _: True)
         for channel, burst in self._rare.open.items():

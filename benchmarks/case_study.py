@@ -29,7 +29,7 @@ from allanscope.explain import AxisExplanation, Explanation, explain
 from allanscope.explain.residual import deviation_of
 from allanscope.history import Record
 from allanscope.noise import Coefficient, NoiseModel, gls_chi2
-from allanscope.noise.bridging import bridge_gaps
+from allanscope.noise.gap_bridging import bridge_gaps
 from allanscope.pipeline.analyse_arrays import events_of_columns
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import table_of_file

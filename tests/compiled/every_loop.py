@@ -11,7 +11,7 @@ from allanscope.allan.estimators import REGISTRY
 from allanscope.allan.estimators.theo1 import thinned_theo1_variance
 from allanscope.allan.shard import ALIGNED, BLOCK, Shard
 from allanscope.explain.effects.random_telegraph import posterior
-from allanscope.explain.steadiness import demodulate
+from allanscope.explain.stationarity import demodulate
 from allanscope.noise.amplitudes import maximise
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator.noise.power_law import FractionalIntegral

@@ -1,4 +1,4 @@
-"""What is cut off at a limit is saturation, what piles up within is a dead zone, no repeat."""
+"""What is cut off at a limit is saturation, what collects within it is a dead zone."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from allanscope.compiled import Pointer, kernel
-from allanscope.explain.steadiness import demodulate
+from allanscope.explain.stationarity import demodulate
 from allanscope.lazy import once
 from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components import AngleQuantization, Flicker, RandomWalk, White

@@ -9,7 +9,7 @@ import pytest
 
 from allanscope.explain import explain
 from allanscope.explain.heldout import _contradiction
-from allanscope.explain.shaken import shaken_rows
+from allanscope.explain.shock_rows import find_shock_rows
 
 SIGMA = 4e-3 * 52.0**0.5
 AT_S, LASTS_S = 130.0, 1.5
@@ -82,7 +82,7 @@ def test_a_level_that_leaves_and_returns_on_three_axes_is_no_shock(bench):
     b = bench(612, 300.0)
     box = np.where((b.t >= 100) & (b.t < 102), 12 * SIGMA, 0.0)
     axes = {axis: b.noise() + box for axis in ("gx", "gy", "gz")}
-    assert shaken_rows(axes, 52.0, dict.fromkeys(axes, 1e-4)) == []
+    assert find_shock_rows(axes, 52.0, dict.fromkeys(axes, 1e-4)) == []
 
 
 def test_pieces_of_a_shock_contradict_a_step_and_a_true_step_does_not(bench):

@@ -5,7 +5,7 @@ from scipy.signal import lfilter
 
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
-from allanscope.explain.steadiness import constancy, sweeps, unsteadiness
+from allanscope.explain.stationarity import bartlett_z, constancy, sweeps
 
 
 def _noise_and(tone: np.ndarray) -> np.ndarray:
@@ -19,8 +19,8 @@ def test_a_chirp_through_a_broad_band_is_unsteady_and_noise_in_it_is_not():
     low = 2 * np.exp(-np.pi * 10 / rate) * np.cos(2 * np.pi * 10 / rate)
     band = lfilter([1.0], [1.0, -low, np.exp(-2 * np.pi * 10 / rate)],
                    np.random.default_rng(5).normal(size=n))  # fmt: skip
-    assert unsteadiness(_noise_and(chirp), rate, 10.0, 8.0) > 15
-    assert abs(unsteadiness(_noise_and(band), rate, 10.0, 8.0)) < 4
+    assert bartlett_z(_noise_and(chirp), rate, 10.0, 8.0) > 15
+    assert abs(bartlett_z(_noise_and(band), rate, 10.0, 8.0)) < 4
 
 
 def line(frequency):

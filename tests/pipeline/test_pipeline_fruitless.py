@@ -15,7 +15,7 @@ import pytest
 
 from allanscope.__main__ import main
 from allanscope.pipeline import Decoding
-from allanscope.pipeline.inbox import joined
+from allanscope.pipeline.read_queue import joined
 from allanscope.samples import AXES, Block, Gap, Notice, StreamInfo, Ticks
 from allanscope.sources import Chunk
 from allanscope.wire import WireSettings

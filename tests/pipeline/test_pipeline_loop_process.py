@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from allanscope.analysis import Analyser, summarise, verdict
-from allanscope.pipeline.inbox import LIVE_ROOM, Inbox, joined
+from allanscope.pipeline.read_queue import LIVE_ROOM, ReadQueue, joined
 from allanscope.pipeline.refreshing import LoopProcess
 from allanscope.recording import Buffer
 from allanscope.samples import Block, StreamInfo, Ticks
@@ -156,7 +156,7 @@ def test_a_look_that_fails_says_why_and_harms_nothing(analyser):
 
 
 def test_reads_that_come_together_are_taken_together_and_in_order():
-    inbox = Inbox(together_s=0.05)
+    inbox = ReadQueue(together_s=0.05)
     chunks = [Chunk(1, b"a"), Chunk(2, b"b"), Chunk(3, event="disconnected"), Chunk(4, b"c")]
     for chunk in chunks:
         inbox.put(chunk)
@@ -172,17 +172,17 @@ def test_reads_that_come_together_are_taken_together_and_in_order():
 
 
 def test_what_was_read_long_ago_is_taken_at_once_and_the_end_of_a_run_waits_for_nothing():
-    late = Inbox(together_s=3600.0, live=True)
+    late = ReadQueue(together_s=3600.0, live=True)
     late.put(Chunk(time.monotonic_ns() - 3600 * 10**9, b"a"))
     assert [chunk.data for chunk in late.take()] == [b"a"]  # else the test takes an hour
-    ended = Inbox(together_s=3600.0, live=True)
+    ended = ReadQueue(together_s=3600.0, live=True)
     ended.put(Chunk(time.monotonic_ns(), b"a"))
     threading.Timer(0.01, ended.end).start()
     assert ended.take()[0].data == b"a"
 
 
 def test_a_reader_waits_when_there_is_no_room_and_is_let_go_at_the_end():
-    inbox = Inbox(room=1, together_s=0.0)
+    inbox = ReadQueue(room=1, together_s=0.0)
     inbox.put(Chunk(1, b"a"))
     reader = threading.Thread(target=inbox.put, args=(Chunk(2, b"b"),), daemon=True)
     reader.start()
@@ -199,7 +199,7 @@ def test_a_reader_waits_when_there_is_no_room_and_is_let_go_at_the_end():
 
 
 def test_a_port_at_its_fastest_is_read_for_half_an_hour_while_nobody_decodes():
-    inbox = Inbox(LIVE_ROOM)
+    inbox = ReadQueue(LIVE_ROOM)
     reads = [Chunk(number, bytes(1900)) for number in range(50 * 1800)]  # 6.66 kHz, six axes
     reader = threading.Thread(target=lambda: [inbox.put(read) for read in reads], daemon=True)
     reader.start()

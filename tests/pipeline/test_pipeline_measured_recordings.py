@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import welch
 
 from allanscope.explain.series import hindrances, series_of
-from allanscope.noise.bridging import bridge_gaps
+from allanscope.noise.gap_bridging import bridge_gaps
 from allanscope.pipeline.table_files import table_of_file
 from support.thinned import RATE, thinned
 

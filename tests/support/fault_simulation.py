@@ -313,7 +313,7 @@ def _patches(
     yield mock.patch.object(live, "Recorder", recorder)
     yield mock.patch.object(session, "summarise", summary)
     yield mock.patch("allanscope.pipeline.run_live", run_live)
-    yield mock.patch("allanscope.pipeline.inbox.TOGETHER_S", 0.002)
+    yield mock.patch("allanscope.pipeline.read_queue.TOGETHER_S", 0.002)
 
 
 class View:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank, CurveChoices
 from allanscope.analysis.comparison import ReferenceCurve
-from allanscope.analysis.padding import Padding
+from allanscope.analysis.logger_padding import Padding
 from allanscope.analysis.rows import BUFFERED, RowBuffer, in_parallel, lowest_and_highest
 from allanscope.clock import Clock
 from allanscope.errors import UsageError

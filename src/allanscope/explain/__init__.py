@@ -31,7 +31,7 @@ if TYPE_CHECKING:
         failed,
         failure_text,
     )
-    from allanscope.explain.held import fit_beside
+    from allanscope.explain.known_effects import fit_beside
     from allanscope.explain.live import LiveLoop
     from allanscope.explain.loop import Explanation, explain
     from allanscope.explain.search import Budget
@@ -65,6 +65,6 @@ __getattr__, __dir__ = lazily(
         "explain": "loop",
         "failed": "effect",
         "failure_text": "effect",
-        "fit_beside": "held",
+        "fit_beside": "known_effects",
     },
 )

@@ -20,8 +20,8 @@ from allanscope.explain.effect import AxisExplanation, Effect, Parameter, Residu
 from allanscope.explain.effects.clock_error import clock_error_of
 from allanscope.explain.effects.ramp import Ramp
 from allanscope.explain.gates import growth
-from allanscope.explain.held import HeldEffects, known_of, signals_of
 from allanscope.explain.highband import above_the_rows
+from allanscope.explain.known_effects import KnownEffects, known_of, signals_of
 from allanscope.explain.moves.drop import refuse
 from allanscope.explain.residual import error_of, same_ordinates, shares_of
 from allanscope.explain.search import Budget, close_loop
@@ -30,9 +30,9 @@ from allanscope.explain.values import step_of
 from allanscope.explain.view import Clock, View
 from allanscope.history import Record
 from allanscope.noise import NoiseFit, NoiseModel, fit_noise
-from allanscope.noise.bridging import bridge_gaps
 from allanscope.noise.components import AngleQuantization
 from allanscope.noise.fit import Known
+from allanscope.noise.gap_bridging import bridge_gaps
 from allanscope.quantities import duration
 from allanscope.spectrum import Density
 
@@ -68,7 +68,7 @@ class Explanation:
         Axis name to what was taken out of its samples: kind of effect to its sum, shape (n,).
     row_s : float
         Time between those samples.
-    held : HeldEffects
+    held : KnownEffects
         What was accepted, for a fit of the noise beside it on a longer record (`fit_beside`).
     length_s, samples : float, int
         Of the record that was searched.
@@ -81,7 +81,7 @@ class Explanation:
     cleaned: Mapping[str, Array] = field(default_factory=dict, repr=False)
     signals: Mapping[str, Mapping[str, Array]] = field(default_factory=dict, repr=False)
     row_s: float = 0.0
-    held: HeldEffects = field(default_factory=HeldEffects, repr=False)
+    held: KnownEffects = field(default_factory=KnownEffects, repr=False)
     length_s: float = 0.0
     samples: int = 0
 
@@ -204,9 +204,9 @@ def explain(
     )
 
 
-def _held(series: Series, views: Mapping[str, View]) -> HeldEffects:
+def _held(series: Series, views: Mapping[str, View]) -> KnownEffects:
     """Return what holds for a longer record of the same run."""
-    return HeldEffects(
+    return KnownEffects(
         accepted={axis: view.accepted for axis, view in views.items()},
         steps={axis: view.step for axis, view in views.items()},
         stride=series.stride,

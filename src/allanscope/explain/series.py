@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct, prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
-from allanscope.explain.shaken import Shaken, shaken_rows
+from allanscope.explain.shock_rows import ShockRows, find_shock_rows
 from allanscope.explain.values import Coincidence
 from allanscope.history import Record
 from allanscope.lazy import once
@@ -167,11 +167,11 @@ class Series:
         return equal[~(self.bridged[1:] | self.bridged[:-1])]
 
     @once
-    def shaken(self) -> tuple[Shaken, ...]:
+    def shaken(self) -> tuple[ShockRows, ...]:
         """Shocks, on whichever axis."""
         rows = {axis: np.ascontiguousarray(self.values[:, k]) for k, axis in enumerate(self.axes)}
         steps = dict(zip(self.axes, self.lsb, strict=True))
-        return tuple(shaken_rows(rows, self.rate_hz, steps))
+        return tuple(find_shock_rows(rows, self.rate_hz, steps))
 
     @once
     def coincidence(self) -> Coincidence:

@@ -11,7 +11,7 @@ and a box from a to b is the difference of two steps,
 :math:`n I(a, b) = 2F(0) - F(2a) - F(2b) - 2F(b - a) + 2F(a + b)`.
 
 A stretch of loud noise (found later, as `variance_change`) makes the level move more there than a
-stationary model lets expect: what is gained is divided by the `loudness` around it.
+stationary model lets expect: what is gained is divided by the `local_power_ratio` around it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from allanscope.noise.filters import combined_response
 from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.likelihood import Fit, Likelihood
 
-__all__ = ["Spectrum", "StepScan", "fit_spectrum", "loudness"]
+__all__ = ["Spectrum", "StepScan", "fit_spectrum", "local_power_ratio"]
 
 Array = NDArray[np.float64]
 
@@ -196,7 +196,7 @@ class StepScan:
         return np.asarray(score**2 / (2 * np.maximum(information, 1e-300)))
 
 
-def loudness(data: Array, rate_hz: float, first: int, last: int) -> float:
+def local_power_ratio(data: Array, rate_hz: float, first: int, last: int) -> float:
     """Return the white power around samples `first` to `last` over that of all, 1 at the least.
 
     Where it is clearly louder before, between or after them, that part decides.

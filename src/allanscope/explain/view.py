@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.crowded_codes import CrowdedCode, crowded_codes, missing_codes
 from allanscope.explain.effect import SearchStep
-from allanscope.explain.piles import Pile, missing_codes, piles
 from allanscope.explain.series import Series
 from allanscope.explain.spectrum import Spectrum, StepScan, fit_spectrum
 from allanscope.lazy import once
@@ -154,9 +154,9 @@ class View:
         return np.asarray(self.series.values[:, self.series.column(self.axis)])
 
     @once
-    def piles(self) -> tuple[Pile, ...]:
-        """Values at which the samples pile up."""
-        return piles(self.samples[~self.series.bridged], self.step)
+    def crowded_codes(self) -> tuple[CrowdedCode, ...]:
+        """Values at which the samples collect."""
+        return crowded_codes(self.samples[~self.series.bridged], self.step)
 
     @property
     def missing_codes(self) -> tuple[float, ...]:

@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.history import Record
-from allanscope.noise.bridging import bridge_gaps, worth_of
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import Ramp, Rounding
 from allanscope.noise.drift import fit_drift
 from allanscope.noise.estimates import Estimates, ramp_coefficient
 from allanscope.noise.evidence import Evidence, evidence_of, stretches_of, with_ranges
 from allanscope.noise.filters import HeldPattern, HeldSamples, LowPass
+from allanscope.noise.gap_bridging import bridge_gaps, worth_of
 from allanscope.noise.grid import Ranges
 from allanscope.noise.likelihood import Fit, Likelihood
 from allanscope.noise.model import NoiseModel

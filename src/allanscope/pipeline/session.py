@@ -27,12 +27,12 @@ from typing import Protocol
 
 from allanscope.analysis import Analyser, Analysis, Depth, event_dict, summarise
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.inbox import (
+from allanscope.pipeline.read_queue import (
     LIVE_ROOM,
     NOBODY_LOOKS_S,
     REPLAY_ROOM,
     TOGETHER_S,
-    Inbox,
+    ReadQueue,
     joined,
 )
 from allanscope.pipeline.refreshing import UNSEEN, LoopProcess, Pace, Refresher
@@ -140,10 +140,10 @@ class Session:
         self._earlier = earlier
         self._stop = threading.Event()
         if ledger is None:
-            self._inbox = Inbox(REPLAY_ROOM)
+            self._inbox = ReadQueue(REPLAY_ROOM)
         else:
             together_s = NOBODY_LOOKS_S if pace is UNSEEN else TOGETHER_S
-            self._inbox = Inbox(LIVE_ROOM, together_s, live=True)
+            self._inbox = ReadQueue(LIVE_ROOM, together_s, live=True)
         self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
         self.failures: list[str] = []

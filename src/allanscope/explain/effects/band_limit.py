@@ -23,7 +23,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.residual import removes
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
-from allanscope.explain.steadiness import UNSTEADY, unsteadiness_of
+from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
 from allanscope.noise.filters import AnalogueLowPass, Butterworth, LowPass, OnePole
 from allanscope.noise.selection import LOW_PASS_PENALTY
@@ -103,7 +103,7 @@ class BandLimit(EffectKind):
 
         What comes and goes more than a filter may is what a tone in it bends.
         """
-        if removes(view, candidate) and unsteadiness_of(view, candidate) <= 2 * UNSTEADY:
+        if removes(view, candidate) and bartlett_z_of(view, candidate) <= 2 * UNSTEADY:
             return candidate
         return None
 

@@ -6,8 +6,8 @@ would have held,
 
 .. math:: y = L \quad \text{for} \quad |x - L| < w / 2 ,
 
-and the noise figures are those of what is left. Deterministic: read off the values. A pile with
-values missing on one side only, or none, may be a replaced code and is `unexplained`.
+and the noise figures are those of what is left. Deterministic: read off the values. A crowded code
+with values missing on one side only, or none, may be a replaced code and is `unexplained`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from typing import ClassVar
 import numpy as np
 
 from allanscope.explain.candidate import Candidate
+from allanscope.explain.crowded_codes import CrowdedCode
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.piles import Pile
 from allanscope.explain.view import View
 
 _EMPTY = 1.5
@@ -63,29 +63,31 @@ class DeadZone(EffectKind):
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
-        """Look at every value within the range at which samples pile up."""
+        """Look at every value within the range at which samples collect."""
         known = [c.effect.level.value for c in view.accepted if isinstance(c.effect, cls)]
-        for pile in view.piles:
-            ends = _ends(view, pile) if pile.side == 0 and pile.value not in known else None
+        for crowded in view.crowded_codes:
+            ends = (
+                _ends(view, crowded) if crowded.side == 0 and crowded.value not in known else None
+            )
             if ends is None:
                 continue
             half, room = view.step / 2, view.step  # the first that occurs stands for half a step
-            error = math.sqrt(pile.share * (1 - pile.share) / view.grid.n)
+            error = math.sqrt(crowded.share * (1 - crowded.share) / view.grid.n)
             width = ends[1] - ends[0]
             yield Candidate(
                 cls(
-                    Estimate(pile.value, pile.value - half, pile.value + half, view.unit),
+                    Estimate(crowded.value, crowded.value - half, crowded.value + half, view.unit),
                     Estimate(width, width - room, width + room, view.unit),
-                    Estimate.of(pile.share, error),
+                    Estimate.of(crowded.share, error),
                 ),
                 math.inf,  # read off, not inferred
             )
 
 
-def _ends(view: View, pile: Pile) -> tuple[float, float] | None:
+def _ends(view: View, crowded: CrowdedCode) -> tuple[float, float] | None:
     """Return the next values below and above that occur; None where they are not far enough."""
     samples = view.samples[~view.series.bridged]
-    apart = samples - pile.value
+    apart = samples - crowded.value
     least = view.step / 2
     ends = []
     for side in (-1, 1):
@@ -95,5 +97,5 @@ def _ends(view: View, pile: Pile) -> tuple[float, float] | None:
             return None
         if np.count_nonzero(beyond < 2 * gap) < _EXPECTED:
             return None
-        ends.append(pile.value + side * gap)
+        ends.append(crowded.value + side * gap)
     return ends[0], ends[1]

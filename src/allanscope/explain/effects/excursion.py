@@ -19,7 +19,7 @@ from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import SizedSignal
 from allanscope.explain.regression import joint_fit, step_ordinates
-from allanscope.explain.spectrum import StepScan, loudness
+from allanscope.explain.spectrum import StepScan, local_power_ratio
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
@@ -80,7 +80,7 @@ class Excursion(SizedSignal):
         if not found:
             return []
         rows, best = max(found, key=lambda one: one[1].gain)
-        uneven = loudness(view.data, view.grid.rate_hz, *rows)
+        uneven = local_power_ratio(view.data, view.grid.rate_hz, *rows)
         best = replace(best, gain=best.gain / uneven)
         return [(cls._near(view, *rows) or best) if best.excess > 0 else best]
 

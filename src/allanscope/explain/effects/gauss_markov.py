@@ -24,7 +24,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
-from allanscope.explain.steadiness import UNSTEADY
+from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import GaussMarkov as Process
 from allanscope.noise.grid import Grid

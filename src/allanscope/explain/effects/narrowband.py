@@ -31,7 +31,7 @@ from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.residual import removes
 from allanscope.explain.spectrum import fit_spectrum
-from allanscope.explain.steadiness import UNSTEADY, evenness, sweeps, unsteadiness, unsteadiness_of
+from allanscope.explain.stationarity import UNSTEADY, bartlett_z, bartlett_z_of, envelope_z, sweeps
 from allanscope.explain.view import View
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
 from allanscope.noise.components import Narrowband as Resonance
@@ -175,11 +175,11 @@ class Narrowband(EffectKind):
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value
         return (
             width * view.series.duration_s >= _FEWEST_COHERENCES
-            and unsteadiness(view.data, rate, f0, width) < _UNSTEADY
-            and unsteadiness_of(view, candidate) < UNSTEADY
+            and bartlett_z(view.data, rate, f0, width) < _UNSTEADY
+            and bartlett_z_of(view, candidate) < UNSTEADY
             and not sweeps(view.data, rate, f0, width)
             and not (
-                evenness(view.data, rate, f0, width) > _TOO_EVEN
+                envelope_z(view.data, rate, f0, width) > _TOO_EVEN
                 and self._is_misshapen(view, candidate)
             )
             and removes(view, candidate)

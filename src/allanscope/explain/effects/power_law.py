@@ -23,7 +23,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
-from allanscope.explain.steadiness import UNSTEADY
+from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import PowerLaw as Process
 from allanscope.noise.grid import Grid

@@ -7,8 +7,8 @@ White noise stays white, so the curve and the spectrum show nothing: N is merely
 .. math:: \mathrm{Var}\,y < \mathrm{Var}\,x,
 
 and nothing that is computed of the axis is that of the sensor. Deterministic: read off the values.
-Both ends may be cut: each is named. The last code beside a missing one is no limit (`piles`), and
-samples that pile up within the range are a `dead_zone` or `unexplained`.
+Both ends may be cut: each is named. The last code beside a missing one is no limit
+(`crowded_codes`), and samples that collect within the range are a `dead_zone` or `unexplained`.
 """
 
 from __future__ import annotations
@@ -57,11 +57,11 @@ class Saturation(EffectKind):
         """Look at both ends of the values that occur."""
         known = [c.effect.side.value for c in view.accepted if isinstance(c.effect, cls)]
         n = view.grid.n
-        for pile in view.piles:
-            if pile.side == 0 or pile.side in known:
+        for crowded in view.crowded_codes:
+            if crowded.side == 0 or crowded.side in known:
                 continue
             half = view.step / 2
-            error = math.sqrt(pile.share * (1 - pile.share) / n)
-            level = Estimate(pile.value, pile.value - half, pile.value + half, view.unit)
-            side, share = Estimate.exact(float(pile.side)), Estimate.of(pile.share, error)
+            error = math.sqrt(crowded.share * (1 - crowded.share) / n)
+            level = Estimate(crowded.value, crowded.value - half, crowded.value + half, view.unit)
+            side, share = Estimate.exact(float(crowded.side)), Estimate.of(crowded.share, error)
             yield Candidate(cls(level, side, share), math.inf)  # read off, not inferred

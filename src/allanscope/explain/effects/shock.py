@@ -4,9 +4,9 @@ For a second or ten the samples move by many times their noise, to and fro, and 
 perhaps the level is another one afterwards, which is a `step` of its own. In the spectrum a shock
 is everywhere, in the curve it looks like white noise or a random walk, and one that is explained by
 steps and excursions takes a dozen of them. So it is found in time, before everything else, and on
-all axes together (`shaken`): what shakes one axis is looked for on the others at that moment, with
-one time and duration. These rows are taken out: the level before is drawn through them to the level
-after, with noise like that beside them on it, so that the spectrum has no hole there. What
+all axes together (`shock_rows`): what shakes one axis is looked for on the others at that moment,
+with one time and duration. These rows are taken out: the level before is drawn through them to the
+level after, with noise like that beside them on it, so that the spectrum has no hole there. What
 changes the level within the time of a shock is one `step` at most, and belongs to its finding.
 """
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.shaken import Shaken
+from allanscope.explain.shock_rows import ShockRows
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 
@@ -123,7 +123,7 @@ def _extent(effect: Shock, view: View) -> tuple[int, int]:
     return round(first), round(first + effect.duration.value * rate)
 
 
-def _candidate(view: View, shaken: Shaken) -> Candidate:
+def _candidate(view: View, shaken: ShockRows) -> Candidate:
     rate, n = view.grid.rate_hz, len(view.data)
     sigma = shaken.sigma[view.axis]
     margin = int(np.ceil(_MARGIN_S * rate))

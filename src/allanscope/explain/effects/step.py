@@ -20,7 +20,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, SizedSignal
 from allanscope.explain.effects.random_telegraph import RandomTelegraph
 from allanscope.explain.regression import joint_fit, step_ordinates
-from allanscope.explain.spectrum import StepScan, loudness
+from allanscope.explain.spectrum import StepScan, local_power_ratio
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
@@ -93,7 +93,7 @@ class Step(SizedSignal):
         start, best = max(found, key=lambda one: one[1].gain)
         if _is_hop(view, best.effect):
             return []
-        best = replace(best, gain=best.gain / loudness(view.data, rate, start, start))
+        best = replace(best, gain=best.gain / local_power_ratio(view.data, rate, start, start))
         return [cls._near(view, start) if best.excess > 0 else best]
 
     def refine(self, view: View) -> Candidate:

@@ -23,7 +23,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
 from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness, removes
 from allanscope.explain.series import CHI_SQUARE_MEDIAN
-from allanscope.explain.steadiness import reach_of, unsteadiness_of
+from allanscope.explain.stationarity import bartlett_z_of, reach_of
 from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Ranges
@@ -199,7 +199,7 @@ def lasting(view: View, process: Candidate, most_sigma: float = float("inf")) ->
     """
     if not removes(view, process):
         return None
-    if most_sigma == float("inf") or unsteadiness_of(view, process) <= most_sigma:
+    if most_sigma == float("inf") or bartlett_z_of(view, process) <= most_sigma:
         return process
     _, high = reach_of(view, process)
     return tone_left_over(view, process, high / 2, high / 2)
@@ -466,11 +466,13 @@ def _drift(view: View, drift: Array, gain: float, words: str) -> Candidate:
 
 
 def _piles(view: View) -> list[Candidate]:
-    """Report values within the range at which samples pile up, and which are no dead zone."""
-    inside = [pile for pile in view.piles if pile.side == 0 and not view.has("dead_zone")]
+    """Report values within the range at which samples collect, and which are no dead zone."""
+    inside = [
+        crowded for crowded in view.crowded_codes if crowded.side == 0 and not view.has("dead_zone")
+    ]
     if view.series.stride > 1 or view.has("quantization") or not inside:
         return []
-    most = max(inside, key=lambda pile: pile.share)
+    most = max(inside, key=lambda crowded: crowded.share)
     words = (
         f"{100 * most.share:.2g} % of the samples are {most.value:.4g} {view.unit}, far more than "
         "at the values beside it: a narrow dead zone or a replaced code"

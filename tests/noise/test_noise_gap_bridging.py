@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import butter, lfilter, welch
 
 from allanscope.noise import fit_noise
-from allanscope.noise.bridging import bridge_gaps
+from allanscope.noise.gap_bridging import bridge_gaps
 from support.thinned import RATE, thinned
 
 ROWS = 24_000

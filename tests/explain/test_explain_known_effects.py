@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allanscope.explain import explain, fit_beside
-from allanscope.explain.held import prolonged
+from allanscope.explain.known_effects import prolonged
 from allanscope.history import Record
 from allanscope.noise import fit_noise
 

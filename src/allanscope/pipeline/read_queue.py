@@ -18,7 +18,7 @@ import numpy as np
 from allanscope.recording import Buffer
 from allanscope.sources import Chunk
 
-__all__ = ["NOBODY_LOOKS_S", "TOGETHER_S", "Inbox", "joined"]
+__all__ = ["NOBODY_LOOKS_S", "TOGETHER_S", "ReadQueue", "joined"]
 
 REPLAY_ROOM, LIVE_ROOM = 8 << 20, 256 << 20
 """Bytes that may wait to be decoded. A replay can wait; a port is read for three quarters of an
@@ -34,7 +34,7 @@ NOBODY_LOOKS_S = 0.4
 """The same where there is no chart and no screen."""
 
 
-class Inbox:
+class ReadQueue:
     """A queue of reads with room for so many bytes; the reader waits when it is full.
 
     Parameters

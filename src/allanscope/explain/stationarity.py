@@ -29,13 +29,13 @@ from allanscope.noise.filters import made_white_share
 
 __all__ = [
     "UNSTEADY",
+    "bartlett_z",
+    "bartlett_z_of",
     "constancy",
     "demodulate",
-    "evenness",
+    "envelope_z",
     "reach_of",
     "sweeps",
-    "unsteadiness",
-    "unsteadiness_of",
 ]
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ def reach_of(view: View, candidate: Candidate) -> tuple[float, float]:
     return float(f[counts[0]]), float(f[counts[-1]])
 
 
-def unsteadiness_of(view: View, candidate: Candidate) -> float:
+def bartlett_z_of(view: View, candidate: Candidate) -> float:
     """Return by how many sigma a process comes and goes more than a stationary one does."""
     low, high = reach_of(view, candidate)
     return max((_unsteadiness(view, candidate, low, high, parts) for parts in _LADDER), default=0.0)
@@ -249,7 +249,7 @@ def _rank_correlation(values: list[float]) -> float:
     return float(np.corrcoef(np.arange(len(values)), ranks)[0, 1])
 
 
-def unsteadiness(data: Array, rate: float, frequency: float, bandwidth: float) -> float:
+def bartlett_z(data: Array, rate: float, frequency: float, bandwidth: float) -> float:
     r"""Return by how many sigma the power in a band moves through the record more than noise does.
 
     The band and its surroundings are cut into cells of frequency and parts of time. A chirp through
@@ -281,7 +281,7 @@ def unsteadiness(data: Array, rate: float, frequency: float, bandwidth: float) -
     )
 
 
-def evenness(data: Array, rate: float, frequency: float, bandwidth: float) -> float:
+def envelope_z(data: Array, rate: float, frequency: float, bandwidth: float) -> float:
     r"""Return by how many sigma the envelope of a band is more even than that of noise.
 
     The power :math:`p = |z|^2` of Gaussian noise in a band is exponentially distributed, with

@@ -9,7 +9,7 @@ import pytest
 
 import allanscope
 from allanscope.explain import explain
-from allanscope.explain.piles import missing_codes, piles
+from allanscope.explain.crowded_codes import crowded_codes, missing_codes
 from allanscope.explain.values import step_of
 
 SIGMA = 4e-3 * 52.0**0.5
@@ -81,7 +81,7 @@ def test_a_dead_zone_that_holds_a_per_cent_is_still_a_pile():
     rng = np.random.default_rng(525)
     noise = rng.normal(0, 10, 20_000)
     noise[np.abs(noise) < 1.5] = 0.0
-    (pile,) = piles(np.round(noise), 1.0)
+    (pile,) = crowded_codes(np.round(noise), 1.0)
     assert pile.side == 0
     assert pile.value == 0.0
 

@@ -2,11 +2,11 @@
 
 The frequencies of a signal with noise on it change smoothly from one value to the next, whatever
 its distribution. Clipping collects all that lies beyond a limit on one value, a dead zone all that
-lies within it. Counted are arrivals at a value: a bus that freezes stays, and is no pile.
+lies within it. Counted are arrivals at a value: a bus that freezes stays, and is no crowded code.
 
 No converter is even: of all its codes some are a little wider than their neighbours, and one may
-never occur. A code is a pile within the range only where chance among all codes does not make it,
-where it holds twice what its neighbours hold, and where that is enough to matter. The last code
+never occur. A code is crowded within the range only where chance among all codes does not make it
+so, where it holds twice what its neighbours hold, and where that is enough to matter. The last code
 of a range beside one that is missing takes over what would have been there: it is no limit.
 """
 
@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import pdtrc
 
-__all__ = ["Pile", "missing_codes", "piles"]
+__all__ = ["CrowdedCode", "crowded_codes", "missing_codes"]
 
 Array = NDArray[np.float64]
 
 _FEWEST_ARRIVALS = 20
-"""Arrivals that make a pile."""
+"""Arrivals that make a code crowded."""
 _MORE, _SIGMAS = 1.2, 5.0
-"""Ratio and deviations by which a pile at an end exceeds the value beside it."""
+"""Ratio and deviations by which a crowded code at an end exceeds the value beside it."""
 _TWICE, _ALPHA, _MATTERS = 2.0, 1e-4, 0.01
 """Within: ratio to the fuller neighbour, chance of it among all codes, and share of all samples
 beyond what the neighbours hold."""
@@ -43,8 +43,8 @@ _MOST_MISSING = 2
 
 
 @dataclass(frozen=True)
-class Pile:
-    """A value at which samples pile up.
+class CrowdedCode:
+    """A value at which samples collect.
 
     Attributes
     ----------
@@ -61,8 +61,8 @@ class Pile:
     side: int
 
 
-def piles(samples: Array, step: float) -> tuple[Pile, ...]:
-    """Return where samples pile up, in the order of the values.
+def crowded_codes(samples: Array, step: float) -> tuple[CrowdedCode, ...]:
+    """Return where samples collect, in the order of the values.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ def piles(samples: Array, step: float) -> tuple[Pile, ...]:
     Examples
     --------
     >>> noise = np.random.default_rng(1).normal(size=10_000)
-    >>> piles(np.minimum(noise, 1.5), 0.0)
-    (Pile(value=1.5, share=0.0642, side=1),)
+    >>> crowded_codes(np.minimum(noise, 1.5), 0.0)
+    (CrowdedCode(value=1.5, share=0.0642, side=1),)
     """
     if len(samples) < _FEWEST_ARRIVALS:
         return ()
@@ -102,9 +102,9 @@ def piles(samples: Array, step: float) -> tuple[Pile, ...]:
         value = float(samples[np.argmax(own)])
         if side and _gap(samples, own, value, side) > max(2 * step, _NEAR * spread):
             continue
-        found.append(Pile(value, float(own.mean()), side))
-    uneven = len([pile for pile in found if pile.side == 0]) > _MOST_PILES
-    return tuple(pile for pile in found if pile.side or not uneven)
+        found.append(CrowdedCode(value, float(own.mean()), side))
+    uneven = len([crowded for crowded in found if crowded.side == 0]) > _MOST_PILES
+    return tuple(crowded for crowded in found if crowded.side or not uneven)
 
 
 def missing_codes(samples: Array, step: float) -> tuple[float, ...]:

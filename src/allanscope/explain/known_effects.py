@@ -21,17 +21,17 @@ from allanscope.explain.series import Series, series_of
 from allanscope.explain.view import View
 from allanscope.history import Record
 from allanscope.noise import NoiseFit, fit_noise
-from allanscope.noise.bridging import bridge_gaps
 from allanscope.noise.fit import Known
+from allanscope.noise.gap_bridging import bridge_gaps
 from allanscope.spectrum import Density
 
-__all__ = ["HeldEffects", "NoiseBeside", "fit_beside", "known_of", "signals_of"]
+__all__ = ["KnownEffects", "NoiseBeside", "fit_beside", "known_of", "signals_of"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class HeldEffects:
+class KnownEffects:
     """What a search accepted on each axis, and the rows that it looked at.
 
     Attributes
@@ -91,13 +91,13 @@ def known_of(view: View) -> Known:
 
 
 def fit_beside(
-    held: HeldEffects, record: Record, densities: Mapping[str, Density] | None = None
+    held: KnownEffects, record: Record, densities: Mapping[str, Density] | None = None
 ) -> dict[str, NoiseBeside]:
     """Fit the noise of every axis that was searched, the effects held.
 
     Parameters
     ----------
-    held : HeldEffects
+    held : KnownEffects
         Of an earlier search of the same run.
     record : Record
         All that is held of the run by now.
@@ -136,7 +136,7 @@ def signals_of(view: View) -> dict[str, Array]:
     return found
 
 
-def _prolonged(held: HeldEffects, series: Series, axis: str) -> View:
+def _prolonged(held: KnownEffects, series: Series, axis: str) -> View:
     samples = np.ascontiguousarray(series.values[:, series.column(axis)])
     view = View(series, series.grid, axis, samples, held.steps[axis])
     ratio = max(1, round(series.stride / held.stride))

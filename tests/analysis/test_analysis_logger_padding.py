@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import allanscope
-from allanscope.analysis.padding import Padding
+from allanscope.analysis.logger_padding import Padding
 
 RATE, N = 100.0, 5e-3
 SIGMA = N * RATE**0.5

@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from allanscope.quantities import MAD_TO_SIGMA
 
-__all__ = ["Shaken", "shaken_rows"]
+__all__ = ["ShockRows", "find_shock_rows"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -47,7 +47,7 @@ _AXES = 2
 
 
 @dataclass(frozen=True)
-class Shaken:
+class ShockRows:
     """One shock of the record.
 
     Attributes
@@ -99,9 +99,9 @@ class _Away:
         return np.asarray(found)
 
 
-def shaken_rows(
+def find_shock_rows(
     axes: Mapping[str, Array], rate_hz: float, steps: Mapping[str, float]
-) -> list[Shaken]:
+) -> list[ShockRows]:
     """Return the shocks of a record, the first one first.
 
     Parameters
@@ -126,7 +126,7 @@ def shaken_rows(
             if np.count_nonzero(one.beyond(_MOVED, part)) >= _LEAST_ROWS
             or np.count_nonzero(one.beyond(_LOUD, part)) >= _AT_KNOWN_TIME
         }
-        found.append(Shaken(first, stop, moved))
+        found.append(ShockRows(first, stop, moved))
     return found
 
 

@@ -1,0 +1,52 @@
+"""What coverage-guided fuzzing has found new ways through the decoders with is taken once more.
+
+``with_atheris.py`` adds to such a corpus; the file holds it in base64, a list for each target.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+from pathlib import Path
+
+import pytest
+
+from allanscope.analysis import Analyser
+from allanscope.errors import AllanscopeError
+from allanscope.recording import Recording
+from allanscope.wire import WireSettings, format_named, sniff
+
+CORPUS: dict[str, list[str]] = json.loads(
+    Path(__file__).with_name("corpus.json").read_text("ascii")
+)
+
+
+def inputs(target: str) -> list[bytes]:
+    return [base64.b64decode(one) for one in CORPUS[target]]
+
+
+@pytest.mark.parametrize("name", sorted(CORPUS.keys() - {"recording", "sniff"}))
+def test_every_way_through_a_decoder_ends_in_events(name: str) -> None:
+    for data in inputs(name):
+        decoder, analyser = format_named(name).decoder(WireSettings()), Analyser()
+        cut = data[0] if data else 0
+        for event in [*decoder.feed(data[:cut], 1.0), *decoder.feed(data[cut:], 2.0)]:
+            analyser.take(event)
+        for event in decoder.finish():
+            analyser.take(event)
+
+
+def test_every_way_through_sniffing_ends_with_a_format_or_none() -> None:
+    for data in inputs("sniff"):
+        sniff(data)
+
+
+def test_every_way_through_a_recording_ends_with_its_chunks_or_one_error(tmp_path: Path) -> None:
+    path = tmp_path / "fuzz.mcap"
+    for data in inputs("recording"):
+        path.write_bytes(b"\x89MCAP0\r\n" + data)
+        with contextlib.suppress(AllanscopeError):
+            recording = Recording(path)
+            list(recording.chunks())
+            list(recording.events())

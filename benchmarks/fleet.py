@@ -1,6 +1,7 @@
 """What a fleet costs: speed-up, overhead of a task, memory, and the cost model of a large one.
 
     python benchmarks/fleet.py [--recordings 50] [--hours 0.015] [--night-hours 12] [--quick]
+    python benchmarks/fleet.py --recordings 0 --lot 10000
 
 Records simulated boards and a file that is no recording, then measures
 
@@ -9,6 +10,7 @@ Records simulated boards and a file that is no recording, then measures
 * what a task costs the client and the scheduler, with tasks that do nothing;
 * what a run costs in which everything is known: looking, table and report;
 * peak memory of the workers, bytes of a recording and of a result;
+* with --lot: table and report of so many recordings, made up from one result;
 * with --night-hours: CPU time and memory of one night at 104 Hz.
 
 A speed-up means nothing on a busy machine. So the CPU time that the workers had stands beside the
@@ -23,16 +25,21 @@ import resource
 import shutil
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from distributed import Client
 from figures import Figure, written
 
 from allanscope.fleet import FleetResult, FleetSettings, run_fleet
 from allanscope.fleet.cluster import local_cluster
 from allanscope.fleet.inputs import find_inputs
+from allanscope.fleet.lot import Lot, rows_of, write_table
+from allanscope.fleet.outcome import unpacked
+from allanscope.fleet.page import render_lot
 from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
 
@@ -157,6 +164,35 @@ def night(folder: Path, hours: float) -> list[Figure]:
     ]
 
 
+def made_up_lot(folder: Path, count: int) -> list[Figure]:
+    """Return what table and report cost of one result repeated, with N, B and K scattered."""
+    path = folder / "one.mcap"
+    simulate_recording(path, 0.05, DEVICE, SimulatedSettings(seed=1), quiet=True)
+    [place] = find_inputs([str(path)])
+    kept = unpacked(analyse_recording(place, ASKED).result)
+    rng = np.random.default_rng(1)
+
+    def rows() -> Iterator[dict[str, Any]]:
+        for number in range(count):
+            for row in rows_of(f"/lot/{number:06d}.mcap", f"unit-{number // 2:06d}", kept):
+                factor = float(np.exp(0.1 * rng.standard_normal()))
+                names = [f"{name}_{part}" for name in "NBK" for part in ("value", "lower", "upper")]
+                yield row | {name: row[name] and row[name] * factor for name in names}
+
+    before_mb, table = usage()[1], folder / "made-up.parquet"
+    began = time.process_time()
+    write_table(table, rows())
+    written_s, began = time.process_time() - began, time.process_time()
+    page = render_lot(Lot.read(table), {})
+    return [
+        Figure(f"table of {count} recordings, CPU", written_s, "s"),
+        Figure("its size", table.stat().st_size / 1e6, "MB"),
+        Figure("report, CPU", time.process_time() - began, "s", goal=60.0),
+        Figure("its size", len(page) / 1e6, "MB", goal=5.0),
+        Figure("memory, beyond what it was before", usage()[1] - before_mb, "MB"),
+    ]
+
+
 def speeds(folder: Path, count: int, hours: float) -> list[Figure]:
     """Return what one worker and two make of the recordings."""
     warm = record(folder, count, hours)
@@ -184,6 +220,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--recordings", type=int, default=50)
     parser.add_argument("--hours", type=float, default=0.015)
+    parser.add_argument("--lot", type=int, default=0, help="recordings of a made-up lot")
     parser.add_argument("--night-hours", type=float, default=0.0)
     parser.add_argument("--quick", action="store_true", help="few and short recordings")
     parser.add_argument("--json", type=Path, metavar="FILE")
@@ -197,6 +234,8 @@ def main() -> None:
             figures += speeds(folder, options.recordings, options.hours)
             figures += after_work(folder, folder / "two")
             figures += overhead()
+        if options.lot:
+            figures += made_up_lot(folder, options.lot)
         if options.night_hours:
             figures += night(folder, options.night_hours)
     finally:

@@ -99,6 +99,8 @@ def extremes(values: Floats, errors: Floats, level: float) -> list[Extreme]:
     >>> extremes(values, np.array([0, 0, 0, 0, 0, 0, 0, 1.0]), 0.01)
     []
     """
+    if len(values) == 0 or np.ptp(values) == 0.0:
+        return []
     others = _Others(values - np.median(values), errors)
     removed: list[int] = []
     p_values: list[float] = []

@@ -325,6 +325,9 @@ class View:
 
     def start(self) -> None: ...
 
+    def promise(self, *_: object) -> str:
+        return ""
+
     def _called(self, *_: object) -> None:
         if self._faults.strike("view"):
             raise RuntimeError("the view has failed")

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from allanscope.analysis import Analyser, AnalyserSettings, cause_phrase, summarise, verdict
-from allanscope.analysis.direction import motion_of_line, motion_of_step
+from allanscope.analysis.direction import motion_of_burst, motion_of_line, motion_of_step
 from allanscope.analysis.line_families import fold
 from allanscope.analysis.line_origin import origin_of, reduced, wander_of
 from allanscope.analysis.shared_lines import SeenLines, lines_in_both
@@ -186,6 +186,52 @@ def test_a_step_is_one_signed_vector():
     assert found.amplitude == pytest.approx(np.linalg.norm(size), abs=4 * 0.03 / np.sqrt(260))
     assert np.degrees(np.arccos(np.dot(found.vector, size / np.linalg.norm(size)))) < 30
     assert motion_of_step(values, times, AXES[:3], 30.0) is None
+
+
+def burst(gyro, accel, seed=0, hz=15.0, grows=1.0):
+    """Return the motion of a knock of 2 s that rings, in dps and g rms, beside gravity along z."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(6_000) / RATE
+    inside = (times > 30.0) & (times < 32.0)
+    rings = np.sin(2 * np.pi * hz * times) * np.exp(-(times - 30.0)) * inside
+    wave = rings / np.sqrt(np.mean(rings[inside] ** 2))
+    noise = rng.normal(size=(len(times), 6)) * np.array([0.03] * 3 + [1e-3] * 3)
+    noise *= 1.0 + (grows - 1.0) * inside[:, None]
+    values = noise + np.outer(wave, [*gyro, *accel]) + np.array([0, 0, 0, 0, 0, 1.0])
+    return motion_of_burst(values, times, AXES, 30.0, 32.0)
+
+
+def test_a_burst_is_one_vector_with_its_size():
+    along = np.array([0.6, 0.0, -0.8])
+    found = burst(2.0 * along, np.zeros(3))
+    (gyro,) = found.directions
+    assert abs(np.dot(gyro.vector, along)) > np.cos(np.radians(4 * gyro.error_deg))
+    assert gyro.error_deg < 2.0
+    assert gyro.lower < 2.0 < gyro.upper
+    assert gyro.roundness < 0.1
+
+
+def test_errors_of_the_direction_of_a_burst_are_those_of_repetitions():
+    along = np.array([0.6, 0.0, -0.8])
+    found = [burst(0.2 * along, np.zeros(3), seed).directions[0] for seed in range(40)]
+    off = [np.degrees(np.arccos(min(1.0, abs(np.dot(one.vector, along))))) for one in found]
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(
+        np.mean([one.error_deg for one in found]), rel=0.3
+    )
+
+
+def test_noise_that_grows_on_each_axis_by_itself_has_no_direction():
+    assert all(burst(np.zeros(3), np.zeros(3), seed, grows=3.0) is None for seed in range(20))
+    assert burst(np.zeros(3), np.zeros(3)) is None
+
+
+def test_a_burst_of_rotation_is_told_from_one_of_translation():
+    arm = 0.03 * np.radians(2.0) * 2 * np.pi * 15.0 / 9.80665
+    turned = burst([2.0, 0, 0], [0, 0, arm])
+    assert turned.kind == "rotation"
+    assert turned.arm_m == pytest.approx(0.03, rel=0.3)
+    assert burst([2.0, 0, 0], [0, 0, 100 * arm]).kind == "translation"
+    assert burst([0, 0, 0], [0.2, 0, 0]).kind == "translation"
 
 
 def test_the_result_says_that_a_line_is_an_alias():

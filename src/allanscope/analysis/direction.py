@@ -2,7 +2,8 @@
 
 The amplitude and phase of a line on all axes are a vector of complex numbers. It is what its parts
 in time have in common: the principal component of their products, in units of the noise of each
-axis, so that a line that drifts has a direction too. Of a step it is the change of the means.
+axis, so that a line that drifts has a direction too. Of a step it is the change of the means. Of a
+burst it is the principal component of what its rows have more of than those about it.
 
 A rotation about an axis at a distance accelerates. What the accelerometer shows beyond the tilt of
 gravity, over the angular acceleration that the gyroscope shows, is that distance: a board turns
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from allanscope.analysis.line_origin import LineSums
 from allanscope.quantities import MAD_TO_SIGMA, number
 
-__all__ = ["Direction", "Motion", "motion_of_line", "motion_of_step"]
+__all__ = ["Direction", "Motion", "motion_of_burst", "motion_of_line", "motion_of_step"]
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,8 @@ _NEAR_M, _FAR_M = 0.1, 1.0
 """Distance of the axis of a rotation of the board, and from which on it is none."""
 _SECTIONS = 16
 _STEP_S = 5.0
+_BURST_ROWS = 12
+"""Fewest independent rows of a burst that have a direction."""
 _ELSEWHERE = 200
 
 
@@ -46,14 +49,14 @@ class Direction:
     ----------
     sensor : {'gyro', 'accel'}
     vector : (float, float, float)
-        Unit vector along which it is largest; the largest component is positive for a line.
+        Unit vector along which it is largest; the largest component is positive but for a step.
     error_deg : float
         Standard error of its direction.
     amplitude, lower, upper : float
-        Along it, with its 95 % interval, in `unit`; the peak of a line.
+        Along it, with its 95 % interval, in `unit`; the peak of a line, the rms of a burst.
     unit : str
     roundness : float
-        Smallest over largest amplitude: 0 of a line to and fro, 1 of a circle.
+        Across over along it: 0 of a line or a burst to and fro, 1 of a circle.
     """
 
     sensor: str
@@ -154,6 +157,98 @@ def motion_of_step(
     # What the level does anyway over as long a time.
     error = MAD_TO_SIGMA * np.median(np.abs(change(grid)), axis=0)
     return _motion(found.astype(np.complex128), error, axes, values.mean(axis=0), None)
+
+
+def motion_of_burst(
+    values: Array, times_s: Array, axes: Sequence[str], start_s: float, stop_s: float
+) -> Motion | None:
+    """Return the direction of a shock or of a loud stretch; None where it has none.
+
+    Noise that grows on each axis by itself has no direction.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, axes)
+        Rows.
+    times_s : ndarray, shape (n,)
+        When each begins.
+    start_s, stop_s : float
+        When it begins and ends.
+    """
+    first, stop = np.searchsorted(times_s, [start_s, stop_s])
+    length = max(int(stop - first), _BURST_ROWS)
+    beside = values[max(0, first - 4 * length) : first], values[stop : stop + 4 * length]
+    quiet = np.concatenate([part - part.mean(axis=0) for part in beside if len(part) > 1] or beside)
+    loud = values[first:stop]
+    if min(len(loud), len(quiet)) < _BURST_ROWS:
+        return None
+    loud = loud - loud.mean(axis=0)
+    seconds = float(np.median(np.diff(times_s)))
+    known, limits, paces = {}, {}, {}
+    for sensor, names in _SENSORS.items():
+        if not set(names) <= set(axes):
+            continue
+        at = [axes.index(name) for name in names]
+        limits[sensor] = _ABOVE_NOISE * float(np.max(quiet[:, at].std(axis=0)))
+        found = _loudest(sensor, loud[:, at], quiet[:, at])
+        if found is not None:
+            known[sensor] = found
+            wave = loud[:, at] @ np.array(found.vector)
+            paces[sensor] = float(np.std(np.diff(wave)) / np.std(wave)) / seconds
+    if not known:
+        return None
+    kind, arm = "", None
+    if len(limits) == len(_SENSORS):
+        gravity = _level(beside, [axes.index(name) for name in _SENSORS["accel"]])
+        pace = paces.get("gyro", paces.get("accel", 0.0))
+        kind, arm = _kind(known, limits, gravity, pace / (2.0 * math.pi))
+    directions = tuple(known.values())
+    return Motion(directions, kind, arm, _words(directions, kind, arm))
+
+
+def _level(beside: tuple[Array, Array], columns: Sequence[int]) -> Array:
+    """Return the mean of some columns before and after a burst."""
+    return np.asarray(np.concatenate(beside)[:, list(columns)].mean(axis=0))
+
+
+def _loudest(sensor: str, loud: Array, quiet: Array) -> Direction | None:
+    """Return the direction in which a burst exceeds the rows about it; None without one."""
+    noise = np.maximum(quiet.std(axis=0), 1e-300)
+    values, vectors = np.linalg.eigh(np.cov(loud / noise, rowvar=False))
+    # The burst may ring; what is across it says how many independent rows the noise has.
+    rows = _independent((loud / noise) @ vectors[:, -2])
+    scatter = (1.0 + math.sqrt(len(noise) / rows)) ** 2
+    # Above noise at all, and above what is as loud across as along.
+    if rows < _BURST_ROWS or values[-1] < _ABOVE_NOISE * scatter * max(values[-2], 1.0):
+        return None
+    along, across = float(values[-1]), float(values[-2])
+    vector = vectors[:, -1] * noise
+    size = float(np.linalg.norm(vector))
+    unit = vector / size
+    unit = unit * np.sign(unit[int(np.argmax(np.abs(unit)))])
+    amplitude = size * math.sqrt(along - 1.0)
+    off = math.sqrt(2.0 * across / rows / (along - across))
+    relative = 1.96 * math.sqrt((along - 0.5) / rows) / (along - 1.0)
+    return Direction(
+        sensor=sensor,
+        vector=(float(unit[0]), float(unit[1]), float(unit[2])),
+        error_deg=math.degrees(math.atan(off)),
+        amplitude=amplitude,
+        lower=amplitude * max(1.0 - relative, 0.0),
+        upper=amplitude * (1.0 + relative),
+        unit="dps" if sensor == "gyro" else "g",
+        roundness=math.sqrt(max(across - 1.0, 0.0) / (along - 1.0)),
+    )
+
+
+def _independent(wave: Array) -> float:
+    """Return how many independent rows these are worth."""
+    n = len(wave)
+    power = np.abs(np.fft.rfft(wave, 2 * n)) ** 2
+    products = np.fft.irfft(power)[:n]
+    squares = (products[1:] / products[0]) ** 2
+    of_white = np.arange(n - 1, 0, -1) / n**2
+    return float(n / (1.0 + 2.0 * max(np.sum(squares - of_white), 0.0)))
 
 
 def _motion(

@@ -89,7 +89,7 @@ class Finding:
     origin : LineOrigin or None
         Where a line comes from; None of what is no line, and while a run goes on.
     motion : Motion or None
-        The direction of a line, a step or an excursion.
+        The direction of a line, a step, an excursion or a burst.
     leak : Leak or None
         The direction of a cross-coupling, where lines tell what noise does not.
     """

@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.analysis.coherence import Leak, leak_of
-from allanscope.analysis.direction import Motion, motion_of_line, motion_of_step
+from allanscope.analysis.direction import (
+    Motion,
+    motion_of_burst,
+    motion_of_line,
+    motion_of_step,
+)
 from allanscope.analysis.findings import Finding, event_times, line_of
 from allanscope.analysis.line_origin import LineOrigin, Wander, origin_of, reduced
 from allanscope.explain import Effect
@@ -19,6 +24,7 @@ from allanscope.parts import PARTS
 __all__ = ["Trace", "trace_findings"]
 
 _EVENTS = frozenset({"step", "excursion"})
+_BURSTS = frozenset({"shock", "variance_change"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +36,7 @@ class Trace:
     origin : LineOrigin or None
         Of a line.
     motion : Motion or None
-        Direction of a line, a step or an excursion.
+        Direction of a line, a step, an excursion or a burst.
     leak : Leak or None
         Direction of a cross-coupling that its noise alone does not tell.
     """
@@ -109,6 +115,10 @@ def trace_findings(
         elif lead.effect.kind in _EVENTS:
             at = event_times(lead.effect)[0]
             trace = replace(trace, motion=motion_of_step(values, record.start_s, axes, at))
+        elif lead.effect.kind in _BURSTS:
+            start, stop = event_times(lead.effect)
+            motion = motion_of_burst(values, record.start_s, axes, start, stop)
+            trace = replace(trace, motion=motion)
         elif lead.effect.kind == "cross_coupling":
             trace = replace(trace, leak=leak_of(finding, lines_on(finding), record, rate_hz))
         if trace != Trace():

@@ -250,6 +250,25 @@ def test_the_result_says_that_a_line_is_an_alias():
     assert told["motion"] is None
 
 
+def test_a_simulated_comb_ends_as_one_finding_with_its_fundamental():
+    """Orders 1, 2, 3, 5 and 8 of 7.3 Hz; the last is beyond Nyquist and seen folded at 45.6 Hz."""
+    orders = (1, 2, 3, 5, 8)
+    lines = [f"sinusoid:frequency={7.3 * k},amplitude={0.01 / k**0.5}" for k in orders]
+    truth = Truth({"gx": AxisTruth(N=2.7e-3, B=1e-3, K=1e-4)}).with_effects(
+        ["clock_error:relative=0", *lines]
+    )
+    sensor = Simulator(rate=RATE, seed=1, truth=truth, axes=("gx",))
+    analyser = Analyser(AnalyserSettings())
+    analyser.take(sensor.info)
+    analyser.take(sensor.read(int(180 * RATE)))
+    result = summarise(analyser, LinkStats(), "full", {})
+    (comb,) = result.findings
+    assert comb.kind == "sinusoid"
+    assert comb.members[0].effect.parameters["frequency"].value == pytest.approx(7.3, abs=1e-3)
+    assert (comb.harmonics, comb.folded) == ((2, 3, 5, 8), (8,))
+    assert "with harmonics 2, 3, 5 and 8 (8 folded)" in verdict(result).lines[1].text
+
+
 def test_where_the_record_cannot_tell_it_says_what_would():
     found = traced(150.0, 1, ppm=0.0)
     told = found.experiment

@@ -1,31 +1,41 @@
 """How often the limits of a deviation hold the truth: coverage of the chi-square intervals.
 
-Power-law noise of known kind is generated again and again, each run goes through the public
-`deviation` (which has to find the kind of noise by itself), and it is counted how often the 95 %
-limits contain the expectation. For unbiased estimators that is the mean over all runs of the
-variance itself; for the totals and bias-removed THEO1 the mean of the variance they estimate.
-THEO1 and the standard deviations are held against their own mean.
+Power-law noise of known kind is generated again and again, its noise types are found by the program
+itself, and it is counted how often the 95 % limits contain the expectation. For unbiased estimators
+that is the mean over all runs of the variance itself; for the totals and bias-removed THEO1 the
+mean of the variance they estimate. THEO1 and the standard deviations are held against their own
+mean.
 
-    python benchmarks/interval_coverage.py --runs 2000 --samples 1024
-    python benchmarks/interval_coverage.py --runs 300 --samples 8192 --stream
+    python benchmarks/interval_coverage.py
+    python benchmarks/interval_coverage.py --runs 8000 --write     into docs/explanation/coverage.md
+    python benchmarks/interval_coverage.py --samples 8192 --runs 300 --stream
     python benchmarks/interval_coverage.py --alphas 0 --beside -2 --knee 16
 
-prints, for each estimator and noise, the coverage pooled over all trusted octave taus, the lowest
-single one and its tau, and how often the noise was named right. With ``--stream`` the runs go
-through an `AllanBank`, whose terms are thinned at long tau.
+prints, for each estimator and noise, how often the noise was named right and the coverage in % at
+every trusted averaging factor: octaves, three quarters of the last ones, and the end of the trusted
+range. With ``--stream`` the runs go
+through an `AllanBank`, whose terms are thinned at long tau. tdev, ttotdev are multiples of mdev and
+mtotdev and have their limits.
 """
 
 from __future__ import annotations
 
 import argparse
+import time
+from pathlib import Path
 
 import numpy as np
+from figures import Figure, written
 from numpy.typing import NDArray
 
-from allanscope.allan import AllanBank, deviation
-from allanscope.allan.estimators import REGISTRY
-from allanscope.allan.noise_type import NAMES
+from allanscope.allan import AllanBank, Deviation, deviation
+from allanscope.allan.confidence import assemble
+from allanscope.allan.estimators import REGISTRY, Sums
+from allanscope.allan.noise_type import NAMES, Family, unit_variance
 
+Floats = NDArray[np.float64]
+
+PAGE = Path(__file__).parent.parent / "docs/explanation/coverage.md"
 TARGET = {
     "totdev": "oadev",
     "theobr": "oadev",
@@ -35,9 +45,12 @@ TARGET = {
     "htotdev": "ohdev",
 }
 """Estimator whose expectation another one estimates with less scatter."""
+FAMILY: dict[str, Family] = {"oadev": "avar", "mdev": "mvar", "ohdev": "hvar"}
+MULTIPLES = ("tdev", "ttotdev")
+LOWEST, MOST = 93.0, 97.0
 
 
-def power_law(alpha: int, samples: int, runs: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def power_law(alpha: int, samples: int, runs: int, rng: np.random.Generator) -> Floats:
     """Return Gaussian noise with S(f) ~ |2 sin(pi f)|^alpha, shape (runs, samples)."""
     # The first half is thrown away: it still remembers that there was nothing before it.
     k = np.arange(1, 2 * samples)
@@ -48,70 +61,188 @@ def power_law(alpha: int, samples: int, runs: int, rng: np.random.Generator) -> 
     return noise[:, samples : 2 * samples]
 
 
-def truth(kind: str, tau: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean variance at each tau; NaN where tau is no whole number of samples."""
+def phases_of(noise: Floats) -> Floats:
+    return np.concatenate([np.zeros((len(noise), 1)), noise.cumsum(axis=1)], axis=1)
+
+
+def factors_of(kind: str, samples: int) -> list[int]:
+    """Return octaves, three quarters of the last of them, and the end of what is trusted."""
+    estimator = REGISTRY[kind]
+    octaves = [2**k for k in range(samples.bit_length()) if 2**k <= samples]
+    between = [3 * m // 4 for m in octaves if 8 * m > samples]
+    end = int(estimator.trust_fraction * samples / estimator.tau_factor)
+    some = sorted({*octaves, *between, end})
+    return [
+        m
+        for m in some
+        if estimator.admits(m, samples)
+        and estimator.needed(m) <= samples
+        and estimator.tau(m, samples) <= estimator.trust_fraction * samples
+    ]
+
+
+def truth(kind: str, tau: Floats, phases: Floats, alpha: int | None = None) -> Floats:
+    """Return the mean variance at each tau; NaN where tau is no whole number of samples.
+
+    A variance beyond a quarter of the run, where it has few terms or none, follows from that at a
+    16th and from the noise, if there is only one.
+    """
     target = REGISTRY[TARGET.get(kind, kind)]
-    phases = [np.append(0.0, np.cumsum(run)) for run in noise]
+    length = phases.shape[1] - 1
     result = np.full(tau.size, np.nan)
     for i, samples in enumerate(tau.tolist()):
-        m = round(samples / target.tau_factor)
-        if abs(m * target.tau_factor - samples) < 1e-9:
-            result[i] = np.mean([target.exact(phase, m)[0] for phase in phases])
+        m, growth = round(samples / target.tau_factor), 1.0
+        if alpha is not None and alpha >= -2 and 4 * m > length and target.name in FAMILY:
+            near, far = unit_variance(FAMILY[target.name], [length // 16, m])[2 - alpha]
+            m, growth = length // 16, far / near
+        elif abs(m * target.tau_factor - samples) > 1e-9:
+            continue
+        result[i] = growth * np.mean([target.exact(phase, m)[0] for phase in phases])
     return result
 
 
+def curves(kind: str, noise: Floats, phases: Floats, bank: AllanBank) -> Deviation:
+    """Return what `deviation` gives of each run, at all factors, with every noise found at once."""
+    estimator, n = REGISTRY[kind], noise.shape[1]
+    m = factors_of(kind, n)
+    values = np.array([estimator.curve(phase, m) for phase in phases])
+    stride = np.array([estimator.exact_stride(k) for k in m])
+    sums = Sums(np.array(m), values[..., 0], values[..., 1].astype(np.int64), stride, n)
+    every = assemble(kind, sums, 1.0, 0.95, bank.noise_types(estimator.tau(m, n)))
+    tau = [float(k) for k in m]
+    alone = deviation(noise[0], 1.0, kind, tau)
+    np.testing.assert_allclose(every.upper[0], alone.upper, rtol=1e-9)
+    return every
+
+
 def coverage(
-    kind: str, noise: NDArray[np.float64], alpha: int, *, stream: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return trusted taus, the coverage at each of them, and how often alpha was found."""
-    if stream:
-        bank = AllanBank(1.0, axes=len(noise), per_octave=1)
-        bank.update(noise.T)
-        curve = bank.deviation(kind)
-        tau, trusted = curve.tau, curve.trusted
-        lower, upper, names = curve.lower, curve.upper, curve.noise
-    else:
-        curves = [deviation(run, 1.0, kind) for run in noise]
-        tau, trusted = curves[0].tau, curves[0].trusted
-        lower, upper = np.array([c.lower for c in curves]), np.array([c.upper for c in curves])
-        names = np.array([c.noise for c in curves])
-    expected = np.where(trusted, np.sqrt(truth(kind, tau, noise)), np.nan)
-    known = np.isfinite(expected)
-    held = (lower[:, known] <= expected[known]) & (expected[known] <= upper[:, known])
-    return tau[known], held.mean(axis=0), float(np.mean(names[:, known] == NAMES[alpha]))
+    kind: str, noise: Floats, alpha: int, bank: AllanBank, *, alone: int | None, stream: bool
+) -> tuple[NDArray[np.int64], Floats, float]:
+    """Return trusted factors, the coverage in % at each, and how often alpha was found."""
+    phases = phases_of(noise)
+    curve = bank.deviation(kind) if stream else curves(kind, noise, phases, bank)
+    trusted = np.broadcast_to(curve.trusted, curve.deviation.shape)
+    expected = np.sqrt(truth(kind, curve.tau, phases, alone))
+    known = np.isfinite(expected) & (trusted.mean(axis=0) > 0.5)
+    held = (curve.lower <= expected) & (expected <= curve.upper)
+    right = np.mean(curve.noise[:, known] == NAMES[alpha]) if known.any() else np.nan
+    share = np.sum(held & trusted, axis=0)[known] / np.sum(trusted, axis=0)[known]
+    return curve.m[known], 100.0 * share, float(right)
+
+
+Rows = dict[str, dict[str, dict[int, float]]]
+
+
+def printed(rows: Rows, noise: str, kind: str, named: float) -> None:
+    """Print a row as it is known, what is outside of the goal marked."""
+    cells = " ".join(
+        f"{m}:{held:.1f}{'' if LOWEST <= held <= MOST else '!'}"
+        for m, held in rows[noise][kind].items()
+    )
+    print(f"{kind:8} {noise:5} {named:5.2f}  {cells}", flush=True)
+
+
+def page(rows: Rows, samples: int, runs: int) -> str:
+    """Return the published table: a table for each noise, a row for each estimator."""
+    error = 100.0 * np.sqrt(0.95 * 0.05 / runs)
+    every = [held for kinds in rows.values() for row in kinds.values() for held in row.values()]
+    outside = sum(not LOWEST <= held <= MOST for held in every)
+    text = HEAD.format(
+        samples=samples, runs=runs, error=error, cells=len(every), low=min(every), high=max(every),
+        outside="none of them" if not outside else f"{outside} of them",
+    )  # fmt: skip
+    for noise, kinds in rows.items():
+        factors = sorted({m for row in kinds.values() for m in row})
+        text += f"\n## {LONG_NAMES[noise]}\n\n"
+        text += "| m | " + " | ".join(map(str, factors)) + " |\n" + "|---" * (len(factors) + 1)
+        text += "|\n| n/m | " + " | ".join(f"{samples / m:.4g}" for m in factors) + " |\n"
+        for kind, row in kinds.items():
+            cells = (f"{row[m]:.1f}" if m in row else "" for m in factors)
+            text += f"| `{kind}` | " + " | ".join(cells) + " |\n"
+    return text
+
+
+LONG_NAMES = {
+    "WPM": "White PM",
+    "FPM": "Flicker PM",
+    "WFM": "White FM",
+    "FFM": "Flicker FM",
+    "RWFM": "Random walk FM",
+    "FWFM": "Flicker walk FM",
+    "RRFM": "Random run FM",
+}
+
+HEAD = """\
+# How often the limits hold
+
+Written by `python benchmarks/interval_coverage.py --runs {runs} --write`.
+
+How often, in %, the 95 % limits of a deviation contain the truth: {runs} records of {samples}
+samples of each noise, whose type the program finds by itself. Columns are averaging factors m,
+octaves and some between, up to the end of what each estimator is trusted for; n/m is the number
+of windows. Of {cells} cells, from {low:.1f} to {high:.1f} %, {outside} outside 93 to 97 %. The
+Monte Carlo error of a cell is {error:.2f} %.
+
+The truth is the mean of the variance over all records, of the estimator itself or of the one
+that it estimates with less scatter (AVAR for TOTDEV, TheoBR and TheoH, MVAR for MTOTDEV, HVAR
+for HTOTDEV); raw THEO1 and the standard deviations, which grow with the record in flicker and
+steeper noise, are held against their own mean. `tdev` has the limits of `mdev`, `ttotdev` those
+of `mtotdev`. Empty: not trusted there. Where a noise has no row for an estimator, the variance
+does not converge. `theobr` is not trusted in white and flicker PM: it removes the bias by one
+ratio for all averaging times, and there the bias depends on the averaging time.
+"""
 
 
 def main() -> None:
+    """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--runs", type=int, default=2000)
     parser.add_argument("--samples", type=int, default=1024)
     parser.add_argument("--seed", type=int, default=20)
-    parser.add_argument("--kinds", nargs="*", default=list(REGISTRY))
-    parser.add_argument("--alphas", nargs="*", type=int, default=[2, 1, 0, -1, -2])
+    kinds = [kind for kind in REGISTRY if kind not in MULTIPLES]
+    parser.add_argument("--kinds", nargs="*", default=kinds)
+    parser.add_argument("--alphas", nargs="*", type=int, default=list(range(2, -5, -1)))
     parser.add_argument("--beside", type=int, help="alpha of a second noise")
     parser.add_argument("--knee", type=int, default=16, help="where it meets the first: n / tau")
     parser.add_argument("--stream", action="store_true", help="through a bank")
-    parser.add_argument("--cells", action="store_true", help="print the coverage at every tau")
+    parser.add_argument("--write", action="store_true", help="write the page of the docs")
+    parser.add_argument("--quick", action="store_true", help="a hundred runs")
+    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    print(f"{'':8} {'noise':5} {'coverage':>8} {'lowest':>7} {'at tau':>9} {'named right':>11}")
-    for kind in options.kinds:
-        for alpha in options.alphas:
-            rng = np.random.default_rng(options.seed)
-            noise = power_law(alpha, options.samples, options.runs, rng)
-            if options.beside is not None:
-                second = power_law(options.beside, options.samples, options.runs, rng)
-                tau = np.array([float(options.samples // options.knee)])
-                level = [truth("oadev", tau, one) for one in (noise, second)]
-                noise = noise + second * np.sqrt(level[0] / level[1])
-            tau, held, right = coverage(kind, noise, alpha, stream=options.stream)
-            print(
-                f"{kind:8} {NAMES[alpha]:5} {held.mean():8.3f} {held.min():7.3f}"
-                f" {tau[held.argmin()]:9g} {right:11.3f}",
-                flush=True,
-            )
-            if options.cells:
-                cells = zip(tau.tolist(), (100 * held).tolist(), strict=True)
-                print("        ", " ".join(f"{at:g}: {part:.1f}" for at, part in cells), flush=True)
+    runs = 100 if options.quick else options.runs
+    began = time.process_time()
+    rows: Rows = {}
+    for alpha in options.alphas:
+        rng = np.random.default_rng([options.seed, alpha + 9])
+        alone = alpha if options.beside is None else None
+        noise = power_law(alpha, options.samples, runs, rng)
+        if options.beside is not None:
+            second = power_law(options.beside, options.samples, runs, rng)
+            tau = np.array([float(options.samples // options.knee)])
+            level = [truth("oadev", tau, phases_of(one)) for one in (noise, second)]
+            noise = noise + second * np.sqrt(level[0] / level[1])
+        bank = AllanBank(1.0, axes=len(noise), per_octave=1)
+        bank.update(noise.T)
+        here = rows.setdefault(NAMES[alpha], {})
+        for kind in options.kinds:
+            if alpha < REGISTRY[kind].lowest_alpha:
+                continue
+            m, held, right = coverage(kind, noise, alpha, bank, alone=alone, stream=options.stream)
+            if m.size:
+                here[kind] = dict(zip(m.tolist(), held.tolist(), strict=True))
+                printed(rows, NAMES[alpha], kind, right)
+    every = [held for kinds in rows.values() for row in kinds.values() for held in row.values()]
+    outside = sum(not LOWEST <= held <= MOST for held in every)
+    print(f"{len(every)} cells, {min(every):.1f} to {max(every):.1f} %, {outside} outside")
+    print(f"{time.process_time() - began:.0f} s of processor time")
+    if options.write:
+        PAGE.write_text(page(rows, options.samples, runs), encoding="utf-8")
+    if options.json:
+        figures = [
+            Figure("lowest coverage", min(every), "%", goal=LOWEST, more=True),
+            Figure("highest coverage", max(every), "%", goal=MOST),
+        ]
+        written(figures, options.json)
 
 
 if __name__ == "__main__":

@@ -165,7 +165,7 @@ def test_the_limits_of_totdev_allow_for_what_it_misses_at_long_tau():
 
 def test_there_is_never_less_than_one_degree_of_freedom():
     assert REGISTRY["totdev"].edf(-2, 950, 1000, 1) < 1.0
-    assert assemble("totdev", sums([1.0], m=[950]), 1.0, alpha=-2).edf.tolist() == [1.0]
+    assert assemble("totdev", sums([1.0], m=[950]), 1.0, alpha=-2).edf[0] >= 1.0
 
 
 def test_the_limits_of_htotdev_allow_for_its_excess_in_phase_noise():

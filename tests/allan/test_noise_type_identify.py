@@ -23,9 +23,9 @@ def test_pure_noise_is_named_right(alpha, power_law):
 
 @pytest.mark.parametrize("alpha", [-3, -4])
 def test_steep_noise_is_not_taken_for_flat(alpha, power_law):
-    laws = found(power_law(alpha, 2048, runs=60, seed=2), [1, 4, 16])
+    laws = found(power_law(alpha, 2048, runs=60, seed=2), [1, 2, 4, 16, 64])
     assert (laws > -2).mean() < 0.02
-    assert (laws == alpha).mean() > 0.75
+    assert (laws == alpha).mean(axis=0).min() > 0.85
 
 
 def test_white_and_flicker_pm_are_told_apart_at_every_tau(power_law):

@@ -103,7 +103,9 @@ def assemble(
     elif not isinstance(bias_corrected, bool | np.bool_):
         raise ValueError(f"unknown bias_corrected {bias_corrected!r}; choose True, False or 'all'")
     deviation, unbiased = np.sqrt(raw / correction), np.sqrt(raw / expectation)
-    edf = np.where(refused, np.nan, np.maximum(pieces * edf, 1.0))
+    # The squares of several stretches are many, and add up to a chi-square.
+    scale = 1.0 + (estimator.limit_scale(known, m, length) - 1.0) / pieces
+    edf = np.where(refused, np.nan, np.maximum(pieces * edf * scale, 1.0))
     lower, upper = enclosing_limits(deviation, unbiased, edf, level)
     tau = estimator.tau(m, n)
     return Deviation(
@@ -117,7 +119,7 @@ def assemble(
         terms=sums.terms,
         noise=np.where(refused | (noise is None), "", _NAMES[2 - law]),
         level=level,
-        trusted=tau <= estimator.trust_fraction * n,
+        trusted=estimator.trusts(law, tau, n),
     )
 
 

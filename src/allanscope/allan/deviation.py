@@ -39,7 +39,8 @@ class Deviation:
     lower, upper : ndarray
         Chi-square limits of `deviation` at confidence `level`.
     edf : ndarray
-        Equivalent degrees of freedom.
+        Equivalent degrees of freedom, those with which 95 % limits hold: `degrees_of_freedom` but
+        for the totals and the Theo family near the end of the run.
     terms : ndarray of int
         Number of squared differences in the estimate.
     noise : ndarray of str
@@ -47,7 +48,8 @@ class Deviation:
     level : float
         Two-sided confidence of `lower` and `upper`.
     trusted : ndarray of bool, shape (k,)
-        False beyond the part of the run up to which DT0064 trusts this estimator.
+        False beyond the part of the run up to which DT0064 trusts this estimator. Shape (axes, k)
+        for several axes of THEOBR and THEOH, which are not trusted in phase noise.
     """
 
     kind: str
@@ -92,7 +94,7 @@ class Deviation:
             terms=self.terms[column, keep],
             noise=self.noise[column, keep],
             level=self.level,
-            trusted=self.trusted[keep],
+            trusted=np.broadcast_to(self.trusted, self.deviation.shape)[column, keep],
         )
 
     def plot(

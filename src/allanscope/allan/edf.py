@@ -48,6 +48,7 @@ from allanscope.allan.noise_type import alpha_named
 __all__ = [
     "LagSums",
     "calibrated_edf",
+    "calibrated_scale",
     "difference_autocovariance",
     "difference_edf",
     "phase_autocovariance",
@@ -206,7 +207,7 @@ def calibrated_edf(
     """
     alpha, m, n, theory = np.broadcast_arrays(alpha, m, n, np.asarray(theory, np.float64))
     edf = np.array(theory, np.float64)
-    tables = _calibration().get(kind, {})
+    tables = _calibration()["edf"].get(kind, {})
     for name, table in tables.items():
         for i in np.argwhere((alpha == alpha_named(name)) & (m > 1)):
             index = tuple(i)
@@ -214,26 +215,63 @@ def calibrated_edf(
     return edf
 
 
+def calibrated_scale(kind: str, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
+    """Return the multiple of the degrees of freedom with which 95 % limits hold, by simulation.
+
+    Parameters
+    ----------
+    kind, alpha, m, n
+        As for `calibrated_edf`.
+
+    Returns
+    -------
+    ndarray
+        1 with more windows than were simulated, and where there is no table.
+
+    Notes
+    -----
+    Near the end of the run a variance is a sum of a few squares of unequal size, and no chi-square
+    of the degrees of freedom that its scatter has: its tails are lighter.
+    """
+    alpha, m, n = np.broadcast_arrays(alpha, m, n)
+    scale = np.ones(m.shape)
+    for name, table in _calibration()["scale"].get(kind, {}).items():
+        for i in np.argwhere((alpha == alpha_named(name)) & (m > 1)):
+            index = tuple(i)
+            length, windows = float(n[index]), float(n[index] / m[index])
+            if windows <= table["windows"][-1]:
+                scale[index] = 2.0 ** _between(table, "scale", windows, length)[0]
+    return scale
+
+
 @lru_cache(maxsize=1)
-def _calibration() -> dict[str, dict[str, dict[str, list[Any]]]]:
+def _calibration() -> dict[str, dict[str, dict[str, dict[str, list[Any]]]]]:
     text = (Path(__file__).parent / "edf_calibration.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
+
+
+def _between(
+    table: dict[str, list[Any]], column: str, windows: float, length: float
+) -> tuple[float, list[float]]:
+    """Return the binary logarithm of a table there, and at each length of its runs."""
+    known, at = np.log2(table["windows"]), float(np.log2(windows))
+    at_each = [float(np.interp(at, known[: len(row)], np.log2(row))) for row in table[column]]
+    found = np.interp(np.log2(length), np.log2(table["samples"]), at_each)
+    return float(found), at_each
 
 
 def _interpolated(
     table: dict[str, list[Any]], name: str, m: float, n: float, theory: float
 ) -> float:
     """Return the degrees of freedom of one cell."""
-    windows, lengths = np.log2(table["windows"]), np.log2(table["samples"])
-    at = float(np.log2(n / m))
-    columns = [float(np.interp(at, windows[: len(row)], np.log2(row))) for row in table["edf"]]
+    found, columns = _between(table, "edf", n / m, n)
+    lengths = np.log2(table["samples"])
     length = float(np.log2(n))
-    found = float(np.interp(length, lengths, columns))
     if length > lengths[-1] and alpha_named(name) > 0:
         slope = (columns[-1] - columns[0]) / (lengths[-1] - lengths[0])
         found = columns[-1] + max(slope, 0.0) * (length - lengths[-1])
     # With more windows than the longest runs have, theory goes on, but not below what is known.
-    beyond = at > windows[len(table["edf"][-1]) - 1]
+    beyond = n / m > table["windows"][len(table["edf"][-1]) - 1]
     edf = float(2.0**found)
     return max(theory, edf) if beyond else edf
 

@@ -1,7 +1,7 @@
 """Which power law dominates at each averaging time.
 
 The degrees of freedom of a variance, and the bias of the modified totals, depend on the kind of
-noise. Two ratios of variances that a stream keeps anyway tell it:
+noise. Ratios of variances that a stream keeps anyway tell it:
 
 * at m = 1 the lag-1 autocorrelation of W. Riley and C. Greenhall ("Power law noise identification
   using the lag 1 autocorrelation", EFTF 2004). They difference the data until the autocorrelation
@@ -11,6 +11,7 @@ noise. Two ratios of variances that a stream keeps anyway tell it:
 * from m = 2 on the ratio ``R(n) = MVAR / AVAR`` (DT0064 and SP 1065 use it to part white from
   flicker PM, which AVAR cannot). It rises with every step from white PM to random run, scatters
   least of all ratios, and unlike the autocorrelation does not confuse white FM with flicker PM.
+* where that says random walk or steeper, the growth of HVAR with tau: as tau, tau^2 and tau^3.
 
 Labels are for the eye. Near a knee two noises share a variance, and beyond a 32nd of the run no
 ratio tells them apart; but what the shorter times show goes on at the longer ones. Degrees of
@@ -96,7 +97,8 @@ def identify(
         Number of rate samples.
     stdvar, avar, hvar, mvar : array_like, shape (k,) or (axes, k)
         Overlapping standard, Allan, Hadamard (1/6) and modified Allan variance at `m`, from the
-        same run; NaN where there is none. `stdvar` and `hvar` count at m = 1 only.
+        same run; NaN where there is none. `stdvar` counts at m = 1 only; the growth of `hvar` from
+        the m before to the one after parts random walk, flicker walk and random run.
     drift : array_like, shape () or (axes,)
         Slope of the rate per sample, which is no noise: taken off `avar` and `mvar`; `hvar` does
         not have it, and in `stdvar` it only makes sure that the differences are asked.
@@ -121,7 +123,9 @@ def identify(
     m = np.asarray(m, np.float64)
     allan, modified = without_drift(m, n, avar, mvar, drift, drift_seen)
     with np.errstate(divide="ignore", invalid="ignore"):
-        by_ratio = _from_modified(m, modified / allan)
+        by_ratio = _from_growth(
+            m, np.asarray(hvar, np.float64), _from_modified(m, modified / allan)
+        )
         by_correlation = _from_correlation(
             n,
             1.0 - allan / np.asarray(stdvar, np.float64),
@@ -199,6 +203,22 @@ def _from_modified(m: NDArray[np.float64], ratio: NDArray[np.float64]) -> NDArra
     boundary = np.sqrt(expected[1:] * expected[:-1])
     steps = (ratio[..., np.newaxis, :] > boundary).sum(axis=-2)
     return np.where(ratio > 0, _ALPHA[steps], np.nan)
+
+
+def _from_growth(m: Floats, hvar: Floats, alpha: Floats) -> Floats:
+    """Return alpha with -2, -3 and -4 parted by HVAR, which grows as tau, tau^2 and tau^3.
+
+    The slowest part of the run makes most of the AVAR and MVAR of steep noise: their ratio hardly
+    differs.
+    """
+    size = np.log(hvar)
+    place, last = np.arange(m.size), m.size - 1
+    # Not from m = 1: there the growth of sampled noise is another one.
+    after, before = np.clip(place + 1, 0, last), np.clip(place - 1, min(1, last), last)
+    span = np.log(m[after] / m[before])
+    growth = (size[..., after] - size[..., before]) / np.where(span > 0, span, np.nan)
+    steep = np.clip(-1.0 - np.round(growth), -4.0, -2.0)
+    return np.where((alpha <= -2) & np.isfinite(growth), steep, alpha)
 
 
 def _from_correlation(

@@ -22,7 +22,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.edf import difference_autocovariance, difference_edf
+from allanscope.allan.edf import calibrated_scale, difference_autocovariance, difference_edf
 from allanscope.allan.noise_type import ALPHAS, Family, NoiseTypes
 from allanscope.compiled import Pointer, kernel
 
@@ -39,6 +39,8 @@ __all__ = [
 ]
 
 _MOST_POSITIONS = 256
+_UNEQUAL = 1.25
+"""Degrees of freedom of limits over those of the scatter, by `interval_coverage`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +100,8 @@ class Estimator(ABC):
         True when the variance has a factor of 1/6 that DT0064 gives as 1/2.
     family : {'avar', 'mvar', 'hvar'}
         Variance that it is an estimate of: it says how much each of several noises has in it.
+    calibrated_as : str
+        Estimator whose limits are calibrated by simulation; ``""`` for its own name.
     derived_from : str
         Estimator of which this one is a multiple by `factor`, or ``""``.
     """
@@ -112,6 +116,7 @@ class Estimator(ABC):
     time: ClassVar[bool] = False
     hadamard: ClassVar[bool] = False
     family: ClassVar[Family] = "avar"
+    calibrated_as: ClassVar[str] = ""
     derived_from: ClassVar[str] = ""
 
     @abstractmethod
@@ -166,6 +171,32 @@ class Estimator(ABC):
     def exact_stride(self, m: int) -> int:
         """Return the step between the terms of `exact`: 1, or m for those that do not overlap."""
         return 1
+
+    def limit_scale(
+        self, noise: NoiseTypes, m: NDArray[np.int64], n: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return what the degrees of freedom are multiplied by for limits of an unbroken run.
+
+        Parameters
+        ----------
+        noise, m, n
+            As for `of_mixture`.
+        """
+        name = self.calibrated_as or self.name
+        shares = noise.shares(self.family, self.tau(m, int(np.max(n))))
+        scale = np.zeros(shares.shape[:-1])
+        for i, alpha in enumerate(ALPHAS):
+            if shares[..., i].any():
+                known = max(alpha, self.lowest_alpha)
+                scale = scale + shares[..., i] * calibrated_scale(name, known, m, n)
+        return scale
+
+    def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
+        """Return whether limits hold the truth at `tau` samples of a run of `n`; they broadcast.
+
+        `alpha` is the noise type at `tau`: see `TheoBR`, the rest do not ask for it.
+        """
+        return np.asarray(tau) <= self.trust_fraction * n
 
     def factor(self, m: ArrayLike) -> NDArray[np.float64]:
         """Return this variance / the variance of `derived_from`, for tau0 = 1."""
@@ -343,8 +374,14 @@ class AverageEstimator(Estimator):
     def of_mixture(
         self, noise: NoiseTypes, m: NDArray[np.int64], n: NDArray[np.int64], stride: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return them for the label: the slowest noise has a share that only the run limits."""
-        return super().of_mixture(NoiseTypes(noise.alpha), m, n, stride)
+        """Return them for the steepest label, whose noise has a share that only the run limits.
+
+        Of such noise the variance is a few squares of unequal size, and 95 % limits hold with
+        a quarter more than its degrees of freedom.
+        """
+        steepest = np.min(noise.alpha, axis=-1, keepdims=True)
+        edf, expectation, left = super().of_mixture(NoiseTypes(steepest), m, n, stride)
+        return edf * np.where(steepest < 0, _UNEQUAL, 1.0), expectation, left
 
     def needed(self, m: int) -> int:
         """Return how many rate samples give `min_terms` means."""

@@ -32,7 +32,7 @@ class Htotdev(Estimator):
     -----
     The raw value is divided by the published 0.995, 0.851, 0.771, 0.717, 0.679 for white FM to
     random run FM, which are exact at large m. For phase noise nothing is
-    published and nothing corrected: there it reads high, by up to 17 % for white PM, and only the
+    published and nothing corrected: there it reads high, by 18 % for white PM, and only the
     limits allow for it.
 
     Examples

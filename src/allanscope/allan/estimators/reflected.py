@@ -87,12 +87,15 @@ def reflected_expectation(alpha_of_phase: ArrayLike, m: ArrayLike) -> NDArray[np
 
     Both are integrals of what a window passes over the spectrum of discrete power-law noise;
     `alpha_of_phase` as for `reflected_edf`, from 4 to -2. They are evaluated up to m = 32, where
-    the ratio depends on m, by up to 6 % at m = 2, and above it is that of large m. For 2 to -2
-    those are the published HTOT biases of white FM to random run FM, to three digits.
+    the ratio depends on m, by up to 6 % at m = 2, and tabulated above. For 2 to -2 those of large
+    m are the published HTOT biases of white FM to random run FM, to three digits; that of flicker
+    PM, alpha_of_phase = 3, goes on growing.
     """
     alpha, m = np.broadcast_arrays(np.clip(alpha_of_phase, -2, 4), m)
     ratios = [
-        _expectation(a, k) if k <= _EVALUATED else _EXPECTATION[4 - a]
+        _expectation(a, k)
+        if k <= _EVALUATED
+        else float(np.interp(np.log2(k), _AT_OCTAVE, _EXPECTATION[4 - a]))
         for a, k in zip(alpha.ravel().tolist(), m.ravel().tolist(), strict=True)
     ]
     return np.array(ratios).reshape(alpha.shape)
@@ -133,4 +136,10 @@ _COEFFICIENTS = np.array(
     ]
 )
 
-_EXPECTATION = np.array([1.37, 1.24, 0.995, 0.852, 0.771, 0.717, 0.679])
+_AT_OCTAVE = [5, 6, 7, 8, 9]
+_EXPECTATION = [
+    [1.3752, 1.3797, 1.3819, 1.3831, 1.3836],
+    [1.2387, 1.2554, 1.2688, 1.2797, 1.2888],
+    *([ratio] * len(_AT_OCTAVE) for ratio in (0.995, 0.852, 0.771, 0.717, 0.679)),
+]
+"""The ratio at m = 32 ... 512, where it has all but reached that of large m."""

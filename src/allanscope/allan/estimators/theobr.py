@@ -76,6 +76,10 @@ class TheoBR(Theo1):
         apart = 1.0 / (1.0 / super().edf(alpha, m, n, stride) + 1.0 / _RATIO_EDF)
         return calibrated_edf("theobr", alpha, m, n, apart)
 
+    def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
+        """Return whether the limits hold: not in phase noise, whose bias no one ratio removes."""
+        return super().trusts(alpha, tau, n) & (np.asarray(alpha) <= 0)
+
     def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return 1: the record itself has removed the bias."""
         return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))

@@ -46,6 +46,7 @@ class TheoH(TheoBR):
     name: ClassVar[str] = "theoh"
     variance_name: ClassVar[str] = "THEOH"
     even: ClassVar[bool] = False
+    calibrated_as: ClassVar[str] = "theobr"
 
     def admits(self, m: int, n: int) -> bool:
         """Return whether `m` is an averaging factor of one part or an even window of the other."""
@@ -67,6 +68,10 @@ class TheoH(TheoBR):
         long = factors[len(short) :]
         allan = [REGISTRY[Oadev.name].exact(phase, m) for m in short]
         return allan + (super().curve(phase, long) if long else [])
+
+    def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
+        """Return whether the limits hold: those of OAVAR do in any noise."""
+        return (np.asarray(tau) <= _SHORT * n) | super().trusts(alpha, tau, n)
 
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
@@ -90,6 +95,10 @@ class TheoH(TheoBR):
         second = super().of_mixture(noise, m, n, stride)
         edf, expectation, left = (np.where(short, a, b) for a, b in zip(first, second, strict=True))
         return edf, expectation, left
+
+    def limit_scale(self, noise: NoiseTypes, m: Ints, n: Ints) -> Floats:
+        """Return that of the part that m belongs to."""
+        return np.where(m <= _SHORT * np.max(n), 1.0, super().limit_scale(noise, m, n))
 
     def needed(self, m: int) -> int:
         """Return how many rate samples give a value: at tau = 0.75 m or, if not there, at m."""

@@ -13,7 +13,10 @@ from allanscope.allan.estimators.base import Estimator, mean_square_second, regi
 __all__ = ["Totdev"]
 
 _EDF = {0: (1.50, 0.0), -1: (1.17, 0.22), -2: (0.93, 0.36)}
-_BIAS = {2: -4.0 / 3.0, 1: -0.75, 0: 0.0, -1: 1.0 / (3.0 * np.log(2.0)), -2: 0.75}
+_BIAS = {2: -4.0 / 3.0, 1: np.nan, 0: 0.0, -1: 1.0 / (3.0 * np.log(2.0)), -2: 0.75}
+_FLICKER_PM = [-0.98, -0.84, -0.812, -0.834, -0.870, -0.909, -0.946, -0.979, -1.008, -1.054, -1.090]
+_AT_OCTAVE = [1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13]
+"""Slope of the bias of flicker PM at m = 2 ... 8192, from the exact covariance of its phase."""
 
 
 @register
@@ -30,7 +33,8 @@ class Totdev(Estimator):
     The value is raw, as in all programs. Its expectation is ``1 - a tau/T`` of AVAR, with a = 0,
     0.48, 0.75 for white, flicker and random-walk FM; the limits allow for that. Degrees of freedom
     are ``b T/tau - c`` (SP 1065 table 7). Nothing is published for phase noise: for white PM
-    a = -4/3, for flicker PM about -3/4, and the degrees of freedom are those of simulation.
+    a = -4/3, for flicker PM -0.8 to -1.1, growing with m, and the degrees of freedom are those of
+    simulation.
 
     Examples
     --------
@@ -85,5 +89,7 @@ class Totdev(Estimator):
         """Return ``1 - a tau/T``."""
         alpha, m, n = np.broadcast_arrays(alpha, m, n)
         slope = np.array([_BIAS[a] for a in alpha.flat]).reshape(alpha.shape)
+        flicker_pm = np.interp(np.log2(np.maximum(m, 1)), _AT_OCTAVE, _FLICKER_PM)
+        slope = np.where(alpha == 1, flicker_pm, slope)
         ratio: NDArray[np.float64] = 1.0 - slope * np.minimum(m / n, 1.0)
         return ratio

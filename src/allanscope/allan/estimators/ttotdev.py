@@ -34,6 +34,7 @@ class Ttotdev(Mtotdev):
 
     name: ClassVar[str] = "ttotdev"
     variance_name: ClassVar[str] = "TTOTVAR"
+    calibrated_as: ClassVar[str] = "mtotdev"
     derived_from: ClassVar[str] = "mtotdev"
     time: ClassVar[bool] = True
 

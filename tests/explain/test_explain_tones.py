@@ -1,9 +1,13 @@
 """Is a tone one tone, and a band noise."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 
 from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.drifting_line import Cluster, profile_of
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
 from allanscope.explain.stationarity import bartlett_z, constancy, sweeps
 
@@ -41,3 +45,23 @@ def test_a_line_of_few_waves_is_taken_to_be_one():
     assert constancy(_noise_and(few) + walk, rate, 5 / t[-1]) == 1.0
     assert constancy(_noise_and(growing), rate, 1.0) < 1e-5
     assert not sweeps(100 * np.sin(2 * np.pi * t), rate, 1.0, 0.05)
+
+
+@pytest.mark.parametrize("where", [0.3, 0.6, 0.9])
+def test_the_profile_of_a_cluster_keeps_a_line_at_its_frequency(where):
+    n, rate, width = 4115, 52.0, 737  # no multiple of its sub-bands
+    first = 3300
+    at = first + int(where * width)
+    squares = np.ones(n - 1)
+    squares[at] += 500.0
+    view = SimpleNamespace(
+        grid=SimpleNamespace(n=n, rate_hz=rate), squares=squares,
+        spectrum=SimpleNamespace(ordinates=np.ones(n - 1)),
+    )  # fmt: skip
+    profile, _ = profile_of(view, Cluster(first, first + width))
+    each = (profile.high - profile.low) / len(profile.shares)
+    centres = profile.low + each * (np.arange(len(profile.shares)) + 0.5)
+    assert np.average(centres, weights=profile.shares) == pytest.approx(
+        (at + 1) * rate / (2 * n), abs=each / 2
+    )
+    assert profile.sigma**2 * n == pytest.approx(500.0)

@@ -170,7 +170,11 @@ def profile_of(view: View, cluster: Cluster) -> tuple[LineProfile, float]:
     total = max(float(excess.sum()), 1e-12 * float(noise.sum()))
     width = cluster.stop - cluster.first
     pieces = min(_SHARES, max(1, width // 2))
-    power = np.array([max(float(p.sum()), 0.0) for p in np.array_split(excess, pieces)])
+    # Bands of equal width share an ordinate: whole ones would shift the line by as much as ten.
+    below = np.concatenate([[0.0], np.cumsum(excess)])
+    power = np.maximum(
+        np.diff(np.interp(np.linspace(0, width, pieces + 1), range(width + 1), below)), 0.0
+    )
     shares = power / power.sum() if power.sum() > 0 else np.full(pieces, 1 / pieces)
     variance = float(np.sum(4 * noise * np.maximum(excess, 0.0) + 2 * noise**2))
     low, high = (cluster.first + 0.5) * unit, (cluster.stop + 0.5) * unit

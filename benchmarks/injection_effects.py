@@ -33,8 +33,8 @@ FORMS = {
 """Forms of a kind, and the parameter that tells each."""
 LONG_S = 200.0
 """What relaxes or follows a room takes so long at the least."""
-LONGEST_EXCURSION = 0.12
-"""Share of a record beyond which an excursion is two steps."""
+LONGEST_EXCURSION = 0.2
+"""As a share of a record."""
 
 Truth = dict[str, float | str]
 
@@ -162,7 +162,7 @@ class Injector(Maker):
         return {"time": at, "size": size}, size * (self.t >= at)
 
     def excursion(self, times, _noise, _others):
-        ends = np.log([5.5, max(5.6, 0.9 * LONGEST_EXCURSION * self.duration)])
+        ends = np.log([5.5, max(5.6, LONGEST_EXCURSION * self.duration)])
         length = float(np.exp(self.rng.uniform(*ends)))
         at = float(self.rng.uniform(0.1, 0.75)) * self.duration
         shape = ((self.t >= at) & (self.t < at + length)).astype(float)

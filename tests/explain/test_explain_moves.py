@@ -15,13 +15,15 @@ from allanscope.explain.effect import Estimate, ResidualError
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
-from allanscope.explain.effects.unexplained import Unexplained
+from allanscope.explain.effects.unexplained import Unexplained, left_over
 from allanscope.explain.gates import growth, judge, owed, penalty_passed
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.drop import drop, refuse
 from allanscope.explain.moves.fold_sidebands import fold_sidebands
+from allanscope.explain.moves.fold_steps import fold_steps
 from allanscope.explain.moves.refit import refit
+from allanscope.explain.moves.resolve_tones import resolve_tones
 from allanscope.explain.residual import error_of
 from allanscope.explain.search import close_loop
 from allanscope.explain.series import Series
@@ -216,3 +218,42 @@ def test_what_is_owed_is_the_penalty_of_all_that_was_added() -> None:
     candidate = best_of(view, "sinusoid")
     assert owed(view.accept(candidate), 0) == pytest.approx(candidate.penalty)
     assert owed(view.accept(candidate), 1) == pytest.approx(np.log(2))
+
+
+@pytest.mark.parametrize(("back", "kinds"), [(-0.8, ["excursion"]), (-0.4, ["step", "step"])])
+def test_two_opposite_steps_are_one_excursion_where_they_are_of_one_size(
+    back: float, kinds: list[str]
+) -> None:
+    view, path = view_of(noise(14) + 0.8 * (TIME >= 40) + back * (TIME >= 70)), SearchPath()
+    for _ in range(2):
+        view = view.accept(best_of(view, "step"))
+    folded = fold_steps(view, path)
+    assert [c.kind for c in folded.accepted] == kinds
+    if kinds == ["excursion"]:
+        box = folded.accepted[0].effect.parameters
+        assert box["time"].value == pytest.approx(40, abs=0.5)
+        assert box["duration"].value == pytest.approx(30, abs=0.5)
+
+
+def test_a_range_in_which_nothing_is_left_is_not_told() -> None:
+    view, path = view_of(noise(15)), SearchPath()
+    tone = left_over(view, (9.0, 9.5), 50.0, "a tone between 9 and 9.5 Hz changes")
+    assert resolve_tones(view.accept(tone), path).accepted == ()
+    assert [(step.move, step.kind) for step in path.steps] == [("resolve", "unexplained")]
+    loud = view_of(noise(15) + line(9.2, 0.3))
+    assert len(resolve_tones(loud.accept(tone), path).accepted) == 1
+
+
+def test_each_stage_has_a_budget_of_its_own_and_is_named_where_it_ends() -> None:
+    path = SearchPath()
+    path.enter(3)
+    path.evaluations += 3
+    assert path.is_spent
+    path.enter(3)
+    assert not path.is_spent
+    assert path.remark == ""
+    path.stop("outliers")
+    assert "stopped (outliers)" in path.remark
+    lines = [line(f, 0.5) for f in (5.0, 7.0, 11.0, 13.0, 17.0)]
+    stopped = close_loop(view_of(noise(12) + np.sum(lines, axis=0)), Budget(evaluations=40))
+    assert "level and spectrum" in stopped.stopped

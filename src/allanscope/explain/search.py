@@ -26,6 +26,7 @@ from allanscope.explain.moves.add_bundle import add_bundle
 from allanscope.explain.moves.add_pair import add_pair
 from allanscope.explain.moves.drop import drop
 from allanscope.explain.moves.fold_sidebands import fold_sidebands
+from allanscope.explain.moves.fold_steps import fold_steps
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.moves.replace_drift import replace_drift
 from allanscope.explain.moves.resolve_tones import resolve_tones
@@ -39,6 +40,9 @@ _LOG = logging.getLogger(__name__)
 
 _LEVEL_AND_SPECTRUM, _LEFT_OVER = 2, 4
 """The stage in which effects hide each other, and are fitted again with each new one."""
+_STAGES = ("faults of the data", "outliers", "level and spectrum", "variance", "left over")
+_FEW = 0.2
+"""Part of the evaluations of that stage which each of the others has."""
 _FULL = "the search was stopped at the largest number of effects for one axis; there may be more"
 
 
@@ -56,7 +60,8 @@ class Budget:
         Only these kinds are asked; None for all.
     acceptances, evaluations : int
         Most effects that are accepted, whether they stay or not, and most fits of one kind to the
-        whole record: a search that goes round is stopped, after a time linear in the rows.
+        whole record in one round through the stage of the level and the spectrum; every other stage
+        has a fifth of them. A search that goes round is stopped, after a time linear in the rows.
     spent_nats : float
         What earlier looks at the same data cost, added to every price.
     """
@@ -72,7 +77,7 @@ class Budget:
 def close_loop(view: View, budget: Budget | None = None) -> View:
     """Return the view with every effect that was accepted, and the path of the search."""
     budget = budget or Budget()
-    path = SearchPath(budget.acceptances, budget.evaluations, budget.spent_nats)
+    path = SearchPath(budget.acceptances, budget.spent_nats)
     settled: dict[int, View] = {}
     for _ in range(budget.passes):
         before = len(view.accepted)
@@ -83,8 +88,9 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
             if stage == _LEVEL_AND_SPECTRUM:
                 replaced = replace_drift(view, path)
                 view = view if replaced is view else _fitted(replaced, path)
-        if len(view.accepted) == before or path.is_spent:
+        if len(view.accepted) == before or path.is_full or path.stopped:
             break
+    path.enter(int(_FEW * budget.evaluations))
     resolved = resolve_tones(view, path)
     if resolved is not view:
         view = _settle(_without_bands(resolved), _LEFT_OVER, budget, path)
@@ -112,10 +118,14 @@ def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:
     ]
     main = stage == _LEVEL_AND_SPECTRUM
     former: list[Candidate] = []
-    # What is left over is reported even when the search for names was stopped.
-    while len(view.accepted) < budget.effects and (
-        stage > _LEVEL_AND_SPECTRUM or not path.is_spent
-    ):
+    path.enter(int(budget.evaluations * (1.0 if main else _FEW)))
+    while len(view.accepted) < budget.effects:
+        # What is left over is reported even when the search for names was stopped.
+        if path.is_spent or (path.is_full and stage <= _LEVEL_AND_SPECTRUM):
+            path.stop(_STAGES[stage])
+            break
+        if main and (folded := fold_steps(view, path)) is not view:
+            view, former = folded, []
         candidates = proposals(view, kinds, path)
         view = with_rivals(view, former, candidates)
         if main and (pair := add_pair(view, kinds, candidates, path)) is not None:

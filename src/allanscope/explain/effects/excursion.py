@@ -32,7 +32,8 @@ _NEAR_S = 5.0
 
 _SHORTEST_S = 5.0
 _LONGEST = 0.12
-"""Longest duration as a share of the record: beyond, it is two steps."""
+"""Longest duration that is scanned, as a share of the record: beyond, its edges are found first
+(`moves.fold_steps`)."""
 _PROPOSALS = 2
 _PENALTY, _PENALTY_S = calibrated_penalty("excursion"), 1200.0
 """Nats that noise hardly gains by chance in so many seconds."""
@@ -83,6 +84,13 @@ class Excursion(SizedSignal):
         uneven = local_power_ratio(view.data, view.grid.rate_hz, *rows)
         best = replace(best, gain=best.gain / uneven)
         return [(cls._near(view, *rows) or best) if best.excess > 0 else best]
+
+    @classmethod
+    def between(cls, view: View, one_s: float, other_s: float) -> Candidate | None:
+        """Return the box between two instants; None where it is too short for one."""
+        first, last = (round(t * view.grid.rate_hz) for t in sorted((one_s, other_s)))
+        shortest = _SHORTEST_S * view.grid.rate_hz
+        return cls._near(view, first, last) if last - first >= shortest else None
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate instant, duration and size again."""

@@ -7,6 +7,7 @@
 `refit`               every effect estimated again given the others
 `drop`                effects that later ones have made superfluous
 `fold_sidebands`      a carrier and its sidebands become the one modulated tone that they are
+`fold_steps`          two opposite steps become the one excursion that they are
 `split_bands`         a band becomes the two resonances within each other's width that it is
 `replace_drift`       slow effects that are pieces of a drift without a name become `unexplained`
 `resolve_tones`       what was left out of the fit becomes the lines that drift in it
@@ -14,13 +15,15 @@
 
 What every move tries is noted in a `SearchPath`, which also bounds the search. Where no kind fits,
 a search can go round: one band is accepted, the next two make it superfluous, without it they no
-longer hold, and it is found again. So nothing that was dropped is taken again, and acceptances and
-evaluations are counted; not seconds, so that the same record has the same result on every machine.
-As an evaluation costs a few transforms, the bound on the time is linear in the rows.
+longer hold, and it is found again. So nothing that was dropped is taken again, acceptances are
+counted, and every stage has so many evaluations; not seconds, so that the same record has the same
+result on every machine. As an evaluation costs a few transforms, the bound on the time is linear in
+the rows.
 """
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
 
 from allanscope.explain.candidate import Candidate
@@ -36,40 +39,56 @@ class SearchPath:
 
     Attributes
     ----------
-    most_acceptances, most_evaluations : int
-        Bounds; an evaluation is one kind asked for candidates, or one effect estimated again.
+    most_acceptances : int
+        Most effects that are accepted, whether they stay or not.
     spent : float
         What earlier looks at the same data cost, in nats, added to every penalty.
     acceptances, evaluations : int
-        Counted so far.
+        Counted so far; an evaluation is one kind asked for candidates, or one effect estimated
+        again.
+    stopped : list of str
+        Stages that ended before they were done.
     steps : list of SearchStep
         In the order in which they were tried.
     """
 
     most_acceptances: int = 20
-    most_evaluations: int = 600
     spent: float = 0.0
     acceptances: int = 0
     evaluations: int = 0
+    stopped: list[str] = field(default_factory=list)
     steps: list[SearchStep] = field(default_factory=list)
+    _until: int = sys.maxsize
     _dropped: list[Candidate] = field(default_factory=list)
+
+    def enter(self, evaluations: int) -> None:
+        """Begin a stage that has so many evaluations."""
+        self._until = self.evaluations + evaluations
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more effects may be tried."""
+        return self.acceptances >= self.most_acceptances
 
     @property
     def is_spent(self) -> bool:
-        """Whether the search must stop."""
-        return (
-            self.acceptances >= self.most_acceptances or self.evaluations >= self.most_evaluations
-        )
+        """Whether the stage must end."""
+        return self.evaluations >= self._until
+
+    def stop(self, stage: str) -> None:
+        """Enter that a stage ends before it is done."""
+        if stage not in self.stopped:
+            self.stopped.append(stage)
 
     @property
     def remark(self) -> str:
         """What the reader must know of a search that was stopped; empty otherwise."""
-        if not self.is_spent:
+        if not self.stopped:
             return ""
         return (
-            f"the search was stopped after {self.acceptances} effects had been tried and "
-            f"{self.evaluations} fits: no set of effects describes this axis, and what is named "
-            "may be pieces of something else"
+            f"the search was stopped ({', '.join(self.stopped)}) after {self.acceptances} effects "
+            f"had been tried and {self.evaluations} fits: no set of effects describes this axis, "
+            "and what is named may be pieces of something else"
         )
 
     def note(self, move: str, candidate: Candidate, outcome: str) -> None:

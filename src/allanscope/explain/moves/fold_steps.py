@@ -1,0 +1,37 @@
+"""Replace two opposite steps by the one excursion that they are."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+from allanscope.explain.effects.excursion import Excursion
+from allanscope.explain.effects.step import Step
+from allanscope.explain.gates import judge
+from allanscope.explain.moves import SearchPath
+from allanscope.explain.view import View
+
+__all__ = ["fold_steps"]
+
+
+def fold_steps(view: View, path: SearchPath) -> View:
+    """Return the view with an excursion in the place of two opposite steps, if it does as well.
+
+    The edges of a long box are found as steps. The box has a number less and pays once.
+    """
+    steps = [(c, c.effect) for c in view.accepted if isinstance(c.effect, Step)]
+    for (one, first), (other, second) in combinations(steps, 2):
+        if first.size.value * second.size.value > 0:
+            continue
+        bare = view.without(one, other)
+        path.evaluations += 1
+        box = Excursion.between(bare, first.time.value, second.time.value)
+        if box is None:
+            continue
+        whole = bare.accept(box).spectrum.loglik - box.penalty
+        if whole < view.spectrum.loglik - one.penalty - other.penalty:
+            continue
+        found, why = judge(bare, box)
+        path.note("fold steps", found or box, why)
+        if found is not None:
+            return bare.accept(found)
+    return view

@@ -15,7 +15,7 @@ from allanscope.explain.effect import Estimate, ResidualError
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
-from allanscope.explain.effects.unexplained import Unexplained, left_over
+from allanscope.explain.effects.unexplained import Unexplained
 from allanscope.explain.gates import growth, judge, owed, penalty_passed
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
@@ -23,7 +23,6 @@ from allanscope.explain.moves.drop import drop, refuse
 from allanscope.explain.moves.fold_sidebands import fold_sidebands
 from allanscope.explain.moves.fold_steps import fold_steps
 from allanscope.explain.moves.refit import refit
-from allanscope.explain.moves.resolve_tones import resolve_tones
 from allanscope.explain.residual import error_of
 from allanscope.explain.search import close_loop
 from allanscope.explain.series import Series
@@ -233,15 +232,6 @@ def test_two_opposite_steps_are_one_excursion_where_they_are_of_one_size(
         box = folded.accepted[0].effect.parameters
         assert box["time"].value == pytest.approx(40, abs=0.5)
         assert box["duration"].value == pytest.approx(30, abs=0.5)
-
-
-def test_a_range_in_which_nothing_is_left_is_not_told() -> None:
-    view, path = view_of(noise(15)), SearchPath()
-    tone = left_over(view, (9.0, 9.5), 50.0, "a tone between 9 and 9.5 Hz changes")
-    assert resolve_tones(view.accept(tone), path).accepted == ()
-    assert [(step.move, step.kind) for step in path.steps] == [("resolve", "unexplained")]
-    loud = view_of(noise(15) + line(9.2, 0.3))
-    assert len(resolve_tones(loud.accept(tone), path).accepted) == 1
 
 
 def test_each_stage_has_a_budget_of_its_own_and_is_named_where_it_ends() -> None:

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects.drifting_line import (
     Cluster,
@@ -31,8 +29,6 @@ _FAMILY = 0.03
 """Width over frequency up to which the clusters of a range are one line."""
 _WIDE = 1.5
 """Ratio of its ends from which a range without a name is no line."""
-_LEAST = 3.0
-"""Standard errors of its own noise by which a range must exceed it."""
 _MOST = 0.8
 """Share of the power in a range that its clusters must hold: else it is one thing."""
 
@@ -47,11 +43,6 @@ def resolve_tones(view: View, path: SearchPath) -> View:
     for whole, effect in tones:
         low, high = effect.frequency_low.value, effect.frequency_high.value
         band, parts = range_of(view, low, high), clusters(view, low, high)
-        if excess(view, band) < _LEAST * _sampling(view, band):
-            # What was loud there belonged to an effect that has been found since.
-            path.note("resolve", whole, "nothing is left of it beside the others")
-            view = view.without(whole)
-            continue
         # A carrier and its sidebands; or so near to each other that they will be.
         is_one = len(whole.excluded) > 1 or high - low < _FAMILY * high
         if is_one or excess(view, *parts) < _MOST * excess(view, band):
@@ -71,11 +62,6 @@ def resolve_tones(view: View, path: SearchPath) -> View:
             path.note("resolve", one, "accepted")
             view = view.accept(one)
     return view
-
-
-def _sampling(view: View, band: Cluster) -> float:
-    """Return the standard deviation of the power of the noise in a range."""
-    return float(np.sqrt(2 * np.sum(view.spectrum.ordinates[band.first : band.stop] ** 2)))
 
 
 def _without_name(view: View, cluster: Cluster, whole: Candidate) -> Candidate:

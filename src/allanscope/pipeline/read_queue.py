@@ -42,7 +42,7 @@ class ReadQueue:
     room : int
         Bytes that may wait.
     together_s : float
-        How long to gather after the first one.
+        How long to gather after the first one; may be changed between two takes.
     live : bool
         Whether reads carry the present time: then the time that the first one took to get here is
         a part of this.
@@ -54,7 +54,7 @@ class ReadQueue:
         self._queue: queue.SimpleQueue[Chunk] = queue.SimpleQueue()
         self._taken = threading.Condition()
         self._left: float = room
-        self._together_s = together_s
+        self.together_s = together_s
         self._live = live
         self._ended = threading.Event()
 
@@ -89,7 +89,7 @@ class ReadQueue:
 
     def _gather(self, came_ns: int) -> None:
         age_s = 1e-9 * (time.monotonic_ns() - came_ns) if self._live else 0.0
-        wait_s = min(self._together_s - age_s, self._together_s)
+        wait_s = min(self.together_s - age_s, self.together_s)
         if wait_s > 0.0:
             self._ended.wait(wait_s)
 

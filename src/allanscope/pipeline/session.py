@@ -142,8 +142,9 @@ class Session:
         if ledger is None:
             self._inbox = ReadQueue(REPLAY_ROOM)
         else:
-            together_s = NOBODY_LOOKS_S if pace is UNSEEN else TOGETHER_S
-            self._inbox = ReadQueue(LIVE_ROOM, together_s, live=True)
+            # At once at first: a device that has to be asked for samples waits for each next word.
+            self._inbox = ReadQueue(LIVE_ROOM, 0.0, live=True)
+        self._together_s = NOBODY_LOOKS_S if pace is UNSEEN else TOGETHER_S
         self._news = News() if news is None else news
         self._reader_error: BaseException | None = None
         self.failures: list[str] = []
@@ -189,6 +190,8 @@ class Session:
             self._fresh_events()  # what was found before is in the result, and no news
             while (chunks := self._inbox.take())[-1].event != "end":
                 self._take(chunks)
+                if self._samples_come():
+                    self._inbox.together_s = self._together_s
             self._take(chunks[:-1])
             for event in self.decoding.finish():
                 self._tell(event)
@@ -221,6 +224,11 @@ class Session:
             if notice.kind == "mark" and self.ledger is not None:
                 self.ledger.mark(notice.text, host_ns)
             self._tell(notice)
+
+    def _samples_come(self) -> bool:
+        """Return whether any sample has come; a replay is always taken together."""
+        state = self.analyser.state
+        return self.ledger is not None and state is not None and state.samples > 0
 
     def _tell_space(self, host_ns: int) -> None:
         """Say once for how long the disk has room, and then plot it; the recorder alarms."""

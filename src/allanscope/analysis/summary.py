@@ -105,7 +105,7 @@ def summarise(
     events = state.watch.events(rate_hz)
     quiet = undisturbed(events, given.record, PARTS.get(part)) if depth == "full" else None
     found = Analysis(
-        input=dict(input_facts),
+        input={**input_facts, **_full_scales(given.record)},
         part=part,
         duration_s=state.samples / rate_hz,
         samples=state.samples,
@@ -170,6 +170,16 @@ def _traces(found: Analysis, state: StreamState, given: LoopInput) -> dict[tuple
         is_whole=not state.unknown_losses,
         effects={k: a.explanation.effects for k, a in found.axes.items() if a.explanation},
     )
+
+
+def _full_scales(record: Record) -> dict[str, str]:
+    """Return the full scales that the steps of the values belong to; nothing where none does."""
+    scales = {
+        f"{full_scale:g} {unit_of(axis)}": None
+        for axis, lsb in zip(record.axes, record.lsb, strict=True)
+        if (full_scale := full_scale_of(axis, lsb)) is not None
+    }
+    return {"full_scales": ", ".join(scales)} if scales else {}
 
 
 def _claimed(state: StreamState, rate: Rate) -> Rate:

@@ -16,7 +16,7 @@ from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.recording import Fingerprint, Recording, is_recording
 from allanscope.view import progress
 
-__all__ = ["analyse_input", "full_settings", "recorded_settings"]
+__all__ = ["analyse_input", "full_settings", "recorded_facts", "recorded_settings"]
 
 FULL_ROWS = 1 << 21
 """Rows of history that an analysis to the end keeps: 5.6 h at 104 Hz sample by sample."""
@@ -59,8 +59,9 @@ def analyse_input(
         return _analyse_table(path, device, facts, quiet, curves)
     fingerprint = None
     if path.is_dir() or is_recording(path):
-        fingerprint = Fingerprint()
-        device = recorded_settings(Recording(path), device)
+        fingerprint, recording = Fingerprint(), Recording(path)
+        facts |= recorded_facts(recording)
+        device = recorded_settings(recording, device)
     decoding = Decoding(device.for_wire(), device.wire)
     analyser = Analyser(full_settings(device.part, curves=curves))
     analysed(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
@@ -155,6 +156,13 @@ def _refuse_without_rate(path: Path, analyser: Analyser) -> None:
         raise UsageError(
             f"{path} has no times that tell its sample rate (or none that go up); give --rate HZ"
         )
+
+
+def recorded_facts(recording: Recording) -> dict[str, str]:
+    """Return what a recording says of its circumstances: when it was made, and of which unit."""
+    known = recording.metadata
+    named = {"started": known.get("started"), "serial_number": known.get("serial_number")}
+    return {name: text for name, text in named.items() if text}
 
 
 def recorded_settings(recording: Recording, device: DeviceSettings) -> DeviceSettings:

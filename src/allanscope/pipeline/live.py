@@ -21,7 +21,7 @@ from typing import Literal
 from allanscope.allan import CurveChoices
 from allanscope.analysis import Analyser, AnalyserSettings, Analysis, compared
 from allanscope.errors import AllanscopeError, DeviceError, InputError, UsageError
-from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
+from allanscope.pipeline.analyse_file import analyse_input, recorded_facts, recorded_settings
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.event_hook import EventHook
 from allanscope.pipeline.outputs import (
@@ -178,7 +178,7 @@ def run_replay(
     folder = None
     if settings.out is not None:
         folder = made_folder(settings.out)
-    facts = {"name": path.name, "path": str(path), "sha256": recording.sha256()}
+    facts = {"name": path.name, "path": str(path), **_identity(recording)}
     session = Session(
         source,
         decoding,
@@ -195,6 +195,11 @@ def run_replay(
     stays = settings.view == "web" or sys.stdout.isatty()
     whole_s = recording.duration_s
     return _run(session, settings, folder, facts, None, whole_s, finished, stays)
+
+
+def _identity(recording: Recording) -> dict[str, str]:
+    """Return what tells a recording from every other."""
+    return {"sha256": recording.sha256(), **recorded_facts(recording)}
 
 
 def _pace(settings: SessionSettings) -> Pace:
@@ -311,7 +316,7 @@ def _run(
                 session.tell_news(time.monotonic_ns())
             if recorder is not None and folder is not None:
                 with suppress(InputError):
-                    facts["sha256"] = Recording(folder).sha256()
+                    facts |= _identity(Recording(folder))
             ended = "Recording stopped" if whole_s is None else "Replay finished"
             terminal.line(f"{ended}; running the final analysis")
             final = session.result("full")

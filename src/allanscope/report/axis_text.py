@@ -152,16 +152,18 @@ def windows(dynamic: DynamicDeviation | None) -> str:
 
 
 def subtitle(analysis: Analysis, operator: str) -> str:
-    """Return what was measured, in one line: part, serial number, rate, length, who measured."""
+    """Return what was measured, in one line: part, full scales, rate, length, when, by whom."""
     axes, known = len(analysis.axes), analysis.rate
+    full_scales = analysis.input.get("full_scales", "")
     serial = analysis.input.get("serial") or analysis.input.get("serial_number", "")
     facts = (
         analysis.part,
         serial and f"serial number {serial}",
+        full_scales and f"full scale {full_scales}",
         f"{number(known.nominal_hz, 6)} Hz" if known.nominal_hz else "",
         duration(analysis.duration_s),
         f"{axes} {'axis' if axes == 1 else 'axes'}",
-        analysis.input.get("date", ""),
+        analysis.input.get("started", "").partition(".")[0].replace("T", " "),
         operator and f"measured by {operator}",
     )
     return ", ".join(filter(None, facts))

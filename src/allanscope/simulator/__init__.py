@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from allanscope.simulator.faults import FaultSpec, fault_help, parse_fault
     from allanscope.simulator.firmware import Firmware
     from allanscope.simulator.ledger import Ledger, Loss
-    from allanscope.simulator.record import simulate_blocks
+    from allanscope.simulator.record import greeting, simulate_blocks
     from allanscope.simulator.simulator import Simulator
     from allanscope.simulator.truth import AxisTruth, TemperatureTruth, Truth
 
@@ -46,6 +46,7 @@ __all__ = [
     "Truth",
     "effect_help",
     "fault_help",
+    "greeting",
     "parse_effect",
     "parse_fault",
     "run_device",
@@ -69,6 +70,7 @@ __getattr__, __dir__ = lazily(
         "Truth": "truth",
         "effect_help": "effect_spec",
         "fault_help": "faults",
+        "greeting": "record",
         "parse_effect": "effect_spec",
         "parse_fault": "faults",
         "run_device": "device",

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.random import Generator
 
 from allanscope.errors import UsageError
-from allanscope.samples import Block
+from allanscope.samples import Block, StreamInfo
 from allanscope.simulator.noise import stream
 from allanscope.simulator.simulator import Simulator
 from allanscope.wire import Encoder, WireFormat, WireSettings, answers, format_named
 
-__all__ = ["simulate_blocks"]
+__all__ = ["greeting", "simulate_blocks"]
 
 READ_S = 0.05
 """A host reads what has come this often."""
@@ -70,15 +70,12 @@ def simulate_blocks(
     sensor = sensor or Simulator(duration_s=hours * 3600.0)
     encoder = format_named(wire).encoder()
     info = replace(sensor.info, epoch=EPOCH)
-    greeting = encoder.describe(info)
-    if encoder.silent_until_started:
-        greeting += _started(format_named(wire), encoder)
     rate = sensor.clock.true_hz
     frame = encoder.samples_per_frame(info.nominal_hz)
     a_second = frame * max(1, round(rate / frame))
     total = int(hours * 3600.0 * rate)
     reads = _Reads(start_ns, stream(seed, "host"))
-    yield reads.time_ns(0.0), greeting
+    yield reads.time_ns(0.0), greeting(format_named(wire), encoder, info)
     while sensor.index < total:
         block = sensor.read(min(a_second, total - sensor.index))
         yield from reads.of_block(encoder.encode(block), block, frame, rate)
@@ -88,9 +85,11 @@ def simulate_blocks(
             yield reads.time_ns(count / rate), status
 
 
-def _started(wire: WireFormat, device: Encoder) -> bytes:
-    """Return all that a device answers to a host that starts it."""
-    host, heard = wire.decoder(WireSettings()), b""
+def greeting(wire: WireFormat, device: Encoder, info: StreamInfo) -> bytes:
+    """Return all that a device says before its first sample to a host that starts it."""
+    host, heard = wire.decoder(WireSettings()), device.describe(info)
+    if not device.silent_until_started:
+        return heard
     orders = wire.start(WireSettings())
     while orders:
         commands = [command for order in orders for command in device.receive(order)]

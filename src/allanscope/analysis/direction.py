@@ -217,9 +217,11 @@ def _loudest(sensor: str, loud: Array, quiet: Array) -> Direction | None:
     values, vectors = np.linalg.eigh(np.cov(loud / noise, rowvar=False))
     # The burst may ring; what is across it says how many independent rows the noise has.
     rows = _independent((loud / noise) @ vectors[:, -2])
+    if rows < _BURST_ROWS:
+        return None
     scatter = (1.0 + math.sqrt(len(noise) / rows)) ** 2
     # Above noise at all, and above what is as loud across as along.
-    if rows < _BURST_ROWS or values[-1] < _ABOVE_NOISE * scatter * max(values[-2], 1.0):
+    if values[-1] < _ABOVE_NOISE * scatter * max(values[-2], 1.0):
         return None
     along, across = float(values[-1]), float(values[-2])
     vector = vectors[:, -1] * noise
@@ -246,6 +248,8 @@ def _independent(wave: Array) -> float:
     n = len(wave)
     power = np.abs(np.fft.rfft(wave, 2 * n)) ** 2
     products = np.fft.irfft(power)[:n]
+    if products[0] <= 0.0:  # an axis that stands still
+        return 0.0
     squares = (products[1:] / products[0]) ** 2
     of_white = np.arange(n - 1, 0, -1) / n**2
     return float(n / (1.0 + 2.0 * max(np.sum(squares - of_white), 0.0)))

@@ -92,9 +92,9 @@ def test_an_array_that_a_loop_cannot_take_is_refused(array: NDArray[Any]) -> Non
 def test_a_ladder_whose_arrays_do_not_fit_together_is_refused() -> None:
     cascade = Cascade(axes=2, per_octave=1)
     cascade.offsets = np.zeros((2, 2))
-    with pytest.raises(ValueError, match="do not fit together"):
+    with pytest.raises(ValueError, match="are inconsistent"):
         cascade.extend(np.zeros((2, 5)))
-    with pytest.raises(ValueError, match="do not fit together"):
+    with pytest.raises(ValueError, match="are inconsistent"):
         Cascade(axes=2, per_octave=1).extend(np.zeros((3, 5)))
 
 

@@ -129,7 +129,7 @@ def test_of_two_parts_the_one_asked_for(tmp_path):
     (path / "iis2dh_acc.dat").write_bytes((path / "ism330dhcx_acc.dat").read_bytes())
     found = table_of_file(path)
     assert len(found.columns.axes) == 6
-    assert found.part == ""  # none of those that the datasheet's noise is known of
+    assert found.part == "ISM330DHCX"
     assert "the part is ism330dhcx; --stream takes another: iis2dh" in found.columns.assumed[0]
     assert list(table_of_file(path, "iis2dh").columns.axes) == ["ax", "ay", "az"]
     with pytest.raises(InputError, match="no sensor lis2; there is ism330dhcx iis2dh"):

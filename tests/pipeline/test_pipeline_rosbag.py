@@ -200,8 +200,8 @@ def _bad(path: Path, kind: str) -> None:
         ("short", "is not a sensor_msgs/Imu"),
         ("long frame", "is not a sensor_msgs/Imu"),
         ("empty", "no topic of type"),
-        ("view", "no bag of ROS 2"),
-        ("foreign", "no bag of ROS 2"),
+        ("view", "not a ROS 2 bag"),
+        ("foreign", "not a ROS 2 bag"),
         ("many", "more than 500 messages"),
     ],
 )

@@ -134,7 +134,7 @@ def test_a_disk_that_stays_full_keeps_every_whole_second_and_counts_the_rest(
     for index in range(1, 200):
         recorder.rx(noise(index))
         wait_until(lambda: recorder._queued_bytes == 0)
-    wait_until(lambda: recorder.dropped_bytes > 0 and "is lost" in recorder.alarm)
+    wait_until(lambda: recorder.dropped_bytes > 0 and "new data are lost" in recorder.alarm)
     recorder.close()
     assert numbers(path) == [0]
     assert [one.what.split(":")[0] for one in Recording(path).damage] == ["never closed"]

@@ -129,7 +129,7 @@ def another_rate(
     >>> found = another_rate(46.0, 104.0, (46.0, 58.0, 150.0), (52.0, 104.0, 208.0, 416.0), 0.1)
     >>> print(found.words)  # doctest: +NORMALIZE_WHITESPACE
     record 10 min at 416 Hz: seen at 184 Hz if locked to the sensor's clock, at 46 Hz if at 46 Hz,
-    at 58 Hz if at 58 Hz, at 150 Hz if at 150 Hz; expected evidence 60 nats
+    at 58 Hz if at 58 Hz, at 150 Hz if at 150 Hz; expected log-likelihood gain 60
     """
     near = min(offered_hz, key=lambda one: abs(one / rate_hz - 1), default=rate_hz)
     if abs(near / rate_hz - 1) > 0.1:

@@ -172,6 +172,36 @@ _RATES_OF_TODAY = (7.5, 15.0, 30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 1920.0, 38
 _ACCEL_RMS = {2.0: 1.8e-3, 4.0: 2.0e-3, 8.0: 2.4e-3, 16.0: 3.0e-3}
 _UNPUBLISHED = "not published in any document we could read"
 
+
+def _hardly_published(
+    name: str,
+    who_am_i: int,
+    rates_hz: tuple[float, ...],
+    *,
+    gyro_density: float | None = None,
+    accel_density: Mapping[float, float] | None = None,
+    source: str = _UNPUBLISHED,
+) -> Part:
+    """Return a part of today of whose noise at most the densities could be read anywhere."""
+    return Part(
+        name=name,
+        who_am_i=who_am_i,
+        rates_hz=rates_hz,
+        gyro_density=gyro_density,
+        accel_density=accel_density,
+        gyro_rms=None,
+        accel_rms=None,
+        zero_rate_dps=None,
+        zero_g_g=None,
+        zero_rate_dps_per_c=None,
+        zero_g_g_per_c=None,
+        temperature_lsb_per_c=256.0,
+        source=source,
+        gyro_scales=_WIDE_GYRO_SCALES,
+        beyond=True,
+    )
+
+
 PARTS: Mapping[str, Part] = {
     "LSM6DS3H": Part(
         name="LSM6DS3H",
@@ -252,47 +282,22 @@ PARTS: Mapping[str, Part] = {
         beyond=True,
     ),
     **{
-        name: Part(
-            name=name,
-            who_am_i=0x70,
-            rates_hz=_RATES_OF_TODAY,
-            gyro_density=density,
-            accel_density=None if density is None else {2.0: 60e-6},
-            gyro_rms=None,
-            accel_rms=None,
-            zero_rate_dps=None,
-            zero_g_g=None,
-            zero_rate_dps_per_c=None,
-            zero_g_g_per_c=None,
-            temperature_lsb_per_c=256.0,
-            source=source,
-            gyro_scales=_WIDE_GYRO_SCALES,
-            beyond=True,
+        part.name: part
+        for part in (
+            _hardly_published(
+                "LSM6DSV",
+                0x70,
+                _RATES_OF_TODAY,
+                gyro_density=2.8e-3,
+                accel_density={2.0: 60e-6},
+                source="LSM6DSV datasheet, as quoted by Luxonis",
+            ),
+            _hardly_published("LSM6DSV16X", 0x70, _RATES_OF_TODAY),
+            *(
+                _hardly_published(name, 0x6B, _RATES)
+                for name in ("LSM6DSR", "ASM330LHH", "ASM330LHHX")
+            ),
         )
-        for name, density, source in (
-            ("LSM6DSV", 2.8e-3, "LSM6DSV datasheet, as quoted by Luxonis"),
-            ("LSM6DSV16X", None, _UNPUBLISHED),
-        )
-    },
-    **{
-        name: Part(
-            name=name,
-            who_am_i=0x6B,
-            rates_hz=_RATES,
-            gyro_density=None,
-            accel_density=None,
-            gyro_rms=None,
-            accel_rms=None,
-            zero_rate_dps=None,
-            zero_g_g=None,
-            zero_rate_dps_per_c=None,
-            zero_g_g_per_c=None,
-            temperature_lsb_per_c=256.0,
-            source=_UNPUBLISHED,
-            gyro_scales=_WIDE_GYRO_SCALES,
-            beyond=True,
-        )
-        for name in ("LSM6DSR", "ASM330LHH", "ASM330LHHX")
     },
 }
 """Every part that allanscope knows, by name."""

@@ -163,10 +163,6 @@ def effect_of(candidate: Candidate, axis: str, share: float = math.nan) -> Effec
     parameters = {name: _plain(p) for name, p in kind.parameters.items()}
     if not kind.is_named:
         parameters["share"] = Parameter(share)
-    size = parameters.get(kind.sized_by)
-    corrected = None
-    if isinstance(size, Parameter) and evidence["detection_selected"]:
-        corrected = _corrected(size, candidate)
     evidence["replicated"] = "not replicated" if replicated is None else replicated
     return Effect(
         kind=candidate.kind,
@@ -180,16 +176,19 @@ def effect_of(candidate: Candidate, axis: str, share: float = math.nan) -> Effec
         curve=kind.curve,
         repeats_rows=kind.repeats_rows,
         share=share,
-        given_detection=corrected,
+        given_detection=_corrected(candidate) if evidence["detection_selected"] else None,
     )
 
 
-def _corrected(size: Parameter, candidate: Candidate) -> Parameter | None:
+def _corrected(candidate: Candidate) -> Parameter | None:
     """Return the size given that its gain exceeded the penalty; None where it has no interval."""
-    if isinstance(size.value, str) or size.lower is None or size.upper is None or not size.value:
+    kind = candidate.effect
+    if not kind.sized_by:
         return None
-    estimate = Estimate(size.value, size.lower, size.upper, size.unit)
-    return given_detection(estimate, candidate.penalty)
+    size: Estimate = getattr(kind, kind.sized_by)
+    if not (size.value and size.error > 0.0):
+        return None
+    return _plain(given_detection(size, candidate.penalty))
 
 
 def _plain(parameter: Parameter) -> Parameter:

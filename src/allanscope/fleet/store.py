@@ -134,7 +134,7 @@ class Store:
         return unpacked(self.path(key).read_bytes())
 
     def forget(self, key: str) -> None:
-        """Take a result away, so that it is required again."""
+        """Take a result away, so that it is asked for again."""
         self._kept.discard(key)
         self.path(key).unlink(missing_ok=True)
 

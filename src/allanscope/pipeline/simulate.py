@@ -98,7 +98,7 @@ def run_emulated_device(
     Raises
     ------
     UsageError
-        When it is required what only the simulated device can do.
+        When it is asked for what only the simulated device can do.
     """
     from allanscope.simulator import EMULATED_WIRE, run_emulated
 

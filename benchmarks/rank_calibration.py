@@ -25,7 +25,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from blind_noise import base_noise, draw_noise, information, spectral_scale
+from blind_effects import forgetting
+from blind_noise import base_noise, draw_noise, information, lorentzian, spectral_scale
 from efficiency import RATE, Array, simulate
 from figures import Figure, written
 from scipy.stats import binom, norm
@@ -140,12 +141,7 @@ def shape_of(
         wave = np.sin(2 * np.pi * (frequency * t + rng.uniform()))
         return wave, {"frequency": frequency}
     tc = float(np.exp(rng.uniform(np.log(0.3), np.log(5.0))))
-    keep = np.exp(-1 / (rate * tc))
-    series = np.empty(n)
-    series[0] = rng.standard_normal()
-    kicks = np.sqrt(1 - keep**2) * rng.standard_normal(n)
-    for i in range(1, n):
-        series[i] = keep * series[i - 1] + kicks[i]
+    series = forgetting(rng, n, float(np.exp(-1 / (rate * tc))), 1.0)
     return series, {"correlation_time": tc}
 
 
@@ -229,11 +225,6 @@ def record_of(rows: Array, rate: float, lsb: float) -> Record:
 def spread(rng: np.random.Generator, factor: float) -> float:
     """Draw a factor, evenly in its logarithm."""
     return float(factor ** rng.uniform(-1, 1))
-
-
-def lorentzian(f: Array, tc: float, rate: float) -> Array:
-    """Variance of an ordinate of exponentially correlated noise with unit variance."""
-    return 2 * tc / (1 + (2 * np.pi * f * tc) ** 2) * rate
 
 
 def band(count: int, points: Array, level: float = 0.95, runs: int = 4000) -> tuple[Array, Array]:

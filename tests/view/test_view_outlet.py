@@ -135,8 +135,8 @@ def test_the_file_ends_at_its_largest_size_without_a_fault(
 def test_the_line_at_the_start_says_how_large_the_file_becomes(tmp_path: Path) -> None:
     view = RerunView(tmp_path, "none")
     line = view.promise("abcdef", 12 * 3600.0)
-    assert line.startswith("session.rrd grows to about 160 MB in 12 h")
-    assert " and ends at " in line
+    assert line.startswith("session.rrd: about 160 MB in 12 h")
+    assert ", at most " in line
     assert "about 60 MB in 10 min" in view.promise("abcdef", 600.0)
     assert RerunView(None, "none").promise("abcdef", None) == ""
 

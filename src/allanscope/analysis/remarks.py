@@ -27,6 +27,13 @@ _PRINTED = 1e-3
 
 _FEWEST_AXES = 2
 
+_SETTLING_S = 5.0
+"""The rate is rarely measured before: that it is not known yet is no remark."""
+
+_START_S = 0.1
+"""A computer that starts a run may read this late, and catch up: over a few seconds that looks like
+a clock that differs by thousands of ppm."""
+
 
 def axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:
     """Return what stands out in the samples of one axis."""
@@ -56,10 +63,11 @@ def run_remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str
             f"Event detection failed ({state.watch_failure}): later events are missing; please "
             "report it."
         )
-    if rate.measured_hz is None:
+    if rate.measured_hz is None and state.samples > _SETTLING_S * (rate.nominal_hz or 1.0):
         out.append("The true sample rate is not known: averaging times use the nominal rate.")
     apart_ppm = rate.device_against_host_ppm
-    if rate.source == "device" and apart_ppm is not None and abs(apart_ppm) > 1e6 * DISAGREEMENT:
+    least_ppm = 1e6 * max(DISAGREEMENT, _START_S / max(rate.span_s or 0.0, _START_S))
+    if rate.source == "device" and apart_ppm is not None and abs(apart_ppm) > least_ppm:
         out.append(
             f"The clocks of the device and the computer differ by {number(abs(apart_ppm), 2)} ppm, "
             "as if the computer read late; the rate is taken from the device's clock."

@@ -167,9 +167,8 @@ class RerunView:
         lasts_s = _NIGHT_S if duration_s is None else duration_s
         size = max(1e-6 * expected_bytes(lasts_s, axes), 1.0)
         return (
-            f"{self._file.name} grows to about {number(size, 2)} MB in {duration(lasts_s)}, "
-            f"finer at first and coarser with time, and ends at "
-            f"{number(1e-6 * largest_part(free), 2)} MB"
+            f"{self._file.name}: about {number(size, 2)} MB in {duration(lasts_s)}, "
+            f"at most {number(1e-6 * largest_part(free), 2)} MB"
         )
 
     def _keep(self, file: Path) -> None:

@@ -39,7 +39,7 @@ _ALIVE_EVERY_S = 1.0
 _PATIENCE_S = 2.0
 """So long the end of a run waits for a terminal that takes nothing."""
 
-_KEYS = "m mark   c curves   q end and report   ? help      ↑ ↓ changed, = stable"
+_KEYS = "m mark   c curves   q end and report   ? help   ↑ ↓ changed, = stable"
 _CURVES: tuple[Curves, ...] = ("both", "gyroscope", "accelerometer", "none")
 _STYLES: dict[Level, str] = {"info": "", "warn": "bold", "error": "bold red"}
 

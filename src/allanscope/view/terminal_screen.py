@@ -54,8 +54,8 @@ Curves = Literal["both", "gyroscope", "accelerometer", "none"]
 
 _WIDE = 130
 _ARROWS: dict[Direction, str] = {"up": "↑", "down": "↓", "settled": "=", "": " "}
-_FOLD_LOSS = 16
-"""Columns that folding between words may leave empty at the end of a line."""
+_NARROW = 72
+"""Columns below which a line of the verdict may take three rows instead of two."""
 
 _LEAST_LINES = 5
 """Lines beside the verdict and the table that are always there: header, run, age, space, keys."""
@@ -73,6 +73,12 @@ _HELP = (
     "N  white noise, B  bias instability, K  rate random walk; 95 % intervals, < upper limit",
     "↑ ↓  changed since half of the run, =  stable",
 )
+
+_BETWEEN = "   "
+"""What separates the parts of a line: its last parts are left out where it does not fit."""
+
+_FOLDING = Console(file=io.StringIO(), width=1)
+"""Rich folds a text by a console; nothing is written to it."""
 
 _SUMMARY_WIDTH = 160
 _SUMMARY_HEIGHT = 1000
@@ -121,14 +127,13 @@ class Screen:
         wide = options.max_width >= _WIDE
         width, height = options.max_width, options.height or console.height
         known = verdict(self._analysis)
-        top: list[Text | Table] = [self._header(), self._run()]
+        top: list[Text | Table] = [self._header(), self._run(width)]
+        said = [_said(line) for line in known.lines]
         if known.banner:
-            banner = Text(known.banner, style=_style(GRADE["bad"]))
-            top.append(_folded(banner, width))
-        three = [_folded(_said(line), width) for line in known.lines]
+            said.insert(0, Text(known.banner, style=_style(GRADE["bad"])))
+        three = [row for text in said for row in _folded(text, width)]
         table = self._axes(wide)
-        taken = sum(_rows(text, width) for text in three) + bool(known.banner)
-        room = max(2, height - _LEAST_LINES - table.row_count - taken - 2)
+        room = max(2, height - _LEAST_LINES - table.row_count - len(three) - 2)
         charts = [] if options.ascii_only else self._charts(width, room)
         room = max(2, room - len(charts))
         if self._explain_keys:
@@ -138,7 +143,7 @@ class Screen:
         below = [*charts, *([Text(), *details] if details else [])]
         yield Group(*top, *three, self._as_of(), table, *below)
         if self._keys:
-            yield Text(self._keys, style="dim", no_wrap=True, overflow="ellipsis")
+            yield _joined([Text(part) for part in self._keys.split(_BETWEEN)], width, "dim")
 
     def _charts(self, width: int, room: int) -> list[Text]:
         """Return an empty line and the Allan curves; nothing where there is no room for them."""
@@ -172,20 +177,23 @@ class Screen:
         )
         return line
 
-    def _run(self) -> Text:
+    def _run(self, width: int) -> Text:
+        """Return how the run stands; what is least important is left out where there is no room."""
         known = self._analysis
-        line = Text(no_wrap=True, overflow="ellipsis")
-        line.append(f"{rate_text(known.rate)}   {count(self._recorded[1])} samples   ")
         lost = known.lost_samples or known.unknown_losses
-        line.append(losses_phrase(known), style="bold" if lost else "")
+        parts = [
+            Text(rate_text(known.rate)),
+            Text(losses_phrase(known), style="bold" if lost else ""),
+            Text(f"{count(self._recorded[1])} samples"),
+        ]
         if known.reconnects:
-            line.append(f"   {known.reconnects} reconnection{'s' * (known.reconnects > 1)}")
+            parts.append(Text(f"{known.reconnects} reconnection{'s' * (known.reconnects > 1)}"))
         if known.temperature:
-            line.append(f"   {known.temperature['last']:.1f} °C")
+            parts.append(Text(f"{known.temperature['last']:.1f} °C"))
         clock = clock_text(known.rate)
         if clock:
-            line.append(f"   {clock}", style="dim")
-        return line
+            parts.append(Text(clock, style="dim"))
+        return _joined(parts, width)
 
     def _as_of(self) -> Text:
         moments = as_of_text(self._analysis.axes)
@@ -253,17 +261,15 @@ def _beside(charts: Sequence[Sequence[Text]], width: int) -> list[Text]:
 
 def _details(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
     """Return what is behind the verdict in at most `room` lines; a long detail may take two."""
-    texts: list[Text] = []
-    left = room
+    rows: list[Text] = []
     for number_of, line in enumerate(lines):
-        text = _said(line)
+        folded = _folded(_said(line), width)
         still = len(lines) - number_of
-        if _rows(text, width) > left - (still > 1):
-            texts.append(Text(f"and {still} more lines: see the report"))
+        if len(folded) > room - len(rows) - (still > 1):
+            rows.append(Text(f"and {still} more line{'s' * (still > 1)}: see the report"))
             break
-        left -= _rows(text, width)
-        texts.append(_folded(text, width))
-    return texts
+        rows += folded
+    return rows
 
 
 def _said(line: VerdictLine) -> Text:
@@ -272,15 +278,25 @@ def _said(line: VerdictLine) -> Text:
     return text
 
 
-def _rows(text: Text, width: int) -> int:
-    """Return how many rows a text takes: one or two."""
-    return 1 + (text.cell_len > width)
+def _folded(text: Text, width: int) -> list[Text]:
+    """Return the rows of a text, folded between words: at most two, three on a narrow screen."""
+    rows = list(text.wrap(_FOLDING, width))
+    most = 3 if width < _NARROW else 2
+    if len(rows) > most:
+        rows = [*rows[: most - 1], Text(" ").join(rows[most - 1 :])]
+        rows[-1].truncate(width, overflow="ellipsis")
+    return rows
 
 
-def _folded(text: Text, width: int) -> Text:
-    """Return a text that fits two rows."""
-    text.truncate(2 * width - _FOLD_LOSS, overflow="ellipsis")
-    return text
+def _joined(parts: Sequence[Text], width: int, style: str = "") -> Text:
+    """Return as many parts as fit one row, the first always."""
+    line = Text(style=style, no_wrap=True, overflow="ellipsis")
+    for part in parts:
+        between = _BETWEEN if line else ""
+        if line and line.cell_len + len(between) + part.cell_len > width:
+            break
+        line.append(between).append_text(part)
+    return line
 
 
 def _residual(axis: AxisAnalysis) -> str:

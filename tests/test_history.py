@@ -63,6 +63,46 @@ def test_temperature_is_averaged_where_there_is_one():
     np.testing.assert_array_equal(record.temperature_c, [20.0, 23.0, np.nan, np.nan])
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(0, 200), st.integers(0, 9), st.booleans()), max_size=8),
+    st.sampled_from([np.int16, np.float64]),
+)
+def test_rows_are_the_means_of_their_own_samples_and_temperatures(pieces, dtype):
+    """Whatever was cut, lost or halved: each row covers `stride` samples from `start_s` on."""
+    rng = np.random.default_rng(len(pieces))
+    history, stream, warmth = History(2, rows=16), np.empty((0, 2)), np.empty(0)
+    for samples, lost, has_gap in pieces:
+        counts = (100.0 * rng.normal(size=(samples, 2))).astype(dtype)
+        temperature_c = rng.normal(25.0, 9.0, samples)
+        history.update(counts, temperature_c)
+        stream, warmth = np.vstack([stream, counts]), np.append(warmth, temperature_c)
+        if has_gap:
+            history.gap(lost)
+            stream = np.vstack([stream, np.full((lost, 2), np.nan)])
+            warmth = np.append(warmth, np.full(lost, np.nan))
+    record = history.record(1.0, ("gx", "ax"), (1.0, 1.0))
+    covered = record.start_s.astype(int)[:, np.newaxis] + np.arange(record.stride)
+    expected = stream[covered].mean(axis=1)
+    np.testing.assert_allclose(record.values, expected, rtol=1e-12, atol=1e-12)
+    expected = warmth[covered].mean(axis=1)
+    np.testing.assert_allclose(record.temperature_c, expected, rtol=1e-12)
+
+
+def test_equal_temperatures_have_no_other_mean():
+    history = History(1, rows=8)
+    history.update(np.zeros((1000, 1), np.int16), np.full(1000, 25.3))
+    assert history.stride > 100
+    assert set(history.record(1.0, ("gx",), (1.0,)).temperature_c) == {25.3}
+
+
+def test_rows_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match="3 temperatures of 4 samples"):
+        History(1, rows=4).update(np.zeros((4, 1)), np.zeros(3))
+    with pytest.raises(ValueError, match=r"need samples of shape \(n, 2\)"):
+        History(2, rows=4).update(np.zeros((4, 3)))
+
+
 def test_coarsened_rows_are_means_within_their_segments():
     rng = np.random.default_rng(4)
     history = History(2, rows=1 << 12)

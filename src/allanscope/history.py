@@ -9,11 +9,52 @@ doubles the stride, so that it never holds more than `rows` of them and always c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from allanscope.compiled import Pointer, kernel
+
 __all__ = ["History", "Record"]
+
+
+_ROWS = (
+    *(int, Pointer(np.float64, 1), int, int, int),
+    *(Pointer(np.float64, 1, written=True), int),
+    *(Pointer(np.float64, 2, written=True), Pointer(np.float64, 1, written=True)),
+)
+_rows_of_int16 = kernel("history_rows_int16", Pointer(np.int16, 2), *_ROWS)
+"""Sum samples (n, axes) up in rows of `stride` each.
+
+Parameters
+----------
+samples : ndarray, shape (n, axes)
+n : int
+temperature_c : ndarray of float64, shape (n,) or (0,)
+temperatures : int
+    How many there are.
+axes, stride : int
+part : ndarray of float64, shape (axes + 3,)
+    The row that is not complete: its sums; the first of its temperatures, by how much the others
+    lie above it, together, and how many there were. Equal temperatures have no other mean.
+filled : int
+    Samples in it.
+sums : ndarray of float64, shape (k, axes)
+    Receives the rows that are complete.
+means : ndarray of float64, shape (k,)
+    Receives their temperatures; NaN of a row without any.
+"""
+_rows_of_float64 = kernel("history_rows_float64", Pointer(np.float64, 2), *_ROWS)
+
+_halved = kernel(
+    "history_halve",
+    *(Pointer(np.float64, 2, written=True), Pointer(np.float64, 1, written=True)),
+    *(Pointer(np.int64, 1, written=True), Pointer(np.int64, 1, written=True)),
+    *(int, int),
+    returns=int,
+)
+"""Join rows (sums, temperature, position, segment) of a segment in pairs; return how many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +177,9 @@ class History:
         self._position = np.zeros(self._sums.shape[0], np.int64)
         self._segment = np.zeros(self._sums.shape[0], np.int64)
         self._used = 0
-        self._rest = np.empty((0, axes))
-        self._rest_temperature = np.empty(0)
+        self._part = np.zeros(axes + 3)
+        """The row that is not complete, of `_filled` samples so far: see `_rows_of`."""
+        self._filled = 0
         self._next = 0
         self._gaps = 0
 
@@ -151,27 +193,31 @@ class History:
         temperature_c : array_like, shape (n,), optional
             Temperature at each of them.
         """
-        counts = np.asarray(counts)
-        if counts.ndim == 1:
-            counts = counts[:, np.newaxis]
-        if temperature_c is None:
-            temperature = np.full(len(counts), np.nan)
-        else:
-            temperature = np.asarray(temperature_c, np.float64)
+        samples = np.asarray(counts)
+        if samples.ndim == 1:
+            samples = samples[:, np.newaxis]
+        kind = np.int16 if samples.dtype == np.int16 else np.float64
+        samples = np.ascontiguousarray(samples, kind)
+        if samples.shape[1:] != (self.axes,):
+            raise ValueError(f"need samples of shape (n, {self.axes}), got {samples.shape}")
+        temperature = np.empty(0)
+        if temperature_c is not None:
+            temperature = np.ascontiguousarray(temperature_c, np.float64)
+            if len(temperature) != len(samples):
+                raise ValueError(f"{len(temperature)} temperatures of {len(samples)} samples")
         taken = 0
-        while taken < len(counts):
+        while taken < len(samples):
             if self._used == self.rows:
                 self._halve()
-            room = (self.rows - self._used) * self.stride - len(self._rest)
-            stop = taken + room
-            self._append(counts[taken:stop], temperature[taken:stop])
+            stop = taken + (self.rows - self._used) * self.stride - self._filled
+            self._append(samples[taken:stop], temperature[taken:stop])
             taken = stop
 
     def gap(self, lost: int | None = None) -> None:
         """Mark a hole of `lost` samples (0 when unknown): no row spans it."""
-        self._next += len(self._rest) + (lost or 0)
-        self._rest = self._rest[:0]
-        self._rest_temperature = self._rest_temperature[:0]
+        self._next += self._filled + (lost or 0)
+        self._filled = 0
+        self._part[:] = 0.0
         self._gaps += 1
 
     def means(self) -> NDArray[np.float64]:
@@ -196,30 +242,27 @@ class History:
             segments=np.column_stack([bounds[:-1], bounds[1:]]).astype(np.int64),
         )
 
-    def _append(self, counts: NDArray[np.generic], temperature: NDArray[np.float64]) -> None:
-        counts = np.concatenate([self._rest, counts]) if len(self._rest) else counts
-        temperature = np.concatenate([self._rest_temperature, temperature])
-        whole = len(counts) // self.stride
-        end = whole * self.stride
-        if whole:
-            self._grow(self._used + whole)
-            new = slice(self._used, self._used + whole)
-            self._sums[new] = (
-                counts[:end].reshape(whole, self.stride, self.axes).sum(axis=1, dtype=np.float64)
-            )
-            self._temperature[new] = _mean(temperature[:end].reshape(whole, self.stride))
-            self._position[new] = self._next + self.stride * np.arange(whole)
-            self._segment[new] = self._gaps
-            self._used += whole
-            self._next += end
-        self._rest = counts[end:].astype(np.float64)
-        self._rest_temperature = temperature[end:].copy()
+    def _append(self, samples: NDArray[Any], temperature: NDArray[np.float64]) -> None:
+        have = self._filled + len(samples)
+        whole = have // self.stride
+        self._grow(self._used + whole)
+        new = slice(self._used, self._used + whole)
+        rows_of = _rows_of_int16 if samples.dtype == np.int16 else _rows_of_float64
+        rows_of(
+            *(samples, len(samples), temperature, len(temperature), self.axes, self.stride),
+            *(self._part, self._filled, self._sums[new], self._temperature[new]),
+        )
+        self._position[new] = self._next + self.stride * np.arange(whole)
+        self._segment[new] = self._gaps
+        self._used += whole
+        self._next += whole * self.stride
+        self._filled = have % self.stride
 
     def _grow(self, needed: int) -> None:
         have = len(self._sums)
         if needed <= have:
             return
-        size = min(self.rows, max(needed, 2 * have))
+        size = min(self.rows, max(needed, 4 * have))
         for name in ("_sums", "_temperature", "_position", "_segment"):
             old = getattr(self, name)
             new = np.zeros((size, *old.shape[1:]), old.dtype)
@@ -228,27 +271,17 @@ class History:
 
     def _halve(self) -> None:
         """Average neighbours of one segment in pairs; a row without a neighbour is given up."""
-        segment = self._segment[: self._used]
-        first = np.flatnonzero(np.diff(segment, prepend=-1))
-        within = np.arange(self._used) - np.repeat(first, np.diff(np.append(first, self._used)))
-        left = np.flatnonzero((within[:-1] % 2 == 0) & (segment[:-1] == segment[1:]))
-        kept = len(left)
-        self._sums[:kept] = self._sums[left] + self._sums[left + 1]
-        self._temperature[:kept] = _mean(
-            np.column_stack([self._temperature[left], self._temperature[left + 1]])
-        )
-        self._position[:kept] = self._position[left]
-        self._segment[:kept] = segment[left]
-        open_row = self._used - 1 if within[-1] % 2 == 0 and segment[-1] == self._gaps else None
-        if open_row is not None:
-            # The last row of the running segment is half of the next one: hand it back as samples.
-            mean = self._sums[open_row] / self.stride
-            self._rest = np.concatenate([np.tile(mean, (self.stride, 1)), self._rest])
-            self._rest_temperature = np.concatenate(
-                [np.full(self.stride, self._temperature[open_row]), self._rest_temperature]
-            )
-            self._next = int(self._position[open_row])
-        self._used = kept
+        last = self._used - 1
+        first = int(np.searchsorted(self._segment[: self._used], self._segment[last]))
+        if self._segment[last] == self._gaps and (last - first) % 2 == 0:
+            # The last row of the running segment is half of the next one.
+            mean = self._temperature[last]
+            known = (0.0, 0.0, 0.0) if np.isnan(mean) else (mean, 0.0, self.stride)
+            self._part[:] = *self._sums[last], *known
+            self._filled = self.stride
+            self._next = int(self._position[last])
+        table = self._sums, self._temperature, self._position, self._segment
+        self._used = _halved(*table, self._used, self.axes)
         self.stride *= 2
 
 

@@ -12,6 +12,7 @@ from allanscope.allan.estimators.theo1 import thinned_theo1_variance
 from allanscope.allan.shard import ALIGNED, BLOCK, Shard
 from allanscope.explain.effects.random_telegraph import posterior
 from allanscope.explain.stationarity import demodulate
+from allanscope.history import History
 from allanscope.noise.amplitudes import maximise
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator.noise.power_law import FractionalIntegral
@@ -57,6 +58,18 @@ def estimators() -> None:
                     with np.errstate(all="ignore"):
                         estimator.exact(phase, m)
     thinned_theo1_variance(phase, 64, 8)
+
+
+def histories() -> None:
+    for dtype in (np.int16, np.float64):
+        for axes, rows in ((1, 2), (6, 64)):
+            history = History(axes, rows)
+            for n in (0, 1, 700, 5, 700):
+                temperature_c = np.where(RNG.random(n) < 0.1, np.nan, 25.0)
+                history.update(RNG.normal(0.0, 20.0, (n, axes)).astype(dtype), temperature_c)
+                history.update(RNG.normal(0.0, 20.0, (n, axes)).astype(dtype))
+                history.gap(3)
+            history.record(1.0, AXES[:axes], (1.0,) * axes)
 
 
 def spectra() -> None:
@@ -119,6 +132,6 @@ def watches() -> None:
 
 
 if __name__ == "__main__":
-    for part in (sums, estimators, spectra, frames, texts, fits, series, watches):
+    for part in (sums, estimators, histories, spectra, frames, texts, fits, series, watches):
         part()
     print("done")

@@ -3,6 +3,7 @@
 #include "amplitudes.c"
 #include "cascade.c"
 #include "estimators.c"
+#include "history.c"
 #include "series.c"
 #include "spectrum.c"
 #include "text.c"

@@ -1,0 +1,70 @@
+/* Sums of neighbouring rows, and of neighbouring pairs of those: `history.py`. */
+
+#include "kernels.h"
+
+/* What is known of the temperature of a row: the first, the sum of what the others lie above it, and
+   how many there were. So the mean of equal temperatures is that temperature. */
+static inline void add_temperatures(double *known, const double *values, int64_t n) {
+    double first = known[0], above = known[1], number = known[2];
+    for (int64_t i = 0; i < n; i++) {
+        if (isnan(values[i])) continue;
+        if (number == 0.0) first = values[i];
+        above += values[i] - first;
+        number += 1.0;
+    }
+    known[0] = first, known[1] = above, known[2] = number;
+}
+
+static inline double mean_of(const double *known) {
+    return known[2] > 0.0 ? known[0] + known[1] / known[2] : NAN;
+}
+
+/* Sum each `stride` of n samples (rows of all axes) up in the rows that follow. `part` is the row
+   that is not complete, of which `filled` samples are here: sums of the axes, then what is known of
+   the temperature. There may be no temperatures at all. */
+#define ROWS(name, type, total)                                                                  \
+    KERNEL(void, name)                                                                           \
+    (const type *samples, int64_t n, const double *temperature_c, int64_t temperatures,          \
+     int64_t axes, int64_t stride, double *part, int64_t filled, double *sums, double *means) {  \
+        double *known = part + axes;                                                             \
+        for (int64_t done = 0; done < n;) {                                                      \
+            int64_t size = least(stride - filled, n - done);                                     \
+            for (int64_t axis = 0; axis < axes; axis++) {                                        \
+                const type *own = samples + done * axes + axis;                                  \
+                total sum = (total)part[axis];                                                   \
+                for (int64_t j = 0; j < size; j++) sum += own[j * axes];                         \
+                part[axis] = (double)sum;                                                        \
+            }                                                                                    \
+            if (temperatures) add_temperatures(known, temperature_c + done, size);               \
+            done += size, filled += size;                                                        \
+            if (filled < stride) continue;                                                       \
+            memcpy(sums, part, (size_t)axes * sizeof(double));                                   \
+            *means++ = mean_of(known);                                                           \
+            sums += axes, filled = 0;                                                            \
+            memset(part, 0, (size_t)(axes + 3) * sizeof(double));                                \
+        }                                                                                        \
+    }
+
+ROWS(history_rows_int16, int16_t, int64_t)
+ROWS(history_rows_float64, double, double)
+
+/* Join neighbouring rows of one segment in pairs, in place; a row without a neighbour is given up.
+   Return how many there are. */
+KERNEL(int64_t, history_halve)
+(double *sums, double *means, int64_t *position, int64_t *segment, int64_t used, int64_t axes) {
+    int64_t kept = 0;
+    for (int64_t i = 0; i + 1 < used;) {
+        if (segment[i] != segment[i + 1]) {
+            i++;
+            continue;
+        }
+        for (int64_t axis = 0; axis < axes; axis++)
+            sums[kept * axes + axis] = sums[i * axes + axis] + sums[(i + 1) * axes + axis];
+        double known[3] = {0.0, 0.0, 0.0};
+        add_temperatures(known, means + i, 2);
+        means[kept] = mean_of(known);
+        position[kept] = position[i], segment[kept] = segment[i];
+        kept++, i += 2;
+    }
+    return kept;
+}

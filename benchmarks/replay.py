@@ -76,7 +76,7 @@ def stages(path: Path) -> dict[str, float]:
 
 def whole(path: Path) -> dict[str, float]:
     """Analyse a recording and return processor and wall time of the sums and of the rest."""
-    row_tools.in_parallel(1 << 20, lambda: None, lambda: None)  # threads are there
+    row_tools.Behind().do(row_tools.WORTH_IT, lambda: None)  # threads are there
     decoding = Decoding(WireSettings())
     analyser = Analyser(AnalyserSettings(history_rows=FULL_ROWS, gathered_rows=FULL_GATHERED))
     marks = [(time.process_time(), time.monotonic())]

@@ -1,5 +1,6 @@
 """Cost in counted operations: calls, terms, transforms and bytes, which no machine can change."""
 
+import copy
 import threading
 from collections import Counter
 
@@ -7,8 +8,8 @@ import numpy as np
 import pytest
 
 from allanscope.allan import AllanBank
-from allanscope.analysis import Analyser, AnalyserSettings, summarise, summary
-from allanscope.analysis.rows import WORTH_IT, in_parallel
+from allanscope.analysis import Analyser, AnalyserSettings, StreamState, summarise, summary
+from allanscope.analysis.rows import WORTH_IT, Behind, RowBuffer
 from allanscope.noise import fit_noise
 from allanscope.pipeline import Decoding
 from allanscope.recording import Chunk, Recording, write_recording
@@ -123,27 +124,63 @@ def test_a_recording_is_decoded_by_the_buffer_and_not_by_the_read(tmp_path, monk
 
 def test_a_second_thread_is_used_for_large_pieces_only():
     def thread_of(rows):
-        names = []
-        in_parallel(
-            rows,
-            lambda: names.append(threading.current_thread().name),
-            lambda: names.append("here"),
-        )
-        return sorted(names)
+        names, behind = [], Behind()
+        behind.do(rows, lambda: names.append(threading.current_thread().name))
+        behind.wait()
+        return names[0]
 
-    here = threading.current_thread().name
-    assert thread_of(10) == sorted([here, "here"])
-    assert any(name.startswith("sums") for name in thread_of(WORTH_IT))
+    assert thread_of(10) == threading.current_thread().name
+    assert thread_of(WORTH_IT).startswith("sums")
 
 
-def test_an_error_in_either_half_is_raised():
+def test_work_that_lags_behind_is_done_in_order_and_its_error_is_raised():
+    behind, order = Behind(), []
+    may_end = threading.Event()
+
+    def first():
+        may_end.wait(30)
+        order.append("first")
+
+    behind.do(WORTH_IT, first)
+    assert order == []
+    may_end.set()
+    behind.do(1, lambda: order.append("second"))
+    assert order == ["first", "second"]
+
     def fails():
         raise ValueError("broken")
 
-    for halves in ((fails, lambda: None), (lambda: None, fails)):
-        for rows in (1, WORTH_IT):
-            with pytest.raises(ValueError, match="broken"):
-                in_parallel(rows, *halves)
+    behind.do(WORTH_IT, fails)
+    with pytest.raises(ValueError, match="broken"):
+        behind.wait()
+    behind.wait()  # once
+
+
+def test_a_copy_of_sums_that_lag_behind_has_all_samples():
+    state = StreamState(StreamInfo(("gx",), (0.01,), nominal_hz=6660.0), 4, 1 << 12)
+    rows = np.random.default_rng(3).integers(-99, 99, (3 * WORTH_IT, 1)).astype(np.int16)
+    kept_from_me = rows[: 2 * WORTH_IT]
+    state.block(Block(0, kept_from_me, Ticks.none()))
+    copied = copy.deepcopy(state)
+    copied.settle()
+    state.settle()
+    for one in (state, copied):
+        assert one.bank.samples == one.spectrum.samples == 2 * WORTH_IT
+    expected = AllanBank(6660.0, axes=1)
+    expected.update(kept_from_me)
+    for one in (state, copied):
+        found = one.bank.deviation("oadev").deviation
+        assert found.tobytes() == expected.deviation("oadev").deviation.tobytes()
+
+
+def test_rows_that_another_thread_works_on_are_not_written_over():
+    buffer = RowBuffer(size=2 * WORTH_IT)
+    rows = np.arange(WORTH_IT - 1, dtype=np.int16)[:, np.newaxis]
+    yielded = [piece for _ in range(5) for piece in buffer.take(rows, None)]
+    assert len(yielded) == 2
+    for counts, _ in yielded:
+        assert len(counts) == 2 * len(rows)
+        np.testing.assert_array_equal(counts, np.tile(rows, (2, 1)))
 
 
 def test_a_refresh_fits_to_fewer_rows_and_finds_the_same_noise(monkeypatch):

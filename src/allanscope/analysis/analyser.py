@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from allanscope.allan import AllanBank, CurveChoices
 from allanscope.analysis.comparison import ReferenceCurve
 from allanscope.analysis.logger_padding import Padding
-from allanscope.analysis.rows import BUFFERED, RowBuffer, in_parallel, lowest_and_highest
+from allanscope.analysis.rows import BUFFERED, Behind, RowBuffer, lowest_and_highest
 from allanscope.clock import Clock
 from allanscope.errors import UsageError
 from allanscope.history import History, Record
@@ -268,6 +268,7 @@ class StreamState:
         self.watch = Watch(info)
         self.watch_failure = ""
         self._buffer = RowBuffer(gathered_rows)
+        self._deviations = Behind()
 
     def block(self, block: Block) -> None:
         """Take a run of samples."""
@@ -282,12 +283,9 @@ class StreamState:
         self.clock.update(first, block.ticks)
         self.samples += len(block)
         temperature_c = self.temperature.at_samples(block)
-
-        def sum_up() -> None:
-            for piece in self._buffer.take(counts, temperature_c):
-                self._pass_on(*piece)
-
-        in_parallel(len(counts), lambda: self._watch(counts), sum_up)
+        self._watch(counts)
+        for piece in self._buffer.take(counts, temperature_c):
+            self._pass_on(*piece)
 
     def gap(self, gap: Gap) -> None:
         """Take a hole."""
@@ -312,6 +310,11 @@ class StreamState:
             self._pass_on(*piece)
         if not self.padding.is_trailing:
             self.release_padding()
+        self._deviations.wait()
+
+    def __getstate__(self) -> dict[str, Any]:
+        self._deviations.wait()
+        return self.__dict__
 
     def _pass_on(self, counts: NDArray[Any], temperature_c: NDArray[np.float64] | None) -> None:
         """Sum up what is not padding."""
@@ -331,6 +334,7 @@ class StreamState:
         """Sum up what waits at the end: the record goes on."""
         for piece in self.padding.release():
             self._sum_up(*piece)
+        self._deviations.wait()
 
     def samples_with_gaps(self, column: int) -> NDArray[np.float64]:
         """Return the samples of one axis in counts, NaN at each gap, where they are kept."""
@@ -341,7 +345,7 @@ class StreamState:
     def _keep(self, counts: NDArray[Any]) -> None:
         """Keep a copy of samples, as many as memory is sure to have room for."""
         assert self._kept is not None
-        if self.bank.samples * counts.shape[1] > MOST_KEPT:
+        if self.spectrum.samples * counts.shape[1] > MOST_KEPT:
             raise UsageError(
                 f"more than {MOST_KEPT // counts.shape[1]} samples are too many for averaging "
                 "times of one's own; use --per-octave, which keeps sums instead of samples"
@@ -349,15 +353,12 @@ class StreamState:
         self._kept.append(counts.copy())
 
     def _sum_up(self, counts: NDArray[Any], temperature_c: NDArray[np.float64] | None) -> None:
+        self._deviations.do(len(counts), lambda: self.bank.update(counts))
         if self._kept is not None:
             self._keep(counts)
-
-        def everything_else() -> None:
-            self.spectrum.update(counts)
-            self.history.update(counts, temperature_c)
-            self._extremes(counts)
-
-        in_parallel(len(counts), lambda: self.bank.update(counts), everything_else)
+        self.spectrum.update(counts)
+        self.history.update(counts, temperature_c)
+        self._extremes(counts)
 
     def _extremes(self, counts: NDArray[Any]) -> None:
         lowest, highest = lowest_and_highest(counts)

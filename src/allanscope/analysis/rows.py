@@ -4,20 +4,21 @@ Every call into the sums costs some tens of microseconds whatever it brings, and
 three rows at a time. What arrives in small pieces is therefore copied to a buffer and handed on
 when that is full; what is large already passes by untouched. The sums of a stream do not depend on
 each other, and nearly all of their time is spent in compiled code that lets go of the interpreter:
-two threads halve the time of a replay. None of this changes a result.
+those that take longest run in a thread of their own, one piece `Behind`, so that neither waits for
+the other as long as there is work. None of this changes a result.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BUFFERED", "WORTH_IT", "RowBuffer", "in_parallel", "lowest_and_highest"]
+__all__ = ["BUFFERED", "WORTH_IT", "Behind", "RowBuffer", "lowest_and_highest"]
 
 BUFFERED = 1 << 13
 """Rows that a live run buffers: 1.2 s at 6.66 kHz. A refresh takes them out early, from a copy."""
@@ -35,7 +36,7 @@ Piece = tuple[NDArray[Any], NDArray[np.float64] | None]
 class RowBuffer:
     """Rows of counts, and the temperature at each of them, on their way to the sums.
 
-    What is yielded is good until the next call.
+    What is yielded is good until the next call; counts that are enough for another thread for ever.
 
     Parameters
     ----------
@@ -68,7 +69,8 @@ class RowBuffer:
         fits = counts.dtype == self._counts.dtype and rows <= len(self._counts) - self.waiting
         if not fits:
             yield from self.rest()
-        if rows >= self._size:
+        if rows >= min(self._size, WORTH_IT):
+            yield from self.rest()
             yield counts, temperature_c
             return
         if self.waiting == 0:
@@ -82,7 +84,10 @@ class RowBuffer:
         """Yield what is waiting: a gap follows, or the result is wanted."""
         if self.waiting:
             rows, self.waiting = self.waiting, 0
-            yield self._counts[:rows], self._temperature_c[:rows]
+            counts = self._counts[:rows]
+            if rows >= WORTH_IT:
+                self._counts = np.empty((0, 0), counts.dtype)
+            yield counts, self._temperature_c[:rows]
 
     def _allocate(self, like: NDArray[Any]) -> None:
         shape = self._size, like.shape[1]
@@ -91,17 +96,37 @@ class RowBuffer:
             self._temperature_c = np.empty(self._size)
 
 
-def in_parallel(rows: int, one: Callable[[], None], other: Callable[[], None]) -> None:
-    """Do two pieces of work that concern so many rows, together where that pays; wait for both."""
-    if rows < WORTH_IT:
-        one()
-        other()
-        return
-    first = _threads().submit(one)
-    try:
-        other()
-    finally:
-        first.result()
+class Behind:
+    """Work that lags behind its owner by one piece, in another thread where that pays.
+
+    Pieces are done in order. An error in one is raised where the next is handed in, or at `wait`.
+
+    Examples
+    --------
+    >>> behind, done = Behind(), []
+    >>> behind.do(WORTH_IT, lambda: done.append("one"))
+    >>> behind.do(3, lambda: done.append("two"))
+    >>> behind.wait()
+    >>> done
+    ['one', 'two']
+    """
+
+    def __init__(self) -> None:
+        self._running: Future[None] | None = None
+
+    def do(self, rows: int, work: Callable[[], None]) -> None:
+        """Do what concerns so many rows, which stay as they are, once the last piece is done."""
+        self.wait()
+        if rows < WORTH_IT:
+            work()
+        else:
+            self._running = _threads().submit(work)
+
+    def wait(self) -> None:
+        """Wait until all is done."""
+        running, self._running = self._running, None
+        if running is not None:
+            running.result()
 
 
 @cache

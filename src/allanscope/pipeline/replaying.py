@@ -4,7 +4,7 @@
 
     thread "prefetch"  unpack ──▶ decode ──▶ events of 4 MB of bytes
     caller           spectrum, history, clock            ◀──┘
-    thread "sums"    deviations                          ◀──┘
+    thread "sums"    deviations, one piece behind        ◀──┘
 
 The second thread decodes the next piece while the last one is summed up. Everything that takes
 long is compiled code that lets go of the interpreter. The result is that of taking the same reads

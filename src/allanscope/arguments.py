@@ -100,7 +100,7 @@ def simulate(one: ArgumentParser) -> None:
     """Add the arguments of a simulated recording."""
     one.add_argument("out", help="recording to write")
     one.add_argument("--hours", type=float, default=1.0, help="length of the recording")
-    _device_arguments(one)
+    _sensor_arguments(one)
     _simulated_arguments(one, with_line=False)
 
 
@@ -117,7 +117,7 @@ def device(one: ArgumentParser) -> None:
         "--json", action="store_true", help="print the counts of sent and lost samples at the end"
     )
     _duration_argument(one)
-    _device_arguments(one)
+    _sensor_arguments(one)
     _simulated_arguments(one)
 
 
@@ -312,7 +312,7 @@ def chart(one: ArgumentParser) -> None:
         help="transfer: estimators over frequency; chain: signal path",
     )
     one.add_argument("out", help="file name; .svg and .png are written")
-    _device_arguments(one)
+    _sensor_arguments(one)
 
 
 def nothing(one: ArgumentParser) -> None:
@@ -320,8 +320,10 @@ def nothing(one: ArgumentParser) -> None:
     del one
 
 
-def _device_arguments(one: ArgumentParser) -> None:
-    group = one.add_argument_group("input", "what the data do not say themselves")
+def _sensor_arguments(
+    one: ArgumentParser, title: str = "sensor", wire: str = "native"
+) -> argparse._ArgumentGroup:
+    group = one.add_argument_group(title)
     group.add_argument(
         "--part",
         default="",
@@ -336,8 +338,15 @@ def _device_arguments(one: ArgumentParser) -> None:
         default="",
         metavar="FORMAT",
         help="native, sdatalog, tmsg, tmsg-sensortile, datalog, datalog11 or text (default: "
-        "detected)",
+        f"{wire})",
     )
+    one.set_defaults(unit=[], stream="")
+    return group
+
+
+def _device_arguments(one: ArgumentParser) -> None:
+    group = _sensor_arguments(one, "input", "detected")
+    group.description = "what the data do not say themselves"
     group.add_argument(
         "--unit",
         action="append",

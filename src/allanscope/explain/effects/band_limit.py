@@ -34,6 +34,9 @@ _STEP = 0.01
 """Of ln cutoff and ln order, in which the likelihood is a parabola."""
 _UNKNOWN = 10.0
 """Standard error of ln cutoff beyond which nothing is known."""
+_ORDERS = (1.0, 12.0)
+"""Of a filter whose response decays: its powers begin with f^2. Below 1 it would lower the density
+far below the cutoff, and raise N in return."""
 _CUTOFFS = (0.02, 0.05, 0.1, 0.18, 0.28, 0.38, 0.46, 0.7)
 """Cutoffs tried first, as shares of the rate."""
 
@@ -51,7 +54,7 @@ class _Family:
 
     def loss(self, view: View, point: Array) -> float:
         cutoff, *order = np.exp(np.clip(point, -12, 12))
-        if order and not (0.3 < order[0] < 12 and cutoff < self.highest * view.grid.rate_hz):
+        if order and not (_ORDERS[0] <= order[0] < _ORDERS[1] and cutoff < self.highest * view.grid.rate_hz):
             return 1e12
         return -_fit(view, self.at(point)).loglik
 

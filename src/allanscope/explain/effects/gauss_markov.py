@@ -34,6 +34,9 @@ Array = NDArray[np.float64]
 _PER_DECADE = 5
 _TELLING = 25.0
 """Ratio of the process to the noise within a dwell above which two levels would be seen."""
+_SHORTEST, _AT_THE_END = 3.0, 1.05
+"""Shortest correlation time looked for, in rows: a shorter one bends white noise over the whole
+band, as a low-pass does, and is indistinguishable from it. What is likeliest there is no process."""
 _LONGEST = 0.15
 """Longest correlation time looked for, as a share of the record: beyond, it is a random walk."""
 
@@ -70,22 +73,29 @@ class GaussMarkov(EffectKind):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Profile the likelihood over the correlation time."""
-        shortest, longest = 3 / view.grid.rate_hz, _LONGEST * view.series.duration_s
+        shortest, longest = _shortest(view), _LONGEST * view.series.duration_s
         if longest < 2 * shortest:
             return []
         bank = np.geomspace(shortest, longest, 2 + int(_PER_DECADE * np.log10(longest / shortest)))
         gains = [fitted(view, tc).loglik for tc in bank]
         best = int(np.argmax(gains))
-        return [_candidate(view, bank[max(0, best - 1)], bank[min(len(bank) - 1, best + 1)])]
+        found = _candidate(view, bank[max(0, best - 1)], bank[min(len(bank) - 1, best + 1)])
+        effect = found.effect
+        assert isinstance(effect, cls)
+        return [found] if effect.correlation_time.value > _AT_THE_END * shortest else []
 
     def refine(self, view: View) -> Candidate:
         """Estimate correlation time and size again."""
-        tc = self.correlation_time.value
+        tc = max(self.correlation_time.value, 2 * _shortest(view))
         return _candidate(view, tc / 2, tc * 2)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Tell whether it removes its part of the residual and is there all along."""
         return lasting(view, candidate, UNSTEADY)
+
+
+def _shortest(view: View) -> float:
+    return _SHORTEST / view.grid.rate_hz
 
 
 def fitted(view: View, tc: float) -> Spectrum:

@@ -8,14 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from allanscope.explain import Budget
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate, ResidualError
 from allanscope.explain.effects import KINDS
+from allanscope.explain.effects.band_limit import BandLimit
 from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
-from allanscope.explain.effects.unexplained import Unexplained
+from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
 from allanscope.explain.gates import growth, judge, owed, penalty_passed
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
@@ -27,7 +29,7 @@ from allanscope.explain.residual import error_of
 from allanscope.explain.search import close_loop
 from allanscope.explain.series import Series
 from allanscope.explain.view import View
-from allanscope.noise.components import White
+from allanscope.noise.components import LineProfile, White
 
 Array = NDArray[np.float64]
 
@@ -247,3 +249,29 @@ def test_each_stage_has_a_budget_of_its_own_and_is_named_where_it_ends() -> None
     lines = [line(f, 0.5) for f in (5.0, 7.0, 11.0, 13.0, 17.0)]
     stopped = close_loop(view_of(noise(12) + np.sum(lines, axis=0)), Budget(evaluations=40))
     assert "level and spectrum" in stopped.stopped
+
+
+@pytest.mark.parametrize(
+    ("error", "size"), [(0.2, "its rms is 0.0001 dps"), (2.0, "its rms is below 0.000297 dps")]
+)
+def test_power_that_may_be_none_has_a_limit_for_its_size(error: float, size: str) -> None:
+    view = view_of(noise(1))
+    searched = Candidate(Sinusoid(Estimate.of(4.5, 0.1, "Hz"), Estimate.of(1.0, 0.1, "dps")), 20.0)
+    left = tone_without_name(view, LineProfile(1e-4, 4.0, 5.0, (1.0,)), error, searched)
+    assert left.words.endswith(size)
+
+
+def test_what_rows_are_too_slow_to_show_is_no_gauss_markov_noise() -> None:
+    slow, fast = (
+        lfilter([1 - phi], [1, -phi], noise(seed)) for seed, phi in ((2, np.exp(-0.1)), (3, 0.13))
+    )
+    assert list(KINDS["gauss_markov"].candidates(view_of(0.2 * noise(4) + slow)))
+    assert not list(KINDS["gauss_markov"].candidates(view_of(fast)))
+
+
+def test_no_low_pass_lowers_the_density_far_below_its_cutoff() -> None:
+    share = np.fft.rfftfreq(N) / 0.3
+    bent = np.fft.irfft(np.fft.rfft(noise(5)) / np.sqrt(1 + share**0.7), N)
+    found = best_of(view_of(bent), "band_limit").effect
+    assert isinstance(found, BandLimit)
+    assert found.order is not None and found.order >= 1.0

@@ -53,6 +53,7 @@ _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
 _OF_THE_MEDIAN = 1.06
 """Standard deviation of the median of chi-squares with one degree of freedom, times sqrt(n)."""
+_Z = 1.96
 _CHANGES = "a tone between {:.5g} and {:.5g} Hz changes in frequency or amplitude"
 DEGREE = 7
 RELAXATIONS = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -205,11 +206,19 @@ def lasting(view: View, process: Candidate, most_sigma: float = float("inf")) ->
     return tone_left_over(view, process, high / 2, high / 2)
 
 
-def tone_without_name(view: View, profile: LineProfile, searched: Candidate) -> Candidate:
-    """Return what a range holds that is no line, with the size of its power."""
+def tone_without_name(
+    view: View, profile: LineProfile, error: float, searched: Candidate
+) -> Candidate:
+    """Return what a range holds that is no line, with the size of its power.
+
+    `error` is the relative one of the size. What changes may add as little as nothing to the power
+    beside it, or take some away: then the size is a limit.
+    """
+    known = 2 * _Z * error < 1
+    size = profile.sigma if known else profile.sigma * float(np.sqrt(1 + 2 * _Z * error))
     words = (
         f"power between {profile.low:.5g} and {profile.high:.5g} Hz changes in frequency or "
-        f"amplitude; its rms is {profile.sigma:.3g} {view.unit}"
+        f"amplitude; its rms is {'' if known else 'below '}{size:.3g} {view.unit}"
     )
     band = (profile.low, profile.high)
     return left_over(view, band, searched.gain, words, searched.log_alternatives)

@@ -65,7 +65,7 @@ def resolve_tones(view: View, path: SearchPath) -> View:
 
 
 def _without_name(view: View, cluster: Cluster, whole: Candidate) -> Candidate:
-    profile, _ = profile_of(view, cluster)
-    left = tone_without_name(view, profile, whole)
+    profile, error = profile_of(view, cluster)
+    left = tone_without_name(view, profile, error, whole)
     # What is wider is left to the smooth remainder: equal sub-bands are too coarse at its low end.
     return replace(left, profile=profile) if profile.high < _WIDE * profile.low else left

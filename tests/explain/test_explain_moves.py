@@ -274,4 +274,5 @@ def test_no_low_pass_lowers_the_density_far_below_its_cutoff() -> None:
     bent = np.fft.irfft(np.fft.rfft(noise(5)) / np.sqrt(1 + share**0.7), N)
     found = best_of(view_of(bent), "band_limit").effect
     assert isinstance(found, BandLimit)
-    assert found.order is not None and found.order >= 1.0
+    assert found.order is not None
+    assert found.order >= 1.0

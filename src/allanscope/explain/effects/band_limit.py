@@ -54,7 +54,9 @@ class _Family:
 
     def loss(self, view: View, point: Array) -> float:
         cutoff, *order = np.exp(np.clip(point, -12, 12))
-        if order and not (_ORDERS[0] <= order[0] < _ORDERS[1] and cutoff < self.highest * view.grid.rate_hz):
+        if order and not (
+            _ORDERS[0] <= order[0] < _ORDERS[1] and cutoff < self.highest * view.grid.rate_hz
+        ):
             return 1e12
         return -_fit(view, self.at(point)).loglik
 

@@ -36,7 +36,7 @@ _TELLING = 25.0
 """Ratio of the process to the noise within a dwell above which two levels would be seen."""
 _SHORTEST, _AT_THE_END = 3.0, 1.05
 """Shortest correlation time looked for, in rows: a shorter one bends white noise over the whole
-band, as a low-pass does, and is indistinguishable from it. What is likeliest there is no process."""
+band, as a low-pass does, and cannot be told from it. What is likeliest there is no process."""
 _LONGEST = 0.15
 """Longest correlation time looked for, as a share of the record: beyond, it is a random walk."""
 

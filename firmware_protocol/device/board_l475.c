@@ -84,6 +84,10 @@ void usart1_handler(void)
         } else {
             USART1_TDR = (uint32_t)next;
         }
+    } else if (!(status & (ISR_RXNE | ISR_ORE))) {
+        /* QEMU calls for ever while its port takes nothing, and the main loop would stand still; the
+         * next kick asks again. */
+        USART1_CR1 &= ~(uint32_t)CR1_TXEIE;
     }
 }
 

@@ -38,7 +38,7 @@ uint32_t descriptor_write(imu *sensor, const imu_config *config, uint8_t clock, 
     at = put_float(at, AS_TAG_ACCEL_FULL_SCALE, config->accel_full_scale);
     at = put_float(at, AS_TAG_ACCEL_SENSITIVITY, imu_accel_sensitivity(config->accel_full_scale));
     at = as_put8(as_put8(at, AS_TAG_TEMPERATURE), 8);
-    at = as_put32(at, as_float_bits(256.0f));
+    at = as_put32(at, as_float_bits(sensor->counts_per_degc));
     at = as_put32(at, as_float_bits(25.0f));
     at = put_float(at, AS_TAG_RATE, config->rate_hz);
     at = as_put32(as_put8(as_put8(at, AS_TAG_SENSOR_TICK), 4), SENSOR_TICK_NS);

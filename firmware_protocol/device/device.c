@@ -5,19 +5,12 @@
 
 enum {
     PERIOD_US = 1000000,
-    LONGEST_WAIT_MS = 20,
     RETRY_US = 20000,         /* so often a sensor that does not answer is tried again */
     COUNTABLE_US = 300000000, /* after a longer silence its time stamp, 24 bits of 25 us, may have
                                  wrapped unseen: what is missing cannot be counted */
-    MOST_DRAINED = 8192       /* samples in one go, so that a bus that claims a full FIFO for ever
-                                 does not hold the loop; a synthetic sensor may owe some seconds */
+    MOST_AFTER_EDGE = 32,     /* samples after the watermark that are counted from it in time */
+    LATE_US = 3000            /* what the main loop may be late after an edge */
 };
-
-uint8_t device_frame_samples(float rate_hz)
-{
-    const uint32_t n = 1 + (uint32_t)(rate_hz * (LONGEST_WAIT_MS * 1e-3f));
-    return (uint8_t)(n < AS_USUAL_SAMPLES ? n : AS_USUAL_SAMPLES);
-}
 
 static uint64_t samples_us(const device *self, uint32_t samples)
 {
@@ -33,15 +26,18 @@ static void send_descriptor(device *self)
 static void begin(device *self, uint64_t now_us)
 {
     self->streaming = true;
+    self->draining = false;
+    self->watermarked = false;
+    self->next_first_us = 0;
     self->began_us = now_us;
-    self->next_read_us = now_us + samples_us(self, device_frame_samples(self->config.rate_hz));
+    self->next_read_us = now_us + samples_us(self, imu_frame_samples(self->config.rate_hz));
     self->next_periodic_us = now_us + PERIOD_US;
     self->descriptor_size =
         descriptor_write(self->sensor, &self->config, self->clock, self->descriptor);
     send_descriptor(self);
 }
 
-static void tell(device *self, uint64_t now_us, uint8_t level, const char *text)
+void device_tell(device *self, uint64_t now_us, uint8_t level, const char *text)
 {
     (void)as_send_event(&self->sender, now_us, level, text);
 }
@@ -59,7 +55,7 @@ void device_init(device *self, imu *sensor, as_ring *ring, const imu_config *con
     as_receiver_init(&self->receiver);
     begin(self, now_us);
     if (self->health != IMU_WELL) {
-        tell(self, now_us, 2, "the sensor does not answer");
+        device_tell(self, now_us, 2, "the sensor does not answer");
     }
 }
 
@@ -209,7 +205,7 @@ static bool set_up_again(device *self, uint64_t now_us)
     }
     as_new_epoch(&self->sender);
     begin(self, now_us);
-    tell(self, now_us, 2, "the sensor was reset and has been set up again: samples are missing");
+    device_tell(self, now_us, 2, "the sensor was reset and has been set up again: samples are missing");
     return true;
 }
 
@@ -227,12 +223,12 @@ static bool well(device *self, imu_health found, uint64_t now_us)
         return false;
     }
     if (found == IMU_WELL && !lost) {
-        tell(self, now_us, 0, "the sensor answers again");
+        device_tell(self, now_us, 0, "the sensor answers again");
         self->health = IMU_WELL;
         return true;
     }
     if (!silent) {
-        tell(self, now_us, 2, "the sensor does not answer");
+        device_tell(self, now_us, 2, "the sensor does not answer");
         self->silent_since_us = now_us;
         self->health = IMU_SILENT;
     }
@@ -257,10 +253,47 @@ static void doubt(device *self, uint8_t found, uint64_t now_us)
     for (unsigned i = 0; i < sizeof words / sizeof *words; i++) {
         const bool now = found & words[i].bit;
         if (now != ((self->doubts & words[i].bit) != 0)) {
-            tell(self, now_us, now ? 1 : 0, now ? words[i].begins : words[i].ends);
+            device_tell(self, now_us, now ? 1 : 0, now ? words[i].begins : words[i].ends);
         }
     }
     self->doubts = found;
+}
+
+/* When the newest sample's period ends.
+ *
+ * Where the interrupt told when the FIFO reached its watermark, that sample's time is known, and those
+ * after it are counted from it, unless the edge cannot be theirs. Else the newest sample is taken as
+ * new, though it is as old as half a period on average. */
+static uint64_t newest_time(const device *self, const imu_batch *batch, uint64_t now_us,
+                            bool *from_edge)
+{
+    const uint32_t level = batch->n + batch->behind;
+    const uint32_t watermark = self->sensor->watermark;
+    if (!self->watermarked || batch->lost_before > 0 || level < watermark ||
+        level - watermark > MOST_AFTER_EDGE) {
+        return now_us;
+    }
+    const uint64_t end_us = self->watermark_us + samples_us(self, level - watermark + 1);
+    *from_edge = end_us <= now_us + samples_us(self, 3) &&
+                 now_us <= end_us + samples_us(self, 3) + LATE_US;
+    return *from_edge ? end_us : now_us;
+}
+
+/* When the first sample of a batch was taken: counted back from the newest one that the sensor has,
+ * so that after a stall, when many frames come at one time, each has its own. What is left of a
+ * reading that began at an edge goes on from it. */
+static uint64_t first_time(device *self, const imu_batch *batch, uint64_t now_us)
+{
+    uint64_t first_us = self->next_first_us;
+    bool from_edge = first_us > 0 && self->draining && batch->lost_before == 0;
+    if (!from_edge) {
+        const uint64_t end_us = newest_time(self, batch, now_us, &from_edge);
+        const uint64_t age_us = samples_us(self, batch->n + batch->behind);
+        first_us = end_us > age_us ? end_us - age_us : 0;
+    }
+    self->watermarked = false;
+    self->next_first_us = from_edge ? first_us + samples_us(self, batch->n) : 0;
+    return first_us;
 }
 
 static void send_batch(device *self, const imu_batch *batch, uint64_t now_us)
@@ -271,11 +304,9 @@ static void send_batch(device *self, const imu_batch *batch, uint64_t now_us)
     if (batch->n == 0) {
         return;
     }
-    /* The newest sample that the sensor has is as old as half a period on average; take it as new,
-     * and count back from it: after a stall many frames come at one time. */
-    const uint64_t age_us = samples_us(self, batch->n + batch->behind);
+    const uint64_t first_us = first_time(self, batch, now_us);
     const as_data data = {
-        .mcu_time_us = now_us > age_us ? now_us - age_us : 0,
+        .mcu_time_us = first_us,
         .sensor_time = batch->sensor_time,
         .temperature = batch->temperature,
         .channels = AS_GYRO_VALID | AS_ACCEL_VALID,
@@ -285,30 +316,64 @@ static void send_batch(device *self, const imu_batch *batch, uint64_t now_us)
     (void)as_send_data(&self->sender, &data);
 }
 
-void device_poll(device *self, uint64_t now_us)
+void device_watermark(device *self, uint64_t edge_us)
 {
-    if (!self->streaming) {
-        return;
+    self->watermarked = true;
+    self->watermark_us = edge_us;
+}
+
+/* What waits is still what comes next, unless the queue had run over meanwhile: then it is old, and
+ * newer samples are missing behind it anyway. The host can tell how many. */
+bool device_opened(device *self)
+{
+    const bool old = self->sender.pending_flags & AS_DROPPED_BEFORE;
+    if (old) {
+        as_ring_drop(self->sender.ring, as_ring_waiting(self->sender.ring));
     }
-    if (now_us >= self->next_read_us) {
-        const uint8_t usual = device_frame_samples(self->config.rate_hz);
-        uint32_t drained = 0;
-        imu_batch batch;
-        do {
-            if (!well(self, self->sensor->read(self->sensor, usual, &batch), now_us)) {
-                break;
-            }
-            doubt(self, batch.doubts, now_us);
-            send_batch(self, &batch, now_us);
-            drained += batch.n;
-        } while (batch.n == usual && drained < MOST_DRAINED);
-        self->next_read_us += samples_us(self, usual);
-        if (self->next_read_us <= now_us) {
-            self->next_read_us = now_us + samples_us(self, usual);
-        }
+    as_send_zero(&self->sender);
+    if (self->streaming) {
+        send_descriptor(self);
+    }
+    return old;
+}
+
+/* Read and send one frame of samples; returns whether the sensor has more. What is less than a frame
+ * waits for the interrupt, where there is one. */
+static bool read_frame(device *self, uint64_t now_us)
+{
+    const uint8_t usual = imu_frame_samples(self->config.rate_hz);
+    imu_batch batch;
+    if (!well(self, self->sensor->read(self->sensor, usual, &batch), now_us)) {
         if (self->health != IMU_WELL) {
             self->next_read_us = now_us + RETRY_US;
         }
+        return false;
+    }
+    doubt(self, batch.doubts, now_us);
+    send_batch(self, &batch, now_us);
+    return batch.n == usual && (self->sensor->watermark == 0 || batch.behind >= usual);
+}
+
+/* How long to wait for a frame: where an interrupt tells, twice as long as it should take. */
+static uint64_t read_after_us(const device *self)
+{
+    const uint32_t usual = imu_frame_samples(self->config.rate_hz);
+    return samples_us(self, self->sensor->watermark > 0 ? 2 * usual : usual);
+}
+
+bool device_poll(device *self, uint64_t now_us)
+{
+    if (!self->streaming) {
+        return false;
+    }
+    if (self->draining) {
+        self->draining = read_frame(self, now_us);
+    } else if (self->watermarked || now_us >= self->next_read_us) {
+        self->next_read_us += read_after_us(self);
+        if (self->next_read_us <= now_us || self->watermarked) {
+            self->next_read_us = now_us + read_after_us(self);
+        }
+        self->draining = read_frame(self, now_us);
     }
     if (now_us >= self->next_periodic_us) {
         send_descriptor(self);
@@ -318,4 +383,5 @@ void device_poll(device *self, uint64_t now_us)
             self->next_periodic_us = now_us + PERIOD_US;
         }
     }
+    return self->draining;
 }

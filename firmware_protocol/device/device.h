@@ -20,6 +20,10 @@ typedef struct {
     uint64_t silent_since_us; /* since when it does not answer */
     uint8_t doubts; /* enum imu_doubt: what was said of it */
     bool streaming;
+    bool draining;    /* the sensor has more than was read in one go */
+    bool watermarked; /* the sensor's interrupt rose, and nothing was read since */
+    uint64_t watermark_us;
+    uint64_t next_first_us; /* time of the next sample, counted from an edge; 0 not known */
     uint64_t began_us;         /* when the epoch began */
     uint64_t next_read_us;     /* when a frame's worth of samples will have gathered */
     uint64_t next_periodic_us; /* when descriptor and status are due */
@@ -34,10 +38,17 @@ void device_init(device *self, imu *sensor, as_ring *ring, const imu_config *con
 /* Take one byte of the host. */
 void device_receive(device *self, uint8_t byte, uint64_t now_us);
 
-/* Do what is due: read the sensor, send data, descriptor, status. */
-void device_poll(device *self, uint64_t now_us);
+/* The sensor's interrupt rose at this time: its FIFO reached the watermark. */
+void device_watermark(device *self, uint64_t edge_us);
 
-/* Samples that go into one frame: 16, or what 20 ms bring. */
-uint8_t device_frame_samples(float rate_hz);
+/* A host has opened the port. Returns whether what waited for it was old and has been thrown away. */
+bool device_opened(device *self);
+
+/* Say something in words: level 0 a remark, 1 a warning, 2 an error. */
+void device_tell(device *self, uint64_t now_us, uint8_t level, const char *text);
+
+/* Do what is due: read one frame of samples, send it, descriptor and status. Returns whether the
+ * sensor has more: poll again at once, but take commands in between. */
+bool device_poll(device *self, uint64_t now_us);
 
 #endif

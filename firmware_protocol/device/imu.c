@@ -39,3 +39,9 @@ float imu_nearest_rate(float rate_hz)
     }
     return 0.0f;
 }
+
+uint8_t imu_frame_samples(float rate_hz)
+{
+    const uint32_t n = 1 + (uint32_t)(rate_hz * 20e-3f);
+    return (uint8_t)(n < AS_USUAL_SAMPLES ? n : AS_USUAL_SAMPLES);
+}

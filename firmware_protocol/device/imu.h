@@ -55,6 +55,8 @@ struct imu {
     const char *part;
     uint8_t who_am_i;
     uint8_t source; /* enum as_source: where the samples come from */
+    uint8_t watermark; /* samples at which its interrupt rises; 0 when it has none */
+    float counts_per_degc;
 };
 
 /* Sensitivities of the family, dps and g a count; 0 for a full scale that does not exist. */
@@ -63,5 +65,8 @@ float imu_accel_sensitivity(float full_scale);
 
 /* The rate of the family nearest to the one asked for, within 5 %; 0 when there is none. */
 float imu_nearest_rate(float rate_hz);
+
+/* Samples that go into one frame: 16, or what 20 ms bring. */
+uint8_t imu_frame_samples(float rate_hz);
 
 #endif

@@ -3,10 +3,13 @@
 #include "as_bytes.h"
 
 enum {
+    FIFO_CTRL1 = 0x06,
     FIFO_CTRL2 = 0x07,
     FIFO_CTRL3 = 0x08,
     FIFO_CTRL4 = 0x09,
     FIFO_CTRL5 = 0x0A,
+    INT1_CTRL = 0x0D,
+    INT2_CTRL = 0x0E,
     WHO_AM_I = 0x0F,
     CTRL1_XL = 0x10,
     CTRL2_G = 0x11,
@@ -19,15 +22,18 @@ enum {
     OUT_TEMP_L = 0x20,
     FIFO_STATUS1 = 0x3A,
     FIFO_DATA_OUT_L = 0x3E,
+    TAP_CFG = 0x58,
     WAKE_UP_DUR = 0x5C,
 
-    IDENTITY = 0x6A,
     SW_RESET = 0x01,
     BDU = 0x40,
     IF_INC = 0x04,
     SIM = 0x08, /* SPI with one data line */
     DRDY_MASK = 0x08,
-    TIMER_EN = 0x20,
+    I2C_DISABLE = 0x04, /* the clock of other parts on the bus must not look like a start */
+    TIMER_EN = 0x20,     /* in CTRL10_C of DSL and DSM */
+    TIMER_EN_TAP = 0x80, /* in TAP_CFG of DS3H */
+    FIFO_THRESHOLD = 0x08, /* in INT1_CTRL and INT2_CTRL */
     TIMER_HR = 0x10,       /* 25 us instead of 6.4 ms */
     TIMER_FIFO_EN = 0x80,  /* the time stamp as the fourth data set */
     NO_DECIMATION = 0x01,
@@ -44,6 +50,10 @@ enum {
     RESET_MS = 15,
     TICKS_PER_S = 40000
 };
+
+const lsm6_part lsm6_dsm = {"LSM6DSM", 0x6A, 6660.0f, 256.0f, CTRL10_C, TIMER_EN};
+const lsm6_part lsm6_dsl = {"LSM6DSL", 0x6A, 6660.0f, 256.0f, CTRL10_C, TIMER_EN};
+const lsm6_part lsm6_ds3h = {"LSM6DS3H", 0x69, 1660.0f, 16.0f, TAP_CFG, TIMER_EN_TAP};
 
 typedef struct {
     float rate_hz;
@@ -117,16 +127,16 @@ static bool identified(lsm6dsm *self)
     if (self->bus.one_data_line && !put(self, CTRL3_C, interface(self))) {
         return false;
     }
-    return get(self, WHO_AM_I, &identity, 1) && identity == IDENTITY;
+    return get(self, WHO_AM_I, &identity, 1) && identity == self->part->who_am_i;
 }
 
-static bool reset(lsm6dsm *self)
+bool lsm6dsm_reset(lsm6dsm *self)
 {
     if (!identified(self) || !put(self, CTRL3_C, SW_RESET)) {
         return false;
     }
     self->bus.wait_ms(self->bus.context, RESET_MS);
-    return true;
+    return put(self, CTRL3_C, interface(self));
 }
 
 static bool holds(lsm6dsm *self, uint8_t reg, const uint8_t *expected)
@@ -154,11 +164,23 @@ static imu_health health(lsm6dsm *self)
     return identified(self) ? IMU_RESET : IMU_SILENT;
 }
 
+/* An interrupt when the FIFO holds a frame: its length in words fits the first eight bits. */
+static bool set_watermark(lsm6dsm *self, uint8_t samples)
+{
+    if (self->bus.interrupt == 0) {
+        return true;
+    }
+    self->base.watermark = samples;
+    return put(self, FIFO_CTRL1, (uint8_t)(samples * SET_WORDS)) &&
+           put(self, self->bus.interrupt == 1 ? INT1_CTRL : INT2_CTRL, FIFO_THRESHOLD);
+}
+
 static bool configure(imu *base, imu_config *config)
 {
     lsm6dsm *self = (lsm6dsm *)base;
     const odr *wanted = find_odr(imu_nearest_rate(config->rate_hz));
-    if (wanted == 0 || imu_gyro_sensitivity(config->gyro_full_scale) == 0.0f ||
+    if (wanted == 0 || wanted->rate_hz > self->part->most_rate_hz ||
+        imu_gyro_sensitivity(config->gyro_full_scale) == 0.0f ||
         imu_accel_sensitivity(config->accel_full_scale) == 0.0f) {
         return false;
     }
@@ -168,8 +190,9 @@ static bool configure(imu *base, imu_config *config)
         (uint8_t)(rate_bits | accel_bits(config->accel_full_scale)),
         (uint8_t)(rate_bits | gyro_bits(config->gyro_full_scale)),
         interface(self),
-        DRDY_MASK,
+        (uint8_t)(DRDY_MASK | (self->bus.one_data_line ? I2C_DISABLE : 0)),
     };
+    const uint8_t watermark = imu_frame_samples(wanted->rate_hz);
     const uint8_t fifo[4] = {
         TIMER_FIFO_EN,
         NO_DECIMATION << 3 | NO_DECIMATION,
@@ -181,8 +204,9 @@ static bool configure(imu *base, imu_config *config)
         self->fifo[i] = fifo[i];
     }
     /* The FIFO goes on last and is emptied by bypass before, so that its first set is a whole one. */
-    const bool done = reset(self) && put(self, CTRL3_C, interface(self)) &&
-                      put(self, WAKE_UP_DUR, TIMER_HR) && put(self, CTRL10_C, TIMER_EN) &&
+    const bool done = lsm6dsm_reset(self) && put(self, WAKE_UP_DUR, TIMER_HR) &&
+                      put(self, self->part->timer_register, self->part->timer_on) &&
+                      set_watermark(self, watermark) &&
                       put4(self, CTRL1_XL, control) && put(self, FIFO_CTRL5, FIFO_BYPASS) &&
                       put4(self, FIFO_CTRL2, fifo) && health(self) == IMU_WELL;
     self->settling = (uint8_t)(wanted->settling + 1); /* the first after a change of mode is void */
@@ -388,13 +412,16 @@ static uint8_t registers(imu *base, uint8_t *pairs, uint8_t room)
     return n;
 }
 
-void lsm6dsm_init(lsm6dsm *self, const char *part, const lsm6_bus *bus)
+void lsm6dsm_init(lsm6dsm *self, const lsm6_part *part, const lsm6_bus *bus)
 {
     self->base.configure = configure;
     self->base.read = read;
     self->base.registers = registers;
-    self->base.part = part;
-    self->base.who_am_i = IDENTITY;
+    self->base.part = part->name;
+    self->base.who_am_i = part->who_am_i;
+    self->base.watermark = 0;
+    self->base.counts_per_degc = part->counts_per_degc;
+    self->part = part;
     self->base.source = AS_SOURCE_PART;
     self->bus = *bus;
     self->has_last = false;

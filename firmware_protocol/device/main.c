@@ -49,9 +49,11 @@ int main(void)
     for (;;) {
         take_commands(now_us);
         if (board_device.streaming && as_ring_room(&ring, AS_ROOM_DATA) > AS_WIRE_MAX) {
-            now_us = board_device.next_read_us;
-            synthetic_advance(&sensor, due(now_us));
-            device_poll(&board_device, now_us);
+            if (!board_device.draining) {
+                now_us = board_device.next_read_us;
+                synthetic_advance(&sensor, due(now_us));
+            }
+            (void)device_poll(&board_device, now_us);
         } else {
             board_wait();
         }
@@ -64,9 +66,11 @@ int main(void)
         const uint64_t now_us = board_time_us();
         take_commands(now_us);
         synthetic_advance(&sensor, due(now_us));
-        device_poll(&board_device, now_us);
+        const bool more = device_poll(&board_device, now_us);
         board_kick();
-        board_wait();
+        if (!more) {
+            board_wait();
+        }
     }
 #endif
 }

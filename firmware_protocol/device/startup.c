@@ -5,12 +5,15 @@ extern uint32_t stack_top, data_load, data_start, data_end, bss_start, bss_end;
 
 int main(void);
 void systick_handler(void);
-void usart1_handler(void);
+
+/* A board has those that it uses. */
+__attribute__((weak)) void exti2_handler(void);
+__attribute__((weak)) void usart1_handler(void);
 
 void reset_handler(void);
 static void stuck(void);
 
-enum { USART1_IRQ = 37, SYSTEM_VECTORS = 16 };
+enum { EXTI2_IRQ = 8, USART1_IRQ = 37, SYSTEM_VECTORS = 16 };
 
 __attribute__((section(".vectors"), used)) static const struct {
     void *stack;
@@ -25,6 +28,7 @@ __attribute__((section(".vectors"), used)) static const struct {
         [4] = stuck, /* bus fault */
         [5] = stuck, /* usage fault */
         [14] = systick_handler,
+        [SYSTEM_VECTORS - 1 + EXTI2_IRQ] = exti2_handler,
         [SYSTEM_VECTORS - 1 + USART1_IRQ] = usart1_handler,
     },
 };
@@ -44,7 +48,8 @@ void reset_handler(void)
     stuck();
 }
 
-/* A fault stops the board: the host sees a device that has fallen silent, never a wrong sample. */
+/* A fault stops the board, and a watchdog starts it again: the host sees a device that has fallen
+ * silent, never a wrong sample. */
 static void stuck(void)
 {
     for (;;) {

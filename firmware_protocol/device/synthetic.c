@@ -40,9 +40,11 @@ static imu_health read(imu *base, uint8_t most, imu_batch *batch)
 {
     synthetic_imu *self = (synthetic_imu *)base;
     const float sensitivity = imu_accel_sensitivity(self->config.accel_full_scale);
-    const uint32_t waiting = self->due - self->index;
+    uint32_t waiting = self->due - self->index;
+    batch->lost_before = waiting > SYNTHETIC_FIFO ? waiting - SYNTHETIC_FIFO : 0;
+    self->index += batch->lost_before;
+    waiting -= batch->lost_before;
     batch->n = (uint8_t)(waiting < most ? waiting : most);
-    batch->lost_before = 0;
     batch->behind = waiting - batch->n;
     batch->doubts = 0;
     batch->temperature = (int16_t)(self->index >> 8 & 0xFF);
@@ -72,6 +74,8 @@ void synthetic_init(synthetic_imu *self)
     self->base.part = "LSM6DSM";
     self->base.who_am_i = 0x6A;
     self->base.source = AS_SOURCE_SYNTHETIC;
+    self->base.watermark = 0;
+    self->base.counts_per_degc = 256.0f;
     self->index = 0;
     self->due = 0;
 }

@@ -8,6 +8,9 @@
 
 #include "imu.h"
 
+/* Samples that it keeps until it is read; older ones are lost, as in a part's FIFO. */
+enum { SYNTHETIC_FIFO = 2048 };
+
 typedef struct {
     imu base;
     imu_config config;

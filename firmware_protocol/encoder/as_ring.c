@@ -40,10 +40,15 @@ int as_ring_take(as_ring *ring)
     return byte;
 }
 
+uint32_t as_ring_waiting(const as_ring *ring)
+{
+    return ring->put - ring->taken;
+}
+
 uint32_t as_ring_peek(const as_ring *ring, const uint8_t **from)
 {
     const uint32_t at = ring->taken & (ring->size - 1);
-    const uint32_t waiting = ring->put - ring->taken;
+    const uint32_t waiting = as_ring_waiting(ring);
     const uint32_t to_end = ring->size - at;
     *from = ring->bytes + at;
     return waiting < to_end ? waiting : to_end;

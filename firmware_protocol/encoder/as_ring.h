@@ -33,6 +33,9 @@ bool as_ring_put(as_ring *ring, const uint8_t *from, uint32_t n, enum as_room ro
 /* Take one byte; returns -1 when there is none. */
 int as_ring_take(as_ring *ring);
 
+/* Bytes that wait to be taken. */
+uint32_t as_ring_waiting(const as_ring *ring);
+
 /* The longest run of waiting bytes that lies in one piece, for DMA and USB; as_ring_drop removes
  * what was sent of it. */
 uint32_t as_ring_peek(const as_ring *ring, const uint8_t **from);

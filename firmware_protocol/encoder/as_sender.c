@@ -31,7 +31,6 @@ static bool queue_frame(as_sender *sender, uint8_t *frame, uint8_t *end, enum as
 
 void as_sender_init(as_sender *sender, as_ring *ring, uint16_t epoch)
 {
-    static const uint8_t zero = 0;
     sender->ring = ring;
     sender->seq = 0;
     sender->epoch = (uint16_t)(epoch - 1);
@@ -39,7 +38,13 @@ void as_sender_init(as_sender *sender, as_ring *ring, uint16_t epoch)
     sender->commands = 0;
     sender->bad_commands = 0;
     as_new_epoch(sender);
-    (void)as_ring_put(ring, &zero, 1, AS_ROOM_REPLY);
+    as_send_zero(sender);
+}
+
+void as_send_zero(as_sender *sender)
+{
+    static const uint8_t zero = 0;
+    (void)as_ring_put(sender->ring, &zero, 1, AS_ROOM_REPLY);
 }
 
 void as_new_epoch(as_sender *sender)

@@ -38,6 +38,9 @@ typedef struct {
 /* Start with an empty queue; puts the zero that ends whatever the host heard before. */
 void as_sender_init(as_sender *sender, as_ring *ring, uint16_t epoch);
 
+/* Put a zero, which ends whatever the host heard before. */
+void as_send_zero(as_sender *sender);
+
 /* Begin a new epoch: index and counters of samples start at 0. */
 void as_new_epoch(as_sender *sender);
 

@@ -57,7 +57,7 @@ def library(compiler, tmp_path_factory):
     """Return the driver of the real part and the device around it; sanitized when asked to be."""
     out = tmp_path_factory.mktemp("driver") / "driver.so"
     device = ENCODER.parent / "device"
-    names = ("lsm6dsm", "imu", "device", "descriptor")
+    names = ("lsm6dsm", "lsm6dsm_self_test", "imu", "device", "descriptor")
     sources = [*(device / f"{name}.c" for name in names), *ENCODER.glob("*.c")]
     flags = [*STRICT, f"-I{ENCODER}", "-fPIC", "-shared", *os.environ.get(SANITIZE, "").split()]
     subprocess.run([compiler, *flags, "-o", str(out), *map(str, sources)], check=True)

@@ -49,14 +49,14 @@ def frames():
                 head = struct.pack("<IQIh", produced, first, ticks, warmth)
                 yield frame(1, 3, n, head + struct.pack(f"<{6 * n}h", *rows))
                 produced += n
+            if now >= next_periodic:
+                yield frame(2, 0, len(descriptor()), descriptor())
+                body = struct.pack("<Q6I", now, produced, produced, 0, 0, 0, 0)
+                yield frame(3, 0, len(body), body)
+                next_periodic += PERIOD_US
             if n < FRAME:
                 break
         next_read += samples_us(FRAME)
-        if now >= next_periodic:
-            yield frame(2, 0, len(descriptor()), descriptor())
-            body = struct.pack("<Q6I", now, produced, produced, 0, 0, 0, 0)
-            yield frame(3, 0, len(body), body)
-            next_periodic += PERIOD_US
 
 
 def descriptor():

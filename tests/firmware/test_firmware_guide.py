@@ -23,9 +23,11 @@ uint8_t USBD_CDC_ReceivePacket(USBD_HandleTypeDef *device);
 uint32_t random_number(void);
 uint64_t time_us(void);
 void received_put(uint8_t byte);
+int received_take(void);
 void monitor_init(void *handle);
 void monitor_poll(void);
 void usb_sent(void);
+void usb_reset(void);
 static void usb_send(void);
 """
 

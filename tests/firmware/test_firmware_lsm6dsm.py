@@ -159,3 +159,71 @@ def test_an_empty_fifo_gives_no_sample(library):
     answered, batch = driver.read()
     assert answered
     assert batch.n == 0
+
+
+def test_an_lsm6ds3h_is_driven_too(library):
+    """Its identity, its switch of the time stamp, its temperature and its fastest rate differ."""
+    part = Lsm6dsm(who_am_i=0x69)
+    driver = Driver(library, part, "ds3h")
+    assert not driver.configure(rate=3330.0)
+    assert part.writes == []
+    assert driver.configure(rate=1660.0)
+    part.advance(0.05)
+    assert driver.read()[1].n == 16
+    stamps = []
+    for _ in range(3):
+        part.advance(16 / 1660.0)
+        _, batch = driver.read()
+        assert batch.lost_before == 0
+        stamps.append(batch.sensor_time)
+        numbers(batch)
+    assert set(np.diff(stamps)) <= {385, 386}
+    assert (driver.imu.who_am_i, driver.imu.counts_per_degc) == (0x69, 16.0)
+    assert not Driver(library, Lsm6dsm(), "ds3h").configure(), "0x6A is no LSM6DS3H"
+
+
+@pytest.mark.parametrize(
+    ("forces", "verdict"), [((4000, 5000), 0), ((700, 5000), 2), ((4000, 11000), 3), ((4000, 0), 3)]
+)
+def test_the_self_test_moves_every_axis_by_what_the_datasheet_allows(library, forces, verdict):
+    part = Lsm6dsm()
+    part.forces = forces
+    driver = Driver(library, part)
+    assert driver.self_test() == verdict
+    assert driver.configure()
+    assert not part.registers.get(0x14), "no force is left on"
+
+
+def test_a_part_that_does_not_answer_fails_its_self_test_as_such(library):
+    part = Lsm6dsm()
+    part.answers = False
+    assert Driver(library, part).self_test() == 1
+
+
+@pytest.mark.parametrize("pin", [1, 2])
+@pytest.mark.parametrize("rate", [12.5, 104.0, 6660.0])
+def test_the_interrupt_rises_when_a_frame_has_gathered(library, rate, pin):
+    part = Lsm6dsm(interrupt=pin)
+    driver = Driver(library, part)
+    assert driver.configure(rate=rate)
+    frame = driver.imu.watermark
+    part.advance((frame + 0.5) / rate)
+    assert len(part.edges) == 1
+    while part.fifo:
+        driver.read()
+    for _ in range(5):
+        seen = len(part.edges)
+        part.advance((frame - 1) / rate)
+        assert len(part.edges) == seen
+        part.advance(1 / rate)
+        assert len(part.edges) == seen + 1
+        assert driver.read(frame)[1].n + driver.read(frame)[1].n <= frame
+
+
+def test_the_temperature_comes_as_the_part_gives_it(library):
+    part = Lsm6dsm()
+    driver = Driver(library, part)
+    driver.configure()
+    for part.temperature in (0, 0x7FFF, -256):
+        part.advance(0.1)
+        assert driver.read()[1].temperature == part.temperature

@@ -19,6 +19,7 @@ class Bus(c.Structure):
         ("write", WRITE),
         ("wait_ms", WAIT),
         ("one_data_line", c.c_bool),
+        ("interrupt", c.c_uint8),
     )
 
 
@@ -48,6 +49,8 @@ class Imu(c.Structure):
         ("part", c.c_char_p),
         ("who_am_i", c.c_uint8),
         ("source", c.c_uint8),
+        ("watermark", c.c_uint8),
+        ("counts_per_degc", c.c_float),
         ("rest", c.c_uint8 * 256),
     )
 
@@ -55,12 +58,14 @@ class Imu(c.Structure):
 class Driver:
     """The C driver on a bus of Python functions."""
 
-    def __init__(self, library, part):
+    def __init__(self, library, part, name="dsm"):
         self.part = part
-        functions = READ(self._read), WRITE(self._write), WAIT(lambda *_: None)
-        self._bus = Bus(None, *functions, part.one_data_line)
+        self._library = library
+        functions = READ(self._read), WRITE(self._write), WAIT(self._wait)
+        self._bus = Bus(None, *functions, part.one_data_line, part.interrupt)
         self.imu = Imu()
-        library.lsm6dsm_init(c.byref(self.imu), b"LSM6DSM", c.byref(self._bus))
+        kind = c.c_char.in_dll(library, f"lsm6_{name}")
+        library.lsm6dsm_init(c.byref(self.imu), c.byref(kind), c.byref(self._bus))
 
     def _read(self, _, register, to, n):
         data = self.part.read(register, n)
@@ -71,6 +76,12 @@ class Driver:
 
     def _write(self, _, register, value):
         return self.part.write(register, value)
+
+    def _wait(self, _, ms):
+        self.part.advance(ms / 1000.0)
+
+    def self_test(self):
+        return self._library.lsm6dsm_self_test(c.byref(self.imu))
 
     def configure(self, rate=104.0, gyro_fs=250.0, accel_fs=2.0):
         self.config = Config(rate, gyro_fs, accel_fs)

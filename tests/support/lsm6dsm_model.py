@@ -3,15 +3,16 @@
 Registers that the driver uses behave as the datasheet says: reset values, self-clearing software
 reset, power-down until an ODR is set, the FIFO with its pattern of data sets (gyro, accelerometer,
 time stamp), its status, overwriting of the oldest word when it is full, and the 24-bit time stamp
-of 25 us that shares the oscillator with the ODR. The bus can be stuck at a level, and the supply
-can break down.
+of 25 us that shares the oscillator with the ODR, the interrupt at the FIFO's threshold, the output
+registers, and the self-test. The bus can be stuck at a level, and the supply can break down.
 """
 
 from collections import deque
 
 RATES = {1: 12.5, 2: 26, 3: 52, 4: 104, 5: 208, 6: 416, 7: 833, 8: 1660, 9: 3330, 10: 6660}
 FIFO_WORDS = 2048
-RESET = {0x0F: 0x6A, 0x12: 0x04}
+RESET = {0x12: 0x04}
+THRESHOLD = 0x08
 SIGNED = 1 << 16
 
 
@@ -37,9 +38,25 @@ class Lsm6dsm:
         Whether its time stamp counts.
     status : int or None
         What FIFO_STATUS2 reads as, whatever the FIFO holds.
+    interrupt : int
+        Which of its interrupt pins is wired, 1 or 2; 0 none.
+    edges : list of float
+        When that pin rose, in seconds.
+    forces : tuple of int
+        By how many counts the self-test moves the accelerometer and the gyro.
+    who_am_i : int
+        0x6A, or 0x69 for an LSM6DS3H, whose time stamp is switched on elsewhere.
     """
 
-    def __init__(self, off_nominal=0.0, one_data_line=False, ticks_off=0.0):
+    def __init__(
+        self, off_nominal=0.0, one_data_line=False, ticks_off=0.0, interrupt=0, who_am_i=0x6A
+    ):
+        self.interrupt = interrupt
+        self.who_am_i = who_am_i
+        self.forces = (4000, 5000)
+        self.temperature = 0x0180
+        self.edges = []
+        self.now_s = 0.0
         self.off_nominal = off_nominal
         self.ticks_off = ticks_off
         self.ticking = True
@@ -51,7 +68,8 @@ class Lsm6dsm:
         self._reset()
 
     def _reset(self):
-        self.registers = dict(RESET)
+        self.registers = dict(RESET) | {0x0F: self.who_am_i}
+        self._line = False
         self.fifo = deque()
         self.pattern = 0
         self.overrun = False
@@ -68,20 +86,33 @@ class Lsm6dsm:
     @property
     def rate_hz(self):
         """True rate, 0 when powered down."""
-        nominal = RATES.get(self.registers.get(0x11, 0) >> 4, 0.0)
+        codes = self.registers.get(0x10, 0) >> 4, self.registers.get(0x11, 0) >> 4
+        nominal = RATES.get(max(codes), 0.0)
         return nominal * (1.0 + self.off_nominal)
 
     def advance(self, seconds):
         """Let time pass."""
+        self.now_s += seconds
         if not self.rate_hz:
             return
         self._phase += seconds * self.rate_hz
         while self._phase >= 1.0:
             self._phase -= 1.0
+            at_s = self.now_s - self._phase / self.rate_hz
             # Time stamp and ODR share an oscillator: a period is the nominal number of ticks.
             period = 40_000 * (1.0 + self.off_nominal) / self.rate_hz
             self._ticks += period * (1.0 + self.ticks_off) * self.ticking
             self._sample()
+            self._look_at_line(at_s)
+
+    def _look_at_line(self, at_s):
+        """Note when the interrupt rises; it falls when the FIFO is below its threshold again."""
+        enabled = self.registers.get(0x0C + self.interrupt, 0) & THRESHOLD if self.interrupt else 0
+        threshold = self.registers.get(0x06, 0) | (self.registers.get(0x07, 0) & 7) << 8
+        line = bool(enabled) and len(self.fifo) >= threshold > 0
+        if line and not self._line:
+            self.edges.append(at_s)
+        self._line = line
 
     @staticmethod
     def counts(k):
@@ -94,7 +125,8 @@ class Lsm6dsm:
         if self.registers.get(0x0A, 0) & 7 != 6:
             return
         if self.registers.get(0x07, 0) & 0x80:
-            stamp = int(self._ticks) & 0xFFFFFF if self.registers.get(0x19, 0) & 0x20 else 0
+            where, bit = (0x58, 0x80) if self.who_am_i == 0x69 else (0x19, 0x20)
+            stamp = int(self._ticks) & 0xFFFFFF if self.registers.get(where, 0) & bit else 0
             # ST's order: bits 15:8, 23:16, then one byte unused, bits 7:0.
             words += [stamp >> 8 & 0xFFFF, (stamp & 0xFF) << 8, 0]
         for word in words:
@@ -141,15 +173,29 @@ class Lsm6dsm:
         word = self.fifo.popleft()
         self.pattern = (self.pattern + 1) % 9
         self.overrun = False
+        self._look_at_line(self.now_s)
         return (word & 0xFF, word >> 8)
+
+    def _output(self, register):
+        """One byte of the output registers: the last sample, and what the self-test adds."""
+        axis, half = divmod(register - 0x22, 2)
+        test = self.registers.get(0x14, 0)
+        gyro, accel = self.counts(0)[:3], [0, 0, 8197]
+        moved = self.forces[1] * bool(test & 0x04), self.forces[0] * bool(test & 0x01)
+        value = gyro[axis] + moved[0] if axis < 3 else accel[axis - 3] + moved[1]
+        return value >> 8 * half & 0xFF
 
     def _value(self, register):
         waiting = len(self.fifo)
         if register == 0x3B and self.status is not None:
             return self.status
+        if 0x22 <= register < 0x2E:
+            return self._output(register)
         special = {
-            0x20: 0x80,
-            0x21: 0x01,
+            0x1E: (self.registers.get(0x10, 0) >> 4 > 0)
+            | (self.registers.get(0x11, 0) >> 4 > 0) << 1,
+            0x20: self.temperature & 0xFF,
+            0x21: self.temperature >> 8 & 0xFF,
             0x3A: waiting & 0xFF,
             0x3B: (waiting >> 8 & 7) | self.overrun << 6 | (waiting == 0) << 4,
             0x3C: self.pattern,

@@ -1,0 +1,348 @@
+"""A register-level model of what the SensorTile's firmware uses of its STM32L476.
+
+The OTG_FS peripheral in device mode (reference manual RM0351, chapter 47): its queues with their
+sizes, transfers that are armed by size, count and enable, handshakes, latched events. The pins of
+the sensor bus with an LSM6DSM at their end, bit by bit. The tick, the interrupt of the sensor, the
+watchdog. What the manual forbids is an AssertionError.
+"""
+
+import ctypes as c
+from collections import deque
+
+OTG = 0x50000000
+TICKS = 80_000
+STALL, NAK = "stall", None
+GET = c.CFUNCTYPE(c.c_uint32, c.c_uint32)
+PUT = c.CFUNCTYPE(None, c.c_uint32, c.c_uint32)
+
+
+class OtgFs:
+    """The USB peripheral; its `host_` methods are the other end of the cable."""
+
+    def __init__(self):
+        self._reset()
+
+    def _reset(self):
+        self.registers = {0x804: 2}  # disconnected
+        self.events = 0
+        self.rx = deque()
+        self.reading = deque()
+        self.tx = {n: bytearray() for n in range(4)}
+        self.nak = {(way, n): True for way in ("in", "out") for n in range(4)}
+
+    # --- the firmware's side ----------------------------------------------------------------
+
+    def get(self, offset):
+        """Read a register."""
+        if offset == 0x14:
+            return self.events | bool(self.rx) << 4
+        if offset == 0x10:
+            return 1 << 31
+        if offset == 0x20:
+            assert not self.reading, "the packet before was not read to its end"
+            word, data = self.rx.popleft()
+            padded = data + bytes(-len(data) % 4)
+            self.reading = deque(padded[i : i + 4] for i in range(0, len(padded), 4))
+            return word
+        if offset == 0x1000:
+            return int.from_bytes(self.reading.popleft(), "little")
+        return self.registers.get(offset, 0)
+
+    def put(self, offset, value):
+        """Write a register."""
+        if offset == 0x14:
+            self.events &= ~value
+        elif offset == 0x10:
+            self._reset_control(value)
+        elif 0x900 <= offset < 0xB00 and offset % 0x20 == 0:
+            self._control("in", (offset - 0x900) // 0x20, offset, value)
+        elif 0xB00 <= offset < 0xD00 and offset % 0x20 == 0:
+            self._control("out", (offset - 0xB00) // 0x20, offset, value)
+        elif 0x900 <= offset < 0xD00 and offset % 0x20 == 8:
+            self.registers[offset] = self.registers.get(offset, 0) & ~value
+        elif offset >= 0x1000:
+            self._queue((offset >> 12) - 1, value)
+        else:
+            self.registers[offset] = value
+
+    def _reset_control(self, value):
+        if value & 1:
+            self._reset()
+        if value & 1 << 5:
+            number = value >> 6 & 0x1F
+            for n in self.tx if number == 16 else (number,):
+                self.tx[n].clear()
+
+    def _control(self, way, n, offset, value):
+        old = self.registers.get(offset, 0)
+        enabled = old & 1 << 31
+        if value & 1 << 31 and not enabled:
+            size = self.registers.get(offset + 0x10, 0)
+            assert size >> 19 & 0x3FF, f"{way} {n} enabled for no packet"
+            if n:
+                assert value & 1 << 15, f"{way} {n} enabled before it is active"
+            enabled = 1 << 31
+        if value & 1 << 30:
+            assert enabled, f"{way} {n} disabled that was not enabled"
+            enabled = 0
+        if value & 1 << 26:
+            self.nak[way, n] = False
+        if value & 1 << 27:
+            self.nak[way, n] = True
+        kept = value & ~(1 << 26 | 1 << 27 | 1 << 28 | 1 << 30 | 1 << 31)
+        self.registers[offset] = kept | enabled
+
+    def words_of(self, n):
+        """Size of a transmit queue."""
+        return self.registers.get(0x28 if n == 0 else 0x100 + 4 * n, 0) >> 16
+
+    def _queue(self, n, value):
+        control, size = self.registers.get(0x900 + 0x20 * n, 0), self.registers[0x910 + 0x20 * n]
+        assert control & 1 << 31, f"written into queue {n} before its endpoint was enabled"
+        self.tx[n] += value.to_bytes(4, "little")
+        assert len(self.tx[n]) <= 4 * self.words_of(n), f"queue {n} ran over"
+        assert len(self.tx[n]) < (size & 0x7FFFF) + 4, f"more in queue {n} than its transfer says"
+
+    # --- the host's side ----------------------------------------------------------------------
+
+    @property
+    def attached(self):
+        """Whether the pull-up is on."""
+        on = self.registers.get(0x38, 0) & 1 << 16 and self.registers.get(0xC, 0) & 1 << 30
+        session = self.registers.get(0, 0) >> 6 & 3 == 3
+        return bool(on and session and not self.registers[0x804] & 2)
+
+    @property
+    def address(self):
+        return self.registers.get(0x800, 0) >> 4 & 0x7F
+
+    def check_memory(self):
+        """Check that the queues lie behind one another in 320 words."""
+        at = self.registers[0x24]
+        assert at >= 16 + 13, "room for a packet, its status, and three setups"
+        for n in range(3):
+            where = self.registers[0x28 if n == 0 else 0x100 + 4 * n]
+            assert where & 0xFFFF == at, f"queue {n} begins where the one before ends"
+            at += where >> 16
+        assert at <= 320
+
+    def host_reset(self):
+        """Reset the bus: endpoints but 0 are no longer active."""
+        self.events |= 1 << 12 | 1 << 13
+        for n in range(1, 4):
+            for base in (0x900, 0xB00):
+                offset = base + 0x20 * n
+                self.registers[offset] = self.registers.get(offset, 0) & ~(1 << 15)
+
+    def host_setup(self, packet):
+        """Send a SETUP packet: always accepted; ends stalls and what endpoint 0 was about to do."""
+        assert self.registers.get(0xB10, 0) >> 29, "no setup packet is expected"
+        for base in (0x900, 0xB00):
+            self.registers[base] = self.registers.get(base, 0) & ~(1 << 21)
+        self.nak["in", 0] = self.nak["out", 0] = True
+        self.rx.append((6 << 17 | len(packet) << 4, packet))
+        self.rx.append((4 << 17, b""))
+
+    def host_in(self, n):
+        """Ask for a packet: bytes, NAK or STALL."""
+        offset = 0x900 + 0x20 * n
+        control, size = self.registers.get(offset, 0), self.registers.get(offset + 0x10, 0)
+        if control & 1 << 21:
+            return STALL
+        if not control & 1 << 31 or self.nak["in", n] or (n and not control & 1 << 15):
+            return NAK
+        most = 64 if n == 0 else control & 0x7FF
+        length = min(size & 0x7FFFF, most)
+        if len(self.tx[n]) < length:
+            return NAK
+        data = bytes(self.tx[n][:length])
+        del self.tx[n][: -(-length // 4) * 4]
+        packets = (size >> 19 & 0x3FF) - 1
+        self.registers[offset + 0x10] = packets << 19 | (size & 0x7FFFF) - length
+        if packets == 0:
+            assert n == 0 or length < most, "a full last packet: the host waits for more"
+            self.registers[offset] = control & ~(1 << 31)
+            self.registers[offset + 8] = self.registers.get(offset + 8, 0) | 1
+        return data
+
+    def host_out(self, n, data):
+        """Send a packet: True when taken, else NAK or STALL."""
+        offset = 0xB00 + 0x20 * n
+        control, size = self.registers.get(offset, 0), self.registers.get(offset + 0x10, 0)
+        if control & 1 << 21:
+            return STALL
+        waiting = sum(2 + -(-len(data) // 4) for _, data in self.rx)
+        full = waiting + 2 + 16 > self.registers.get(0x24, 0)
+        if full or not control & 1 << 31 or self.nak["out", n]:
+            return NAK
+        assert len(data) <= (size & 0x7FFFF)
+        self.rx.append((2 << 17 | len(data) << 4 | n, data))
+        self.rx.append((3 << 17 | n, b""))
+        self.registers[offset] = control & ~(1 << 31)
+        self.nak["out", n] = True
+        return True
+
+
+class SensorBus:
+    """PB12 to PB15: SPI mode 3 with one data line, an LSM6DSM at the end."""
+
+    def __init__(self, part):
+        self.part = part
+        self.levels = 0
+        self.sent = 1
+        self.driven = True
+        self._begin()
+
+    def _begin(self):
+        self.bits, self.command, self.reg, self.out, self.spare = [], None, 0, [], b""
+
+    def put(self, value):
+        """BSRR: set the lower half, reset the upper."""
+        old = self.levels
+        self.levels = (old | value & 0xFFFF) & ~(value >> 16)
+        if not self.levels >> 12 & 1:
+            if old >> 12 & 1:
+                self._begin()
+            clock = (old >> 13 & 1, self.levels >> 13 & 1)
+            if clock == (1, 0):
+                self._falls()
+            elif clock == (0, 1):
+                self._rises()
+
+    def _falls(self):
+        if self.command is not None and self.command & 0x80:
+            assert not self.driven, "both ends drive the data line"
+            if not self.out:
+                byte = self._next()
+                self.out = [byte >> bit & 1 for bit in range(7, -1, -1)]
+            self.sent = self.out.pop(0)
+
+    def _next(self):
+        """Return the next byte of a reading: the FIFO's registers roll, others go on."""
+        if self.spare:
+            byte, self.spare = self.spare[0], b""
+            return byte
+        if self.reg == 0x3E:
+            word = self.part.read(0x3E, 2)
+            self.spare = word[1:]
+            return word[0]
+        byte = self.part.read(self.reg, 1)[0]
+        self.reg += 1
+        return byte
+
+    def _rises(self):
+        if self.command is not None and self.command & 0x80:
+            return
+        self.bits.append(self.levels >> 15 & 1)
+        if len(self.bits) == 8:
+            byte = sum(bit << 7 - i for i, bit in enumerate(self.bits))
+            self.bits = []
+            if self.command is None:
+                self.command, self.reg = byte, byte & 0x7F
+            else:
+                self.part.write(self.reg, byte)
+                self.reg += 1
+
+
+class Chip:
+    """The chip with the firmware in it, its sensor and its cable.
+
+    Parameters
+    ----------
+    library : CDLL
+        The firmware, built with MMIO_MODEL.
+    part : Lsm6dsm
+        On its bus.
+    crystal : bool
+        Whether the crystal of 32 kHz swings.
+    hung : bool
+        Whether the watchdog had restarted it.
+    """
+
+    def __init__(self, library, part, crystal=True, hung=False):
+        self.part, self.usb, self.bus = part, OtgFs(), SensorBus(part)
+        self.registers = {0x40021094: hung << 29}
+        self.kicks = 0
+        self.now_us = 0.0
+        self._crystal = crystal
+        self._library = library
+        self._broken = []
+        self._get, self._put = GET(self._guard(self.get)), PUT(self._guard(self.put))
+        library.sensortile_turn.restype = c.c_bool
+        for name, function in (("get", self._get), ("put", self._put)):
+            c.c_void_p.in_dll(library, f"mmio_model_{name}").value = c.cast(
+                function, c.c_void_p
+            ).value
+
+    def _guard(self, function):
+        """Keep what goes wrong below the C, where it would be printed and forgotten."""
+
+        def guarded(*arguments):
+            try:
+                return function(*arguments) or 0
+            except Exception as wrong:
+                self._broken.append(wrong)
+                return 0
+
+        return guarded
+
+    def _check(self):
+        if self._broken:
+            raise self._broken[0]
+
+    def get(self, address):
+        """Read a register of the chip."""
+        if OTG <= address < OTG + 0x10000:
+            return self.usb.get(address - OTG)
+        if address == 0x48000410:
+            return self.bus.sent << 15
+        if address == 0xE000E018:
+            return TICKS - 1 - int(self.now_us % 1000.0 * 80.0)
+        value = self.registers.get(address, 0)
+        ready = {
+            0x40021000: 2 | (value & 1 << 24) << 1,  # MSI, PLL
+            0x40021008: (value & 3) << 2,  # the clock that was chosen is used
+            0x40021090: (value & 1 and self._crystal) << 1,
+            0x50060804: 1,
+            0x50060808: 0x12345678,
+        }
+        unique = {0x1FFF7590: 0x00210045, 0x1FFF7594: 0x33365101, 0x1FFF7598: 0x20373357}
+        return value | ready.get(address, 0) | unique.get(address, 0)
+
+    def put(self, address, value):
+        """Write a register of the chip."""
+        if OTG <= address < OTG + 0x10000:
+            self.usb.put(address - OTG, value)
+        elif address == 0:
+            self.sleep()
+        elif address == 0x48000418:
+            self.bus.put(value)
+        else:
+            self.kicks += address == 0x40003000 and value == 0xAAAA
+            self.registers[address] = value
+            if address == 0x48000400:
+                self.bus.driven = value >> 30 & 3 == 1
+
+    def sleep(self):
+        """Let time pass until the next tick; the interrupt of the sensor comes when it rises."""
+        until = (self.now_us // 1000 + 1) * 1000.0
+        begun_s, begun_us = self.part.now_s, self.now_us
+        self.part.advance((until - self.now_us) * 1e-6)
+        for edge_s in self.part.edges:
+            self.now_us = begun_us + (edge_s - begun_s) * 1e6
+            self._library.exti2_handler()
+        self.part.edges.clear()
+        self.now_us = until
+        self._library.systick_handler()
+
+    def begin(self):
+        """Power on."""
+        self._library.sensortile_begin()
+        self._check()
+
+    def turn(self):
+        """One turn of the main loop."""
+        more = self._library.sensortile_turn()
+        self._check()
+        if not more:
+            self.sleep()

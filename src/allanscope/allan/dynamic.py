@@ -36,6 +36,7 @@ PER_WINDOW = 8
 FIRST_WINDOW_S = 10.0
 SHORTEST = 64
 """Samples."""
+MOST_LEVELS = 48
 SLOTS = 128
 """Marks that wait on a rung: its terms and batches span 80 borders, and a slice has 32."""
 AT_A_TIME = 32
@@ -119,7 +120,7 @@ class Borders:
         self._used = 0
         self._squares = np.zeros((MOST_BORDERS, axes, 0, 2))
         self._terms = np.zeros((MOST_BORDERS, 0, 2), np.int64)
-        self._rows: dict[tuple[int, int], int] = {}
+        self._rows = np.zeros((MOST_LEVELS, SLOTS), np.int64)  # of the marks of each rung
         self._waiting: list[tuple[int, int, int]] = []
 
     @property
@@ -159,9 +160,10 @@ class Borders:
                 self._thin(cascade)
                 continue
             self._add(cascade, mark)
-        waiting, self._waiting = self._waiting, []
-        for level, mark, row in waiting:
-            self._mark(cascade, level, mark, row)
+        ready = [one for one in self._waiting if one[0] < cascade.levels]
+        for level, mark, row in ready:
+            self._waiting.remove((level, mark, row))
+            self._mark(cascade, level, level + 1, mark, row)
 
     def _add(self, cascade: Cascade, mark: int) -> None:
         row = self._used
@@ -172,37 +174,38 @@ class Borders:
         # are longer by as much.
         doublings = (self._next & -self._next).bit_length() - 1 if self._next else 48
         longest = self.step * self.in_window << doublings
-        level = 0
-        while 64 << level <= longest and level < 48:
-            self._mark(cascade, level, mark, row)
-            level += 1
+        self._mark(cascade, 0, min((longest // 64).bit_length(), MOST_LEVELS), mark, row)
         self._used += 1
         self._next += 1
 
-    def _mark(self, cascade: Cascade, level: int, mark: int, row: int) -> None:
-        """Set a mark on a rung, as soon as there is one."""
-        if level >= cascade.levels:
-            self._waiting.append((level, mark, row))
+    def _mark(self, cascade: Cascade, first: int, stop: int, mark: int, row: int) -> None:
+        """Set a mark on some rungs; those that are not there yet wait."""
+        there = min(stop, cascade.levels)
+        self._waiting += [(level, mark, row) for level in range(max(first, there), stop)]
+        if there <= first:
             return
-        free = np.flatnonzero(cascade.marks[level] == FREE)
-        if not len(free):
-            return
-        slot = int(free[0])
-        cascade.marks[level, slot] = mark
-        self._rows[level, slot] = row
-        taus = slice(cascade.first[level], cascade.first[level + 1])
-        entries = mark >> level
+        free = cascade.marks[first:there] == FREE
+        slots = free.argmax(axis=1)
+        levels = np.flatnonzero(free.any(axis=1))
+        cascade.marks[first + levels, slots[levels]] = mark
+        self._rows[first + levels, slots[levels]] = row
+        bounds = cascade.first[first : there + 1]
+        taus = slice(bounds[0], bounds[-1])
+        entries = np.repeat(mark >> np.arange(first, there), np.diff(bounds))
         ended = np.maximum(entries - 2 * cascade.lags[taus] + 1, 0)
         self._terms[row, taus, 0] = cascade.counts[taus, 0, _OADEV] + ended
 
     def collect(self, cascade: Cascade) -> None:
         """Fetch what has been noted."""
-        for level, slot in zip(*np.nonzero(cascade.marks == NOTED), strict=True):
-            row = self._rows.pop((int(level), int(slot)))
+        noted = cascade.marks == NOTED
+        for level in np.flatnonzero(noted.any(axis=1)):
+            slots = np.flatnonzero(noted[level])
+            rows = self._rows[level, slots]
             taus = slice(cascade.first[level], cascade.first[level + 1])
-            self._squares[row, :, taus] = cascade.marked[:, taus, slot, :2]
-            self._terms[row, taus, 1] = cascade.marked[0, taus, slot, 2]
-            cascade.marks[level, slot] = FREE
+            found = cascade.marked[:, taus, slots]  # (axes, taus, slots, 3)
+            self._squares[rows, :, taus] = found[..., :2].transpose(2, 0, 1, 3)
+            self._terms[rows, taus, 1] = found[0, ..., 2].T
+        cascade.marks[noted] = FREE
 
     def close(self, cascade: Cascade) -> None:
         """Fetch the rest, of a segment that has ended."""
@@ -221,12 +224,9 @@ class Borders:
         half = MOST_BORDERS // 2
         for held in (self._places, self._squares, self._terms):
             held[:half] = held[::2].copy()
-        for (level, slot), row in list(self._rows.items()):
-            if row % 2:
-                cascade.marks[level, slot] = FREE
-                del self._rows[level, slot]
-            else:
-                self._rows[level, slot] = row // 2
+        odd = self._rows[: cascade.levels] % 2 == 1
+        cascade.marks[odd] = FREE
+        self._rows //= 2
         self._waiting = [(k, mark, row // 2) for k, mark, row in self._waiting if row % 2 == 0]
         self._used = half
         self._next = -(-self._next // 2)

@@ -232,13 +232,21 @@ static int64_t first_end(int64_t from, int64_t k) { return from < 2 * k ? 2 * k 
 /* Sum of the squares that OADEV has of the terms that end after entry `from`, up to `to`, of a rung
    that has spent `before`. */
 static double squares_between(const double *rung, int64_t before, int64_t from, int64_t to, int64_t k) {
-    double total = 0.0;
-    int64_t shift = BATCH - 1 - before;
-    for (int64_t j = shift + first_end(from, k); j <= shift + to; j++) {
-        double d = (rung[j] - rung[j - k]) - (rung[j - k] - rung[j - 2 * k]);
-        total += d * d;
+    int64_t shift = BATCH - 1 - before, j = shift + first_end(from, k), stop = shift + to + 1;
+    lanes sums = {0.0};
+#define TERM(type, j)                                                                            \
+    type middle = *(const type *)(rung + (j) - k);                                               \
+    type d = (*(const type *)(rung + (j)) - middle) - (middle - *(const type *)(rung + (j) - 2 * k));
+    for (; j + LANES <= stop; j += LANES) {
+        TERM(lanes, j)
+        sums += d * d;
     }
-    return total;
+    for (int lane = 0; j < stop; j++, lane++) {
+        TERM(double, j)
+        sums[lane] += d * d;
+    }
+#undef TERM
+    return sum_of(sums);
 }
 
 /* Note for each mark of a rung, a number of samples, the squares of all terms that end there or

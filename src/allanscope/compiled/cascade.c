@@ -191,39 +191,47 @@ static void full_overlap_start(
     }
 }
 
-/* Add the terms that end at entries whose number in the segment is a multiple of k. */
+/* Add the terms that end at entries whose number in the segment is a multiple of k. These entries
+   are gathered first: then neighbouring terms take neighbouring entries. */
 static void no_overlap(const double *x, int64_t before, int64_t stop, int64_t k, double *total) {
     const int64_t origin = BATCH - 1 - before;
     int64_t number = before - before % k + k;
-    double w_sum = 0.0, ww = 0.0, dd = 0.0, hh = 0.0;
+    lanes w_sums = {0.0}, ww = {0.0}, dd = {0.0}, hh = {0.0};
     total[STDEV_MOMENTS] += (double)((before + stop - BATCH) / k - before / k);
     for (; number < 3 * k && origin + number < stop; number += k) {
         int64_t j = origin + number;
         double w = x[j] - x[j - k];
-        w_sum += w;
-        ww += w * w;
+        w_sums[0] += w;
+        ww[0] += w * w;
         if (number == 2 * k) {
             double d = w - (x[j - k] - x[j - 2 * k]);
-            dd += d * d;
+            dd[0] += d * d;
         }
     }
-    int64_t start = origin + number;
-    if (start < stop) {
-        double last = x[start - k], w_last = last - x[start - 2 * k];
-        double d_last = w_last - (x[start - 2 * k] - x[start - 3 * k]);
-        for (int64_t j = start; j < stop; j += k) {
-            double w = x[j] - last, d = w - w_last, h = d - d_last;
-            w_sum += w;
-            ww += w * w;
-            dd += d * d;
-            hh += h * h;
-            last = x[j], w_last = w, d_last = d;
-        }
+    int64_t start = origin + number, n = start < stop ? (stop - start + k - 1) / k : 0, j = 0;
+    double room[BATCH + 3];
+    const double *own = x + start - 3;
+    if (n > 0 && k > 1) {
+        for (int64_t i = 0; i < n + 3; i++) room[i] = x[start + (i - 3) * k];
+        own = room;
     }
-    total[STDEV_MOMENTS + 1] += w_sum;
-    total[STDEV] += ww;
-    total[ADEV] += dd;
-    total[HDEV] += hh;
+#define TERMS(type, j)                                                                           \
+    type x0 = *(const type *)(own + (j) + 3), x1 = *(const type *)(own + (j) + 2);               \
+    type x2 = *(const type *)(own + (j) + 1), x3 = *(const type *)(own + (j));                   \
+    type w = x0 - x1, before_w = x1 - x2, d = w - before_w, h = d - (before_w - (x2 - x3));
+    for (; j + LANES <= n; j += LANES) {
+        TERMS(lanes, j)
+        w_sums += w, ww += w * w, dd += d * d, hh += h * h;
+    }
+    for (int lane = 0; j < n; j++, lane++) {
+        TERMS(double, j)
+        w_sums[lane] += w, ww[lane] += w * w, dd[lane] += d * d, hh[lane] += h * h;
+    }
+#undef TERMS
+    total[STDEV_MOMENTS + 1] += sum_of(w_sums);
+    total[STDEV] += sum_of(ww);
+    total[ADEV] += sum_of(dd);
+    total[HDEV] += sum_of(hh);
 }
 
 /* Number of the first term after entry `from`, by its end: it begins with its segment at the earliest. */
@@ -340,7 +348,7 @@ static void promote(const ladder *l, int64_t axis, int64_t level, int64_t before
 static double make_history(double *rung, double stride) {
     double *xs = rung, *zs = xs + ENTRIES, *qs = zs + ENTRIES;
     double x = xs[ENTRIES - 1], z = zs[ENTRIES - 1], q = qs[ENTRIES - 1];
-    for (int64_t j = 0; j < BATCH; j++) {
+    for (int32_t j = 0; j < BATCH; j++) { /* 32 bits: of 64 AVX2 makes no doubles */
         double s = (double)(j - BATCH + 1) * stride;
         qs[j] = qs[BATCH + j] - q - s * z - 0.5 * s * s * x;
         zs[j] = zs[BATCH + j] - z - s * x;

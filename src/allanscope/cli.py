@@ -74,7 +74,6 @@ def open_view(options: Namespace) -> int:
 
 def analyse(options: Namespace) -> int:
     """Analyse a complete recording, raw capture or text file."""
-    from allanscope.analysis import compared
     from allanscope.atomic_write import refuse_place
     from allanscope.pipeline import analyse_input, write_json, write_report, write_table
 
@@ -85,6 +84,8 @@ def analyse(options: Namespace) -> int:
     analysis = analyse_input(
         Path(options.input), _device_settings(options), options.quiet, _curve_choices(options)
     )
+    from allanscope.analysis import compared
+
     analysis = compared(analysis, references)
     # The numbers first: whatever drawing may run into, they are there.
     if options.json == "-":

@@ -1,6 +1,8 @@
 """The command line for those who meet it first: help, lengths of time, what was written where."""
 
 import argparse
+import subprocess
+import sys
 
 import pytest
 
@@ -93,3 +95,27 @@ def test_a_replay_names_its_files_and_how_to_see_the_charts_again(recording, tmp
     assert f"Saved: {folder / 'report.html'}; beside it result.json, session.rrd" in said
     assert f"allanscope open {folder}" in said
     assert {"session.rrd", "result.json", "report.html"} == {file.name for file in folder.iterdir()}
+
+
+UNTIL_OPENED = """
+import os, sys
+def hook(event, given):
+    if event == "open" and given[0] == sys.argv[1]:
+        print(*sys.modules, flush=True)
+        os._exit(0)
+sys.addaudithook(hook)
+from allanscope.__main__ import main
+main(sys.argv[2:])
+"""
+
+
+@pytest.mark.parametrize("words", [["analyse"], ["report", "--out", "page.html"]])
+def test_what_fits_and_draws_is_loaded_after_the_input_was_read(words, tmp_path):
+    """Half of a second would pass before a large file is looked at, or a bad one refused."""
+    csv = tmp_path / "made.csv"
+    csv.write_text("t[s],gx[dps]\n0.0,1.0\n")
+    command = [sys.executable, "-c", UNTIL_OPENED, str(csv), *words, str(csv)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    loaded = set(run.stdout.split())
+    assert "allanscope.pipeline.analyse_file" in loaded
+    assert not loaded & {"scipy.optimize", "matplotlib", "allanscope.analysis.summary"}

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from allanscope.allan import CurveChoices
-from allanscope.analysis import Analyser, AnalyserSettings, Analysis, summarise
+from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import with_units
 from allanscope.pipeline.decoding import Decoding
@@ -15,6 +16,9 @@ from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.recording import Fingerprint, Recording, is_recording
 from allanscope.view import progress
+
+if TYPE_CHECKING:
+    from allanscope.analysis import Analysis
 
 __all__ = ["analyse_input", "full_settings", "recorded_facts", "recorded_settings"]
 
@@ -72,6 +76,8 @@ def analyse_input(
     facts["wire"] = decoding.wire
     if fingerprint is not None:
         facts["sha256"] = fingerprint.hexdigest()
+    from allanscope.analysis import summarise  # half of all that is loaded
+
     with progress(None, "closing the loop", quiet=quiet):
         analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
     return _with_a_curve(path, analysis)

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from allanscope.analysis import Analysis
 from allanscope.atomic_write import refuse_place, write_text
 from allanscope.errors import DeviceError, InputError, UsageError
 from allanscope.pipeline.process import stopped_by_signals
@@ -28,6 +27,7 @@ from allanscope.view import ViewerProcess, has_display
 
 if TYPE_CHECKING:
     from allanscope.allan import CurveChoices
+    from allanscope.analysis import Analysis
     from allanscope.pipeline.settings import DeviceSettings
     from allanscope.report import Picture
 
@@ -223,7 +223,6 @@ def report_sessions(
 ) -> Path:
     """Write the report of one session, or one that compares several; return its path."""
     from allanscope.pipeline.analyse_file import analyse_input
-    from allanscope.report import comparing_pictures, render_comparison
 
     refuse_place(out)
     sessions = {
@@ -234,6 +233,8 @@ def report_sessions(
         (one,) = sessions.values()
         write_report(one, out, figures, title=title, operator=operator, full=full)
         return out
+    from allanscope.report import comparing_pictures, render_comparison
+
     drawn = comparing_pictures(sessions)
     write_text(out, render_comparison(sessions, drawn))
     if figures is not None:

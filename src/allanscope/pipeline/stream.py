@@ -12,7 +12,6 @@ from typing import Self
 from allanscope.errors import DeviceError
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.settings import DeviceSettings, SimulatedSettings
-from allanscope.pipeline.simulate import simulator
 from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.sources import Source, SourceSettings, open_source
 from allanscope.wire import LinkStats, format_named
@@ -198,6 +197,7 @@ def device_source(port: str, device: DeviceSettings, simulated: SimulatedSetting
     if port != "sim":
         usual = format_named(device.wire or "native").baud
         return open_source(port, SourceSettings(baud=device.baud or usual))
+    from allanscope.pipeline.simulate import simulator
     from allanscope.sources import SimulatedSource
 
     return SimulatedSource(

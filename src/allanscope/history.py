@@ -76,7 +76,7 @@ class Record:
     temperature_c : ndarray of float64, shape (n,)
         Mean temperature of each row; NaN where there was none.
     start_s : ndarray of float64, shape (n,)
-        Time of the beginning of each row since the start of the run, holes included.
+        Time of the beginning of each row since the start of the run, gaps included.
     segments : ndarray of int64, shape (s, 2)
         Half-open ranges of rows that are contiguous in time.
     filled : ndarray of bool, shape (n,), or None
@@ -214,7 +214,7 @@ class History:
             taken = stop
 
     def gap(self, lost: int | None = None) -> None:
-        """Mark a hole of `lost` samples (0 when unknown): no row spans it."""
+        """Mark a gap of `lost` samples (0 when unknown): no row spans it."""
         self._next += self._filled + (lost or 0)
         self._filled = 0
         self._part[:] = 0.0

@@ -1,9 +1,9 @@
-"""The types that cross rooms: what a stream is, a run of samples, a hole, a remark.
+"""The types that cross rooms: what a stream is, a run of samples, a gap, a remark.
 
 A decoder turns bytes into these four and nothing else::
 
     StreamInfo   Block  Block  Block   Gap   Block  Block   StreamInfo  Block ...
-    what follows  contiguous samples   hole  contiguous ...  new configuration
+    what follows  contiguous samples   gap   contiguous ...  new configuration
 
 Two Blocks with nothing between them are contiguous: the second starts with the sample after the
 last one of the first. Wherever that does not hold there is a Gap between them. A StreamInfo always
@@ -186,7 +186,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A hole: what came before and what comes after are not neighbours.
+    """A gap: what came before and what comes after are not neighbours.
 
     Attributes
     ----------
@@ -204,11 +204,11 @@ GapReason = Literal[
     "link",  # frames were damaged or lost on the way
     "device",  # the device dropped them: its own buffer was full
     "sensor",  # the sensor's FIFO overran
-    "disconnected",  # the port went away and came back
+    "disconnected",  # the port disconnected and came back
     "restarted",  # the device was reset or reconfigured
     "stalled",  # the device fell silent and spoke again
     "resumed",  # the session was continued after a crash or a pause
-    "file",  # a hole in the file that was read
+    "file",  # bytes missing in the file that was read
 ]
 
 

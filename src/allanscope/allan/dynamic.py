@@ -53,13 +53,13 @@ class DynamicDeviation:
     tau : ndarray, shape (k,)
         Averaging times in s.
     start_s, stop_s : ndarray, shape (windows,)
-        Where each window begins and ends, in s since the first sample, holes counted.
+        Where each window begins and ends, in s since the first sample, gaps counted.
     deviation : ndarray, shape (axes, windows, k)
         In the unit of the bank; NaN where a window has fewer than two terms.
     terms : ndarray of int64, shape (windows, k)
         Terms summed.
     window_s : float
-        Length of a window in s, holes left out.
+        Length of a window in s, gaps left out.
     """
 
     tau: Floats

@@ -288,7 +288,7 @@ class StreamState:
             self._pass_on(*piece)
 
     def gap(self, gap: Gap) -> None:
-        """Take a hole."""
+        """Take a gap."""
         self.settle()
         self.release_padding()
         self._in_segment = False

@@ -1,7 +1,7 @@
 """Rows at the beginning or the end of a record that are all the same: a logger's padding.
 
 A logger that fills its last block, or writes before its sensor answers, leaves rows that nobody
-measured, zeros most of all. To a model they are repeats, a burst, a drift and a hole in the
+measured, zeros most of all. To a model they are repeats, a burst, a drift and a gap in the
 spectrum at once. They are kept back until it is known what follows: what is the same on every axis
 up to the end, ten times longer than any such run in the rows beside it, is left out of all sums.
 """

@@ -3,9 +3,9 @@
 Every call into the sums costs some tens of microseconds whatever it brings, and a live port brings
 three rows at a time. What arrives in small pieces is therefore copied to a buffer and handed on
 when that is full; what is large already passes by untouched. The sums of a stream do not depend on
-each other, and nearly all of their time is spent in compiled code that lets go of the interpreter:
-those that take longest run in a thread of their own, one piece `Behind`, so that neither waits for
-the other as long as there is work. None of this changes a result.
+each other, and nearly all of their time is spent in compiled code that releases the interpreter's
+lock: those that take longest run in a thread of their own, one piece `Behind`: neither waits
+for the other as long as there is work. None of this changes a result.
 """
 
 from __future__ import annotations

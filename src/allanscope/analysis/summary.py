@@ -206,7 +206,7 @@ def _empty(
 
 
 def _marks(analyser: Analyser, state: StreamState, rate_hz: float) -> tuple[tuple[float, str], ...]:
-    """Return when marks were set: on the axis of the series, at the true rate, holes included."""
+    """Return when marks were set: on the axis of the series, at the true rate, gaps included."""
     same = (0.0, state.info.nominal_hz)
     return tuple(
         (mark.position / (rate_hz if mark.nominal_hz in same else mark.nominal_hz), mark.text)

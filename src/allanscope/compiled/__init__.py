@@ -9,7 +9,7 @@
 
 Nothing compiles on the machine of a user, and one library serves all versions of Python: it knows
 neither Python nor numpy. It holds every loop once for each level of the processor (`processor.c`),
-and the highest that runs here is taken. A call through `ctypes` lets go of the interpreter's lock.
+and the highest that runs here is taken. A call through `ctypes` releases the interpreter's lock.
 All arrays are checked here and nowhere else: a loop believes what it is given.
 """
 

@@ -41,7 +41,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _LEVEL = 100
-"""Rows on each side of a hole whose mean is taken as the level there."""
+"""Rows on each side of a gap whose mean is taken as the level there."""
 _MOST_BRIDGED = 0.1
 """With more long gaps than this share, the longest stretch without one is used instead."""
 _LONG = 1 << 14
@@ -275,11 +275,11 @@ def _bridge(values: Array, row: NDArray[np.int64], size: int) -> tuple[Array, ND
     grid = np.zeros((size, values.shape[1]))
     grid[row] = values
     rng = np.random.default_rng(0)
-    holes = np.flatnonzero(np.diff(row) > 1)
-    for hole in holes:
-        left, right = row[hole] + 1, row[hole + 1]
-        before = values[max(0, hole + 1 - _LEVEL) : hole + 1]
-        after = values[hole + 1 : hole + 1 + _LEVEL]
+    gaps = np.flatnonzero(np.diff(row) > 1)
+    for gap in gaps:
+        left, right = row[gap] + 1, row[gap + 1]
+        before = values[max(0, gap + 1 - _LEVEL) : gap + 1]
+        after = values[gap + 1 : gap + 1 + _LEVEL]
         share = ((np.arange(left, right) - left + 0.5) / (right - left))[:, np.newaxis]
         level = (1 - share) * before.mean(axis=0) + share * after.mean(axis=0)
         noise = np.concatenate([before - before.mean(axis=0), after - after.mean(axis=0)])

@@ -3,7 +3,7 @@
 *The step*: the greatest of which all differences are multiples, and how a Gaussian falls onto it.
 
 *Equal rows*: samples on a coarse lattice are often equal, all axes at once the more so where their
-noise comes and goes together, or where they hear the same vibration. Rows that lie farther apart
+noise comes and goes together, or where they sense the same vibration. Rows that lie farther apart
 than any run of repeats are equal by nothing but chance, and that in the same lattice, of the same
 distribution, with the same ups and downs as neighbours.
 """

@@ -65,7 +65,7 @@ def connected(scheduler: str, workers: int | None) -> Iterator[Client]:
 
     from distributed import Client
 
-    # A scheduler that goes away is told of in one line, by whoever asked for the fleet.
+    # A lost scheduler is reported in one line, by whoever asked for the fleet.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     if scheduler:
         try:

@@ -77,7 +77,7 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
         If nothing matches, the folder cannot be written to, the scheduler does not answer, the
         pattern of units is none, or the extra is not installed.
     DeviceError
-        If the scheduler goes away on the way; table and report are of what was done until then.
+        If the scheduler is lost on the way; table and report are of what was done until then.
     """
     require_extra()
     from allanscope.fleet.lot_files import write_lot

@@ -8,7 +8,7 @@
 
 One process alone writes. A result is there whole or not at all. The index spares reading a file
 again only to know that it is done: a file whose size and time of change are as they were has the
-fingerprint it had. A line that a crash has torn is passed over; its recording is then looked at
+fingerprint it had. A line that a crash has truncated is skipped; its recording is then looked at
 anew.
 """
 
@@ -143,7 +143,7 @@ class Store:
         return self.folder / "results" / key[:2] / f"{key}.json.gz"
 
     def close(self) -> None:
-        """Write the rest of the index and let go of it.
+        """Write the rest of the index and close it.
 
         Raises
         ------

@@ -213,12 +213,12 @@ def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Even
     for remark in (*columns.assumed, *_scale_remarks(columns, device), *pace.remarks):
         yield Notice("text", remark, {"host": 1, "assumed": 1})
     n = len(next(iter(columns.axes.values())))
-    holes = pace.holes
-    bounds = [0, *holes, n]
+    gaps = pace.gaps
+    bounds = [0, *gaps, n]
     index = 0
     for start, stop in pairwise(bounds):
         if start:
-            lost = holes[start]
+            lost = gaps[start]
             yield Gap("file", lost)
             index += lost
         for first in range(start, stop, ROWS):
@@ -228,11 +228,11 @@ def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Even
 
 
 class _Pace(NamedTuple):
-    """What times are good for: whether they are used, the rate, and the holes that they show."""
+    """What times are good for: whether they are used, the rate, and the gaps that they show."""
 
     used: bool
     hz: float
-    holes: dict[int, int]
+    gaps: dict[int, int]
     remarks: tuple[str, ...] = ()
 
 
@@ -246,7 +246,7 @@ def _pace(times: NDArray[np.float64] | None, given: float | None) -> _Pace:
     """
     if times is None or len(times) < 3:
         return _Pace(times is not None, given or _rate_of(times), {})
-    holes = _holes(times)
+    gaps = _gaps(times)
     mean = mean_rate(times)
     first = times[:LOOKED_AT]
     if rows_come_in_bursts(first) or rows_come_unevenly(first):
@@ -265,7 +265,7 @@ def _pace(times: NDArray[np.float64] | None, given: float | None) -> _Pace:
             "they are not used"
         )
         return _Pace(False, given, {}, (words,))
-    return _Pace(True, given or _rate_of(times), holes)
+    return _Pace(True, given or _rate_of(times), gaps)
 
 
 def _without_long_gaps(times: NDArray[np.float64], mean: float) -> float:
@@ -363,8 +363,8 @@ def _ticks(columns: Columns, rows: slice) -> Ticks:
     )
 
 
-def _holes(times: NDArray[np.float64] | None) -> dict[int, int]:
-    """Return the row after each hole, and how many samples it lacks."""
+def _gaps(times: NDArray[np.float64] | None) -> dict[int, int]:
+    """Return the row after each gap, and how many samples it lacks."""
     if times is None or len(times) < 3:
         return {}
     steps = np.diff(times)

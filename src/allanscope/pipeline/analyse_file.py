@@ -86,7 +86,7 @@ def analyse_input(
 def _with_a_curve(path: Path, analysis: Analysis) -> Analysis:
     """Return a result if it has a curve on any axis.
 
-    One averaging time is no curve: two of them take five samples without a hole between.
+    One averaging time is no curve: two of them take five samples without a gap between.
     """
     curves = [axis.curves["oadev"] for axis in analysis.axes.values() if "oadev" in axis.curves]
     if not any(len(curve.tau) > 1 for curve in curves):

@@ -129,7 +129,7 @@ class Decoding:
         Raises
         ------
         InputError
-            When enough was heard and no format fits it; the message has a sample.
+            When enough was received and no format fits it; the message has a sample.
         """
         events: list[Event] = []
         if self._opened_ns is None:

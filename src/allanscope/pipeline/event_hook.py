@@ -67,7 +67,7 @@ class EventHook:
         """Take samples: nothing to do."""
 
     def gap(self, gap: Gap) -> None:
-        """Take a hole: nothing to do."""
+        """Take a gap: nothing to do."""
 
     def snapshot(self, analysis: object) -> None:
         """Take a result: nothing to do."""

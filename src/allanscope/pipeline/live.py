@@ -64,9 +64,9 @@ def run_live(
     Raises
     ------
     DeviceError
-        When the port cannot be opened or nothing was ever heard.
+        When the port cannot be opened or nothing was ever received.
     InputError
-        When what was heard is in none of the known formats.
+        When what was received is in none of the known formats.
     """
     past = None if resume is None else Recording(resume)  # before it gets another file
     if past is not None:

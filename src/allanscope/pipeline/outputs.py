@@ -202,7 +202,7 @@ def made_folder(path: Path) -> Path:
 
 
 def discard_session(path: Path) -> None:
-    """Remove what a session in which not one byte was heard has left, and its folder if empty."""
+    """Remove what a session that received no byte has left, and its folder if empty."""
     with suppress(OSError):
         for name in ("session.mcap", "session.rrd"):
             (path / name).unlink(missing_ok=True)

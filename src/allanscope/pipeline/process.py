@@ -2,10 +2,10 @@
 
 A run that lasts a night keeps its memory small. The C library keeps a heap for every thread, and
 learns from large blocks that were freed to take the next ones from there too; after an hour of
-results, each with copies of some twenty megabytes, those heaps are mostly holes. Told otherwise, it
+results, each with copies of some twenty megabytes, those heaps are mostly gaps. Told otherwise, it
 gives large blocks back at once. Half of what a process holds when it has begun are pages of
 libraries that are used to load them and hardly ever again. They are unchanged pages of files, so
-nothing is lost when they are let go; the few that are still needed come back by themselves. Only
+nothing is lost when they are released; the few that are still needed come back by themselves. Only
 Linux with its usual C library is told anything.
 """
 
@@ -69,7 +69,7 @@ def give_large_blocks_back() -> None:
 
 
 def trim_memory() -> None:
-    """Let go of free memory, and of library pages; those that are needed again are read again."""
+    """Release free memory and library pages; pages that are needed again are read again."""
     if (libc := _glibc()) is None:
         return
     libc.malloc_trim(ctypes.c_size_t(0))

@@ -1,7 +1,7 @@
 """Results while a run goes on: computed beside it, as often as that costs next to nothing.
 
 The closed loop needs a process of its own. A look at a long record takes seconds of plain Python
-and small transforms, through which the interpreter would hardly let go: a reader in the same
+and small transforms, during which the interpreter's lock is hardly released: a reader in the same
 process would be late, and a late reader loses samples. So each look is a child process that is
 given what there is to look at and gives back what it found. Looks come when the run has doubled
 (`allanscope.explain.live`), so there are a dozen in a night; between them the child is gone, and

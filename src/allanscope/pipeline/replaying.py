@@ -7,8 +7,8 @@
     thread "sums"    deviations, one piece behind        ◀──┘
 
 The second thread decodes the next piece while the last one is summed up. Everything that takes
-long is compiled code that lets go of the interpreter. The result is that of taking the same reads
-one by one, to the last bit: see `allanscope.analysis.rows`.
+long is compiled code that releases the interpreter's lock. The result is that of taking the same
+reads one by one, to the last bit: see `allanscope.analysis.rows`.
 """
 
 from __future__ import annotations

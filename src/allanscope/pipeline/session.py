@@ -58,7 +58,7 @@ class Audience(Protocol):
         """Show a run of samples."""
 
     def gap(self, gap: Gap) -> None:
-        """Show a hole."""
+        """Show a gap."""
 
     def notice(self, notice: Notice) -> None:
         """Show a remark."""
@@ -251,15 +251,15 @@ class Session:
     def _read(self) -> None:
         """Move chunks from the source to the ledger and the queue; the reader thread."""
         most_s = math.inf if self._duration_s is None else self._duration_s
-        deadline, heard, who = time.monotonic() + most_s, False, ""
+        deadline, received, who = time.monotonic() + most_s, False, ""
         try:
             while not self._stop.is_set():
                 chunk = self.source.read()
                 if chunk.data and self.source.reader != who:
                     who = self.source.reader
                     self._news.put(Notice("text", f"the port is read by {who}", {"host": 1}))
-                if chunk.data and not heard:
-                    deadline, heard = time.monotonic() + most_s, True
+                if chunk.data and not received:
+                    deadline, received = time.monotonic() + most_s, True
                 if self.ledger is not None and (chunk.data or chunk.event):
                     self.ledger.rx(chunk)
                 if chunk.event == "end":

@@ -11,7 +11,7 @@ LinkEvent = Literal["", "disconnected", "reconnected", "stalled", "resumed", "ho
 """What can happen to a link, or beside it.
 
 disconnected, reconnected
-    The port went away; the same device came back.
+    The port disconnected; the same device came back.
 stalled, resumed
     A streaming device fell silent although the port is there; it spoke again.
 hole

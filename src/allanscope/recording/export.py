@@ -39,7 +39,7 @@ class ExportReport:
     rows : int
         Samples.
     gaps, unknown_gaps : int
-        Holes, and those among them whose length nobody knows.
+        Gaps, and those among them whose length nobody knows.
     """
 
     out: Path

@@ -170,7 +170,7 @@ class SessionWriter:
             self._segment.restore(segment_path(self.first, self._segment_number))
             self.incident = f"another program has removed {name}: saved again as {self.path.name}"
         elif added := self._segment.recount():
-            self._rotate(torn=True)
+            self._rotate(truncated=True)
             self.incident = (
                 f"another program has {'cut' if added < 0 else 'added'} {abs(added)} bytes "
                 f"{'off' if added < 0 else 'to'} {name}: recording goes on in {self.path.name}"
@@ -202,10 +202,10 @@ class SessionWriter:
             return True
         return self._began_ns is not None and self._last_ns - self._began_ns >= self._max_ns
 
-    def _rotate(self, torn: bool = False) -> None:
+    def _rotate(self, truncated: bool = False) -> None:
         """Open the next file before the old one is given up, so that a failure costs nothing.
 
-        What waits for a file that is torn goes into the next: behind a tear it could not be read.
+        What waits for a truncated file goes into the next: it could not be read behind the cut.
         """
         self._segment_number += 1
         try:
@@ -214,7 +214,7 @@ class SessionWriter:
             self._segment_number -= 1
             raise
         finished, self._segment = self._segment, following
-        if torn:
+        if truncated:
             following.take_over(finished)
         self._began_ns = None
         try:

@@ -87,16 +87,16 @@ def simulate_blocks(
 
 def greeting(wire: WireFormat, device: Encoder, info: StreamInfo) -> bytes:
     """Return all that a device says before its first sample to a host that starts it."""
-    host, heard = wire.decoder(WireSettings()), device.describe(info)
+    host, received = wire.decoder(WireSettings()), device.describe(info)
     if not device.silent_until_started:
-        return heard
+        return received
     orders = wire.start(WireSettings())
     while orders:
         commands = [command for order in orders for command in device.receive(order)]
         said = b"".join(map(device.reply, commands))
         host.feed(said, 0.0)
-        heard, orders = heard + said, answers(host)
-    return heard
+        received, orders = received + said, answers(host)
+    return received
 
 
 class _Reads:

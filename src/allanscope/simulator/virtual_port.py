@@ -50,7 +50,7 @@ class VirtualPort(Protocol):
 class TcpPort:
     """One listening socket, one host at a time.
 
-    What a connection that went away had not read yet cannot be known, so `forget` and `unplug`
+    What a connection that closed had not read yet cannot be known, so `forget` and `unplug`
     return 0: losses on hang-up are told to the sample only on a pty.
     """
 

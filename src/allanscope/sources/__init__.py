@@ -9,7 +9,7 @@
 
 A source knows nothing of samples. It gives chunks: the bytes of one read, the host's monotonic time
 at which they came, and what happened to the link before them. One thread reads; any thread may
-write or close. A serial port that goes away comes back by itself (`serial_port`), because a night
+write or close. A serial port that disconnects comes back by itself (`serial_port`), because a night
 on the bench outlives a loose cable. `discovery` finds the board by its USB numbers.
 
 A new kind of source is a file with a class that has the members of `Source`, and two lines in

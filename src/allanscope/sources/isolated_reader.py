@@ -128,7 +128,7 @@ class IsolatedReader:
         self._link.write(data)
 
     def close(self) -> None:
-        """End the other process and close the port, which is free only when both have let go."""
+        """End the other process and close the port: it is free when both have released it."""
         self._end()
         self._link.close()
 

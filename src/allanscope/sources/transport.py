@@ -1,7 +1,7 @@
 """The links that bytes come over, behind one small interface.
 
 pyserial's own `read` is not used where it can be avoided: a `read(n)` that has half of what it was
-asked for when the device goes away throws that half away, and a socket's `in_waiting` only says
+asked for when the device disconnects throws that half away, and a socket's `in_waiting` only says
 whether there is anything. What a link must do is: give what is there, as soon as it is there.
 
 Why a port cannot be opened is told in one line that says what to do about it (`why_not_open`).
@@ -68,7 +68,7 @@ class Transport(Protocol):
         """Send all of it; WriteTimeoutError if that takes too long."""
 
     def close(self) -> None:
-        """Let go of it; never raises."""
+        """Release it; never raises."""
 
 
 def open_transport(name: str, baud: int) -> Transport:
@@ -132,7 +132,7 @@ class Posix:
         _write(self._port, data)
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Release the port."""
         _close(self._port)
 
 

@@ -327,8 +327,8 @@ def _joined(
 ) -> Strips:
     """Join segments that continue each other into polylines; drop those off the chart."""
     seen = last > first
-    torn = ~seen[1:] | ~seen[:-1] | (first[1:] > 0.0)
-    runs = np.split(np.arange(len(pieces)), np.flatnonzero(torn) + 1)
+    broken = ~seen[1:] | ~seen[:-1] | (first[1:] > 0.0)
+    runs = np.split(np.arange(len(pieces)), np.flatnonzero(broken) + 1)
     return [
         np.concatenate([pieces[run, 0], pieces[run[-1:], 1]])
         for run in runs

@@ -40,7 +40,7 @@ class Rows:
     Attributes
     ----------
     elapsed_s : ndarray, shape (n,)
-        Middle of each row since the first sample of the run, holes included.
+        Middle of each row since the first sample of the run, gaps included.
     mean, low, high : ndarray, shape (n, axes)
         In dps or g.
     temperature_c : float
@@ -98,7 +98,7 @@ class Decimator:
         self._pending, self._waiting = [], 0
 
     def gap(self, gap: Gap) -> None:
-        """Drop the unfinished row; no row spans a hole."""
+        """Drop the unfinished row; no row spans a gap."""
         self.restart()
         if gap.lost is None:
             self._lost_track = True
@@ -136,7 +136,7 @@ class Decimator:
         )
 
     def _follow(self, block: Block) -> None:
-        """Note temperature and host time; after a hole of unknown length the host tells it."""
+        """Note temperature and host time; after a gap of unknown length the host tells it."""
         ticks = block.ticks
         known = ticks.temperature_c[np.isfinite(ticks.temperature_c)]
         if len(known):

@@ -212,7 +212,7 @@ class RerunView:
             self._submit(self._draw_rows, once="rows")
 
     def gap(self, gap: Gap) -> None:
-        """Take a hole. Holes within a second of each other are told as one."""
+        """Take a gap. Gaps within a second of each other are told as one."""
         if self._worker is None:
             return
         text = self._gaps.tell(gap, self._decimator.elapsed_s)

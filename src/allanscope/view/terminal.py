@@ -121,7 +121,7 @@ class TerminalView:
             self._draw(self._latest)
 
     def gap(self, gap: Gap) -> None:
-        """Take a hole."""
+        """Take a gap."""
         text = self._gaps.tell(gap, self._clock())
         if text is not None:
             self.line(text, "warn")

@@ -1,7 +1,7 @@
 """A thread that does what it is told, in order, and never makes anyone wait.
 
 Whoever measures hands work over and goes on. When the work cannot be done as fast as it comes, what
-comes next is dropped and counted: a chart with a hole is worth less than a sample, always.
+comes next is dropped and counted: a chart with a gap is worth less than a sample, always.
 """
 
 from __future__ import annotations

@@ -135,7 +135,7 @@ class Watch:
                 self._block(self._buffer)
 
     def gap(self, gap: Gap) -> None:
-        """Take a hole."""
+        """Take a gap."""
         self._lost += min(1 if gap.lost is None else gap.lost, MOST_LOST)
         self._position += gap.lost or 0
         if gap.lost is None or gap.lost > LONG_GAP * self._rows:

@@ -11,8 +11,8 @@ was changed. So a row is suspect if all of this holds::
 
 The band of an axis goes from the third lowest to the third highest of its 64 values, and r is its
 width, 3.5 standard deviations of Gaussian noise: 3 r outside is 12 of them from the mean. No noise
-does that, but a part may (a torn read, an electrical glitch); therefore the first condition. On a
-line that has never shown any damage nothing is suspect, whatever the sensor says. With 3 none of
+does that, but a part may (a read that mixes two samples, a glitch); hence the first condition. On
+a line that has never shown any damage nothing is suspect, whatever the sensor says. With 3 none of
 311,000 rows of real recordings would be suspect even without that condition; with 2 one is
 (`benchmarks/bit_flips.py`).
 

@@ -2,7 +2,7 @@ r"""Another axis leaks in: misalignment, g-sensitivity, a shared supply.
 
 y = c x + rest holds at every frequency and without lag, which a common vibration (one frequency)
 or a common temperature (only slow) does not: the slopes found in separate frequency bands must
-agree. Two axes that hear one source through a structure, as those on a board with a fan, agree in
+agree. Two axes that sense one source through a structure, as those on a board with a fan, agree in
 nothing but that it is there: the structure turns the phase, so their cross-spectrum has a
 quadrature part, and a leak has none. A tilt is slow, so slow bands are looked at too; there what
 the measured temperature explains is taken out of both axes first, and what is known by its slow
@@ -204,12 +204,12 @@ def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:
     y = view.data - view.data.mean()
     own = np.asarray(rfft(taper * y))[1:] / size
     other = np.asarray(rfft(taper * (x - x.mean())))[1:] / size
-    # Bin k lies at ordinate 2 k; through the taper it hears those around it.
+    # Bin k lies at ordinate 2 k; the taper mixes those around it in.
     at = np.minimum(2 * np.arange(1, len(own) + 1) - 1, n - 2)
     around = [np.clip(at + shift, 0, n - 2) for shift in (-2, -1, 1, 2)]
-    heard = weight[at] * np.logical_and.reduce([weight[j] > 0 for j in around])
-    turned = np.imag(np.conj(other) * own) * heard
-    expected = np.abs(other) ** 2 * heard / 2
+    mixed = weight[at] * np.logical_and.reduce([weight[j] > 0 for j in around])
+    turned = np.imag(np.conj(other) * own) * mixed
+    expected = np.abs(other) ** 2 * mixed / 2
     first = max(_FIRST // 2, int(_SLOW_HZ * n / view.grid.rate_hz))
     if first >= len(own):
         return True

@@ -152,7 +152,7 @@ class Narrowband(EffectKind):
         if not found:
             return []
         _, best = max(found, key=_gain)
-        return [replace(best, gain=best.gain / crowding(view.data))]
+        return [replace(best, gain=best.gain / ordinate_correlation(view.data))]
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate the band again; one of two that overlap only with the other: it stays."""
@@ -429,7 +429,7 @@ def _errors(loss: Callable[[Array], float], at: Array) -> Array:
     return errors_at(loss, at, step)
 
 
-def crowding(data: Array) -> float:
+def ordinate_correlation(data: Array) -> float:
     """Return how many neighbouring ordinates say the same because the noise is uneven.
 
     Noise that is loud in a tenth of the record has a spectrum that is smooth over ten ordinates: a
@@ -439,7 +439,7 @@ def crowding(data: Array) -> float:
     --------
     >>> rng = np.random.default_rng(1)
     >>> loud = np.where(np.arange(100_000) < 10_000, 10.0, 1.0)
-    >>> round(crowding(loud * rng.normal(size=100_000)))
+    >>> round(ordinate_correlation(loud * rng.normal(size=100_000)))
     8
     """
     parts = np.array_split(np.diff(data), _PARTS)

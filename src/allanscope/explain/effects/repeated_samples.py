@@ -1,4 +1,4 @@
-r"""Rows that repeat the row before: a reader faster than the sensor, a stuck bus, a filled hole.
+r"""Rows that repeat the row before: a reader faster than the sensor, a stuck bus, a filled gap.
 
 Two neighbours may be equal by chance, the more so on a coarse lattice or behind a low-pass. With
 several axes: all of them repeat at once far more often than the product of their own chances, times

@@ -6,7 +6,7 @@ is everywhere, in the curve it looks like white noise or a random walk, and one 
 steps and excursions takes a dozen of them. So it is found in time, before everything else, and on
 all axes together (`shock_rows`): what shakes one axis is looked for on the others at that moment,
 with one time and duration. These rows are taken out: the level before is drawn through them to the
-level after, with noise like that beside them on it, so that the spectrum has no hole there. What
+level after, with noise like that beside them on it, so that the spectrum has no gap there. What
 changes the level within the time of a shock is one `step` at most, and belongs to its finding.
 """
 

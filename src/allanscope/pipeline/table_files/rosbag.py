@@ -224,7 +224,7 @@ def _columns(topic: _Topic, said: list[str]) -> Columns:
     logged, times = np.concatenate(topic.logged), np.concatenate(topic.stamped)
     values = np.empty((len(AXES), len(times)))
     start = 0
-    while topic.values:  # let go of each piece: a night is a gigabyte
+    while topic.values:  # free each piece: a night is a gigabyte
         piece = topic.values.pop(0)
         values[:, start : start + len(piece)] = piece.T
         start += len(piece)

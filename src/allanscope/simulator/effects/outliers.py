@@ -1,4 +1,4 @@
-"""Outliers: isolated samples far outside the distribution of the rest, as of a torn read."""
+"""Outliers: isolated samples far outside the distribution of the rest, as of a mixed read."""
 
 from __future__ import annotations
 

@@ -315,7 +315,15 @@ def test_after_a_silence_in_which_the_time_stamp_may_have_wrapped_nothing_is_cou
     kept(device.samples())
 
 
-def test_the_sanitized_build_passes_the_same_tests_and_finds_nothing(compiler):
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize(
+    ("rooms", "tests"),
+    [
+        (("broken_sensor", "lsm6dsm"), "test"),
+        (("sensortile",), "cuts_off or through_pins or halted or gives_up"),
+    ],
+)
+def test_the_sanitized_build_passes_the_same_tests_and_finds_nothing(compiler, rooms, tests):
     """Once more with ASan and UBSan, in a process that loads ASan before everything else."""
     if os.environ.get("ALLANSCOPE_SANITIZE"):
         return
@@ -325,9 +333,8 @@ def test_the_sanitized_build_passes_the_same_tests_and_finds_nothing(compiler):
     if not Path(asan).is_absolute():
         pytest.skip("no ASan on this machine; install gcc with its libraries")
     here = Path(__file__).parent
-    rooms = ("broken_sensor", "lsm6dsm", "sensortile")
     names = [str(here / f"test_firmware_{name}.py") for name in rooms]
-    names += ["-k", "not image and not dfu and not room"]
+    names += ["-k", tests]
     # What Python itself keeps until its end is no leak of the driver.
     environment = {"LD_PRELOAD": asan, "ASAN_OPTIONS": "detect_leaks=0"}
     ran = subprocess.run(

@@ -73,7 +73,8 @@ static uint8_t receive(void)
         low(CLOCK);
         wait_for_bit();
         high(CLOCK);
-        byte = (uint8_t)(byte << 1 | (mmio_get(GPIOB + IDR) >> DATA & 1u));
+        const uint32_t level = mmio_get(GPIOB + IDR) >> DATA & 1u;
+        byte = (uint8_t)((uint32_t)byte << 1 | level);
     }
     return byte;
 }

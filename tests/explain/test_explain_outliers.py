@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from allanscope.explain import explain
+from allanscope.explain.effects import KINDS
+from allanscope.explain.series import Series
+from allanscope.explain.view import View
 
 SIGMA = 4e-3 * 52.0**0.5
 
@@ -32,3 +35,20 @@ def test_a_small_bad_sample_beside_a_large_one_is_found_as_well(bench):
     (effect,) = found_with(b, [1000, 1012, 1017], [500.0, -30.0, 30.0]).effects
     assert effect.kind == "outliers"
     assert effect.parameters["count"].value == 3
+
+
+def view_of(samples):
+    rows = samples[:, np.newaxis]
+    series = Series(("gx",), rows, 50.0, 1, (1e-9,), None, np.zeros(len(rows), np.bool_))
+    return View(series, series.grid, "gx", samples, 0.0)
+
+
+@pytest.mark.parametrize("share", [0.004, 0.016])
+def test_many_bad_samples_are_outliers_and_heavy_tails_are_none(bench, share):
+    b = bench(9)
+    samples, bad = b.rng.normal(size=12_000), b.rng.random(12_000) < share
+    samples[bad] += 20 * b.rng.choice([-1, 1], bad.sum())
+    (found,) = KINDS["outliers"].candidates(view_of(samples))
+    assert found.effect.count.value == bad.sum()
+    for freedom in (1, 2, 4):
+        assert not list(KINDS["outliers"].candidates(view_of(b.rng.standard_t(freedom, 12_000))))

@@ -15,11 +15,8 @@ with the lost samples cut out, and a replay of what was recorded. Exit code 1 if
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import resource
 import shutil
-import subprocess
 import sys
 import tempfile
 import threading
@@ -30,6 +27,7 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from real_night import run_real_night
 from virtual_night import KINDS, Night
 
 from allanscope.allan import AllanBank
@@ -37,7 +35,7 @@ from allanscope.analysis import Analyser, Analysis
 from allanscope.pipeline import Decoding
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.session import Session
-from allanscope.recording import Recorder, Recording
+from allanscope.recording import Recorder
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.simulator import Simulator
 from allanscope.sources import SerialSource
@@ -295,77 +293,40 @@ def _same(what: str, one: AllanBank, other: AllanBank) -> tuple[bool, str]:
 
 def real(options: argparse.Namespace, folder: Path) -> bool:
     """Run the device and the monitor as two processes, as a user would."""
-    run = [sys.executable, "-m", "allanscope"]
-    if options.real_time:
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(20))  # the emitter inherits it
-    device = subprocess.Popen(
-        [*run, "device", "--rate", str(options.rate)], stdout=subprocess.PIPE, text=True
-    )
-    if options.real_time:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    assert device.stdout is not None
-    port = device.stdout.readline().strip()
-    others = [
-        subprocess.Popen([sys.executable, "-c", "while True: sorted(range(20000))"])
-        for _ in range(options.busy)
-    ]
-    live = [*run, "live", port, "--for", options.real, "--out", str(folder / "S")]
     began = time.monotonic()
-    monitor = subprocess.Popen([*live, "--view", "none", "--json"], stdout=subprocess.PIPE)
-    health = Health(monitor.pid, lambda: (time.monotonic() - began) / 3600.0)
-    health.start()
-    _until_recorded(folder / "S" / "session.mcap", monitor)
-    load = os.getloadavg()[0]
-    for process in others:  # the full analysis that follows is no part of this
-        process.terminate()
-    out, _ = monitor.communicate()
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)  # of the monitor: the others still run
-    health.end()
-    for process in (device, *others):
-        process.terminate()
-        process.wait()
-    result = json.loads(out)
-    hours = result["samples"] / result["rate"]["measured_hz"] / 3600.0
-    health.rows = [row for row in health.rows if row[0] < hours]  # the full analysis comes after
-    print("\n".join(health.summary()))
-    print(f"{used.ru_utime + used.ru_stime:.1f} s of processor time, the full analysis included")
+    health: list[Health] = []
+
+    def watching(pid: int) -> Health:
+        health.append(Health(pid, lambda: (time.monotonic() - began) / 3600.0))
+        return health[0]
+
+    night = run_real_night(
+        options.rate,
+        options.real,
+        options.busy,
+        options.real_time,
+        folder,
+        watching,
+    )
+    result, rate = night.result, night.result["rate"]
+    hours = result["samples"] / rate["measured_hz"] / 3600.0
+    health[0].rows = [row for row in health[0].rows if row[0] < hours]  # no final analysis
+    print("\n".join(health[0].summary()))
+    low, middle, high = np.quantile(night.load, (0.0, 0.5, 1.0))
+    print(f"{hours:.2f} h; load of the machine {low:.1f} to {high:.1f}, median {middle:.1f}")
+    print(f"{night.cpu_s:.1f} s of processor time, the full analysis included")
     print(f"read by {result['input'].get('reader') or 'a thread'}")
-    rate = result["rate"]
-    print(f"measured {rate['measured_hz']:.3f} Hz; load of the machine at the end {load:.1f}")
-    print("\n".join(f"gap at {at:.1f} s: {gap}" for at, gap in _gaps(folder / "S")))
+    print(f"measured {rate['measured_hz']:.4f} Hz, true {night.books['true_hz']:.4f} Hz")
+    print("\n".join(f"gap at {at:.1f} s: {gap}" for at, gap in night.gaps))
     return _verdict(
         [
-            (result["lost_samples"] == 0, f"{result['lost_samples']} of {result['samples']} lost"),
-            (result["unknown_losses"] == 0, f"{result['unknown_losses']} gaps of unknown length"),
-            (result["segments"] == 1, f"{result['segments']} segments"),
-            (result["link"]["crc_errors"] == 0, f"{result['link']['crc_errors']} bad checksums"),
-            *(_growth(health, hours) if hours > TELLING_HOURS else ()),
+            *night.losses(),
+            *(_growth(health[0], hours) if hours > TELLING_HOURS else ()),
+            *night.reading(),
+            *night.latency(),
+            *night.drift(),
         ]
     )
-
-
-def _until_recorded(path: Path, monitor: subprocess.Popen[bytes]) -> None:
-    """Wait until a recording has not grown for five seconds, or its process has ended."""
-    grown, size = time.monotonic(), 0
-    while monitor.poll() is None and (not size or time.monotonic() - grown < 5.0):
-        time.sleep(0.2)
-        if path.exists() and path.stat().st_size != size:
-            grown, size = time.monotonic(), path.stat().st_size
-
-
-def _gaps(folder: Path) -> list[tuple[float, Gap]]:
-    """Return the gaps of a recording, with the time of the run at which they came."""
-    decoding, samples, found = Decoding(WireSettings()), 0, []
-    rate_hz = 1.0
-    for buffer in Recording(folder).buffers():
-        for event in decoding.take_buffer(buffer):
-            if isinstance(event, StreamInfo):
-                rate_hz = event.nominal_hz
-            elif isinstance(event, Block):
-                samples += len(event)
-            elif isinstance(event, Gap):
-                found.append((samples / rate_hz, event))
-    return found
 
 
 def _verdict(checks: list[tuple[bool, str]]) -> bool:
@@ -387,9 +348,12 @@ def main() -> int:
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="soak-"))
     try:
-        return 0 if (real if options.real else virtual)(options, folder) else 1
-    finally:
-        shutil.rmtree(folder)
+        good = (real if options.real else virtual)(options, folder)
+    except BaseException:
+        print(f"what there is of the run stays in {folder}", file=sys.stderr)
+        raise
+    shutil.rmtree(folder)
+    return 0 if good else 1
 
 
 if __name__ == "__main__":

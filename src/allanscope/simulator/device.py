@@ -131,6 +131,11 @@ class Device:
         """True sample rate, which the host can only measure."""
         return self._firmware.sensor.clock.true_hz
 
+    @property
+    def start_s(self) -> float | None:
+        """Host monotonic time at which its clock was started; None before."""
+        return self._start_s
+
     def start(self) -> Device:
         """Plug it in and return it."""
         self._thread.start()

@@ -365,7 +365,8 @@ class RealNight:
             (
                 bool(np.abs(late).max() < ONSET_S) and held == most,
                 f"onset off by {late.min():+.3f} to {late.max():+.3f} s (a block is 1 s), {held} "
-                f"of {most} intervals hold it; known {known.min():.1f} to {known.max():.1f} s later",
+                f"of {most} intervals hold it; known {known.min():.1f} to {known.max():.1f} s "
+                "later",
             ),
         ]
         if most > PHASES:

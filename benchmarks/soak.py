@@ -2,7 +2,7 @@
 
     python benchmarks/soak.py                        12 h x 6.66 kHz against a virtual clock
     python benchmarks/soak.py --hours 0.1 --faults 5
-    python benchmarks/soak.py --real 30m             the same rate in real time over a real port
+    python benchmarks/soak.py --real 2h              the same rate in real time over a real port
     python benchmarks/soak.py --real 5m --busy 6     beside six processes that take all they get
     python benchmarks/soak.py --real 2m --busy 16 --real-time    with an emitter that is never late
 

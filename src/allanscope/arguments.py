@@ -225,6 +225,13 @@ def doctor(one: ArgumentParser) -> None:
         default=".",
         help="folder for sessions, whose disk is checked (default: here)",
     )
+    one.add_argument(
+        "--rate",
+        type=float,
+        default=6664.0,
+        metavar="HZ",
+        help="sample rate for which the buffers are judged (default: 6664)",
+    )
 
 
 def completion(one: ArgumentParser) -> None:

@@ -353,7 +353,7 @@ def doctor(options: Namespace) -> int:
     from allanscope.pipeline import checks
 
     bad = False
-    for one in checks(Path(options.folder)):
+    for one in checks(Path(options.folder), options.rate):
         print(sanitize(str(one), keep="\n"), flush=True)
         bad = bad or one.grade == "bad"
     return ExitCode.CHECK_FAILED if bad else ExitCode.DONE

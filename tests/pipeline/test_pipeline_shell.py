@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -109,6 +110,23 @@ def test_the_doctor_looks_at_everything(tmp_path, capsys, monkeypatch):
         assert f"  {name}: " in told
     assert "-> plug the board in; without one: allanscope live sim" in told
     assert not list(tmp_path.iterdir()), "nothing is left behind"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at Linux alone")
+def test_the_doctor_tells_for_how_long_samples_can_wait(tmp_path, monkeypatch):
+    """At 100 Hz, 1.41 kB/s: what a pty was seen to hold, 64 and 256 MiB."""
+    one, other = doctor._reading(100.0)
+    assert (one.grade, one.name) == ("ok", "buffers")
+    held_ms = float(one.text.split("the system holds ")[1].split(" ms")[0])
+    assert held_ms == pytest.approx(1e3 * doctor.buffers()["the system"] / 1410.0, rel=1e-3)
+    assert held_ms >= 4096 / 1.41 - 1.0, "a tty holds a page"
+    assert "then the reader 13 h 13 min, then the measuring process 2 d 4 h" in one.text
+    assert other.name == "reader"
+    monkeypatch.setattr(doctor, "may_run_in_real_time", lambda: False)
+    assert doctor._reading(1e6).__next__().grade == "note", "a millisecond is too little"
+    mend = list(doctor._reading(100.0))[1].mend
+    assert "rtprio" in mend
+    assert main(["doctor", str(tmp_path), "--rate", "0"]) == 2
 
 
 def test_the_doctor_names_the_command_that_mends_it(tmp_path, monkeypatch, capsys):

@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Literal
 
 from allanscope.compiled import LibraryMissing
-from allanscope.errors import AllanscopeError
-from allanscope.sources import find_ports
+from allanscope.errors import AllanscopeError, UsageError
+from allanscope.pipeline.read_queue import LIVE_ROOM
+from allanscope.quantities import duration
+from allanscope.sources import buffers, find_ports, may_run_in_real_time
 from allanscope.view import has_display
 
 __all__ = ["Check", "checks"]
@@ -24,6 +26,10 @@ _ENOUGH_BYTES = 2_000_000_000
 """Two days at the highest rate, with the charts."""
 _ENOUGH_PER_S = 5e6
 """Some fifty times what the fastest sensor sends."""
+_SAMPLE_BYTES = 14.1
+"""Of the native format, with the share of its frame."""
+_ENOUGH_S = 0.1
+"""Of a port that nobody reads; a busy machine keeps a reader waiting for as long."""
 _PROBE = 1 << 20
 _PROBES = 16
 
@@ -52,15 +58,18 @@ class Check:
         return f"{line}\n      -> {self.mend}" if self.mend else line
 
 
-def checks(folder: Path) -> Iterator[Check]:
+def checks(folder: Path, rate_hz: float) -> Iterator[Check]:
     """Yield what was seen of ports, viewer, compiled code and disk, one after the other.
 
     Parameters
     ----------
     folder : Path
         Where sessions are to be written.
+    rate_hz : float
+        Sample rate in Hz for which the buffers are judged.
     """
     yield from _ports()
+    yield from _reading(rate_hz)
     modem_manager = _modem_manager()
     if modem_manager is not None:
         yield modem_manager
@@ -87,6 +96,40 @@ def _ports() -> Iterator[Check]:
         group = _group(Path(port.device))
         mend = f"sudo usermod -aG {group} $USER, then log in again" if group else ""
         yield Check("bad", "port", f"no permission to open {port.device}", mend)
+
+
+def _reading(rate_hz: float) -> Iterator[Check]:
+    """Tell for how long samples wait without loss, and whether the reader may go first."""
+    if not 0.0 < rate_hz < 1e9:
+        raise UsageError(f"{rate_hz:g} Hz is no sample rate")
+    if not sys.platform.startswith("linux"):
+        yield Check("ok", "buffers", "not checked on this system")
+        return
+    per_s = rate_hz * _SAMPLE_BYTES
+    held = buffers()
+    in_system_s = held["the system"] / per_s
+    then = ", then ".join(
+        f"{who} {duration(size / per_s)}"
+        for who, size in (("the reader", held["the reader"]), ("the measuring process", LIVE_ROOM))
+    )
+    yield Check(
+        "ok" if in_system_s > _ENOUGH_S else "note",
+        "buffers",
+        f"at {rate_hz:g} Hz ({per_s / 1e3:.0f} kB/s, native format, six axes) the system holds "
+        f"{1e3 * in_system_s:.0f} ms before the reader, then "
+        f"{then}",
+        "" if in_system_s > _ENOUGH_S else "a lower rate, if samples are lost beside other work",
+    )
+    if may_run_in_real_time():
+        yield Check("ok", "reader", "may run at real-time priority")
+        return
+    yield Check(
+        "note",
+        "reader",
+        "may not run at real-time priority: a busy machine can keep it waiting",
+        'echo "$USER - rtprio 10" | sudo tee /etc/security/limits.d/allanscope.conf, then log in '
+        "again",
+    )
 
 
 def _group(port: Path) -> str:

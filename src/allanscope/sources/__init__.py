@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         find_ports,
     )
     from allanscope.sources.file import FileSource, RecordedSource
+    from allanscope.sources.isolated_reader import buffers, may_run_in_real_time
     from allanscope.sources.registry import must_be_there, open_file, open_source
     from allanscope.sources.serial_port import SerialSource
     from allanscope.sources.simulated import SimulatedSource
@@ -46,8 +47,10 @@ __all__ = [
     "Source",
     "SourceSettings",
     "auto_port",
+    "buffers",
     "describe_ports",
     "find_ports",
+    "may_run_in_real_time",
     "must_be_there",
     "open_file",
     "open_source",
@@ -62,8 +65,10 @@ __getattr__, __dir__ = lazily(
         "SerialSource": "serial_port",
         "SimulatedSource": "simulated",
         "auto_port": "discovery",
+        "buffers": "isolated_reader",
         "describe_ports": "discovery",
         "find_ports": "discovery",
+        "may_run_in_real_time": "isolated_reader",
         "must_be_there": "registry",
         "open_file": "registry",
         "open_source": "registry",

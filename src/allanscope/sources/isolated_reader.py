@@ -18,10 +18,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from allanscope.sources import port_reader
-from allanscope.sources.port_reader import DATA, GONE, HEADER, READY
+from allanscope.sources.port_reader import DATA, GONE, HEADER, HELD_BYTES, PRIORITY, READY
 from allanscope.sources.transport import Posix
 
-__all__ = ["IsolatedReader", "isolated_reader_of"]
+__all__ = ["IsolatedReader", "buffers", "isolated_reader_of", "may_run_in_real_time"]
 
 PIPE_BYTES = 1 << 20
 END_S = 2.0
@@ -36,6 +36,39 @@ def isolated_reader_of(link: Posix) -> Posix | IsolatedReader:
         return IsolatedReader(link)
     except OSError:
         return link
+
+
+def buffers() -> dict[str, int]:
+    """Return how many bytes wait on their way here without loss, by who holds them.
+
+    The system's part is measured on a pseudo-terminal that nobody reads; of a board it is the same
+    queue, and what its own driver holds comes to it.
+    """
+    import tty
+
+    device, host = os.openpty()
+    try:
+        tty.setraw(host)
+        os.set_blocking(device, False)
+        in_system = 0
+        with suppress(BlockingIOError):
+            while True:
+                in_system += os.write(device, bytes(256))
+    finally:
+        os.close(device)
+        os.close(host)
+    return {"the system": in_system, "the reader": HELD_BYTES}
+
+
+def may_run_in_real_time() -> bool:
+    """Return whether the reader is allowed real-time priority, by asking for it for a moment."""
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
+    except OSError:
+        return False
+    os.sched_setscheduler(0, policy, parameters)
+    return True
 
 
 class IsolatedReader:

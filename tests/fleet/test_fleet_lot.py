@@ -13,13 +13,13 @@ from scipy.stats import t
 
 from allanscope.fleet.drift import drifts_of
 from allanscope.fleet.effects import effects_in, replications, shared_effects
-from allanscope.fleet.lot import Lot, schema, write_table
+from allanscope.fleet.lot import TAUS, Lot, rows_of, schema, write_table
 from allanscope.fleet.outliers import Outlier, far_units, far_values
 from allanscope.fleet.page import render_lot
-from allanscope.fleet.pictures import distribution_picture, history_picture
+from allanscope.fleet.pictures import curves_picture, distribution_picture, history_picture
 from allanscope.fleet.repeats import log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical_value import typical_of
-from allanscope.fleet.verdict import findings, lot_verdict, reservations
+from allanscope.fleet.verdict import average_limits, findings, lot_verdict, reservations
 
 Floats = NDArray[np.float64]
 
@@ -285,6 +285,92 @@ def test_level_and_rate_are_judged_as_well(lot: Lot) -> None:
     }
     [level] = [one for one in named if one.unit == "unit-03"]
     assert level.reason.startswith("level is 25000 mdps, that of the others 1")
+
+
+def with_curves(lot: Lot, odd: str, times: float) -> Lot:
+    """Return the lot with curves of white noise that scatter as theirs do; one rises at the end."""
+    rng = np.random.default_rng(12)
+    edf = np.tile(np.clip(3600.0 / TAUS, 1.0, 1e5), (len(lot), 1))
+    curve = lot["N_value"][:, None] * TAUS**-0.5
+    curve *= np.exp(rng.standard_normal(curve.shape) * np.sqrt(0.5 / edf))
+    rises = np.interp(np.log(TAUS), np.log([1.0, 100.0]), np.log([1.0, times]))
+    curve[(lot.units == odd) & (lot["axis"] == "gx")] *= np.exp(rises)
+    return Lot({**lot.columns, "curve": curve, "curve_edf": edf})
+
+
+def test_a_curve_of_another_shape_is_named_and_drawn(lot: Lot) -> None:
+    named = findings(with_curves(lot, "unit-04", 4.0))
+    assert {(one.unit, one.axis) for one in named} == {(ODD, "gx"), ("unit-04", "gx")}
+    [shape] = [one for one in named if one.unit == "unit-04"]
+    assert shape.reason.startswith("the curve has another shape: from 0.001 to")
+    plain = with_curves(lot, "unit-04", 1.0)
+    assert {one.unit for one in findings(plain)} == {ODD}, "more noise is no other shape"
+    picture = curves_picture(plain, "dps", findings(plain))
+    assert picture is not None
+    assert ODD in picture.svg()
+    assert curves_picture(lot, "dps") is None, "a table without curves"
+
+
+def test_the_table_holds_the_curve_as_far_as_it_is_trusted() -> None:
+    tau = np.array([0.01, 0.1, 1.0, 10.0])
+    told = {"tau": tau, "deviation": tau**-0.5, "edf": 100.0 / tau, "trusted": tau < 5.0}
+    axis = {"unit": "dps", "remarks": [], "curves": {"oadev": told}}
+    analysis: dict[str, Any] = dict.fromkeys(("part", "allanscope", "duration_s", "samples"))
+    analysis |= dict.fromkeys(("lost_samples", "unknown_losses", "segments"), 0)
+    analysis |= {"input": {"sha256": ""}, "link": {}, "temperature": {}, "remarks": []}
+    analysis["rate"] = dict.fromkeys(("nominal_hz", "measured_hz", "uncertainty_ppm"))
+    analysis["axes"] = {"gx": axis}
+    [row] = rows_of("a", "b", {"analysis": analysis, "circumstances": {}})
+    known = (TAUS > 0.0099) & (TAUS < 1.01)
+    np.testing.assert_allclose(np.array(row["curve"])[known], TAUS[known] ** -0.5)
+    np.testing.assert_allclose(np.array(row["curve_edf"])[known], 100.0 / TAUS[known])
+    assert np.isnan(np.array(row["curve"])[~known]).all()
+
+
+def test_the_slope_of_an_effect_is_judged_where_many_units_have_it(lot: Lot) -> None:
+    effects = np.empty(len(lot), object)
+    rng = np.random.default_rng(5)
+    for row, (unit, axis) in enumerate(zip(lot["unit"], lot["axis"], strict=True)):
+        slope = (0.05 if unit == "unit-09" else 0.01) + 2e-4 * rng.standard_normal()
+        told = {"name": "slope", "value": slope, "lower": slope - 4e-4, "upper": slope + 4e-4}
+        one = {"kind": "temperature", "parameters": [{**told, "unit": "dps/degC", "text": None}]}
+        effects[row] = [one] if axis == "gx" else None
+    named = findings(Lot({**lot.columns, "effects": effects}))
+    assert {(one.unit, one.axis) for one in named} == {(ODD, "gx"), ("unit-09", "gx")}
+    [slope_of] = [one.reason for one in named if one.unit == "unit-09"]
+    assert slope_of.startswith("slope of ")
+    assert " is 0.05" in slope_of
+    assert "that of the others 0.0" in slope_of
+
+
+def test_part_average_limits_are_those_of_quartiles(lot: Lot) -> None:
+    """Six quartile ranges / 1.35 about the median, of the logarithm of N."""
+    [one] = [one for one in average_limits(lot) if (one.axis, one.quantity) == ("gx", "N")]
+    here = lot.of_axis("gx")
+    logs = [np.log(here["N_value"][here.units == unit]).mean() for unit in np.unique(here.units)]
+    low, middle, high = np.quantile(logs, (0.25, 0.5, 0.75))
+    expected = np.exp(middle + 6.0 * (high - low) / 1.35 * np.array([-1.0, 0.0, 1.0]))
+    np.testing.assert_allclose((one.lower, one.middle, one.upper), expected)
+    assert one.units == UNITS
+    assert {level.axis for level in average_limits(lot) if level.quantity == "level"} == {"gx"}
+    wild = lot["N_value"].copy()
+    wild[lot.units == "unit-03"] *= 50.0
+    [outside] = [
+        one
+        for one in average_limits(Lot({**lot.columns, "N_value": wild}))
+        if (one.axis, one.quantity) == ("gx", "N")
+    ]
+    assert outside.outside == ("unit-03",)
+
+
+def test_units_are_sorted_by_the_browser_without_a_script(lot: Lot) -> None:
+    page = render_lot(lot, {})
+    first = page.split("<h2>Units</h2>")[1].split("<tbody>")[1]
+    rows = {row.split("<th>")[1].split("</th>")[0]: row for row in first.split("<tr ")[1:]}
+    assert list(rows) == sorted(rows)
+    place = {unit: row.split("--o5:")[1].split(";")[0] for unit, row in rows.items()}
+    assert place[ODD] == "0", "it stands out most"
+    assert "#by5:checked ~ .scroll tbody tr { order: var(--o5); }" in page
 
 
 def test_the_odd_unit_is_named_with_its_reason(lot: Lot) -> None:

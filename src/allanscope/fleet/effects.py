@@ -27,6 +27,7 @@ from allanscope.fleet.lot import Lot
 from allanscope.quantities import TWO_SIDED_95
 
 __all__ = [
+    "SIZES",
     "FoundEffect",
     "Replication",
     "SharedEffect",
@@ -40,7 +41,7 @@ ALIKE = 2e-3
 MANY = 1.0 / 3.0
 """Share of the units from which on a line is called the rack's."""
 
-_SIZES = ("amplitude", "sigma", "slope", "size", "relative", "cutoff", "time_constant", "dwell")
+SIZES = ("amplitude", "sigma", "slope", "size", "relative", "cutoff", "time_constant", "dwell")
 """Parameters that should agree from run to run; times of events need not."""
 
 _SIGMAS = 3.0
@@ -230,7 +231,7 @@ def _same(effects: list[FoundEffect]) -> list[list[FoundEffect]]:
 
 def _agree(effects: list[FoundEffect]) -> bool:
     """Whether all sizes are within 3 standard errors of their weighted mean."""
-    for name in _SIZES:
+    for name in SIZES:
         known = [one.parameters[name] for one in effects if name in one.parameters]
         value, lower, upper = (np.array([one[i] for one in known], np.float64) for i in range(3))
         sigma = (upper - lower) / (2.0 * TWO_SIDED_95)

@@ -19,16 +19,28 @@ from allanscope.atomic_write import atomic_write
 from allanscope.quantities import LETTERS
 from allanscope.samples import AXES
 
-__all__ = ["Lot", "rows_of", "schema", "write_table"]
+__all__ = ["TAUS", "Lot", "rows_of", "schema", "write_table"]
 
-_UNREAD = ("remarks", "sha256", "firmware", "unique_id", "serial_number")
+TAUS = 10.0 ** (np.arange(-12, 21) / 4.0)
+"""Averaging times in s at which the table holds the Allan deviation of every row, shape (33,)."""
+
+_READ = (
+    *("recording", "unit", "axis", "sensor_unit", "part", "started", "duration_s", "samples"),
+    *("lost_samples", "damaged_places", "nominal_hz", "measured_hz", "rate_uncertainty_ppm"),
+    *("temperature_lowest", "temperature_highest", "level_mean", "datasheet_limit"),
+    *("datasheet_verdict", "explained", "residual_after_chi2_per_dof", "residual_after_p_value"),
+    *(f"{name}_{part}" for name in "NBK" for part in ("value", "lower", "upper", "detected")),
+    *("effects", "curve", "curve_edf"),
+)
+"""Columns that the report needs."""
 
 _COEFFICIENT = ("value", "lower", "upper", "detected")
 _ERROR = ("chi2_per_dof", "p_value", "rms_percent", "expected_rms_percent", "worst_band_z")
 _LINK = ("bytes", "frames", "crc_errors", "resyncs", "suspect", "reconnects")
 _TEMPERATURE = ("first", "last", "lowest", "highest")
 _TEXTS = ("started", "unique_id", "serial_number", "firmware")
-GROUP_ROWS = 1 << 14
+GROUP_ROWS = 1 << 11
+"""So many rows are objects of Python at a time, when the table is written and when it is read."""
 
 
 @dataclass(frozen=True)
@@ -47,24 +59,17 @@ class Lot:
     @classmethod
     def read(cls, table: Path) -> Lot:
         """Return what a table holds, without the columns that no report needs."""
-        import pyarrow as pa
         import pyarrow.parquet as pq
 
-        with table.open("rb") as file:  # by us: Arrow takes no names that are not UTF-8
-            names = [name for name in pq.read_schema(file).names if name not in _UNREAD]
-            read = pq.read_table(file, columns=names)
-        columns: dict[str, NDArray[Any]] = {}
-        for name in names:
-            column = read.column(name)
-            if pa.types.is_string(column.type) or pa.types.is_list(column.type):
-                values = np.empty(len(column), object)
-                values[:] = column.to_pylist()
-                columns[name] = values
-            else:
-                columns[name] = np.array(
-                    [np.nan if one is None else float(one) for one in column.to_pylist()]
-                )
-        return cls(columns)
+        groups: dict[str, list[NDArray[Any]]] = {name: [] for name in _READ}
+        same: dict[str, str] = {}
+        with table.open("rb") as opened:  # by us: Arrow takes no names that are not UTF-8
+            file = pq.ParquetFile(opened)
+            for number in range(file.num_row_groups):
+                read = file.read_row_group(number, columns=list(_READ))
+                for name in _READ:
+                    groups[name].append(_values(read.column(name), same))
+        return cls({name: np.concatenate(parts) for name, parts in groups.items()})
 
     def __len__(self) -> int:
         return len(self.columns["axis"])
@@ -83,8 +88,8 @@ class Lot:
         """The unit of each row."""
         return self["unit"].astype(np.str_)
 
-    def where(self, mask: NDArray[np.bool_]) -> Lot:
-        """Return some of the rows."""
+    def where(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Lot:
+        """Return some of the rows, by truths or by their numbers."""
         return Lot({name: values[mask] for name, values in self.columns.items()})
 
     def of_axis(self, axis: str) -> Lot:
@@ -94,6 +99,28 @@ class Lot:
     def detected(self, name: str) -> Lot:
         """Return the rows in which a coefficient was found, and not only an upper limit for it."""
         return self.where((self[f"{name}_detected"] == 1.0) & (self[f"{name}_value"] > 0.0))
+
+
+def _values(column: Any, same: dict[str, str]) -> NDArray[Any]:
+    """Return a column of the table as an array; texts that are alike are one object."""
+    import pyarrow as pa
+
+    kind = column.type
+    if pa.types.is_string(kind):
+        told = [one and same.setdefault(one, one) for one in column.to_pylist()]
+        return np.array([*told, None], object)[:-1]
+    if not pa.types.is_list(kind):
+        return np.asarray(column.cast(pa.float64()).to_numpy(), np.float64)
+    if pa.types.is_floating(kind.value_type):
+        values = np.full((len(column), len(TAUS)), np.nan, np.float32)
+        for row, one in enumerate(column.to_pylist()):
+            if one is not None:
+                values[row] = one
+        return values
+    effects = np.empty(len(column), object)
+    for row, one in enumerate(column.to_pylist()):
+        effects[row] = one or None
+    return effects
 
 
 def schema() -> Any:
@@ -129,6 +156,7 @@ def schema() -> Any:
     columns |= {"datasheet_limit": real, "datasheet_measured": real, "datasheet_verdict": text}
     for when in ("before", "after"):
         columns |= {f"residual_{when}_{name}": real for name in _ERROR}
+    columns |= {"curve": pa.list_(pa.float32()), "curve_edf": pa.list_(pa.float32())}
     columns |= {"held_out_nats": real, "held_out_nats_se": real, "explained": truth}
     columns |= {"effects": pa.list_(effect), "remarks": pa.list_(text)}
     return pa.schema(columns.items())
@@ -215,6 +243,7 @@ def _axis(axis: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:
     return {
         "level_mean": level.get("mean"),
         "level_stability": level.get("stability"),
+        **_curve(axis.get("curves", {}).get("oadev")),
         **_coefficients("", axis.get("coefficients", {})),
         **_coefficients("before_", axis.get("coefficients_before", {})),
         "datasheet_limit": density.get("limit"),
@@ -230,6 +259,23 @@ def _axis(axis: Mapping[str, Any], remarks: list[str]) -> dict[str, Any]:
         "explained": residual.get("explained"),
         "effects": [_effect(one) for one in axis.get("effects", [])],
         "remarks": [*remarks, *residual.get("remarks", [])],
+    }
+
+
+def _curve(found: Mapping[str, Any] | None) -> dict[str, list[float] | None]:
+    """Return the Allan deviation and its degrees of freedom at `TAUS`, where it is trusted."""
+    if found is None:
+        return {"curve": None, "curve_edf": None}
+    trusted = np.asarray(found["trusted"], bool)
+    columns = (np.asarray(found[name], np.float64) for name in ("tau", "deviation", "edf"))
+    tau, deviation, edf = (np.log(column[trusted]) for column in columns)
+    if len(tau) < 2:
+        return {"curve": None, "curve_edf": None}
+    at = np.log(TAUS)
+    known = (at >= tau[0] - 1e-9) & (at <= tau[-1] + 1e-9)
+    return {
+        name: np.where(known, np.exp(np.interp(at, tau, logs)), np.nan).tolist()
+        for name, logs in (("curve", deviation), ("curve_edf", edf))
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
@@ -19,10 +19,17 @@ from allanscope.fleet.effects import (
     shared_effects,
 )
 from allanscope.fleet.lot import Lot
-from allanscope.fleet.pictures import distribution_picture, history_picture
+from allanscope.fleet.pictures import curves_picture, distribution_picture, history_picture
 from allanscope.fleet.repeats import Spread, log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical_value import Typical, typical_of
-from allanscope.fleet.verdict import Finding, findings, lot_verdict, reservations
+from allanscope.fleet.verdict import (
+    AverageLimits,
+    Finding,
+    average_limits,
+    findings,
+    lot_verdict,
+    reservations,
+)
 from allanscope.labels import kind_name
 from allanscope.quantities import (
     COEFFICIENTS,
@@ -73,12 +80,14 @@ def render_lot(
             _sensor(lot, unit, named) for unit in SENSOR_NAMES if (lot["sensor_unit"] == unit).any()
         ],
         outliers=named[:MOST_ROWS],
+        limits=[_limits(lot, one) for one in average_limits(lot)],
         reservations=reservations(lot)[:MOST_ROWS],
         shared=[_shared(one, len(units)) for one in shared[:MOST_ROWS]],
         replicates=_replicates(replications(lot, effects)),
         drifts=_drifts(lot),
         repeated=_repeated(lot),
-        units=[_unit(lot, unit) for unit in units[:MOST_ROWS].tolist()],
+        units=_units(lot, units.tolist(), named),
+        orders=ORDERS,
         failures=sorted(failures.values()),
         copies=sorted((copies or {}).items()),
         footer=f"allanscope {version('allanscope')}",
@@ -102,9 +111,11 @@ def _repeated(lot: Lot) -> int:
 def _sensor(lot: Lot, sensor_unit: str, named: list[Finding]) -> dict[str, Any]:
     here = lot.where(lot["sensor_unit"] == sensor_unit)
     history = history_picture(lot, sensor_unit)
+    curves = curves_picture(lot, sensor_unit, named)
     return {
         "name": SENSOR_NAMES[sensor_unit],
         "svg": distribution_picture(lot, sensor_unit, named).svg(),
+        "curves": curves.svg() if curves is not None else "",
         "history": history.svg() if history is not None else "",
         "rows": [
             _row(here.of_axis(axis), axis, name, named)
@@ -236,19 +247,77 @@ def _slope(lot: Lot, one: Drift) -> str:
     return f"{symbols(compact(slope, slope - error, slope + error))} {unit}"
 
 
-def _unit(lot: Lot, unit: str) -> dict[str, str]:
-    here = lot.where(lot["unit"] == unit)
+def _limits(lot: Lot, one: AverageLimits) -> dict[str, Any]:
+    sensor_unit = lot.of_axis(one.axis)["sensor_unit"][0]
+    is_level = one.quantity == "level"
+    reading = LEVEL[sensor_unit] if is_level else COEFFICIENTS[sensor_unit, one.quantity][0]
+    cells = (number(reading.factor * x) for x in (one.lower, one.middle, one.upper))
+    return {
+        "axis": one.axis,
+        "name": f"{one.quantity} ({symbols(reading.unit)})",
+        "cells": list(cells),
+        "units": str(one.units),
+        "outside": ", ".join(one.outside[:8]) + (" …" if len(one.outside) > 8 else ""),
+    }
+
+
+ORDERS = ("unit", "runs", "lost samples", "N of gyros", "N of accelerometers", "stands out")
+"""By what the table of units can be sorted. The page has no script: each row has its place in every
+order, and a button chooses which one the browser lays the rows out by."""
+
+
+def _units(lot: Lot, names: list[str], named: list[Finding]) -> list[dict[str, Any]]:
+    """Return a row for each unit, those that stand out among them however many there are."""
+    reasons = Counter(one.unit for one in named)
+    kept = sorted(names, key=lambda name: -reasons[name])[:MOST_ROWS]
+    order = np.argsort(lot.units, kind="stable")
+    starts = (
+        np.searchsorted(lot.units[order], kept),
+        np.searchsorted(lot.units[order], kept, "right"),
+    )
+    usual = {axis: np.nanmedian(lot.of_axis(axis)["N_value"]) for axis in lot.axes}
+    rows = [
+        _unit(lot.where(order[first:stop]), name, reasons[name], usual)
+        for name, first, stop in zip(kept, *starts, strict=True)
+    ]
+    rows.sort(key=lambda row: row["name"])
+    for column in range(len(ORDERS)):
+        ranked = sorted(rows, key=lambda row: row["keys"][column])
+        for place, row in enumerate(ranked):
+            row.setdefault("places", []).append(place)
+    return rows
+
+
+def _unit(here: Lot, name: str, reasons: int, usual: Mapping[str, float]) -> dict[str, Any]:
     _, first = np.unique(here["recording"].astype(np.str_), return_index=True)
     low, high = _nan_range(here["temperature_lowest"]), _nan_range(here["temperature_highest"])
     known = math.isfinite(low[0]) and math.isfinite(high[1])
+    lost = float(np.sum(here["lost_samples"][first]))
+    ratio = here["N_value"] / np.array([usual[axis] for axis in here["axis"]])
+    noise = [_mean_ratio(ratio[here["sensor_unit"] == unit]) for unit in SENSOR_NAMES]
     return {
-        "name": unit,
-        "runs": str(len(first)),
-        "duration": duration(float(np.sum(here["duration_s"][first]))),
-        "lost": number(float(np.sum(here["lost_samples"][first]))),
-        "damaged": number(float(np.nansum(here["damaged_places"][first]))),
-        "temperature": f"{low[0]:.1f} to {high[1]:.1f} °C" if known else "–",
+        "name": name,
+        "cells": [
+            str(len(first)),
+            duration(float(np.sum(here["duration_s"][first]))),
+            number(lost),
+            number(float(np.nansum(here["damaged_places"][first]))),
+            f"{low[0]:.1f} to {high[1]:.1f} °C" if known else "–",
+            *(number(one, 3) if math.isfinite(one) else "–" for one in noise),
+            str(reasons or ""),
+        ],
+        "keys": (
+            *(name, -len(first), -lost),
+            *(-np.nan_to_num(one) for one in noise),
+            -reasons,
+        ),
     }
+
+
+def _mean_ratio(ratio: Any) -> float:
+    """Return the geometric mean of the ratios that are known; NaN if none is."""
+    known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
+    return float(np.exp(np.mean(np.log(known)))) if len(known) else math.nan
 
 
 def _nan_range(values: Any) -> tuple[float, float]:

@@ -11,21 +11,25 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from allanscope.fleet.drift import LEAST, started_days
-from allanscope.fleet.lot import Lot
+from allanscope.fleet.lot import TAUS, Lot
 from allanscope.fleet.verdict import Finding
-from allanscope.quantities import COEFFICIENTS, symbols
+from allanscope.quantities import COEFFICIENTS, LEVEL, symbols
 from allanscope.report import DATASHEET, MEASURED, MODEL, Picture, ink
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["distribution_picture", "history_picture"]
+__all__ = ["curves_picture", "distribution_picture", "history_picture"]
 
 Floats = NDArray[np.float64]
 
 MOST_DOTS = 1000
 """For each axis; the quantiles of a larger lot look the same."""
 
+_BANDS = (0.05, 0.25, 0.5, 0.75, 0.95)
+_LEAST_SHARE = 0.2
+"""Averaging times that fewer runs reach are not drawn: the band would be of other units."""
+_MOST_NAMED = 6
 _HALF_WIDTH = 0.36
 _FEW_UNITS = 40
 """So many have room for a line through the runs of each."""
@@ -62,6 +66,44 @@ def distribution_picture(lot: Lot, sensor_unit: str, named: Sequence[Finding] = 
             ax.set_title(f"{name} ({symbols(reading.unit)})", fontsize=9, color=ink())
 
     return Picture(draw, height=3.0, fixed=False)
+
+
+def curves_picture(lot: Lot, sensor_unit: str, named: Sequence[Finding] = ()) -> Picture | None:
+    """Return the Allan deviation of all runs of one sensor, an axis a panel; None without curves.
+
+    Bands hold 50 and 90 % of the runs at each averaging time, a line is their median. Units that
+    stand out on an axis are drawn over it with their names.
+    """
+    axes = [axis for axis in lot.axes if lot.of_axis(axis)["sensor_unit"][0] == sensor_unit]
+    if "curve" not in lot.columns or not np.isfinite(lot["curve"]).any():
+        return None
+    factor = LEVEL[sensor_unit].factor
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(1, len(axes), sharey=True, squeeze=False)[0]
+        for ax, axis in zip(panels, axes, strict=True):
+            here = lot.of_axis(axis)
+            curves = here["curve"] * factor
+            shown = np.isfinite(curves).sum(axis=0) >= max(_LEAST_SHARE * len(curves), 1)
+            tau, curves = TAUS[shown], curves[:, shown]
+            if len(tau):
+                low, lower, middle, upper, high = np.nanquantile(curves, _BANDS, axis=0)
+                ax.fill_between(tau, low, high, color=MEASURED, alpha=0.2, lw=0)
+                ax.fill_between(tau, lower, upper, color=MEASURED, alpha=0.3, lw=0)
+                ax.plot(tau, middle, c=MEASURED, lw=1.4)
+            far = list(dict.fromkeys(one.unit for one in named if one.axis == axis))[:_MOST_NAMED]
+            for unit in far:
+                own = np.nanmedian(curves[here.units == unit], axis=0)
+                known = np.flatnonzero(np.isfinite(own))
+                if len(known):
+                    ax.plot(tau, own, c=MODEL, lw=1.0)
+                    end = (tau[known[-1]], own[known[-1]])
+                    ax.annotate(unit, end, (-2, 4), textcoords="offset points", ha="right", size=7)
+            ax.set(xscale="log", yscale="log", xlabel="averaging time (s)")
+            ax.set_title(axis, fontsize=9, color=ink())
+        panels[0].set_ylabel(f"Allan deviation ({symbols(LEVEL[sensor_unit].unit)})")
+
+    return Picture(draw, height=2.8, fixed=False)
 
 
 def history_picture(lot: Lot, sensor_unit: str) -> Picture | None:

@@ -2,32 +2,115 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.analysis import Grade, Verdict, VerdictLine
-from allanscope.fleet.effects import SharedEffect
-from allanscope.fleet.lot import Lot
-from allanscope.fleet.outliers import FALSE_ALARMS, Outlier, far_units, far_values
+from allanscope.fleet.effects import SIZES, SharedEffect, effects_in
+from allanscope.fleet.lot import TAUS, Lot
+from allanscope.fleet.outliers import FALSE_ALARMS, FEWEST_UNITS, Outlier, far_units, far_values
 from allanscope.fleet.repeats import (
     excess_of_repeats,
     unit_estimates,
     unit_means,
 )
+from allanscope.labels import kind_name
 from allanscope.quantities import LEVEL, MAIN_LETTERS, TWO_SIDED_95, number, symbols
 
-__all__ = ["Finding", "findings", "lot_verdict", "reservations"]
+__all__ = [
+    "AverageLimits",
+    "Finding",
+    "average_limits",
+    "findings",
+    "lot_verdict",
+    "reservations",
+]
 
+Values = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]
+"""Of units: values, their standard errors, names."""
+
+DECADE = 4
+"""Steps of `TAUS`."""
+LEAST_EDF = 4.0
+"""With fewer degrees of freedom the logarithm of a deviation is far from normal."""
 
 MODEL_LEVEL = 0.01
 """Probability at which a single run says that the model does not explain it."""
 
 _NOTICEABLE_LOSS = 1e-3
 """Share of the samples that may be missing before it counts, as for a single run."""
+
+
+@dataclass(frozen=True, slots=True)
+class AverageLimits:
+    """Part average limits of one quantity and axis: six robust deviations about the median.
+
+    The robust deviation is a quartile range / 1.35 (AEC-Q001, part average testing), of logarithms
+    for a coefficient, which is positive and scatters by factors. A custom of the trade: it knows
+    neither the units' own errors nor how many are looked at, which `findings` does.
+
+    Attributes
+    ----------
+    axis, quantity : str
+        ``N``, ``B``, ``K`` or ``level``.
+    lower, middle, upper : float
+        Limits and median.
+    units : int
+        That have a value.
+    outside : tuple of str
+        Units beyond the limits.
+    """
+
+    axis: str
+    quantity: str
+    lower: float
+    middle: float
+    upper: float
+    units: int
+    outside: tuple[str, ...]
+
+
+AVERAGE_SIGMAS, QUARTILES = 6.0, 1.35
+"""AEC-Q001: limits, and quartile range of a normal distribution, in standard deviations."""
+
+
+def average_limits(lot: Lot) -> list[AverageLimits]:
+    """Return the part average limits of N, B, K and of the level of gyros."""
+    found = []
+    for axis in lot.axes:
+        here = lot.of_axis(axis)
+        for name in MAIN_LETTERS:
+            shown = here.detected(name)
+            logs = np.log(shown[f"{name}_value"])
+            found += _average_limits(axis, name, *_of_units(logs, 0.0 * logs, shown.units))
+        if axis.startswith("g"):
+            found += _average_limits(axis, "level", *_levels(here))
+    return found
+
+
+def _average_limits(
+    axis: str,
+    name: str,
+    values: NDArray[np.float64],
+    errors: NDArray[np.float64],
+    units: NDArray[np.str_],
+) -> list[AverageLimits]:
+    if len(values) < FEWEST_UNITS:
+        return []
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+    reach = AVERAGE_SIGMAS * (high - low) / QUARTILES
+    outside = units[np.abs(values - middle) > reach].tolist()
+    limits = np.array([middle - reach, middle, middle + reach])
+    lower, centre, upper = limits if name == "level" else np.exp(limits)
+    return [
+        AverageLimits(
+            axis, name, float(lower), float(centre), float(upper), len(values), tuple(outside)
+        )
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +126,8 @@ class Finding:
 def findings(lot: Lot) -> list[Finding]:
     """Return the units that stand out, each with the reason, those farthest out first."""
     gyros = [axis for axis in lot.axes if axis.startswith("g")]
-    comparisons = len(lot.axes) * len(MAIN_LETTERS) + len(gyros) + 1
+    shapes, sizes = list(_shapes(lot)), list(_sizes(lot))
+    comparisons = len(lot.axes) * len(MAIN_LETTERS) + len(gyros) + 1 + len(shapes) + len(sizes)
     far = []
     for axis in lot.axes:
         for name in MAIN_LETTERS:
@@ -61,6 +145,26 @@ def findings(lot: Lot) -> list[Finding]:
     for one in far_values(*_rates(lot), comparisons):
         reason = f"rate is {number(one.value, 6)} Hz, that of the others {number(one.usual, 6)}"
         far.append((one, Finding(one.unit, "all", _with_odds(reason, one))))
+    for axis, kind, name, known in sizes:
+        for one in far_values(*known, comparisons):
+            value, usual = number(one.value), number(one.usual)
+            reason = f"{name} of {kind_name(kind)} is {value}, that of the others {usual}"
+            far.append((one, Finding(one.unit, axis, _with_odds(reason, one))))
+    # What N, B and K say is not said again, and of a curve the farthest rise alone.
+    told = {(found.unit, found.axis) for _, found in far if found.quantity}
+    rises: dict[tuple[str, str], tuple[Outlier, Finding]] = {}
+    for axis, tau, first, known in shapes:
+        for one in far_values(*known, comparisons):
+            where = one.unit, axis
+            if where in told or (where in rises and abs(rises[where][0].score) > abs(one.score)):
+                continue
+            times = number(float(np.exp(one.value - one.usual)))
+            reason = (
+                f"the curve has another shape: from {number(first, 1)} to {number(tau)} s it rises "
+                f"{times} times as much as those of the others"
+            )
+            rises[where] = one, Finding(one.unit, axis, _with_odds(reason, one), "curve")
+    far += rises.values()
     ordered = [found for _, found in sorted(far, key=lambda pair: -abs(pair[0].score))]
     dead = "no noise could be fitted: dead, saturated or too short"
     return [*ordered, *_in_runs(lot, ~np.isfinite(lot["N_value"]), dead)]
@@ -71,13 +175,59 @@ def _with_odds(reason: str, one: Outlier) -> str:
     return f"{reason}, {number(abs(one.score))} standard deviations away (by chance: {chance})"
 
 
-def _levels(lot: Lot) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]:
+def _shapes(lot: Lot) -> Iterator[tuple[str, float, float, Values]]:
+    """Yield axis, averaging time, the shortest one, and by how much the curve rises between them.
+
+    Each is the logarithm of a ratio of two Allan deviations, so that a unit with more noise of the
+    same kind has the same shape. One averaging time a decade is looked at.
+    """
+    if "curve" not in lot.columns:
+        return
+    for axis in lot.axes:
+        here = lot.of_axis(axis)
+        known = np.isfinite(here["curve"]) & (here["curve_edf"] > LEAST_EDF)
+        shown = np.flatnonzero(known.sum(axis=0) > 0.5 * len(here))
+        if len(shown) <= DECADE:
+            continue
+        first = shown[0]
+        for at in range(first + DECADE, shown[-1] + 1, DECADE):
+            both = known[:, first] & known[:, at]
+            if np.count_nonzero(both) == 0:
+                continue
+            curve, edf = here["curve"][both].astype(float), here["curve_edf"][both].astype(float)
+            rise = np.log(curve[:, at] / curve[:, first])
+            error = np.sqrt(0.5 / edf[:, at] + 0.5 / edf[:, first])
+            values = _of_units(rise, error, here.units[both])
+            if len(values[0]) >= FEWEST_UNITS:
+                yield axis, float(TAUS[at]), float(TAUS[first]), values
+
+
+def _sizes(lot: Lot) -> Iterator[tuple[str, str, str, Values]]:
+    """Yield axis, kind, parameter and values of effects that many units show, slopes among them."""
+    if "effects" not in lot.columns:
+        return
+    found: dict[tuple[str, str, str], list[tuple[str, float, float]]] = defaultdict(list)
+    for one in effects_in(lot):
+        if one.has_frequency:
+            continue  # which line is which is asked elsewhere
+        for name in SIZES:
+            value, lower, upper, _ = one.parameters.get(name, (np.nan, np.nan, np.nan, ""))
+            if np.isfinite([value, lower, upper]).all():
+                error = (upper - lower) / (2.0 * TWO_SIDED_95)
+                found[one.axis, one.kind, name].append((one.unit, value, error))
+    for (axis, kind, name), runs in sorted(found.items()):
+        units, values, errors = (np.array(column) for column in zip(*runs, strict=True))
+        if len(np.unique(units)) >= FEWEST_UNITS:
+            yield axis, kind, name, _of_units(values, errors, units)
+
+
+def _levels(lot: Lot) -> Values:
     """Return the levels of units, with what their repeats differ by as errors, and names."""
     here = lot.where(np.isfinite(lot["level_mean"]))
     return _of_units(here["level_mean"], np.zeros(len(here)), here.units)
 
 
-def _rates(lot: Lot) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]:
+def _rates(lot: Lot) -> Values:
     """Return the sample rates of units of the lot's nominal rate, errors and names."""
     _, first = np.unique(lot["recording"].astype(np.str_), return_index=True)
     nominal = lot["nominal_hz"][first]
@@ -91,7 +241,7 @@ def _rates(lot: Lot) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[
 
 def _of_units(
     values: NDArray[np.float64], errors: NDArray[np.float64], units: NDArray[np.str_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]:
+) -> Values:
     names, mean, error = unit_means(values, errors, units, excess_of_repeats(values, errors, units))
     return mean, error, names
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -139,6 +140,14 @@ def test_the_command_says_what_two_recordings_cannot_tell_and_traces_their_lines
     shown = capsys.readouterr().out
     assert "the individual noise is the mean of both" in shown
     assert "external, alias of 150" in shown
+
+
+def test_copies_of_one_recording_are_refused(tmp_path, capsys):
+    (path,) = written(tmp_path, 1)
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(Path(path).read_bytes())
+    assert main(["together", path, str(copy)]) == 2
+    assert "board-0.csv and copy.csv hold the same samples" in capsys.readouterr().err
 
 
 def test_one_recording_is_refused(tmp_path, capsys):

@@ -125,7 +125,7 @@ def analyse_together(paths: Sequence[Path], device: DeviceSettings, quiet: bool 
     UsageError
         For one recording, or more than twelve.
     InputError
-        When one cannot be read.
+        When one cannot be read, or two are copies of one.
     """
     if not 2 <= len(paths) <= _MOST:
         raise UsageError(f"give 2 to {_MOST} recordings; got {len(paths)}")
@@ -141,7 +141,7 @@ def analyse_together(paths: Sequence[Path], device: DeviceSettings, quiet: bool 
     )
     unmeasured = [name for name, one in zip(names, seen, strict=True) if one is None]
     remarks = [f"sample rate not measured, lines not compared: {', '.join(unmeasured)}"]
-    clock, axes, why = _separation(results)
+    clock, axes, why = _separation(results, names)
     return Together(names, clock, axes, lines, (*(remarks if unmeasured else []), *why))
 
 
@@ -157,7 +157,7 @@ def _seen(one: Analysis) -> SeenLines | None:
 
 
 def _separation(
-    results: Sequence[Analysis],
+    results: Sequence[Analysis], names: Sequence[str]
 ) -> tuple[Aligned | None, dict[str, Separation], list[str]]:
     """Return the records on one clock, each axis separated, and what must be said of it."""
     shared = [a for a in results[0].axes if all(a in one.axes for one in results)]
@@ -172,6 +172,11 @@ def _separation(
         columns = [record.axes.index(axis) for axis in shared]
         records.append(record.values[first:last, columns])
         rates.append(record.rate_hz)
+    for (i, first), (j, second) in combinations(enumerate(records), 2):
+        if np.array_equal(first, second):
+            raise InputError(
+                f"{names[i]} and {names[j]} hold the same samples: two boards never do"
+            )
     clock = aligned(records, rates)
     remarks = []
     if not clock.is_common:

@@ -83,6 +83,7 @@ def test_limits_hold_at_a_knee_near_the_end_of_the_run(first, second, power_law)
         ("totdev", -2, 512, "oadev"),
         ("theo1", 0, 512, "theo1"),
         ("theobr", -1, 256, "oadev"),
+        ("theobr", 0, 512, "oadev"),
         ("mtotdev", -1, 256, "mdev"),
         ("htotdev", 0, 256, "ohdev"),
         ("htotdev", -4, 64, "ohdev"),
@@ -106,6 +107,14 @@ def test_cells_of_the_published_table_hold(kind, alpha, m, target, power_law):
     truth = np.sqrt(growth * np.mean([REGISTRY[target].exact(phase, at)[0] for phase in phases]))
     assert np.all(curve.trusted)
     assert 0.925 < np.mean((curve.lower <= truth) & (truth <= curve.upper)) < 0.976
+
+
+def test_hadamard_total_of_phase_noise_is_trusted_up_to_a_tenth_of_the_run(power_law):
+    """Its hundreds of degrees of freedom are lost to any slower noise that is not seen yet."""
+    taus = [32, 102, 128, 256]
+    for alpha, trusted in ((2, [True, True, False, False]), (0, [True] * 4)):
+        (noise,) = power_law(alpha, 1024, 1, seed=98)
+        assert deviation(noise, 1.0, "htotdev", taus).trusted.tolist() == trusted
 
 
 def unit_growth(target, alpha, tau):

@@ -49,7 +49,8 @@ class Deviation:
         Two-sided confidence of `lower` and `upper`.
     trusted : ndarray of bool, shape (k,)
         False beyond the part of the run up to which DT0064 trusts this estimator. Shape (axes, k)
-        for several axes of THEOBR and THEOH, which are not trusted in phase noise.
+        for several axes of THEOBR and THEOH, which are not trusted in phase noise, and of HTOTDEV,
+        which then is up to a tenth of the run.
     """
 
     kind: str

@@ -20,6 +20,9 @@ __all__ = ["Htotdev", "htot_variance"]
 
 _CORRECTION = {0: 0.995, -1: 0.851, -2: 0.771, -3: 0.717, -4: 0.679}
 
+_IN_PHASE_NOISE = 0.1
+"""Part of the run up to which limits hold in phase noise beside a slower one."""
+
 
 @register
 class Htotdev(Estimator):
@@ -70,6 +73,15 @@ class Htotdev(Estimator):
         phase = plain * np.where(np.greater(m, 1), 1.5, 1.0)
         edf = np.where(np.equal(m, 1), plain, np.where(np.greater(alpha, 0), phase, large))
         return calibrated_edf(self.name, alpha, m, n, edf)
+
+    def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
+        """Return whether the limits hold: of phase noise only up to a tenth of the run.
+
+        There a value has hundreds of degrees of freedom, and any slower noise that the record does
+        not show yet takes them away: limits then held in 79 to 92 %.
+        """
+        near = np.asarray(tau) <= _IN_PHASE_NOISE * n
+        return super().trusts(alpha, tau, n) & (near | (np.asarray(alpha) <= 0))
 
     def needed(self, m: int) -> int:
         """Return how many rate samples make one window."""

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from figures import Figure, written
 from numpy.typing import NDArray
-from scipy.special import betainc, i0
+from scipy.special import i0
 
 from allanscope.allan import AllanBank
 from allanscope.analysis import Analyser, AnalyserSettings
@@ -39,7 +39,7 @@ from allanscope.simulator import Simulator, simulate_blocks
 from allanscope.sources import RecordedSource
 from allanscope.watch import ALPHA, Event, Watch
 from allanscope.watch.lines import Lines
-from allanscope.watch.rare import Rare
+from allanscope.watch.rare import Rare, surprise
 from allanscope.watch.scan import Scan
 from allanscope.watch.spending import log_weight
 from allanscope.watch.summary import KNOCK, LANES, Summariser, groups_of, rows_of_block
@@ -448,8 +448,8 @@ def gain_of_counts(counts: NDArray[np.int64], before: float, mean: float) -> NDA
 def least_count(before: float, blocks: int, log_alpha: float) -> int:
     """Return how many in 16 blocks are a burst after so many blocks."""
     many = 1
-    limit = -(log_alpha + log_weight(blocks)) + math.log(3)
-    while -math.log(betainc(many, before * blocks + 0.5, 16 / (16 + blocks))) < limit:
+    limit = -(log_alpha + log_weight(blocks))
+    while surprise(np.array([1, 1, 1, 1, many]), before * blocks, blocks)[1] < limit:
         many += 1
     return many
 

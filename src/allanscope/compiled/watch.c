@@ -282,20 +282,25 @@ KERNEL(void, watch_noise)
 
 /* --- lines ----------------------------------------------------------------------------------- */
 
-/* Add what the ratios of a block say to the sums of two sizes (2, groups, bins, 8).
+static inline eight root_of(eight v) {
+    eight root;
+    for (int i = 0; i < AXES; i++) root[i] = sqrtf(v[i]);
+    return root;
+}
+
+/* Add what the ratios of a block say to the sums of weak and of clear lines (2, groups, bins, 8):
+   gains[0] of a ratio less gains[1], and gains[2] of its root less gains[3].
 
    A ratio counts `scale` (groups, 8) times, `cap` at most, and for less where it has `spread`
    more than exponential deviates have. A sum that falls to zero begins anew at block `now`. `tops`
    (2, groups, 8) receives the largest sums. Before `is_on`, only the spread is learned. */
 KERNEL(void, watch_lines)
 (int64_t groups, int64_t bins, double gain, int64_t now, int64_t is_on, const float *ratio,
- const float *scale, const int32_t *held, double cap, const float *sizes, float *spread, float *sums,
+ const float *scale, const int32_t *held, double cap, const float *gains, float *spread, float *sums,
  int32_t *since, float *tops) {
     int64_t all_bins = groups * bins * AXES;
     eight limit = ALL((float)cap), most = ALL(6.0f), none = ALL(0.0f), one = ALL(1.0f);
     eight_int block = (eight_int){0} + (int32_t)now;
-    float by0 = sizes[0] / (1.0f + sizes[0]), by1 = sizes[1] / (1.0f + sizes[1]);
-    float less0 = (float)log1p((double)sizes[0]), less1 = (float)log1p((double)sizes[1]);
     for (int64_t g = 0; g < groups; g++, tops += AXES, scale += AXES) {
         eight top0 = none, top1 = none, level = *(const eight *)scale;
         for (int64_t k = 0; k < bins; k++, ratio += AXES, held += AXES, spread += AXES) {
@@ -305,8 +310,8 @@ KERNEL(void, watch_lines)
             *(eight *)spread = wide;
             if (is_on) {
                 value /= higher(wide, one);
-                eight sum0 = *(eight *)sums + (value * by0 - less0);
-                eight sum1 = *(eight *)(sums + all_bins) + (value * by1 - less1);
+                eight sum0 = *(eight *)sums + (value * gains[0] - gains[1]);
+                eight sum1 = *(eight *)(sums + all_bins) + (root_of(value) * gains[2] - gains[3]);
                 eight_int known = *(const eight_int *)held;
                 eight_int begun0 = (sum0 > none) & ~known, begun1 = (sum1 > none) & ~known;
                 sum0 = (eight)((eight_int)sum0 & begun0), sum1 = (eight)((eight_int)sum1 & begun1);
@@ -348,9 +353,9 @@ typedef struct {
     double clip, winsor, fewest, borrowed, lent, ring, delay, memory;
 } rules;
 
-/* A look: the mean of so many blocks less that of those before. */
+/* A look: the mean of so many blocks less that of those before, at least `least` of them. */
 typedef struct {
-    int64_t window, before, step;
+    int64_t window, before, least, step;
 } look;
 
 static double per_block(const look *a) {
@@ -368,12 +373,13 @@ judged(double difference, const look *a, const rules *is, double white, double o
     /* Of white noise, differences a window apart have nothing in common; of flicker and random
        walk, what came before is in all of them. */
     double coloured = 1.0 - share_of(white, own, 1.0), window = (double)a->window;
-    double dof = looks * (double)a->step / (window + coloured * (window + (double)a->before / 4.0));
+    double kept = less_of(looks, 2.0 * is->memory); /* as many as an average that forgets has */
+    double dof = kept * (double)a->step / (window + coloured * (window + (double)a->before / 4.0));
     if (dof < is->fewest) return 0.0;
     /* Where nothing speaks against white noise, short windows tell of the long ones. */
     double lent = own < white * (1.0 + sqrt(2.0 / dof)) ? less_of(is->borrowed, is->lent * dof) : 0.0;
     double heavy = fourth - 3.0 - 2.0 * sqrt(24.0 / dof);
-    double tails = 4.0 + 6.0 / (heavy > 0.01 ? heavy : 0.01);
+    double tails = 4.0 + 6.0 / (heavy > 0.005 ? heavy : 0.005);
     *deviate = difference / sqrt((dof * own + lent * white) / (dof + lent));
     return tail_of(*deviate, less_of(dof + lent, tails));
 }
@@ -406,20 +412,26 @@ KERNEL(void, scan_block)
     }
     for (int64_t w = 0; w < many; w++) {
         const look *a = all_looks + w;
-        int64_t span = a->window + a->before;
-        if (now % a->step || now < span) continue;
+        if (now % a->step || now < a->window + a->least) continue;
         const double *middle = sums + (now - a->window) % ring * channels;
-        const double *first = sums + (now - span) % ring * channels;
         double white = per_block(a) / shortest;
         for (int64_t c = 0; c < channels; c++) {
             int64_t i = w * channels + c;
-            double difference = (here[c] - middle[c]) / (double)a->window
-                              - (middle[c] - first[c]) / (double)a->before;
             double limit = -(log_alpha[i] + log_weight), deviate = 0.0, nats = 0.0;
-            room[i] = now - span >= start[c] ? difference : NAN;
-            if (now - span >= start[c])
+            int64_t before = least(now - a->window - start[c], a->before);
+            room[i] = NAN;
+            if (before >= a->least) {
+                const double *first = sums + (now - a->window - before) % ring * channels;
+                double difference = (here[c] - middle[c]) / (double)a->window
+                                  - (middle[c] - first[c]) / (double)before;
+                if (before < a->before) {
+                    look own = {a->window, before, before, a->step};
+                    difference *= sqrt(per_block(a) / per_block(&own));
+                }
+                room[i] = difference;
                 nats = judged(difference, a, is, white * square[c], square[i], fourth[i], looks[i],
                               limit, &deviate);
+            }
             if (nats - limit > found[4 * c + 3] && nats > 0.0) {
                 found[4 * c] = (double)a->window, found[4 * c + 1] = deviate;
                 found[4 * c + 2] = nats, found[4 * c + 3] = nats - limit;
@@ -431,7 +443,7 @@ KERNEL(void, scan_block)
             for (int64_t i = c; i < delay * many * channels; i += channels) pending[i] = NAN;
     for (int64_t w = 0; w < many; w++) {
         const look *a = all_looks + w;
-        if (now % a->step || now < a->window + a->before) continue;
+        if (now % a->step || now < a->window + a->least) continue;
         double *row = pending + (now / a->step % delay * many + w) * channels;
         for (int64_t c = 0; c < channels; c++) {
             int64_t i = w * channels + c;

@@ -16,9 +16,10 @@ from scipy.special import betainc
 
 from allanscope.watch.spending import log_weight
 
-__all__ = ["Burst", "Rare"]
+__all__ = ["WINDOWS", "Burst", "Rare", "surprise"]
 
-WINDOWS = (1, 4, 16)
+WINDOWS = (1, 2, 4, 8, 16)
+_WINDOWS = np.array(WINDOWS)
 FEWEST_BLOCKS = 60
 OFTEN = 0.5
 """Mean count from which on the counts are a series like any other: see `scan`."""
@@ -72,7 +73,7 @@ class Rare:
     def __init__(self, channels: int, log_alpha: NDArray[np.float64]) -> None:
         self.blocks = 0
         self.open: dict[int, Burst] = {}
-        self._log_alpha = log_alpha - np.log(len(WINDOWS))
+        self._log_alpha = log_alpha
         self._recent = np.zeros((WINDOWS[-1], channels), np.int64)
         self._total = np.zeros(channels)
         self._square = np.zeros(channels)
@@ -119,13 +120,50 @@ class Rare:
         total, square = float(self._total[channel]), float(self._square[channel])
         bunch = max((square - total * mean) / total, 1.0) if total else 1.0
         limit = -(float(self._log_alpha[channel]) + log_weight(self.blocks))
-        for window in WINDOWS:
-            recent = self._recent[np.arange(at - window + 1, at + 1) % WINDOWS[-1], channel]
-            seen = int(recent.sum())
-            share = window / (window + exposure)
-            tail = float(betainc(max(seen / bunch, 1e-9), total / bunch + PRIOR, share))
-            nats = -np.log(max(tail, 1e-300))
-            if nats > limit:
-                first = at - window + 1 + int(np.flatnonzero(recent)[0])
-                return Burst(channel, first, at, seen, float(nats), mean)
-        return None
+        recent = self._recent[np.arange(at - WINDOWS[-1] + 1, at + 1) % WINDOWS[-1], channel]
+        seen = np.cumsum(recent[::-1])[_WINDOWS - 1]
+        window, nats = surprise(seen, total / bunch, exposure, bunch)
+        if nats <= limit:
+            return None
+        first = at - window + 1 + int(np.flatnonzero(recent[-window:])[0])
+        return Burst(channel, first, at, int(recent[-window:].sum()), nats, mean)
+
+
+def surprise(
+    seen: NDArray[np.int64], total: float, exposure: float, bunch: float = 1.0
+) -> tuple[int, float]:
+    """Return the window that holds most for its length, and -log of the p-value of any such.
+
+    Parameters
+    ----------
+    seen : ndarray of int64, shape (windows,)
+        Counts in the last blocks, by `WINDOWS`; the last block has one at least.
+    total, exposure : float
+        Bunches before, and blocks in which they were.
+    bunch : float
+        Counts in a bunch.
+
+    Notes
+    -----
+    Few counts have few p-values. The probability that any window has one as small as the smallest
+    is at most the sum over windows of the largest that each can have that is no larger: less than
+    the smallest times the number of windows (Tarone, "A modified Bonferroni method for discrete
+    data", Biometrics 46, 1990).
+
+    Examples
+    --------
+    Four in 16 blocks after one in 500:
+
+    >>> window, nats = surprise(np.array([1, 1, 1, 2, 4]), 20.0, 10_000.0)
+    >>> window, round(nats, 1)
+    (16, 17.4)
+    """
+    counts = np.arange(1, 2 * seen[-1] + 9)[:, np.newaxis] / bunch
+    tails = betainc(counts, total + PRIOR, _WINDOWS / (_WINDOWS + exposure))
+    # That so many fall into these blocks is seen at one of their own only.
+    with np.errstate(divide="ignore"):
+        tails *= -np.expm1(counts * np.log1p(-1.0 / _WINDOWS))
+    own = tails[seen - 1, np.arange(len(WINDOWS))]
+    best = int(own.argmin())
+    possible = np.where(tails <= own[best], tails, tails[-1])
+    return WINDOWS[best], float(-np.log(max(possible.max(axis=0).sum(), 1e-300)))

@@ -1,10 +1,11 @@
 """Has a series of block values changed? Windows of many lengths against what came before them.
 
 The mean of the last m blocks is compared with the mean of the M >> m before, for m from two seconds
-to four minutes: at every block for short windows, sixteen times a window for long ones. Each
-difference is measured in its own standard deviation, which is that of all such differences in the
-record so far: an Allan deviation with unequal windows. White noise, flicker, random walk and a
-steady drift are therefore in the scale and no news; a level that leaves is.
+to four minutes: at every block for short windows, sixteen times a window for long ones. As soon as
+there are half as many blocks before as there should be, those are taken. Each difference is
+measured in its own standard deviation, which is that of all such differences in the record so far:
+an Allan deviation with unequal windows. White noise, flicker, random walk and a steady drift are
+therefore in the scale and no news; a level that leaves is.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ WINDOWS = np.array(
     [2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 40, 48, 64, 96, 128, 192, 256]
 )
 """Blocks. Densest where shifts at three times the limit are seen: a shift waits for a window."""
-BEFORE = np.minimum(16 * WINDOWS, np.maximum(8 * WINDOWS, 512))
+BEFORE = np.minimum(32 * WINDOWS, np.maximum(8 * WINDOWS, 1024))
+LEAST_BEFORE = np.minimum(16 * WINDOWS, np.maximum(8 * WINDOWS, 512))
 STEPS = np.maximum(WINDOWS // 16, 1)
 LONGEST = int((WINDOWS + BEFORE).max())
 RING = 1 << 12
@@ -33,16 +35,22 @@ CLIP = 6.0
 """Standard deviations beyond which a single block counts no more: one block alone is no change."""
 WINSOR = 9.0
 FEWEST = 8.0
-BORROWED, LENT = 300.0, 3.0
+BORROWED, LENT = 600.0, 3.0
 DELAY = 32
 """Looks, two windows, after which a difference counts as one that means nothing: what begins slowly
 must not become the measure of itself."""
 MEMORY = 4096
 """Looks over which the scale of a window is averaged."""
 
+SHARES = 1.0 / (1.0 + (np.log2(WINDOWS / 28.0) / 1.5) ** 2)
+SHARES /= SHARES.sum()
+"""Of the probability of a false alarm that each window may spend. Most goes to windows that see
+three times what the longest sees; short windows see shifts so large that it matters little there.
+"""
+
 OVERLAP = 0.8
 """Neighbouring looks share most of their blocks, so that their false alarms come together: the log
-of how many fewer there are than looks allow, measured on white and on flicker noise."""
+of how many fewer there are than looks allow, in white noise at 16 to 18 nats."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +75,7 @@ class Alarm:
     nats: float
 
 
-_LOOKS = np.ascontiguousarray(np.stack([WINDOWS, BEFORE, STEPS], axis=1))
+_LOOKS = np.ascontiguousarray(np.stack([WINDOWS, BEFORE, LEAST_BEFORE, STEPS], axis=1))
 _RULES = np.array([CLIP, WINSOR, FEWEST, BORROWED, LENT, RING, DELAY, MEMORY])
 _State = Pointer(np.float64, 2, written=True)
 _scan = kernel(
@@ -101,7 +109,7 @@ class Scan:
         many = len(WINDOWS)
         self.blocks = 0
         self.start = np.zeros(channels, np.int64)
-        shares = OVERLAP - np.log(many) + np.log(STEPS)
+        shares = OVERLAP + np.log(SHARES * STEPS)
         self._log_alpha = shares[:, np.newaxis] + log_alpha
         self._sums = np.zeros((RING, channels))
         self._raw = np.zeros((RING, channels))

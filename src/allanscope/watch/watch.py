@@ -28,7 +28,7 @@ from allanscope.watch.tracks import TOGETHER_S, Span, Track, Tracks, event_of, g
 
 __all__ = ["Watch"]
 
-SHARES = {"level": 0.28, "noise": 0.2, "lines": 0.47, "outliers": 0.05}
+SHARES = {"level": 0.2, "noise": 0.18, "lines": 0.58, "outliers": 0.04}
 """Of what an axis may spend. What is rare needs least: a burst is so many counts that a stricter
 limit is no delay."""
 OF_STREAM = {"repeats": 0.3, "losses": 0.3, "rate": 0.4}

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from allanscope.simulator.effect_spec import EffectSpec, effect_help, parse_effect
     from allanscope.simulator.faults import FaultSpec, fault_help, parse_fault
     from allanscope.simulator.firmware import Firmware
-    from allanscope.simulator.ledger import Ledger, Loss
     from allanscope.simulator.record import greeting, simulate_blocks
     from allanscope.simulator.simulator import Simulator
+    from allanscope.simulator.transmitter import Ledger, Loss
     from allanscope.simulator.truth import AxisTruth, TemperatureTruth, Truth
 
 __all__ = [
@@ -63,8 +63,8 @@ __getattr__, __dir__ = lazily(
         "EffectSpec": "effect_spec",
         "FaultSpec": "faults",
         "Firmware": "firmware",
-        "Ledger": "ledger",
-        "Loss": "ledger",
+        "Ledger": "transmitter",
+        "Loss": "transmitter",
         "Simulator": "simulator",
         "TemperatureTruth": "truth",
         "Truth": "truth",

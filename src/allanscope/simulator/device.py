@@ -19,8 +19,8 @@ from types import TracebackType
 from allanscope.errors import DeviceError, UsageError
 from allanscope.simulator.faults import FaultSpec, parse_fault
 from allanscope.simulator.firmware import RING_BYTES, Firmware
-from allanscope.simulator.ledger import Ledger
 from allanscope.simulator.simulator import Simulator
+from allanscope.simulator.transmitter import Ledger
 from allanscope.simulator.virtual_port import VirtualPort, open_port
 
 __all__ = ["EMULATED_WIRE", "Device", "run_device", "run_emulated"]

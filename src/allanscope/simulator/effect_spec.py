@@ -9,7 +9,7 @@ from typing import Any
 from allanscope.errors import UsageError
 from allanscope.samples import AXES
 from allanscope.simulator.effects import EffectKind, effect_kinds
-from allanscope.simulator.grammar import Parameter, check_names, number, split_spec
+from allanscope.simulator.parameters import Parameter, check_names, number, split_spec
 
 __all__ = ["EffectSpec", "effect_help", "parse_effect"]
 

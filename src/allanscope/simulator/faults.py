@@ -19,7 +19,7 @@ from typing import Literal
 from numpy.random import Generator
 
 from allanscope.errors import UsageError
-from allanscope.simulator.grammar import Parameter, check_names, number, split_spec
+from allanscope.simulator.parameters import Parameter, check_names, number, split_spec
 
 __all__ = [
     "FAULT_KINDS",

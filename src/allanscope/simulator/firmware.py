@@ -14,10 +14,9 @@ from allanscope.errors import UsageError
 from allanscope.parts import part_named
 from allanscope.samples import Block, Ticks
 from allanscope.simulator.faults import FaultSpec, LineNoise, Occurrences
-from allanscope.simulator.ledger import Ledger
-from allanscope.simulator.line import Line, Ring, Unit
 from allanscope.simulator.noise import stream
 from allanscope.simulator.simulator import Simulator
+from allanscope.simulator.transmitter import Ledger, Ring, Transmitter, Unit
 from allanscope.wire import Command, format_named
 
 __all__ = ["Firmware", "reconfigure"]
@@ -91,7 +90,7 @@ class Firmware:
         self._encoder = format_named(wire).encoder()
         self._info = sensor.info
         self._ring = Ring(ring_bytes)
-        self._line = Line(self._ring, LineNoise(faults, rng), self.ledger)
+        self._transmitter = Transmitter(self._ring, LineNoise(faults, rng), self.ledger)
         self._happenings = [
             (fault, Occurrences(fault.rate, rng, fault.at))
             for fault in faults
@@ -113,7 +112,7 @@ class Firmware:
     def host_went(self, unread: int) -> None:
         """Take note that the port was closed, with `unread` bytes still in it."""
         self._host = False
-        self._line.cut(unread, "hang-up", "no host")
+        self._transmitter.cut(unread, "hang-up", "no host")
 
     def receive(self, data: bytes) -> None:
         """Obey what the host wrote. Replies go ahead of everything that the order causes."""
@@ -125,11 +124,11 @@ class Firmware:
         """Return what is to be written to the port now; empty while there is nothing to say."""
         if not self._host or self.now_s < self._silent_until_s:
             return b""
-        return self._line.next_bytes(self.now_s)
+        return self._transmitter.next_bytes(self.now_s)
 
     def written(self, n: int) -> None:
         """Take note that the port took the first `n` bytes of `pending`."""
-        self._line.written(n)
+        self._transmitter.written(n)
 
     # -- time -----------------------------------------------------------------------------------
 
@@ -190,7 +189,7 @@ class Firmware:
             case "unplug":
                 self._back_at_s, self.plugged = self.now_s + fault.seconds, False
             case "reset":
-                self._line.cut(0, "reset", "reset")
+                self._transmitter.cut(0, "reset", "reset")
                 self._boot()
 
     # -- samples --------------------------------------------------------------------------------

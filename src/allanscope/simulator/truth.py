@@ -14,8 +14,8 @@ from allanscope.errors import AllanscopeError, InputError, UsageError
 from allanscope.parts import part_named
 from allanscope.samples import AXES
 from allanscope.simulator.effect_spec import GROUPS, EffectSpec, parse_effect
-from allanscope.simulator.grammar import Parameter, number
 from allanscope.simulator.noise import stream
+from allanscope.simulator.parameters import Parameter, number
 
 __all__ = ["AxisTruth", "TemperatureTruth", "Truth"]
 

@@ -18,7 +18,8 @@ To add a kind:
    whether it is what its name says, and ``hold_out(view, candidate)`` judges the numbers on data
    that was not used (`heldout`).
 4. If one physical effect can be seen on several axes at once, declare the parameter in which they
-   agree as ``shared_by``; if simulated sensors should have it, add ``simulator/effects/<kind>.py``.
+   agree as ``shared_by``; if simulated sensors should have it, add an effect to
+   ``simulator/effects``.
 5. Test it at fixed seeds in ``tests/explain``: present, clean, against each of ``confused_with``,
    and near the limit; then add it to ``benchmarks/blind_generator.py`` and run the blind benchmark.
 """

@@ -1,8 +1,8 @@
-"""Effects: what real records hold and the textbook model of noise does not, one kind a file.
+"""Effects: what real records hold and the textbook model of noise does not.
 
-An effect is a kind with parameters, and a function that alters samples. Each module holds one
-`EffectKind` named ``KIND`` with a small function that states the equation. A new file here is all
-that a new effect needs.
+An effect is a kind with parameters, and a function that alters samples. The modules are what an
+effect acts on: `signal`, `noise`, `conversion`. A new effect is an `EffectKind` in one of them,
+with a small function above it that states the equation; nothing else names it.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from allanscope.simulator.grammar import Parameter
 from allanscope.simulator.noise import stream
+from allanscope.simulator.parameters import Parameter
 
 __all__ = [
     "Apply",
@@ -139,7 +139,7 @@ Apply = Callable[[NDArray[Any], Scene], None]
 
 @dataclass(frozen=True, slots=True)
 class EffectKind:
-    """One kind of effect; every module of this package holds one, named ``KIND``.
+    """One kind of effect, a constant of one of the modules of this package.
 
     The modules are read whenever the words of the command line are, so heavy imports belong into
     `set_up`.
@@ -178,5 +178,6 @@ def effect_kinds() -> Mapping[str, EffectKind]:
     'a change of the level at one time'
     """
     modules = (import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__))
-    kinds = (module.KIND for module in modules)
-    return {kind.name: kind for kind in kinds}
+    constants = (value for module in modules for value in vars(module).values())
+    kinds = (value for value in constants if isinstance(value, EffectKind))
+    return {kind.name: kind for kind in sorted(kinds, key=lambda kind: kind.name)}

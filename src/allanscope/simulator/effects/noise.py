@@ -1,0 +1,234 @@
+"""Effects that are noise, and those that alter the sensor's own noise.
+
+- First-order Gauss-Markov noise on top of the noise floor: a fluctuation with one memory.
+- Noise in a band: a resonance, a wandering line.
+- Noise of a free slope between those of white noise, flicker and random walk.
+- Random telegraph noise: one defect that switches between two states.
+- A white level that is not one level: bursts of activity around a quiet bench.
+- The part's own low-pass filter: it shapes the noise floor near half the sample rate.
+- A scale that drifts: the noise of a sensor grows or fades in a straight line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.errors import UsageError
+from allanscope.simulator.effects import Apply, EffectKind, Parameter, Scene, Setting
+
+__all__ = [
+    "BAND_LIMIT",
+    "GAUSS_MARKOV",
+    "NARROWBAND",
+    "POWER_LAW",
+    "RANDOM_TELEGRAPH",
+    "SCALE_DRIFT",
+    "VARIANCE_CHANGE",
+]
+
+
+def _gauss_markov(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add noise that is stationary with autocovariance sigma^2 exp(-|t| / correlation_time)."""
+    from allanscope.simulator.noise import GaussMarkov
+
+    process = GaussMarkov(
+        parameters["sigma"], parameters["correlation_time"], setting.rate_hz, setting.rng
+    )
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values += process.take(len(values))
+
+    return apply
+
+
+GAUSS_MARKOV = EffectKind(
+    name="gauss_markov",
+    summary="exponentially correlated noise with one time constant",
+    stage="signal",
+    parameters={
+        "sigma": Parameter("axis", "stationary standard deviation", above=0.0),
+        "correlation_time": Parameter("s", "to 1/e", above=0.0),
+    },
+    set_up=_gauss_markov,
+)
+
+
+def _narrowband(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add the solution of x'' + 2 pi bandwidth x' + (2 pi frequency)^2 x = white noise."""
+    from allanscope.simulator.noise import Narrowband
+
+    process = Narrowband(
+        parameters["frequency"],
+        parameters["bandwidth"],
+        parameters["sigma"],
+        setting.rate_hz,
+        setting.rng,
+    )
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values += process.take(len(values))
+
+    return apply
+
+
+NARROWBAND = EffectKind(
+    name="narrowband",
+    summary="noise in a band around one frequency",
+    stage="signal",
+    parameters={
+        "frequency": Parameter("Hz", "of the resonance", above=0.0),
+        "bandwidth": Parameter("Hz", "full width at half height", above=0.0),
+        "sigma": Parameter("axis", "stationary standard deviation", above=0.0),
+    },
+    set_up=_narrowband,
+)
+
+
+def _power_law(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add white noise integrated exponent / 2 times: density^2 (f / 1 Hz)^-exponent."""
+    from allanscope.simulator.noise import PowerLaw
+
+    h = parameters["density"] ** 2
+    process = PowerLaw(-parameters["exponent"], h, setting.rate_hz, setting.rng)
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values += process.take(len(values))
+
+    return apply
+
+
+POWER_LAW = EffectKind(
+    name="power_law",
+    summary="noise whose density falls as f to minus an exponent",
+    stage="signal",
+    parameters={
+        "exponent": Parameter("", "between 0 (white) and 2 (random walk)", above=0.0, most=2.0),
+        "density": Parameter("axis/sqrt(Hz)", "at 1 Hz, as N is", above=0.0),
+    },
+    set_up=_power_law,
+)
+
+
+def _random_telegraph(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add y(t) = +-amplitude, switching after exponentially distributed times of mean `dwell`.
+
+    Seen at the samples it is a Markov chain that has switched since the sample before with
+    probability (1 - exp(-2 t0 / dwell)) / 2. Its autocovariance amplitude^2 exp(-2 |t| / dwell) is
+    that of Gauss-Markov noise of correlation time dwell / 2: no spectrum tells the two apart.
+    """
+    amplitude, rng = parameters["amplitude"], setting.rng
+    switch = -0.5 * np.expm1(-2.0 / (setting.rate_hz * parameters["dwell"]))
+    level = int(rng.integers(2))
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        nonlocal level
+        states = (level + np.cumsum(rng.random(len(values)) < switch)) & 1
+        level = int(states[-1])
+        values += amplitude * (2.0 * states - 1.0)
+
+    return apply
+
+
+RANDOM_TELEGRAPH = EffectKind(
+    name="random_telegraph",
+    summary="switching between two levels at random times",
+    stage="signal",
+    parameters={
+        "amplitude": Parameter("axis", "half the distance between the levels", above=0.0),
+        "dwell": Parameter("s", "mean time in one level", above=0.0),
+    },
+    set_up=_random_telegraph,
+)
+
+
+def _variance_change(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Make the white noise `ratio` times as large within each of `intervals` stretches of time.
+
+    The record is cut into as many equal parts; each has one noisy stretch of `length` (a quarter of
+    the part when 0) at a random place. AVAR keeps its slope of -1 and shows the mean square.
+    """
+    count = int(parameters["intervals"])
+    part = max(setting.duration_s - setting.onset_s, 0.0) / max(count, 1)
+    length = min(parameters["length"] or part / 4.0, part)
+    offsets = setting.rng.uniform(0.0, part - length, count)
+    begins = setting.onset_s + part * np.arange(count) + offsets
+    gain = parameters["ratio"] - 1.0
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        inside = np.searchsorted(begins, scene.time_s, side="right") - np.searchsorted(
+            begins + length, scene.time_s, side="right"
+        )
+        values *= 1.0 + gain * inside
+
+    return apply
+
+
+VARIANCE_CHANGE = EffectKind(
+    name="variance_change",
+    summary="stretches of time in which the white noise is larger",
+    stage="white",
+    parameters={
+        "intervals": Parameter("1", "number of noisy stretches", above=0.0),
+        "ratio": Parameter("1", "of the standard deviations", default=2.0, above=0.0),
+        "length": Parameter("s", "of each; 0 for a quarter of its share", 0.0, least=0.0),
+    },
+    set_up=_variance_change,
+)
+
+
+def _band_limit(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Filter by a second-order Butterworth low-pass, -3 dB at the cutoff (bilinear, prewarped).
+
+    It acts on the sensor's own noise (N, B, K) and on nothing that is added as an effect, so that
+    an amplitude is always that of the record. N is the level below the cutoff.
+    """
+    from scipy.signal import butter, sosfilt
+
+    cutoff = parameters["cutoff"]
+    if cutoff >= setting.rate_hz / 2.0:
+        raise UsageError(
+            f"effect band_limit: a cutoff of {cutoff:g} Hz must be below half the sample rate, "
+            f"{setting.rate_hz / 2.0:g} Hz"
+        )
+    sections = butter(2, cutoff, fs=setting.rate_hz, output="sos")
+    carry = np.zeros((len(sections), 2))
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values[:], carry[:] = sosfilt(sections, values, zi=carry)
+
+    return apply
+
+
+BAND_LIMIT = EffectKind(
+    name="band_limit",
+    summary="low-pass of the noise floor",
+    stage="noise",
+    parameters={"cutoff": Parameter("Hz", "-3 dB", above=0.0)},
+    set_up=_band_limit,
+)
+
+
+def _scale_drift(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Multiply by s(t) = 1 + relative (t - onset) / T, T the time from the onset to the end."""
+    length = max(setting.duration_s - setting.onset_s, 1.0 / setting.rate_hz)
+    slope = parameters["relative"] / length
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values *= 1.0 + slope * (scene.time_s - setting.onset_s)
+
+    return apply
+
+
+SCALE_DRIFT = EffectKind(
+    name="scale_drift",
+    summary="a linear drift of the scale factor, of white and slow noise alike",
+    stage="noise",
+    parameters={
+        "relative": Parameter("1", "change of the scale at the end of the record", least=-1.0)
+    },
+    set_up=_scale_drift,
+)

@@ -1,0 +1,316 @@
+"""Effects that are added to the output of an axis: motion, disturbances, temperature, other axes.
+
+- A step: the level is another one from one moment on.
+- An excursion: the level leaves and comes back, as it does when somebody touches the table.
+- A warm-up: an offset that dies away after power-on.
+- A shock: something is knocked and rings for a moment.
+- A line: vibration, mains pick-up, an alias, a daily cycle.
+- A line that drifts: a fan, a pump, a building, whose frequency and amplitude change slowly.
+- Outliers: isolated samples far outside the distribution of the rest, as of a truncated read.
+- Temperature sensitivity: the axis follows the temperature of the sensor.
+- Noise that is as loud as another axis is away from its rest.
+- Cross-coupling: one axis shows a share of another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.simulator.effects import Apply, EffectKind, Parameter, Scene, Setting
+
+__all__ = [
+    "AMPLITUDE_COUPLING",
+    "CROSS_COUPLING",
+    "DRIFTING_LINE",
+    "EXCURSION",
+    "OUTLIERS",
+    "SHOCK",
+    "SINUSOID",
+    "STEP",
+    "TEMPERATURE",
+    "WARM_UP",
+]
+
+
+def _step(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add y(t) = size for t >= time, which is the onset that every effect has."""
+    size = parameters["size"]
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values += size
+
+    return apply
+
+
+STEP = EffectKind(
+    name="step",
+    summary="a change of the level at one time",
+    stage="signal",
+    parameters={"size": Parameter("axis", "signed")},
+    set_up=_step,
+)
+
+
+def _excursion(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add y(t) = size for time <= t < time + duration."""
+    size, back_s = parameters["size"], setting.onset_s + parameters["duration"]
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values[scene.time_s < back_s] += size
+
+    return apply
+
+
+EXCURSION = EffectKind(
+    name="excursion",
+    summary="a level shift that returns",
+    stage="signal",
+    parameters={
+        "duration": Parameter("s", "until the level comes back", above=0.0),
+        "size": Parameter("axis", "signed"),
+    },
+    set_up=_excursion,
+)
+
+
+def _warm_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add y(t) = amplitude exp(-(t - time) / time_constant)."""
+    amplitude, time_constant = parameters["amplitude"], parameters["time_constant"]
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values += amplitude * np.exp((setting.onset_s - scene.time_s) / time_constant)
+
+    return apply
+
+
+WARM_UP = EffectKind(
+    name="warm_up",
+    summary="an offset that decays exponentially",
+    stage="signal",
+    parameters={
+        "time_constant": Parameter("s", "of the decay", above=0.0),
+        "amplitude": Parameter("axis", "at its start, signed"),
+    },
+    set_up=_warm_up,
+)
+
+
+_CYCLES = 6.0
+"""Of the ringing within the duration, after which it has decayed to a percent."""
+_DECAYS = 4.6
+
+
+def _shock(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add peak exp(-x) cos(2 pi f t) from the time of the shock on."""
+    duration, peak, begin = parameters["duration"], parameters["peak"], setting.onset_s
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        t = np.maximum(scene.time_s - begin, 0.0) / duration
+        values += peak * np.exp(-_DECAYS * t) * np.cos(2 * pi * _CYCLES * t)
+
+    return apply
+
+
+SHOCK = EffectKind(
+    name="shock",
+    summary="a knock that rings",
+    stage="signal",
+    parameters={
+        "duration": Parameter("s", "until it has decayed to a few percent", above=0.0),
+        "peak": Parameter("axis", "signed"),
+    },
+    set_up=_shock,
+)
+
+
+def _sinusoid(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add y(t) = amplitude sin(2 pi frequency t + phase), the phase drawn at random.
+
+    AVAR(tau) = amplitude^2 sin^4(pi f tau) / (m^2 sin^2(pi f t0)), averaged over the phase.
+    A frequency above half the sample rate is folded back, as in a sensor without a filter.
+    A line that is locked is made by the sensor's own clock: it goes with the number of the sample.
+    """
+    amplitude, omega = parameters["amplitude"], 2.0 * pi * parameters["frequency"]
+    phase = setting.rng.uniform(0.0, 2.0 * pi)
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        time_s = scene.time_s
+        if parameters["locked"]:
+            time_s = (scene.first + np.arange(len(values))) / setting.rate_hz
+        values += amplitude * np.sin(omega * time_s + phase)
+
+    return apply
+
+
+SINUSOID = EffectKind(
+    name="sinusoid",
+    summary="a line at one frequency",
+    stage="signal",
+    parameters={
+        "frequency": Parameter("Hz", "of the line", above=0.0),
+        "amplitude": Parameter("axis", "peak", above=0.0),
+        "locked": Parameter("1", "1: of the sensor's own clock", 0.0, least=0.0, most=1.0),
+    },
+    set_up=_sinusoid,
+)
+
+
+_PERIOD_S, _SWELL_S = 610.0, 430.0
+"""Of the frequency and of the amplitude; no multiple of each other."""
+_SWELL = 0.3
+_HOLDS = 0.988
+"""Part of its range in which a sine is for 90 % of the time."""
+
+
+def _drifting_line(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add a tone whose frequency swings as a sine, for 90 % of the time within the bandwidth.
+
+    The amplitude swells and fades by 30 %, with the rms amplitude sigma over many periods.
+    """
+    frequency, sigma = parameters["frequency"], parameters["sigma"]
+    reach = parameters["bandwidth"] / 2 / _HOLDS
+    start, swing, swell = setting.rng.uniform(0.0, 2 * pi, 3)
+    peak = sigma * sqrt(2 / (1 + _SWELL**2 / 2))
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        t = scene.time_s
+        phase = 2 * pi * frequency * t + start
+        phase -= reach * _PERIOD_S * np.cos(2 * pi * t / _PERIOD_S + swing)
+        envelope = 1 + _SWELL * np.sin(2 * pi * t / _SWELL_S + swell)
+        values += peak * envelope * np.sin(phase)
+
+    return apply
+
+
+DRIFTING_LINE = EffectKind(
+    name="drifting_line",
+    summary="a line whose frequency and amplitude change slowly",
+    stage="signal",
+    parameters={
+        "frequency": Parameter("Hz", "centre of the range", above=0.0),
+        "bandwidth": Parameter("Hz", "range of the frequency in 90 % of the time", above=0.0),
+        "sigma": Parameter("axis", "rms amplitude", above=0.0),
+    },
+    set_up=_drifting_line,
+)
+
+
+SIGMAS = 20.0
+
+
+def _outliers(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Displace `count` single samples, spread at random over the record, by +-size.
+
+    Without a size: 20 standard deviations of the white noise, at least 20 counts.
+    """
+    rng, count = setting.rng, int(parameters["count"])
+    usual = SIGMAS * max(setting.white_sigma, setting.lsb)
+    size = parameters["size"] or usual
+    times = rng.uniform(setting.onset_s, max(setting.duration_s, setting.onset_s), count)
+    rows = np.sort(np.floor(times * setting.rate_hz).astype(np.int64))
+    sizes = size * rng.choice([-1.0, 1.0], count)
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        here = slice(*np.searchsorted(rows, (scene.first, scene.first + len(values))))
+        values[rows[here] - scene.first] += sizes[here]
+
+    return apply
+
+
+OUTLIERS = EffectKind(
+    name="outliers",
+    summary="isolated outliers",
+    stage="signal",
+    parameters={
+        "count": Parameter("1", "in the whole record", above=0.0),
+        "size": Parameter("axis", "0 for 20 standard deviations", default=0.0),
+    },
+    set_up=_outliers,
+)
+
+
+def _temperature(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add y = slope x + curvature x^2 with x = T - 25 degC, T being true and not its noisy reading.
+
+    With a lag x follows T as lag dx/dt = T - 25 degC - x, in balance when the effect begins.
+    """
+    import numpy as np
+    from scipy.signal import lfilter
+
+    slope, curvature, lag = (parameters[name] for name in ("slope", "curvature", "lag"))
+    keep = float(np.exp(-1 / (lag * setting.rate_hz))) if lag > 0 else 0.0
+    state: list[float] = []
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        warmth = scene.temperature_c
+        if keep and len(warmth):
+            before = state.pop() if state else keep * float(warmth[0])
+            warmth, after = lfilter([1 - keep], [1.0, -keep], warmth, zi=[before])
+            state.append(float(after[0]))
+        values += warmth * (slope + curvature * warmth)
+
+    return apply
+
+
+TEMPERATURE = EffectKind(
+    name="temperature",
+    summary="dependence on the temperature of the sensor",
+    stage="signal",
+    parameters={
+        "slope": Parameter("axis/degC", "change per degree, at 25 degC"),
+        "curvature": Parameter("axis/degC^2", "change per square of degrees from 25", default=0.0),
+        "lag": Parameter("s", "time constant with which it follows", default=0.0, least=0.0),
+    },
+    set_up=_temperature,
+)
+
+
+def _amplitude_coupling(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add y(t) = slope (x(t) - rest) w, x the source before any coupling, w unit white noise."""
+    slope, rest, source = parameters["slope"], parameters["rest"], setting.source
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values += slope * (scene.axes[source] - rest) * setting.rng.standard_normal(len(values))
+
+    return apply
+
+
+AMPLITUDE_COUPLING = EffectKind(
+    name="amplitude_coupling",
+    summary="noise whose amplitude follows another axis",
+    stage="coupling",
+    parameters={
+        "slope": Parameter("axis/source", "standard deviation of a sample per unit of the source"),
+        "rest": Parameter("source", "value of the source at which there is none", 0.0),
+    },
+    set_up=_amplitude_coupling,
+    takes_source=True,
+)
+
+
+def _cross_coupling(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Add y(t) = slope x(t), x being the source axis before any coupling, level and all.
+
+    With an accelerometer as the source of a gyro axis this is g-sensitivity.
+    """
+    slope, source = parameters["slope"], setting.source
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values += slope * scene.axes[source]
+
+    return apply
+
+
+CROSS_COUPLING = EffectKind(
+    name="cross_coupling",
+    summary="a share of another axis",
+    stage="coupling",
+    parameters={"slope": Parameter("axis/source", "change per unit of the source")},
+    set_up=_cross_coupling,
+    takes_source=True,
+)

@@ -38,10 +38,10 @@ from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator import Simulator, simulate_blocks
 from allanscope.sources import RecordedSource
 from allanscope.watch import ALPHA, Event, Watch
+from allanscope.watch.counts import Rare, surprise
+from allanscope.watch.false_alarms import log_weight
 from allanscope.watch.lines import Lines
-from allanscope.watch.rare import Rare, surprise
 from allanscope.watch.scan import Scan
-from allanscope.watch.spending import log_weight
 from allanscope.watch.summary import KNOCK, LANES, Summariser, groups_of, rows_of_block
 from allanscope.watch.watch import log_alphas
 

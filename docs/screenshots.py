@@ -24,7 +24,7 @@ from rerun.chunk import RrdReader  # noqa: E402
 
 from allanscope.samples import AXES  # noqa: E402
 from allanscope.view.rerun_blueprint import TABS, layout  # noqa: E402
-from allanscope.view.rerun_canvas import APPLICATION  # noqa: E402
+from allanscope.view.rerun_recording import APPLICATION  # noqa: E402
 from allanscope.view.rerun_view import RerunView  # noqa: E402
 from support.browser import picture_of, why_no_browser  # noqa: E402
 from support.demo_analysis import ESTIMATORS  # noqa: E402

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 from allanscope import analyse
-from allanscope.analysis.reading_remarks import disagreement
+from allanscope.analysis.remarks import disagreement
 from allanscope.analysis.result import Reading
 from allanscope.explain import Effect, Parameter
 from allanscope.history import Record

@@ -22,8 +22,7 @@ from allanscope.explain.gates import growth, judge, owed, penalty_passed
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.add import add, proposals, with_rivals
 from allanscope.explain.moves.drop import drop, refuse
-from allanscope.explain.moves.fold_sidebands import fold_sidebands
-from allanscope.explain.moves.fold_steps import fold_steps
+from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.residual import error_of
 from allanscope.explain.search import close_loop

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allanscope.analysis import Analysis, Rate
-from allanscope.analysis.sampling import sampling_remarks
+from allanscope.analysis.remarks import sampling_remarks
 from allanscope.parts import PARTS
 from allanscope.pipeline import DeviceSettings, analyse_input
 from allanscope.samples import AXES, Block, StreamInfo, Ticks

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from allanscope.view.viewer_process import free_port, rerun_binary
-from allanscope.view.web_page import LOOPBACK
+from allanscope.view.viewer_process import LOOPBACK, free_port, rerun_binary
 
 __all__ = ["HeadlessViewer", "why_no_viewer"]
 

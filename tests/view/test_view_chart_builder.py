@@ -10,7 +10,7 @@ from allanscope.analysis import Analysis, ModelCurve, ReferenceCurve, compared
 from allanscope.quantities import DENSITY, DEVIATION
 from allanscope.view.chart import HEIGHT, WIDTH, Chart, Linear, Log
 from allanscope.view.chart_builder import ChartBuilder
-from allanscope.view.drawing import draw_map, percent_of_model
+from allanscope.view.chart_content import draw_map, percent_of_model
 from allanscope.view.palette import AXIS, EFFECT, MODEL, muted
 from allanscope.watch import Event, Occurrence
 from support.demo_analysis import DATASHEET, LINE_HZ, demo_analysis, noise_of

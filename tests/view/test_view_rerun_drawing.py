@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allanscope.view.drawing import Drawing
+from allanscope.view.chart_content import Drawing
 from support.readback import read_back
 
 LINE = [np.array([[0.0, 0.0], [10.0, 10.0]], np.float32)]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-import allanscope.view.rerun_canvas as canvas
+import allanscope.view.rerun_recording as canvas
 from allanscope.errors import DeviceError
 from allanscope.view import RerunView, ViewerProcess, has_display, viewer_process
 from allanscope.view.viewer_process import free_port, optimise

@@ -17,8 +17,7 @@ from allanscope.analysis import verdict
 from allanscope.samples import Gap, Notice
 from allanscope.view import TerminalView, summary_lines
 from allanscope.view.change_log import Trends
-from allanscope.view.terminal_chart import curve_lines
-from allanscope.view.terminal_screen import Screen
+from allanscope.view.terminal_screen import Screen, curve_lines
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, blocks
 from support.terminal import Screen as TerminalScreen

@@ -11,8 +11,8 @@ import pytest
 from allanscope.samples import Gap, StreamInfo, Ticks
 from allanscope.watch import ALPHA, Event, Watch
 from allanscope.watch.change import locate
+from allanscope.watch.false_alarms import log_weight
 from allanscope.watch.scan import Scan
-from allanscope.watch.spending import log_weight
 from allanscope.watch.watch import SHARES
 
 RATE = 104

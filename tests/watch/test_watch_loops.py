@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 from scipy.stats import t as student
 
+from allanscope.watch.false_alarms import log_weight
 from allanscope.watch.lines import CAP, LEAST, OF_CLEAR, OF_WEAK, OVERSHOOT, TILT, WEAK
 from allanscope.watch.scan import (
     BEFORE,
@@ -28,7 +29,6 @@ from allanscope.watch.scan import (
     Scan,
     log_tail,
 )
-from allanscope.watch.spending import log_weight
 from allanscope.watch.summary import FIRST_BIN, Summariser, of_axis
 
 

@@ -10,7 +10,7 @@ import pytest
 from allanscope.errors import UsageError
 from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
 from allanscope.wire import WireSettings, format_named
-from allanscope.wire.datalog.decoder import CLOCK, COUNTER, RecordReader
+from allanscope.wire.datalog import CLOCK, COUNTER, RecordReader
 from allanscope.wire.milli import MilliUnits, recover, truncate
 from allanscope.wire.row import Row
 

@@ -31,6 +31,14 @@ if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
     from allanscope.allan.cascade import lags_of_level
     from allanscope.allan.choices import CurveChoices
+    from allanscope.allan.clock_statistics import (
+        SlopeFit,
+        avlr,
+        gcodev,
+        mtie,
+        three_cornered_hat,
+        tierms,
+    )
     from allanscope.allan.confidence import chi_square_limits, degrees_of_freedom
     from allanscope.allan.dynamic import DynamicDeviation
     from allanscope.allan.edf import difference_edf
@@ -42,7 +50,6 @@ if TYPE_CHECKING:
         rate_to_phase_density,
         transfer,
     )
-    from allanscope.allan.neighbours import SlopeFit, avlr, gcodev, mtie, three_cornered_hat, tierms
     from allanscope.allan.noise_type import LETTERS, alpha_named
     from allanscope.allan.oneshot import deviation, factors_of, identify_noise
 
@@ -90,22 +97,22 @@ __getattr__, __dir__ = lazily(
         "alpha_named": "noise_type",
         "CurveChoices": "choices",
         "DynamicDeviation": "dynamic",
-        "SlopeFit": "neighbours",
-        "avlr": "neighbours",
+        "SlopeFit": "clock_statistics",
+        "avlr": "clock_statistics",
         "chi_square_limits": "confidence",
         "degrees_of_freedom": "confidence",
         "density_of_deviation": "frequency",
         "deviation": "oneshot",
         "deviation_of_density": "frequency",
         "difference_edf": "edf",
-        "gcodev": "neighbours",
+        "gcodev": "clock_statistics",
         "factors_of": "oneshot",
         "identify_noise": "oneshot",
-        "mtie": "neighbours",
+        "mtie": "clock_statistics",
         "phase_to_rate_density": "frequency",
         "rate_to_phase_density": "frequency",
-        "three_cornered_hat": "neighbours",
-        "tierms": "neighbours",
+        "three_cornered_hat": "clock_statistics",
+        "tierms": "clock_statistics",
         "transfer": "frequency",
         "variance_name": "estimators",
     },

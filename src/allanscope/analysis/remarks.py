@@ -1,20 +1,36 @@
-"""What the reader of a result must know of a run and of each axis, one sentence each."""
+"""What the reader of a result must know of a run and of each axis, one sentence each.
+
+**The pace of the rows**: a reader that is faster or slower than the sensor. Stock firmware reads
+the sensor in a loop of its own, 50 times a second. A sensor that makes fewer samples is read twice
+now and then, and rows repeat; one that makes more is read too seldom, and samples are skipped.
+Repeated rows are seen in the values, by the effect ``repeated_samples``. Skipped ones leave no
+trace in the values, only in the pace. Where it is far from what the sensor is set to, no oscillator
+could be off by so much. Where it is near, 50 rows of a sensor set to 52 Hz, the oscillator could;
+but then it would be off by just so much that rows come with the period of a timer, whole multiples
+of 5 ms, as exactly as a crystal. By chance one in two hundred does.
+
+**Readings**: where a coefficient of the model and its reading off the curve disagree. A reading has
+no model, so what it is compared with is what the coefficients together would show there: the
+deviation at 1 s has flicker noise in it, and its floor white noise and walk.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from statistics import median
 
 from allanscope.analysis.analyser import Analyser, StreamState
-from allanscope.analysis.result import Rate
+from allanscope.analysis.result import AxisAnalysis, Rate, Reading
 from allanscope.clock import DISAGREEMENT
-from allanscope.noise import advice
+from allanscope.explain import Effect
+from allanscope.labels import kind_name
+from allanscope.noise import Coefficient, advice
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES
-from allanscope.quantities import number
+from allanscope.quantities import COEFFICIENTS, duration, number, symbols
 from allanscope.samples import unit_of
 
-__all__ = ["axis_remarks", "run_remarks", "scale_remarks"]
+__all__ = ["axis_remarks", "disagreement", "run_remarks", "sampling_remarks", "scale_remarks"]
 
 _FITS = 0.02
 """Relative error of a step that is read off values which were printed with few digits."""
@@ -138,3 +154,299 @@ def _is_of_digits(step: float, unit: str) -> bool:
     other = math.radians(1.0) if unit == "dps" else 9.80665
     exponents = (math.log10(written) for written in (step, step * other))
     return any(abs(exponent - round(exponent)) < _PRINTED for exponent in exponents)
+
+
+OSCILLATOR = 0.1
+"""No sensor of these is off by more: their data sheets say 6.5 or 7 per cent."""
+
+TIMER_MS = 5
+"""Firmware that reads a sensor by a timer does so every 10, 20 or 40 ms."""
+
+CRYSTALS = 3e-4
+"""By how much the clock of a timer and the one that it is measured with may differ, and more."""
+
+
+def sampling_remarks(
+    axes: Mapping[str, AxisAnalysis], rate: Rate, offered_hz: Sequence[float] = ()
+) -> tuple[str, ...]:
+    """Return what to say about rows that repeat and samples that were skipped.
+
+    Parameters
+    ----------
+    axes : mapping of str to AxisAnalysis
+        What was found on each.
+    rate : Rate
+        Claimed and measured.
+    offered_hz : sequence of float
+        Rates that the sensor can be set to, ascending, where the nominal rate is only the pace of
+        the rows of firmware that reads it by a timer.
+    """
+    out = []
+    repeated = _repeated(axes)
+    if repeated:
+        made = rate.best_hz * (1.0 - repeated)
+        out.append(
+            f"{number(100 * repeated, 2)} % of the rows repeat the row before: "
+            f"{number(rate.best_hz, 4)} rows come in a second, but the sensor made only about "
+            f"{number(made, 4)} samples."
+        )
+    if rate.measured_hz is None or not rate.nominal_hz:
+        return tuple(out)
+    share = rate.measured_hz / rate.nominal_hz
+    rows = f"{number(rate.measured_hz, 4)} rows come in a second"
+    if share < 1.0 - OSCILLATOR:
+        out.append(
+            f"{rows} of a sensor set to {number(rate.nominal_hz, 4)} Hz: the reader is slower than "
+            f"the sensor and reads one sample in {number(1.0 / share, 3)}; noise above half the "
+            "reading rate is aliased."
+        )
+    elif share > 1.0 + OSCILLATOR and not repeated:
+        out.append(
+            f"{rows} although the sensor is set to {number(rate.nominal_hz, 4)} Hz, and no row "
+            "repeats: the sensor is set to another rate."
+        )
+    elif _unrepeated(axes) and (words := _skipped(rate, offered_hz)):
+        out.append(f"{rows}, {words}")
+    return tuple(out)
+
+
+def _skipped(rate: Rate, offered_hz: Sequence[float]) -> str:
+    """Return what is skipped of a sensor that is little faster than its reader; empty if nothing.
+
+    >>> at_50 = Rate(52.0, measured_hz=50.0004, uncertainty_ppm=20.0)
+    >>> _skipped(at_50, ()).partition(": ")[2]
+    'about 3.8 % of the samples of a sensor set to 52.00 Hz are never sent (skipped).'
+    >>> _skipped(Rate(52.0, measured_hz=50.2, uncertainty_ppm=20.0), ())
+    ''
+    """
+    assert rate.measured_hz is not None
+    timers = 1e3 / rate.measured_hz / TIMER_MS
+    known = (rate.uncertainty_ppm or 0.0) * 1e-6 < CRYSTALS / 3.0
+    if not known or round(timers) < 1 or abs(timers / round(timers) - 1.0) > CRYSTALS:
+        return ""
+    above_hz = rate.measured_hz * (1.0 + CRYSTALS)
+    claimed = rate.nominal_hz > above_hz
+    faster = [rate.nominal_hz] if claimed else [hz for hz in offered_hz if hz > above_hz]
+    if not faster or rate.measured_hz / faster[0] < 1.0 - OSCILLATOR:
+        return ""
+    share = number(100.0 * (1.0 - rate.measured_hz / faster[0]), 2)
+    period_ms = TIMER_MS * round(timers)
+    setting = f"a sensor set to {number(faster[0], 4)} Hz"
+    if claimed:
+        return (
+            f"in step with a timer of {period_ms} ms and not with the sensor: about {share} % of "
+            f"the samples of {setting} are never sent (skipped)."
+        )
+    return (
+        f"in step with a timer of {period_ms} ms, a rate that the sensor does not have: about "
+        f"{share} % of the samples of {setting} are never sent (skipped), more if it is faster."
+    )
+
+
+def _unrepeated(axes: Mapping[str, AxisAnalysis]) -> bool:
+    """Whether repeated rows were looked for, and none found: only then may samples be skipped."""
+    looked = [axis for axis in axes.values() if axis.explanation is not None]
+    return bool(looked) and not _repeated(axes)
+
+
+def _repeated(axes: Mapping[str, AxisAnalysis]) -> float:
+    """Return the share of repeated rows that the loop found on any axis; 0 when on none."""
+    found = [
+        float(effect.parameters["fraction"].value)
+        for axis in axes.values()
+        if axis.explanation is not None
+        for effect in axis.explanation.effects
+        if effect.repeats_rows
+    ]
+    return max(found, default=0.0)
+
+
+_NOTICEABLE = 0.03
+"""Relative difference below which nobody asks why."""
+_SHAPES: Mapping[str, Callable[[float], float]] = {
+    "N": lambda tau: 1 / tau,
+    "B": lambda _: 2 * math.log(2) / math.pi,
+    "K": lambda tau: tau / 3,
+    "R": lambda tau: tau**2 / 2,
+}
+"""Allan variance of each coefficient of size 1 at tau in s."""
+
+_FAST = (
+    *(
+        "gauss_markov",
+        "power_law",
+        "random_telegraph",
+        "band_limit",
+        "outliers",
+        "repeated_samples",
+    ),
+    *("cross_coupling", "variance_change", "scale_drift", "saturation", "narrowband", "sinusoid"),
+    *("drifting_line", "dead_zone", "amplitude_coupling"),
+    "unexplained",
+)
+_SLOW = (
+    *(
+        "gauss_markov",
+        "power_law",
+        "random_telegraph",
+        "shock",
+        "step",
+        "excursion",
+        "warm_up",
+        "temperature",
+    ),
+    *("cross_coupling", "scale_drift", "variance_change", "outliers", "sinusoid", "narrowband"),
+    "drifting_line",
+    "unexplained",
+)
+"""Which effects explain a difference at short averaging times and at long ones, likeliest first."""
+
+
+def disagreement(
+    unit: str,
+    coefficients: Mapping[str, Coefficient],
+    readings: Mapping[str, Reading],
+    effects: Iterable[Effect] = (),
+    rounding: float = 0.0,
+) -> str | None:
+    """Return the line for the first coefficient that its reading contradicts, N before B before K.
+
+    Parameters
+    ----------
+    unit : str
+        Of the axis.
+    coefficients, readings : mapping
+        By name; see `readings.read_axis`.
+    effects : iterable of Effect
+        What was accepted on the axis, from which the cause is taken.
+    rounding : float
+        White noise per sqrt(Hz) that is rounding, which a reading cannot tell from N.
+    """
+    for name, reading in readings.items():
+        letter = name[:1]
+        known = coefficients.get(letter)
+        if known is None or _agree(name, coefficients, reading, rounding):
+            continue
+        near = tuple(
+            one
+            for one in effects
+            if _is_near(one, reading.band_hz)
+            and not (one.kind == "cross_coupling" and _is_coupled_little(known))
+        )
+        cause = _cause(name, reading.value > known.value, near)
+        usual = COEFFICIENTS[unit, letter][0]
+        fitted = (
+            usual.limit(known.upper) if not known.detected else number(known.value * usual.factor)
+        )
+        read = number(reading.value * usual.factor)
+        return symbols(
+            f"{letter} is {read} {usual.unit} from {_how(name, reading)} and {fitted} from the "
+            f"fit: {cause}"
+        )
+    return None
+
+
+def _how(name: str, reading: Reading) -> str:
+    """Return what a reading was taken from."""
+    match name:
+        case "N" if reading.band_hz is not None:
+            low, high = reading.band_hz
+            return f"the density from {number(low, 2)} to {number(high, 2)} Hz"
+        case "N_1s":
+            return "the deviation at 1 s"
+        case "B":
+            return f"the minimum deviation (at {duration(reading.tau_s or 0.0)})"
+        case _:
+            return f"the deviation at {duration(reading.tau_s or 0.0)}"
+
+
+def _agree(
+    name: str, coefficients: Mapping[str, Coefficient], reading: Reading, rounding: float
+) -> bool:
+    """Tell whether coefficient, or all of them together, and reading agree within intervals."""
+    one = coefficients[name[:1]]
+    low = one.lower if one.detected else 0.0
+    if _overlap(low, one.upper, reading.lower, reading.upper):
+        return True
+    white = math.hypot(low if name[0] == "N" else 0.0, rounding)
+    if name == "N":
+        return _overlap(white, math.hypot(one.upper, rounding), reading.lower, reading.upper)
+    tau = reading.tau_s or 1.0
+    # The deviation that was read, and those that the limits of all coefficients make there.
+    size = math.sqrt(_SHAPES[name[0]](tau))
+    expected = [
+        math.sqrt(
+            sum(
+                shape(tau) * ((found.lower if side == 0 else found.upper) ** 2)
+                for letter, shape in _SHAPES.items()
+                if (found := coefficients.get(letter)) is not None and math.isfinite(found.upper)
+            )
+            + rounding**2 / tau
+        )
+        for side in (0, 1)
+    ]
+    return _overlap(expected[0], expected[1], reading.lower * size, reading.upper * size)
+
+
+def _overlap(low: float, high: float, other_low: float, other_high: float) -> bool:
+    """Tell whether two intervals overlap, or miss each other by too little to mention."""
+    room = 1 + _NOTICEABLE
+    return low <= other_high * room and other_low <= high * room
+
+
+def _cause(name: str, more: bool, effects: tuple[Effect, ...]) -> str:
+    """Return what explains the difference; `more` where the reading is above the coefficient."""
+    order = _FAST if name[0] == "N" else _SLOW
+    known = [e for e in effects if not e.of_the_stream]
+    for kind in order:
+        found = next((effect for effect in known if effect.kind == kind), None)
+        if found is not None and not (kind == "band_limit" and more):
+            return _phrase(found)
+    other = next((effect for effect in known if effect.kind not in order), None)
+    return "not explained by the model" if other is None else _phrase(other)
+
+
+def _is_coupled_little(known: Coefficient) -> bool:
+    """Tell whether what other axes bring, which is known, is too little to mention."""
+    alone = known.decoupled
+    return alone is not None and known.value <= (1 + _NOTICEABLE) * alone.value
+
+
+def _is_near(effect: Effect, band_hz: tuple[float, float] | None) -> bool:
+    """Tell whether an effect that has a frequency acts within an octave of where N was read."""
+    place = effect.parameters.get("frequency") or effect.parameters.get("cutoff")
+    if band_hz is None or place is None or isinstance(place.value, str):
+        return True
+    above_the_low_end = place.value >= band_hz[0] / 2 or "cutoff" in effect.parameters
+    return above_the_low_end and place.value <= 2 * band_hz[1]
+
+
+def _phrase(effect: Effect) -> str:
+    """Return an effect as a cause."""
+    words = _PHRASES.get(effect.kind)
+    if words is None:
+        kind = kind_name(effect.kind)
+        return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+    values = {name: one.value for name, one in effect.parameters.items()}
+    return words.format_map(
+        {name: one if isinstance(one, str) else number(one) for name, one in values.items()}
+    )
+
+
+_PHRASES = {
+    "gauss_markov": "the rest is Gauss-Markov noise of {correlation_time} s",
+    "power_law": "the rest is noise of density f^-{exponent}",
+    "random_telegraph": "the rest is a telegraph signal with a dwell time of {dwell} s",
+    "band_limit": "a low-pass at {cutoff} Hz",
+    "cross_coupling": "a coupling from {source}",
+    "sinusoid": "a line at {frequency} Hz",
+    "narrowband": "noise in a band at {frequency} Hz",
+    "drifting_line": "a line that drifts around {frequency} Hz",
+    "outliers": "outliers",
+    "repeated_samples": "repeated samples",
+    "saturation": "saturation",
+    "dead_zone": "a dead zone",
+    "amplitude_coupling": "noise whose amplitude follows {source}",
+    "unexplained": "an unexplained part",
+}
+"""Effects as causes; others by the name of their kind."""

@@ -24,11 +24,15 @@ from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.line_origin import wander_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.published import published
-from allanscope.analysis.reading_remarks import disagreement
 from allanscope.analysis.readings import density_of, read_axis
-from allanscope.analysis.remarks import axis_remarks, run_remarks, scale_remarks
+from allanscope.analysis.remarks import (
+    axis_remarks,
+    disagreement,
+    run_remarks,
+    sampling_remarks,
+    scale_remarks,
+)
 from allanscope.analysis.result import Analysis, AsOf, AxisAnalysis, Level, Rate
-from allanscope.analysis.sampling import sampling_remarks
 from allanscope.analysis.tracing import Trace, trace_findings
 from allanscope.analysis.undisturbed import undisturbed
 from allanscope.errors import UsageError

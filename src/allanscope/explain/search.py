@@ -21,12 +21,9 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.unexplained import Unexplained, with_misfits_joined
 from allanscope.explain.moves import SearchPath
-from allanscope.explain.moves.add import add, proposals, with_rivals
-from allanscope.explain.moves.add_bundle import add_bundle
-from allanscope.explain.moves.add_pair import add_pair
+from allanscope.explain.moves.add import add, add_bundle, add_pair, proposals, with_rivals
 from allanscope.explain.moves.drop import drop
-from allanscope.explain.moves.fold_sidebands import fold_sidebands
-from allanscope.explain.moves.fold_steps import fold_steps
+from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.moves.replace_drift import replace_drift
 from allanscope.explain.moves.resolve_tones import resolve_tones

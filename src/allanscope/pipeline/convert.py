@@ -1,15 +1,21 @@
-"""Other people's data in; samples and coefficients out."""
+"""Other people's data in; samples and coefficients out.
+
+Coefficients are taken from the ``result.json`` of a session while that is up to date.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from allanscope import __version__
 from allanscope.atomic_write import refuse_place, write_text
 from allanscope.clock import Clock
 from allanscope.errors import InputError, UsageError
+from allanscope.noise import Coefficient
 from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
 from allanscope.pipeline.columns import text_of_columns, with_guesses, with_units
 from allanscope.pipeline.decoding import Decoding
@@ -31,7 +37,62 @@ from allanscope.view import progress
 if TYPE_CHECKING:
     from allanscope.pipeline.exports import UpperLimits
 
-__all__ = ["export_recording", "import_capture"]
+__all__ = ["StoredResult", "export_recording", "import_capture", "stored_result"]
+
+
+@dataclass(frozen=True, slots=True)
+class StoredResult:
+    """What an export needs of a result.
+
+    Attributes
+    ----------
+    coefficients : mapping
+        Axis name to coefficient name to coefficient.
+    rate_hz : float
+        Measured sample rate, else the nominal one.
+    part : str
+        Empty if it is not known.
+    duration_s : float
+        Length of the run.
+    """
+
+    coefficients: Mapping[str, Mapping[str, Coefficient]]
+    rate_hz: float
+    part: str
+    duration_s: float
+
+
+def stored_result(folder: Path) -> StoredResult | None:
+    """Return what the result in a session folder says; None where a new analysis is needed.
+
+    It is used only if this version of allanscope wrote it, after the last byte of every recording
+    in the folder.
+    """
+    path = folder / "result.json"
+    try:
+        written = path.stat().st_mtime_ns
+        if any(one.stat().st_mtime_ns > written for one in folder.glob("*.mcap")):
+            return None
+        result = json.loads(path.read_text("utf-8"))
+        if result["allanscope"] != __version__:
+            return None
+        fields = ("value", "lower", "upper", "unit", "detected", "wait_s")
+        rate = result["rate"]
+        return StoredResult(
+            {
+                name: {
+                    letter: Coefficient(*(one[field] for field in fields))
+                    for letter, one in axis["coefficients"].items()
+                }
+                for name, axis in result["axes"].items()
+            },
+            float(rate["measured_hz"] or rate["nominal_hz"]),
+            result["part"],
+            float(result["duration_s"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
 
 _ROWS = 1 << 12
 """Of a table that are written at a time."""
@@ -167,7 +228,6 @@ def _export_coefficients(
     upper_limits: UpperLimits,
 ) -> None:
     from allanscope.pipeline.exports import CONTENTS, LAYOUTS, NotDetected, bound_yaml
-    from allanscope.pipeline.stored_result import StoredResult, stored_result
 
     refuse_place(out)
     curves = {}

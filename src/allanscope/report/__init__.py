@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         comparing_pictures,
         render_comparison,
     )
+    from allanscope.report.curve_pictures import chain_picture, transfer_picture
     from allanscope.report.page import (
         pictures,
         render,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
         Picture,
         ink,
     )
-    from allanscope.report.theory_pictures import chain_picture, transfer_picture
 
 __all__ = [
     "DATASHEET",
@@ -61,8 +61,8 @@ __getattr__, __dir__ = lazily(
         "render": "page",
         "render_comparison": "compare",
         "save_pictures": "page",
-        "chain_picture": "theory_pictures",
+        "chain_picture": "curve_pictures",
         "template": "page",
-        "transfer_picture": "theory_pictures",
+        "transfer_picture": "curve_pictures",
     },
 )

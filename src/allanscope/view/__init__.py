@@ -9,7 +9,7 @@ whatever becomes of them, the measurement goes on::
     snapshot                                 └▶ session.rrd
 
 The viewer has no logarithmic axes, so charts are drawn by hand, in three steps that know nothing
-of each other: `chart` places values on a rectangle, `drawing` says what is drawn there,
+of each other: `chart` places values on a rectangle, `chart_content` says what is drawn there,
 `rerun_drawing` puts it into the recording. `chart_builder` decides which entity shows what,
 `rerun_blueprint` which tab shows which entity. Only files named
 ``rerun_*`` import Rerun, and none of them before it is needed.
@@ -23,7 +23,7 @@ from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.view.progress_bar import progress
-    from allanscope.view.rerun_canvas import Canvas
+    from allanscope.view.rerun_recording import Canvas
     from allanscope.view.rerun_view import RerunView, load_rerun
     from allanscope.view.terminal import TerminalView, summary_lines
     from allanscope.view.viewer_process import ViewerProcess, has_display
@@ -42,7 +42,7 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "Canvas": "rerun_canvas",
+        "Canvas": "rerun_recording",
         "RerunView": "rerun_view",
         "TerminalView": "terminal",
         "ViewerProcess": "viewer_process",

@@ -26,7 +26,7 @@ from allanscope.allan import Deviation, DynamicDeviation
 from allanscope.analysis import Analysis, AxisAnalysis
 from allanscope.quantities import DENSITY, DEVIATION, Reading, symbols
 from allanscope.view.chart import Chart, InUnits, Linear, Log
-from allanscope.view.drawing import (
+from allanscope.view.chart_content import (
     Drawing,
     draw_curve,
     draw_datasheet,

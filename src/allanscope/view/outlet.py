@@ -18,7 +18,7 @@ from allanscope.analysis import Analysis
 from allanscope.view.decimator import LogSpacing, Rows, RowThinner
 
 if TYPE_CHECKING:
-    from allanscope.view.rerun_canvas import Canvas
+    from allanscope.view.rerun_recording import Canvas
 
 __all__ = ["FileOutlet", "Outlet", "expected_bytes", "largest_part", "refusal"]
 

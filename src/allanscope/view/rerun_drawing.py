@@ -15,7 +15,7 @@ import pyarrow as pa
 import rerun as rr
 
 from allanscope.view.chart import HEIGHT, WIDTH, Strips
-from allanscope.view.drawing import Drawing
+from allanscope.view.chart_content import Drawing
 from allanscope.view.palette import Colour
 
 __all__ = ["POINTS", "DrawingWriter"]

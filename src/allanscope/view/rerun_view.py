@@ -35,7 +35,7 @@ from allanscope.view.viewer_process import DATA_PORT_AFTER_PAGE, ViewerKeeper, V
 from allanscope.view.worker import Worker
 
 if TYPE_CHECKING:
-    from allanscope.view.rerun_canvas import Canvas
+    from allanscope.view.rerun_recording import Canvas
 
 __all__ = ["RerunView", "ViewMode", "load_rerun"]
 
@@ -61,7 +61,7 @@ _PREFIX: Mapping[str, tuple[str, Level]] = {
 def load_rerun() -> None:
     """Import Rerun, which would log to the terminal if it were not told before."""
     os.environ.setdefault("RUST_LOG", "off")
-    import_module("allanscope.view.rerun_canvas")
+    import_module("allanscope.view.rerun_recording")
 
 
 class RerunView:
@@ -138,7 +138,7 @@ class RerunView:
         if self._mode == "none" and self._file is None:
             return
         load_rerun()
-        from allanscope.view.rerun_canvas import Canvas
+        from allanscope.view.rerun_recording import Canvas
 
         serve = self._mode != "none"
         data = None if self._port is None else self._port + DATA_PORT_AFTER_PAGE
@@ -173,7 +173,7 @@ class RerunView:
 
     def _keep(self, file: Path) -> None:
         """Begin the file if the disk has room for it."""
-        from allanscope.view.rerun_canvas import Canvas
+        from allanscope.view.rerun_recording import Canvas
 
         self.failure = refusal(file)
         if self.failure:

@@ -7,14 +7,14 @@
                                    └▶ outliers, repeats, losses ─▶ rare ────┘
 
 Each second every axis is asked whether it is still what it was. What an alarm means, and why a
-longer night has no more false ones, is in `spending`. An event has the kind of the effect that the
-closed loop would name, its moment with an interval, and whether it is still there; what comes back
-is the same event once more. Everything depends on the samples alone, in memory that does not grow:
-a replay finds the same at the same samples.
+longer night has no more false ones, is in `false_alarms`. An event has the kind of the effect that
+the closed loop would name, its moment with an interval, and whether it is still there; what comes
+back is the same event once more. Everything depends on the samples alone, in memory that does not
+grow: a replay finds the same at the same samples.
 """
 
 from allanscope.watch.events import KINDS, Event, Occurrence
-from allanscope.watch.spending import ALPHA
+from allanscope.watch.false_alarms import ALPHA
 from allanscope.watch.watch import Watch
 
 __all__ = ["ALPHA", "KINDS", "Event", "Occurrence", "Watch"]

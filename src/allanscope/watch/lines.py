@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.compiled import Fixed, Pointer, kernel
-from allanscope.watch.spending import log_weight
+from allanscope.watch.false_alarms import log_weight
 from allanscope.watch.summary import LANES, groups_of, of_axis
 
 __all__ = ["LineAlarm", "Lines"]

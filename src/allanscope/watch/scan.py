@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.compiled import Fixed, Pointer, kernel
-from allanscope.watch.spending import log_weight
+from allanscope.watch.false_alarms import log_weight
 
 __all__ = ["LONGEST", "Alarm", "Scan", "log_tail"]
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from allanscope.samples import Gap, StreamInfo, Ticks
 from allanscope.watch.change import goes_on, locate
+from allanscope.watch.counts import Burst, Rare
 from allanscope.watch.events import Event
+from allanscope.watch.false_alarms import ALPHA
 from allanscope.watch.lines import LineAlarm, Lines
-from allanscope.watch.rare import Burst, Rare
 from allanscope.watch.scan import RING, Alarm, Scan
-from allanscope.watch.spending import ALPHA
 from allanscope.watch.summary import (
     FIRST_BIN,
     LANES,

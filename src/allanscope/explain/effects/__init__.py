@@ -104,11 +104,11 @@ class EffectKind(ABC):
     is_process : bool
         Whether it is a part of the spectrum: it must recur in both halves of the record.
     is_slow : bool
-        Whether it is one of those that pass together though none passes alone (`moves.add_bundle`).
+        Whether it is one of those that pass together though none passes alone (`moves.add`).
     is_drift, is_piecewise : bool
         Whether it may be a piece of a drift without a name, or of a relaxation without one.
     is_thermal : bool
-        Whether it shares the level with the temperature (`moves.add_pair`).
+        Whether it shares the level with the temperature (`moves.add`).
     is_coefficient : bool
         Whether it is one of the textbook's coefficients, which take part in the competition and are
         no effects.

@@ -33,7 +33,7 @@ _NEAR_S = 5.0
 _SHORTEST_S = 5.0
 _LONGEST = 0.12
 """Longest duration that is scanned, as a share of the record: beyond, its edges are found first
-(`moves.fold_steps`)."""
+(`moves.fold`)."""
 _PROPOSALS = 2
 _PENALTY, _PENALTY_S = calibrated_penalty("excursion"), 1200.0
 """Nats that noise hardly gains by chance in so many seconds."""

@@ -1,4 +1,4 @@
-"""The moves of the search, one a file: each turns a hypothesis (a `View`) into another, or not.
+"""The moves of the search: each turns a hypothesis (a `View`) into another, or not.
 
 ====================  ==========================================================================
 `add`                 the candidate that gains most beyond its penalty and passes the gates

@@ -1,4 +1,12 @@
-"""Add the candidate that gains most beyond its penalty and passes the gates."""
+"""Moves that add: the best candidate that passes the gates, or several that pass only together.
+
+`add_pair`: a warm-up and the temperature, each fitted alone, take along what belongs to the other,
+and a slope that was found beside half a warm-up is refuted by the quarter in which the warm-up was.
+
+`add_bundle`: while one of several slow effects is left out it keeps K high, and a high K hides the
+others: a warm-up and three bumps of the level look like a random walk until all four are taken out.
+What is looked at is paid for by every member, and each must be worth its penalty given the others.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +14,16 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.effects import EffectKind
-from allanscope.explain.effects.unexplained import united
-from allanscope.explain.gates import judge, penalty_passed
+from allanscope.explain.effects import KINDS, EffectKind
+from allanscope.explain.effects.shock import within_shock
+from allanscope.explain.effects.unexplained import is_remnant, united
+from allanscope.explain.gates import judge, judge_members, owed, penalty_passed
 from allanscope.explain.moves import SearchPath
+from allanscope.explain.moves.refit import refit
+from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
-__all__ = ["add", "proposals", "with_rivals"]
+__all__ = ["add", "add_bundle", "add_pair", "proposals", "with_rivals"]
 
 _GOOD_PART = 0.3
 """Share of a band's gain that a line may have which is all there is to the band."""
@@ -82,3 +93,72 @@ def with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> Vi
             rivals[rival.kind] = max(rival.gain, rivals.get(rival.kind, 0.0))
     updated = replace(last, rivals=rivals)
     return view.noting((*view.accepted[:-1], updated))
+
+
+def add_pair(
+    view: View, kinds: list[type[EffectKind]], candidates: list[Candidate], path: SearchPath
+) -> View | None:
+    """Return the view with both, or None."""
+    pair = {kind.kind for kind in KINDS.values() if kind.is_thermal}
+    missing = [kind for kind in kinds if kind.is_thermal and not view.has(kind.kind)]
+    promising = [c for c in candidates if c.kind in pair and c.excess > path.spent]
+    known = pair - {kind.kind for kind in missing}
+    if not missing or not promising or not all(view.has(kind) for kind in known):
+        return None
+    first = len(view.accepted)
+    trial = view.accept(max(promising, key=lambda c: c.excess))
+    rest = [kind for kind in missing if not trial.has(kind.kind)]
+    for candidate in proposals(trial, rest, path):
+        trial = trial.accept(candidate)
+    if not all(trial.has(kind) for kind in pair):
+        return None
+    trial = refit_jointly(trial)
+    members = tuple(c for c in trial.accepted if c.kind in pair)
+    excess = trial.spectrum.loglik - view.spectrum.loglik - path.spent - owed(trial, first)
+    others = max((c.excess for c in candidates if c.kind not in pair), default=0.0)
+    if excess <= max(0.0, others - path.spent) or any(c.excess <= path.spent for c in members):
+        return None
+    judged = judge_members(trial, members)
+    if judged is not None:
+        path.accept("add pair", *judged.accepted[first:])
+    return judged
+
+
+_MOST = 6
+_HOPELESS, _NEARLY = 30.0, 8.0
+"""Nats that may be missing for a bundle to be continued, and to be fitted in earnest."""
+_PROMISING = 5.0
+"""Gain in nats below which nothing is worth looking behind."""
+
+
+def add_bundle(
+    view: View, kinds: list[type[EffectKind]], candidates: list[Candidate], path: SearchPath
+) -> View | None:
+    """Return the view with a bundle, or None."""
+    slow = [kind for kind in kinds if kind.is_slow]
+    first = len(view.accepted)
+    trial = view
+    for _ in range(_MOST):
+        if trial is not view:
+            candidates = proposals(trial, slow, path)
+        own = [
+            c
+            for c in candidates
+            if c.effect.is_slow and not is_remnant(trial, c) and not within_shock(trial, c)
+        ]
+        promising = [c for c in own if c.gain > _PROMISING]
+        if not promising:
+            return None
+        trial = trial.accept(max(promising, key=lambda c: c.excess))
+        gain = trial.spectrum.loglik - view.spectrum.loglik
+        missing = path.spent + owed(trial, first) - gain
+        if missing > _HOPELESS:
+            return None
+        if len(trial.accepted) - first > 1 and missing < _NEARLY:
+            trial = refit_jointly(refit(trial, path))
+            gain = trial.spectrum.loglik - view.spectrum.loglik
+            members = trial.accepted[first:]
+            if gain > path.spent + owed(trial, first) and all(c.excess > 0 for c in members):
+                path.accept("add bundle", *members)
+                return judge_members(trial, members)
+    return None

@@ -2,22 +2,151 @@
 
 ::
 
-    path ─▶ registry: which kind ─┬▶ arrays    .npz, .npy
-                                  ├▶ matlab    .mat
-                                  ├▶ parquet   .parquet                    ─▶ TableFile
-                                  ├▶ rosbag    rosbag2: .mcap, .db3, folder
-                                  └▶ hsdatalog folder of FP-SNS-DATALOG2
+    path ─▶ `kind_of` ─┬▶ arrays    .npz, .npy
+                       ├▶ matlab    .mat
+                       ├▶ parquet   .parquet                    ─▶ TableFile
+                       ├▶ rosbag    rosbag2: .mcap, .db3, folder
+                       └▶ hsdatalog folder of FP-SNS-DATALOG2
 
 Nothing in such a file is run: pickled objects are refused. What a header claims is compared with
 what the file has before any memory is taken for it, and no more than `MOST_BYTES` is unpacked.
 
 A new kind is a module with a function ``read(path, stream) -> TableFile`` that raises ValueError,
-and a line in `registry`.
+and a line in ``_MODULES``.
 """
 
 from __future__ import annotations
 
-from allanscope.pipeline.table_files.base import TableFile
-from allanscope.pipeline.table_files.registry import is_table_file, table_of_file
+import struct
+import zipfile
+import zlib
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
 
-__all__ = ["TableFile", "is_table_file", "table_of_file"]
+from allanscope.errors import InputError, UsageError
+from allanscope.pipeline.columns import Columns
+
+__all__ = [
+    "MOST_BYTES",
+    "MOST_COLUMNS",
+    "MOST_MEMBERS",
+    "TableFile",
+    "is_table_file",
+    "kind_of",
+    "table_of_file",
+]
+
+MOST_BYTES = 1 << 31
+"""Of arrays in memory: six axes as float64 over 11 h at 1 kHz."""
+MOST_MEMBERS = 256
+MOST_COLUMNS = 4096
+"""More than this is no table of sensors."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableFile:
+    """What a file of arrays holds.
+
+    Attributes
+    ----------
+    columns : Columns
+        Its samples.
+    kind : str
+        What it is, by its name in the registry.
+    rate_hz : float or None
+        Rate that it states.
+    part : str
+        Part that it names.
+    """
+
+    columns: Columns
+    kind: str
+    rate_hz: float | None = None
+    part: str = ""
+
+
+_HEAD = 64
+_MAGICS: tuple[tuple[bytes, str], ...] = (
+    (b"PK\x03\x04", "npz"),
+    (b"\x93NUM", "npy"),
+    (b"PAR1", "parquet"),
+    (b"MATLAB 5.0 MAT-file", "mat"),
+    (b"MATLAB 7.3 MAT-file", "mat"),
+    (b"SQLite format 3\0", "rosbag2"),
+)
+_MCAP = b"\x89MCAP0\r\n"
+_ROS2 = b"\x04\x00\x00\x00ros2"
+_HSDATALOG = ("acquisition_info.json", "device_config.json")
+_MODULES = {
+    "npz": "arrays",
+    "npy": "arrays",
+    "mat": "matlab",
+    "parquet": "parquet",
+    "rosbag2": "rosbag",
+    "hsdatalog": "hsdatalog",
+}
+
+
+def is_table_file(path: Path) -> bool:
+    """Return whether a file or a folder begins as one of these does."""
+    return kind_of(path) != ""
+
+
+def kind_of(path: Path) -> str:
+    """Return the name of the kind, empty for what is none of them."""
+    try:
+        if path.is_dir():
+            return _kind_of_folder(path)
+        if not path.is_file():
+            return ""  # a serial port must not be opened just to look
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError:
+        return ""
+    if head.startswith(_MCAP):
+        # After the magic comes the header record: opcode, length, and whose profile it is.
+        return "rosbag2" if head[len(_MCAP) + 9 :].startswith(_ROS2) else ""
+    return next((kind for magic, kind in _MAGICS if head.startswith(magic)), "")
+
+
+def _kind_of_folder(path: Path) -> str:
+    if all((path / name).is_file() for name in _HSDATALOG):
+        return "hsdatalog"
+    bags = sorted([*path.glob("*.db3"), *path.glob("*.mcap")])
+    return "rosbag2" if bags and kind_of(bags[0]) == "rosbag2" else ""
+
+
+def table_of_file(path: Path, stream: str = "") -> TableFile:
+    """Read a file, or a folder, of arrays.
+
+    Parameters
+    ----------
+    path : Path
+    stream : str
+        Which one of several sensors it is about: the topic of a bag, the part in a folder of
+        HSDatalog. Without it the one with the
+        most samples is taken, and the others are said.
+
+    Raises
+    ------
+    InputError
+        When it is damaged, too large, or holds no axis; the message says which arrays it has.
+    UsageError
+        When it needs a package that is not installed.
+    """
+    kind = kind_of(path)
+    module = import_module(f"allanscope.pipeline.table_files.{_MODULES[kind]}")
+    try:
+        found: TableFile = module.read(path, stream)
+    except (ValueError, EOFError, zlib.error, zipfile.BadZipFile, struct.error) as error:
+        if isinstance(error, UsageError):
+            raise
+        raise InputError(f"{path}: {_line(error)}") from None
+    except (OSError, NotImplementedError, RuntimeError, MemoryError) as error:
+        raise InputError(f"cannot read {path}: {_line(error)}") from None
+    return found
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:300] or type(error).__name__

@@ -20,7 +20,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from allanscope.pipeline.columns import Columns, columns_of_array, columns_of_mapping
-from allanscope.pipeline.table_files.base import (
+from allanscope.pipeline.table_files import (
     MOST_BYTES,
     MOST_COLUMNS,
     MOST_MEMBERS,

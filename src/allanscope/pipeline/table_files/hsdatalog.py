@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from allanscope.parts import PARTS
 from allanscope.pipeline.columns import Columns
-from allanscope.pipeline.table_files.base import MOST_BYTES, TableFile
+from allanscope.pipeline.table_files import MOST_BYTES, TableFile
 
 __all__ = ["read"]
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.pipeline.table_files import MOST_BYTES, MOST_MEMBERS, TableFile
 from allanscope.pipeline.table_files.arrays import Found, columns_of_found, sort_in
-from allanscope.pipeline.table_files.base import MOST_BYTES, MOST_MEMBERS, TableFile
 from allanscope.recording import most_unpacked
 
 __all__ = ["read"]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from allanscope.errors import UsageError
 from allanscope.pipeline.columns import columns_of_mapping
-from allanscope.pipeline.table_files.base import MOST_BYTES, MOST_COLUMNS, TableFile
+from allanscope.pipeline.table_files import MOST_BYTES, MOST_COLUMNS, TableFile
 from allanscope.samples import AXES
 from allanscope.wire.text import column_of
 

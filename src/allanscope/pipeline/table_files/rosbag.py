@@ -32,7 +32,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from allanscope.pipeline.columns import Columns
-from allanscope.pipeline.table_files.base import MOST_BYTES, TableFile
+from allanscope.pipeline.table_files import MOST_BYTES, TableFile
 from allanscope.samples import AXES
 
 __all__ = ["read"]

@@ -6,7 +6,7 @@
 - A shock: something is knocked and rings for a moment.
 - A line: vibration, mains pick-up, an alias, a daily cycle.
 - A line that drifts: a fan, a pump, a building, whose frequency and amplitude change slowly.
-- Outliers: isolated samples far outside the distribution of the rest, as of a truncated read.
+- Outliers: isolated samples far outside the distribution of the rest, as of a mixed read.
 - Temperature sensitivity: the axis follows the temperature of the sensor.
 - Noise that is as loud as another axis is away from its rest.
 - Cross-coupling: one axis shows a share of another.

@@ -5,7 +5,7 @@
     bytes ─▶ lines ─┬▶ columns (header) ─▶ table (rows) ─┬▶ meaning (axes, units, scale) ─▶ rows
                     └▶ labelled (which kind of line) ────┘             losses, Blocks ◀────┘
 
-Sentences as of NMEA are rows of known columns (`sentences`). Values arrive as they are written: in
+Sentences as of NMEA are rows of known columns (`labelled`). Values arrive as they are written: in
 dps and g as float64, or in counts when the text says so (``[lsb]``) or has nothing but whole
 numbers. Where no row comes of it, `refusal` says why. Columns and units are those of arrays and
 tables in files as well.

@@ -22,10 +22,9 @@ from allanscope.wire.text.columns import (
     unnamed,
     with_units_below,
 )
-from allanscope.wire.text.labelled import Spoken, SpokenRow, read_labelled
+from allanscope.wire.text.labelled import Sentence, Spoken, SpokenRow, read_labelled, sentence_in
 from allanscope.wire.text.meaning import TextMeaning
 from allanscope.wire.text.refusal import why_no_row
-from allanscope.wire.text.sentences import Sentence, sentence_in
 from allanscope.wire.text.table import Table, is_number, joined_dates, realigned
 from allanscope.wire.text.units import Quantity
 

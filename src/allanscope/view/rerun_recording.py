@@ -28,8 +28,7 @@ from allanscope.view.tables import (
     run_table,
     verdict_text,
 )
-from allanscope.view.viewer_process import free_port, refuse_taken
-from allanscope.view.web_page import LOOPBACK
+from allanscope.view.viewer_process import LOOPBACK, free_port, refuse_taken
 
 __all__ = [
     "APPLICATION",

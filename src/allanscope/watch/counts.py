@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from allanscope.watch.spending import log_weight
+from allanscope.watch.false_alarms import log_weight
 
 __all__ = ["WINDOWS", "Burst", "Rare", "surprise"]
 

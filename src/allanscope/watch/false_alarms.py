@@ -6,7 +6,7 @@ many hours, and a longer night would have more of them. So `ALPHA` is spent: ove
 changes, over the windows that are looked at, and over time, by weights that sum to one. What is
 asked of the stream as a whole, its rate, repeats and losses, is paid for by its axes.
 
-- A test of one look at one window (`scan`, `rare`) is an all-or-nothing e-value: 1 / (alpha w) if
+- A test of one look at one window (`scan`, `counts`) is an all-or-nothing e-value: 1 / (alpha w) if
   its p-value is at most alpha w, else 0. The weighted sum of all e-values of a run has an
   expectation of at most one whatever the dependence between looks, so that by Markov's inequality
   it ever reaches 1 / alpha with a probability of at most alpha.

@@ -101,6 +101,7 @@ def test_a_session_on_a_full_disk_ends_with_its_summary_and_what_is_left_is_read
             check=False,
         )
 
+    assert mount("-o", "remount,size=128k", str(small_disk))  # full within a second
     out = small_disk / "S"
     ran = allanscope(
         *("live", "sim", "--rate", "6660", "--for", "6s", "--view", "none", "--out", str(out))

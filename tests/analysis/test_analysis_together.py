@@ -146,7 +146,7 @@ def test_copies_of_one_recording_are_refused(tmp_path, capsys):
     (path,) = written(tmp_path, 1)
     copy = tmp_path / "copy.csv"
     copy.write_bytes(Path(path).read_bytes())
-    assert main(["together", path, str(copy)]) == 2
+    assert main(["together", path, str(copy)]) == 3
     assert "board-0.csv and copy.csv hold the same samples" in capsys.readouterr().err
 
 

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 _PER_DECADE = 5
 _TELLING = 25.0
 """Ratio of the process to the noise within a dwell above which two levels would be seen."""
-_SHORTEST, _AT_THE_END = 3.0, 1.05
+_SHORTEST, _AT_THE_END = 1.5, 1.05
 """Shortest correlation time looked for, in rows: a shorter one bends white noise over the whole
 band, as a low-pass does, and cannot be told from it. What is likeliest there is no process."""
 _LONGEST = 0.15

@@ -1,8 +1,9 @@
 """Effects: what real records hold and the textbook model of noise does not.
 
 An effect is a kind with parameters, and a function that alters samples. The modules are what an
-effect acts on: `signal`, `noise`, `conversion`. A new effect is an `EffectKind` in one of them,
-with a small function above it that states the equation; nothing else names it.
+effect acts on: `signal`, `noise`, `conversion`. A new effect is a function in one of them that
+states the equation, with its name, stage and parameters in the decorator `effect`; nothing else
+names it.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ __all__ = [
     "Scene",
     "Setting",
     "Stage",
+    "effect",
     "effect_kinds",
 ]
 
@@ -136,10 +138,13 @@ class Scene:
 Apply = Callable[[NDArray[Any], Scene], None]
 """Alters samples in place; called with consecutive stretches of samples."""
 
+SetUp = Callable[[Mapping[str, float], Setting], Apply]
+"""Prepares an effect for one axis, with its parameters by name."""
+
 
 @dataclass(frozen=True, slots=True)
 class EffectKind:
-    """One kind of effect, a constant of one of the modules of this package.
+    """One kind of effect, made by the decorator `effect` in one of the modules of this package.
 
     The modules are read whenever the words of the command line are, so heavy imports belong into
     `set_up`.
@@ -154,8 +159,8 @@ class EffectKind:
         Where in the chain it acts.
     parameters : mapping
         Its numbers, in the names and units of the vocabulary.
-    set_up : callable
-        ``set_up(parameters, setting) -> Apply``.
+    set_up : SetUp
+        States its equation.
     takes_source : bool
         Whether it needs another axis, named ``source``.
     """
@@ -164,8 +169,15 @@ class EffectKind:
     summary: str
     stage: Stage
     parameters: Mapping[str, Parameter]
-    set_up: Callable[[Mapping[str, float], Setting], Apply]
+    set_up: SetUp
     takes_source: bool = False
+
+
+def effect(
+    name: str, summary: str, stage: Stage, *, takes_source: bool = False, **parameters: Parameter
+) -> Callable[[SetUp], EffectKind]:
+    """Make the decorated `SetUp` a kind of effect; see `EffectKind`."""
+    return lambda set_up: EffectKind(name, summary, stage, parameters, set_up, takes_source)
 
 
 @cache
@@ -178,6 +190,6 @@ def effect_kinds() -> Mapping[str, EffectKind]:
     'a change of the level at one time'
     """
     modules = (import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__))
-    constants = (value for module in modules for value in vars(module).values())
-    kinds = (value for value in constants if isinstance(value, EffectKind))
+    values = (value for module in modules for value in vars(module).values())
+    kinds = (value for value in values if isinstance(value, EffectKind))
     return {kind.name: kind for kind in sorted(kinds, key=lambda kind: kind.name)}

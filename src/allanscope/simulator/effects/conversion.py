@@ -15,12 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.simulator.effects import Apply, EffectKind, Parameter, Scene, Setting
+from allanscope.simulator.effects import Apply, Parameter, Scene, Setting, effect
 
-__all__ = ["CLOCK_ERROR", "DEAD_ZONE", "QUANTIZATION", "REPEATED_SAMPLES", "SATURATION"]
+__all__ = ["clock_error", "dead_zone", "quantization", "repeated_samples", "saturation"]
 
 
-def _quantization(parameters: Mapping[str, float], setting: Setting) -> Apply:
+@effect(
+    "quantization",
+    "quantization coarser than the noise",
+    "rounding",
+    step=Parameter("axis", "distance between neighbouring values", above=0.0),
+)
+def quantization(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Round to step round(y / step), before the sensor's own converter rounds to its LSB.
 
     While the noise is above half a step this adds white noise of step^2 / 12 per sample; below, the
@@ -34,16 +40,14 @@ def _quantization(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-QUANTIZATION = EffectKind(
-    name="quantization",
-    summary="quantization coarser than the noise",
-    stage="rounding",
-    parameters={"step": Parameter("axis", "distance between neighbouring values", above=0.0)},
-    set_up=_quantization,
+@effect(
+    "dead_zone",
+    "samples near one value are replaced by it",
+    "rounding",
+    level=Parameter("axis", "the value", 0.0),
+    width=Parameter("axis", "of the range that is replaced", above=0.0),
 )
-
-
-def _dead_zone(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def dead_zone(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Set y = level where it is less than half the width away from it."""
     level, half = parameters["level"], parameters["width"] / 2
 
@@ -53,19 +57,14 @@ def _dead_zone(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-DEAD_ZONE = EffectKind(
-    name="dead_zone",
-    summary="samples near one value are replaced by it",
-    stage="rounding",
-    parameters={
-        "level": Parameter("axis", "the value", 0.0),
-        "width": Parameter("axis", "of the range that is replaced", above=0.0),
-    },
-    set_up=_dead_zone,
+@effect(
+    "saturation",
+    "a limit at which samples are clipped",
+    "rounding",
+    level=Parameter("axis", "the limit"),
+    side=Parameter("1", "1 cuts what is above, -1 what is below", 1.0, least=-1.0, most=1.0),
 )
-
-
-def _saturation(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def saturation(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Cut off y = min(y, level), or with side = -1 y = max(y, level)."""
     level = parameters["level"]
     cut = np.minimum if parameters["side"] > 0 else np.maximum
@@ -76,19 +75,13 @@ def _saturation(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-SATURATION = EffectKind(
-    name="saturation",
-    summary="a limit at which samples are clipped",
-    stage="rounding",
-    parameters={
-        "level": Parameter("axis", "the limit"),
-        "side": Parameter("1", "1 cuts what is above, -1 what is below", 1.0, least=-1.0, most=1.0),
-    },
-    set_up=_saturation,
+@effect(
+    "repeated_samples",
+    "rows that repeat the row before",
+    "rows",
+    fraction=Parameter("1", "of all rows", above=0.0, most=0.99),
 )
-
-
-def _repeated_samples(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def repeated_samples(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Let each row be, with probability `fraction`, what was put out as the row before it.
 
     On white noise this makes the autocorrelation fraction^k and raises N^2 at long tau by
@@ -109,16 +102,15 @@ def _repeated_samples(parameters: Mapping[str, float], setting: Setting) -> Appl
     return apply
 
 
-REPEATED_SAMPLES = EffectKind(
-    name="repeated_samples",
-    summary="rows that repeat the row before",
-    stage="rows",
-    parameters={"fraction": Parameter("1", "of all rows", above=0.0, most=0.99)},
-    set_up=_repeated_samples,
+@effect(
+    "clock_error",
+    "true against nominal sample rate",
+    "clock",
+    relative=Parameter("1", "true / nominal - 1 at the start", above=-0.5, most=0.5),
+    drift=Parameter("ppm/h", "change of the rate in an hour", 0.0, least=-1e5, most=1e5),
+    per_degc=Parameter("ppm/degC", "change of the rate", 0.0, least=-1e3, most=1e3),
 )
-
-
-def _clock_error(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def clock_error(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Alter no sample: the simulator itself reads true rate = nominal rate (1 + relative).
 
     In the course of the record that is multiplied by 1 + drift t + per_degc (T - 25 degC).
@@ -128,16 +120,3 @@ def _clock_error(parameters: Mapping[str, float], setting: Setting) -> Apply:
         pass
 
     return apply
-
-
-CLOCK_ERROR = EffectKind(
-    name="clock_error",
-    summary="true against nominal sample rate",
-    stage="clock",
-    parameters={
-        "relative": Parameter("1", "true / nominal - 1 at the start", above=-0.5, most=0.5),
-        "drift": Parameter("ppm/h", "change of the rate in an hour", 0.0, least=-1e5, most=1e5),
-        "per_degc": Parameter("ppm/degC", "change of the rate", 0.0, least=-1e3, most=1e3),
-    },
-    set_up=_clock_error,
-)

@@ -18,20 +18,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.errors import UsageError
-from allanscope.simulator.effects import Apply, EffectKind, Parameter, Scene, Setting
+from allanscope.simulator.effects import Apply, Parameter, Scene, Setting, effect
 
 __all__ = [
-    "BAND_LIMIT",
-    "GAUSS_MARKOV",
-    "NARROWBAND",
-    "POWER_LAW",
-    "RANDOM_TELEGRAPH",
-    "SCALE_DRIFT",
-    "VARIANCE_CHANGE",
+    "band_limit",
+    "gauss_markov",
+    "narrowband",
+    "power_law",
+    "random_telegraph",
+    "scale_drift",
+    "variance_change",
 ]
 
 
-def _gauss_markov(parameters: Mapping[str, float], setting: Setting) -> Apply:
+@effect(
+    "gauss_markov",
+    "exponentially correlated noise with one time constant",
+    "signal",
+    sigma=Parameter("axis", "stationary standard deviation", above=0.0),
+    correlation_time=Parameter("s", "to 1/e", above=0.0),
+)
+def gauss_markov(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add noise that is stationary with autocovariance sigma^2 exp(-|t| / correlation_time)."""
     from allanscope.simulator.noise import GaussMarkov
 
@@ -45,19 +52,15 @@ def _gauss_markov(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-GAUSS_MARKOV = EffectKind(
-    name="gauss_markov",
-    summary="exponentially correlated noise with one time constant",
-    stage="signal",
-    parameters={
-        "sigma": Parameter("axis", "stationary standard deviation", above=0.0),
-        "correlation_time": Parameter("s", "to 1/e", above=0.0),
-    },
-    set_up=_gauss_markov,
+@effect(
+    "narrowband",
+    "noise in a band around one frequency",
+    "signal",
+    frequency=Parameter("Hz", "of the resonance", above=0.0),
+    bandwidth=Parameter("Hz", "full width at half height", above=0.0),
+    sigma=Parameter("axis", "stationary standard deviation", above=0.0),
 )
-
-
-def _narrowband(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def narrowband(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add the solution of x'' + 2 pi bandwidth x' + (2 pi frequency)^2 x = white noise."""
     from allanscope.simulator.noise import Narrowband
 
@@ -75,20 +78,14 @@ def _narrowband(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-NARROWBAND = EffectKind(
-    name="narrowband",
-    summary="noise in a band around one frequency",
-    stage="signal",
-    parameters={
-        "frequency": Parameter("Hz", "of the resonance", above=0.0),
-        "bandwidth": Parameter("Hz", "full width at half height", above=0.0),
-        "sigma": Parameter("axis", "stationary standard deviation", above=0.0),
-    },
-    set_up=_narrowband,
+@effect(
+    "power_law",
+    "noise whose density falls as f to minus an exponent",
+    "signal",
+    exponent=Parameter("", "between 0 (white) and 2 (random walk)", above=0.0, most=2.0),
+    density=Parameter("axis/sqrt(Hz)", "at 1 Hz, as N is", above=0.0),
 )
-
-
-def _power_law(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def power_law(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add white noise integrated exponent / 2 times: density^2 (f / 1 Hz)^-exponent."""
     from allanscope.simulator.noise import PowerLaw
 
@@ -101,19 +98,14 @@ def _power_law(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-POWER_LAW = EffectKind(
-    name="power_law",
-    summary="noise whose density falls as f to minus an exponent",
-    stage="signal",
-    parameters={
-        "exponent": Parameter("", "between 0 (white) and 2 (random walk)", above=0.0, most=2.0),
-        "density": Parameter("axis/sqrt(Hz)", "at 1 Hz, as N is", above=0.0),
-    },
-    set_up=_power_law,
+@effect(
+    "random_telegraph",
+    "switching between two levels at random times",
+    "signal",
+    amplitude=Parameter("axis", "half the distance between the levels", above=0.0),
+    dwell=Parameter("s", "mean time in one level", above=0.0),
 )
-
-
-def _random_telegraph(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def random_telegraph(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add y(t) = +-amplitude, switching after exponentially distributed times of mean `dwell`.
 
     Seen at the samples it is a Markov chain that has switched since the sample before with
@@ -133,19 +125,15 @@ def _random_telegraph(parameters: Mapping[str, float], setting: Setting) -> Appl
     return apply
 
 
-RANDOM_TELEGRAPH = EffectKind(
-    name="random_telegraph",
-    summary="switching between two levels at random times",
-    stage="signal",
-    parameters={
-        "amplitude": Parameter("axis", "half the distance between the levels", above=0.0),
-        "dwell": Parameter("s", "mean time in one level", above=0.0),
-    },
-    set_up=_random_telegraph,
+@effect(
+    "variance_change",
+    "stretches of time in which the white noise is larger",
+    "white",
+    intervals=Parameter("1", "number of noisy stretches", above=0.0),
+    ratio=Parameter("1", "of the standard deviations", default=2.0, above=0.0),
+    length=Parameter("s", "of each; 0 for a quarter of its share", 0.0, least=0.0),
 )
-
-
-def _variance_change(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def variance_change(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Make the white noise `ratio` times as large within each of `intervals` stretches of time.
 
     The record is cut into as many equal parts; each has one noisy stretch of `length` (a quarter of
@@ -167,20 +155,13 @@ def _variance_change(parameters: Mapping[str, float], setting: Setting) -> Apply
     return apply
 
 
-VARIANCE_CHANGE = EffectKind(
-    name="variance_change",
-    summary="stretches of time in which the white noise is larger",
-    stage="white",
-    parameters={
-        "intervals": Parameter("1", "number of noisy stretches", above=0.0),
-        "ratio": Parameter("1", "of the standard deviations", default=2.0, above=0.0),
-        "length": Parameter("s", "of each; 0 for a quarter of its share", 0.0, least=0.0),
-    },
-    set_up=_variance_change,
+@effect(
+    "band_limit",
+    "low-pass of the noise floor",
+    "noise",
+    cutoff=Parameter("Hz", "-3 dB", above=0.0),
 )
-
-
-def _band_limit(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def band_limit(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Filter by a second-order Butterworth low-pass, -3 dB at the cutoff (bilinear, prewarped).
 
     It acts on the sensor's own noise (N, B, K) and on nothing that is added as an effect, so that
@@ -203,16 +184,13 @@ def _band_limit(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-BAND_LIMIT = EffectKind(
-    name="band_limit",
-    summary="low-pass of the noise floor",
-    stage="noise",
-    parameters={"cutoff": Parameter("Hz", "-3 dB", above=0.0)},
-    set_up=_band_limit,
+@effect(
+    "scale_drift",
+    "a linear drift of the scale factor, of white and slow noise alike",
+    "noise",
+    relative=Parameter("1", "change of the scale at the end of the record", least=-1.0),
 )
-
-
-def _scale_drift(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def scale_drift(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Multiply by s(t) = 1 + relative (t - onset) / T, T the time from the onset to the end."""
     length = max(setting.duration_s - setting.onset_s, 1.0 / setting.rate_hz)
     slope = parameters["relative"] / length
@@ -221,14 +199,3 @@ def _scale_drift(parameters: Mapping[str, float], setting: Setting) -> Apply:
         values *= 1.0 + slope * (scene.time_s - setting.onset_s)
 
     return apply
-
-
-SCALE_DRIFT = EffectKind(
-    name="scale_drift",
-    summary="a linear drift of the scale factor, of white and slow noise alike",
-    stage="noise",
-    parameters={
-        "relative": Parameter("1", "change of the scale at the end of the record", least=-1.0)
-    },
-    set_up=_scale_drift,
-)

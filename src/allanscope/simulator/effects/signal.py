@@ -21,23 +21,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.simulator.effects import Apply, EffectKind, Parameter, Scene, Setting
+from allanscope.simulator.effects import Apply, Parameter, Scene, Setting, effect
 
 __all__ = [
-    "AMPLITUDE_COUPLING",
-    "CROSS_COUPLING",
-    "DRIFTING_LINE",
-    "EXCURSION",
-    "OUTLIERS",
-    "SHOCK",
-    "SINUSOID",
-    "STEP",
-    "TEMPERATURE",
-    "WARM_UP",
+    "amplitude_coupling",
+    "cross_coupling",
+    "drifting_line",
+    "excursion",
+    "outliers",
+    "shock",
+    "sinusoid",
+    "step",
+    "temperature",
+    "warm_up",
 ]
 
 
-def _step(parameters: Mapping[str, float], setting: Setting) -> Apply:
+@effect(
+    "step",
+    "a change of the level at one time",
+    "signal",
+    size=Parameter("axis", "signed"),
+)
+def step(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add y(t) = size for t >= time, which is the onset that every effect has."""
     size = parameters["size"]
 
@@ -47,16 +53,14 @@ def _step(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-STEP = EffectKind(
-    name="step",
-    summary="a change of the level at one time",
-    stage="signal",
-    parameters={"size": Parameter("axis", "signed")},
-    set_up=_step,
+@effect(
+    "excursion",
+    "a level shift that returns",
+    "signal",
+    duration=Parameter("s", "until the level comes back", above=0.0),
+    size=Parameter("axis", "signed"),
 )
-
-
-def _excursion(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def excursion(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add y(t) = size for time <= t < time + duration."""
     size, back_s = parameters["size"], setting.onset_s + parameters["duration"]
 
@@ -66,19 +70,14 @@ def _excursion(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-EXCURSION = EffectKind(
-    name="excursion",
-    summary="a level shift that returns",
-    stage="signal",
-    parameters={
-        "duration": Parameter("s", "until the level comes back", above=0.0),
-        "size": Parameter("axis", "signed"),
-    },
-    set_up=_excursion,
+@effect(
+    "warm_up",
+    "an offset that decays exponentially",
+    "signal",
+    time_constant=Parameter("s", "of the decay", above=0.0),
+    amplitude=Parameter("axis", "at its start, signed"),
 )
-
-
-def _warm_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def warm_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add y(t) = amplitude exp(-(t - time) / time_constant)."""
     amplitude, time_constant = parameters["amplitude"], parameters["time_constant"]
 
@@ -88,24 +87,19 @@ def _warm_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-WARM_UP = EffectKind(
-    name="warm_up",
-    summary="an offset that decays exponentially",
-    stage="signal",
-    parameters={
-        "time_constant": Parameter("s", "of the decay", above=0.0),
-        "amplitude": Parameter("axis", "at its start, signed"),
-    },
-    set_up=_warm_up,
-)
-
-
 _CYCLES = 6.0
 """Of the ringing within the duration, after which it has decayed to a percent."""
 _DECAYS = 4.6
 
 
-def _shock(parameters: Mapping[str, float], setting: Setting) -> Apply:
+@effect(
+    "shock",
+    "a knock that rings",
+    "signal",
+    duration=Parameter("s", "until it has decayed to a few percent", above=0.0),
+    peak=Parameter("axis", "signed"),
+)
+def shock(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add peak exp(-x) cos(2 pi f t) from the time of the shock on."""
     duration, peak, begin = parameters["duration"], parameters["peak"], setting.onset_s
 
@@ -116,19 +110,15 @@ def _shock(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-SHOCK = EffectKind(
-    name="shock",
-    summary="a knock that rings",
-    stage="signal",
-    parameters={
-        "duration": Parameter("s", "until it has decayed to a few percent", above=0.0),
-        "peak": Parameter("axis", "signed"),
-    },
-    set_up=_shock,
+@effect(
+    "sinusoid",
+    "a line at one frequency",
+    "signal",
+    frequency=Parameter("Hz", "of the line", above=0.0),
+    amplitude=Parameter("axis", "peak", above=0.0),
+    locked=Parameter("1", "1: of the sensor's own clock", 0.0, least=0.0, most=1.0),
 )
-
-
-def _sinusoid(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def sinusoid(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add y(t) = amplitude sin(2 pi frequency t + phase), the phase drawn at random.
 
     AVAR(tau) = amplitude^2 sin^4(pi f tau) / (m^2 sin^2(pi f t0)), averaged over the phase.
@@ -147,19 +137,6 @@ def _sinusoid(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-SINUSOID = EffectKind(
-    name="sinusoid",
-    summary="a line at one frequency",
-    stage="signal",
-    parameters={
-        "frequency": Parameter("Hz", "of the line", above=0.0),
-        "amplitude": Parameter("axis", "peak", above=0.0),
-        "locked": Parameter("1", "1: of the sensor's own clock", 0.0, least=0.0, most=1.0),
-    },
-    set_up=_sinusoid,
-)
-
-
 _PERIOD_S, _SWELL_S = 610.0, 430.0
 """Of the frequency and of the amplitude; no multiple of each other."""
 _SWELL = 0.3
@@ -167,7 +144,15 @@ _HOLDS = 0.988
 """Part of its range in which a sine is for 90 % of the time."""
 
 
-def _drifting_line(parameters: Mapping[str, float], setting: Setting) -> Apply:
+@effect(
+    "drifting_line",
+    "a line whose frequency and amplitude change slowly",
+    "signal",
+    frequency=Parameter("Hz", "centre of the range", above=0.0),
+    bandwidth=Parameter("Hz", "range of the frequency in 90 % of the time", above=0.0),
+    sigma=Parameter("axis", "rms amplitude", above=0.0),
+)
+def drifting_line(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add a tone whose frequency swings as a sine, for 90 % of the time within the bandwidth.
 
     The amplitude swells and fades by 30 %, with the rms amplitude sigma over many periods.
@@ -187,23 +172,17 @@ def _drifting_line(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-DRIFTING_LINE = EffectKind(
-    name="drifting_line",
-    summary="a line whose frequency and amplitude change slowly",
-    stage="signal",
-    parameters={
-        "frequency": Parameter("Hz", "centre of the range", above=0.0),
-        "bandwidth": Parameter("Hz", "range of the frequency in 90 % of the time", above=0.0),
-        "sigma": Parameter("axis", "rms amplitude", above=0.0),
-    },
-    set_up=_drifting_line,
-)
-
-
 SIGMAS = 20.0
 
 
-def _outliers(parameters: Mapping[str, float], setting: Setting) -> Apply:
+@effect(
+    "outliers",
+    "isolated outliers",
+    "signal",
+    count=Parameter("1", "in the whole record", above=0.0),
+    size=Parameter("axis", "0 for 20 standard deviations", default=0.0),
+)
+def outliers(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Displace `count` single samples, spread at random over the record, by +-size.
 
     Without a size: 20 standard deviations of the white noise, at least 20 counts.
@@ -222,19 +201,15 @@ def _outliers(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-OUTLIERS = EffectKind(
-    name="outliers",
-    summary="isolated outliers",
-    stage="signal",
-    parameters={
-        "count": Parameter("1", "in the whole record", above=0.0),
-        "size": Parameter("axis", "0 for 20 standard deviations", default=0.0),
-    },
-    set_up=_outliers,
+@effect(
+    "temperature",
+    "dependence on the temperature of the sensor",
+    "signal",
+    slope=Parameter("axis/degC", "change per degree, at 25 degC"),
+    curvature=Parameter("axis/degC^2", "change per square of degrees from 25", default=0.0),
+    lag=Parameter("s", "time constant with which it follows", default=0.0, least=0.0),
 )
-
-
-def _temperature(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def temperature(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add y = slope x + curvature x^2 with x = T - 25 degC, T being true and not its noisy reading.
 
     With a lag x follows T as lag dx/dt = T - 25 degC - x, in balance when the effect begins.
@@ -257,20 +232,15 @@ def _temperature(parameters: Mapping[str, float], setting: Setting) -> Apply:
     return apply
 
 
-TEMPERATURE = EffectKind(
-    name="temperature",
-    summary="dependence on the temperature of the sensor",
-    stage="signal",
-    parameters={
-        "slope": Parameter("axis/degC", "change per degree, at 25 degC"),
-        "curvature": Parameter("axis/degC^2", "change per square of degrees from 25", default=0.0),
-        "lag": Parameter("s", "time constant with which it follows", default=0.0, least=0.0),
-    },
-    set_up=_temperature,
+@effect(
+    "amplitude_coupling",
+    "noise whose amplitude follows another axis",
+    "coupling",
+    slope=Parameter("axis/source", "standard deviation of a sample per unit of the source"),
+    rest=Parameter("source", "value of the source at which there is none", 0.0),
+    takes_source=True,
 )
-
-
-def _amplitude_coupling(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def amplitude_coupling(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add y(t) = slope (x(t) - rest) w, x the source before any coupling, w unit white noise."""
     slope, rest, source = parameters["slope"], parameters["rest"], setting.source
 
@@ -280,20 +250,14 @@ def _amplitude_coupling(parameters: Mapping[str, float], setting: Setting) -> Ap
     return apply
 
 
-AMPLITUDE_COUPLING = EffectKind(
-    name="amplitude_coupling",
-    summary="noise whose amplitude follows another axis",
-    stage="coupling",
-    parameters={
-        "slope": Parameter("axis/source", "standard deviation of a sample per unit of the source"),
-        "rest": Parameter("source", "value of the source at which there is none", 0.0),
-    },
-    set_up=_amplitude_coupling,
+@effect(
+    "cross_coupling",
+    "a share of another axis",
+    "coupling",
+    slope=Parameter("axis/source", "change per unit of the source"),
     takes_source=True,
 )
-
-
-def _cross_coupling(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def cross_coupling(parameters: Mapping[str, float], setting: Setting) -> Apply:
     """Add y(t) = slope x(t), x being the source axis before any coupling, level and all.
 
     With an accelerometer as the source of a gyro axis this is g-sensitivity.
@@ -304,13 +268,3 @@ def _cross_coupling(parameters: Mapping[str, float], setting: Setting) -> Apply:
         values += slope * scene.axes[source]
 
     return apply
-
-
-CROSS_COUPLING = EffectKind(
-    name="cross_coupling",
-    summary="a share of another axis",
-    stage="coupling",
-    parameters={"slope": Parameter("axis/source", "change per unit of the source")},
-    set_up=_cross_coupling,
-    takes_source=True,
-)

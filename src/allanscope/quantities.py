@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 __all__ = [
+    "CHI_SQUARE_95",
     "COEFFICIENTS",
     "COEFFICIENT_NAMES",
     "DENSITY",
@@ -126,8 +127,11 @@ MAIN_LETTERS = LETTERS[:3]
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 
-TWO_SIDED_95 = 1.959964
+TWO_SIDED_95 = 1.959963984540054
 """Standard deviations to either side of the mean that hold 95 % of a normal distribution."""
+
+CHI_SQUARE_95 = 3.841458820694124
+"""Of chi-square with one degree of freedom: twice the log-likelihood ratio of one parameter."""
 
 COEFFICIENT_NAMES: Mapping[str, str] = {
     "Q": "quantization",

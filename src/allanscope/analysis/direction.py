@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.analysis.line_origin import LineSums
-from allanscope.quantities import MAD_TO_SIGMA, number
+from allanscope.quantities import GRAVITY, MAD_TO_SIGMA, number
 
 __all__ = ["Direction", "Motion", "motion_of_burst", "motion_of_line", "motion_of_step"]
 
 Array = NDArray[np.float64]
 
-STANDARD_GRAVITY = 9.80665
 _SENSORS = {"gyro": ("gx", "gy", "gz"), "accel": ("ax", "ay", "az")}
 _SEEN = 4.5
 """Standard errors from which a sensor shows a disturbance at all."""
@@ -315,7 +314,7 @@ def _kind(
     rate = math.radians(turn)
     axis = np.array(known["gyro"].vector) if "gyro" in known else np.zeros(3)
     tilt = float(np.linalg.norm(np.cross(axis, gravity))) * rate / pace
-    arm = math.sqrt(max(push**2 - tilt**2, 0.0)) * STANDARD_GRAVITY / (rate * pace)
+    arm = math.sqrt(max(push**2 - tilt**2, 0.0)) * GRAVITY / (rate * pace)
     if "accel" not in known:
         return ("rotation", arm) if arm < _FAR_M else ("", arm)
     if "gyro" not in known:

@@ -27,7 +27,7 @@ from allanscope.explain import Effect
 from allanscope.labels import kind_name
 from allanscope.noise import Coefficient, advice
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES
-from allanscope.quantities import COEFFICIENTS, duration, number, symbols
+from allanscope.quantities import COEFFICIENTS, GRAVITY, duration, number, symbols
 from allanscope.samples import unit_of
 
 __all__ = ["axis_remarks", "disagreement", "run_remarks", "sampling_remarks", "scale_remarks"]
@@ -151,7 +151,7 @@ def _scale_words(step: float, unit: str, table: Mapping[float, float], part: str
 
 def _is_of_digits(step: float, unit: str) -> bool:
     """Return whether a step is a power of ten in any unit that it may have been written in."""
-    other = math.radians(1.0) if unit == "dps" else 9.80665
+    other = math.radians(1.0) if unit == "dps" else GRAVITY
     exponents = (math.log10(written) for written in (step, step * other))
     return any(abs(exponent - round(exponent)) < _PRINTED for exponent in exponents)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from allanscope.noise import Coefficient
+from allanscope.quantities import TWO_SIDED_95
 
 if TYPE_CHECKING:  # a component brings scipy along, which whoever reads a result can do without
     from allanscope.noise.components import Component
@@ -26,8 +27,6 @@ __all__ = [
     "failure_text",
 ]
 
-_QUANTILE = 1.96
-"""Half of a 95 % interval of a Gaussian in standard errors."""
 _VAGUE = 5.0
 """Standard error of a logarithm beyond which its interval grows no more."""
 _LONGEST = 200
@@ -58,13 +57,13 @@ class Estimate(Parameter):
     @classmethod
     def of(cls, value: float, error: float, unit: str = "") -> Self:
         """Return it with the 95 % interval of a Gaussian estimate."""
-        half = _QUANTILE * error
+        half = TWO_SIDED_95 * error
         return cls(float(value), float(value - half), float(value + half), unit)
 
     @classmethod
     def of_log(cls, value: float, error: float, unit: str = "") -> Self:
         """Return a positive number with the 95 % interval of an estimate of its logarithm."""
-        factor = math.exp(_QUANTILE * min(error, _VAGUE))
+        factor = math.exp(TWO_SIDED_95 * min(error, _VAGUE))
         return cls(float(value), float(value / factor), float(value * factor), unit)
 
     @classmethod
@@ -77,7 +76,7 @@ class Estimate(Parameter):
         """Standard error; NaN where there is no interval."""
         if self.lower is None or self.upper is None:
             return math.nan
-        return (self.upper - self.lower) / (2 * _QUANTILE)
+        return (self.upper - self.lower) / (2 * TWO_SIDED_95)
 
 
 @dataclass(frozen=True, slots=True)

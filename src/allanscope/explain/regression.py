@@ -23,6 +23,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.spectrum import Spectrum, fit_spectrum
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
+from allanscope.quantities import CHI_SQUARE_95, TWO_SIDED_95
 
 __all__ = [
     "Regression",
@@ -38,7 +39,6 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _ROUNDS = 8
-_QUANTILE = 1.96
 _STEPS, _FARTHEST = 12, 30.0
 """Most turns of the search for the end of an interval, and its end in standard errors."""
 _TURNS = 12
@@ -161,15 +161,15 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
         if variance > 0:
             step = fit.covariance[j] / np.sqrt(variance)  # the others go along
             sides = [_reach(partial(drop, step)), _reach(partial(drop, -step))]
-            factors[j] = max(1.0, float(np.mean(sides)) / _QUANTILE)
+            factors[j] = max(1.0, float(np.mean(sides)) / TWO_SIDED_95)
     return np.asarray(fit.covariance * np.outer(factors, factors))
 
 
 def _reach(drop: Callable[[float], float]) -> float:
     """Return how far one must go for a likelihood to drop by what 95 % allow."""
-    reach = _QUANTILE
+    reach = TWO_SIDED_95
     for _ in range(_STEPS):
-        ratio = (_QUANTILE**2 / 2) / max(drop(reach), 1e-3)
+        ratio = (CHI_SQUARE_95 / 2) / max(drop(reach), 1e-3)
         reach = min(reach * float(np.sqrt(ratio)), _FARTHEST)
         if abs(ratio - 1) < 0.05 or reach == _FARTHEST:
             break

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from allanscope.allan import Deviation
+from allanscope.quantities import TWO_SIDED_95
 
 __all__ = [
     "BestAveraging",
@@ -17,9 +18,6 @@ __all__ = [
     "Uncertainty",
     "find_best_averaging",
 ]
-
-_Z = 1.959963984540054
-"""97.5 % quantile of the normal distribution."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +100,7 @@ class Coefficient:
         >>> round(known.standard, 4), round(known.expanded, 4), round(known.degrees_of_freedom)
         (0.05, 0.1, 3200)
         """
-        standard = (self.upper - self.lower) / (2.0 * _Z)
+        standard = (self.upper - self.lower) / (2.0 * TWO_SIDED_95)
         if not (self.detected and self.value > 0.0 and 0.0 < standard < math.inf):
             return None
         return Uncertainty(standard, 2.0 * standard, 2.0, 0.5 * (self.value / standard) ** 2)

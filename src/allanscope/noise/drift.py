@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from allanscope.noise.evidence import Evidence, Ordinates
 from allanscope.noise.likelihood import Fit, Likelihood
+from allanscope.quantities import CHI_SQUARE_95
 
 __all__ = ["Drift", "fit_drift", "ramp_pattern"]
 
@@ -28,8 +29,6 @@ Array = NDArray[np.float64]
 _ROUNDS = 4
 _FIRST = 4096
 """Ordinates from which a ramp is taken out."""
-_QUANTILE = 3.841458820694124
-"""95 % quantile of chi-square with one degree of freedom."""
 _LEAST_FREEDOM = 1.0
 """Degrees of freedom of a scale below which a limit says nothing: a line through two points."""
 _PROBE = 2.5
@@ -154,7 +153,7 @@ def _half_width(fallen: float) -> float:
     """
     square = _PROBE**2
     if fallen >= square * (1 - 1e-3):
-        return float(np.sqrt(_QUANTILE))
+        return float(np.sqrt(CHI_SQUARE_95))
     low, high = np.log(_LEAST_FREEDOM), np.log(1e4)
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -162,4 +161,4 @@ def _half_width(fallen: float) -> float:
         low, high = (middle, high) if nu * np.log1p(square / nu) < fallen else (low, middle)
     nu = np.exp(0.5 * (low + high))
     # The slope took one of the nu + 1 degrees of freedom from the scale.
-    return float(np.sqrt(nu * np.expm1(_QUANTILE * (1 + 1 / nu) / nu)))
+    return float(np.sqrt(nu * np.expm1(CHI_SQUARE_95 * (1 + 1 / nu) / nu)))

@@ -30,6 +30,7 @@ from allanscope.noise.filters import Remainder
 from allanscope.noise.likelihood import Fit
 from allanscope.noise.model import Free, NoiseModel
 from allanscope.noise.selection import quantization_score
+from allanscope.quantities import CHI_SQUARE_95, TWO_SIDED_95
 
 __all__ = ["Estimates", "bias_reduced", "profile_interval", "ramp_coefficient"]
 
@@ -41,15 +42,11 @@ _NORMAL = 0.03
 """Relative standard deviation below which the profile is as good as normal."""
 _KNOWN = 0.2
 """Relative standard deviation at which a coefficient counts as known."""
-_Z = 1.959963984540054
-"""97.5 % quantile of the normal distribution."""
 _STEPS = 40
 _DIFFERENCE = 1e-3
 _LONGEST = 0.7
 _GAIN = 1e-6
 _RIDGE = 1e-12
-_QUANTILE = 3.841458820694124
-"""95 % quantile of chi-square with one degree of freedom."""
 _LOOKS = 12
 _CLOSE = 0.02
 
@@ -82,7 +79,8 @@ class Estimates:
         value = self.reduced.number(free)
         spread = float(self.spread[index])
         if spread < _NORMAL:
-            lower, upper = value * np.exp(-_Z * spread), value * np.exp(_Z * spread)
+            factor = np.exp(TWO_SIDED_95 * spread)
+            lower, upper = value / factor, value * factor
             detected = True
         else:
             interval = profile_interval(self.fit, index)
@@ -93,7 +91,7 @@ class Estimates:
         if name == "N":
             lower, upper = _widened(self.fit, value, lower, upper)
         # Half the interval over that of a coefficient that is just known.
-        excess = (upper - lower) / (2 * _Z * _KNOWN * value) if value else np.inf
+        excess = (upper - lower) / (2 * TWO_SIDED_95 * _KNOWN * value) if value else np.inf
         known = detected and excess < 1
         return Coefficient(
             value=float(value),
@@ -133,7 +131,7 @@ def _widened(fit: Fit, value: float, lower: float, upper: float) -> tuple[float,
     remainder = fit.model.get(Remainder.symbol)
     if not isinstance(remainder, Remainder) or value <= 0:
         return lower, upper
-    error = _Z * remainder.level_error / 2  # of N, half of that of its square
+    error = TWO_SIDED_95 * remainder.level_error / 2  # of N, half of that of its square
     low = value * np.exp(-np.hypot(np.log(value / lower), error)) if lower > 0 else 0.0
     return float(low), float(value * np.exp(np.hypot(np.log(upper / value), error)))
 
@@ -151,7 +149,7 @@ def ramp_coefficient(
         return Coefficient(0.0, 0.0, np.inf, f"{unit}/s", detected=False)
     value = abs(drift.slope)
     lower, upper = drift.interval
-    relative = drift.half_width / _Z / value if value else np.inf
+    relative = drift.half_width / TWO_SIDED_95 / value if value else np.inf
     # The slope is limited by the random walk: its error falls as 1 / sqrt(time).
     wait = duration * ((relative / _KNOWN) ** 2 - 1) if detected and relative > _KNOWN else None
     return Coefficient(value, lower if detected else 0.0, upper, f"{unit}/s", detected, wait)
@@ -289,7 +287,7 @@ def profile_interval(fit: Fit, index: int) -> Interval:
     best, spread = float(fit.values[index]), float(fit.relative_sd()[index])
     known = np.isfinite(spread) and best > 0
     spread = min(spread, 1.0) if known else 1.0
-    target = _QUANTILE * (1 + 2 / 3 * spread**2)
+    target = CHI_SQUARE_95 * (1 + 2 / 3 * spread**2)
     against_zero = np.inf if is_shape else max(0.0, lost(0.0))
     scale = best if known else _visible(fit, index)
     upper = _crossing(lost, best, best + 2 * spread * scale, target)

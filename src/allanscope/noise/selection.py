@@ -30,6 +30,7 @@ from allanscope.noise.filters import AnalogueLowPass, Butterworth, LowPass, OneP
 from allanscope.noise.likelihood import Fit
 from allanscope.noise.model import NoiseModel
 from allanscope.noise.whiteness import whitened
+from allanscope.quantities import TWO_SIDED_95
 
 __all__ = [
     "LOW_PASS_PENALTY",
@@ -82,7 +83,7 @@ class QuantizationScore:
     @property
     def upper(self) -> float:
         """A Q of which 97.5 % of records would show more than this one does."""
-        return float(np.sqrt(max(0.0, self.estimate) + 1.96 * self.sd))
+        return float(np.sqrt(max(0.0, self.estimate) + TWO_SIDED_95 * self.sd))
 
 
 def calibrated_penalty(kind: str) -> float:

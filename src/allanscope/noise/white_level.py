@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from allanscope.noise.coefficients import Coefficient, CoefficientPart
 from allanscope.noise.components import GaussMarkov, RandomTelegraph
+from allanscope.quantities import TWO_SIDED_95
 
 if TYPE_CHECKING:
     from allanscope.noise.fit import NoiseFit
@@ -35,7 +36,6 @@ Array = NDArray[np.float64]
 SHORT_S = 0.08
 """Longest correlation time in s of a process that counts as white: half of 1 / (2 pi 1 Hz). Its
 density at 1 Hz is 80 % of that at zero."""
-_Z = 1.959963984540054
 
 
 def correlation_time(component: object) -> float | None:
@@ -76,7 +76,7 @@ def total_white(fit: NoiseFit) -> Coefficient:
     # The published white term has no first-order bias; the maximum of the likelihood has.
     own = sum(weights[i] * powers[i] for i in weights if i not in short)
     value = math.sqrt(total - own + white.value**2)
-    half = _Z * _relative_error(fit.fit, weights, set(short)) / 2
+    half = TWO_SIDED_95 * _relative_error(fit.fit, weights, set(short)) / 2
     return replace(
         white,
         value=value,
@@ -108,7 +108,7 @@ def add_coupled(
         variances.append(slope**4 * _variance(source))
         variances.append((2 * slope * error * source.value**2) ** 2)
     value = math.sqrt(power)
-    half = _Z * math.sqrt(sum(variances)) / (2 * power) if power > 0 else 0.0
+    half = TWO_SIDED_95 * math.sqrt(sum(variances)) / (2 * power) if power > 0 else 0.0
     detected = own.detected or any(one.detected for one, _, _ in leaks.values())
     return replace(
         own,
@@ -130,7 +130,7 @@ def _short(component: object) -> float | None:
 
 def _variance(one: Coefficient) -> float:
     """Return the variance of the square of a coefficient, from its interval."""
-    return ((one.upper**2 - one.lower**2) / (2 * _Z)) ** 2
+    return ((one.upper**2 - one.lower**2) / (2 * TWO_SIDED_95)) ** 2
 
 
 def _relative_error(fit: Fit, weights: Mapping[int, float], short: set[int]) -> float:

@@ -23,6 +23,7 @@ from allanscope.allan import AllanBank, deviation
 from allanscope.allan.cascade import lags_of_level
 from allanscope.allan.kernels import COLUMNS
 from allanscope.pipeline import analyse
+from allanscope.quantities import TWO_SIDED_95
 from allanscope.recording import Chunk, Recording, SessionWriter, recover
 from allanscope.samples import AXES, Block, Gap, StreamInfo, Ticks
 from allanscope.sanitize import sanitize
@@ -38,7 +39,6 @@ EXACT = 12.0
 _WHOLE = 2**51
 """Below it a double holds quarters of whole numbers."""
 
-_Z = 1.959963984540054
 _WIDE = 3.5
 """Standard uncertainties from the truth that are allowed: by chance, one value in two thousand."""
 
@@ -223,7 +223,7 @@ def _fit_and_loop() -> Iterator[Value]:
 def _within(what: str, expected: float, found: Any) -> Value:
     """Return whether the truth is within 95 % limits, made wide for all values together."""
     value, lower, upper = (float(x) for x in (found.value, found.lower, found.upper))
-    more = _WIDE / _Z
+    more = _WIDE / TWO_SIDED_95
     inside = value - more * (value - lower) <= expected <= value + more * (upper - value)
     if not getattr(found, "detected", True):
         inside = expected <= upper * more

@@ -27,6 +27,7 @@ from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
 from allanscope.noise.filters import AnalogueLowPass, Butterworth, LowPass, OnePole
 from allanscope.noise.selection import LOW_PASS_PENALTY
+from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -140,7 +141,7 @@ def _best(view: View, cutoffs: list[float]) -> Candidate:
 def _candidate(view: View, low_pass: LowPass) -> Candidate:
     fit = _fit(view, low_pass)
     cutoff, *order = low_pass.values
-    factor = float(np.exp(1.96 * _error(view, low_pass)))
+    factor = float(np.exp(TWO_SIDED_95 * _error(view, low_pass)))
     effect = BandLimit(
         Estimate(cutoff, cutoff / factor, cutoff * factor, "Hz"),
         order[0] if order else 1.0,

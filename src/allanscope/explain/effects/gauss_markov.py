@@ -28,6 +28,7 @@ from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import GaussMarkov as Process
 from allanscope.noise.grid import Grid
+from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -140,9 +141,9 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     # Two levels can be told from a bell only where a dwell stands out of the noise within it.
     noise = fit.model.value("N") ** 2 + fit.model.value("B") ** 2 * tc
     signal = 2 * tc * sigma**2 / max(noise, 1e-300)
-    spread = min(1.96 * sigma_error / max(sigma, 1e-300), 20.0)
+    spread = min(TWO_SIDED_95 * sigma_error / max(sigma, 1e-300), 20.0)
     effect = GaussMarkov(
-        Estimate.of_log(sigma, spread / 1.96, view.unit), Estimate.of_log(tc, error, "s")
+        Estimate.of_log(sigma, spread / TWO_SIDED_95, view.unit), Estimate.of_log(tc, error, "s")
     )
     rivals = {"random_telegraph": gain} if signal < _TELLING else {}
     return Candidate(effect, gain, float(np.log(12)), parts=(Process(1.0, tc),), rivals=rivals)

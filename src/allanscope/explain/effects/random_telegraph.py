@@ -31,6 +31,7 @@ from allanscope.explain.view import View
 from allanscope.noise.components import Flicker, RandomWalk, Rounding, White
 from allanscope.noise.components import RandomTelegraph as Process
 from allanscope.noise.grid import Grid
+from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -192,7 +193,7 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     measured = joint_fit(part, _column(part, finer))
     size, error = float(measured.amplitude[0]), float(np.sqrt(measured.covariance[0, 0]))
     dwell = finer.dwell_s
-    spread = 1.96 * _MISSED / np.sqrt(finer.switches)
+    spread = TWO_SIDED_95 * _MISSED / np.sqrt(finer.switches)
     effect = RandomTelegraph(
         Estimate.of(size, float(np.hypot(error, _BLURRED * size)), view.unit),
         Estimate(dwell, dwell * float(np.exp(-spread)), dwell * float(np.exp(spread)), "s"),

@@ -32,6 +32,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.values import Coincidence, beyond_runs, typical_and_limit
 from allanscope.explain.view import View
 from allanscope.noise.filters import Filter, HeldPattern, HeldSamples
+from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -99,7 +100,9 @@ class RepeatedSamples(EffectKind):
             return []
         fraction, gain, rows = found
         error = np.sqrt(max(fraction * (1 - fraction), 1 / len(equal)) / len(equal)) * rows
-        share = Estimate(fraction, max(0.0, fraction - 1.96 * error), fraction + 1.96 * error)
+        share = Estimate(
+            fraction, max(0.0, fraction - TWO_SIDED_95 * error), fraction + TWO_SIDED_95 * error
+        )
         held = _held(equal[:, [view.series.column(a) for a in axes]], fraction)
         return [Candidate(cls(share), gain, float(np.log(2)), parts=(held,), axes=axes)]
 

@@ -28,6 +28,7 @@ from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Ranges
 from allanscope.noise.selection import calibrated_penalty
+from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,6 @@ _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
 _OF_THE_MEDIAN = 1.06
 """Standard deviation of the median of chi-squares with one degree of freedom, times sqrt(n)."""
-_Z = 1.96
 _CHANGES = "a tone between {:.5g} and {:.5g} Hz changes in frequency or amplitude"
 DEGREE = 7
 RELAXATIONS = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -214,8 +214,8 @@ def tone_without_name(
     `error` is the relative one of the size. What changes may add as little as nothing to the power
     beside it, or take some away: then the size is a limit.
     """
-    known = 2 * _Z * error < 1
-    size = profile.sigma if known else profile.sigma * float(np.sqrt(1 + 2 * _Z * error))
+    known = 2 * TWO_SIDED_95 * error < 1
+    size = profile.sigma if known else profile.sigma * float(np.sqrt(1 + 2 * TWO_SIDED_95 * error))
     words = (
         f"power between {profile.low:.5g} and {profile.high:.5g} Hz changes in frequency or "
         f"amplitude; its rms is {'' if known else 'below '}{size:.3g} {view.unit}"

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from allanscope.errors import UsageError
 from allanscope.parts import ACCEL_SCALES
+from allanscope.quantities import GRAVITY
 
 __all__ = [
     "DIVISORS",
@@ -30,7 +31,7 @@ Quantity = Literal["gyro", "accel", "time", "temperature"]
 
 DIVISORS: Mapping[Quantity, Mapping[str, float]] = {
     "gyro": {"dps": 1.0, "deg/s": 1.0, "mdps": 1e3, "rad/s": math.radians(1.0), "lsb": 1.0},
-    "accel": {"g": 1.0, "mg": 1e3, "ug": 1e6, "m/s2": 9.80665, "mps2": 9.80665, "lsb": 1.0},
+    "accel": {"g": 1.0, "mg": 1e3, "ug": 1e6, "m/s2": GRAVITY, "mps2": GRAVITY, "lsb": 1.0},
     "time": {"s": 1.0, "sec": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9},
     "temperature": {"degc": 1.0, "c": 1.0},
 }
@@ -60,7 +61,7 @@ _GROUPS: Mapping[str, Quantity] = {
     "temperature": "temperature",
     "temp": "temperature",
 }
-_GRAVITY = {"m/s2": 9.80665, "g": 1.0, "mg": 1000.0}
+_GRAVITY = {"m/s2": GRAVITY, "g": 1.0, "mg": 1000.0}
 """Size of gravity in the units that accelerations come in. Whole numbers of size 1 are counts,
 and so are those of size 1000 of a single axis."""
 _OFF = 0.05

@@ -445,3 +445,15 @@ def test_a_port_that_was_full_when_it_was_opened_has_a_hole_after_what_it_held(
     (later,) = read_until(source, lambda chunk: bool(chunk.data))
     source.close()
     assert (later.data, later.event) == (b"later", "hole" if full else "")
+
+
+def test_a_stream_that_comes_in_large_reads_from_the_start_has_no_gap(device: Device) -> None:
+    """A busy computer reads late and much at once; nothing waited when the port was opened."""
+    source = SerialSource(str(device.path), comports=list)
+    events = set()
+    for _ in range(6):
+        device.say(bytes(4000))
+        read = read_until(source, lambda chunk: bool(chunk.data))
+        events |= {chunk.event for chunk in read}
+    source.close()
+    assert events == {""}

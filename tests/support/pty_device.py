@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
+import termios
+import time
 import tty
 from collections.abc import Callable
 from pathlib import Path
@@ -47,7 +50,15 @@ class Device:
             while True:
                 taken += os.write(self._ends[0], bytes(500))
         os.set_blocking(self._ends[0], True)
-        return taken
+        # The kernel passes on what was written in its own time.
+        for _ in range(PATIENCE):
+            if (
+                int.from_bytes(fcntl.ioctl(self._ends[1], termios.FIONREAD, bytes(4)), "little")
+                > 4000
+            ):
+                return taken
+            time.sleep(0.01)
+        raise AssertionError("the port was never full")
 
     def heard(self, count: int) -> bytes:
         data = b""

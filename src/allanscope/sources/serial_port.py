@@ -100,7 +100,7 @@ class SerialSource:
         """Who reads the port: a separate process at some priority, or a thread of this one."""
         self._last_ns = 0
         self._streaming = False
-        self._waited: int | None = 0
+        self._waited: int | None = None
         self._was_short = False
         self._overrun = False
         self._stalled = False
@@ -257,7 +257,7 @@ class SerialSource:
             port = back[0]
             name = port.device
         self._link = self._opened(name)
-        self._waited, self._was_short, self._port = 0, False, port
+        self._port = port
 
     # --- opening ------------------------------------------------------------------------------
 
@@ -272,6 +272,9 @@ class SerialSource:
     def _opened(self, name: str) -> Transport:
         """Open a port, and have it read by a process of its own where there can be one."""
         link = self._opener(name, self._settings.baud)
+        # A port that was full has a whole read waiting: what comes from here on is no sign of it.
+        was_full = isinstance(link, Posix) and link.queued() >= READ_BYTES
+        self._waited, self._was_short = (0 if was_full else None), False
         return (
             isolated_reader_of(link) if isinstance(link, Posix) and self._settings.apart else link
         )

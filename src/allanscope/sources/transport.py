@@ -117,6 +117,10 @@ class Posix:
         """Return the descriptor of the open port."""
         return int(self._port.fileno())
 
+    def queued(self) -> int:
+        """Return how many bytes can be read at once."""
+        return int(self._port.in_waiting)
+
     def read(self, timeout_s: float) -> bytes:
         """Return what is there, waiting for the first byte at most this long."""
         fd = self._port.fileno()

@@ -221,7 +221,7 @@ def summary(rows: Rows) -> tuple[int, float, float, list[str]]:
 
 
 def page(rows: Rows, options: argparse.Namespace, runs: int) -> str:
-    """Return the published tables: of the first length a table for each noise, of others a line."""
+    """Return the published page: of the first length a table of ranges, of others a line."""
     samples, *others = options.samples
     cells, low, high, outside = summary(rows)
     text = HEAD.format(
@@ -233,16 +233,24 @@ def page(rows: Rows, options: argparse.Namespace, runs: int) -> str:
         text += OTHER.format(
             samples=length, cells=cells, low=low, high=high, outside="; ".join(outside) or "none"
         )
-    text += TRUTH
-    for noise, kinds in rows.items():
-        factors = sorted({m for row in kinds.values() for m in row})
-        text += f"\n## {LONG_NAMES[noise]}\n\n"
-        text += "| m | " + " | ".join(map(str, factors)) + " |\n" + "|---" * (len(factors) + 1)
-        text += "|\n| n/m | " + " | ".join(f"{samples / m:.4g}" for m in factors) + " |\n"
-        for kind, row in kinds.items():
-            known = (f"{row[m]:.1f}" if m in row else "" for m in factors)
-            text += f"| `{kind}` | " + " | ".join(known) + " |\n"
-    return text
+    text += "\n| | " + " | ".join(LONG_NAMES[noise] for noise in rows) + " |\n"
+    text += "|---" * (len(rows) + 1) + "|\n"
+    for kind in options.kinds:
+        shares = [list(kinds.get(kind, {}).values()) for kinds in rows.values()]
+        between = (f"{min(one):.1f} to {max(one):.1f}" if one else "" for one in shares)
+        text += f"| `{kind}` | " + " | ".join(between) + " |\n"
+    return text + TRUTH
+
+
+def table(rows: Rows, samples: int) -> str:
+    """Return every cell as CSV: noise, estimator, averaging factor, windows, coverage in %."""
+    lines = [
+        f"{noise},{kind},{m},{samples / m:.4g},{held:.1f}"
+        for noise, kinds in rows.items()
+        for kind, row in kinds.items()
+        for m, held in sorted(row.items())
+    ]
+    return "\n".join(["noise,estimator,m,windows,coverage_percent", *lines, ""])
 
 
 LONG_NAMES = {
@@ -262,9 +270,9 @@ Written by `python benchmarks/interval_coverage.py --runs {runs} --write` (seed 
 those that the limits were calibrated with).
 
 How often, in %, the 95 % limits of a deviation contain the truth: {runs} records of {samples}
-samples of each noise, whose type the program finds by itself. Columns are averaging factors m,
-octaves and some between, up to the end of what each estimator is trusted for; n/m is the number
-of windows. The Monte Carlo error of a cell is {error:.2f} %.
+samples of each noise, whose type the program identifies. Every cell, by averaging factor m (octaves
+and some between, to the end of the trusted range), is in [coverage.csv](coverage.csv), with a Monte
+Carlo error of {error:.2f} %.
 
 - {samples} samples: {cells} cells, from {low:.1f} to {high:.1f} %. Outside 93 to 97 %: {outside}.
 """
@@ -272,15 +280,10 @@ OTHER = """\
 - {samples} samples: {cells} cells, from {low:.1f} to {high:.1f} %. Outside 93 to 97 %: {outside}.
 """
 TRUTH = """
-The truth is the mean of the variance over all records, of the estimator itself or of the one
-that it estimates with less scatter (AVAR for TOTDEV, TheoBR and TheoH, MVAR for MTOTDEV, HVAR
-for HTOTDEV); raw THEO1 and the standard deviations, which grow with the record in flicker and
-steeper noise, are held against their own mean. `tdev` has the limits of `mdev`, `ttotdev` those
-of `mtotdev`. Empty: not trusted there. Where a noise has no row for an estimator, the variance
-does not converge. `theobr` is not trusted in white and flicker PM: it removes the bias by one
-ratio for all averaging times, and there the bias depends on the averaging time. `htotdev` is not
-trusted there beyond a tenth of the run: its many degrees of freedom are lost to any slower noise
-that the record does not show yet.
+The truth is the mean variance over all records: of AVAR for TOTDEV, TheoBR and TheoH, of MVAR for
+MTOTDEV, of HVAR for HTOTDEV, of the estimator itself for all others. `tdev` has the limits of
+`mdev`, `ttotdev` those of `mtotdev`. Empty: the variance does not converge, or is
+[not trusted](estimators.md#limits) there.
 """
 
 
@@ -310,6 +313,7 @@ def main() -> None:
     print(f"{cells} cells, {low:.1f} to {high:.1f} %, {len(outside)} outside")
     if options.write:
         PAGE.write_text(page(rows, options, runs), encoding="utf-8")
+        PAGE.with_suffix(".csv").write_text(table(rows, options.samples[0]), encoding="utf-8")
     print(f"{time.process_time() - began:.0f} s of processor time")
     if options.json:
         figures = [

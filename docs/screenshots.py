@@ -72,8 +72,8 @@ def main() -> int:
         if views:
             session = _recorded(Path(folder), options.seconds)
             for name in views:
-                session = _night(Path(folder)) if name == "dynamic" else session
-                _view(session, VIEWS.index(name), options.out / f"view-{name}.png", options.size)
+                shown = _night(Path(folder)) if name == "dynamic" else session
+                _view(shown, VIEWS.index(name), options.out / f"view-{name}.png", options.size)
         if reports:
             page = _report(Path(folder))
             for name in reports:

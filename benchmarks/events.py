@@ -202,7 +202,7 @@ class Drawn:
         self.decay = np.exp(-1.0 / 2.0 ** np.arange(14))[:, np.newaxis]
         self.flicker, self.walk = np.zeros((14, axes)), np.zeros(axes)
         self.power = np.ones((groups_of(axes), self.bins, LANES), np.float32)
-        self.usual = np.ones((len(self.power), LANES), np.float32)
+        self.usual, self.rest = np.ones((2, len(self.power), LANES), np.float32)
         edges = np.linspace(0, self.bins, self.bands + 1).astype(np.int64)
         self.edges, self.widths = edges[:-1], np.diff(edges)[:, np.newaxis]
         self.band_log = np.zeros((axes, self.bands))
@@ -238,7 +238,8 @@ class Drawn:
         means = np.sort(np.add.reduceat(ratio, self.edges, axis=1) / self.widths, axis=1)
         over = means[:, 1:-1].mean(axis=1)
         self.usual += (np.minimum(over, 2.0 * self.usual) - self.usual) / 16.0
-        scale = 1.0 / np.where(over > KNOCK * self.usual, over, self.usual)
+        self.rest += (np.minimum(over, 2.0 * self.rest) - self.rest) / min(self.blocks + 1, 1800)
+        scale = self.rest / np.where(over > KNOCK * self.usual, over, self.usual)
         self.power += (np.minimum(power, 5.0 * self.power) - self.power) / min(
             self.blocks + 2, 1800
         )

@@ -137,6 +137,22 @@ class PlainScan:
             self.fourth[w, c] += gain * (peak - self.fourth[w, c])
 
 
+def test_ratios_of_white_noise_average_to_one():
+    """A level that is a trimmed mean made them 1.05 on the whole."""
+    rng, rows = np.random.default_rng(2), 104
+    summarise = Summariser(6, rows)
+    held = np.zeros(summarise.power.shape, np.int32)
+    other = np.zeros(summarise.power.shape[::2], np.bool_)
+    means = []
+    for number in range(4000):
+        known = summarise.take(
+            np.rint(rng.normal(0.0, 20.0, (rows, 6))).astype(np.int16), held, other
+        )
+        if number >= 1000:
+            means.append((known.ratio * known.scale[:, np.newaxis])[..., :6].mean())
+    assert abs(np.mean(means) - 1.0) < 0.015
+
+
 def test_scan_is_that_of_plain_numpy():
     blocks, many = 1500, 4
     rng = np.random.default_rng(6)

@@ -252,10 +252,11 @@ enum { MOST_BANDS = 16 };
 
 /* What bands (groups, 2, many, 8) say of the noise of axes: 3 (r^(1/3) - 1) of its power r against
    `usual` (groups, many, 8), logs that move by `gain` where the noise is no `other`; and one over
-   the level of the ratios, its mean over 16 blocks or, of a knock, that of this one. */
+   the level of the ratios, its mean over 16 blocks or, of a knock, that of this one. A trimmed mean
+   is less than the mean; so the level is held against what it usually is, `rest`. */
 KERNEL(void, watch_noise)
 (int64_t groups, int64_t many, int64_t trim, int64_t is_first, double gain, double knock,
- const uint8_t *other, const float *bands, double *usual, float *level, double *noise,
+ const uint8_t *other, const float *bands, double *usual, float *level, float *rest, double *noise,
  float *scale) {
     double values[MOST_BANDS];
     for (int64_t g = 0; g < groups; g++, bands += 2 * many * AXES, usual += many * AXES)
@@ -273,10 +274,13 @@ KERNEL(void, watch_noise)
             for (int64_t i = 0; i < many; i++)
                 values[i] = is_first ? 1.0 : (double)bands[(many + i) * AXES + a];
             double over = trimmed_mean(values, many, trim), mean = (double)level[axis];
+            double at_rest = (double)rest[axis], calm = over < 2.0 * at_rest ? over : 2.0 * at_rest;
+            if (!other[axis]) at_rest += gain * (calm - at_rest);
+            rest[axis] = (float)at_rest;
             mean += ((over < 2.0 * mean ? over : 2.0 * mean) - mean) / 16.0;
             level[axis] = (float)mean;
             if (over > knock * mean) mean = over;
-            scale[axis] = (float)(1.0 / (mean > 0.05 ? mean : 0.05));
+            scale[axis] = (float)(at_rest / (mean > 0.05 ? mean : 0.05));
         }
 }
 
@@ -291,15 +295,17 @@ static inline eight root_of(eight v) {
 /* Add what the ratios of a block say to the sums of weak and of clear lines (2, groups, bins, 8):
    gains[0] of a ratio less gains[1], and gains[2] of its root less gains[3].
 
-   A ratio counts `scale` (groups, 8) times, `cap` at most, and for less where it has `spread`
-   more than exponential deviates have. A sum that falls to zero begins anew at block `now`. `tops`
-   (2, groups, 8) receives the largest sums. Before `is_on`, only the spread is learned. */
+   A ratio counts `scale` (groups, 8) times, `cap` at most, and for less where its mean square,
+   `spread`, is over that of exponential deviates by more than `uncertain`. A sum that falls to zero
+   begins anew at block `now`. `tops` (2, groups, 8) receives the largest sums. Before `is_on`, only
+   the spread is learned. */
 KERNEL(void, watch_lines)
 (int64_t groups, int64_t bins, double gain, int64_t now, int64_t is_on, const float *ratio,
- const float *scale, const int32_t *held, double cap, const float *gains, float *spread, float *sums,
- int32_t *since, float *tops) {
+ const float *scale, const int32_t *held, double cap, double uncertain, const float *gains,
+ float *spread, float *sums, int32_t *since, float *tops) {
     int64_t all_bins = groups * bins * AXES;
     eight limit = ALL((float)cap), most = ALL(6.0f), none = ALL(0.0f), one = ALL(1.0f);
+    eight error = ALL((float)uncertain);
     eight_int block = (eight_int){0} + (int32_t)now;
     for (int64_t g = 0; g < groups; g++, tops += AXES, scale += AXES) {
         eight top0 = none, top1 = none, level = *(const eight *)scale;
@@ -309,7 +315,7 @@ KERNEL(void, watch_lines)
             wide += (mild * mild * 0.5f - wide) * (float)gain;
             *(eight *)spread = wide;
             if (is_on) {
-                value /= higher(wide, one);
+                value /= higher(wide - error, one);
                 eight sum0 = *(eight *)sums + (value * gains[0] - gains[1]);
                 eight sum1 = *(eight *)(sums + all_bins) + (root_of(value) * gains[2] - gains[3]);
                 eight_int known = *(const eight_int *)held;

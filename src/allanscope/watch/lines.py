@@ -38,6 +38,9 @@ but hardly any alarms."""
 CAP = 18.0
 """Ratio beyond which a block counts no more: a knock is in all bins of one block."""
 
+UNCERTAIN = 0.03
+"""Standard error of the mean square of the ratios of half an hour, in units of the expected one."""
+
 LEAST = 3
 """Blocks that a line lasts, and it is there in the last one: a board that is touched swings for a
 second or two, and what it did then stays in the sums for some more."""
@@ -90,7 +93,8 @@ OF_CLEAR = (TILT, _log_mean(TILT))
 _lines = kernel(
     "watch_lines",
     *(int, int, float, int, int, Pointer(np.float32, 3), Pointer(np.float32, 2)),
-    *(Pointer(np.int32, 3), float, Pointer(np.float32, 1), Pointer(np.float32, 3, written=True)),
+    *(Pointer(np.int32, 3), float, float),
+    *(Pointer(np.float32, 1), Pointer(np.float32, 3, written=True)),
     *(Pointer(np.float32, 4, written=True), Pointer(np.int32, 4, written=True)),
     Pointer(np.float32, 3, written=True),
 )
@@ -131,7 +135,10 @@ class Lines:
         # always there and beats with another, ratios count for less.
         gain, is_on = 1.0 / min(self.blocks, 1800), self.blocks > WARM_UP
         groups, bins = ratio.shape[:2]
-        self._fixed.call(_lines, groups, bins, gain, self.blocks, is_on, ratio, scale, held, CAP)
+        limits = CAP, UNCERTAIN
+        self._fixed.call(
+            _lines, groups, bins, gain, self.blocks, is_on, ratio, scale, held, *limits
+        )
         over = self._tops.reshape(len(SHARES), -1) - self._limits + log_weight(self.blocks)
         if not is_on or float(over.max()) < 0.0:
             return []
@@ -154,7 +161,7 @@ class Lines:
         at = int(sums.argmax())
         nats = float(sums[at])
         length = self.blocks - int(of_axis(self._since[number], axis)[at])
-        spread = max(float(of_axis(self._spread, axis)[at]), 1.0)
+        spread = max(float(of_axis(self._spread, axis)[at]) - UNCERTAIN, 1.0)
         last = float(of_axis(ratio, axis)[at] * of_axis(scale, axis))
         by, less = (OF_WEAK, OF_CLEAR)[number]
         mean, usual = (nats / length + less) / by, last / spread

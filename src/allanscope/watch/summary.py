@@ -59,8 +59,8 @@ _spectrum = kernel(
 _noise = kernel(
     "watch_noise",
     *(int, int, int, int, float, float, Pointer(np.bool_, 2), Pointer(np.float32, 4), _Doubles),
-    *(Pointer(np.float32, 2, written=True), Pointer(np.float64, 2, written=True)),
-    Pointer(np.float32, 2, written=True),
+    *(Pointer(np.float32, 2, written=True), Pointer(np.float32, 2, written=True)),
+    *(Pointer(np.float64, 2, written=True), Pointer(np.float32, 2, written=True)),
 )
 
 
@@ -149,8 +149,9 @@ class Summariser:
             *(plan.radices, plan.turns, plan.halves, self._edges),
             *(self._x, room, self.power, self._ratio, self._bands),
         )
-        usual, level = np.zeros((groups, many, LANES)), np.ones((groups, LANES), np.float32)
-        self._of_noise = Fixed(self._bands, usual, level, self._noise, self._scale)
+        usual = np.zeros((groups, many, LANES))
+        level, rest = np.ones((2, groups, LANES), np.float32)
+        self._of_noise = Fixed(self._bands, usual, level, rest, self._noise, self._scale)
 
     def take(
         self, block: NDArray[Any], held: NDArray[np.int32], other: NDArray[np.bool_]

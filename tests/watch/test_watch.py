@@ -70,6 +70,18 @@ def test_shift_is_found_named_and_timed():
     assert step.size == pytest.approx(4.0 * INFO.scale[0], rel=0.2)
 
 
+@pytest.mark.parametrize("size", [20.0, 100.0, 1000.0])
+@pytest.mark.parametrize("share", [0.1, 0.37, 0.5, 0.8])
+def test_large_shift_within_a_block_is_one_event_whose_interval_holds_it(size, share):
+    values = rows(900)
+    values[int((AT + share) * RATE) :, 0] += size
+    step = events(watched(counts(values)))["step"]
+    (once,) = step.occurrences
+    assert once.lower_s <= AT + share <= once.upper_s
+    # of a block that holds a little of both levels at most
+    assert step.size == pytest.approx(size * INFO.scale[0], abs=1.5 * INFO.scale[0])
+
+
 def test_ramp_is_one_event():
     values = rows(1500)
     time_s = np.arange(len(values)) / RATE

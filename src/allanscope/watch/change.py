@@ -16,6 +16,9 @@ because block values have memory."""
 RAMP_NATS = 4.0
 """By how much a ramp must be better than a step: a step is the rule."""
 
+MIXED = 5.0
+"""Standard deviations from its level from which on a value next to a step is a mixture of both."""
+
 SHORTEST_RAMP = 8
 """Blocks: a step within a block looks like a ramp at first."""
 
@@ -75,12 +78,12 @@ def locate(values: NDArray[np.float64], earliest: int, spread: float) -> Change:
     gains, at = (ramps, best_ramp) if is_ramp else (steps, best)
     inside = np.flatnonzero(gains[at] - gains < 2 * variance * INTERVAL_NATS)
     inside = inside[inside >= earliest]
-    before = float(values[:at].mean())
+    before = _level(values[:at][::-1], spread)
     if is_ramp:
         slope = _slope(values, at)
         size = slope * (len(values) - 1 - at)
     else:
-        size = float(values[at:].mean()) - before
+        size = _level(values[at:], spread) - before
     return Change("ramp" if is_ramp else "step", at, int(inside[0]), int(inside[-1]), before, size)
 
 
@@ -111,6 +114,19 @@ def _gains(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
         ramps = np.where(squares > 0.0, product**2 / squares, 0.0)
     ramps[0] = 0.0
     return steps, ramps
+
+
+def _level(values: NDArray[np.float64], spread: float) -> float:
+    """Return the mean; without the first value, next to a step, where it lies between two levels.
+
+    Examples
+    --------
+    >>> _level(np.array([5.0, 9.0, 9.0]), spread=0.1)
+    9.0
+    """
+    rest = values[1:]
+    is_mixed = len(rest) > 0 and abs(values[0] - rest.mean()) > MIXED * spread
+    return float((rest if is_mixed else values).mean())
 
 
 def _slope(values: NDArray[np.float64], at: int) -> float:

@@ -141,6 +141,16 @@ class Scan:
             if excess > 0.0
         ]
 
+    def restart(self, channel: int, block: int) -> None:
+        """Compare a series from a block on, that of a change, with nothing before it.
+
+        What was clipped since as far from the level before counts in full: it is the level now.
+        """
+        self.start[channel] = block
+        since = np.arange(max(block, self.blocks - RING + 1), self.blocks)
+        added = np.cumsum(self._raw[since % RING, channel])
+        self._sums[(since + 1) % RING, channel] = self._sums[since[:1] % RING, channel] + added
+
     def values(self, channel: int, first: int) -> NDArray[np.float64]:
         """Return the values of a series from block `first` on, as far as they are kept."""
         first = max(first, self.blocks - RING + 1, 0)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.samples import Gap, StreamInfo, Ticks
-from allanscope.watch.change import goes_on, locate
+from allanscope.watch.change import Change, goes_on, locate
 from allanscope.watch.counts import Burst, Rare
 from allanscope.watch.events import Event
 from allanscope.watch.false_alarms import ALPHA
@@ -226,6 +227,16 @@ class Watch:
             size,
         )
 
+    def _between(self, first: int, change: Change, size: float) -> Span:
+        """Return the span of a change of a series that begins with a block.
+
+        It is told to the nearest border of two blocks: one that is half changed belongs to either.
+        """
+        span = self._span(first + change.at, first + change.lower, first + change.upper, size)
+        half = self._rows // 2
+        upper = self._sample(first + change.upper) + half
+        return replace(span, lower=max(span.lower - half, 0), upper=min(upper, self._position))
+
     # --- series ---------------------------------------------------------------------------------
 
     def _series(self, channel: int) -> tuple[str, int]:
@@ -245,7 +256,7 @@ class Watch:
         spread = self._scan.spread(channel)
         change = locate(values, len(values) - 4 * alarm.window - 16, spread)
         at = first + change.at
-        self._scan.start[channel] = min(first + change.upper + 1, now)  # not in its midst
+        self._scan.restart(channel, min(first + change.upper + 1, now))  # not in its midst
         kinds = ("step", "ramp") if kind == "step" else (kind,)
         after = float(values[change.at :].mean())
         if kind == "repeated_samples" and self._tracks_of(self._axes):
@@ -264,7 +275,7 @@ class Watch:
             kind = change.kind
         elif kind == "repeated_samples":
             size = (after / 2) ** 2 - (change.before / 2) ** 2
-        span = self._span(first + change.at, first + change.lower, first + change.upper, size)
+        span = self._between(first, change, size)
         window = max(alarm.window, LEAST_WINDOW)
         self.tracks.add(Track(kind, axis, change.before, window, alarm.nats, [span]))
 
@@ -284,11 +295,9 @@ class Watch:
             return False
         found = track.last.found
         track.kind = "ramp"
-        track.spans[-1] = self._span(
-            first + change.at, first + change.lower, first + change.upper, change.size
-        )
+        track.spans[-1] = self._between(first, change, change.size)
         track.last.found = found
-        self._scan.start[channel] = self.blocks
+        self._scan.restart(channel, self.blocks)
         return True
 
     def _has_another_cause(self, axis: int, lower: int, at: int) -> bool:

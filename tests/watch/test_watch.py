@@ -134,6 +134,7 @@ def test_frequency_of_a_line_is_within_its_interval():
 
 def test_burst_of_outliers():
     samples = counts(rows(900))
+    samples[np.array([100, 250, 400]) * RATE, 1] += 200  # as many as usual
     where = AT * RATE + np.arange(6) * 97
     samples[where, 1] += 200
     burst = events(watched(samples))["outliers"]

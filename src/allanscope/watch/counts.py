@@ -50,9 +50,9 @@ class Burst:
     mean: float
 
     @property
-    def size(self) -> float:
-        """How many more than before."""
-        return self.count - self.mean * (self.last - self.first + 1)
+    def size(self) -> int:
+        """How many more than before, to the next whole number."""
+        return max(round(self.count - self.mean * (self.last - self.first + 1)), 1)
 
     @property
     def silence(self) -> int:

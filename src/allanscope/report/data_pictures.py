@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
 from allanscope.allan import DynamicDeviation
@@ -81,11 +82,17 @@ def dynamic_picture(
     dynamic: DynamicDeviation, columns: Mapping[str, int], marks: Sequence[tuple[float, str]] = ()
 ) -> Picture:
     """Draw the Allan deviation over time, a map an axis: each cell over the median at its tau."""
+    height = 3.4 if len(columns) > 3 else 2.2
+    bottom, top = 0.48 / height, 1.0 - 0.25 / height
 
     def draw(figure: Figure) -> None:
         names = list(columns)
         rows = -(-len(names) // 3)
-        charts = figure.subplots(rows, min(len(names), 3), sharex=True, sharey=True, squeeze=False)
+        places = {"left": 0.115, "right": 0.87, "bottom": bottom, "top": top}
+        places |= {"hspace": 0.25, "wspace": 0.08}
+        charts = figure.subplots(
+            rows, min(len(names), 3), sharex=True, sharey=True, squeeze=False, gridspec_kw=places
+        )
         windows = np.linspace(0, len(dynamic.start_s) - 1, min(len(dynamic.start_s), _MAP_COLUMNS))
         chosen = np.unique(windows.astype(np.int64))
         for ax in charts.flat[len(names) :]:
@@ -102,18 +109,19 @@ def dynamic_picture(
                 rasterized=True,
             )
             ax.set_yscale("log")
+            ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            ax.yaxis.set_minor_locator(NullLocator())
             ax.set_title(name, fontsize="medium")
             for at_s, _ in marks:
                 ax.axvline(at_s, c=ink(), ls=":", lw=0.8)
         figure.supxlabel("time (s)", fontsize="medium")
-        figure.supylabel("averaging time τ (s)", fontsize="medium")
-        bar = figure.colorbar(
-            mesh, ax=charts, label="σ(τ) / its median", ticks=[0.25, 0.5, 1, 2, 4]
-        )
+        figure.supylabel("averaging time τ (s)", fontsize="medium", x=0.005)
+        room = figure.add_axes((0.89, bottom, 0.015, top - bottom))
+        bar = figure.colorbar(mesh, cax=room, label="σ(τ) / its median", ticks=[0.25, 0.5, 1, 2, 4])
         bar.ax.minorticks_off()
         bar.ax.set_yticklabels(["¼", "½", "1", "2", "4"])
 
-    return Picture(draw, height=3.4 if len(columns) > 3 else 2.2, fixed=False)
+    return Picture(draw, height=height)
 
 
 def lag_picture(record: Record, name: str, unit: str) -> Picture:

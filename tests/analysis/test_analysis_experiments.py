@@ -77,7 +77,7 @@ def test_a_coefficient_that_was_not_detected_takes_twice_the_time_to_know_it():
     (told,) = next_experiments(replace(analysis, axes={**analysis.axes, "gx": axis}))
     assert told.duration_s == pytest.approx(2 * (analysis.duration_s + 1000.0))
     assert told.is_of_noise
-    assert "K of 2e-6" in told.expectation
+    assert "K of 0.43 °/h/√h" in told.expectation
 
 
 def test_the_direction_of_a_coupling_is_settled_by_a_turn_of_the_board():

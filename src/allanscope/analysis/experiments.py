@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from allanscope.analysis.line_families import fold
 from allanscope.labels import kind_name
-from allanscope.quantities import duration, number
+from allanscope.quantities import COEFFICIENTS, duration, number, symbols
 
 if TYPE_CHECKING:
     from allanscope.analysis.findings import Finding
@@ -128,8 +128,8 @@ def another_rate(
     --------
     >>> found = another_rate(46.0, 104.0, (46.0, 58.0, 150.0), (52.0, 104.0, 208.0, 416.0), 0.1)
     >>> print(found.words)  # doctest: +NORMALIZE_WHITESPACE
-    record 10 min at 416 Hz: seen at 184 Hz if locked to the sensor's clock, at 46 Hz if at 46 Hz,
-    at 58 Hz if at 58 Hz, at 150 Hz if at 150 Hz; expected log-likelihood gain 60
+    record 10 min at 416 Hz: seen at 184 Hz if locked to the sensor's clock, at 46 Hz if its
+    true frequency is 46 Hz, at 58 Hz if 58 Hz, at 150 Hz if 150 Hz; expected log-likelihood gain 60
     """
     near = min(offered_hz, key=lambda one: abs(one / rate_hz - 1), default=rate_hz)
     if abs(near / rate_hz - 1) > 0.1:
@@ -154,8 +154,8 @@ def another_rate(
     parts = [f"seen at {_hz(places[0])} if locked to the sensor's clock"] if or_internal else []
     rest = places[or_internal:]
     parts += [
-        f"at {_hz(place)} if at {_hz(true)}"
-        for true, place in zip(candidates_hz[:_SHOWN], rest, strict=False)
+        f"at {_hz(place)} if {'' if i else 'its true frequency is '}{_hz(true)}"
+        for i, (true, place) in enumerate(zip(candidates_hz[:_SHOWN], rest, strict=False))
     ]
     text = ", ".join(parts)
     return Experiment(
@@ -194,24 +194,25 @@ def next_experiments(analysis: Analysis) -> tuple[Experiment, ...]:
     late = {}
     for axis, one in analysis.axes.items():
         for letter, known in one.coefficients.items():
-            to_do = _of_coefficient(letter, axis, known, length_s)
+            to_do = _of_coefficient(letter, axis, one.unit, known, length_s)
             if to_do is not None:
                 late[axis, letter] = to_do
     return tuple(sorted([*found, *late.values()], key=lambda one: one.duration_s))
 
 
 def _of_coefficient(
-    letter: str, axis: str, known: Coefficient, length_s: float
+    letter: str, axis: str, unit: str, known: Coefficient, length_s: float
 ) -> Experiment | None:
     """Return for how long to record until a coefficient is detected, or has a lower limit."""
     if known.detected or known.wait_s is None or not known.upper > 0:
         return None
     lasting_s = _DETECTED * (length_s + known.wait_s)
-    size = math.sqrt(known.value * known.upper)
+    reading = COEFFICIENTS[unit, letter][0]
+    size = number(reading.factor * math.sqrt(known.value * known.upper), 2)
     return Experiment(
         question=f"{letter} of {axis}, not detected",
         action=f"record for {duration(lasting_s)}",
-        expectation=f"{letter} of {number(size, 2)} {known.unit} detected, or a limit below it",
+        expectation=f"{letter} of {size} {symbols(reading.unit)} detected, or a limit below it",
         duration_s=lasting_s,
         # A power that is known to 40 % is 1 / 0.4 standard errors from none.
         gain_nats=0.5 * _DETECTED / (2 * _KNOWN) ** 2,

@@ -45,7 +45,7 @@ _NOTICEABLE_LOSS = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class VerdictLine:
-    """One line: what it speaks of, and what is to be said."""
+    """One line: subject and text."""
 
     grade: Grade
     head: str
@@ -290,8 +290,8 @@ def _quiet_lines(analysis: Analysis) -> list[VerdictLine]:
         return []
     many = len(analysis.events)
     text = (
-        f"{duration(quiet.begin_s)} to {duration(quiet.end_s)}, the longest stretch without any of "
-        f"the {many} event{'s' * (many != 1)}; its coefficients are beside those of the whole run"
+        f"{duration(quiet.begin_s)} to {duration(quiet.end_s)}, the longest stretch without an "
+        f"event ({many} in the run); its coefficients are beside those of the whole run"
     )
     return [VerdictLine("note", "Undisturbed", text)]
 
@@ -311,7 +311,7 @@ def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
 
 
 def _next_line(analysis: Analysis, losses: Iterable[VerdictLine]) -> VerdictLine:
-    """Say what to do next: mend the link, keep recording, or nothing more."""
+    """Return what to do next: repair the link, keep recording, or nothing more."""
     line = _with_experiment(_recording_line(analysis.axes), analysis)
     lost = next((one for one in losses if one.grade == "bad"), None)
     if lost is None:

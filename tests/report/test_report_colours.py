@@ -30,6 +30,13 @@ SEEN = {
             [-0.003882, -0.048116, 1.051998],
         ]
     ),
+    "tritanopia": np.array(
+        [
+            [1.255528, -0.076749, -0.178779],
+            [-0.078411, 0.930809, 0.147602],
+            [0.004733, 0.691367, 0.303900],
+        ]
+    ),
 }
 TELLABLE = 11.0
 """Least distance in CIELAB; 2.3 is what can just be noticed side by side."""

@@ -222,7 +222,7 @@ class AxisExplanation:
     held_out_nats, held_out_nats_se : float
         Log-likelihood gained on data that was not used to fit, in total, and its standard error.
     explained : bool
-        True when what is left is what sampling error leaves.
+        True when the residual is consistent with sampling error.
     hindrance : str
         Why the axis was not searched at all (too short, constant, hidden by its step), with what
         to do; empty when it was. Then the errors are NaN and the coefficients empty.

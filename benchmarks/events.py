@@ -131,7 +131,7 @@ def night(minutes: float, speed: float, seed: int, folder: Path) -> list[Figure]
     session.run()
     played = found(session.analyser)
     print(f"played {minutes:g} min in {time.monotonic() - began:.0f} s")
-    morning = Analyser(AnalyserSettings(gathered_rows=1 << 17))
+    morning = Analyser(AnalyserSettings(buffered_rows=1 << 17))
     analysed(path, decoding(), morning, quiet=True)
     print(f"{'kind':18}{'true, s':>9}{'found, s':>10} {'interval':>18}{'delay, s':>10}  event")
     missed, delays, other = 0, [], list(played)

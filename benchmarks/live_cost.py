@@ -34,7 +34,7 @@ from allanscope.analysis import Analyser
 from allanscope.pipeline import Decoding
 from allanscope.pipeline.outputs import made_folder
 from allanscope.pipeline.process import give_large_blocks_back
-from allanscope.pipeline.refreshing import UNSEEN, VIEWED, LoopProcess, Pace
+from allanscope.pipeline.refreshing import IN_VIEWER, UNWATCHED, LoopProcess, RefreshPolicy
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
 from allanscope.sources import open_source
@@ -47,7 +47,7 @@ WARM_S = 5.0
 PAINTED_S = 0.1
 """Rows of the time series are drawn this often: see `allanscope.view.rerun_view`."""
 
-GATHERED_S = 0.02
+BATCHED_S = 0.02
 """The reader lets bytes gather for so long on purpose: see `allanscope.sources.serial_port`."""
 
 
@@ -147,7 +147,9 @@ def _resident_mb() -> float:
     return float(text.partition("VmRSS:")[2].split()[0]) / 1024.0
 
 
-def run(port: str, seconds: float, folder: Path, pace: Pace = UNSEEN) -> dict[str, Any]:
+def run(
+    port: str, seconds: float, folder: Path, policy: RefreshPolicy = UNWATCHED
+) -> dict[str, Any]:
     """Watch a port for some seconds and return what it cost."""
     give_large_blocks_back()
     load_rerun()
@@ -155,7 +157,9 @@ def run(port: str, seconds: float, folder: Path, pace: Pace = UNSEEN) -> dict[st
     recorder = Recorder(folder, {"name": "benchmark"})
     decoding = Decoding(WireSettings(), write=source.write)
     whole_s = WARM_S + seconds
-    session = Session(source, decoding, Analyser(), ledger=recorder, duration_s=whole_s, pace=pace)
+    session = Session(
+        source, decoding, Analyser(), ledger=recorder, duration_s=whole_s, policy=policy
+    )
     session.loop_process = LoopProcess(
         first_s=WARM_S + seconds / 2
     )  # one look falls into every run
@@ -203,11 +207,11 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             cost = run(port, seconds, made_folder(Path(folder) / "unseen"))
             viewed = made_folder(Path(folder) / "viewed")
-            seen = run(port, seconds / 3.0, viewed, VIEWED)
+            seen = run(port, seconds / 3.0, viewed, IN_VIEWER)
     finally:
         device.terminate()
         device.wait()
-    to_chart_ms = seen["late_ms_99"] + 1e3 * (GATHERED_S + PAINTED_S)
+    to_chart_ms = seen["late_ms_99"] + 1e3 * (BATCHED_S + PAINTED_S)
     figures = [
         Figure("live, six axes", cost["core_percent"], "% of a core", goal=3.0),
         Figure("byte to chart, 99 of 100", to_chart_ms, "ms", goal=250.0),

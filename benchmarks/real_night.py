@@ -296,7 +296,7 @@ class RealNight:
                 float(np.quantile(delay, 0.99)) < READ_S,
                 f"reader: oldest byte of a read {_spread(delay)} after it was written "
                 f"(99 % below {1e3 * READ_S:.0f} ms asked; it gathers for up to "
-                f"{1e3 * GATHERING_S:.0f})",
+                f"{1e3 * BATCHING_S:.0f})",
             ),
             (
                 bool(own.max() < OWN_S),
@@ -382,7 +382,7 @@ class RealNight:
         return checks
 
 
-GATHERING_S = 0.025
+BATCHING_S = 0.025
 """So long the reader lets bytes gather (`ReadPacer`), at most."""
 READ_S, OWN_S = 0.06, 0.002
 SUMS_S = 0.4

@@ -28,7 +28,7 @@ from long_recording import make
 from allanscope.analysis import Analyser, AnalyserSettings, StreamState, summarise
 from allanscope.analysis import rows as row_tools
 from allanscope.pipeline import Decoding
-from allanscope.pipeline.analyse_file import FULL_GATHERED, FULL_ROWS
+from allanscope.pipeline.analyse_file import FULL_BUFFERED, FULL_ROWS
 from allanscope.pipeline.replaying import analysed
 from allanscope.recording import Fingerprint, Recording
 from allanscope.samples import Block, StreamInfo
@@ -78,7 +78,7 @@ def whole(path: Path) -> dict[str, float]:
     """Analyse a recording and return processor and wall time of the sums and of the rest."""
     row_tools.Behind().do(row_tools.WORTH_IT, lambda: None)  # threads are there
     decoding = Decoding(WireSettings())
-    analyser = Analyser(AnalyserSettings(history_rows=FULL_ROWS, gathered_rows=FULL_GATHERED))
+    analyser = Analyser(AnalyserSettings(history_rows=FULL_ROWS, buffered_rows=FULL_BUFFERED))
     marks = [(time.process_time(), time.monotonic())]
     analysed(path, decoding, analyser, quiet=True, seen=Fingerprint().add)
     assert analyser.state is not None

@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _unexpected(error: Exception, command: str) -> int:
-    """Say what nobody foresaw, or which package is not installed; return the exit code."""
+    """Print an internal error, or which package is not installed; return the exit code."""
     if isinstance(error, ModuleNotFoundError):
         from allanscope.missing_package import what_is_missing
 

@@ -63,7 +63,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8 so that nobody ever sees half of it.
+    """Write a text file in UTF-8 so that no reader ever sees half of it.
 
     Raises
     ------

@@ -349,7 +349,7 @@ def ports(options: Namespace) -> int:
 
 
 def doctor(options: Namespace) -> int:
-    """Say what is wrong with this machine, and the command that mends it."""
+    """Say what is wrong with this machine, and the command that fixes it."""
     from allanscope.pipeline import checks
 
     bad = False

@@ -70,8 +70,8 @@ class StreamInfo:
         Sample rate that the device claims; 0.0 when it claims none. These parts are off by several
         per cent, so the measured rate replaces it as soon as it is known.
     rate_claimed : bool
-        False when `nominal_hz` was read off the times of the samples: then nobody claims a rate,
-        and the measured one is not compared with it.
+        False when `nominal_hz` was read off the times of the samples: then there is no nominal rate
+        to compare the measured one with.
     part : str
         Name in `allanscope.parts`, or empty when unknown.
     wire : str
@@ -206,7 +206,7 @@ GapReason = Literal[
     "sensor",  # the sensor's FIFO overran
     "disconnected",  # the port disconnected and came back
     "restarted",  # the device was reset or reconfigured
-    "stalled",  # the device fell silent and spoke again
+    "stalled",  # no data for a while although the port is open
     "resumed",  # the session was continued after a crash or a pause
     "file",  # bytes missing in the file that was read
 ]

@@ -81,7 +81,7 @@ def one_line(text: object) -> str:
 
 
 def complain(text: object) -> None:
-    """Say one line on standard error, under the name of the program; nobody need be there."""
+    """Print one line on standard error, with the program's name; a closed stream is no error."""
     with suppress(OSError, ValueError):
         print(f"allanscope: {sanitize(str(text))}", file=sys.stderr, flush=True)
 

@@ -37,7 +37,7 @@ def test_three_rows_at_a_time_reach_the_sums_by_the_roomful(monkeypatch):
             plain(self, rows)
 
         monkeypatch.setattr(bank, "update", counted)
-    analyser = Analyser(AnalyserSettings(gathered_rows=ROOM))
+    analyser = Analyser(AnalyserSettings(buffered_rows=ROOM))
     analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
     rows = counts(9000)
     for index in range(0, len(rows), 3):
@@ -49,7 +49,7 @@ def test_three_rows_at_a_time_reach_the_sums_by_the_roomful(monkeypatch):
 def test_large_blocks_pass_by_without_a_copy(monkeypatch):
     seen = []
     monkeypatch.setattr(AllanBank, "update", lambda self, rows: seen.append(rows))
-    analyser = Analyser(AnalyserSettings(gathered_rows=ROOM))
+    analyser = Analyser(AnalyserSettings(buffered_rows=ROOM))
     analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
     rows = counts(ROOM)
     analyser.take(Block(0, rows, Ticks.none()))

@@ -47,9 +47,9 @@ def test_a_library_that_is_missing_or_of_other_sources_is_one_line_with_the_comm
     package = copied(tmp_path)
     command = ("-m", "allanscope", "simulate", str(tmp_path / "a.mcap"), "--hours", "0.0003")
     missing = run(package, *command)
-    mend = f"run: python {package / 'compiled' / 'build.py'}"
+    remedy = f"run: python {package / 'compiled' / 'build.py'}"
     assert missing.returncode == 2
-    assert missing.stderr.splitlines()[0].endswith(mend)
+    assert missing.stderr.splitlines()[0].endswith(remedy)
     assert len(missing.stderr.splitlines()) == 1
     doctor = run(package, "-m", "allanscope", "doctor", str(tmp_path))
     assert f"-> python {package / 'compiled' / 'build.py'}" in doctor.stdout
@@ -60,7 +60,7 @@ def test_a_library_that_is_missing_or_of_other_sources_is_one_line_with_the_comm
         source.write("/* changed */\n")
     other = run(package, *command)
     assert "was compiled from other sources" in other.stderr
-    assert other.stderr.splitlines()[0].endswith(mend)
+    assert other.stderr.splitlines()[0].endswith(remedy)
 
 
 def test_a_call_in_python_without_a_library_is_an_import_error(

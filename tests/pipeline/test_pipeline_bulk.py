@@ -98,7 +98,7 @@ def _plain(value):
 )
 def test_a_sound_recording_gives_the_same_in_bulk(wire, rate, tmp_path):
     folder = written(tmp_path / "session", reads(wire, rate))
-    settings = AnalyserSettings(history_rows=1 << 10, gathered_rows=1 << 9)
+    settings = AnalyserSettings(history_rows=1 << 10, buffered_rows=1 << 9)
     (slow, expected), (fast, found) = one_by_one(folder, settings), in_bulk(folder, settings)
     assert expected.state.samples > 1500
     assert sums(found) == sums(expected)
@@ -124,7 +124,7 @@ def test_how_many_rows_are_gathered_changes_no_bit_of_the_result(tmp_path):
     folder = written(tmp_path / "session", reads("native", 6660.0))
     results = []
     for rows in (1, 100, 1 << 13, 1 << 17):
-        decoding, analyser = in_bulk(folder, AnalyserSettings(gathered_rows=rows))
+        decoding, analyser = in_bulk(folder, AnalyserSettings(buffered_rows=rows))
         analysis = summarise(analyser, decoding.stats, "live", {})
         results.append(json.dumps(analysis.to_dict()))
     assert len(set(results)) == 1

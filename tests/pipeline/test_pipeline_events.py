@@ -56,7 +56,7 @@ def test_replay_finds_what_live_found(recording: Path):
     for chunk in Recording(recording).chunks():
         for event in decoding.take(chunk):
             live.take(event)
-    quick = Analyser(AnalyserSettings(gathered_rows=1 << 17))
+    quick = Analyser(AnalyserSettings(buffered_rows=1 << 17))
     analysed(recording, Decoding(DeviceSettings().for_wire()), quick, quiet=True)
     listener = Listener()
     source = RecordedSource(recording, math.inf)

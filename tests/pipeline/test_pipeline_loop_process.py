@@ -37,16 +37,16 @@ def finished(process):
 
 
 def test_a_line_is_found_by_the_child_and_announced_once(analyser):
-    process, diary = LoopProcess(first_s=120.0), ChangeLog()
+    process, log = LoopProcess(first_s=120.0), ChangeLog()
     before = summarise(analyser.frozen(), LinkStats(), "live", {}, known=process.explanation)
-    assert not any("found" in text for _, text in diary.news(before))
+    assert not any("found" in text for _, text in log.update(before))
     process.offer(analyser.frozen())
     finished(process)
     assert process.trouble == ""
     told = []
     for _ in range(2):
         result = summarise(analyser.frozen(), LinkStats(), "live", {}, known=process.explanation)
-        told += [text for _, text in diary.news(result) if "found" in text]
+        told += [text for _, text in log.update(result) if "found" in text]
     assert len(told) == 1
     assert "3.3" in told[0]
     explanation = result.axes["gx"].explanation
@@ -107,7 +107,7 @@ def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
         "4.00 % fast"
     ]
     assert verdict(result).lines[1].head == "No additional effects"
-    assert [text for _, text in ChangeLog().news(result) if "clock" in text] == [
+    assert [text for _, text in ChangeLog().update(result) if "clock" in text] == [
         "found clock 4.00 % fast"
     ]
     said = result.to_dict()

@@ -85,7 +85,7 @@ def test_it_is_done_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[int] = []
     monkeypatch.setattr(refreshing, "REFRESH_S", 0.0)
     monkeypatch.setattr(refreshing, "trim_memory", lambda: done.append(len(shown)))
-    refresher = refreshing.Refresher(lambda _: shown.append(1), refreshing.Pace(1.0, 0.1))
+    refresher = refreshing.Refresher(lambda _: shown.append(1), refreshing.RefreshPolicy(1.0, 0.1))
     while len(shown) < 9:
         refresher.offer(Analyser())
     refresher.close()

@@ -6,23 +6,23 @@ from itertools import pairwise
 import pytest
 
 from allanscope.analysis import Analyser
-from allanscope.pipeline.refreshing import ON_A_SCREEN, UNSEEN, VIEWED, Refresher, _pause
+from allanscope.pipeline.refreshing import IN_TERMINAL, IN_VIEWER, UNWATCHED, Refresher, _pause
 
 
-def results(until_s, took_s, pace):
+def results(until_s, took_s, policy):
     """Return when results come that each take so long and as much of the processor."""
     shown, now = [], 0.0
     while now < until_s:
         now += took_s
         shown.append(now)
-        now += _pause(now, took_s, took_s, pace)
+        now += _pause(now, took_s, took_s, policy)
     return shown
 
 
-@pytest.mark.parametrize("pace", [VIEWED, ON_A_SCREEN])
+@pytest.mark.parametrize("policy", [IN_VIEWER, IN_TERMINAL])
 @pytest.mark.parametrize("took_s", [0.05, 0.4, 2.0])
-def test_no_result_on_a_screen_grows_older_than_promised(pace, took_s):
-    shown = results(4 * 3600.0, took_s, pace)
+def test_no_result_on_a_screen_grows_older_than_promised(policy, took_s):
+    shown = results(4 * 3600.0, took_s, policy)
     for before, after in pairwise(shown):
         # Two thousand reads a second offer it: it is taken at once.
         assert after - before <= max(5.0, min(60.0, 0.1 * before)) + 1e-9
@@ -30,13 +30,13 @@ def test_no_result_on_a_screen_grows_older_than_promised(pace, took_s):
 
 
 def test_what_no_viewer_shows_costs_little_after_the_first_minutes():
-    shown = results(3600.0, 0.5, ON_A_SCREEN)
+    shown = results(3600.0, 0.5, IN_TERMINAL)
     assert 0.5 * len([t for t in shown if t > 600.0]) < 0.011 * 3000.0
 
 
 @pytest.mark.parametrize("took_s", [0.05, 0.4, 2.0])
 def test_where_nobody_looks_results_come_when_the_run_has_doubled_or_each_minute(took_s):
-    shown = results(4 * 3600.0, took_s, UNSEEN)
+    shown = results(4 * 3600.0, took_s, UNWATCHED)
     for before, after in pairwise(shown):
         assert after - before <= max(5.0, min(60.0, before)) + 1e-9
     assert 4 <= len([t for t in shown if 5.0 < t <= 60.0]) <= (12 if took_s < 0.1 else 4)
@@ -44,13 +44,13 @@ def test_where_nobody_looks_results_come_when_the_run_has_doubled_or_each_minute
 
 
 def test_a_slow_machine_keeps_half_of_its_time():
-    shown = results(600.0, 8.0, ON_A_SCREEN)
+    shown = results(600.0, 8.0, IN_TERMINAL)
     assert min(b - a for a, b in pairwise(shown)) >= 16.0
 
 
 def test_the_first_result_comes_with_the_first_samples():
     shown = threading.Event()
-    refresher = Refresher(lambda frozen: shown.set(), ON_A_SCREEN)
+    refresher = Refresher(lambda frozen: shown.set(), IN_TERMINAL)
     refresher.offer(Analyser())
     assert shown.wait(30.0)
     refresher.close()

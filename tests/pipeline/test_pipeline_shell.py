@@ -124,8 +124,8 @@ def test_the_doctor_tells_for_how_long_samples_can_wait(tmp_path, monkeypatch):
     assert other.name == "reader"
     monkeypatch.setattr(doctor, "may_run_in_real_time", lambda: False)
     assert doctor._reading(1e6).__next__().grade == "note", "a millisecond is too little"
-    mend = list(doctor._reading(100.0))[1].mend
-    assert "rtprio" in mend
+    remedy = list(doctor._reading(100.0))[1].remedy
+    assert "rtprio" in remedy
     assert main(["doctor", str(tmp_path), "--rate", "0"]) == 2
 
 
@@ -140,6 +140,6 @@ def test_the_doctor_names_the_command_that_mends_it(tmp_path, monkeypatch, capsy
     process = tmp_path / "1"
     process.mkdir()
     (process / "comm").write_text("ModemManager\n")
-    assert "systemctl disable --now ModemManager" in doctor._modem_manager(tmp_path).mend
-    assert "mesa-vulkan-drivers" in doctor._graphics(tmp_path, tmp_path).mend
+    assert "systemctl disable --now ModemManager" in doctor._modem_manager(tmp_path).remedy
+    assert "mesa-vulkan-drivers" in doctor._graphics(tmp_path, tmp_path).remedy
     assert doctor._disk(Path("/proc")).grade == "bad"

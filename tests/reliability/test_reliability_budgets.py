@@ -18,7 +18,7 @@ from allanscope.wire import WireSettings
 from allanscope.wire.text import labelled
 
 PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
-FRUITLESS_BYTES = 1 << 18
+BYTES_WITHOUT_SAMPLES = 1 << 18
 """An eighth of what it is otherwise, so that these tests take an eighth."""
 READ_BYTES = 1 << 18
 ROW = b"0.1,0.2,0.3,0.01,0.02,1.0\n"
@@ -28,7 +28,7 @@ HEADER = b"gx[dps],gy[dps],gz[dps],ax[g],ay[g],az[g]\n"
 @pytest.fixture
 def little(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give up on what is fruitless early."""
-    monkeypatch.setattr("allanscope.pipeline.decoding.FRUITLESS_BYTES", FRUITLESS_BYTES)
+    monkeypatch.setattr("allanscope.pipeline.decoding.BYTES_WITHOUT_SAMPLES", BYTES_WITHOUT_SAMPLES)
 
 
 def budgets() -> dict[str, str]:
@@ -80,7 +80,7 @@ def read_until_refused(path: Path, wire: str = "") -> int:
 @pytest.mark.parametrize("wire", ["native", "tmsg", "datalog", "text"])
 def test_zeros_are_refused_after_the_first_megabytes(tmp_path: Path, wire: str) -> None:
     path = packed(tmp_path / "zeros.gz", b"", bytes(1 << 20), 100)
-    assert read_until_refused(path, wire) <= FRUITLESS_BYTES + READ_BYTES
+    assert read_until_refused(path, wire) <= BYTES_WITHOUT_SAMPLES + READ_BYTES
 
 
 def test_identical_rows_are_refused_long_before_they_are_unpacked(tmp_path: Path) -> None:
@@ -110,8 +110,8 @@ def test_labels_without_end_are_refused(tmp_path: Path, line: bytes, monkeypatch
     (tmp_path / "labels.txt").write_bytes((line + b"\n") * 3_000)
     calls = []
     monkeypatch.setattr(labelled, "_read_part", lambda part, found: calls.append(part))
-    assert read_until_refused(tmp_path / "labels.txt", "text") <= FRUITLESS_BYTES + READ_BYTES
-    assert len(calls) <= (FRUITLESS_BYTES + READ_BYTES) / len(line)
+    assert read_until_refused(tmp_path / "labels.txt", "text") <= BYTES_WITHOUT_SAMPLES + READ_BYTES
+    assert len(calls) <= (BYTES_WITHOUT_SAMPLES + READ_BYTES) / len(line)
 
 
 def test_blanks_between_labels_cost_nothing() -> None:
@@ -130,5 +130,5 @@ def test_a_port_may_say_nothing_of_use_for_as_long_as_it_likes() -> None:
 
     decoding = Decoding(WireSettings(), "text")
     for second in range(1, 6):
-        decoding.take(Chunk(second * 10**9, b"hello\n" * (FRUITLESS_BYTES // 12)))
-    assert decoding.stats.bytes > 2 * FRUITLESS_BYTES
+        decoding.take(Chunk(second * 10**9, b"hello\n" * (BYTES_WITHOUT_SAMPLES // 12)))
+    assert decoding.stats.bytes > 2 * BYTES_WITHOUT_SAMPLES

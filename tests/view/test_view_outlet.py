@@ -154,7 +154,7 @@ def test_rows_of_a_night_become_few_and_keep_every_spike() -> None:
         rows = rows_of(start, 60.0)
         rows.high[17, 0] = 100.0 + start
         given += [one for one in [thinner.take(rows)] if one is not None]
-    given += [one for one in [thinner.rest()] if one is not None]
+    given += [one for one in [thinner.flush()] if one is not None]
     kept = Rows.joined(given)
     assert len(kept.elapsed_s) == pytest.approx(RowThinner.expected(hours * 3600.0), rel=0.1)
     assert len(kept.elapsed_s) < 0.25 * hours * 3600.0 * ROWS_HZ
@@ -171,7 +171,7 @@ def test_longer_rows_do_not_bridge_a_gap() -> None:
     assert thinner.take(rows_of(41_000.0, 8.0)) is not None
     thinner.take(rows_of(42_000.0, 8.0))
     thinner.take(rows_of(42_020.0, 8.0))
-    rest = thinner.rest()
+    rest = thinner.flush()
     assert rest is not None
     inside = (rest.elapsed_s > 42_008.0) & (rest.elapsed_s < 42_020.0)
     assert not inside.any()

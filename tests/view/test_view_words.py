@@ -111,12 +111,12 @@ def test_a_rate_that_is_not_measured_is_labelled_nominal(analysis):
 
 def test_the_diary_tells_every_thing_once(analysis):
     log = ChangeLog()
-    first = log.news(analysis)
+    first = log.update(analysis)
     assert ("warn", "the device dropped 1998 samples once") in first
     assert sum(text.startswith("gx gy: found line") for _, text in first) == 1
     assert any(text.startswith("gx: N = 2.900 [2.874, 2.926] mdps/√Hz") for _, text in first)
-    assert log.news(analysis) == []
-    assert log.news(demo_analysis(7400.0)) == [], "better known is no news"
+    assert log.update(analysis) == []
+    assert log.update(demo_analysis(7400.0)) == [], "better known is no news"
 
 
 def test_a_remark_whose_number_grows_is_told_again_at_ten_times_as_much(analysis):
@@ -124,7 +124,7 @@ def test_a_remark_whose_number_grows_is_told_again_at_ten_times_as_much(analysis
     for count in [*range(3, 4000), 4000]:
         remark = f"saturated: {count} samples at the end of the range"
         axes = {"gx": replace(analysis.axes["gx"], remarks=(remark,))}
-        told += [text for _, text in log.news(replace(analysis, axes=axes)) if "satur" in text]
+        told += [text for _, text in log.update(replace(analysis, axes=axes)) if "satur" in text]
     counts = [int(text.split()[2]) for text in told]
     assert counts == [3, 30, 300, 3000]
 
@@ -133,33 +133,33 @@ def test_remarks_of_other_words_and_of_other_axes_are_told_each(analysis):
     log = ChangeLog()
     remarks = ("saturated: 3 samples", "every sample is 3 counts: 12 345 in all")
     axes = {name: replace(analysis.axes["gx"], remarks=remarks) for name in ("gx", "gy")}
-    told = [text for _, text in log.news(replace(analysis, axes=axes, remarks=()))]
+    told = [text for _, text in log.update(replace(analysis, axes=axes, remarks=()))]
     assert [text for text in told if "ample" in text] == [
         f"{name}: {remark}" for name in ("gx", "gy") for remark in remarks
     ]
     axes["gy"] = replace(axes["gy"], remarks=("every sample is 4 counts: 23 456 in all",))
     later = replace(analysis, axes=axes, remarks=())
-    assert not [text for _, text in log.news(later) if "ample" in text]
+    assert not [text for _, text in log.update(later) if "ample" in text]
 
 
 def test_the_diary_tells_when_an_effect_is_gone_and_when_it_is_back(analysis):
     log = ChangeLog()
-    log.news(analysis)
+    log.update(analysis)
     gx = analysis.axes["gx"]
     without = replace(gx, explanation=replace(gx.explanation, effects=()))
-    gone = log.news(replace(analysis, axes={**analysis.axes, "gx": without}))
+    gone = log.update(replace(analysis, axes={**analysis.axes, "gx": without}))
     assert [text.partition(" [")[0] for _, text in gone] == [
         "gx: no longer found line: frequency 49.980"
     ]
-    assert len(log.news(analysis)) == 1
+    assert len(log.update(analysis)) == 1
 
 
 def test_two_lines_on_one_axis_are_two_findings(analysis):
     gx = analysis.axes["gx"]
     twice = replace(gx, explanation=replace(gx.explanation, effects=gx.explanation.effects * 2))
     log = ChangeLog()
-    log.news(analysis)
-    news = log.news(replace(analysis, axes={**analysis.axes, "gx": twice}))
+    log.update(analysis)
+    news = log.update(replace(analysis, axes={**analysis.axes, "gx": twice}))
     assert len(news) == 1
 
 
@@ -189,8 +189,8 @@ def test_trends_of_a_night_stay_small(analysis):
 
 
 def test_a_flood_of_gaps_is_told_once_a_second():
-    teller = GapThrottle()
-    told = [teller.tell(Gap("link", 27), 0.01 * i) for i in range(200)]
+    throttle = GapThrottle()
+    told = [throttle.update(Gap("link", 27), 0.01 * i) for i in range(200)]
     assert [text for text in told if text] == [
         "gap (link): 27 samples lost",
         "gap (link): 27 samples lost; 99 more since the last",

@@ -189,7 +189,7 @@ def test_scaling_and_cutting_is_exact(micro: int) -> None:
 def test_a_torn_record_is_no_record(damage: str) -> None:
     reader = RecordReader(COUNTER)
     records = [reader.line(line.encode()) for line in damage.split("\r\n") if line]
-    assert [*records, reader.rest()] == [None] * (len(records) + 1)
+    assert [*records, reader.flush()] == [None] * (len(records) + 1)
     assert reader.damaged >= 1
 
 

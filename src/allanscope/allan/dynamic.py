@@ -1,6 +1,6 @@
 """The Allan deviation over time: one curve for each of many windows that slide along a run.
 
-A single curve of a night tells that it was worse than the night before, and not when. The dynamic
+A single curve of a night shows that it was worse than the night before, but not when. The dynamic
 Allan deviation (Galleani and Tavella, "The dynamic Allan variance", IEEE Trans. UFFC 56, 2009) is
 the estimator on each stretch of the run by itself. It needs no second pass: with A the sum of
 squares of all terms that end by a moment, and K that of the terms that reach across it,

@@ -38,7 +38,7 @@ __all__ = [
 
 MOST_CONFIGURATIONS = 8
 MOST_ERRORS = 16
-"""A device that tells of ever new scales, or of ever new troubles, must not fill the memory."""
+"""A device that sends ever new scales or errors must not fill the memory."""
 
 MOST_KEPT = 1 << 28
 """Numbers that are kept where the averaging times take the samples themselves: half a gigabyte."""
@@ -61,7 +61,7 @@ class AnalyserSettings:
         Confidence of every interval.
     history_rows : int
         Rows of block means that are kept: live runs keep fewer than an analysis to the end.
-    gathered_rows : int
+    buffered_rows : int
         Rows that are summed up at a time; the more, the better two cores share the work.
     threads : int
         Axes that the closed loop works on at a time.
@@ -77,7 +77,7 @@ class AnalyserSettings:
     per_octave: int = 4
     level: float = 0.95
     history_rows: int = 1 << 18
-    gathered_rows: int = 1 << 13
+    buffered_rows: int = 1 << 13
     threads: int = 2
     curves: CurveChoices = field(default_factory=CurveChoices)
     over_time: bool = True
@@ -162,7 +162,7 @@ class Analyser:
                 info,
                 asked.per_octave,
                 asked.history_rows,
-                asked.gathered_rows,
+                asked.buffered_rows,
                 keep_samples=asked.curves.taken_from_samples,
                 window_s=asked.curves.window_s if asked.over_time else None,
             )
@@ -228,7 +228,7 @@ class StreamState:
         Averaging times in each octave.
     history_rows : int
         Most rows of block means that are kept for what needs a time series.
-    gathered_rows : int
+    buffered_rows : int
         Rows that are summed up at a time.
     keep_samples : bool
         Keep every sample too, for curves that no bank has.
@@ -241,7 +241,7 @@ class StreamState:
         info: StreamInfo,
         per_octave: int,
         history_rows: int,
-        gathered_rows: int = BUFFERED,
+        buffered_rows: int = BUFFERED,
         *,
         keep_samples: bool = False,
         window_s: float | None = None,
@@ -267,7 +267,7 @@ class StreamState:
         self._kept: list[NDArray[Any] | None] | None = [] if keep_samples else None
         self.watch = Watch(info)
         self.watch_failure = ""
-        self._buffer = RowBuffer(gathered_rows)
+        self._buffer = RowBuffer(buffered_rows)
         self._deviations = Behind()
 
     def block(self, block: Block) -> None:
@@ -305,8 +305,8 @@ class StreamState:
             self.lost += gap.lost
 
     def settle(self) -> None:
-        """Sum up what has been gathered; must come before any of the sums is read."""
-        for piece in self._buffer.rest():
+        """Add the buffered rows to the sums; must come before any of the sums is read."""
+        for piece in self._buffer.flush():
             self._pass_on(*piece)
         if not self.padding.is_trailing:
             self.release_padding()

@@ -81,7 +81,7 @@ def compare(
 
 
 def _hidden(verdict: DatasheetVerdict) -> DatasheetVerdict:
-    """Return a verdict that does not praise a sensor for what rounding has swallowed."""
+    """Return a verdict that does not credit a sensor with noise that rounding has hidden."""
     if verdict.limit is None or verdict.measured is None:
         return verdict
     words = "the noise is below half a step, so the figures describe the rounding, not the sensor"

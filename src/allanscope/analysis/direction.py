@@ -183,7 +183,7 @@ def motion_of_burst(
         return None
     loud = loud - loud.mean(axis=0)
     seconds = float(np.median(np.diff(times_s)))
-    known, limits, paces = {}, {}, {}
+    known, limits, omegas = {}, {}, {}
     for sensor, names in _SENSORS.items():
         if not set(names) <= set(axes):
             continue
@@ -193,14 +193,14 @@ def motion_of_burst(
         if found is not None:
             known[sensor] = found
             wave = loud[:, at] @ np.array(found.vector)
-            paces[sensor] = float(np.std(np.diff(wave)) / np.std(wave)) / seconds
+            omegas[sensor] = float(np.std(np.diff(wave)) / np.std(wave)) / seconds
     if not known:
         return None
     kind, arm = "", None
     if len(limits) == len(_SENSORS):
         gravity = _level(beside, [axes.index(name) for name in _SENSORS["accel"]])
-        pace = paces.get("gyro", paces.get("accel", 0.0))
-        kind, arm = _kind(known, limits, gravity, pace / (2.0 * math.pi))
+        omega = omegas.get("gyro", omegas.get("accel", 0.0))
+        kind, arm = _kind(known, limits, gravity, omega / (2.0 * math.pi))
     directions = tuple(known.values())
     return Motion(directions, kind, arm, _words(directions, kind, arm))
 
@@ -308,13 +308,13 @@ def _kind(
     known: dict[str, Direction], limits: dict[str, float], gravity: Array, frequency_hz: float
 ) -> tuple[str, float | None]:
     """Return what moves, and how far away the axis of a rotation would have to be."""
-    pace = 2.0 * math.pi * frequency_hz
+    omega = 2.0 * math.pi * frequency_hz
     turn = known["gyro"].amplitude if "gyro" in known else limits["gyro"]
     push = known["accel"].amplitude if "accel" in known else limits["accel"]
     rate = math.radians(turn)
     axis = np.array(known["gyro"].vector) if "gyro" in known else np.zeros(3)
-    tilt = float(np.linalg.norm(np.cross(axis, gravity))) * rate / pace
-    arm = math.sqrt(max(push**2 - tilt**2, 0.0)) * GRAVITY / (rate * pace)
+    tilt = float(np.linalg.norm(np.cross(axis, gravity))) * rate / omega
+    arm = math.sqrt(max(push**2 - tilt**2, 0.0)) * GRAVITY / (rate * omega)
     if "accel" not in known:
         return ("rotation", arm) if arm < _FAR_M else ("", arm)
     if "gyro" not in known:

@@ -163,7 +163,7 @@ def _own_words(effect: Effect) -> str:
 
 
 def _is_alike(effect: Effect, lead: Effect) -> bool:
-    """Tell whether an effect is of the leading one's kind, and not a harmonic of it."""
+    """Return whether an effect is of the leading one's kind, and not a harmonic of it."""
     if effect.kind != lead.kind:
         return False
     own, base = (one.parameters.get("frequency") for one in (effect, lead))

@@ -217,7 +217,7 @@ def _gain(effect: Effect) -> float:
 
 
 def _is_one(first: Member, second: Member) -> bool:
-    """Tell whether two effects are one disturbance."""
+    """Return whether two effects are one disturbance."""
     a, b = first.effect, second.effect
     if _is_harmonic(a, b) or _at_once(a, b) or _is_in_band(a, b) or _is_in_band(b, a):
         return True
@@ -243,13 +243,13 @@ def _is_one(first: Member, second: Member) -> bool:
 
 
 def _places(name: str, effect: Effect) -> bool:
-    """Tell whether a parameter says where an effect is: both ends of a range do."""
+    """Return whether a parameter says where an effect is: both ends of a range do."""
     where = effect.located_by
     return name == where or (where.endswith("_low") and name == f"{where[:-4]}_high")
 
 
 def _is_harmonic(a: Effect, b: Effect) -> bool:
-    """Tell whether two lines have one frequency, or one is a multiple of the other."""
+    """Return whether two lines have one frequency, or one is a multiple of the other."""
     low, high = _frequency(a), _frequency(b)
     if low is None or high is None:
         return False
@@ -267,7 +267,7 @@ def _is_harmonic(a: Effect, b: Effect) -> bool:
 
 
 def _is_in_band(line: Effect, band: Effect) -> bool:
-    """Tell whether a line lies in a narrow band that has no name."""
+    """Return whether a line lies in a narrow band that has no name."""
     known, ends = _frequency(line), _narrow_band(band)
     if known is None or ends is None:
         return False
@@ -299,7 +299,7 @@ def line_of(effect: Effect) -> tuple[float, float, float, float] | None:
 
 
 def _at_once(a: Effect, b: Effect) -> bool:
-    """Tell whether two events begin or end at one time."""
+    """Return whether two events begin or end at one time."""
     return any(
         abs(one.value - other.value) <= max(_AT_ONCE_S, _half(one) + _half(other))
         for one in _edges(a)
@@ -356,7 +356,7 @@ def _value(effect: Effect, name: str) -> float:
 
 
 def _agree(a: Parameter, b: Parameter) -> bool:
-    """Tell whether two parameters are the same: equal names, or numbers whose intervals overlap."""
+    """Return whether two parameters agree: equal names, or numbers whose intervals overlap."""
     one, other = _number(a), _number(b)
     if one is None or other is None:
         return a.value == b.value

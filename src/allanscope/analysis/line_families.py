@@ -1,7 +1,7 @@
 """Lines that are made of others: folded harmonics, sidebands, sums, images about the sample clock.
 
 Frequencies in counts are exact, so that relations between them hold within the intervals of the
-frequencies alone. With many lines and many relations some hold by chance; each is believed only
+frequencies alone. With many lines and many relations some hold by chance; each is accepted only
 where the number of chance agreements to be expected, among all that were compared, is small.
 """
 

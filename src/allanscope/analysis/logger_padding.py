@@ -1,6 +1,6 @@
 """Rows at the beginning or the end of a record that are all the same: a logger's padding.
 
-A logger that fills its last block, or writes before its sensor answers, leaves rows that nobody
+A logger that fills its last block, or writes before its sensor answers, leaves rows that no sensor
 measured, zeros most of all. To a model they are repeats, a burst, a drift and a gap in the
 spectrum at once. They are kept back until it is known what follows: what is the same on every axis
 up to the end, ten times longer than any such run in the rows beside it, is left out of all sums.
@@ -137,7 +137,7 @@ def _run(rows: NDArray[np.generic], row: NDArray[np.generic]) -> int:
 
 
 def _is_padding(rows: int, beside: NDArray[np.generic]) -> bool:
-    """Tell whether so many equal rows are far more than those beside them let expect."""
+    """Return whether so many equal rows are far more than those beside them let expect."""
     if rows < _FEWEST or len(beside) < _FEWEST:
         return False
     ends = np.flatnonzero(np.any(beside[1:] != beside[:-1], axis=1)) + 1

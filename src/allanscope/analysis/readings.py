@@ -48,7 +48,7 @@ _NARROWEST = 2.0
 _FEWEST = 6
 """Bands in it."""
 _SLOPE_KNOWN = 0.1
-"""Standard error of the slope of a range beyond which nobody can call it flat."""
+"""Standard error of the slope of a range beyond which it is not flat."""
 _CLEAR = 2.0
 """Ratio of frequencies left free at an end beyond which the density is another: what bends there
 begins within."""

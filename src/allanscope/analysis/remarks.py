@@ -1,10 +1,10 @@
 """What the reader of a result must know of a run and of each axis, one sentence each.
 
-**The pace of the rows**: a reader that is faster or slower than the sensor. Stock firmware reads
+**The rate of the rows**: a reader that is faster or slower than the sensor. Stock firmware reads
 the sensor in a loop of its own, 50 times a second. A sensor that makes fewer samples is read twice
 now and then, and rows repeat; one that makes more is read too seldom, and samples are skipped.
 Repeated rows are seen in the values, by the effect ``repeated_samples``. Skipped ones leave no
-trace in the values, only in the pace. Where it is far from what the sensor is set to, no oscillator
+trace in the values, only in the rate. Where it is far from what the sensor is set to, no oscillator
 could be off by so much. Where it is near, 50 rows of a sensor set to 52 Hz, the oscillator could;
 but then it would be off by just so much that rows come with the period of a timer, whole multiples
 of 5 ms, as exactly as a crystal. By chance one in two hundred does.
@@ -178,7 +178,7 @@ def sampling_remarks(
     rate : Rate
         Claimed and measured.
     offered_hz : sequence of float
-        Rates that the sensor can be set to, ascending, where the nominal rate is only the pace of
+        Rates that the sensor can be set to, ascending, where the nominal rate is only the rate of
         the rows of firmware that reads it by a timer.
     """
     out = []
@@ -262,7 +262,7 @@ def _repeated(axes: Mapping[str, AxisAnalysis]) -> float:
 
 
 _NOTICEABLE = 0.03
-"""Relative difference below which nobody asks why."""
+"""Relative difference that needs no explanation."""
 _SHAPES: Mapping[str, Callable[[float], float]] = {
     "N": lambda tau: 1 / tau,
     "B": lambda _: 2 * math.log(2) / math.pi,
@@ -363,7 +363,7 @@ def _how(name: str, reading: Reading) -> str:
 def _agree(
     name: str, coefficients: Mapping[str, Coefficient], reading: Reading, rounding: float
 ) -> bool:
-    """Tell whether coefficient, or all of them together, and reading agree within intervals."""
+    """Return whether coefficient, or all of them together, and reading agree within intervals."""
     one = coefficients[name[:1]]
     low = one.lower if one.detected else 0.0
     if _overlap(low, one.upper, reading.lower, reading.upper):
@@ -389,7 +389,7 @@ def _agree(
 
 
 def _overlap(low: float, high: float, other_low: float, other_high: float) -> bool:
-    """Tell whether two intervals overlap, or miss each other by too little to mention."""
+    """Return whether two intervals overlap, or miss each other by too little to mention."""
     room = 1 + _NOTICEABLE
     return low <= other_high * room and other_low <= high * room
 
@@ -407,13 +407,13 @@ def _cause(name: str, more: bool, effects: tuple[Effect, ...]) -> str:
 
 
 def _is_coupled_little(known: Coefficient) -> bool:
-    """Tell whether what other axes bring, which is known, is too little to mention."""
+    """Return whether what other axes bring, which is known, is too little to mention."""
     alone = known.decoupled
     return alone is not None and known.value <= (1 + _NOTICEABLE) * alone.value
 
 
 def _is_near(effect: Effect, band_hz: tuple[float, float] | None) -> bool:
-    """Tell whether an effect that has a frequency acts within an octave of where N was read."""
+    """Return whether an effect that has a frequency acts within an octave of where N was read."""
     place = effect.parameters.get("frequency") or effect.parameters.get("cutoff")
     if band_hz is None or place is None or isinstance(place.value, str):
         return True

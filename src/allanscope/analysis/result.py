@@ -100,7 +100,7 @@ class Level:
     """Zero-rate or zero-g level: the mean of the axis, and how much it moved.
 
     `stability` is the standard deviation of the means over tenths of the run, None when the run is
-    too short to tell.
+    too short.
     """
 
     mean: float

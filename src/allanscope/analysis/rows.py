@@ -51,7 +51,7 @@ class RowBuffer:
     []
     >>> [len(counts) for counts, _ in buffer.take(three, None)], buffer.waiting
     ([3], 3)
-    >>> [len(counts) for counts, _ in buffer.rest()], buffer.waiting
+    >>> [len(counts) for counts, _ in buffer.flush()], buffer.waiting
     ([3], 0)
     """
 
@@ -68,9 +68,9 @@ class RowBuffer:
         rows = len(counts)
         fits = counts.dtype == self._counts.dtype and rows <= len(self._counts) - self.waiting
         if not fits:
-            yield from self.rest()
+            yield from self.flush()
         if rows >= min(self._size, WORTH_IT):
-            yield from self.rest()
+            yield from self.flush()
             yield counts, temperature_c
             return
         if self.waiting == 0:
@@ -80,7 +80,7 @@ class RowBuffer:
         self._temperature_c[new] = np.nan if temperature_c is None else temperature_c
         self.waiting += rows
 
-    def rest(self) -> Iterator[Piece]:
+    def flush(self) -> Iterator[Piece]:
         """Yield what is waiting: a gap follows, or the result is wanted."""
         if self.waiting:
             rows, self.waiting = self.waiting, 0

@@ -81,7 +81,7 @@ def summarise(
     Parameters
     ----------
     analyser : Analyser
-        The sums; what has been gathered for them is summed up, nothing else is changed.
+        The sums; buffered rows are added, nothing else is changed.
     link : LinkStats
         Counters of the decoder.
     depth : {'live', 'full'}
@@ -187,7 +187,7 @@ def _full_scales(record: Record) -> dict[str, str]:
 
 
 def _claimed(state: StreamState, rate: Rate) -> Rate:
-    """Return the rate as it may be compared: what was read off the times is nobody's setting."""
+    """Return the rate as it may be compared: a rate read off the times is no setting."""
     return rate if state.info.rate_claimed else replace(rate, nominal_hz=0.0)
 
 

@@ -57,7 +57,7 @@ class Aligned:
     lag_s : tuple of float
         By how much each record starts after the first; 0 of one that shares no motion with it.
     drift_ppm : tuple of float
-        By how much the measured rate of each had to be mended.
+        Correction of the measured rate of each.
     is_common : bool
         Whether all share a motion: otherwise nothing tells how they lie in time.
     """

@@ -76,7 +76,7 @@ def coefficient_text(axis_unit: str, name: str, coefficient: Coefficient | None)
 def wait_text(coefficient: Coefficient | None) -> str:
     """Return how much longer to run until a coefficient is known; empty when it is, or unknown.
 
-    One unit: nobody can foretell it better.
+    One unit: it cannot be predicted better.
 
     >>> wait_text(Coefficient(0.0, 0.0, 12.1e-6, "g", False, wait_s=630.0))
     '10 min'

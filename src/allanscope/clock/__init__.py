@@ -1,7 +1,7 @@
 """The clock: the true sample rate of a run, from sample numbers and the times they were seen.
 
 The axis of every Allan curve is in units of the sample period, and the sensor's oscillator is off
-by several per cent; so the rate is measured, never believed::
+by several per cent; so the nominal rate is never used where one was measured::
 
     Block.index + Ticks ──▶ Clock ──▶ Envelope (host)   ──▶ fit_line ──┐
                                 └───▶ Envelope (device) ──▶ fit_line ──┴──▶ RateFit

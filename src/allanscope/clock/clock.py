@@ -68,7 +68,7 @@ class Clock:
     device_resolution_s : float
         Step of the device's time.
     crystal : bool
-        Whether the device's clock is known to be a crystal, which is believed against the host.
+        Whether the device's clock is known to be a crystal, which overrules the host.
 
     Examples
     --------
@@ -128,7 +128,7 @@ class Clock:
         The host's clock is the truth. But its arrivals come unevenly, and in the first seconds the
         crystal of the device knows better: then its rate is given, with all that a crystal may be
         off. Where the two contradict each other by more than crystals can, a device that says that
-        its clock is a crystal is believed: the host has read late. Otherwise its time is none.
+        its clock is a crystal is used: the host has read late. Otherwise its time is none.
         """
         host, device = self._host.fit(), self._device.fit()
         host_sigma = host.relative_sigma if host is not None else math.inf

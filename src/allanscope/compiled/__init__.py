@@ -10,7 +10,7 @@
 Nothing compiles on the machine of a user, and one library serves all versions of Python: it knows
 neither Python nor numpy. It holds every loop once for each level of the processor (`processor.c`),
 and the highest that runs here is taken. A call through `ctypes` releases the interpreter's lock.
-All arrays are checked here and nowhere else: a loop believes what it is given.
+All arrays are checked here and nowhere else: a loop does not check its arguments.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ class LibraryMissing(AllanscopeError, ImportError):
     ----------
     problem : str
         What is wrong.
-    mend : str
+    remedy : str
         The command that builds or installs the library.
     """
 
-    def __init__(self, problem: str, mend: str) -> None:
-        super().__init__(f"{problem}; run: {mend}")
+    def __init__(self, problem: str, remedy: str) -> None:
+        super().__init__(f"{problem}; run: {remedy}")
         self.problem = problem
-        self.mend = mend
+        self.remedy = remedy
 
 
 class Pointer:
@@ -161,15 +161,15 @@ def _library() -> tuple[ctypes.CDLL, int]:
     """Load the library; return it and the level of the processor."""
     path = _HERE / f"library.{_SUFFIX}"
     builder = _HERE / "build.py"
-    mend = f"python {builder}" if builder.exists() else "pip install --force-reinstall allanscope"
+    remedy = f"python {builder}" if builder.exists() else "pip install --force-reinstall allanscope"
     try:
         library = ctypes.CDLL(str(path))
     except OSError as error:
-        raise LibraryMissing(f"the compiled loops cannot be loaded ({error})", mend) from None
+        raise LibraryMissing(f"the compiled loops cannot be loaded ({error})", remedy) from None
     if builder.exists():
         from allanscope.compiled.build import fingerprint
 
         library.sources.restype = ctypes.c_char_p
         if library.sources().decode() != fingerprint():
-            raise LibraryMissing(f"{path} was compiled from other sources", mend)
+            raise LibraryMissing(f"{path} was compiled from other sources", remedy)
     return library, library.processor_level()

@@ -11,8 +11,8 @@
 Every kind of effect is one file in `effects`: it looks at the residual in the domain where it
 shows (the Allan curve is the figure, not the detector), proposes candidates, and the noise is
 refitted with each of them, because what is missing hides itself in B and K. Nothing is accepted
-that does not pay for the search, nor what fails on data it was not fitted to, and what no name
-fits is called unexplained.
+whose gain is below the penalty of the search, nor what fails on data it was not fitted to, and what
+no name fits is called unexplained.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A proposal of an effect: what would be added to the model, and what speaks for it."""
+"""A proposal of an effect: what would be added to the model, and the evidence for it."""
 
 from __future__ import annotations
 

@@ -151,7 +151,7 @@ def _codes(samples: Array, step: float) -> NDArray[np.int64]:
 
 
 def _is_heaped(arrivals: NDArray[np.int64], i: int, usual: float) -> bool:
-    """Tell whether a code within holds more than chance and uneven codes give it."""
+    """Return whether a code within holds more than chance and uneven codes give it."""
     excess = (arrivals[i] - usual) / arrivals.sum()
     if arrivals[i] < _TWICE * usual or excess < _MATTERS:
         return False

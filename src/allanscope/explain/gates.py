@@ -37,7 +37,7 @@ _AS_WELL = 0.9
 
 
 def penalty_passed(view: View, candidate: Candidate, spent: float) -> bool:
-    """Tell whether a candidate gains more than its search and those before it cost."""
+    """Return whether a candidate gains more than its search and those before it cost."""
     accepted = [c for c in view.accepted if not c.effect.is_coefficient]
     return bool(candidate.excess > spent + len(accepted) * np.log(2))
 
@@ -107,7 +107,7 @@ def adequate(view: View, candidate: Candidate) -> Candidate | None:
 
 
 def is_measured(candidate: Candidate) -> bool:
-    """Tell whether every number has an interval that is one: finite, and wider than nothing.
+    """Return whether every number has an interval that is one: finite, and wider than nothing.
 
     Without it the likelihood has no maximum there in some direction, so nothing has been measured.
     Counts and instants may be known exactly.

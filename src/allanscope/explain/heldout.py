@@ -130,7 +130,7 @@ def _gain(amplitude: Array, normal: Array, right: Array) -> Array:
 
 
 def _replicated(signals: Array, white: Array) -> bool:
-    """Tell whether the quarters of the record agree on the amplitudes (chi-square, 1 %)."""
+    """Return whether the quarters of the record agree on the amplitudes (chi-square, 1 %)."""
     size, n = signals.shape
     weight, weighted, parts = np.zeros((size, size)), np.zeros(size), []
     edges = [part[0] for part in np.array_split(np.arange(n), _PARTS)]

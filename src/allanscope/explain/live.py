@@ -1,4 +1,4 @@
-"""The loop while a run goes on: bounded, cheap, and honest about having looked before.
+"""The loop while a run goes on: bounded in time, with penalties for repeated searches.
 
 Looking at every refresh for twelve hours is 720 looks; a test that errs once in a thousand would
 err most nights. So the search runs only when the record has doubled since the last time, and the
@@ -112,7 +112,7 @@ class LiveLoop:
     _next_s: float = field(default=0.0, repr=False)
 
     def due(self, record: Record) -> bool:
-        """Tell whether the record is long enough for the next look: costs nothing."""
+        """Return whether the record is long enough for the next look: costs nothing."""
         return _length_s(record) >= max(self._next_s, self.first_s)
 
     def update(
@@ -163,7 +163,7 @@ def _length_s(record: Record) -> float:
 
 
 def _same(first: Effect, second: Effect) -> bool:
-    """Tell whether two looks speak of one effect: same kind, in the same place."""
+    """Return whether two looks speak of one effect: same kind, in the same place."""
     if first.kind != second.kind or not first.located_by:
         return first.kind == second.kind
     a, b = first.parameters[first.located_by], second.parameters[first.located_by]

@@ -129,7 +129,7 @@ def excess_skewness(view: View) -> tuple[float, float]:
 
 
 def removes(view: View, candidate: Candidate) -> bool:
-    """Tell whether most of the residual is gone where the candidate changes the spectrum most."""
+    """Return whether most of the residual is gone where the candidate changes the spectrum most."""
     after = view.with_parts(*candidate.parts)
     bands = band_scores(view)
     later = band_scores(after)

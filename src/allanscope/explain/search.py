@@ -140,5 +140,5 @@ def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:
 
 
 def _fitted(view: View, path: SearchPath) -> View:
-    """Return the view with every effect estimated given the others, and only those that pay."""
+    """Estimate every effect given the others, and keep those whose gain exceeds the penalty."""
     return drop(refit_jointly(refit(view, path)), path)

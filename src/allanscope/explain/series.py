@@ -353,7 +353,7 @@ def observations(series: Series, axis: str) -> tuple[str, ...]:
     column = series.column(axis)
     samples, lsb = series.values[:, column], series.lsb[column]
     found = list(series.remarks)
-    if full_scale_of(axis, lsb) is not None:  # else nobody knows where the range ends
+    if full_scale_of(axis, lsb) is not None:  # else the end of the range is unknown
         rail = float(np.mean(np.abs(samples) >= (_FULL_SCALE - 1) * lsb))
         if rail > _AT_THE_RAIL:
             found.append(

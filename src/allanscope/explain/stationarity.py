@@ -221,7 +221,7 @@ def _near(
 
 
 def sweeps(data: Array, rate: float, frequency: float, bandwidth: float) -> bool:
-    """Tell whether a band is a tone that moves in one direction: a chirp, not noise in a band.
+    """Return whether a band is a tone that moves in one direction: a chirp, not noise in a band.
 
     The centre of the band's power is followed through the record. For noise, or a line that
     wanders to and fro, it goes up and down; for a chirp it is in the order of time.

@@ -234,5 +234,5 @@ class View:
         return any(c.effect.is_unnamed_drift for c in self.accepted)
 
     def has(self, kind: str) -> bool:
-        """Tell whether an effect of this kind has been accepted."""
+        """Return whether an effect of this kind has been accepted."""
         return any(c.kind == kind for c in self.accepted)

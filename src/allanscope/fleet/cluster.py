@@ -59,7 +59,7 @@ def connected(scheduler: str, workers: int | None) -> Iterator[Client]:
     Raises
     ------
     UsageError
-        If nobody answers at the address.
+        If there is no answer at the address.
     """
     import logging
 

@@ -25,7 +25,7 @@ from allanscope.recording import segment_number
 __all__ = ["READ_AHEAD_BYTES", "RecordingInput", "RemotePath", "find_inputs", "is_of_this_machine"]
 
 _STAMPS = ("ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
-"""What tells that a file has changed, the best first: an ETag goes with the content, a time may be
+"""What shows that a file has changed, the best first: an ETag goes with the content, a time may be
 in whole seconds."""
 
 READ_AHEAD_BYTES = 1 << 20
@@ -60,7 +60,7 @@ class RecordingInput:
 
     @property
     def folder(self) -> str:
-        """Name of the folder that it lies in."""
+        """Name of its folder."""
         return PurePosixPath(self.url).parent.name
 
     @property

@@ -46,7 +46,7 @@ _LARGEST_SHARE = 4
 """At most a quarter of the units can be outliers: beyond, there are two lots."""
 
 _MOST = 200
-"""Nor more than this, which nobody would read."""
+"""Nor more than this: the list must stay readable."""
 
 _CANDIDATES = 24
 """So many of the farthest by a quick measure are judged by the exact one."""

@@ -139,7 +139,7 @@ class Store:
         self.path(key).unlink(missing_ok=True)
 
     def path(self, key: str) -> Folder:
-        """Return where a result lies, or would."""
+        """Return the path of a result, which need not exist."""
         return self.folder / "results" / key[:2] / f"{key}.json.gz"
 
     def close(self) -> None:
@@ -216,7 +216,7 @@ class RemoteIndex:
         self._lines.append(line)
 
     def flush(self) -> None:
-        """Write what has gathered, when it is time."""
+        """Write the buffered entries, when it is time."""
         if time.monotonic() - self._flushed_s > FLUSH_S:
             self._put()
             self._next()

@@ -186,7 +186,7 @@ def bias_reduced(fit: Fit) -> NoiseModel:
 
 
 def _is_seen(fit: Fit, free: Free, relative: Array) -> bool:
-    """Tell whether the evidence says anything about an amplitude: one at zero has no slope."""
+    """Return whether the evidence says anything about an amplitude: one at zero has no slope."""
     if not relative.any():
         unit = fit.model.components[free.part].with_power(1.0)
         relative = fit.likelihood.column(fit.model, unit)

@@ -228,5 +228,5 @@ class Filter(Part):
         """Return the power response at frequencies in Hz, for samples `dt` apart."""
 
     def acts_on(self, component: Component) -> bool:
-        """Tell whether a component passes through it."""
+        """Return whether a component passes through it."""
         return component.is_filtered

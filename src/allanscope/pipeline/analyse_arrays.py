@@ -56,7 +56,7 @@ LONG_STEP = 1.5
 """Times that lie farther apart than this many periods have samples missing between them."""
 
 AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
-"""Full scales of these parts as long as nobody writes to their registers."""
+"""Full scales of these parts after a reset."""
 
 
 def analyse(
@@ -206,14 +206,14 @@ def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Even
         For a sample that is not finite, times that do not go up, or a rate that neither the caller
         nor the times tell.
     """
-    pace = _pace(columns.time_s, device.rate_hz)
-    columns = replace(columns, time_s=columns.time_s if pace.used else None)
-    info, counts = _described(columns, device, pace.hz)
+    timing = _timing(columns.time_s, device.rate_hz)
+    columns = replace(columns, time_s=columns.time_s if timing.used else None)
+    info, counts = _described(columns, device, timing.hz)
     yield info
-    for remark in (*columns.assumed, *_scale_remarks(columns, device), *pace.remarks):
+    for remark in (*columns.assumed, *_scale_remarks(columns, device), *timing.remarks):
         yield Notice("text", remark, {"host": 1, "assumed": 1})
     n = len(next(iter(columns.axes.values())))
-    gaps = pace.gaps
+    gaps = timing.gaps
     bounds = [0, *gaps, n]
     index = 0
     for start, stop in pairwise(bounds):
@@ -227,7 +227,7 @@ def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Even
             index += rows.stop - rows.start
 
 
-class _Pace(NamedTuple):
+class _Timing(NamedTuple):
     """What times are good for: whether they are used, the rate, and the gaps that they show."""
 
     used: bool
@@ -236,8 +236,8 @@ class _Pace(NamedTuple):
     remarks: tuple[str, ...] = ()
 
 
-def _pace(times: NDArray[np.float64] | None, given: float | None) -> _Pace:
-    """Return what the times tell; a rate that the user gave has the last word.
+def _timing(times: NDArray[np.float64] | None, given: float | None) -> _Timing:
+    """Return what the times show; a rate that the user gave overrules it.
 
     Raises
     ------
@@ -245,7 +245,7 @@ def _pace(times: NDArray[np.float64] | None, given: float | None) -> _Pace:
         For times that do not go up, or without any rate.
     """
     if times is None or len(times) < 3:
-        return _Pace(times is not None, given or _rate_of(times), {})
+        return _Timing(times is not None, given or _rate_of(times), {})
     gaps = _gaps(times)
     mean = mean_rate(times)
     first = times[:LOOKED_AT]
@@ -254,9 +254,9 @@ def _pace(times: NDArray[np.float64] | None, given: float | None) -> _Pace:
         words = f"the times come in bursts, {mean:.4g} rows in a second on average"
         if given:
             words += f": they are not used, the rate is the given {given:g} Hz"
-            return _Pace(False, given, long_gaps(times, given), (words,))
+            return _Timing(False, given, long_gaps(times, given), (words,))
         words += ", which is taken as the rate; single losses do not show"
-        return _Pace(True, float(f"{mean:.4g}"), long_gaps(times, mean), (words,))
+        return _Timing(True, float(f"{mean:.4g}"), long_gaps(times, mean), (words,))
     period = period_of(cast("Any", first))
     shown = 1.0 / period if period else mean
     if given and shown and abs(shown / given - 1.0) > AGREES:
@@ -264,8 +264,8 @@ def _pace(times: NDArray[np.float64] | None, given: float | None) -> _Pace:
             f"the times show {shown:.4g} rows in a second and not the given {given:g} Hz: "
             "they are not used"
         )
-        return _Pace(False, given, {}, (words,))
-    return _Pace(True, given or _rate_of(times), gaps)
+        return _Timing(False, given, {}, (words,))
+    return _Timing(True, given or _rate_of(times), gaps)
 
 
 def _without_long_gaps(times: NDArray[np.float64], mean: float) -> float:

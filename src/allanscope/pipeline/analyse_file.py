@@ -28,7 +28,7 @@ FULL_ROWS = 1 << 21
 FEWEST = 5
 """Samples that two averaging times take."""
 
-FULL_GATHERED = 1 << 17
+FULL_BUFFERED = 1 << 17
 """Rows that it sums up at a time: 20 ms of work for each of two cores."""
 
 
@@ -121,7 +121,7 @@ def full_settings(
         part,
         per_octave=chosen.times_in_each_octave,
         history_rows=FULL_ROWS,
-        gathered_rows=FULL_GATHERED,
+        buffered_rows=FULL_BUFFERED,
         curves=chosen,
     )
 
@@ -154,7 +154,7 @@ def _analyse_table(
 
 
 def _refuse_without_rate(path: Path, analyser: Analyser) -> None:
-    """Refuse samples without times or a rate: nobody could say what tau is."""
+    """Refuse samples without times or a rate: tau would be unknown."""
     state = max(analyser.configurations, key=lambda one: one.samples)
     if state.samples < FEWEST:
         raise InputError(f"{path}: {_too_few(state.samples, state.segments)}")

@@ -299,7 +299,7 @@ def measured_rates(events: Iterable[Event]) -> dict[Configuration, float]:
 
 
 def at_rates(events: Iterable[Event], rates: Mapping[Configuration, float]) -> Iterator[Event]:
-    """Yield the same stream with the measured rate, which nobody claims, where there is one."""
+    """Yield the same stream with the measured rate, where there is one, marked as not nominal."""
     for event in events:
         if isinstance(event, StreamInfo) and event.configuration in rates:
             yield replace(event, nominal_hz=rates[event.configuration], rate_claimed=False)

@@ -48,7 +48,7 @@ SHORT_SILENCE_S = 0.35
 MUTE_S = 3.0
 """A device that has said nothing at all for this long may not be one."""
 
-FRUITLESS_BYTES = 2 << 20
+BYTES_WITHOUT_SAMPLES = 2 << 20
 """A file whose first bytes, so many of them, hold no sample is none of ours: reading on may take as
 long as it likes."""
 
@@ -58,7 +58,7 @@ OURS = {"host": 1}
 ENOUGH = 0.5
 """Score above which a format is taken without waiting for more bytes."""
 
-FRUITLESS_S = 3.0
+SECONDS_WITHOUT_SAMPLES = 3.0
 """Bytes that come for so long without a sample are worth a line."""
 
 
@@ -89,7 +89,7 @@ class Decoding:
         self._heard_bytes = 0
         self.reconnects = 0
         self._numbered = True
-        self._fruitless = Fruitless()
+        self._watchdog = SampleWatchdog()
         self._begin()
         if wire:
             self._choose(wire)
@@ -145,7 +145,7 @@ class Decoding:
         if self._decoder is not None:
             self._first_byte_ns = self._first_byte_ns or chunk.host_ns
             found = self._decoder.feed(chunk.data, _seconds(chunk))
-            self._refuse_fruitless(chunk.host_ns)
+            self._refuse_without_samples(chunk.host_ns)
             self._look_at(found)
             return events + found + self._watch(found, np.array([chunk.host_ns]))
         return events + self._listen(chunk)
@@ -177,7 +177,7 @@ class Decoding:
             host_s = np.where(host_ns != 0, host_ns * 1e-9, np.nan)
             data = buffer.data[begin:] if begin else buffer.data
             found = feed_chunks(self._decoder, data, ends[taken:] - begin, host_s)
-            self._refuse_fruitless(int(host_ns[0]))
+            self._refuse_without_samples(int(host_ns[0]))
             self._look_at(found)
             events += found + self._watch(found, host_ns)
         return events
@@ -195,15 +195,15 @@ class Decoding:
             events += self._decide(last=True)
         if self._decoder is not None:
             events += self._decoder.finish()
-            if self._fruitless.long and self.stats.samples:
-                if not self._fruitless.told:
-                    events.append(Notice("error", self._fruitless.text(), OURS))
+            if self._watchdog.long and self.stats.samples:
+                if not self._watchdog.told:
+                    events.append(Notice("error", self._watchdog.text(), OURS))
                 self.stats.unknown_losses += 1
                 events.append(Gap("link", None))
         return events
 
     def stop_device(self) -> None:
-        """Tell the device to stop, where its format knows how to."""
+        """Send the stop command, where the format has one."""
         if self._format is not None and self._write is not None:
             for message in self._format.stop():
                 self._write(message)
@@ -232,20 +232,25 @@ class Decoding:
         at its end whether its end was so.
         """
         assert self._decoder is not None
-        self._fruitless.take(events, read_ns)
+        self._watchdog.update(events, read_ns)
         if self._write is None:
             return []
         framed = self._format is not None and self._format.framed
-        text = self._fruitless.news(self._decoder.stats, framed)
+        text = self._watchdog.message(self._decoder.stats, framed)
         if not text:
             return []
         missing = [] if self._numbered else self._decoder.interrupt("stalled")
         return [*missing, Notice("error", text, OURS)]
 
-    def _refuse_fruitless(self, host_ns: int) -> None:
+    def _refuse_without_samples(self, host_ns: int) -> None:
         """Raise InputError for a file, which has no times, that begins with too much of nothing."""
         stats = self.stats
-        if not host_ns and not stats.samples and not stats.frames and stats.bytes > FRUITLESS_BYTES:
+        if (
+            not host_ns
+            and not stats.samples
+            and not stats.frames
+            and stats.bytes > BYTES_WITHOUT_SAMPLES
+        ):
             raise InputError(
                 f"no samples as {self.wire} in the first {stats.bytes} bytes; "
                 "cut off what comes before them, or name another --wire"
@@ -287,7 +292,7 @@ class Decoding:
         return events
 
     def _wake_if_silent(self, now_ns: int) -> list[Event]:
-        """Tell a silent device to start, as stock ST firmware needs; then say that it is mute."""
+        """Start a silent device, as stock ST firmware needs; then report silence."""
         assert self._opened_ns is not None
         silent_s = (now_ns - self._opened_ns) * 1e-9
         if self._wakes and silent_s > self._wakes[0][0]:
@@ -302,7 +307,7 @@ class Decoding:
         return [Notice("error", text, OURS)]
 
     def _link_event(self, chunk: Chunk) -> list[Event]:
-        self._fruitless.restart()
+        self._watchdog.restart()
         if chunk.event == "reconnected":
             self.reconnects += 1
             self._send_start()
@@ -345,7 +350,7 @@ def _seconds(chunk: Chunk) -> float:
     return chunk.host_ns * 1e-9 if chunk.host_ns else math.nan
 
 
-class Fruitless:
+class SampleWatchdog:
     """Follow a stream and know for how long its bytes have brought no samples, garbage or not.
 
     Attributes
@@ -361,16 +366,19 @@ class Fruitless:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew with the next bytes: a silence, or a port that was gone, is another story."""
+        """Start again with the next bytes, after a silence or a reconnection."""
         self._first_ns: int | None = None
         self._held_ns = self._last_ns = 0
 
     @property
     def long(self) -> bool:
         """Whether bytes have come for too long since the last sample, if there was one."""
-        return self._first_ns is not None and self._last_ns - self._first_ns > FRUITLESS_S * 1e9
+        return (
+            self._first_ns is not None
+            and self._last_ns - self._first_ns > SECONDS_WITHOUT_SAMPLES * 1e9
+        )
 
-    def take(self, events: list[Event], read_ns: NDArray[np.int64]) -> None:
+    def update(self, events: list[Event], read_ns: NDArray[np.int64]) -> None:
         """Take what some reads were decoded to, with the host time of each; 0 is unknown."""
         if not read_ns[0]:
             return  # a file: nothing comes late
@@ -385,8 +393,8 @@ class Fruitless:
         if self._first_ns is None and len(later):
             self._first_ns = int(later[0])
 
-    def news(self, stats: LinkStats, framed: bool) -> str:
-        """Return what is to be said now, once; empty when all is well.
+    def message(self, stats: LinkStats, framed: bool) -> str:
+        """Return the message that is due now, once; empty where none is.
 
         Parameters
         ----------
@@ -399,17 +407,17 @@ class Fruitless:
         if not framed and stats.frames > self._frames:
             self._held_ns = self._last_ns
         self._frames = stats.frames
-        held = self._last_ns - self._held_ns <= FRUITLESS_S * 1e9
+        held = self._last_ns - self._held_ns <= SECONDS_WITHOUT_SAMPLES * 1e9
         if self.told or held or not self.long:
             return ""
         return self.text()
 
     def text(self) -> str:
-        """Say it."""
+        """Return the message, and remember that it was sent."""
         self.told = True
         why = "" if self._described else ": no descriptor says what they mean"
         return (
-            f"bytes arrive, but nothing could be decoded for {FRUITLESS_S:g} s{why}; "
+            f"bytes arrive, but nothing could be decoded for {SECONDS_WITHOUT_SAMPLES:g} s{why}; "
             "how many samples are lost is not known"
         )
 

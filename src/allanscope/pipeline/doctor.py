@@ -1,4 +1,4 @@
-"""What may stand between this machine and a measurement, and the command that mends it."""
+"""What may stand between this machine and a measurement, and the command that fixes it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ENOUGH_PER_S = 5e6
 _SAMPLE_BYTES = 14.1
 """Of the native format, with the share of its frame."""
 _ENOUGH_S = 0.1
-"""Of a port that nobody reads; a busy machine keeps a reader waiting for as long."""
+"""Of a port that is not read; a busy machine keeps a reader waiting for as long."""
 _PROBE = 1 << 20
 _PROBES = 16
 
@@ -44,18 +44,18 @@ class Check:
         ``note`` where something will not work that not everybody needs.
     name, text : str
         What was looked at, and what was seen.
-    mend : str
-        The command that mends it, or what else to do; empty where nothing is to be done.
+    remedy : str
+        The command that fixes it, or what else to do; empty where nothing is to be done.
     """
 
     grade: Literal["ok", "note", "bad"]
     name: str
     text: str
-    mend: str = ""
+    remedy: str = ""
 
     def __str__(self) -> str:
         line = f"{self.grade:<4}  {self.name}: {self.text}"
-        return f"{line}\n      -> {self.mend}" if self.mend else line
+        return f"{line}\n      -> {self.remedy}" if self.remedy else line
 
 
 def checks(folder: Path, rate_hz: float) -> Iterator[Check]:
@@ -94,12 +94,12 @@ def _ports() -> Iterator[Check]:
             yield Check("ok", "port", str(port))
             continue
         group = _group(Path(port.device))
-        mend = f"sudo usermod -aG {group} $USER, then log in again" if group else ""
-        yield Check("bad", "port", f"no permission to open {port.device}", mend)
+        remedy = f"sudo usermod -aG {group} $USER, then log in again" if group else ""
+        yield Check("bad", "port", f"no permission to open {port.device}", remedy)
 
 
 def _reading(rate_hz: float) -> Iterator[Check]:
-    """Tell for how long samples wait without loss, and whether the reader may go first."""
+    """Check for how long samples wait without loss, and whether the reader may go first."""
     if not 0.0 < rate_hz < 1e9:
         raise UsageError(f"{rate_hz:g} Hz is no sample rate")
     if not sys.platform.startswith("linux"):
@@ -141,7 +141,7 @@ def _group(port: Path) -> str:
 
 
 def _modem_manager(processes: Path = Path("/proc")) -> Check | None:
-    """Tell whether ModemManager runs, which asks every new port whether it is a modem."""
+    """Check whether ModemManager runs, which asks every new port whether it is a modem."""
     if not processes.is_dir():
         return None
     for file in processes.glob("[0-9]*/comm"):
@@ -161,8 +161,8 @@ def _modem_manager(processes: Path = Path("/proc")) -> Check | None:
 
 def _viewer() -> Check:
     if importlib.util.find_spec("rerun_cli") is None:
-        mend = f"{Path(sys.executable).name} -m pip install rerun-sdk; analyse needs none"
-        return Check("bad", "viewer", "Rerun is not installed", mend)
+        remedy = f"{Path(sys.executable).name} -m pip install rerun-sdk; analyse needs none"
+        return Check("bad", "viewer", "Rerun is not installed", remedy)
     where = (
         "opens a window"
         if has_display()
@@ -172,7 +172,7 @@ def _viewer() -> Check:
 
 
 def _graphics(devices: Path = Path("/dev/dri"), drivers: Path = Path("/usr/share/vulkan")) -> Check:
-    """Tell whether a window can be drawn; the web viewer needs nothing of this machine."""
+    """Check whether a window can be drawn; the web viewer needs nothing of this machine."""
     if not sys.platform.startswith("linux"):
         return Check("ok", "GPU", "not checked on this system")
     if any(devices.glob("renderD*")):
@@ -197,7 +197,7 @@ def _compiled() -> Check:
 
         AllanBank(100.0, axes=1).update(np.zeros((64, 1)))
     except LibraryMissing as error:
-        return Check("bad", "compiled code", error.problem, error.mend)
+        return Check("bad", "compiled code", error.problem, error.remedy)
     except Exception as error:
         return Check(
             "bad",
@@ -220,8 +220,8 @@ def _disk(folder: Path) -> Check:
                 os.fsync(file.fileno())
             per_s = _PROBES * _PROBE / (time.monotonic() - began)
     except (OSError, AllanscopeError) as error:
-        mend = "choose a folder that can be written to with --out"
-        return Check("bad", "disk", f"{folder.resolve()}: {error}", mend)
+        remedy = "choose a folder that can be written to with --out"
+        return Check("bad", "disk", f"{folder.resolve()}: {error}", remedy)
     text = f"{per_s / 1e6:.0f} MB/s, {free / 1e9:.1f} GB free in {folder.resolve()}"
     if free < _ENOUGH_BYTES or per_s < _ENOUGH_PER_S:
         return Check("note", "disk", text, "choose another disk with --out")

@@ -3,7 +3,7 @@
 Nothing of an event gets into a command line or a shell: the command is what the user wrote, split
 into its words once, and the event comes on its standard input as one line of JSON. A command that
 hangs is ended, and what comes while one runs waits; what comes too often is left out and counted.
-Nobody waits for any of it.
+The session never waits for it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PATIENCE_S = 5.0
 
 
 class EventHook:
-    """Run a command and write a line for every event that a session tells.
+    """Run a command and write a line for every event of a session.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class EventHook:
     def _write(self, event: str) -> None:
         if self._pipe is None:
             return
-        # Without O_NONBLOCK a pipe that nobody reads would hold up every later event.
+        # Without O_NONBLOCK a pipe without a reader would hold up every later event.
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NONBLOCK", 0)
         file = os.open(self._pipe, flags, 0o644)
         try:

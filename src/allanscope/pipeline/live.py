@@ -33,10 +33,10 @@ from allanscope.pipeline.outputs import (
     write_results,
 )
 from allanscope.pipeline.process import give_large_blocks_back, stopped_by_signals
-from allanscope.pipeline.refreshing import ON_A_SCREEN, UNSEEN, VIEWED, Pace
-from allanscope.pipeline.session import News, Session
+from allanscope.pipeline.refreshing import IN_TERMINAL, IN_VIEWER, UNWATCHED, RefreshPolicy
+from allanscope.pipeline.session import NoticeQueue, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
-from allanscope.pipeline.stream import device_source, nothing_heard
+from allanscope.pipeline.stream import device_source, no_samples_error
 from allanscope.pipeline.table_files import is_table_file
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import AXES, Event, Notice
@@ -77,14 +77,14 @@ def run_live(
     give_large_blocks_back()
     load_rerun()  # before the port is opened: a board does not wait
     source = device_source(port, device, simulated)
-    news = News()
+    notices = NoticeQueue()
     try:
         folder = _folder(source, settings, resume)
         recorder = Recorder(
             folder,
             _metadata(source, device),
             resume=resume is not None,
-            on_alarm=lambda line: _tell_alarm(line, news, settings.quiet),
+            on_alarm=lambda line: _report_alarm(line, notices, settings.quiet),
         )
     except BaseException:
         source.close()
@@ -98,14 +98,14 @@ def run_live(
         ledger=recorder,
         duration_s=settings.duration_s,
         input_facts=lambda: {**facts, "reader": source.reader},
-        news=news,
+        notices=notices,
         earlier=earlier_events(past, decoding, _recorded_write(source, recorder)),
-        pace=_pace(settings),
+        policy=_policy(settings),
     )
     try:
         analysis = _run(session, settings, folder, facts, recorder)
         if not analysis.samples:
-            raise nothing_heard(source)
+            raise no_samples_error(source)
     except AllanscopeError:
         if resume is None and not decoding.stats.bytes:
             discard_session(folder)
@@ -184,7 +184,7 @@ def run_replay(
         decoding,
         analyser,
         input_facts=lambda: facts,
-        pace=_pace(settings),
+        policy=_policy(settings),
     )
 
     def finished(analysis: Analysis) -> None:
@@ -198,15 +198,15 @@ def run_replay(
 
 
 def _identity(recording: Recording) -> dict[str, str]:
-    """Return what tells a recording from every other."""
+    """Return what identifies a recording."""
     return {"sha256": recording.sha256(), **recorded_facts(recording)}
 
 
-def _pace(settings: SessionSettings) -> Pace:
+def _policy(settings: SessionSettings) -> RefreshPolicy:
     """Return how often the result is computed for those who look."""
     if settings.view != "none":
-        return VIEWED
-    return ON_A_SCREEN if sys.stdout.isatty() and not settings.quiet else UNSEEN
+        return IN_VIEWER
+    return IN_TERMINAL if sys.stdout.isatty() and not settings.quiet else UNWATCHED
 
 
 def _analyser_settings(device: DeviceSettings, settings: SessionSettings) -> AnalyserSettings:
@@ -218,7 +218,7 @@ def _analyser_settings(device: DeviceSettings, settings: SessionSettings) -> Ana
 
 
 def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettings) -> Analysis:
-    """Return the result of a recording that nobody watches: the fast way, on two cores."""
+    """Return the result of a recording, without a screen: the fast way, on two cores."""
     curves = CurveChoices(window_s=settings.window_s)
     final = compared(analyse_input(path, device, settings.quiet, curves), settings.references)
     terminal = TerminalView("quiet" if settings.quiet else "plain")
@@ -247,12 +247,12 @@ def _leave(final: Analysis, folder: Path, recorded: bool, terminal: TerminalView
     return final
 
 
-def _tell_alarm(line: str, news: News, quiet: bool) -> None:
-    """Tell what the recorder has to say, at once; called in its thread."""
+def _report_alarm(line: str, notices: NoticeQueue, quiet: bool) -> None:
+    """Report an alarm of the recorder at once; called in its thread."""
     if quiet and line:
         complain(line)
     kind: Literal["error", "text"] = "error" if line else "text"
-    news.put(Notice(kind, line or "recording to disk continues", {"host": 1}))
+    notices.put(Notice(kind, line or "recording to disk continues", {"host": 1}))
 
 
 def _metadata(source: Source, device: DeviceSettings) -> dict[str, str]:
@@ -313,7 +313,7 @@ def _run(
                     recorder.close()
                     if recorder.failure:
                         session.fail(recorder.failure)
-                session.tell_news(time.monotonic_ns())
+                session.emit_notices(time.monotonic_ns())
             if recorder is not None and folder is not None:
                 with suppress(InputError):
                     facts |= _identity(Recording(folder))

@@ -18,7 +18,7 @@ import numpy as np
 from allanscope.recording import Buffer
 from allanscope.sources import Chunk
 
-__all__ = ["NOBODY_LOOKS_S", "TOGETHER_S", "ReadQueue", "joined"]
+__all__ = ["TOGETHER_S", "UNWATCHED_READ_S", "ReadQueue", "joined"]
 
 REPLAY_ROOM, LIVE_ROOM = 8 << 20, 256 << 20
 """Bytes that may wait to be decoded. A replay can wait; a port is read for three quarters of an
@@ -30,7 +30,7 @@ _OVERHEAD = 200
 TOGETHER_S = 0.08
 """How old a read may grow here: a third of what it may take from the port to the chart."""
 
-NOBODY_LOOKS_S = 0.4
+UNWATCHED_READ_S = 0.4
 """The same where there is no chart and no screen."""
 
 
@@ -42,7 +42,7 @@ class ReadQueue:
     room : int
         Bytes that may wait.
     together_s : float
-        How long to gather after the first one; may be changed between two takes.
+        How long to wait for more reads after the first one; may be changed between two takes.
     live : bool
         Whether reads carry the present time: then the time that the first one took to get here is
         a part of this.
@@ -71,14 +71,14 @@ class ReadQueue:
         self._queue.put(Chunk(0, event="end"))
 
     def give_up(self) -> None:
-        """Let a reader go that waits for room: nobody takes anything any more."""
+        """Release a reader that waits for room: the queue is not read any more."""
         self._free(math.inf)
 
     def take(self) -> list[Chunk]:
         """Wait for a read, and return all that have come a moment later, in order."""
         taken = [self._queue.get()]
         if taken[0].event != "end":
-            self._gather(taken[0].host_ns)
+            self._wait_for_more(taken[0].host_ns)
         while taken[-1].event != "end":
             try:
                 taken.append(self._queue.get_nowait())
@@ -87,7 +87,7 @@ class ReadQueue:
         self._free(sum(len(chunk.data) + _OVERHEAD for chunk in taken))
         return taken
 
-    def _gather(self, came_ns: int) -> None:
+    def _wait_for_more(self, came_ns: int) -> None:
         age_s = 1e-9 * (time.monotonic_ns() - came_ns) if self._live else 0.0
         wait_s = min(self.together_s - age_s, self.together_s)
         if wait_s > 0.0:

@@ -32,18 +32,18 @@ from allanscope.pipeline.process import trim_memory
 from allanscope.quantities import duration
 from allanscope.samples import StreamInfo
 
-__all__ = ["ON_A_SCREEN", "UNSEEN", "VIEWED", "LoopProcess", "Pace", "Refresher"]
+__all__ = ["IN_TERMINAL", "IN_VIEWER", "UNWATCHED", "LoopProcess", "RefreshPolicy", "Refresher"]
 
 REFRESH_S = 1.0
 """No result comes sooner after the last one."""
 
 FRESH_S, OLDEST_S = 5.0, 60.0
-"""No result need be younger than the one, nor grows older than the other: people watch the first
-minute, and nobody believes a number that stands for ten."""
+"""No result need be younger than the one, nor grows older than the other: the first minute is
+watched closely, and a number that stands for ten looks frozen."""
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class RefreshPolicy:
     """How often results are computed.
 
     Attributes
@@ -59,8 +59,12 @@ class Pace:
     oldest: float
 
 
-VIEWED, ON_A_SCREEN, UNSEEN = Pace(0.1, 0.1), Pace(0.01, 0.1), Pace(0.005, 1.0)
-"""With a viewer; in a terminal; where nobody looks, and a recording of the results is all."""
+IN_VIEWER, IN_TERMINAL, UNWATCHED = (
+    RefreshPolicy(0.1, 0.1),
+    RefreshPolicy(0.01, 0.1),
+    RefreshPolicy(0.005, 1.0),
+)
+"""With a viewer; in a terminal; without a screen, where results are only recorded."""
 
 LOW_PRIORITY = 10
 
@@ -81,7 +85,7 @@ class Refresher:
     ----------
     show : callable
         Computes a result from a copy of the analyser, and shows it.
-    pace : Pace
+    policy : RefreshPolicy
         How often.
     fail : callable
         Called with a line when a result fails: that must not end the recording.
@@ -90,12 +94,12 @@ class Refresher:
     def __init__(
         self,
         show: Callable[[Analyser], None],
-        pace: Pace,
+        policy: RefreshPolicy,
         fail: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._show = show
         self._fail = fail
-        self._pace = pace
+        self._policy = policy
         self._next = 0.0
         self._began: float | None = None
         self._work: queue.Queue[Analyser | None] = queue.Queue(maxsize=1)
@@ -127,17 +131,17 @@ class Refresher:
             except Exception as error:
                 self._fail(f"a result during the run failed: {type(error).__name__}: {error}")
             spent_s = time.thread_time() - began_cpu_s
-            del frozen  # twenty megabytes that nobody needs until the next one
+            del frozen  # twenty megabytes, not needed until the next one
             results += 1
             if results.bit_count() == 1:  # ever more rarely: each may have loaded code of its own
                 trim_memory()
             now = time.monotonic()
             run_s = now - (self._began or now)
-            self._next = now + _pause(run_s, spent_s, now - began_s, self._pace)
+            self._next = now + _pause(run_s, spent_s, now - began_s, self._policy)
             self._busy.clear()
 
 
-def _pause(run_s: float, spent_s: float, took_s: float, pace: Pace) -> float:
+def _pause(run_s: float, spent_s: float, took_s: float, policy: RefreshPolicy) -> float:
     """Return how long to wait after a result.
 
     Parameters
@@ -149,20 +153,20 @@ def _pause(run_s: float, spent_s: float, took_s: float, pace: Pace) -> float:
     took_s : float
         How long it took: the next one takes as long, and is to be there in time. But half of the
         time is left free on however slow a machine.
-    pace : Pace
+    policy : RefreshPolicy
         How often results are wanted.
 
     Examples
     --------
     After 20 s, after 5 min and after a night, with results that take a second of processor time:
 
-    >>> [round(_pause(run_s, 1.0, 1.0, ON_A_SCREEN), 1) for run_s in (20.0, 300.0, 40_000.0)]
+    >>> [round(_pause(run_s, 1.0, 1.0, IN_TERMINAL), 1) for run_s in (20.0, 300.0, 40_000.0)]
     [4.0, 29.0, 59.0]
-    >>> [round(_pause(run_s, 1.0, 1.0, UNSEEN), 1) for run_s in (20.0, 300.0, 40_000.0)]
+    >>> [round(_pause(run_s, 1.0, 1.0, UNWATCHED), 1) for run_s in (20.0, 300.0, 40_000.0)]
     [19.0, 59.0, 59.0]
     """
-    oldest_s = min(max(pace.oldest * run_s, FRESH_S), OLDEST_S)
-    wanted_s = spent_s / pace.share
+    oldest_s = min(max(policy.oldest * run_s, FRESH_S), OLDEST_S)
+    wanted_s = spent_s / policy.share
     return max(min(wanted_s, oldest_s - took_s, 2 * run_s), took_s, REFRESH_S - took_s)
 
 

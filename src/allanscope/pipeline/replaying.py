@@ -166,7 +166,7 @@ class _End:
 def prefetch(items: Iterable[Item], depth: int = 2) -> Iterator[Item]:
     """Yield items that a thread takes from an iterable, `depth` of them before they are asked for.
 
-    An error of the iterable is raised here, in its place. When nobody asks any more the thread
+    An error of the iterable is raised here, in its place. When the consumer stops the thread
     ends at its next item.
 
     Examples

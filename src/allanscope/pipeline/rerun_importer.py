@@ -5,8 +5,8 @@ One that has nothing to do with the file ends with the exit code 66, and should 
 header is read here before anything heavy is imported. Otherwise the recording is analysed like a
 live session, and what a live viewer would have been shown is written to standard output.
 
-The viewer (0.41) asks nobody about a name that ends in ``.mcap``: its own reader takes it and shows
-bytes. Give the file another name, or pipe it::
+The viewer (0.41) asks no importer about a name that ends in ``.mcap``: its own reader takes it and
+shows bytes. Give the file another name, or pipe it::
 
     ln -s session.mcap session.allanscope && rerun --bind 127.0.0.1 session.allanscope
     rerun-importer-allanscope session.mcap | rerun --bind 127.0.0.1 -
@@ -92,18 +92,18 @@ def _show(path: Path, application: str, identity: str) -> None:
     for chunk in recording.chunks():
         for event in decoding.take(chunk):
             analyser.take(event)
-            _tell(view, event, analyser)
+            _emit(view, event, analyser)
         if (lasted_s := _duration_s(analyser)) >= due_s:
             due_s = lasted_s * _SPACING
             view.snapshot(summarise(analyser, decoding.stats, "live", facts))
             view.settle()
     for event in decoding.finish():
         analyser.take(event)
-        _tell(view, event, analyser)
+        _emit(view, event, analyser)
     view.close(summarise(analyser, decoding.stats, "full", facts), timeout_s=60.0)
 
 
-def _tell(view: RerunView, event: Event, analyser: Analyser) -> None:
+def _emit(view: RerunView, event: Event, analyser: Analyser) -> None:
     from allanscope.samples import Block, Gap, Notice, StreamInfo
 
     match event:

@@ -29,20 +29,20 @@ from allanscope.analysis import Analyser, Analysis, Depth, event_dict, summarise
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.read_queue import (
     LIVE_ROOM,
-    NOBODY_LOOKS_S,
     REPLAY_ROOM,
     TOGETHER_S,
+    UNWATCHED_READ_S,
     ReadQueue,
     joined,
 )
-from allanscope.pipeline.refreshing import UNSEEN, LoopProcess, Pace, Refresher
+from allanscope.pipeline.refreshing import UNWATCHED, LoopProcess, Refresher, RefreshPolicy
 from allanscope.quantities import duration
 from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 from allanscope.sanitize import one_line
 from allanscope.sources import Chunk, Source
 
-__all__ = ["Audience", "Ledger", "News", "Session"]
+__all__ = ["Audience", "Ledger", "NoticeQueue", "Session"]
 
 SPACE_FIRST_NS, SPACE_EVERY_NS = 10_000_000_000, 60_000_000_000
 """When the room on the disk is first told, and how often."""
@@ -84,8 +84,8 @@ class Ledger(Protocol):
         """Keep a remark of the user."""
 
 
-News = queue.SimpleQueue[Notice]
-"""Notices from other threads, for the session to tell: marks, and alarms of the recorder."""
+NoticeQueue = queue.SimpleQueue[Notice]
+"""Notices from other threads, for the session to emit: marks, and alarms of the recorder."""
 
 
 class Session:
@@ -107,12 +107,12 @@ class Session:
         Stop this long after the first byte, or after the start when none has come by then.
     input_facts : callable
         Returns what the result says about where the samples came from.
-    news : News, optional
+    notices : NoticeQueue, optional
         Notices of other threads, told before the next chunk is taken.
     earlier : iterable of Event
         What the session held before it was cut off: taken first, shown to nobody, while the
         source is already read and recorded.
-    pace : Pace
+    policy : RefreshPolicy
         How often the result is computed, which depends on who looks.
     """
 
@@ -126,9 +126,9 @@ class Session:
         ledger: Ledger | None = None,
         duration_s: float | None = None,
         input_facts: Callable[[], dict[str, str]] = dict,
-        news: News | None = None,
+        notices: NoticeQueue | None = None,
         earlier: Iterable[Event] = (),
-        pace: Pace = UNSEEN,
+        policy: RefreshPolicy = UNWATCHED,
     ) -> None:
         self.source = source
         self.decoding = decoding
@@ -144,12 +144,12 @@ class Session:
         else:
             # At once at first: a device that has to be asked for samples waits for each next word.
             self._inbox = ReadQueue(LIVE_ROOM, 0.0, live=True)
-        self._together_s = NOBODY_LOOKS_S if pace is UNSEEN else TOGETHER_S
-        self._news = News() if news is None else news
+        self._together_s = UNWATCHED_READ_S if policy is UNWATCHED else TOGETHER_S
+        self._notices = NoticeQueue() if notices is None else notices
         self._reader_error: BaseException | None = None
         self.failures: list[str] = []
         self.loop_process = LoopProcess(fail=self.fail, tell=self._remark)
-        self._refresher = Refresher(self._show, pace, self.fail)
+        self._refresher = Refresher(self._show, policy, self.fail)
         self._space_due_ns = 0
         self._space_told = False
 
@@ -159,18 +159,18 @@ class Session:
 
     def mark(self, text: str) -> None:
         """Set a mark at the present moment; callable from any thread."""
-        self._news.put(Notice("mark", text))
+        self._notices.put(Notice("mark", text))
 
     def _remark(self, line: str) -> None:
         """Say something of our own; callable from any thread."""
-        self._news.put(Notice("text", one_line(line), {"host": 1}))
+        self._notices.put(Notice("text", one_line(line), {"host": 1}))
 
     def fail(self, line: str) -> None:
         """Say that something beside the measurement failed, once; callable from any thread."""
         line = one_line(line)
         if line not in self.failures:
             self.failures.append(line)
-            self._news.put(Notice("error", line, {"host": 1}))
+            self._notices.put(Notice("error", line, {"host": 1}))
 
     def run(self) -> None:
         """Read until the source ends, the duration is over, or `stop` is called.
@@ -187,14 +187,14 @@ class Session:
         try:
             for event in self._earlier:
                 self.analyser.take(event)
-            self._fresh_events()  # what was found before is in the result, and no news
+            self._fresh_events()  # what was found before is in the result, and not reported again
             while (chunks := self._inbox.take())[-1].event != "end":
                 self._take(chunks)
                 if self._samples_come():
                     self._inbox.together_s = self._together_s
             self._take(chunks[:-1])
             for event in self.decoding.finish():
-                self._tell(event)
+                self._emit(event)
             self.decoding.stop_device()
         finally:
             self._stop.set()
@@ -217,20 +217,20 @@ class Session:
         )
         return replace(analysis, failures=tuple(self.failures))
 
-    def tell_news(self, host_ns: int) -> None:
-        """Tell what other threads had to say; a mark is recorded with this host time."""
-        while not self._news.empty():
-            notice = self._news.get()
+    def emit_notices(self, host_ns: int) -> None:
+        """Emit the notices of other threads; a mark is recorded with this host time."""
+        while not self._notices.empty():
+            notice = self._notices.get()
             if notice.kind == "mark" and self.ledger is not None:
                 self.ledger.mark(notice.text, host_ns)
-            self._tell(notice)
+            self._emit(notice)
 
     def _samples_come(self) -> bool:
         """Return whether any sample has come; a replay is always taken together."""
         state = self.analyser.state
         return self.ledger is not None and state is not None and state.samples > 0
 
-    def _tell_space(self, host_ns: int) -> None:
+    def _emit_disk_space(self, host_ns: int) -> None:
         """Say once for how long the disk has room, and then plot it; the recorder alarms."""
         left_s = self.ledger.space_left_s if self.ledger is not None else None
         if left_s is None or host_ns < self._space_due_ns:
@@ -238,10 +238,10 @@ class Session:
         first = self._space_due_ns == 0
         self._space_due_ns = host_ns + (SPACE_FIRST_NS if first else SPACE_EVERY_NS)
         if first:
-            return  # so soon after the start the pace of writing is not known
+            return  # so soon after the start the rate of writing is not known
         hours = left_s / 3600.0
         text = f"the disk has room for {duration(left_s)}"
-        self._tell(
+        self._emit(
             Notice(
                 "status" if self._space_told else "text", text, {"host": 1, "disk_left_h": hours}
             )
@@ -257,7 +257,7 @@ class Session:
                 chunk = self.source.read()
                 if chunk.data and self.source.reader != who:
                     who = self.source.reader
-                    self._news.put(Notice("text", f"the port is read by {who}", {"host": 1}))
+                    self._notices.put(Notice("text", f"the port is read by {who}", {"host": 1}))
                 if chunk.data and not received:
                     deadline, received = time.monotonic() + most_s, True
                 if self.ledger is not None and (chunk.data or chunk.event):
@@ -274,12 +274,12 @@ class Session:
     def _take(self, chunks: Sequence[Chunk]) -> None:
         if not chunks:
             return
-        self._tell_space(chunks[0].host_ns)
-        self.tell_news(chunks[0].host_ns)
+        self._emit_disk_space(chunks[0].host_ns)
+        self.emit_notices(chunks[0].host_ns)
         for piece in joined(chunks):
             take = self.decoding.take_buffer if isinstance(piece, Buffer) else self.decoding.take
             for event in take(piece):  # type: ignore[arg-type]
-                self._tell(event)
+                self._emit(event)
         state = self.analyser.state
         if state is not None and state.samples and self.audience:
             self._refresher.offer(self.analyser)
@@ -297,7 +297,7 @@ class Session:
             notices.append(Notice("event", text, {"host": 1, "news": what, "event": told}))
         return notices
 
-    def _tell(self, event: Event) -> None:
+    def _emit(self, event: Event) -> None:
         self._show_all(event)
         for notice in self._fresh_events():
             self._show_all(notice)
@@ -306,12 +306,12 @@ class Session:
         self.analyser.take(event)
         for viewer in self.audience:
             try:
-                self._tell_one(viewer, event)
+                self._emit_to(viewer, event)
             except Exception as error:  # whoever watches must not end the measurement
                 self.audience = [one for one in self.audience if one is not viewer]
                 self.fail(f"a view failed and was closed: {type(error).__name__}: {error}")
 
-    def _tell_one(self, viewer: Audience, event: Event) -> None:
+    def _emit_to(self, viewer: Audience, event: Event) -> None:
         state = self.analyser.state
         match event:
             case StreamInfo():

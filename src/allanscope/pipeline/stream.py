@@ -16,7 +16,7 @@ from allanscope.samples import Block, Event, Gap, StreamInfo
 from allanscope.sources import Source, SourceSettings, open_source
 from allanscope.wire import LinkStats, format_named
 
-__all__ = ["Stream", "device_source", "nothing_heard", "open_stream"]
+__all__ = ["Stream", "device_source", "no_samples_error", "open_stream"]
 
 
 class Stream(Iterator[Block | Gap]):
@@ -65,7 +65,7 @@ class Stream(Iterator[Block | Gap]):
                 if isinstance(event, StreamInfo):
                     return event
             if not self._more():
-                raise nothing_heard(self._source)
+                raise no_samples_error(self._source)
         return self._info
 
     @property
@@ -88,7 +88,7 @@ class Stream(Iterator[Block | Gap]):
                 raise StopIteration
 
     def close(self) -> None:
-        """Tell the device to stop, where its format can say so, and close the source."""
+        """Send the stop command, where the format has one, and close the source."""
         if not self._ended:
             self._ended = True
             self._decoding.stop_device()
@@ -119,7 +119,7 @@ class Stream(Iterator[Block | Gap]):
                 self._heard = True
                 return True
             if not self._heard and time.monotonic() - began > self._patience_s:
-                raise nothing_heard(self._source)
+                raise no_samples_error(self._source)
         return False
 
 
@@ -181,7 +181,7 @@ def open_stream(
     return Stream(source, Decoding(device.for_wire(), wire, write), patience_s)
 
 
-def nothing_heard(source: Source) -> DeviceError:
+def no_samples_error(source: Source) -> DeviceError:
     """Return what to say of a source that was open and never gave a sample."""
     return DeviceError(f"{source.name}: no samples received; check that the device is streaming")
 

@@ -15,7 +15,7 @@ decoder never costs a night::
 
 The files are plain MCAP, which other tools open; `layout` says what is in them. Written twice
 a second, they lose less than a second when the process is killed. The reader uses no index, checks
-every length before it believes it, skips what is corrupt, and says so.
+every length before it uses it, skips what is corrupt, and says so.
 """
 
 from __future__ import annotations

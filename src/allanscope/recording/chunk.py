@@ -13,7 +13,7 @@ LinkEvent = Literal["", "disconnected", "reconnected", "stalled", "resumed", "ho
 disconnected, reconnected
     The port disconnected; the same device came back.
 stalled, resumed
-    A streaming device fell silent although the port is there; it spoke again.
+    A streaming device sent nothing although the port is open; it sends again.
 hole
     Bytes are missing here: they were never written (disk full), the file is damaged, or the buffer
     of the port was full when it was opened.

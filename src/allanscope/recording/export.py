@@ -1,7 +1,7 @@
 """Export of samples: a table of times, axes and temperature, as delimited text or as Parquet.
 
 Time is the index of a sample divided by the sample rate, so a gap of known length is a jump in
-time. A gap of which nobody knows the length is shown as one missing sample: neighbours in the
+time. A gap of unknown length is shown as one missing sample: neighbours in the
 table that are no neighbours in time must never look like neighbours. The same holds between two
 configurations of a device, whose indices have nothing to do with each other.
 """
@@ -39,7 +39,7 @@ class ExportReport:
     rows : int
         Samples.
     gaps, unknown_gaps : int
-        Gaps, and those among them whose length nobody knows.
+        Gaps, and those among them of unknown length.
     """
 
     out: Path
@@ -100,7 +100,7 @@ def tables(
     ------
     InputError
         If a later configuration has other axes or, in counts, other scales: one table cannot hold
-        both. If nothing tells the rate.
+        both. If the rate is unknown.
     """
     clock: _SampleClock | None = None
     info: StreamInfo | None = None

@@ -1,4 +1,4 @@
-"""How a session lies on the disk: names of files, topics, records and their limits.
+"""Layout of a session on disk: names of files, topics, records and their limits.
 
 A session is one MCAP file, or several where it grew long: ``session.mcap``, ``session-001.mcap``,
 ``session-002.mcap``, ... Every file stands for itself and begins with a metadata record, so that
@@ -19,7 +19,7 @@ counts the messages of a topic from 1; a number that is missing on ``/serial/rx`
 missing, and that is how a reader knows that two reads are no neighbours.
 
 The metadata record says what a recording is. MCAP protects chunks by a checksum but not metadata
-records, and a part name that one flipped bit has changed into another would be believed. The record
+records, and a part name that one flipped bit has changed into another would pass. The record
 therefore carries a CRC-32 of its own (`sealed`).
 """
 
@@ -79,7 +79,7 @@ def segment_path(first: Path, number: int) -> Path:
 
 
 def first_segment(path: Path) -> Path:
-    """Return the file that a session begins with, given that file or the folder it lies in.
+    """Return the file that a session begins with, given that file or its folder.
 
     Raises
     ------

@@ -4,8 +4,8 @@ A file that was killed has no index, and one whose index is corrupt is not worse
 so the index is not used. The walk goes from header to header. Where it meets something that can be
 no header (a truncation, a flipped byte, zeros that a crash left) it searches for the next chunk,
 whose header is unmistakable: the name of the compression followed by a length that must agree with
-the length of the record. What lies between is reported as damage. Nothing is believed on its word:
-a length is checked against the file and against a limit before a byte is read.
+the length of the record. What lies between is reported as damage. Every length is checked
+against the file and against a limit before a byte is read.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Damage:
     what : str
         What is wrong, in plain words.
     seconds : float or None
-        Time that it held, in seconds; None where nothing tells.
+        Time that it held, in seconds; None where unknown.
     """
 
     file: Path

@@ -162,24 +162,24 @@ class Recording:
 
         `after` is the number that the first read should have, for a part of a recording.
         """
-        gathered = _Gathering()
+        gathered = _ReadBatch()
         expected = after
         for data, messages in self.sound():
             for topic, sequence, _, host_ns, start, stop in messages:
                 if topic == RX:
                     if sequence != expected and expected and sequence:
                         yield from gathered.taken()
-                        gathered = _Gathering("hole", host_ns)
+                        gathered = _ReadBatch("hole", host_ns)
                     elif gathered.length >= size or gathered.reads >= MOST_MESSAGES:
                         yield from gathered.taken()
-                        gathered = _Gathering()
+                        gathered = _ReadBatch()
                     expected = sequence + 1 & 0xFFFFFFFF
                     gathered.add(data[start:stop], host_ns)
                 elif topic == EVENTS:
                     fields = _json(data[start:stop])
                     if event := _link_event(fields):
                         yield from gathered.taken()
-                        gathered = _Gathering(event, host_ns, _text(fields))
+                        gathered = _ReadBatch(event, host_ns, _text(fields))
         yield from gathered.taken()
 
     def part(self, number: int, parts: int) -> Recording:
@@ -246,8 +246,8 @@ class Recording:
                     yield host_ns, data[start:stop]
 
 
-class _Gathering:
-    """Reads that are being gathered into a Buffer."""
+class _ReadBatch:
+    """Reads that are being joined into a Buffer."""
 
     def __init__(self, event: LinkEvent = "", event_ns: int = 0, text: str = "") -> None:
         self.length = 0
@@ -270,7 +270,7 @@ class _Gathering:
         self.length += len(data)
 
     def taken(self) -> Iterator[Buffer]:
-        """Yield what has been gathered, if anything."""
+        """Yield the Buffer, if it holds anything."""
         if self._parts or self._event:
             yield Buffer(
                 b"".join(self._parts),

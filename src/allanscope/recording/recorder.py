@@ -1,6 +1,6 @@
 """The live recorder: a thread that writes, so that neither a slow nor a full disk stops a reading.
 
-The reader thread hands over every chunk and goes on; it never waits, and it wakes nobody. The
+The reader thread hands over every chunk and goes on; it never waits, and wakes no other thread. The
 writer thread takes what has come and closes an MCAP chunk twice a second, which bounds what a
 killed process loses, and every few seconds waits for the disk itself, which bounds what a power cut
 loses. When the disk is full, the session goes on in memory for a while and is written as soon as
@@ -274,7 +274,7 @@ class Recorder:
     def _raise_alarm(self, line: str) -> None:
         if line != self.alarm:
             self.alarm = line
-            with suppress(Exception):  # nobody to tell it to: no reason to stop writing
+            with suppress(Exception):  # a listener that fails is no reason to stop writing
                 self._on_alarm(line)
 
     def _fail(self, line: str) -> None:

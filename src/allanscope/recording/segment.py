@@ -1,6 +1,6 @@
 """One MCAP file that is being written, and whose end is always a whole record.
 
-The MCAP writer writes into memory; `Segment.commit` brings what has gathered there to the disk in
+The MCAP writer writes into memory; `Segment.commit` writes it to the disk in
 one call. If the disk takes only a part of it (it is full), the file is cut back to the last whole
 record and the rest stays in memory for the next try, so that a file is never damaged in its middle
 and a disk that has room again in time costs nothing at all. A file that another program deletes or

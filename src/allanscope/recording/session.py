@@ -148,7 +148,7 @@ class SessionWriter:
             self.rx(chunk.data, chunk.host_ns)
 
     def commit(self) -> int:
-        """Write what has gathered, then begin a new file if it is time; return bytes written.
+        """Write the buffered data, then begin a new file if it is time; return bytes written.
 
         Raises
         ------
@@ -193,7 +193,7 @@ class SessionWriter:
         if self._began_ns is None:
             self._began_ns = host_ns
         self._last_ns = host_ns
-        # Threads tell of their moments one after the other, not always in the order of time.
+        # Threads report their times one after the other, not always in the order of time.
         epoch_ns = self._last_epoch_ns = max(host_ns + self._offset_ns, self._last_epoch_ns)
         self._segment.add(_CHANNEL[topic], self._numbers[topic], epoch_ns, host_ns, data)
 

@@ -107,7 +107,7 @@ class CurveValues:
 
 
 _IN_TABLE = ("oadev", "mdev", "ohdev")
-"""Estimators of the table where nobody has chosen."""
+"""Estimators of the table by default."""
 
 
 def curve_values(axis: AxisAnalysis, choices: CurveChoices) -> CurveValues:
@@ -302,7 +302,7 @@ def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
 
 
 def conclusion(explanation: AxisExplanation) -> list[str]:
-    """Return the last word of the loop on one axis, and its remarks."""
+    """Return the outcome of the loop on one axis, and its remarks."""
     if not searched(explanation):
         return [f"Not searched: {remark}." for remark in explanation.remarks]
     last = (

@@ -40,7 +40,7 @@ __all__ = [
 ]
 
 SHOWN = ("oadev", "mdev", "ohdev", "totdev")
-"""Estimators that are drawn together where nobody has chosen."""
+"""Estimators that are drawn together by default."""
 
 _NOISE_TERMS = ("N", "B", "K", "Q", "R", "rounding")
 _PERCENT_SHOWN = 60.0
@@ -241,7 +241,7 @@ def _minor_label(axis: Axis, value: float, _: int | None) -> str:
 
 
 def _is_drawable(heights: ArrayLike) -> bool:
-    """Tell whether a logarithmic scale can show any of it; denormal numbers have no digits left."""
+    """Return whether a logarithmic scale can show any of it; denormal numbers have no digits."""
     return bool(np.any(np.asarray(heights) > np.finfo(float).tiny))
 
 

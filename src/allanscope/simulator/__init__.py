@@ -10,8 +10,8 @@
 Two halves meet in the Block. The sensor half (`Truth`, `Simulator`) makes samples of which every
 coefficient is known, so that whatever is estimated from them can be checked. The device half
 (`Firmware`, `Device`) puts them on a wire as real firmware does: it obeys commands, drops samples
-when nobody reads, damages bytes when told to, and keeps a `Ledger` of every sample that did not
-arrive, so that what a reader reports as lost can be checked too.
+when the host does not read, damages bytes when told to, and keeps a `Ledger` of every sample that
+did not arrive, so that what a reader reports as lost can be checked too.
 
 Everything is reproducible from one seed, and independent of the sizes in which it is read.
 """

@@ -26,7 +26,7 @@ from allanscope.simulator.virtual_port import VirtualPort, open_port
 __all__ = ["EMULATED_WIRE", "Device", "run_device", "run_emulated"]
 
 EMULATED_WIRE = "native"
-"""What the firmware of the board speaks."""
+"""Wire format of the firmware."""
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_protocol" / "device"
 

@@ -42,7 +42,7 @@ class Firmware:
     """A board that measures, frames, obeys and, when told to, fails.
 
     It streams from power-up, or when told to start, as its wire format has it. Without a host it
-    measures on and drops what nobody takes.
+    measures on and drops what the host does not read.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class Firmware:
         self._transmitter.cut(unread, "hang-up", "no host")
 
     def receive(self, data: bytes) -> None:
-        """Obey what the host wrote. Replies go ahead of everything that the order causes."""
+        """Execute the commands of the host. A reply precedes everything that the command causes."""
         for command in self._encoder.receive(data):
             self.ledger.commands += 1
             self._obey(command)

@@ -66,7 +66,7 @@ class PtyPort:
             return b""
         try:
             return os.read(self._device, 4096)
-        except OSError:  # nothing there, or nobody there
+        except OSError:  # no data, or no reader
             return b""
 
     def write(self, data: bytes) -> int:

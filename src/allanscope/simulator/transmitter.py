@@ -23,7 +23,7 @@ from allanscope.simulator.faults import LineNoise
 __all__ = ["Ledger", "Loss", "Ring", "Transmitter", "Unit"]
 
 RESERVE_BYTES = 4096
-"""Room in the ring that only replies take, so that a full ring cannot swallow them."""
+"""Room in the ring that only replies take, so that they fit into a full ring."""
 WRITE_BYTES = 4096
 IN_FLIGHT_BYTES = 1 << 20
 """More than any port holds of bytes that the host has not read."""

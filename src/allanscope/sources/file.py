@@ -64,7 +64,7 @@ class FileSource:
 
     @property
     def reader(self) -> str:
-        """Nobody in particular: a file waits."""
+        """No device: a file waits."""
         return ""
 
     def read(self) -> Chunk:
@@ -167,7 +167,7 @@ class RecordedSource:
 
     @property
     def reader(self) -> str:
-        """Nobody in particular: a file waits."""
+        """No device: a file waits."""
         return ""
 
     def read(self) -> Chunk:

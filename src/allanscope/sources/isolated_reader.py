@@ -41,7 +41,7 @@ def isolated_reader_of(link: Posix) -> Posix | IsolatedReader:
 def buffers() -> dict[str, int]:
     """Return how many bytes wait on their way here without loss, by who holds them.
 
-    The system's part is measured on a pseudo-terminal that nobody reads; of a board it is the same
+    The system's part is measured on a pseudo-terminal without a reader; of a board it is the same
     queue, and what its own driver holds comes to it.
     """
     import tty

@@ -30,13 +30,13 @@ HEADER = struct.Struct("<cQI")
 READY, DATA, GONE = b"r", b"d", b"g"
 """Kinds of frames: the priority that was had; what a read brought; the error that ended it."""
 
-GATHER_S, FAST_GATHER_S = 0.01, 0.02
-"""Bytes gather for so long before the next read, of a slow and of a fast stream: fifty reads a
+BATCH_S, FAST_BATCH_S = 0.01, 0.02
+"""Pause before the next read of a slow and of a fast stream, for larger reads: fifty a
 second cost a tenth of what a thousand cost, while a row that comes alone is to be stamped when it
 comes."""
 
-WORTH_GATHERING = 1024
-GATHER_BYTES = 2048
+WORTH_BATCHING = 1024
+BATCH_BYTES = 2048
 """Where so many would come in the longer time it is taken, but never more than is likely to bring
 half of the 4096 bytes that a tty of Linux holds for its reader."""
 
@@ -49,7 +49,7 @@ LATE_BYTES = 3072
 
 READ_BYTES = 1 << 16
 HELD_BYTES = 64 << 20
-"""What is kept here while nobody takes it; beyond that the port is left to itself."""
+"""Largest queue of reads; beyond it the port is not read."""
 LOOK_EVERY_S = 1.0
 PRIORITY, NICE = 10, -11
 
@@ -74,12 +74,12 @@ class ReadPacer:
         if size >= LATE_BYTES:
             return 0.0
         pace = size / max(1e-9 * took_ns, 1e-6)
-        longest_s = FAST_GATHER_S if pace * FAST_GATHER_S >= WORTH_GATHERING else GATHER_S
-        return min(longest_s, GATHER_BYTES / pace)
+        longest_s = FAST_BATCH_S if pace * FAST_BATCH_S >= WORTH_BATCHING else BATCH_S
+        return min(longest_s, BATCH_BYTES / pace)
 
     def unevenly(self, pause_s: float) -> float:
         """Return a pause that is not like the last one, where it is not the buffer that ends it."""
-        if pause_s < GATHER_S:
+        if pause_s < BATCH_S:
             return pause_s
         # A congruential generator (Numerical Recipes): the module `random` takes long to import.
         self._state = (1664525 * self._state + 1013904223) % 2**32
@@ -106,7 +106,7 @@ def _frame(kind: bytes, data: bytes) -> bytes:
 
 
 def main(port: int, out: int, control: int) -> None:
-    """Read until the port fails or nobody is left who wants it."""
+    """Read until the port fails or the receiving process ends."""
     parent = os.getppid()
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGPIPE"):
         # The measuring process ends in an orderly way when it is told to, and this one after it.

@@ -202,7 +202,7 @@ class SerialSource:
         return Chunk(now, data, event)
 
     def _stall(self, now: int) -> LinkEvent:
-        """Say once when a device that streamed falls silent: one that hangs raises no error."""
+        """Report once that a streaming device stopped sending: one that hangs raises no error."""
         silent = now - self._heard_ns > self._settings.stall_s * 1e9
         if not silent or not self._streaming or self._stalled:
             return ""

@@ -223,7 +223,7 @@ def _design() -> NDArray[np.float32]:
     """Windowed sinc with its edge at half the new Nyquist band and 75 dB beyond (Kaiser, 1974).
 
     Flat to 5e-4 in power up to 0.3 of the new rate, closed from 0.7 of it on: what folds onto the
-    band in between, which nobody reads, may be wrong.
+    band in between, which is not used, may be wrong.
     """
     beta = 0.1102 * (_STOP_DB - 8.7)
     at = np.arange(_LENGTH) - (_LENGTH - 1) / 2

@@ -279,7 +279,7 @@ def _wire() -> Iterator[Value]:
             sent = block.counts[event.index : event.index + len(event)]
             wrong += int((event.counts != sent).any(axis=1).sum())
             end = event.index + len(event)
-    # What was lost before the first sample that arrives nobody can know.
+    # The loss before the first sample that arrives is unknown.
     known = end - (first or 0)
     yield _value("samples of a damaged stream, delivered or counted", known, delivered + lost)
     yield _value("wrong samples of a damaged stream", 0, wrong)

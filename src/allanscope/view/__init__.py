@@ -3,7 +3,7 @@
 Both are audiences of the pipeline: they are told what happens and never answer, never block, and
 whatever becomes of them, the measurement goes on::
 
-                     ┌ TerminalView   one calm screen, or a line a minute when piped
+                     ┌ TerminalView   one screen, or a line a minute when piped
     info  samples ───┤
     gap   notice     └ RerunView      worker ─▶ loopback server ─▶ viewer (a process of its own)
     snapshot                                 └▶ session.rrd

@@ -1,6 +1,6 @@
-"""What is said of a run while it goes on: news, where a coefficient is heading, gaps.
+"""Log lines of a run in progress: changes, trends of coefficients, gaps.
 
-`ChangeLog` tells what is new since the last result: an effect found, an effect gone, a coefficient
+`ChangeLog` reports changes since the last result: an effect found, an effect gone, a coefficient
 known. A remark is the same one while its words are; its numbers may change with every result (how
 many samples were saturated so far), and are only told again when one of them has grown to ten times
 what was told. The exact number of the moment is in the result and in the report.
@@ -46,17 +46,17 @@ _APART_S = 1.0
 
 @dataclass(slots=True)
 class ChangeLog:
-    """Remembers what was told, and tells only what changed."""
+    """Remembers what was logged, and returns only what changed."""
 
     _effects: dict[tuple[str, str], str] = field(default_factory=dict)
     _coefficients: set[tuple[str, str]] = field(default_factory=set)
     _remarks: dict[str, list[float]] = field(default_factory=dict)
 
-    def news(self, analysis: Analysis) -> list[Entry]:
+    def update(self, analysis: Analysis) -> list[Entry]:
         """Return what this result says that the last one did not.
 
         An effect is the same one while its axis, its kind and its number among effects of that
-        kind are the same, so that a frequency that is known better is no news.
+        kind are the same, so that a frequency that is known better is not logged again.
         """
         return [*self._new_effects(analysis), *self._new_values(analysis), *self._new(analysis)]
 
@@ -95,7 +95,7 @@ class ChangeLog:
         return [("warn", remark) for remark in remarks if self._is_new(remark)]
 
     def _is_new(self, remark: str) -> bool:
-        """Tell whether to say a remark; if so, remember its numbers."""
+        """Return whether to say a remark; if so, remember its numbers."""
         words = _NUMBER.sub("#", remark)
         numbers = [float(found.replace(" ", "")) for found in _NUMBER.findall(remark)]
         told = self._remarks.get(words)
@@ -161,18 +161,18 @@ class GapThrottle:
 
     Examples
     --------
-    >>> teller = GapThrottle()
-    >>> teller.tell(Gap("link", 27), 10.0)
+    >>> throttle = GapThrottle()
+    >>> throttle.update(Gap("link", 27), 10.0)
     'gap (link): 27 samples lost'
-    >>> teller.tell(Gap("link", 54), 10.1)
-    >>> teller.tell(Gap("disconnected", None), 20.0)
+    >>> throttle.update(Gap("link", 54), 10.1)
+    >>> throttle.update(Gap("disconnected", None), 20.0)
     'gap (disconnected): length unknown; 1 more since the last'
     """
 
     _last_s: float | None = None
     _untold: int = 0
 
-    def tell(self, gap: Gap, now_s: float) -> str | None:
+    def update(self, gap: Gap, now_s: float) -> str | None:
         """Return what to say about a gap at time `now_s`, None to say nothing."""
         if self._last_s is not None and now_s - self._last_s < _APART_S:
             self._untold += 1

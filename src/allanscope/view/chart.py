@@ -3,7 +3,7 @@
 Every chart is the same rectangle of the plane, `WIDTH` by `HEIGHT` world units with y downwards as
 the viewer has it, whatever its decades are. When a run outgrows a chart, the chart is given more
 decades, and its grid and curves are drawn anew into the same rectangle: the view that shows it
-never has to change, so nobody's zoom or layout is disturbed, and each moment of the history keeps
+never has to change, so zoom and layout stay as they are, and each moment of the history keeps
 the grid that it was drawn on.
 
 A scale on each side says where a value lies between the edges, and which values get a tick. Nothing

@@ -1,6 +1,6 @@
 """What is drawn on each chart: sigma-tau curves, spectra, the residual of the model.
 
-A `Drawing` is strips, dots and words in world units, gathered for one entity of the viewer. On the
+A `Drawing` is strips, dots and words in world units, collected for one entity of the viewer. On the
 sigma-tau chart stand curves and their intervals, the model, its parts and the datasheet; on the
 spectrum the measured noise density, the model's, and the lines found in it; on the residual chart
 measured over model, before and after the loop was closed.

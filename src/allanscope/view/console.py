@@ -36,7 +36,7 @@ class SteadyConsole(Console):
         super().__init__(file=stream, highlight=False, markup=False, soft_wrap=soft_wrap)
 
     def on_broken_pipe(self) -> None:
-        """Fall silent."""
+        """Stop writing."""
         self.quiet = True
         # Python would complain about the pipe once more when it flushes the stream at its end.
         nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -118,7 +118,7 @@ class Keys:
 
 
 def _ours(fd: int) -> bool:
-    """Tell whether this is a terminal that we may read from now."""
+    """Return whether this is a terminal that we may read from now."""
     try:
         import termios  # noqa: F401
 

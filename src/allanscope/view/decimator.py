@@ -189,9 +189,9 @@ class RowThinner:
         self._waiting.append(rows)
         span_s = float(rows.elapsed_s[-1] - self._waiting[0].elapsed_s[0])
         stride = self.stride(float(rows.elapsed_s[-1]))
-        return self.rest() if span_s * ROWS_HZ >= self.TOGETHER * stride else None
+        return self.flush() if span_s * ROWS_HZ >= self.TOGETHER * stride else None
 
-    def rest(self) -> Rows | None:
+    def flush(self) -> Rows | None:
         """Return all that waits."""
         if not self._waiting:
             return None
@@ -227,8 +227,8 @@ class LogSpacing:
 
     Examples
     --------
-    >>> pace = LogSpacing()
-    >>> [t for t in (1.0, 1.5, 2.0, 1000.0, 1009.0, 1011.0) if pace.due(t)]
+    >>> spacing = LogSpacing()
+    >>> [t for t in (1.0, 1.5, 2.0, 1000.0, 1009.0, 1011.0) if spacing.due(t)]
     [1.0, 2.0, 1000.0, 1011.0]
     """
 
@@ -244,7 +244,7 @@ class LogSpacing:
         return min(seconds, even_s) + math.log(max(seconds / even_s, 1.0)) / share
 
     def due(self, elapsed_s: float) -> bool:
-        """Tell whether to keep the result after this much of the run; if so, remember it."""
+        """Return whether to keep the result after this much of the run; if so, remember it."""
         last = self._last_s
         if last is not None and last <= elapsed_s:
             spacing = self.stretch * min(max(self.share * last, SHORTEST_S), self.longest_s)

@@ -51,21 +51,21 @@ class Outlet:
     ----------
     canvas : Canvas
         Draws.
-    pace : LogSpacing, optional
+    spacing : LogSpacing, optional
         Which results are drawn.
     """
 
-    def __init__(self, canvas: Canvas, pace: LogSpacing | None = None) -> None:
+    def __init__(self, canvas: Canvas, spacing: LogSpacing | None = None) -> None:
         self.canvas = canvas
-        self._pace = pace or LogSpacing()
-        self._rare_pace = replace(self._pace, stretch=_RARELY)
+        self._spacing = spacing or LogSpacing()
+        self._rare_spacing = replace(self._spacing, stretch=_RARELY)
         self._waits = self._everything = False
 
     def due(self, duration_s: float) -> bool:
-        """Tell whether the result after this much of the run is to be drawn; called by others."""
-        if not self._pace.due(duration_s):
+        """Return whether the result after this much of the run is to be drawn; called by others."""
+        if not self._spacing.due(duration_s):
             return False
-        self._everything |= self._rare_pace.due(duration_s)
+        self._everything |= self._rare_spacing.due(duration_s)
         self._waits = True
         return True
 
@@ -148,13 +148,13 @@ class FileOutlet(Outlet):
     def rows(self, axes: tuple[str, ...], rows: Rows) -> None:
         """Draw rows of the time series, fewer of them the longer the run is."""
         if axes != self._axes:
-            self._draw_rows(self._thinner.rest())
+            self._draw_rows(self._thinner.flush())
             self._axes = axes
         self._draw_rows(self._thinner.take(rows))
 
     def finish(self, latest: Analysis | None, close: bool = True) -> None:
         """Draw what is left, and end the file."""
-        self._draw_rows(self._thinner.rest())
+        self._draw_rows(self._thinner.flush())
         self._looked_s = -float("inf")
         super().finish(latest, close)
 
@@ -166,7 +166,7 @@ class FileOutlet(Outlet):
             self.canvas.close()
 
     def may_be_rewritten(self) -> bool:
-        """Tell whether the disk has room for a second, smaller copy."""
+        """Return whether the disk has room for a second, smaller copy."""
         try:
             room = self._free_bytes(self.path.parent) - self.path.stat().st_size
         except OSError:

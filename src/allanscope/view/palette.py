@@ -2,7 +2,7 @@
 
 One meaning has one colour in every chart: x, y and z of either sensor; the model; what was found
 beyond the model; the datasheet. Estimators other than the default one take a colour by family and
-carry their name at the end of the curve, because seventeen colours can be told apart by nobody.
+carry their name at the end of the curve, because seventeen colours cannot be told apart.
 All of them are readable on the dark and on the light theme. None is translucent: the viewer draws
 every strip opaque, and what was meant to be faint comes out nearly black. What is to be faint is
 `muted`, a mixture with the grey that lies between both themes.

@@ -69,7 +69,7 @@ class _Bar:
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=None),
             TextColumn("{task.percentage:>3.0f} %" if total else "", markup=False),
-            _Pace(unit),
+            _SpeedColumn(unit),
             console=SteadyConsole(stream),
             transient=True,
             expand=True,
@@ -113,10 +113,10 @@ class _Lines:
         share = f"{100.0 * self._done / self._total:.0f} %, " if self._total else ""
         speed = self._done / (now - self._began)
         left = (self._total - self._done) / speed if self._total and speed else None
-        self._console.print(f"{self._description}: {share}{_pace(speed, left, self._unit)}")
+        self._console.print(f"{self._description}: {share}{_speed_text(speed, left, self._unit)}")
 
 
-class _Pace(ProgressColumn):
+class _SpeedColumn(ProgressColumn):
     """Rate and time left."""
 
     def __init__(self, unit: str) -> None:
@@ -127,10 +127,10 @@ class _Pace(ProgressColumn):
         """Return them as a text: of the whole job so far, which may come in few large pieces."""
         speed = task.completed / task.elapsed if task.elapsed and task.completed else None
         left = (task.total - task.completed) / speed if task.total and speed else None
-        return Text(_pace(speed, left, self._unit))
+        return Text(_speed_text(speed, left, self._unit))
 
 
-def _pace(speed: float | None, left: float | None, unit: str) -> str:
+def _speed_text(speed: float | None, left: float | None, unit: str) -> str:
     if speed is None or not unit:
         parts = []
     elif unit == "s":

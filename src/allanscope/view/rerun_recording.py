@@ -111,7 +111,7 @@ class Canvas:
         self._painter.paint(analysis, everything)
         self.series.result(analysis)
         self._write_tables(analysis, everything)
-        for level, line in self._changes.news(analysis):
+        for level, line in self._changes.update(analysis):
             self._log(line, level)
 
     def remark(self, elapsed_s: float, text: str, level: Level) -> None:

@@ -41,7 +41,7 @@ __all__ = ["RerunView", "ViewMode", "load_rerun"]
 
 _QUICK_ROWS, _CALM_ROWS, _CALM_AFTER_S = 1, 10, 1800.0
 """Rows of the series that travel together: a tenth of a second; a second after half an hour, and
-where nobody is looking."""
+without a viewer."""
 
 _ROWS_WAITING = 4096
 _STATUS_EVERY_S = 5.0
@@ -159,7 +159,7 @@ class RerunView:
         axes : sequence of str
             That there will be.
         duration_s : float or None
-            Of the run; None where nobody knows.
+            Of the run; None where unknown.
         """
         if self._file is None or self.failure:
             return ""
@@ -215,7 +215,7 @@ class RerunView:
         """Take a gap. Gaps within a second of each other are told as one."""
         if self._worker is None:
             return
-        text = self._gaps.tell(gap, self._decimator.elapsed_s)
+        text = self._gaps.update(gap, self._decimator.elapsed_s)
         if text is not None:
             self._remark(text, "warn")
             self._state("restarted" if gap.reason == "restarted" else "gap")

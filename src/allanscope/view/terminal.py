@@ -1,4 +1,4 @@
-"""The terminal view: one calm screen when someone watches, a line a minute when nobody does.
+"""The terminal view: one screen on a terminal, a line a minute when piped.
 
 A terminal may take nothing for hours (Ctrl-S, a connection that hangs), and whoever writes to it
 then waits. So standard output is written to by a thread of its own: what comes while it waits is
@@ -101,7 +101,7 @@ class TerminalView:
         if mode == "live":
             self._go_live()
 
-    # --- what a session tells its audience ------------------------------------------------------
+    # --- what a session sends to its views ------------------------------------------------------
 
     def info(self, info: StreamInfo) -> None:
         """Take what the samples that follow mean."""
@@ -122,7 +122,7 @@ class TerminalView:
 
     def gap(self, gap: Gap) -> None:
         """Take a gap."""
-        text = self._gaps.tell(gap, self._clock())
+        text = self._gaps.update(gap, self._clock())
         if text is not None:
             self.line(text, "warn")
 
@@ -140,10 +140,10 @@ class TerminalView:
         """Take the result so far."""
         self._latest = analysis
         self._trends.take(analysis)
-        for level, text in self._changes.news(analysis):
+        for level, text in self._changes.update(analysis):
             if self._mode == "plain" or level != "info":
                 self.line(text, level)
-        # What a session held before it was cut off is in the result, and was shown to nobody.
+        # What a session held before it was cut off is in the result, and was not shown.
         self._before = max(self._before, analysis.samples - self._heard)
         if self._live is not None:
             self._draw(analysis)

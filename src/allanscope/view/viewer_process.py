@@ -193,7 +193,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 MEMORY_LIMIT = "1GiB"
 
-_NO_PROXY_THERE = f"http://{LOOPBACK}:9"  # the port of the discard protocol, which nobody serves
+_NO_PROXY_THERE = f"http://{LOOPBACK}:9"  # the port of the discard protocol, where nothing listens
 
 DATA_PORT_AFTER_PAGE = 1
 """Where the port is given, it is that of the page; that of the data comes after it."""
@@ -248,7 +248,7 @@ def refuse_taken(port: int) -> None:
 
 
 def has_display() -> bool:
-    """Tell whether a window could be shown here."""
+    """Return whether a window could be shown here."""
     if sys.platform in ("darwin", "win32"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -317,7 +317,7 @@ class ViewerProcess:
         return self._process.pid
 
     def running(self) -> bool:
-        """Tell whether the process is still there."""
+        """Return whether the process is still there."""
         return self._process.poll() is None
 
     def wait(self, timeout_s: float) -> bool:
@@ -327,7 +327,7 @@ class ViewerProcess:
         return not self.running()
 
     def failed(self) -> bool:
-        """Tell whether it ended by itself with an error, as without a graphics driver."""
+        """Return whether it ended by itself with an error, as without a graphics driver."""
         return bool(self._process.poll())
 
     def stop(self) -> None:
@@ -375,7 +375,7 @@ def _is_address(source: str) -> bool:
 def _environment() -> dict[str, str]:
     """Return the environment of the viewer: quiet, and with no way to other hosts.
 
-    The viewer reports its use to its makers unless it believes to run in a continuous-integration
+    The viewer reports its use to its makers unless it detects a continuous-integration
     job, and asks for its latest release in any case, but through a proxy where one is named: here
     one that is not there. A laboratory computer has no business to talk to anyone.
     """

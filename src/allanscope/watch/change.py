@@ -88,7 +88,7 @@ def locate(values: NDArray[np.float64], earliest: int, spread: float) -> Change:
 
 
 def goes_on(values: NDArray[np.float64], first: int, second: int) -> bool:
-    """Tell whether two changes of a stretch are one ramp rather than two steps."""
+    """Return whether two changes of a stretch are one ramp rather than two steps."""
     _, ramps = _gains(values)
     total = float(np.sum((values - values.mean()) ** 2))
     levels = (values[:first], values[first:second], values[second:])

@@ -280,7 +280,7 @@ class Watch:
         self.tracks.add(Track(kind, axis, change.before, window, alarm.nats, [span]))
 
     def _goes_on(self, channel: int, track: Track, at: int, after: float) -> bool:
-        """Tell whether a change is the next piece of a ramp, and draw the ramp longer then."""
+        """Return whether a change is the next piece of a ramp, and draw the ramp longer then."""
         size = after - track.before
         if size * track.last.size <= 0.0 or abs(size) <= abs(track.last.size):
             return False
@@ -301,7 +301,7 @@ class Watch:
         return True
 
     def _has_another_cause(self, axis: int, lower: int, at: int) -> bool:
-        """Tell whether an event of the axis, or of the stream, began when its noise changed."""
+        """Return whether an event of the axis, or of the stream, began when its noise changed."""
         near = (lower - NOISE_AFTER, at + NOISE_AFTER)
         return any(
             one.axis in (axis, -1)
@@ -433,7 +433,7 @@ class BlockClock:
             self._waiting.append((ticks.offset[known] + position, times[known]))
 
     def restart(self) -> None:
-        """Forget when the block began: nobody knows what was lost."""
+        """Forget when the block began: the loss is unknown."""
         self._last = None
 
     def log_duration(self, end: int) -> float:

@@ -1,4 +1,4 @@
-"""The wire: bytes to events and back, without ever having heard of a serial port.
+"""The wire: bytes to events and back, independent of the transport.
 
 ::
 

@@ -1,6 +1,6 @@
 """What every wire format provides: a decoder, an encoder, a way to be recognised and to be started.
 
-Nothing here has ever heard of a serial port. Bytes go in, events come out (and the other way round
+Independent of the transport: bytes go in, events come out (and the other way round
 for the encoder, which the simulated device uses); whoever owns the port moves the bytes.
 
 A night at 6.66 kHz is nine million reads. A decoder that can take many together (the native one
@@ -53,7 +53,7 @@ class LinkStats:
     lost_samples : int
         Samples known to be missing.
     unknown_losses : int
-        Gaps of which nobody can tell the length.
+        Gaps of unknown length.
     """
 
     bytes: int = 0
@@ -162,8 +162,8 @@ class Encoder(Protocol):
 class WireFormat:
     """One entry of the registry.
 
-    Nobody asks which format it is: what one can do it declares, here for all of its streams and in
-    the `StreamInfo` of each stream (``numbered``, ``polled``, ``tabular``).
+    Formats are not distinguished by name: a format declares what it can do, here for all of its
+    streams and in the `StreamInfo` of each stream (``numbered``, ``polled``, ``tabular``).
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ class WireFormat:
         True where what a host writes in other formats puts a device out of step for good, so that
         it must be spoken to before those.
     baud : int
-        Line rate of a UART that carries it, where nobody says another.
+        Line rate of a UART that carries it, by default.
     """
 
     framed: ClassVar[bool] = False

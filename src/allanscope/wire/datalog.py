@@ -109,17 +109,17 @@ class DataLogDecoder:
     def interrupt(self, reason: str) -> list[Event]:
         """Forget a partial record, e.g. after an unplug; the next Block follows a Gap."""
         self._lines.reset()
-        self._reader.rest()
+        self._reader.flush()
         self._stamps = self._new_stamps()
         self._rows.interrupt(cast("GapReason", reason))
         return []
 
     def finish(self) -> list[Event]:
         """Return what the end of the stream completes: the last record, if it is whole."""
-        last = self._lines.rest()
+        last = self._lines.flush()
         if last:
             self._line(last)
-        self._add(self._reader.rest())
+        self._add(self._reader.flush())
         return self._rows.take(final=True)
 
     def _line(self, line: bytes) -> None:
@@ -194,7 +194,7 @@ class RecordReader:
     def line(self, line: bytes) -> Record | None:
         """Take a line and return the record that it completes."""
         if match := self._stamp.fullmatch(line):
-            before = self.rest()
+            before = self.flush()
             self._open = Record(match.groups())
             return before
         if match := _TRIPLE.fullmatch(line):
@@ -205,7 +205,7 @@ class RecordReader:
             self.damaged += 1
         return None
 
-    def rest(self) -> Record | None:
+    def flush(self) -> Record | None:
         """Return the record that is open, if it is complete, and forget it."""
         record, self._open = self._open, None
         if record is None:
@@ -239,7 +239,7 @@ class RecordReader:
         fraction = hundredths.lstrip(b"-")
         size = abs(int(whole)) + int(fraction) / 10 ** len(fraction)
         self._open.temperature_c = sign * size
-        return self.rest()
+        return self.flush()
 
 
 _ROOM_C = 25.0
@@ -324,7 +324,7 @@ class DataLogFormat(WireFormat):
         reader = RecordReader(CLOCK if self.clock else COUNTER)
         lines = Lines()
         records = [reader.line(line) for line in lines.feed(sample)]
-        return float(any(records) or bool(reader.rest()))
+        return float(any(records) or bool(reader.flush()))
 
 
 @dataclass(frozen=True, slots=True)

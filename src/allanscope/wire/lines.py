@@ -65,7 +65,7 @@ class Lines:
         self._newlines += newlines
         self.number = self._newlines
 
-    def rest(self) -> bytes:
+    def flush(self) -> bytes:
         """Return the last line, which nothing ended, and forget it."""
         line = bytes(self._partial)
         self.reset()

@@ -1,6 +1,6 @@
-"""All wire formats by name, each imported when it is first asked for, and which one a port speaks.
+"""All wire formats by name, each imported when it is first asked for, and which one a port sends.
 
-Each format scores a sample of what was heard, from 0 (surely not) to 1 (surely); the best one wins
+Each format scores a sample of the bytes, from 0 (surely not) to 1 (surely); the best one wins
 if it is good enough (`sniff`). Two seconds are enough, with garbage before and half a frame at
 either end. Where none fits, the user is shown what the port said, escaped.
 """
@@ -79,7 +79,7 @@ def sniff(sample: bytes) -> SniffResult:
     Parameters
     ----------
     sample : bytes
-        What was heard; of more than 256 KiB only the beginning is looked at.
+        The bytes; of more than 256 KiB only the beginning is looked at.
     """
     sample = sample[:_LONGEST_SAMPLE]
     scores = {name: format_named(name).score(sample) for name in formats()}

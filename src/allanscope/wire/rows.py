@@ -41,7 +41,7 @@ class Rows:
     checked : bool
         Whether rows come with a checksum, so that a damaged one rarely passes for a sound one.
     patience : int
-        Rows of a file, for which nobody waits, that are looked at where the times of the first few
+        Rows of a file, which may wait, that are looked at where the times of the first few
         come unevenly.
     """
 

@@ -174,7 +174,7 @@ class EffectKind(ABC):
 
     @classmethod
     def available(cls, view: View) -> bool:
-        """Tell whether the record has what this kind needs."""
+        """Return whether the record has what this kind needs."""
         has = {
             "samples": view.series.stride == 1,
             "temperature": view.series.thermal is not None,
@@ -258,12 +258,12 @@ class EffectKind(ABC):
         return candidate
 
     def is_resolved(self, view: View) -> bool:
-        """Tell whether the record can tell it from what was accepted already."""
+        """Return whether the record can tell it from what was accepted already."""
         del view
         return True
 
     def holds(self, other: EffectKind) -> bool:
-        """Tell whether another effect, if it is there, may be all that there is to this one."""
+        """Return whether another effect, if it is there, may be all that there is to this one."""
         del other
         return False
 
@@ -291,7 +291,7 @@ class EffectKind(ABC):
         return candidate
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another effect of this kind is the same hypothesis."""
+        """Return whether another effect of this kind is the same hypothesis."""
         del other, grid
         return True
 
@@ -348,7 +348,7 @@ class SizedSignal(EffectKind):
 
 
 def is_alike(first: Estimate, second: Estimate) -> bool:
-    """Tell whether two time constants are alike."""
+    """Return whether two time constants are alike."""
     return 1 / _ALIKE < first.value / second.value < _ALIKE
 
 

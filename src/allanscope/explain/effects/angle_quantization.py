@@ -48,5 +48,5 @@ class AngleQuantization(EffectKind):
         )
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Tell whether it removes its part of the residual."""
+        """Return whether it removes its part of the residual."""
         return lasting(view, candidate)

@@ -105,7 +105,7 @@ class BandLimit(EffectKind):
         return _best(view, [self.cutoff.value])
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Tell whether it removes its part of the residual and is there all along.
+        """Return whether it removes its part of the residual and is there all along.
 
         What comes and goes more than a filter may is what a tone in it bends.
         """

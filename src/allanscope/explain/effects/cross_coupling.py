@@ -87,7 +87,7 @@ class CrossCoupling(EffectKind):
         return self.direction_nats < _AMBIGUOUS
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another coupling is the same hypothesis."""
+        """Return whether another coupling is the same hypothesis."""
         del grid
         return self.source == other.source
 
@@ -172,7 +172,7 @@ def _without_temperature(view: View, ordinates: Array) -> Array:
 
 
 def _is_seen_fast(view: View, d: Array, e: Array, weight: Array, price: float) -> bool:
-    """Tell whether frequencies at which no temperature moves are enough to see it."""
+    """Return whether frequencies at which no temperature moves are enough to see it."""
     first = int(_SLOW_HZ * 2 * view.grid.n / view.grid.rate_hz)
     normal = float(np.sum(e[first:] ** 2 * weight[first:]))
     score = float(np.sum(e[first:] * d[first:] * weight[first:]))
@@ -180,7 +180,7 @@ def _is_seen_fast(view: View, d: Array, e: Array, weight: Array, price: float) -
 
 
 def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
-    """Tell whether the slopes in separate bands agree with the common one (1 in 1000)."""
+    """Return whether the slopes in separate bands agree with the common one (1 in 1000)."""
     bounds = np.unique(np.geomspace(_FIRST, len(d), _BANDS + 1).astype(int))
     distance, freedom = 0.0, -1
     for low, high in pairwise(bounds):
@@ -193,7 +193,7 @@ def _same_everywhere(d: Array, e: Array, weight: Array, slope: float) -> bool:
 
 
 def _in_phase(view: View, x: Array, weight: Array, z2: float) -> bool:
-    """Tell whether the quadrature part of the cross-spectrum is nothing, or little beside z2.
+    """Return whether the quadrature part of the cross-spectrum is nothing, or little beside z2.
 
     Judged above the frequencies of drifts, which differ in time from axis to axis. The scatter of
     every band is that of the model or, where it is larger, that of the bins themselves.

@@ -101,7 +101,7 @@ class DriftingLine(EffectKind):
         return ()
 
     def is_same(self, other: DriftingLine, grid: Grid) -> bool:
-        """Tell whether another line is the same hypothesis."""
+        """Return whether another line is the same hypothesis."""
         del grid
         apart = abs(self.frequency.value - other.frequency.value)
         return apart < max(self.bandwidth.value, other.bandwidth.value)
@@ -233,7 +233,7 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
 
 
 def _stands_out(view: View, cluster: Cluster) -> bool:
-    """Tell whether the power is in the cluster: a sweep is as loud beside any piece of it."""
+    """Return whether the power is in the cluster: a sweep is as loud beside any piece of it."""
     width = cluster.stop - cluster.first
     reach = max(_BESIDE * width, 32)
     u = view.squares / view.spectrum.ordinates - 1

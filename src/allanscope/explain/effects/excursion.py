@@ -70,7 +70,7 @@ class Excursion(SizedSignal):
         )
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another box is the same hypothesis."""
+        """Return whether another box is the same hypothesis."""
         del grid
         return abs(self.time.value - other.time.value) < _NEAR_S
 

@@ -67,7 +67,7 @@ class GaussMarkov(EffectKind):
         return f"correlated noise with a correlation time of {tc:.3g} s, beside N, B and K"
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another process is the same hypothesis."""
+        """Return whether another process is the same hypothesis."""
         del grid
         return is_alike(self.correlation_time, other.correlation_time)
 
@@ -91,7 +91,7 @@ class GaussMarkov(EffectKind):
         return _candidate(view, tc / 2, tc * 2)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Tell whether it removes its part of the residual and is there all along."""
+        """Return whether it removes its part of the residual and is there all along."""
         return lasting(view, candidate, UNSTEADY)
 
 

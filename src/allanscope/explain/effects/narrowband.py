@@ -131,13 +131,13 @@ class Narrowband(EffectKind):
         )
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another band is the same hypothesis."""
+        """Return whether another band is the same hypothesis."""
         del grid
         apart = abs(self.frequency.value - other.frequency.value)
         return apart < min(self.bandwidth.value, other.bandwidth.value) / 2
 
     def holds(self, other: EffectKind) -> bool:
-        """Tell whether a constant line within the band may be all that there is to it."""
+        """Return whether a constant line within the band may be all that there is to it."""
         if not isinstance(other, Sinusoid) or not other.is_constant:
             return False
         apart = abs(other.frequency.value - self.frequency.value)
@@ -186,7 +186,7 @@ class Narrowband(EffectKind):
         )
 
     def _is_misshapen(self, view: View, candidate: Candidate) -> bool:
-        """Tell whether the spectrum within the band differs from the shape that was fitted."""
+        """Return whether the spectrum within the band differs from the shape that was fitted."""
         left, parts = self.misfit(view.with_parts(*candidate.parts))
         return bool(left > max(_MISSHAPEN * np.sqrt(parts / 2), _MISSED * candidate.gain))
 

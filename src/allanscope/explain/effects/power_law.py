@@ -86,11 +86,11 @@ class PowerLaw(EffectKind):
         return _candidate(view, self.exponent.value - 0.2, self.exponent.value + 0.2)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Tell whether it removes its part of the residual and is there all along."""
+        """Return whether it removes its part of the residual and is there all along."""
         return lasting(view, candidate, UNSTEADY)
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another slope is the same hypothesis: it always is."""
+        """Return whether another slope is the same hypothesis: it always is."""
         del other, grid
         return True
 

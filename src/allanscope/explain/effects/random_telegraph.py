@@ -94,7 +94,7 @@ class RandomTelegraph(EffectKind):
         return f"the level switches between two values {apart} apart"
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether other hops are the same hypothesis."""
+        """Return whether other hops are the same hypothesis."""
         del grid
         return is_alike(self.dwell, other.dwell)
 
@@ -233,14 +233,14 @@ def _stretch(view: View, rows: int) -> View:
 
 
 def _is_lasting(path: _Path) -> bool:
-    """Tell whether it hops often enough, and all along: a shock makes a path of a few hops too."""
+    """Return whether it hops often enough, and all along: a shock makes a few hops too."""
     hops = np.diff(path.state) != 0
     first, second = (int(np.count_nonzero(half)) for half in np.array_split(hops, 2))
     return path.switches >= _FEWEST_SWITCHES and min(first, second) >= _IN_A_HALF
 
 
 def _is_regular(path: _Path) -> bool:
-    """Tell whether the dwells are too much alike: a slow tone makes a path too.
+    """Return whether the dwells are too much alike: a slow tone makes a path too.
 
     Random dwells are exponentially distributed: their deviation is as large as their mean.
     """

@@ -172,7 +172,7 @@ def _abrupt(power: Array, freedom: Array) -> float:
 
 
 def _is_bent(power: Array, freedom: Array, slope: float, gain: float) -> bool:
-    """Tell whether the blocks, all bands together, are far from a straight line."""
+    """Return whether the blocks, all bands together, are far from a straight line."""
     rest = _pooled(power / _scale(slope, power.shape[1]) ** 2, freedom)
     deviance = float(freedom.sum() * np.sum(rest - 1 - np.log(rest)))
     left = deviance - 2 * _BENT * gain

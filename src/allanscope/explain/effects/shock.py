@@ -71,7 +71,7 @@ class Shock(EffectKind):
         )
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another shock is the same."""
+        """Return whether another shock is the same."""
         del grid
         return abs(self.time.value - other.time.value) < self.duration.value + _MARGIN_S
 
@@ -88,7 +88,7 @@ class Shock(EffectKind):
 
 
 def within_shock(view: View, candidate: Candidate) -> bool:
-    """Tell whether a change of the level is a piece of a shock that was accepted.
+    """Return whether a change of the level is a piece of a shock that was accepted.
 
     What is left of a shock is one step at most, and no excursion.
     """

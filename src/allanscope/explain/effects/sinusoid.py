@@ -93,7 +93,7 @@ class Sinusoid(EffectKind):
         return self.constancy_p is not None and self.constancy_p >= _CONSTANT_P
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another line is the same hypothesis."""
+        """Return whether another line is the same hypothesis."""
         return abs(self.frequency.value - other.frequency.value) < grid.rate_hz / grid.n
 
     def waves(self, view: View) -> float:
@@ -120,7 +120,7 @@ class Sinusoid(EffectKind):
         return _at(view, f)
 
     def is_resolved(self, view: View) -> bool:
-        """Tell whether it is farther from every line there is than the record resolves.
+        """Return whether it is farther from every line there is than the record resolves.
 
         Two nearer lines of opposite phase are any slow bend at all: they cancel except at the ends.
         """
@@ -192,13 +192,13 @@ def _places(lines: Sequence[Sinusoid]) -> tuple[list[float], float]:
 
 
 def _are_equal(first: Sinusoid, second: Sinusoid) -> bool:
-    """Tell whether two lines have the same size."""
+    """Return whether two lines have the same size."""
     spread = float(np.hypot(first.amplitude.error, second.amplitude.error))
     return abs(first.amplitude.value - second.amplitude.value) < _AGREE * spread
 
 
 def _is_of_a_wave(lines: Sequence[Sinusoid], apart: float, error: float) -> bool:
-    """Tell whether lines so far apart are harmonics, all or the odd ones, of a line there is."""
+    """Return whether lines so far apart are harmonics, all or the odd ones, of a line there is."""
     found = [line.frequency.value for line in lines]
     return any(abs(f - wave) < _AGREE * error for f in found for wave in (apart, apart / 2))
 

@@ -68,7 +68,7 @@ class Step(SizedSignal):
         )
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another jump is the same hypothesis."""
+        """Return whether another jump is the same hypothesis."""
         del grid
         return abs(self.time.value - other.time.value) < _NEAR_S
 
@@ -143,7 +143,7 @@ class Step(SizedSignal):
 
 
 def _is_hop(view: View, found: EffectKind) -> bool:
-    """Tell whether a step is one of the hops of a telegraph signal that is already known."""
+    """Return whether a step is one of the hops of a telegraph signal that is already known."""
     return isinstance(found, Step) and any(
         abs(found.size.value) < _HOPS * c.effect.amplitude.value
         for c in view.accepted

@@ -295,13 +295,13 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
 
 
 def beside(view: View, frequency: float) -> bool:
-    """Tell whether a tone lies so near to one that has no name that it will be part of it."""
+    """Return whether a tone lies so near to one that has no name that it will be part of it."""
     unit = view.grid.rate_hz / (2 * view.grid.n)
     return _touched(view, frequency - unit, frequency + unit, _GAP * unit) is not None
 
 
 def covered(view: View, candidate: Candidate) -> bool:
-    """Tell whether a range without a name has been cut out of the fit already."""
+    """Return whether a range without a name has been cut out of the fit already."""
     effect = candidate.effect
     if not isinstance(effect, Unexplained) or effect.domain != "spectrum":
         return False
@@ -311,13 +311,13 @@ def covered(view: View, candidate: Candidate) -> bool:
 
 
 def leaves_too_little(view: View, candidate: Candidate) -> bool:
-    """Tell whether next to nothing is left to fit once a candidate's ranges are cut out too."""
+    """Return whether next to nothing is left to fit once a candidate's ranges are cut out too."""
     kept = view.grid.kept((*view.excluded, *candidate.excluded))
     return bool(candidate.excluded) and float(kept.mean()) < _LEAST_KEPT
 
 
 def is_remnant(view: View, candidate: Candidate) -> bool:
-    """Tell whether a change of the level is what a loud tone or a large drift leaves of itself.
+    """Return whether a change of the level is what a loud tone or a large drift leaves of itself.
 
     Cutting frequencies out does not cut where the record begins and ends in the middle of a wave,
     and what describes a drift without a name describes it to some per cent of its gain.

@@ -99,7 +99,7 @@ class VarianceChange(EffectKind):
 
 
 def _at_all_frequencies(view: View, found: tuple[float, int, int, float], size: int) -> bool:
-    """Tell whether the quarters of the band agree: a tone that comes and goes is no noise."""
+    """Return whether the quarters of the band agree: a tone that comes and goes is no noise."""
     _, first, last, _ = found
     kept = view.spectrum.kept
     white = view.ordinates / np.sqrt(view.spectrum.ordinates) * kept

@@ -77,7 +77,7 @@ class WarmUp(EffectKind):
         return self.time_constant.value
 
     def is_same(self, other: Self, grid: Grid) -> bool:
-        """Tell whether another warm-up is the same hypothesis."""
+        """Return whether another warm-up is the same hypothesis."""
         del grid
         return is_alike(self.time_constant, other.time_constant)
 

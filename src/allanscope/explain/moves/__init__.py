@@ -116,7 +116,7 @@ class SearchPath:
         self._dropped.append(candidate)
 
     def was_dropped(self, candidate: Candidate, grid: Grid) -> bool:
-        """Tell whether this hypothesis was taken before and dropped."""
+        """Return whether this hypothesis was taken before and dropped."""
         return any(
             candidate.kind == former.kind and candidate.effect.is_same(former.effect, grid)
             for former in self._dropped

@@ -53,7 +53,7 @@ class HeldSamples(Filter):
         return np.asarray((1 - d * d) / ((1 - d) ** 2 + 4 * d * sine**2))
 
     def acts_on(self, component: Component) -> bool:
-        """Tell whether it is white: what is slower hardly changes while it is held."""
+        """Return whether it is white: what is slower hardly changes while it is held."""
         return isinstance(component, White)
 
 
@@ -83,7 +83,7 @@ class HeldPattern(Filter):
         return np.asarray(np.maximum(total, _DARKEST))
 
     def acts_on(self, component: Component) -> bool:
-        """Tell whether it is white."""
+        """Return whether it is white."""
         return isinstance(component, White)
 
 

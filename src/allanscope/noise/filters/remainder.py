@@ -52,5 +52,5 @@ class Remainder(Filter):
         return np.asarray(np.exp(np.interp(at, np.log(self.frequency), self.gain)))
 
     def acts_on(self, component: Component) -> bool:
-        """Tell whether a component is part of the noise; a line and a ramp stand beside it."""
+        """Return whether a component is part of the noise; a line and a ramp stand beside it."""
         return component.is_noise and not component.is_line

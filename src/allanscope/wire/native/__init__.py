@@ -28,7 +28,7 @@ __all__ = ["Flag", "NativeDecoder", "NativeEncoder", "NativeFormat"]
 
 @dataclass(frozen=True, slots=True)
 class NativeFormat(WireFormat):
-    """allanscope's own protocol: the only one that tells losses to the sample."""
+    """allanscope's own protocol: the only one that counts losses to the sample."""
 
     framed: ClassVar[bool] = True
 

@@ -1,6 +1,6 @@
 """Frames to events: epochs, losses to the sample, device time, temperature.
 
-Two counters tell what happened between two data frames. The sequence number counts frames that were
+Two counters show what happened between two data frames. The sequence number counts frames that were
 sent, of any type; the index counts samples that the sensor made. So:
 
 =============  ============  ==========================================================
@@ -13,7 +13,7 @@ goes on        jumps         the device never sent them: ``sensor`` when it says
                              the sensor's FIFO overran, else ``device``
 =============  ============  ==========================================================
 
-Counts mean nothing without the descriptor of their epoch. Frames of an epoch that nobody has
+Counts mean nothing without the descriptor of their epoch. Frames of an epoch that nothing has
 described yet wait for it, up to about two seconds of them; they are never scaled by an older one.
 """
 

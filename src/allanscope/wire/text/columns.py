@@ -103,7 +103,7 @@ def column_of(header: str) -> Column | None:
 
 
 def in_unknown_unit(header: str) -> bool:
-    """Return whether a header names an axis in a unit that nobody knows, so that it is not taken.
+    """Return whether a header names an axis in an unknown unit, so that it is not taken.
 
     >>> in_unknown_unit("gx[furlong]"), in_unknown_unit("gx[dps]"), in_unknown_unit("mx[mG]")
     (True, False, False)

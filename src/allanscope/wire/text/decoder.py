@@ -133,7 +133,7 @@ class TextDecoder:
 
     def finish(self) -> list[Event]:
         """Return what the end of the stream completes: a last line, rows that were held back."""
-        events = self._line(self._lines.rest()) + self._give_up()
+        events = self._line(self._lines.flush()) + self._give_up()
         if self._table is None and not self._spoken.chosen:
             self._say(self._spoken.settle())
         return events + self._rows.take(final=True)

@@ -257,17 +257,17 @@ class Spoken:
         return self.settle() if with_axes >= _ENOUGH or len(self._heard) > 10 * _ENOUGH else []
 
     def settle(self) -> list[SpokenRow]:
-        """Choose by what was heard so far and return the rows of it."""
-        heard, self._heard = self._heard, []
-        both = Counter(line.kind for line in heard if line.gyro and line.accel)
-        gyro = Counter(line.kind for line in heard if line.gyro)
-        accel = Counter(line.kind for line in heard if line.accel)
+        """Choose by the lines so far and return their rows."""
+        lines, self._heard = self._heard, []
+        both = Counter(line.kind for line in lines if line.gyro and line.accel)
+        gyro = Counter(line.kind for line in lines if line.gyro)
+        accel = Counter(line.kind for line in lines if line.accel)
         kinds = [_best(counted) for counted in ([both] if both else [gyro, accel]) if counted]
         self.chosen = frozenset(kinds)
         for _, gyro_unit, accel_unit in kinds:
             self.units |= {"gyro": gyro_unit} if gyro_unit else {}
             self.units |= {"accel": accel_unit} if accel_unit else {}
-        return self._rows(heard) if kinds else []
+        return self._rows(lines) if kinds else []
 
     def _values(self, line: Labelled) -> tuple[float, ...] | None:
         if len(self.chosen) > 1:

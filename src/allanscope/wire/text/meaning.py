@@ -46,7 +46,7 @@ _AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
 """Full scales that these parts have until somebody writes to their registers."""
 
 
-class _Pace(NamedTuple):
+class _Timing(NamedTuple):
     """What the times of rows are good for.
 
     Attributes
@@ -139,8 +139,8 @@ class TextMeaning:
         units = self._units(axes, values[:, columns], remarks)
         self._epoch += 1
         counted = all(unit == "lsb" for unit in units) and _whole(values[:, columns])
-        pace = self._pace(rows, columns, remarks)
-        rows = [row._replace(device_s=row.device_s / pace.per_second) for row in rows]
+        timing = self._timing(rows, columns, remarks)
+        rows = [row._replace(device_s=row.device_s / timing.per_second) for row in rows]
         times = [row.device_s for row in rows]
         timed = bool(np.isfinite(times).any())
         info = StreamInfo(
@@ -149,7 +149,7 @@ class TextMeaning:
                 self._scale_of_counts(_sensor(axis)) if unit == "lsb" else 1.0
                 for axis, unit in zip(axes, units, strict=True)
             ),
-            nominal_hz=self._settings.rate_hz or pace.hz,
+            nominal_hz=self._settings.rate_hz or timing.hz,
             rate_claimed=bool(self._settings.rate_hz),
             part=self._settings.part,
             wire="text",
@@ -169,8 +169,8 @@ class TextMeaning:
             info,
             lambda new: _converted(new[:, columns], divisors, counted),
             needed=tuple(columns.tolist()),
-            time_per_second=pace.per_second,
-            farthest_s=pace.farthest_s,
+            time_per_second=timing.per_second,
+            farthest_s=timing.farthest_s,
             remarks=tuple(dict.fromkeys(remarks)),
         )
 
@@ -190,7 +190,7 @@ class TextMeaning:
         count = len(self._table.columns)
         return f"{self._by_position}: {count} columns are taken as {names}{why}"
 
-    def _pace(self, rows: list[Row], columns: NDArray[np.intp], remarks: list[str]) -> _Pace:
+    def _timing(self, rows: list[Row], columns: NDArray[np.intp], remarks: list[str]) -> _Timing:
         """Return what the times are good for: a rate that the user gave has the last word."""
         per_second = self._time_per_second(rows, remarks)
         given = self._settings.rate_hz
@@ -201,12 +201,12 @@ class TextMeaning:
             words = f"the times come in bursts, {mean:.4g} rows in a second on average"
             if given:
                 remarks.append(f"{words}: they are not used, the rate is the given {given:g} Hz")
-                return _Pace(math.nan, given)
+                return _Timing(math.nan, given)
             remarks.append(
                 f"{words}, which is taken as the rate; single losses do not show in them"
             )
             farthest = _FARTHEST * float(np.diff([t for t in whole if math.isfinite(t)]).max())
-            return _Pace(per_second, float(f"{mean:.4g}"), farthest)
+            return _Timing(per_second, float(f"{mean:.4g}"), farthest)
         period = period_of(whole)
         # Of few rows of a clock that stands still for several, rows over time says little.
         shown = 1.0 / period if period else mean if len(whole) > 4 * HELD else 0.0
@@ -215,8 +215,8 @@ class TextMeaning:
                 f"the times show {shown:.4g} rows in a second and not the given {given:g} Hz: "
                 "they are not used"
             )
-            return _Pace(math.nan, given)
-        return _Pace(per_second, nominal_rate(scaled))
+            return _Timing(math.nan, given)
+        return _Timing(per_second, nominal_rate(scaled))
 
     def _time_per_second(self, rows: list[Row], remarks: list[str]) -> float:
         """Return by what to divide the times of the rows."""

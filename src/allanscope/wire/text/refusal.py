@@ -34,7 +34,7 @@ def why_no_rows(sample: bytes) -> str:
     Parameters
     ----------
     sample : bytes
-        The beginning of what was heard.
+        The first bytes received.
 
     Examples
     --------

@@ -127,7 +127,7 @@ class Table:
 
     @property
     def time_unit_missing(self) -> bool:
-        """Whether there is a time whose unit nobody gave."""
+        """Whether there is a time without a unit."""
         return self._time is not None and not self._time_unit and self._clock is None
 
     @property

@@ -1,7 +1,7 @@
 """Units of text: how they are written, and which the values show when nothing is written.
 
-`DIVISORS` says what to divide by to get dps, g, s and degC. Where no unit is given the values tell:
-at rest an accelerometer shows gravity, whatever the unit.
+`DIVISORS` says what to divide by to get dps, g, s and degC. Where no unit is given the values
+show it: at rest an accelerometer shows gravity, whatever the unit.
 """
 
 from __future__ import annotations

@@ -48,8 +48,9 @@ class Estimate(Parameter):
 
     Examples
     --------
-    >>> Estimate.of(2.0, 0.5, "s")
-    Estimate(value=2.0, lower=1.02, upper=2.98, unit='s')
+    >>> known = Estimate.of(2.0, 0.5, "s")
+    >>> round(known.lower, 2), round(known.upper, 2)
+    (1.02, 2.98)
     """
 
     value: float

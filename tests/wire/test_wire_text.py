@@ -850,3 +850,13 @@ def test_the_first_three_rows_that_are_none_are_told_with_their_column() -> None
         "column 3: 'n/a' is not a number",
         "",  # another separator
     ]
+
+
+@pytest.mark.parametrize(("columns", "first"), [(6, 0.3), (3, 0.1)])
+def test_a_unit_that_is_given_does_not_hide_gravity(columns: int, first: float) -> None:
+    """Six columns are told apart as before; three are what the unit was given of."""
+    line = ",".join(map(repr, [*A3["m/s^2"], 0.3, 0.02, -0.1][:columns]))
+    info, *rest = _decode(f"{line}\n" * 40, units={"gyro": "dps"})
+    assert isinstance(info, StreamInfo)
+    block = next(event for event in rest if isinstance(event, Block))
+    assert block.counts[0][info.axes.index("gx")] == first

@@ -175,8 +175,12 @@ class TextMeaning:
         )
 
     def _turned(self, values: Values) -> bool:
-        """Return whether columns that are a gyroscope by their place hold gravity."""
-        return "gyro" not in self.given and accel_comes_first(values)
+        """Return whether columns that are a gyroscope by their place hold gravity.
+
+        Three columns alone are a gyroscope where its unit was given.
+        """
+        six = np.isfinite(values[:, 3:]).any()
+        return (six or "gyro" not in self.given) and accel_comes_first(values)
 
     def _place_remark(self, turned: int) -> str:
         """Return what columns without names were taken for, and by what."""

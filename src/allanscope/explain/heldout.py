@@ -28,7 +28,7 @@ from scipy.special import chdtrc
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.regression import Regression
-from allanscope.explain.spectrum import Spectrum, fit_spectrum
+from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid, grid_of
 
@@ -159,7 +159,7 @@ def halves(view: View, candidate: Candidate) -> HeldOut:
     nats, variance = 0.0, 0.0
     for train, test in ((0, 1), (1, 0)):
         new, old = (
-            fit_spectrum(grid, powers[train], model, excluded=view.excluded)
+            SpectrumFitter(grid, model, view.excluded).fit(powers[train])
             for model in (view.model.plus(*candidate.parts), view.model)
         )
         nats += new.loglik_of(powers[test]) - old.loglik_of(powers[test])

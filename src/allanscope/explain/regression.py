@@ -13,14 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
 from allanscope.explain.candidate import Candidate
-from allanscope.explain.spectrum import Spectrum, fit_spectrum
+from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
 from allanscope.quantities import CHI_SQUARE_95, TWO_SIDED_95
@@ -78,6 +78,7 @@ def step_ordinates(grid: Grid, at: int, size: int) -> Array:
     return np.asarray(-np.sqrt(2 / grid.n) * np.sin(angle * at) / (2 * np.sin(angle / 2)))
 
 
+@lru_cache(maxsize=64)  # every axis is searched for the same few time constants
 def exponential_ordinates(grid: Grid, tau: float, size: int) -> Array:
     """First ordinates of exp(-t / tau), in closed form."""
     k = np.arange(1, size + 1)
@@ -85,7 +86,9 @@ def exponential_ordinates(grid: Grid, tau: float, size: int) -> Array:
     phi = np.exp(-1 / (tau * grid.rate_hz))
     last = np.exp(-grid.n / (tau * grid.rate_hz)) * np.cos(np.pi * k)
     total = np.exp(0.5j * angle) * (1 - last) / (1 - phi * np.exp(1j * angle))
-    return np.asarray(np.sqrt(2 / grid.n) * total.real)
+    found = np.asarray(np.sqrt(2 / grid.n) * total.real)
+    found.flags.writeable = False
+    return found
 
 
 def ramp_ordinates(grid: Grid, size: int) -> Array:
@@ -115,21 +118,25 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
     low = _low_bins(grid, bins, m)
     for _ in range(rounds):
         weight = kept / spectrum.first(m)
-        normal = (columns * weight) @ columns.T
-        # Where everything slow is cut out of the fit there is no amplitude to be found.
-        amplitude = np.linalg.pinv(normal, hermitian=True) @ ((columns * weight) @ d)
+        weighted = columns * weight
+        covariance = _inverse(weighted @ columns.T)
+        amplitude = covariance @ (weighted @ d)
         rest = (d - amplitude @ columns) ** 2
         power[:bins] = low(rest, kept)
-        fitted = fit_spectrum(
-            grid, power, view.model, excluded=view.excluded, start=spectrum.powers
-        )
+        fitted = view.fitter.fit(power, spectrum.powers)
         done = abs(fitted.loglik - spectrum.loglik) < 1e-3 and spectrum is not null
         spectrum = fitted
         if done:
             break
-    covariance = np.asarray(np.linalg.pinv(normal, hermitian=True), np.float64)
     gain = spectrum.loglik - null.loglik
     return Regression(np.asarray(amplitude, np.float64), covariance, spectrum, gain)
+
+
+def _inverse(normal: Array) -> Array:
+    """Return the inverse of a symmetric matrix; 0 where everything slow is cut out of the fit."""
+    if normal.shape == (1, 1) and normal[0, 0] > 0.0:
+        return 1.0 / normal  # as most are
+    return np.asarray(np.linalg.pinv(normal, hermitian=True), np.float64)
 
 
 def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
@@ -147,9 +154,7 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
 
     def loglik(amplitude: Array) -> float:
         power[:bins] = low((d - amplitude @ columns) ** 2, kept)
-        return fit_spectrum(
-            grid, power, view.model, excluded=view.excluded, start=fit.spectrum.powers
-        ).loglik
+        return view.fitter.fit(power, fit.spectrum.powers).loglik
 
     top = loglik(fit.amplitude)
 

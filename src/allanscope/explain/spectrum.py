@@ -31,7 +31,7 @@ from allanscope.noise.filters import combined_response
 from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.likelihood import Fit, Likelihood
 
-__all__ = ["Spectrum", "StepScan", "fit_spectrum", "local_power_ratio"]
+__all__ = ["Spectrum", "SpectrumFitter", "StepScan", "local_power_ratio"]
 
 Array = NDArray[np.float64]
 
@@ -128,27 +128,40 @@ class Spectrum:
         return float(-0.5 * np.sum(dof * (np.log(expected) + power / expected)))
 
 
-def fit_spectrum(
-    grid: Grid,
-    power: Array,
-    model: NoiseModel,
-    *,
-    excluded: Ranges = (),
-    start: Array | None = None,
-) -> Spectrum:
-    """Fit the amplitudes of a model to binned power by maximum likelihood, shapes held.
+class SpectrumFitter:
+    """Fits the amplitudes of one model to binned powers by maximum likelihood, shapes held.
+
+    A search fits the same model to other powers again and again: what does not depend on them is
+    computed once.
 
     Parameters
     ----------
-    power : ndarray, shape (bins,)
-        Mean square of the ordinates in every bin (see `Grid.binned`).
     model : NoiseModel
         Of the samples behind the rows.
-    start : ndarray, optional
-        Squared amplitudes to start from.
+    excluded : tuple of (low, high)
+        Frequencies in Hz that are left out.
     """
-    likelihood = Likelihood([Ordinates(grid, power, grid.counts(excluded))])
-    return Spectrum(grid, likelihood.amplitudes(model, start), excluded)
+
+    def __init__(self, grid: Grid, model: NoiseModel, excluded: Ranges = ()) -> None:
+        self.grid, self.excluded = grid, excluded
+        self._dof = grid.counts(excluded)
+        self._basis = self._likelihood(np.ones(len(self._dof))).basis(model, model.shapes)
+
+    def fit(self, power: Array, start: Array | None = None) -> Spectrum:
+        """Return the likeliest spectrum.
+
+        Parameters
+        ----------
+        power : ndarray, shape (bins,)
+            Mean square of the ordinates in every bin (see `Grid.binned`).
+        start : ndarray, optional
+            Squared amplitudes to start from.
+        """
+        found = self._likelihood(power).maximum(self._basis, start)
+        return Spectrum(self.grid, found, self.excluded)
+
+    def _likelihood(self, power: Array) -> Likelihood:
+        return Likelihood([Ordinates(self.grid, power, self._dof)])
 
 
 Ints = NDArray[np.int64]

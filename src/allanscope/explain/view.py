@@ -12,7 +12,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.crowded_codes import CrowdedCode, crowded_codes, missing_codes
 from allanscope.explain.effect import SearchStep
 from allanscope.explain.series import Series
-from allanscope.explain.spectrum import Spectrum, StepScan, fit_spectrum
+from allanscope.explain.spectrum import Spectrum, SpectrumFitter, StepScan
 from allanscope.lazy import once
 from allanscope.noise import NoiseModel
 from allanscope.noise.components import Component, Flicker, RandomWalk, Rounding, White
@@ -108,7 +108,16 @@ class View:
     @once
     def spectrum(self) -> Spectrum:
         """The noise fitted to the data with the parts accepted so far."""
-        return fit_spectrum(self.grid, self.power, self.model, excluded=self.excluded)
+        return self.fitter.fit(self.power)
+
+    @once
+    def fitter(self) -> SpectrumFitter:
+        """Fits the same noise to other powers."""
+        return self.fitter_of(self.model)
+
+    def fitter_of(self, model: NoiseModel) -> SpectrumFitter:
+        """Return what fits another noise to powers, the same frequencies left out."""
+        return SpectrumFitter(self.grid, model, self.excluded)
 
     @once
     def model(self) -> NoiseModel:

@@ -30,7 +30,7 @@ from allanscope.noise.evidence import Evidence
 from allanscope.noise.filters import combined_response
 from allanscope.noise.model import Free, NoiseModel
 
-__all__ = ["Fit", "Likelihood"]
+__all__ = ["Basis", "Fit", "Likelihood"]
 
 Array = NDArray[np.float64]
 
@@ -128,33 +128,61 @@ class Likelihood:
         best = at(np.asarray(found.x))
         return Fit(self, best.model, best.loglik, held, bool(found.success), best.expected)
 
-    def amplitudes(self, model: NoiseModel, start: Array | None = None) -> Fit:
+    def amplitudes(self, model: NoiseModel) -> Fit:
         """Find the powers that maximise the likelihood, all shapes held."""
-        return self._with_amplitudes(model, model.shapes, start)
+        return self._with_amplitudes(model, model.shapes)
 
-    def _with_amplitudes(
-        self, model: NoiseModel, held: frozenset[Free], start: Array | None = None
-    ) -> Fit:
-        free = [
+    def _with_amplitudes(self, model: NoiseModel, held: frozenset[Free]) -> Fit:
+        return self.maximum(self.basis(model, held))
+
+    def basis(self, model: NoiseModel, held: frozenset[Free]) -> Basis:
+        """Return what the amplitudes of a model multiply; it does not depend on the powers."""
+        free = tuple(
             bool(c.amplitude_name) and Free(i, c.amplitude_index) not in held
             for i, c in enumerate(model)
-        ]
-        fixed, basis = np.zeros(len(self.power)), []
+        )
+        fixed, columns = np.zeros(len(self.power)), []
         for component, is_free in zip(model, free, strict=True):
             if is_free:
-                basis.append(self.column(model, component.with_power(1.0)))
+                columns.append(self.column(model, component.with_power(1.0)))
             else:
                 fixed += self.column(model, component)
-        if not basis:
-            expected = np.maximum(fixed, self._tiny)
+        return Basis(model, held, free, np.array(columns), fixed)
+
+    def maximum(self, basis: Basis, start: Array | None = None) -> Fit:
+        """Find the powers that maximise the likelihood, beginning at `start` where it is given."""
+        model, held = basis.model, basis.held
+        if not any(basis.free):
+            expected = np.maximum(basis.fixed, self._tiny)
             return Fit(self, model, self.value(expected), held, True, expected)
-        powers, loglik, expected = maximise(np.array(basis), self.power, self.dof, fixed, start)
+        powers, loglik, expected = maximise(basis.columns, self.power, self.dof, basis.fixed, start)
         left = iter(powers.tolist())
         components = tuple(
-            c.with_power(next(left)) if f else c for c, f in zip(model, free, strict=True)
+            c.with_power(next(left)) if f else c for c, f in zip(model, basis.free, strict=True)
         )
         fitted = NoiseModel(components, model.dt, model.filters)
         return Fit(self, fitted, loglik, held, True, expected)
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """What the amplitudes of a model multiply, for one body of evidence.
+
+    Attributes
+    ----------
+    free : tuple of bool
+        Components whose amplitude is fitted.
+    columns : ndarray, shape (p, b)
+        What each of them gives the powers at an amplitude of 1.
+    fixed : ndarray, shape (b,)
+        What the others give.
+    """
+
+    model: NoiseModel
+    held: frozenset[Free]
+    free: tuple[bool, ...]
+    columns: Array
+    fixed: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ To add a kind:
    ``kind``, ``meaning``, ``needs``, ``stage``, ``confused_with`` and the traits it has.
 2. ``propose(view)`` looks where it shows (`View.ordinates`, `View.power`, `View.innovations`, other
    axes) and yields candidates. The noise is refitted with each: `joint_fit` for a signal given in
-   time, `fit_spectrum` with one more component for a process. ``gain`` is the difference of two
+   time, `SpectrumFitter` with one more component for a process. ``gain`` is the difference of two
    maximised log-likelihoods, ``log_alternatives`` the log of the number of alternatives that were
    looked at. Estimate both on clean records: at most one in 1000 (`candidate.ALPHA`) may gain more
    than the penalty, the log of (alternatives / alpha).

@@ -15,7 +15,6 @@ import numpy as np
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.unexplained import lasting
-from allanscope.explain.spectrum import fit_spectrum
 from allanscope.explain.view import View
 from allanscope.noise.components import AngleQuantization as Differenced
 from allanscope.noise.selection import Q_PENALTY
@@ -39,7 +38,7 @@ class AngleQuantization(EffectKind):
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Fit its size."""
         model = view.model.plus(Differenced(1.0))
-        fit = fit_spectrum(view.grid, view.power, model, excluded=view.excluded)
+        fit = view.fitter_of(model).fit(view.power)
         yield Candidate(
             cls(),
             fit.loglik - view.spectrum.loglik,

@@ -22,7 +22,7 @@ from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.residual import removes
-from allanscope.explain.spectrum import Spectrum, fit_spectrum
+from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
 from allanscope.noise.filters import AnalogueLowPass, Butterworth, LowPass, OnePole
@@ -116,7 +116,7 @@ class BandLimit(EffectKind):
 
 def _fit(view: View, low_pass: LowPass) -> Spectrum:
     model = view.model.plus(low_pass)
-    return fit_spectrum(view.grid, view.power, model, excluded=view.excluded)
+    return view.fitter_of(model).fit(view.power)
 
 
 def _best(view: View, cutoffs: list[float]) -> Candidate:

@@ -32,7 +32,7 @@ from allanscope.explain.effect import Estimate, Parameter
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.series import LOUD, multiple_of
-from allanscope.explain.spectrum import Spectrum, fit_spectrum
+from allanscope.explain.spectrum import Spectrum, SpectrumFitter
 from allanscope.explain.view import View
 from allanscope.noise import NoiseModel
 from allanscope.noise.grid import Grid
@@ -234,8 +234,10 @@ def _direction(view: View, source: str) -> float:
     grid, textbook = view.grid, NoiseModel(view.base, view.grid.dt)
     loud = view.source_is_loud(view.axis) | view.source_is_loud(source)
 
+    fitter = SpectrumFitter(grid, textbook)
+
     def fit(ordinates: Array) -> Spectrum:
-        return fit_spectrum(grid, grid.bin_means(ordinates**2), textbook)
+        return fitter.fit(grid.bin_means(ordinates**2))
 
     def gain(ordinates: Array, of: Array) -> float:
         bare = fit(ordinates)

@@ -23,7 +23,7 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.effects.unexplained import lasting
-from allanscope.explain.spectrum import Spectrum, fit_spectrum
+from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import GaussMarkov as Process
@@ -102,7 +102,7 @@ def _shortest(view: View) -> float:
 def fitted(view: View, tc: float) -> Spectrum:
     """Fit the noise with a process of this correlation time beside it."""
     model = view.model.plus(Process(1.0, float(tc)))
-    return fit_spectrum(view.grid, view.power, model, excluded=view.excluded)
+    return view.fitter_of(model).fit(view.power)
 
 
 def _sigma(fit: Spectrum) -> float:

@@ -30,7 +30,6 @@ from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.residual import removes
-from allanscope.explain.spectrum import fit_spectrum
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z, bartlett_z_of, envelope_z, sweeps
 from allanscope.explain.view import View
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
@@ -325,7 +324,7 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
         if w < 1.5 * unit or w > _BROADEST * f0:
             return None
         band = shape(f0, w)
-        whole = fit_spectrum(grid, view.power, view.model.plus(band), excluded=view.excluded)
+        whole = view.fitter_of(view.model.plus(band)).fit(view.power)
         beside = partial(whole.of, whole.model.components[:-1])
     gain = whole.loglik - view.spectrum.loglik
     if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more

@@ -22,7 +22,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.effects.unexplained import lasting
-from allanscope.explain.spectrum import Spectrum, fit_spectrum
+from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import PowerLaw as Process
@@ -98,7 +98,7 @@ class PowerLaw(EffectKind):
 def _fitted(view: View, exponent: float) -> Spectrum:
     """Fit the noise with a process of this exponent beside it."""
     model = view.model.plus(Process(1.0, float(exponent)))
-    return fit_spectrum(view.grid, view.power, model, excluded=view.excluded)
+    return view.fitter_of(model).fit(view.power)
 
 
 def _candidate(view: View, low: float, high: float) -> Candidate:

@@ -14,7 +14,7 @@ so quarters of the record must agree.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -178,12 +178,17 @@ class Temperature(EffectKind):
     def extended(self, view: View) -> Candidate:
         """Return the likeliest of the forms that pay for what they have more than a slope."""
         best, price = self, 0.0
+        refused: Callable[[Temperature, View], Temperature] | None = None
         gain = best.gain(view)
         for extend, paid in ((_late, _LAG_PRICE), (_bent, _CURVE_PRICE), (_late, _LAG_PRICE)):
+            if extend is refused:
+                continue  # nothing has changed since
             trial = extend(best, view)
             more = trial.gain(view) - gain if trial is not best else 0.0
             if more > paid:
-                best, gain, price = trial, gain + more, price + paid
+                best, gain, price, refused = trial, gain + more, price + paid, None
+            else:
+                refused = refused or extend
         if best.lag is not None and best.curvature is not None:
             best = _late(replace(best, lag=None), view)  # the one was found without the other
         return best.measured(view, price)

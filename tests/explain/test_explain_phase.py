@@ -64,11 +64,15 @@ def test_a_leak_behind_another_low_pass_is_a_coupling_still(bench):
     assert couplings(axes)
 
 
-def test_fans_are_no_coupling_and_a_driver_that_mixes_axes_is_one():
-    fans = allanscope.analyse(MEASURED / "ism330dhcx-fan-on.parquet").axes
-    found = couplings({axis: one.explanation for axis, one in fans.items()})
-    assert ("ax", "ay") not in found
-    assert ("gx", "ax") not in found
-    driver = allanscope.analyse(MEASURED / "px4-pixracer-desk.parquet").axes
-    found = couplings({axis: one.explanation for axis, one in driver.items()})
-    assert {("gy", "gz"), ("gz", "gy")} & found
+@pytest.mark.parametrize(
+    ("recording", "wrong", "right"),
+    [
+        ("ism330dhcx-fan-on", {("ax", "ay"), ("gx", "ax")}, None),
+        ("px4-pixracer-desk", set(), {("gy", "gz"), ("gz", "gy")}),
+    ],
+)
+def test_fans_are_no_coupling_and_a_driver_that_mixes_axes_is_one(recording, wrong, right):
+    axes = allanscope.analyse(MEASURED / f"{recording}.parquet").axes
+    found = couplings({axis: one.explanation for axis, one in axes.items()})
+    assert not wrong & found
+    assert right is None or right & found

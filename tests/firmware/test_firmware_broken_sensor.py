@@ -315,7 +315,6 @@ def test_after_a_silence_in_which_the_time_stamp_may_have_wrapped_nothing_is_cou
     kept(device.samples())
 
 
-@pytest.mark.timeout(400)
 @pytest.mark.parametrize(
     ("rooms", "tests"),
     [

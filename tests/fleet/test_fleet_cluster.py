@@ -25,9 +25,6 @@ from allanscope.fleet.split import submit_split
 from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings
 
-pytestmark = pytest.mark.timeout(300)
-"""Processes are started, and a busy machine takes its time for that."""
-
 DEVICE = DeviceSettings()
 
 

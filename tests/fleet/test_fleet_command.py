@@ -18,9 +18,6 @@ import pytest
 from allanscope.errors import ExitCode
 from allanscope.recording import Recording, write_recording
 
-pytestmark = pytest.mark.timeout(300)
-"""Processes are started, and a busy machine takes its time for that."""
-
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 COUNT = 6

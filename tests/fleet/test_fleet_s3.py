@@ -22,9 +22,6 @@ from allanscope.fleet.store import Store, result_folder
 from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings
 
-pytestmark = pytest.mark.timeout(300)
-"""Processes are started, and a busy machine takes its time for that."""
-
 DEVICE = DeviceSettings()
 
 

@@ -24,9 +24,6 @@ from allanscope.fleet.store import Store
 from allanscope.fleet.work_queue import WorkQueue
 from allanscope.pipeline import DeviceSettings
 
-pytestmark = pytest.mark.timeout(300)
-"""Processes are started, and a busy machine takes its time for that."""
-
 COUNT = 6
 
 

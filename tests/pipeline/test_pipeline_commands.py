@@ -57,7 +57,6 @@ def test_what_is_no_length_of_time_is_refused(text):
         _duration(text)
 
 
-@pytest.mark.timeout(300)  # three analyses, two of them with all pictures
 def test_every_command_that_writes_names_what_it_wrote(recording, tmp_path, capsys):
     page, result, figures = tmp_path / "r.html", tmp_path / "r.json", tmp_path / "figures"
     table, imported, yaml = tmp_path / "t.csv", tmp_path / "t.mcap", tmp_path / "imu.yaml"

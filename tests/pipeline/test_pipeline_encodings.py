@@ -53,7 +53,6 @@ def folder(tmp_path):
 
 
 @pytest.mark.parametrize("encoding", [ENCODINGS["cp1252"], ENCODINGS["C"]], ids=["cp1252", "C"])
-@pytest.mark.timeout(400)  # a dozen processes
 def test_every_command_runs_where_its_words_cannot_be_encoded(run, folder):
     recording, table = folder / "night.mcap", folder / "night.csv"
     run("simulate", recording, "--hours", "0.01", "--rate", "52")
@@ -74,7 +73,6 @@ def test_every_command_runs_where_its_words_cannot_be_encoded(run, folder):
     assert said.count(b"\n") == 1
 
 
-@pytest.mark.timeout(240)
 def test_what_cannot_be_encoded_is_spelled_out(run, folder):
     recording = folder / "night.mcap"
     run("simulate", recording, "--hours", "0.01", "--rate", "52")
@@ -85,7 +83,6 @@ def test_what_cannot_be_encoded_is_spelled_out(run, folder):
 
 
 @pytest.mark.parametrize("encoding", [ENCODINGS["C"]], ids=["C"])
-@pytest.mark.timeout(240)  # the cluster starts processes of its own
 def test_a_live_run_and_a_lot_end_in_order(run, folder):
     quick = ("--view", "none", "--for", "1.5s", "--rate", "104")
     said, _ = run("live", "sim", *quick, "--out", folder / "live")

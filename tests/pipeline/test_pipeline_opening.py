@@ -107,7 +107,6 @@ def _answers(port):
     return True
 
 
-@pytest.mark.timeout(240)  # a replay with its report, and a viewer
 def test_the_page_of_a_replay_stays_until_it_is_ended(recording, start, tmp_path):
     port = pair_of_ports()
     replay = ("replay", recording, "--view", "web", "--port", port, "--out", tmp_path / "again")
@@ -157,7 +156,6 @@ def test_links_to_other_hosts_are_taken_out_and_others_stay():
 
 
 @pytest.mark.skipif(bool(why_no_browser()), reason=why_no_browser() or "-")
-@pytest.mark.timeout(240)  # the page is large, and is drawn without a graphics card
 def test_the_page_fetches_nothing_from_other_hosts(session, start, tmp_path):
     process, found = start("open", session, "--view", "web")
     address, port = found[1], int(found[3])

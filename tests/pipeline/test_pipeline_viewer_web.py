@@ -24,7 +24,6 @@ def connected(port):
     }
 
 
-@pytest.mark.timeout(240)  # two viewers and a browser, on whatever machine
 def test_the_page_is_served_on_loopback_only_and_a_browser_connects_to_the_run(live, tmp_path):
     process, found = live
     address, page_port, data_port = found[1], int(found[2]), int(found[3])

@@ -42,7 +42,6 @@ def built(room: Path, mtime: int, umask: str) -> str:
     return hashlib.sha256(wheel.read_bytes()).hexdigest()
 
 
-@pytest.mark.timeout(300)  # compiles for three processors, twice
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no compiler cc")
 def test_the_wheel_is_the_same_bytes_wherever_it_is_built(tmp_path: Path) -> None:
     pytest.importorskip("hatchling")

@@ -21,7 +21,6 @@ def only(monkeypatch, *names):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_this_machine_computes_what_is_certified(tmp_path, capsys):
     path = tmp_path / "verified.json"
     assert main(["verify", "--json", str(path)]) == 0

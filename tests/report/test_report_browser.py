@@ -6,6 +6,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from allanscope.colours import BLUE as MEASURED
 from allanscope.report import render
 from support.browser import pdf_of, picture_of, why_no_browser
 from support.demo_analysis import demo_analysis
@@ -14,7 +15,6 @@ pytestmark = pytest.mark.skipif(bool(why_no_browser()), reason=why_no_browser() 
 
 GOOD = {False: (17, 99, 41), True: (87, 171, 90)}
 PAPER = {False: (255, 255, 255), True: (13, 17, 23)}
-MEASURED = (0, 114, 178)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_the_words_above_a_wide_table_fit_a_phone(tmp_path):
     """The table is scrolled to the side; what it is about must be read without that."""
     folder = files("allanscope.report") / "templates"
     row = "<td style='white-space: nowrap'>0.123 [0.101, 0.145]</td>" * 9
-    caption = f"<caption style='color: rgb(0, 114, 178)'>{'what it is about ' * 20}</caption>"
+    caption = f"<caption style='color: rgb{MEASURED}'>{'what it is about ' * 20}</caption>"
     page = tmp_path / "wide.html"
     page.write_text(
         f"<!DOCTYPE html><style>{(folder / 'page.css').read_text('utf-8')}</style>"

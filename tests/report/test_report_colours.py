@@ -1,6 +1,6 @@
 """Colours that everybody can read and tell apart, of the report and of the viewer.
 
-Contrast is that of WCAG 2.2 (relative luminance, 4.5 for text). Colours are seen as
+Contrast is that of WCAG 2.2 (relative luminance; 4.5 for text, 3 for graphics). Colours are seen as
 in Machado, Oliveira and Fernandes (2009), severity 1.0, and compared by their distance in CIELAB.
 """
 
@@ -11,8 +11,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from allanscope import colours
 from allanscope.report.picture import BEFORE, COMPONENT, CYCLE, DATASHEET, FOUND, MEASURED, MODEL
-from allanscope.view.palette import AXIS
+from allanscope.view import palette
+from allanscope.view.palette import AXIS, ESTIMATOR
 
 SEEN = {
     "normal": np.eye(3),
@@ -38,7 +40,7 @@ SEEN = {
         ]
     ),
 }
-TELLABLE = 11.0
+TELLABLE = 20.0
 """Least distance in CIELAB; 2.3 is what can just be noticed side by side."""
 
 
@@ -81,19 +83,28 @@ def test_the_contrast_is_that_of_wcag():
     assert contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.01)
 
 
+@pytest.mark.parametrize("theme", themes(), ids=["light", "dark", "print"])
+def test_every_curve_of_the_page_has_enough_contrast(theme):
+    """WCAG 2.2, 1.4.11: graphics need a contrast of 3."""
+    for colour in (MEASURED, MODEL, BEFORE, COMPONENT, DATASHEET, FOUND, *CYCLE):
+        for ground in ("paper", "wash"):
+            assert contrast(colour, theme[ground]) >= 3.0, (colour, ground)
+
+
 @pytest.mark.parametrize("seen", SEEN)
 @pytest.mark.parametrize(
-    "palette",
+    "together",
     [
         (MEASURED, MODEL, BEFORE, COMPONENT, DATASHEET, FOUND),
-        CYCLE[:4],
-        tuple(AXIS.values())[:3],
-        tuple(AXIS.values())[3:],
+        colours.CYCLE,
+        (*list(AXIS.values())[:3], palette.MODEL, palette.EFFECT, palette.REFERENCE),
+        (*list(AXIS.values())[3:], palette.MODEL, palette.EFFECT, palette.REFERENCE),
+        tuple(dict.fromkeys(ESTIMATOR.values())),
     ],
-    ids=["roles", "sessions", "viewer gyro", "viewer accel"],
+    ids=["report", "cycle", "viewer gyro", "viewer accel", "estimators"],
 )
-def test_colours_that_stand_together_can_be_told_apart(palette, seen):
-    points = [lab(SEEN[seen] @ linear(colour)) for colour in palette]
+def test_colours_that_stand_together_can_be_told_apart(together, seen):
+    points = [lab(SEEN[seen] @ linear(colour)) for colour in together]
     near = min(float(np.linalg.norm(a - b)) for a, b in combinations(points, 2))
     assert near >= TELLABLE
 

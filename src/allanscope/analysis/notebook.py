@@ -17,6 +17,7 @@ from allanscope.analysis.wording import (
     losses_phrase,
     rate_text,
 )
+from allanscope.colours import CYCLE, hexadecimal
 from allanscope.quantities import (
     DEVIATION,
     MAIN_LETTERS,
@@ -111,13 +112,12 @@ def overlay(analysis: Analysis, kind: str, axes: Sequence[str] | None) -> Figure
     )
     for unit, ax in zip(units, charts[0], strict=True):
         reading = DEVIATION[unit]
-        for name, axis in chosen.items():
-            if axis.unit != unit:
-                continue
-            known_unit = symbols(reading.unit)
-            axis.curves[kind].plot(ax, factor=reading.factor, unit=known_unit, label=name)
+        here = {name: axis for name, axis in chosen.items() if axis.unit == unit}
+        for (name, axis), colour in zip(here.items(), map(hexadecimal, CYCLE), strict=False):
+            axis.curves[kind].plot(
+                ax, factor=reading.factor, unit=symbols(reading.unit), label=name, color=colour
+            )
             if axis.model is not None and kind == "oadev":
-                colour = ax.lines[-1].get_color()
                 ax.plot(axis.model.x, reading.factor * axis.model.total, "--", lw=0.9, c=colour)
         ax.set_title(f"{SENSOR_NAMES[unit].capitalize()}, {kind.upper()}")
         ax.legend()

@@ -22,7 +22,11 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.rcsetup import cycler
 from numpy.typing import ArrayLike
+
+from allanscope import colours
+from allanscope.colours import BLUE, GREEN, INDIGO, ORANGE, PURPLE, RED, hexadecimal
 
 __all__ = [
     "BEFORE",
@@ -36,17 +40,12 @@ __all__ = [
     "ink",
 ]
 
-MEASURED, MODEL, BEFORE, COMPONENT, DATASHEET, FOUND = (
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-    "#009E73",
-    "#56B4E9",
-    "#E69F00",
+MEASURED, MODEL, COMPONENT, BEFORE, FOUND, DATASHEET = map(
+    hexadecimal, (BLUE, RED, GREEN, PURPLE, ORANGE, INDIGO)
 )
-"""Okabe and Ito's palette, which the colour-blind can tell apart."""
+"""What each colour means in every picture of the report."""
 
-CYCLE = (MEASURED, MODEL, COMPONENT, BEFORE, FOUND, DATASHEET, "#7f7f7f")
+CYCLE = tuple(map(hexadecimal, colours.CYCLE))
 
 _PAGE_INK = "#808080"
 """Stands for the page's own ink until the picture is put there."""
@@ -63,6 +62,7 @@ _STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 9.0,
     "axes.grid": True,
+    "axes.prop_cycle": cycler(color=CYCLE),
     "grid.alpha": 0.25,
     "legend.frameon": False,
     "path.simplify": True,
@@ -136,8 +136,8 @@ class Picture:
         return files
 
     def _rendered(self, form: str, colour: str, paper: str) -> tuple[bytes, Figure]:
-        colours: Any = dict.fromkeys(_INKED, colour) | dict.fromkeys(_PAPER, paper)
-        with mpl.rc_context({**_STYLE, **colours}):
+        inks: Any = dict.fromkeys(_INKED, colour) | dict.fromkeys(_PAPER, paper)
+        with mpl.rc_context({**_STYLE, **inks}):
             size = self.width, self.height
             figure = Figure(figsize=size, layout=None if self.fixed else "constrained")
             if self.fixed:

@@ -1,17 +1,18 @@
-"""Colours: those of Okabe and Ito (2008), which colour-blind readers can tell apart.
+"""What each colour means in the viewer and the terminal.
 
 One meaning has one colour in every chart: x, y and z of either sensor; the model; what was found
 beyond the model; the datasheet. Estimators other than the default one take a colour by family and
 carry their name at the end of the curve, because seventeen colours cannot be told apart.
-All of them are readable on the dark and on the light theme. None is translucent: the viewer draws
-every strip opaque, and what was meant to be faint comes out nearly black. What is to be faint is
-`muted`, a mixture with the grey that lies between both themes.
+None is translucent: the viewer draws every strip opaque, and what was meant to be faint comes out
+nearly black. What is to be faint is `muted`, a mixture with the grey that lies between both themes.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from allanscope.colours import BLUE, GREEN, GREY, INDIGO, ORANGE, PURPLE, RED, Colour
 
 __all__ = [
     "AXIS",
@@ -28,8 +29,6 @@ __all__ = [
     "muted",
     "ratio_colours",
 ]
-
-Colour = tuple[int, int, int]
 
 RATIO_COLOURS = ((0, 60, 140), (86, 180, 233), (235, 235, 235), (230, 159, 0), (140, 30, 0))
 RATIO_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -59,51 +58,45 @@ def muted(colour: Colour, strength: float = 0.5) -> Colour:
     return red, green, blue
 
 
-_ORANGE = (230, 159, 0)
-_SKY_BLUE = (86, 180, 233)
-_GREEN = (0, 158, 115)
-_DARK_YELLOW = (168, 152, 0)
-_BLUE = (0, 114, 178)
-_VERMILLION = (213, 94, 0)
-_PURPLE = (204, 121, 167)
-
 AXIS: dict[str, Colour] = {
-    "gx": _VERMILLION,
-    "gy": _GREEN,
-    "gz": _SKY_BLUE,
-    "ax": _VERMILLION,
-    "ay": _GREEN,
-    "az": _SKY_BLUE,
+    "gx": RED,
+    "gy": GREEN,
+    "gz": BLUE,
+    "ax": RED,
+    "ay": GREEN,
+    "az": BLUE,
 }
 """Measured data, by axis."""
 
-NAMED = {_VERMILLION: "red", _GREEN: "green", _SKY_BLUE: "blue"}
+NAMED = {RED: "red", GREEN: "green", BLUE: "blue"}
 """What people call the colours of the axes."""
 
-MODEL = _PURPLE
+MODEL = PURPLE
 """The fitted model, its total and its parts."""
 
-EFFECT = _ORANGE
+EFFECT = ORANGE
 """What was found beyond the textbook model."""
 
-REFERENCE = (130, 130, 130)
+REFERENCE = GREY
 """What is there to compare with: the datasheet, the textbook model."""
 
-GRADE: dict[str, Colour] = {"good": _GREEN, "bad": _VERMILLION, "note": _ORANGE}
+GRADE: dict[str, Colour] = {"good": GREEN, "bad": RED, "note": ORANGE}
 """How good a thing is."""
 
 GRID = (128, 128, 128)
 TEXT = (122, 122, 122)
 """As far from the black of the dark theme as from the white of the light one."""
 
-LINK: dict[str, Colour] = {"streaming": _GREEN, "gap": _VERMILLION, "restarted": _ORANGE}
+LINK: dict[str, Colour] = {"streaming": GREEN, "gap": RED, "restarted": ORANGE}
 """What the link is doing."""
 
+_VIOLET: Colour = (136, 56, 248)
+
 _FAMILIES: dict[Colour, tuple[str, ...]] = {
-    (150, 150, 150): ("stdev", "ostdev", "adev", "totdev", "pdev"),
-    _BLUE: ("mdev", "mtotdev", "tdev", "ttotdev"),
-    _DARK_YELLOW: ("hdev", "ohdev", "htotdev"),
-    _ORANGE: ("theo1", "theobr", "theoh"),
+    GREY: ("stdev", "ostdev", "adev", "totdev", "pdev"),
+    INDIGO: ("mdev", "mtotdev", "tdev", "ttotdev"),
+    _VIOLET: ("hdev", "ohdev", "htotdev"),
+    ORANGE: ("theo1", "theobr", "theoh"),
 }
 
 ESTIMATOR: dict[str, Colour] = {

@@ -95,6 +95,30 @@ def test_growing_blocks_of_lags_equal_the_sum_of_all(alpha, order, modified, mon
     assert found == pytest.approx(exact, rel=2e-3)
 
 
+@pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2, -3, -4])
+def test_degrees_of_freedom_between_two_factors_are_those_of_each(alpha, monkeypatch):
+    from allanscope.allan import edf
+
+    n, m = 50_000, np.array([513, 600, 777, 1025, 3001, 9999, 14_000, 16_500, 24_800])
+    for order, modified in ((2, False), (2, True), (3, False)):
+        if alpha + 2 * order <= 1:
+            continue
+        here = m[m * (order + modified) < n]
+        found = difference_edf(alpha, here, n, 1, order, modified=modified)
+        with monkeypatch.context() as patch:
+            patch.setattr(edf, "_SUMMED_ALONE", n)
+            each = difference_edf(alpha, here, n, 1, order, modified=modified)
+        np.testing.assert_allclose(found, each, rtol=3e-3)
+
+
+def test_every_factor_of_a_long_record_needs_few_sums():
+    from allanscope.allan import edf
+
+    edf._difference_lags.cache_clear()
+    difference_edf(0, np.arange(600, 4600), 10_000, 1, order=2)
+    assert edf._difference_lags.cache_info().misses < 60
+
+
 def test_huge_factors_keep_their_digits():
     for alpha in (2, 1, 0, -1, -2):
         small = float(difference_edf(alpha, 2**10, 2**14, 1, 2))

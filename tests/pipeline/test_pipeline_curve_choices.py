@@ -127,6 +127,15 @@ def test_all_taus_are_refused_where_nobody_waits_for_them():
         choices.of_samples(np.zeros(300_000), "oadev", 0.95, RATE)
 
 
+@pytest.mark.parametrize(("kind", "n"), [("htotdev", 200_000), ("theo1", 400_000)])
+def test_windows_of_a_long_record_are_refused_where_nobody_waits_for_them(kind, n):
+    record = np.zeros(n)
+    with pytest.raises(ValueError, match=f"{kind} at .* of {n} samples is a sum of .* squares"):
+        CurveChoices(taus="many").of_samples(record, kind, 0.95, RATE)
+    few = CurveChoices(taus=(0.12,)).of_samples(DATA[:50], kind, 0.95, RATE)
+    assert few.m.size == 1
+
+
 def test_a_curve_is_compared_with_an_earlier_session_and_with_a_mask(text, tmp_path, capsys):
     code, alone, _, _ = run(text, tmp_path, "--per-octave", "4")
     assert code == 0

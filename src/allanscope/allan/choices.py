@@ -34,7 +34,9 @@ _ALWAYS = ("oadev",)
 """The readings and the charts need it."""
 
 _MOST_FOR_ALL = 1 << 18
-"""Samples up to which every averaging time is evaluated: 17 s an estimator and axis."""
+"""Samples up to which every averaging time is evaluated."""
+_MOST_SQUARES = 1e11
+"""Squares up to which a curve is evaluated from all samples: about 3 min an axis (THEO1 40 s)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +180,7 @@ class CurveChoices:
                 return None
         else:
             taus = [_nearest(estimator_named(kind), tau, n, rate) / rate for tau in self.taus]
+        _refuse_endless(estimator_named(kind), taus, n, rate)
         return deviation(
             values,
             rate,
@@ -187,6 +190,23 @@ class CurveChoices:
             bias_corrected=self.bias_corrected,
             hadamard_factor=self.hadamard,
             noise=self.noise,
+        )
+
+
+def _refuse_endless(estimator: Estimator, taus: str | list[float], n: int, rate: float) -> None:
+    """Raise ValueError where the windows of a total or of THEO1 have too many squares."""
+    from allanscope.allan.oneshot import choose_factors
+
+    if estimator.name not in _SLOW:
+        return
+    m = choose_factors(estimator, taus, n, rate).astype(np.float64)  # type: ignore[arg-type]
+    window, squares = (m, m / 2.0) if estimator.even or estimator.name == "theoh" else (3 * m,) * 2
+    total = float(np.sum((n - window) * squares))
+    if total > _MOST_SQUARES:
+        raise ValueError(
+            f"{estimator.name} at {m.size} averaging times of {n} samples is a sum of {total:.1g} "
+            f"squares, too long to wait for (limit {_MOST_SQUARES:.0e}): choose octave, decade or "
+            "fewer times in s"
         )
 
 

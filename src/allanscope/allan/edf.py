@@ -61,6 +61,12 @@ Floats = NDArray[np.float64]
 
 _ONE_BY_ONE = 1024
 """Up to this many lags every one is summed."""
+_SUMMED_ALONE = 512
+"""Up to this averaging factor the lags of each are summed."""
+_FEW_TERMS = 256
+"""So many terms are summed as they are."""
+_GRID = 16
+"""Averaging factors in each octave above, between which degrees of freedom are interpolated."""
 _BINOMIAL = {1: (2.0, -1.0), 2: (6.0, -4.0, 1.0), 3: (20.0, -15.0, 6.0, -1.0)}
 
 _FAR = 1000.0
@@ -177,12 +183,42 @@ def difference_edf(
     terms = 1 + (n + 1 - length) // stride
     edf = np.empty(m.shape)
     for i in np.ndindex(m.shape):
-        exponent, span = int(alpha[i]), float(m[i] / stride[i])
-        averaged = modified and not (sampled and m[i] == 1)
-        width = _filter_width(exponent, int(m[i]), span, averaged)
-        discrete = sampled and not averaged
-        edf[i] = _difference_lags(exponent, span, width, order, discrete).edf(float(terms[i]))
+        exponent, factor, step = int(alpha[i]), float(m[i]), float(stride[i])
+        averaged = modified and not (sampled and factor == 1)
+
+        def summed(
+            at: float,
+            terms: float,
+            exponent: int = exponent,
+            step: float = step,
+            averaged: bool = averaged,
+        ) -> float:
+            span = at / step
+            width = _filter_width(exponent, int(at), span, averaged)
+            lags = _difference_lags(exponent, span, width, order, sampled and not averaged)
+            return lags.edf(terms)
+
+        edf[i] = _by_neighbours(summed, factor, step, float(terms[i]))
     return edf
+
+
+def _by_neighbours(
+    summed: Callable[[float, float], float], m: float, stride: float, terms: float
+) -> float:
+    """Return `summed` at m and so many terms; beyond `_SUMMED_ALONE` from two neighbours of m.
+
+    With as many terms in a tau the degrees of freedom hardly depend on m, or (white PM) grow as it
+    does: a straight line in the logarithms. Every m of a record of 10^5 samples would take minutes.
+    """
+    if stride != 1.0 or m <= _SUMMED_ALONE or terms < _FEW_TERMS:
+        return summed(m, terms)
+    place = np.floor(_GRID * np.log2(m))
+    low, high = (float(np.round(2.0 ** ((place + k) / _GRID))) for k in (0, 1))
+    if m in (low, high):
+        return summed(m, terms)
+    first, last = (summed(at, terms * at / m) for at in (low, high))
+    share = np.log(m / low) / np.log(high / low)
+    return float(first ** (1.0 - share) * last**share)
 
 
 def calibrated_edf(

@@ -7,8 +7,8 @@ mean of the variance they estimate. THEO1 and the standard deviations are held a
 mean.
 
     python benchmarks/interval_coverage.py
-    python benchmarks/interval_coverage.py --runs 5000 --write     into docs/explanation/coverage.md
-    python benchmarks/interval_coverage.py --runs 5000 --alphas 0 --store FILE     a part of it
+    python benchmarks/interval_coverage.py --write     docs/explanation/coverage.md, a quarter hour
+    python benchmarks/interval_coverage.py --write --store FILE     goes on where it was stopped
     python benchmarks/interval_coverage.py --samples 8192 --runs 300 --stream
     python benchmarks/interval_coverage.py --alphas 0 --beside -2 --knee 16
 
@@ -50,6 +50,12 @@ TARGET = {
 FAMILY: dict[str, Family] = {"oadev": "avar", "mdev": "mvar", "ohdev": "hvar"}
 MULTIPLES = ("tdev", "ttotdev")
 LOWEST, MOST = 93.0, 97.0
+LENGTHS = {1024: 5000, 256: 5000, 4096: 200}
+"""Samples and runs of the published page."""
+KNEES = (4, 16, 64)
+BESIDE = ((0, -2), (0, -1), (-1, -2), (1, 0), (2, 0), (2, -1), (0, -3), (0, -4))
+KNEE_RUNS = 300
+"""Pairs of noises on the published page, of one level at n / tau."""
 
 
 def power_law(alpha: int, samples: int, runs: int, rng: np.random.Generator) -> Floats:
@@ -118,25 +124,37 @@ def curves(kind: str, noise: Floats, phases: Floats, bank: AllanBank) -> Deviati
 
 
 def coverage(
-    kind: str, noise: Floats, alpha: int, bank: AllanBank, *, alone: int | None, stream: bool
+    kind: str, parts: dict[int, Floats], bank: AllanBank, *, stream: bool
 ) -> tuple[NDArray[np.int64], Floats, float]:
-    """Return trusted factors, the coverage in % at each, and how often alpha was found."""
+    """Return trusted factors, the coverage in % at each, and how often the first noise was found.
+
+    `parts` has the noises by their power laws; independent, so that their variances add up.
+    """
+    noise = np.sum(list(parts.values()), axis=0)
     phases = phases_of(noise)
     curve = bank.deviation(kind) if stream else curves(kind, noise, phases, bank)
     trusted = np.broadcast_to(curve.trusted, curve.deviation.shape)
-    expected = np.sqrt(truth(kind, curve.tau, phases, alone))
+    each = [truth(kind, curve.tau, phases_of(part), alpha) for alpha, part in parts.items()]
+    expected = np.sqrt(np.sum(each, axis=0))
     known = np.isfinite(expected) & (trusted.mean(axis=0) > 0.5)
     held = (curve.lower <= expected) & (expected <= curve.upper)
-    right = np.mean(curve.noise[:, known] == NAMES[alpha]) if known.any() else np.nan
+    right = np.mean(curve.noise[:, known] == NAMES[next(iter(parts))]) if known.any() else np.nan
     share = np.sum(held & trusted, axis=0)[known] / np.sum(trusted, axis=0)[known]
     return curve.m[known], 100.0 * share, float(right)
 
 
 Rows = dict[str, dict[str, dict[int, float]]]
+Part = tuple[int, int, int, Rows]
+"""Samples, runs, n / tau of a knee or 0, and the coverage."""
 
 
 def measured(
-    options: argparse.Namespace, samples: int, runs: int, beside: int | None, knee: int
+    options: argparse.Namespace,
+    samples: int,
+    runs: int,
+    beside: int | None = None,
+    knee: int = 0,
+    alphas: list[int] | None = None,
 ) -> Rows:
     """Return the coverage of every noise, estimator and averaging factor; print it as it is known.
 
@@ -150,42 +168,45 @@ def measured(
         Power law of a second noise in each.
     knee : int
         n / tau where the two have one level.
+    alphas : list of int, optional
+        First noises; those of `options` if not given.
     """
     rows: Rows = {}
     store = stored(options)
-    for alpha in options.alphas:
+    for alpha in options.alphas if alphas is None else alphas:
+        label = NAMES[alpha] if beside is None else f"{NAMES[alpha]}+{NAMES[beside]}"
         name = f"{samples} samples, {runs} runs, seed {options.seed}, {NAMES[alpha]}"
         if beside is not None:
             name += f" and {NAMES[beside]} at n/{knee}"
         if name in store:
-            rows[NAMES[alpha]] = {
+            rows[label] = {
                 kind: {int(m): held for m, held in row.items()}
                 for kind, row in store[name].items()
                 if kind in options.kinds
             }
             continue
         rng = np.random.default_rng([options.seed, alpha + 9])
-        noise = power_law(alpha, samples, runs, rng)
+        parts = {alpha: power_law(alpha, samples, runs, rng)}
         if beside is not None:
             second = power_law(beside, samples, runs, rng)
             tau = np.array([float(samples // knee)])
-            level = [truth("oadev", tau, phases_of(one)) for one in (noise, second)]
-            noise = noise + second * np.sqrt(level[0] / level[1])
-        bank = AllanBank(1.0, axes=len(noise), per_octave=1)
-        bank.update(noise.T)
-        here = rows.setdefault(NAMES[alpha], {})
+            meet = "oadev" if min(alpha, beside) >= -2 else "ohdev"
+            level = [truth(meet, tau, phases_of(one)) for one in (parts[alpha], second)]
+            parts[beside] = second * np.sqrt(level[0] / level[1])
+        bank = AllanBank(1.0, axes=runs, per_octave=1)
+        bank.update(np.sum(list(parts.values()), axis=0).T)
+        here = rows.setdefault(label, {})
         for kind in options.kinds:
             if min(alpha, beside if beside is not None else alpha) < REGISTRY[kind].lowest_alpha:
                 continue
-            alone = alpha if beside is None else None
-            m, held, right = coverage(kind, noise, alpha, bank, alone=alone, stream=options.stream)
+            m, held, right = coverage(kind, parts, bank, stream=options.stream)
             if m.size:
                 here[kind] = dict(zip(m.tolist(), held.tolist(), strict=True))
                 cells = " ".join(
                     f"{k}:{share:.1f}{'' if LOWEST <= share <= MOST else '!'}"
                     for k, share in here[kind].items()
                 )
-                print(f"{kind:8} {NAMES[alpha]:5} {right:5.2f}  {cells}", flush=True)
+                print(f"{kind:8} {label:5} {right:5.2f}  {cells}", flush=True)
         if options.store:
             store[name] = {
                 kind: {str(m): held for m, held in row.items()} for kind, row in here.items()
@@ -212,45 +233,86 @@ def summary(rows: Rows) -> tuple[int, float, float, list[str]]:
     ]
     shares = [held for *_, held in every]
     outside = [
-        f"{kind} of {LONG_NAMES[noise].replace('White', 'white').replace('Flicker', 'flicker')} "
-        f"at m = {m} ({held:.1f} %)"
+        f"{kind} of {noise} at m = {m} ({held:.1f} %)"
         for noise, kind, m, held in every
         if not LOWEST <= held <= MOST
     ]
     return len(every), min(shares), max(shares), outside
 
 
-def page(rows: Rows, options: argparse.Namespace, runs: int) -> str:
+def published(options: argparse.Namespace) -> list[Part]:
+    """Return what the page shows: one noise in runs of every length, two in the first of them."""
+    parts = [
+        (samples, runs, 0, measured(options, samples, 100 if options.quick else runs))
+        for samples, runs in LENGTHS.items()
+    ]
+    first, runs = next(iter(LENGTHS)), 100 if options.quick else KNEE_RUNS
+    for knee in KNEES:
+        together: Rows = {}
+        for alpha, beside in BESIDE:
+            together |= measured(options, first, runs, beside, knee, [alpha])
+        parts.append((first, runs, knee, together))
+    return parts
+
+
+def page(parts: list[Part], options: argparse.Namespace) -> str:
     """Return the published page: of the first length a table of ranges, of others a line."""
-    samples, *others = options.samples
+    text = HEAD.format(seed=options.seed)
+    for samples, runs, knee, rows in parts:
+        if not knee:
+            text += LINE.format(samples=samples, runs=runs, **told(rows, runs))
+    text += "\n" + ranges([parts[0][3]], options.kinds) + TRUTH + MEETING.format(runs=KNEE_RUNS)
+    for _, runs, knee, rows in parts:
+        if knee:
+            text += KNEE.format(knee=knee, **told(rows, runs))
+    return text + "\n" + ranges([rows for *_, knee, rows in parts if knee], options.kinds)
+
+
+def told(rows: Rows, runs: int) -> dict[str, object]:
+    """Return the values of a line of the page."""
     cells, low, high, outside = summary(rows)
-    text = HEAD.format(
-        samples=samples, runs=runs, error=100.0 * np.sqrt(0.95 * 0.05 / runs), cells=cells, low=low,
-        high=high, seed=options.seed, outside="; ".join(outside) or "none",
-    )  # fmt: skip
-    for length in others:
-        cells, low, high, outside = summary(measured(options, length, runs, None, 1))
-        text += OTHER.format(
-            samples=length, cells=cells, low=low, high=high, outside="; ".join(outside) or "none"
-        )
-    text += "\n| | " + " | ".join(LONG_NAMES[noise] for noise in rows) + " |\n"
-    text += "|---" * (len(rows) + 1) + "|\n"
-    for kind in options.kinds:
-        shares = [list(kinds.get(kind, {}).values()) for kinds in rows.values()]
-        between = (f"{min(one):.1f} to {max(one):.1f}" if one else "" for one in shares)
-        text += f"| `{kind}` | " + " | ".join(between) + " |\n"
-    return text + TRUTH
+    error = 100.0 * float(np.sqrt(0.95 * 0.05 / runs))
+    shares = [share for kinds in rows.values() for row in kinds.values() for share in row.values()]
+    sure = sum(not LOWEST - 2 * error <= share <= MOST + 2 * error for share in shares)
+    return {
+        "cells": cells, "low": low, "high": high, "error": error, "sure": sure,
+        "outside": len(outside),
+    }  # fmt: skip
 
 
-def table(rows: Rows, samples: int) -> str:
-    """Return every cell as CSV: noise, estimator, averaging factor, windows, coverage in %."""
+def ranges(parts: list[Rows], kinds: list[str]) -> str:
+    """Return a table of lowest to highest by estimator and noise, over all of some parts."""
+    noises = list(parts[0])
+    text = "| | " + " | ".join(heading(noise) for noise in noises) + " |\n"
+    text += "|---" * (len(noises) + 1) + "|\n"
+    for kind in kinds:
+        every = [
+            [share for rows in parts for share in rows[noise].get(kind, {}).values()]
+            for noise in noises
+        ]
+        if any(every):
+            between = (f"{min(one):.1f} to {max(one):.1f}" if one else "" for one in every)
+            text += f"| `{kind}` | " + " | ".join(between) + " |\n"
+    return text
+
+
+def heading(noise: str) -> str:
+    """Return what the noise is called in a table."""
+    first, _, second = noise.partition("+")
+    return f"{first}, {second}" if second else LONG_NAMES[first]
+
+
+def table(parts: list[Part]) -> str:
+    """Return every cell as CSV: samples, noise, knee, estimator, factor, windows, coverage in %."""
     lines = [
-        f"{noise},{kind},{m},{samples / m:.4g},{held:.1f}"
+        f"{samples},{noise},{knee or ''},{kind},{m},{samples / m:.4g},{held:.1f}"
+        for samples, _, knee, rows in parts
         for noise, kinds in rows.items()
         for kind, row in kinds.items()
         for m, held in sorted(row.items())
     ]
-    return "\n".join(["noise,estimator,m,windows,coverage_percent", *lines, ""])
+    head = "samples,noise,knee_windows,estimator,m,windows,coverage_percent"
+    return "\n".join([head, *lines, ""])
 
 
 LONG_NAMES = {
@@ -266,24 +328,34 @@ LONG_NAMES = {
 HEAD = """\
 # How often the limits hold
 
-Written by `python benchmarks/interval_coverage.py --runs {runs} --write` (seed {seed}: not one of
-those that the limits were calibrated with).
+Written by `python benchmarks/interval_coverage.py --write` (a quarter of an hour; seed {seed}: not
+one of those that the limits were calibrated with).
 
-How often, in %, the 95 % limits of a deviation contain the truth: {runs} records of {samples}
-samples of each noise, whose type the program identifies. Every cell, by averaging factor m (octaves
-and some between, to the end of the trusted range), is in [coverage.csv](coverage.csv), with a Monte
-Carlo error of {error:.2f} %.
+How often, in %, the 95 % limits of a deviation contain the truth in records of one noise, whose
+type the program identifies. Every cell, by averaging factor m (octaves and some between, to the end
+of the trusted range), is in [coverage.csv](coverage.csv).
 
-- {samples} samples: {cells} cells, from {low:.1f} to {high:.1f} %. Outside 93 to 97 %: {outside}.
 """
-OTHER = """\
-- {samples} samples: {cells} cells, from {low:.1f} to {high:.1f} %. Outside 93 to 97 %: {outside}.
+LINE = """\
+- {samples} samples, {runs} records, standard error {error:.2f} %: {cells} cells, from {low:.1f} to
+  {high:.1f} %. Outside 93 to 97 %: {outside}; by more than two standard errors: {sure}.
+"""
+KNEE = """\
+- Level at a window of 1/{knee} of the run: {cells} cells, from {low:.1f} to {high:.1f} %. Outside
+  93 to 97 %: {outside}; by more than two standard errors ({error:.1f} % each): {sure}.
 """
 TRUTH = """
 The truth is the mean variance over all records: of AVAR for TOTDEV, TheoBR and TheoH, of MVAR for
 MTOTDEV, of HVAR for HTOTDEV, of the estimator itself for all others. `tdev` has the limits of
-`mdev`, `ttotdev` those of `mtotdev`. Empty: the variance does not converge, or is
+`mdev`, `ttotdev` those of `mtotdev`. Empty or missing: the variance does not converge, or is
 [not trusted](estimators.md#limits) there.
+"""
+MEETING = """
+## Where two noises meet
+
+Two noises of one level (AVAR; HVAR with FWFM, RRFM) at one window, {runs} records of 1024 samples.
+Trusted cells hold less often than with one noise: of the slower one the record shows little.
+
 """
 
 
@@ -291,9 +363,7 @@ def main() -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=2000)
-    parser.add_argument(
-        "--samples", type=int, nargs="+", default=[1024], help="others: a line each"
-    )
+    parser.add_argument("--samples", type=int, default=1024)
     parser.add_argument("--seed", type=int, default=5)
     kinds = [kind for kind in REGISTRY if kind not in MULTIPLES]
     parser.add_argument("--kinds", nargs="*", default=kinds)
@@ -301,19 +371,22 @@ def main() -> None:
     parser.add_argument("--beside", type=int, help="alpha of a second noise")
     parser.add_argument("--knee", type=int, default=16, help="where it meets the first: n / tau")
     parser.add_argument("--stream", action="store_true", help="through a bank")
-    parser.add_argument("--write", action="store_true", help="write the page of the docs")
+    parser.add_argument("--write", action="store_true", help="all of the page of the docs")
     parser.add_argument("--quick", action="store_true", help="a hundred runs")
     parser.add_argument("--store", type=Path, help="keep what is measured; do not repeat what is")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     runs = 100 if options.quick else options.runs
     began = time.process_time()
-    rows = measured(options, options.samples[0], runs, options.beside, options.knee)
-    cells, low, high, outside = summary(rows)
-    print(f"{cells} cells, {low:.1f} to {high:.1f} %, {len(outside)} outside")
     if options.write:
-        PAGE.write_text(page(rows, options, runs), encoding="utf-8")
-        PAGE.with_suffix(".csv").write_text(table(rows, options.samples[0]), encoding="utf-8")
+        parts = published(options)
+        PAGE.write_text(page(parts, options), encoding="utf-8")
+        PAGE.with_suffix(".csv").write_text(table(parts), encoding="utf-8")
+        rows = parts[0][3]
+    else:
+        rows = measured(options, options.samples, runs, options.beside, options.knee)
+    cells, low, high, outside = summary(rows)
+    print(f"{cells} cells, {low:.1f} to {high:.1f} %, outside: {'; '.join(outside) or 'none'}")
     print(f"{time.process_time() - began:.0f} s of processor time")
     if options.json:
         figures = [

@@ -177,7 +177,10 @@ def test_the_limits_of_htotdev_allow_for_its_excess_in_phase_noise():
 
 @pytest.mark.parametrize(
     ("kind", "part"),
-    [("oadev", 0.1), ("adev", 0.1), ("ohdev", 0.1), ("totdev", 0.5), ("mtotdev", 0.3)],
+    [
+        *(("oadev", 0.1), ("adev", 0.1), ("ohdev", 0.1), ("totdev", 0.5), ("mtotdev", 0.3)),
+        *(("htotdev", 0.1), ("stdev", 0.0), ("ostdev", 0.0)),
+    ],
 )
 def test_trust_ends_at_a_part_of_the_run(kind, part):
     m = np.array([100, 101, 300, 301, 500, 501])
@@ -185,10 +188,13 @@ def test_trust_ends_at_a_part_of_the_run(kind, part):
     assert curve.trusted.tolist() == [k <= 1000 * part for k in m]
 
 
-def test_the_theo_family_is_trusted_to_three_quarters():
-    curve = assemble("theo1", sums([1.0, 1.0], m=[500, 1000]), 4.0)
-    assert curve.tau.tolist() == [93.75, 187.5]
-    assert curve.trusted.all()
+def test_the_theo_family_is_trusted_to_three_quarters_when_its_bias_is_removed():
+    m = [16, 26, 28, 132, 134, 500, 1000]
+    curve = assemble("theobr", sums(np.ones(7), m=m), 4.0)
+    assert curve.tau[-2:].tolist() == [93.75, 187.5]
+    assert curve.trusted.tolist() == [False, False, True, True, True, True, True]
+    raw = assemble("theo1", sums(np.ones(7), m=m), 4.0)
+    assert raw.trusted.tolist() == [True, True, True, True, False, False, False]
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])

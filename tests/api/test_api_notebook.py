@@ -69,6 +69,19 @@ def test_a_curve_is_drawn_with_its_limits_and_the_untrusted_end_dotted():
     assert "mdps" in ax.get_ylabel()
 
 
+def test_a_curve_that_is_not_trusted_at_either_end_is_dotted_there_alone():
+    noise = np.random.default_rng(2).normal(size=4000)
+    curve = deviation(noise, 100.0, "theobr")
+    assert not curve.trusted[0]
+    assert curve.trusted[-3]
+    curve.trusted[-2:] = False
+    first, last = np.flatnonzero(curve.trusted)[[0, -1]]
+    solid, short, long = curve.plot(Figure().subplots()).lines
+    np.testing.assert_allclose(solid.get_xdata(), curve.tau[first : last + 1])
+    np.testing.assert_allclose(short.get_xdata(), curve.tau[: first + 1])
+    np.testing.assert_allclose(long.get_xdata(), curve.tau[last:])
+
+
 def test_a_curve_of_several_axes_is_drawn_as_several():
     ax = curve_of(3).plot(Figure().subplots())
     assert [one.get_label() for one in ax.lines if one.get_label()[0] != "_"] == [

@@ -10,7 +10,7 @@ from allanscope.analysis import Analysis, ModelCurve, ReferenceCurve, compared
 from allanscope.quantities import DENSITY, DEVIATION
 from allanscope.view.chart import HEIGHT, WIDTH, Chart, Linear, Log
 from allanscope.view.chart_builder import ChartBuilder
-from allanscope.view.chart_content import draw_map, percent_of_model
+from allanscope.view.chart_content import draw_curve, draw_map, percent_of_model
 from allanscope.view.palette import AXIS, EFFECT, MODEL, muted
 from allanscope.watch import Event, Occurrence
 from support.demo_analysis import DATASHEET, LINE_HZ, demo_analysis, noise_of
@@ -34,6 +34,15 @@ def painted(analysis):
     charts = ChartBuilder(wall.log)
     charts.paint(analysis)
     return wall.drawings, charts.frames
+
+
+def test_a_curve_that_is_nowhere_trusted_keeps_its_name(painted, analysis):
+    _, frames = painted
+    gx = analysis.axes["gx"]
+    curve = gx.curves["mdev"]
+    nowhere = replace(curve, trusted=np.zeros_like(curve.trusted))
+    drawing = draw_curve(frames.allan(gx.unit), nowhere, DEVIATION[gx.unit], AXIS["gx"], True)
+    assert [word for _, word, _ in drawing.words] == ["MDEV"]
 
 
 @pytest.mark.parametrize("axis", ["gx", "gz", "ax", "az"])

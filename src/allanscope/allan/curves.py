@@ -38,6 +38,7 @@ from allanscope.allan.noise_type import (
     NoiseTypes,
     identify,
     levels_of,
+    steep_levels,
     without_drift,
 )
 
@@ -115,7 +116,9 @@ class Curves:
             self._archive.mean_second_differences(m),
         )
         alpha = identify(m, n, stdvar=standard, avar=plain[0], hvar=hadamard, mvar=plain[1])
-        return NoiseTypes(alpha, levels_of(m, n, *plain, alpha))
+        return NoiseTypes(
+            alpha, levels_of(m, n, *plain, alpha), steep_levels(m, n, hadamard, alpha)
+        )
 
     def _evaluate(self, kind: str) -> Sums:
         estimator = estimator_named(kind)

@@ -48,9 +48,9 @@ class Deviation:
     level : float
         Two-sided confidence of `lower` and `upper`.
     trusted : ndarray of bool, shape (k,)
-        False beyond the part of the run up to which DT0064 trusts this estimator. Shape (axes, k)
-        for several axes of THEOBR and THEOH, which are not trusted in phase noise, and of HTOTDEV,
-        which then is up to a tenth of the run.
+        False beyond the part of the run up to which DT0064 trusts this estimator, and where its
+        limits do not hold: `Estimator.trusts`. Shape (axes, k) for several axes of estimators for
+        which that depends on the noise.
     """
 
     kind: str
@@ -210,8 +210,13 @@ def _draw(ax: Axes, curve: Deviation, factor: float, label: str, color: str | No
     low, high = factor * curve.lower, factor * curve.upper
     ax.fill_between(curve.tau, low, high, color=shade, alpha=0.2, lw=0)
     if not trusted.all():
-        tail = slice(max(int(np.flatnonzero(~trusted)[0]) - 1, 0), None)
-        ax.plot(curve.tau[tail], sigma[tail], "o:", ms=2.5, lw=0.9, c=shade, mfc="none")
+        # At short tau and at long ones, each up to the nearest point that is trusted.
+        change = np.diff(np.concatenate([[0], ~trusted, [0]]).astype(int))
+        for first, end in zip(
+            np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True
+        ):
+            part = slice(max(first - 1, 0), end + 1)
+            ax.plot(curve.tau[part], sigma[part], "o:", ms=2.5, lw=0.9, c=shade, mfc="none")
 
 
 def _cell(value: object) -> str:

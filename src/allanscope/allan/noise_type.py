@@ -38,8 +38,11 @@ __all__ = [
     "alpha_named",
     "at_factors",
     "identify",
+    "lagged_phase",
     "levels_of",
     "one_noise",
+    "steep_levels",
+    "unit_hadamard",
     "unit_variance",
     "without_drift",
 ]
@@ -253,16 +256,20 @@ class NoiseTypes:
         Level of white PM, flicker PM, white FM, flicker FM and random walk FM, in units of
         `unit_variance`; None where the labels are all that is known. An axis of zeros is one that
         has steeper noise, or no variances: its labels count.
+    steep : ndarray, shape (7,) or (axes, 7), or None
+        Level of every power law for an axis that has noise steeper than a random walk, zeros for
+        others. AVAR and MVAR have no expectation then, so it counts for HVAR alone.
     """
 
     alpha: NDArray[np.int64]
     levels: Floats | None = None
+    steep: Floats | None = None
 
     def at(self, wanted: ArrayLike, tau: Floats) -> NoiseTypes:
         """Return the noise at other averaging times than the `tau` it was found at."""
         alpha = np.asarray(self.alpha)
         alpha = np.broadcast_to(alpha, (*alpha.shape[:-1], tau.size))
-        return NoiseTypes(at_factors(wanted, tau, alpha), self.levels)
+        return NoiseTypes(at_factors(wanted, tau, alpha), self.levels, self.steep)
 
     def shares(self, family: Family, tau: Floats) -> Floats:
         """Return which part of a variance each power law has, from alpha = 2 to -4.
@@ -278,16 +285,36 @@ class NoiseTypes:
         -------
         ndarray, shape (k, 7) or (axes, k, 7)
         """
-        alpha = np.asarray(self.alpha)
-        alpha = np.broadcast_to(alpha, (*alpha.shape[:-1], tau.size))
-        labelled = np.asarray(alpha[..., np.newaxis] == _ALPHA, np.float64)
+        shares = self.shares_of(unit_variance(family, tau).T, tau.size)
+        if family != "hvar" or self.steep is None:
+            return shares
+        powers = self.steep[..., np.newaxis, :] * unit_hadamard(tau).T
+        total = powers.sum(axis=-1, keepdims=True)
+        return np.where(total > 0, powers / np.where(total > 0, total, 1.0), shares)
+
+    def shares_of(self, unit: Floats, count: int) -> Floats:
+        """Return which part each power law has of a variance that is `unit` of unit level.
+
+        Parameters
+        ----------
+        unit : ndarray, shape (count, 5)
+            As from `unit_variance`, transposed.
+        count : int
+            Number of averaging times.
+        """
+        labelled = self._labelled(count)
         if self.levels is None:
             return labelled
-        powers = self.levels[..., np.newaxis, :] * unit_variance(family, tau).T
+        powers = self.levels[..., np.newaxis, :] * unit
         total = powers.sum(axis=-1, keepdims=True)
         mixed = np.zeros(labelled.shape)
         mixed[..., :_LEVELS] = powers / np.where(total > 0, total, 1.0)
         return np.where(total > 0, mixed, labelled)
+
+    def _labelled(self, count: int) -> Floats:
+        alpha = np.asarray(self.alpha)
+        alpha = np.broadcast_to(alpha, (*alpha.shape[:-1], count))
+        return np.asarray(alpha[..., np.newaxis] == _ALPHA, np.float64)
 
 
 def one_noise(noise: str) -> NoiseTypes:
@@ -372,6 +399,94 @@ _SUMMED = 256
 """Averaging time up to which MVAR is the exact sum; flicker PM goes on as its limit."""
 
 
+def steep_levels(m: ArrayLike, n: int, hvar: ArrayLike, alpha: ArrayLike) -> Floats:
+    """Return the levels of seven power laws that together are nearest to HVAR.
+
+    Parameters
+    ----------
+    m : array_like of int
+        Averaging factors: octaves.
+    n : int
+        Number of rate samples.
+    hvar : array_like, shape (axes, k)
+        Hadamard variance (1/6); NaN where there is none.
+    alpha : array_like of int, shape (axes, k)
+        Labels: only where one is steeper than a random walk there are levels.
+
+    Returns
+    -------
+    ndarray, shape (axes, 7)
+
+    Examples
+    --------
+    >>> m = 2 ** np.arange(8)
+    >>> unit = unit_hadamard(m)
+    >>> alpha = np.full((1, 8), -3)
+    >>> steep_levels(m, 1024, [3 * unit[2] + unit[5]], alpha).round(6).tolist()
+    [[0.0, 0.0, 3.0, 0.0, 0.0, 1.0, 0.0]]
+    """
+    from scipy.optimize import nnls
+
+    m = np.asarray(m, np.float64)
+    unit = unit_hadamard(m).T
+    scale = unit.max(axis=0)
+    variances, labels = np.atleast_2d(hvar), np.atleast_2d(alpha)
+    found = np.zeros((len(variances), len(ALPHAS)))
+    for axis in np.flatnonzero(labels.min(axis=-1) < -2):
+        use = (m * _FEWEST_SPANS <= n) & (variances[axis] > 0)
+        if use.sum() < _FEWEST_POINTS:
+            continue
+        design, measured = unit[use] / scale, variances[axis][use]
+        sigma = np.sqrt(2.0 * m[use] / (_EDF * n))
+        expected, levels = measured, np.zeros(len(ALPHAS))
+        for _ in range(_ROUNDS):
+            # Steep noise spans many decades: columns of one length keep all of them in the fit.
+            columns = design / (expected * sigma)[:, np.newaxis]
+            length = np.linalg.norm(columns, axis=0)
+            try:
+                part, _ = nnls(columns / length, measured / (expected * sigma))
+            except RuntimeError:  # as in `levels_of`
+                break
+            if not part.any():
+                break
+            levels = part / length
+            expected = design @ levels
+        found[axis] = levels / scale
+    return found
+
+
+def unit_hadamard(tau: ArrayLike) -> Floats:
+    """Return HVAR of each power law of unit level, from white PM to random run FM.
+
+    Parameters
+    ----------
+    tau : array_like, shape (k,)
+        Averaging times in samples.
+
+    Returns
+    -------
+    ndarray, shape (7, k)
+
+    Examples
+    --------
+    Random run grows as tau^3:
+
+    >>> run = unit_hadamard([64, 128])[6]
+    >>> round(float(run[1] / run[0]), 2)
+    8.0
+    """
+    from scipy.special import digamma
+
+    t = np.asarray(tau, np.float64)
+    total = np.zeros((2, t.size))
+    for k, weight in enumerate((20.0, -30.0, 12.0, -2.0)):
+        j = k * t
+        odd = 0.5 * (digamma(j + 0.5) - digamma(0.5))
+        total[0] -= weight * (j**2 - 0.25) * (j**2 - 2.25) * odd
+        total[1] -= weight * j * (j**2 - 1.0) * (j**2 - 4.0)
+    return np.concatenate([unit_variance("hvar", t), total / (6.0 * t**2)])
+
+
 def unit_variance(family: Family, tau: ArrayLike) -> Floats:
     """Return the variance of each power law of unit level, from white PM to random walk FM.
 
@@ -397,16 +512,18 @@ def unit_variance(family: Family, tau: ArrayLike) -> Floats:
     t = np.asarray(tau, np.float64)
     if family == "hvar":
         weights = (20.0, -30.0, 12.0, -2.0)
-        third = [w * _lagged(k * t) for k, w in enumerate(weights)]
+        third = [w * lagged_phase(k * t) for k, w in enumerate(weights)]
         return np.asarray(np.sum(third, axis=0) / (6.0 * t**2))
-    allan = (6.0 * _lagged(0.0 * t) - 8.0 * _lagged(t) + 2.0 * _lagged(2.0 * t)) / (2.0 * t**2)
+    allan = (6.0 * lagged_phase(0.0 * t) - 8.0 * lagged_phase(t) + 2.0 * lagged_phase(2.0 * t)) / (
+        2.0 * t**2
+    )
     if family == "avar":
         return allan
     ratio = np.stack([_modified_ratio(float(one)) for one in t.tolist()], axis=-1)
     return np.asarray(allan * ratio)
 
 
-def _lagged(j: Floats) -> Floats:
+def lagged_phase(j: Floats) -> Floats:
     """Return the covariance of the phase at a lag in samples, up to what differences remove."""
     from scipy.special import digamma
 
@@ -425,7 +542,7 @@ def _modified_ratio(tau: float) -> Floats:
     d = np.arange(1.0 - m, m)
     total = np.zeros(_LEVELS)
     for k, weight in ((0, 6.0), (1, -4.0), (-1, -4.0), (2, 1.0), (-2, 1.0)):
-        total += weight * (_lagged(np.abs(d + k * m)) @ (m - np.abs(d)))
+        total += weight * (lagged_phase(np.abs(d + k * m)) @ (m - np.abs(d)))
     modified = total / (2.0 * float(m) ** 4)
     ratio: Floats = modified / unit_variance("avar", [m])[:, 0]
     return ratio

@@ -178,7 +178,8 @@ def noise_types(phases: Phases, tau: ArrayLike) -> NoiseTypes:
         Of one axis.
     """
     found = _bank(phases, 1.0, 1).noise_types(tau)
-    return NoiseTypes(found.alpha[0], None if found.levels is None else found.levels[0])
+    levels, steep = (None if one is None else one[0] for one in (found.levels, found.steep))
+    return NoiseTypes(found.alpha[0], levels, steep)
 
 
 def _bank(phases: Phases, rate: float, per_octave: int) -> AllanBank:

@@ -152,7 +152,8 @@ def draw_curve(
         chosen = np.flatnonzero(shown & (curve.trusted == trusted))
         drawing.dot(points[chosen], [texts[i] for i in chosen], of_dots)
     if named:
-        _name(drawing, points[shown & curve.trusted], curve.kind, colour)
+        certain = shown & curve.trusted
+        _name(drawing, points[certain if certain.any() else shown], curve.kind, colour)
     return drawing
 
 
@@ -259,7 +260,7 @@ def _runs(trusted: NDArray[np.bool_]) -> list[tuple[bool, slice]]:
 
 
 def _name(drawing: Drawing, points: Points, kind: str, colour: Colour) -> None:
-    """Write the estimator's name above the last point that is trusted, clear of the interval."""
+    """Write the estimator's name above the last of some points, clear of the interval."""
     if len(points):
         x, y = (float(value) for value in points[-1])
         drawing.word((min(x, WIDTH - 40.0), max(y - 95.0, 0.0)), kind.upper(), colour)

@@ -48,6 +48,9 @@ class Theo1(Estimator):
     several degrees of freedom, where the Allan variance has long run out. For white FM its
     expectation is AVAR at 0.75 m; for other noise it is biased: see `TheoBR`.
 
+    DT0064 trusts it to three quarters of the run. Beyond a tenth a slower noise that the record
+    does not show yet takes its degrees of freedom away: limits then hold in 85 to 95 %.
+
     SP 1065 recommends m >= 10. Some programs, allantools among them, label it tau = m.
 
     Examples
@@ -67,7 +70,7 @@ class Theo1(Estimator):
     name: ClassVar[str] = "theo1"
     variance_name: ClassVar[str] = "THEO1"
     tau_factor: ClassVar[float] = 0.75
-    trust_fraction: ClassVar[float] = 0.75
+    trust_fraction: ClassVar[float] = 0.1
     min_terms: ClassVar[int] = 1
     even: ClassVar[bool] = True
 

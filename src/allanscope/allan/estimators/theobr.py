@@ -21,6 +21,8 @@ Ints = NDArray[np.int64]
 _RATIO_EDF = 150.0
 """Degrees of freedom of the ratio: 110 to 330 for FM noise, by simulation, at any run length."""
 
+_SHORTEST = 0.02
+"""Part of the run from which on limits hold where noises meet."""
 _MOST_RATIOS = 256
 _FEW_RATIOS = 64
 """Tau of which the expected ratio is the mean."""
@@ -51,6 +53,7 @@ class TheoBR(Theo1):
 
     name: ClassVar[str] = "theobr"
     variance_name: ClassVar[str] = "THEOBR"
+    trust_fraction: ClassVar[float] = 0.75
 
     def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
         """Return variance and number of windows."""
@@ -77,8 +80,12 @@ class TheoBR(Theo1):
         return calibrated_edf("theobr", alpha, m, n, apart)
 
     def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
-        """Return whether the limits hold: not in phase noise, whose bias no one ratio removes."""
-        return super().trusts(alpha, tau, n) & (np.asarray(alpha) <= 0)
+        """Return whether the limits hold: not in phase noise, whose bias no one ratio removes.
+
+        Nor at short tau, where the ratio is that of other noise than there is: 80 to 99 %.
+        """
+        long = np.asarray(tau) >= _SHORTEST * n
+        return super().trusts(alpha, tau, n) & long & (np.asarray(alpha) <= 0)
 
     def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return 1: the record itself has removed the bias."""

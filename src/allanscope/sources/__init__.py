@@ -4,6 +4,7 @@
 
     open_source("auto") ──▶ SerialSource ──┐
     open_source("sim")  ──▶ simulated      ├──▶ read() ──▶ Chunk(host_ns, data, event)
+    open_source("iio")  ──▶ IioSource ─────┤
     open_source("a.mcap") ▶ RecordedSource │
     open_source("a.csv") ─▶ FileSource   ──┘
 
@@ -31,6 +32,14 @@ if TYPE_CHECKING:
         find_ports,
     )
     from allanscope.sources.file import FileSource, RecordedSource
+    from allanscope.sources.iio import (
+        IioSource,
+        ScanElement,
+        ScanLayout,
+        pair,
+        period_of,
+        scale_of,
+    )
     from allanscope.sources.isolated_reader import buffers, may_run_in_real_time
     from allanscope.sources.registry import must_be_there, open_file, open_source
     from allanscope.sources.serial_port import SerialSource
@@ -39,9 +48,12 @@ if TYPE_CHECKING:
 __all__ = [
     "Chunk",
     "FileSource",
+    "IioSource",
     "LinkEvent",
     "PortDescription",
     "RecordedSource",
+    "ScanElement",
+    "ScanLayout",
     "SerialSource",
     "SimulatedSource",
     "Source",
@@ -54,14 +66,20 @@ __all__ = [
     "must_be_there",
     "open_file",
     "open_source",
+    "pair",
+    "period_of",
+    "scale_of",
 ]
 
 __getattr__, __dir__ = lazily(
     __name__,
     {
         "FileSource": "file",
+        "IioSource": "iio",
         "PortDescription": "discovery",
         "RecordedSource": "file",
+        "ScanElement": "iio",
+        "ScanLayout": "iio",
         "SerialSource": "serial_port",
         "SimulatedSource": "simulated",
         "auto_port": "discovery",
@@ -72,5 +90,8 @@ __getattr__, __dir__ = lazily(
         "must_be_there": "registry",
         "open_file": "registry",
         "open_source": "registry",
+        "pair": "iio",
+        "period_of": "iio",
+        "scale_of": "iio",
     },
 )

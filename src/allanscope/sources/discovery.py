@@ -148,13 +148,15 @@ def auto_port(comports: Comports | None = None) -> PortDescription:
 
 
 def describe_ports(comports: Comports | None = None) -> list[str]:
-    """Return one line for each port, and one that says which of them `auto` takes."""
+    """Return one line for each port and sensor of IIO, and one that says what `auto` takes."""
+    from allanscope.sources.iio.devices import find_iio_sensors
+
     ports = find_ports(comports)
     try:
         choice = f"auto takes {auto_port(comports).device}"
     except DeviceError as error:
         choice = str(error)
-    return [*(str(port) for port in ports), choice]
+    return [*(str(port) for port in ports), *(str(one) for one in find_iio_sensors()), choice]
 
 
 def plugged_in(ports: list[PortDescription]) -> str:

@@ -35,6 +35,12 @@ def _open_board(spec: str, settings: SourceSettings) -> Source:
     return _open_port(auto_port().device, settings)
 
 
+def _open_iio(spec: str, settings: SourceSettings) -> Source:
+    from allanscope.sources.iio import IioSource
+
+    return IioSource(spec, settings)
+
+
 def _open_recording(spec: str, settings: SourceSettings) -> Source:
     from allanscope.sources.file import RecordedSource
 
@@ -56,6 +62,7 @@ def _open_port(spec: str, settings: SourceSettings) -> Source:
 _KINDS: tuple[tuple[Callable[[str], bool], Callable[[str, SourceSettings], Source]], ...] = (
     (lambda spec: spec == "sim", _open_simulated),
     (lambda spec: spec == "auto", _open_board),
+    (lambda spec: spec == "iio" or spec.startswith("iio:"), _open_iio),
     (_is_recording, _open_recording),
     (_is_file, _open_file),
     (lambda _: True, _open_port),
@@ -69,8 +76,9 @@ def open_source(spec: str, settings: SourceSettings | None = None) -> Source:
     Parameters
     ----------
     spec : str
-        ``sim``, the simulated device; ``auto``, the board that is plugged in; a recording or the
-        folder of one; any other file, as a raw capture; else a serial port or a pyserial URL.
+        ``sim``, the simulated device; ``auto``, the board that is plugged in; ``iio`` or
+        ``iio:NAME``, a sensor of Linux IIO; a recording or the folder of one; any other file, as a
+        raw capture; else a serial port or a pyserial URL.
     settings : SourceSettings, optional
         How.
 

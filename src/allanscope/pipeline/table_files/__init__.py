@@ -6,7 +6,8 @@
                        ├▶ matlab    .mat
                        ├▶ parquet   .parquet                    ─▶ TableFile
                        ├▶ rosbag    rosbag2: .mcap, .db3, folder
-                       └▶ hsdatalog folder of FP-SNS-DATALOG2
+                       ├▶ hsdatalog folder of FP-SNS-DATALOG2
+                       └▶ iio       folder of iio_genxml and iio_readdev
 
 Nothing in such a file is run: pickled objects are refused. What a header claims is compared with
 what the file has before any memory is taken for it, and no more than `MOST_BYTES` is unpacked.
@@ -67,6 +68,7 @@ class TableFile:
 
 
 _HEAD = 64
+_XML_HEAD = 1 << 14
 _MAGICS: tuple[tuple[bytes, str], ...] = (
     (b"PK\x03\x04", "npz"),
     (b"\x93NUM", "npy"),
@@ -78,6 +80,7 @@ _MAGICS: tuple[tuple[bytes, str], ...] = (
 _MCAP = b"\x89MCAP0\r\n"
 _ROS2 = b"\x04\x00\x00\x00ros2"
 _HSDATALOG = ("acquisition_info.json", "device_config.json")
+_IIO = ("context.xml", b"<context")
 _MODULES = {
     "npz": "arrays",
     "npy": "arrays",
@@ -85,6 +88,7 @@ _MODULES = {
     "parquet": "parquet",
     "rosbag2": "rosbag",
     "hsdatalog": "hsdatalog",
+    "iio": "iio",
 }
 
 
@@ -113,6 +117,10 @@ def kind_of(path: Path) -> str:
 def _kind_of_folder(path: Path) -> str:
     if all((path / name).is_file() for name in _HSDATALOG):
         return "hsdatalog"
+    if (path / _IIO[0]).is_file():
+        with (path / _IIO[0]).open("rb") as file:
+            # A document type of its own stands before the element.
+            return "iio" if _IIO[1] in file.read(_XML_HEAD) else ""
     bags = sorted([*path.glob("*.db3"), *path.glob("*.mcap")])
     return "rosbag2" if bags and kind_of(bags[0]) == "rosbag2" else ""
 
@@ -125,8 +133,8 @@ def table_of_file(path: Path, stream: str = "") -> TableFile:
     path : Path
     stream : str
         Which one of several sensors it is about: the topic of a bag, the part in a folder of
-        HSDatalog. Without it the one with the
-        most samples is taken, and the others are said.
+        HSDatalog or libiio. Without it the one with the most samples is taken, and the others are
+        said.
 
     Raises
     ------

@@ -1,0 +1,166 @@
+"""Scans of a buffer of IIO: rows of the elements that are switched on, aligned as the kernel does.
+
+An element has the place that is the next multiple of its own size, and a scan the size that is
+the next multiple of its largest element's: three 16-bit axes and a 64-bit time are 6 bytes, 2 of
+padding, and 8.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.parts import PARTS, full_scale_of
+from allanscope.quantities import GRAVITY
+
+__all__ = ["AXIS_NAMES", "TIME", "ScanElement", "ScanLayout", "scale_of"]
+
+AXIS_NAMES = {
+    "anglvel_x": "gx",
+    "anglvel_y": "gy",
+    "anglvel_z": "gz",
+    "accel_x": "ax",
+    "accel_y": "ay",
+    "accel_z": "az",
+}
+"""Names of the kernel, and ours."""
+TIME = "timestamp"
+
+_TYPE = re.compile(r"(be|le):([suSU])(\d{1,3})/(\d{1,3})(?:X(\d{1,3}))?(?:>>(\d{1,3}))?\s*")
+_NEAR = 1e-3
+"""Drivers give a scale with six decimals or nine: this share is less than from one to the next."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanElement:
+    """One number of a scan.
+
+    Attributes
+    ----------
+    name : str
+        As the kernel calls it, without direction: ``anglvel_x``, ``timestamp``.
+    index : int
+        Its place among the elements.
+    big : bool
+        Whether the most significant byte comes first.
+    signed : bool
+    bits, storage, shift : int
+        Bits that count, bits that it takes, and how far the former are shifted up in the latter.
+    """
+
+    name: str
+    index: int
+    big: bool = False
+    signed: bool = True
+    bits: int = 16
+    storage: int = 16
+    shift: int = 0
+
+    @classmethod
+    def of(cls, name: str, index: int, kind: str) -> ScanElement:
+        """Return the element of a type as the kernel and libiio write it.
+
+        Raises
+        ------
+        ValueError
+            For a type that is none, or of several numbers.
+
+        Examples
+        --------
+        >>> ScanElement.of("accel_x", 0, "le:s12/16>>4").shift
+        4
+        """
+        match = _TYPE.fullmatch(kind)
+        if match is None or int(match[5] or 1) != 1:
+            raise ValueError(f"{name} has the type {kind.strip()[:40]!r}, which is not supported")
+        bits, storage, shift = int(match[3]), int(match[4]), int(match[6] or 0)
+        if storage not in (8, 16, 32, 64) or not 0 < bits <= storage - shift:
+            raise ValueError(f"{name} has the type {kind.strip()[:40]!r}, which is not possible")
+        return cls(name, index, match[1] == "be", match[2] in "sS", bits, storage, shift)
+
+
+@dataclass(frozen=True, slots=True)
+class ScanLayout:
+    """Where each element is in a scan.
+
+    Attributes
+    ----------
+    elements : tuple of ScanElement
+        Those that are switched on, in the order of their index.
+    """
+
+    elements: tuple[ScanElement, ...]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of a scan.
+
+        Examples
+        --------
+        >>> axes = tuple(ScanElement(name, i) for i, name in enumerate(("accel_x", "accel_y")))
+        >>> ScanLayout((*axes, ScanElement("timestamp", 3, bits=64, storage=64))).dtype.itemsize
+        16
+        """
+        at, offsets, formats = 0, [], []
+        for one in self.elements:
+            size = one.storage // 8
+            at = -(-at // size) * size
+            offsets.append(at)
+            formats.append(f"{'>' if one.big else '<'}{'i' if one.signed else 'u'}{size}")
+            at += size
+        widest = max(one.storage for one in self.elements) // 8
+        return np.dtype(
+            {
+                "names": [one.name for one in self.elements],
+                "formats": formats,
+                "offsets": offsets,
+                "itemsize": -(-at // widest) * widest,
+            }
+        )
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axes in a scan, by our names."""
+        return tuple(AXIS_NAMES[one.name] for one in self.elements if one.name in AXIS_NAMES)
+
+    def times_ns(self, scans: NDArray[Any]) -> NDArray[np.int64]:
+        """Return the time of each scan in ns, shape (n,)."""
+        return scans[TIME].astype(np.int64)
+
+    def counts(self, scans: NDArray[Any]) -> NDArray[np.int64]:
+        """Return the axes of each scan, shape (n, k)."""
+        return np.column_stack(
+            [_counts(scans, one) for one in self.elements if one.name in AXIS_NAMES]
+        )
+
+
+def _counts(scans: NDArray[Any], one: ScanElement) -> NDArray[np.int64]:
+    """Return the bits of an element that count, with their sign."""
+    up = 64 - one.bits - one.shift
+    raw = (scans[one.name].astype(np.int64) << up).view(np.uint64)
+    shifted = raw.view(np.int64) if one.signed else raw
+    return (shifted >> (64 - one.bits)).astype(np.int64)
+
+
+def scale_of(axis: str, per_count: float, part: str = "") -> float:
+    """Return dps or g per count from a driver's rad/s or m/s^2: that of the datasheet where it is.
+
+    Examples
+    --------
+    >>> scale_of("gx", 0.000152716, "LSM6DSM"), scale_of("az", 0.000598)
+    (0.00875, 6.1e-05)
+    """
+    scale = per_count / GRAVITY if axis.startswith("a") else float(np.rad2deg(per_count))
+    if part in PARTS:
+        table = PARTS[part].gyro_scales if axis.startswith("g") else PARTS[part].accel_scales
+        return next((one for one in table.values() if abs(scale / one - 1) < _NEAR), scale)
+    full = full_scale_of(axis, scale)
+    common = PARTS["LSM6DSM"]
+    if full is None:
+        return scale
+    table = common.gyro_scales if axis.startswith("g") else common.accel_scales
+    return table.get(full, scale)

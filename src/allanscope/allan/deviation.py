@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -97,6 +98,15 @@ class Deviation:
             level=self.level,
             trusted=np.broadcast_to(self.trusted, self.deviation.shape)[column, keep],
         )
+
+    def trust_runs(self) -> list[tuple[bool, slice]]:
+        """Return stretches of equal trust, each from the last point of the one before on."""
+        edges = [0, *(np.flatnonzero(np.diff(self.trusted)) + 1).tolist(), len(self.trusted)]
+        return [
+            (bool(self.trusted[start]), slice(max(start - 1, 0), stop))
+            for start, stop in pairwise(edges)
+            if stop > start
+        ]
 
     def plot(
         self,
@@ -211,12 +221,10 @@ def _draw(ax: Axes, curve: Deviation, factor: float, label: str, color: str | No
     ax.fill_between(curve.tau, low, high, color=shade, alpha=0.2, lw=0)
     if not trusted.all():
         # At short tau and at long ones, each up to the nearest point that is trusted.
-        change = np.diff(np.concatenate([[0], ~trusted, [0]]).astype(int))
-        for first, end in zip(
-            np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True
-        ):
-            part = slice(max(first - 1, 0), end + 1)
-            ax.plot(curve.tau[part], sigma[part], "o:", ms=2.5, lw=0.9, c=shade, mfc="none")
+        for certain, run in curve.trust_runs():
+            if not certain:
+                part = slice(run.start, run.stop + 1)
+                ax.plot(curve.tau[part], sigma[part], "o:", ms=2.5, lw=0.9, c=shade, mfc="none")
 
 
 def _cell(value: object) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +138,7 @@ def draw_curve(
     )
     drawing.line(chart.band(curve.tau, lower, upper, _HATCH), muted(colour), width=0.6)
     drawing.line(chart.whiskers(curve.tau, lower, upper), muted(colour), width=1.0)
-    for trusted, run in _runs(curve.trusted):
+    for trusted, run in curve.trust_runs():
         strips = chart.line(curve.tau[run], value[run])
         if trusted:
             drawing.line(strips, colour, width=1.6)
@@ -247,16 +246,6 @@ def draw_earlier(chart: Chart, reference: ReferenceCurve, reading: Reading) -> D
         x, y = (float(value) for value in strips[-1][-1])
         drawing.word((min(x, WIDTH - 80.0), min(y + 40.0, HEIGHT - 44.0)), reference.name, TEXT)
     return drawing
-
-
-def _runs(trusted: NDArray[np.bool_]) -> list[tuple[bool, slice]]:
-    """Return stretches of equal trust; each begins with the last point of the one before."""
-    edges = [0, *(np.flatnonzero(np.diff(trusted)) + 1).tolist(), len(trusted)]
-    return [
-        (bool(trusted[start]), slice(max(start - 1, 0), stop))
-        for start, stop in pairwise(edges)
-        if stop > start
-    ]
 
 
 def _name(drawing: Drawing, points: Points, kind: str, colour: Colour) -> None:

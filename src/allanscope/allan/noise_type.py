@@ -475,16 +475,10 @@ def unit_hadamard(tau: ArrayLike) -> Floats:
     >>> round(float(run[1] / run[0]), 2)
     8.0
     """
-    from scipy.special import digamma
-
     t = np.asarray(tau, np.float64)
-    total = np.zeros((2, t.size))
-    for k, weight in enumerate((20.0, -30.0, 12.0, -2.0)):
-        j = k * t
-        odd = 0.5 * (digamma(j + 0.5) - digamma(0.5))
-        total[0] -= weight * (j**2 - 0.25) * (j**2 - 2.25) * odd
-        total[1] -= weight * j * (j**2 - 1.0) * (j**2 - 4.0)
-    return np.concatenate([unit_variance("hvar", t), total / (6.0 * t**2)])
+    weights = (20.0, -30.0, 12.0, -2.0)
+    third = [w * _phase_at(k * t) for k, w in enumerate(weights)]
+    return np.asarray(np.sum(third, axis=0) / (6.0 * t**2))
 
 
 def unit_variance(family: Family, tau: ArrayLike) -> Floats:
@@ -511,9 +505,7 @@ def unit_variance(family: Family, tau: ArrayLike) -> Floats:
     """
     t = np.asarray(tau, np.float64)
     if family == "hvar":
-        weights = (20.0, -30.0, 12.0, -2.0)
-        third = [w * lagged_phase(k * t) for k, w in enumerate(weights)]
-        return np.asarray(np.sum(third, axis=0) / (6.0 * t**2))
+        return unit_hadamard(t)[:_LEVELS]
     allan = (6.0 * lagged_phase(0.0 * t) - 8.0 * lagged_phase(t) + 2.0 * lagged_phase(2.0 * t)) / (
         2.0 * t**2
     )
@@ -524,12 +516,24 @@ def unit_variance(family: Family, tau: ArrayLike) -> Floats:
 
 
 def lagged_phase(j: Floats) -> Floats:
-    """Return the covariance of the phase at a lag in samples, up to what differences remove."""
+    """Return the covariance of the phase at a lag in samples, up to what differences remove.
+
+    Of white PM to random walk FM: of steeper noise second differences do not remove the rest.
+    """
+    return _phase_at(j)[:_LEVELS]
+
+
+def _phase_at(j: Floats) -> Floats:
+    """Return the same of all seven power laws, whose third differences are those of HVAR."""
     from scipy.special import digamma
 
     odd = 0.5 * (digamma(j + 0.5) - digamma(0.5))
     spike = np.where(j == 0, 1.0, 0.0)
-    return np.stack([spike, -odd, -j, (j**2 / 2.0 - 0.125) * odd, j**3 - j])
+    even = j**2
+    flicker_walk = -(even - 0.25) * (even - 2.25) * odd
+    random_run = -j * (even - 1.0) * (even - 4.0)
+    flicker_fm = (even / 2.0 - 0.125) * odd
+    return np.stack([spike, -odd, -j, flicker_fm, j**3 - j, flicker_walk, random_run])
 
 
 @lru_cache(maxsize=1024)

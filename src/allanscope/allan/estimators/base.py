@@ -234,9 +234,7 @@ class Estimator(ABC):
 
         Notes
         -----
-        Expectations add up. Variances of a variance do so with the products of all pairs. What two
-        power laws have in common lies between the geometric mean of their degrees of freedom
-        (spectra of one shape) and the larger of them (one a spike in the other): between these.
+        Expectations add up; degrees of freedom as in `_pooled`.
         """
         shares = noise.shares(self.family, self.tau(m, int(np.max(n))))
         present = [i for i in range(len(ALPHAS)) if shares[..., i].any()]
@@ -248,10 +246,20 @@ class Estimator(ABC):
         # Raw THEO1 is its own expectation, and has of each noise what its bias says.
         weight = share * np.where(ratio == 1.0, left, ratio)
         raw = weight / weight.sum(axis=-1, keepdims=True)
-        one, other = edf[..., :, np.newaxis], edf[..., np.newaxis, :]
-        common = np.maximum(one, other) ** 0.75 * np.minimum(one, other) ** 0.25
-        scatter = np.einsum("...i,...j,...ij->...", raw, raw, 1.0 / common)
-        return 1.0 / scatter, (share * ratio).sum(axis=-1), (share * left).sum(axis=-1)
+        return _pooled(edf, raw), (share * ratio).sum(axis=-1), (share * left).sum(axis=-1)
+
+
+def _pooled(edf: NDArray[np.float64], share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the degrees of freedom of a sum of noises, each with a share of it, both (..., j).
+
+    Variances of a variance add up with the products of all pairs. What two power laws have in
+    common lies between the geometric mean of their degrees of freedom (spectra of one shape) and
+    the larger of them (one a spike in the other): between these.
+    """
+    one, other = edf[..., :, np.newaxis], edf[..., np.newaxis, :]
+    common = np.maximum(one, other) ** 0.75 * np.minimum(one, other) ** 0.25
+    scatter: NDArray[np.float64] = np.einsum("...i,...j,...ij->...", share, share, 1.0 / common)
+    return 1.0 / scatter
 
 
 REGISTRY: dict[str, Estimator] = {}
@@ -390,10 +398,8 @@ class AverageEstimator(Estimator):
                 known = max(alpha, self.lowest_alpha)
                 unequal = _UNEQUAL if alpha < 0 else 1.0
                 edf[..., i] = unequal * np.maximum(self.edf(known, m, n, stride), 1.0)
-        one, other = edf[..., :, np.newaxis], edf[..., np.newaxis, :]
-        common = np.maximum(one, other) ** 0.75 * np.minimum(one, other) ** 0.25
-        scatter = np.einsum("...i,...j,...ij->...", share, share, 1.0 / common)
-        return 1.0 / scatter, np.ones(scatter.shape), np.ones(scatter.shape)
+        pooled = _pooled(edf, share)
+        return pooled, np.ones(pooled.shape), np.ones(pooled.shape)
 
     def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
         """Return False: a random walk that the record hardly shows makes most of this variance.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from allanscope.allan.noise_type import LETTERS, NAMES, alpha_named
 if TYPE_CHECKING:
     from allanscope.allan.bank import AllanBank
     from allanscope.allan.estimators import Estimator
+    from allanscope.allan.oneshot import Taus
 
 __all__ = ["KINDS", "TAU_SETS", "CurveChoices"]
 
@@ -173,9 +174,9 @@ class CurveChoices:
             raise ValueError(
                 f"all averaging times of {n} samples take too long; choose many, or times in s"
             )
-        taus: str | list[float]
+        taus: Taus
         if isinstance(self.taus, str):
-            taus = self.taus
+            taus = cast("Taus", self.taus)
             if estimator_named(kind).needed(2) > n:
                 return None
         else:
@@ -185,7 +186,7 @@ class CurveChoices:
             values,
             rate,
             kind,
-            taus,  # type: ignore[arg-type]
+            taus,
             level=level,
             bias_corrected=self.bias_corrected,
             hadamard_factor=self.hadamard,
@@ -193,13 +194,13 @@ class CurveChoices:
         )
 
 
-def _refuse_endless(estimator: Estimator, taus: str | list[float], n: int, rate: float) -> None:
+def _refuse_endless(estimator: Estimator, taus: Taus, n: int, rate: float) -> None:
     """Raise ValueError where the windows of a total or of THEO1 have too many squares."""
     from allanscope.allan.oneshot import choose_factors
 
     if estimator.name not in _SLOW:
         return
-    m = choose_factors(estimator, taus, n, rate).astype(np.float64)  # type: ignore[arg-type]
+    m = choose_factors(estimator, taus, n, rate).astype(np.float64)
     window, squares = (m, m / 2.0) if estimator.even or estimator.name == "theoh" else (3 * m,) * 2
     total = float(np.sum((n - window) * squares))
     if total > _MOST_SQUARES:

@@ -36,7 +36,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -185,21 +185,18 @@ def difference_edf(
     for i in np.ndindex(m.shape):
         exponent, factor, step = int(alpha[i]), float(m[i]), float(stride[i])
         averaged = modified and not (sampled and factor == 1)
-
-        def summed(
-            at: float,
-            terms: float,
-            exponent: int = exponent,
-            step: float = step,
-            averaged: bool = averaged,
-        ) -> float:
-            span = at / step
-            width = _filter_width(exponent, int(at), span, averaged)
-            lags = _difference_lags(exponent, span, width, order, sampled and not averaged)
-            return lags.edf(terms)
-
+        summed = partial(_summed, exponent, step, order, averaged, sampled and not averaged)
         edf[i] = _by_neighbours(summed, factor, step, float(terms[i]))
     return edf
+
+
+def _summed(
+    alpha: int, stride: float, order: int, averaged: bool, discrete: bool, m: float, terms: float
+) -> float:
+    """Return the degrees of freedom of so many terms at m, by the sum over their lags."""
+    span = m / stride
+    width = _filter_width(alpha, int(m), span, averaged)
+    return _difference_lags(alpha, span, width, order, discrete).edf(terms)
 
 
 def _by_neighbours(

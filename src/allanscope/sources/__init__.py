@@ -33,10 +33,13 @@ if TYPE_CHECKING:
     )
     from allanscope.sources.file import FileSource, RecordedSource
     from allanscope.sources.iio import (
+        AXIS_NAMES,
+        TIME,
         IioSource,
         ScanElement,
         ScanLayout,
         pair,
+        part_name,
         period_of,
         scale_of,
     )
@@ -46,6 +49,8 @@ if TYPE_CHECKING:
     from allanscope.sources.simulated import SimulatedSource
 
 __all__ = [
+    "AXIS_NAMES",
+    "TIME",
     "Chunk",
     "FileSource",
     "IioSource",
@@ -67,6 +72,7 @@ __all__ = [
     "open_file",
     "open_source",
     "pair",
+    "part_name",
     "period_of",
     "scale_of",
 ]
@@ -74,6 +80,7 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "AXIS_NAMES": "iio",
         "FileSource": "file",
         "IioSource": "iio",
         "PortDescription": "discovery",
@@ -82,6 +89,7 @@ __getattr__, __dir__ = lazily(
         "ScanLayout": "iio",
         "SerialSource": "serial_port",
         "SimulatedSource": "simulated",
+        "TIME": "iio",
         "auto_port": "discovery",
         "buffers": "isolated_reader",
         "describe_ports": "discovery",
@@ -91,6 +99,7 @@ __getattr__, __dir__ = lazily(
         "open_file": "registry",
         "open_source": "registry",
         "pair": "iio",
+        "part_name": "iio",
         "period_of": "iio",
         "scale_of": "iio",
     },

@@ -23,14 +23,21 @@ from allanscope.parts import PARTS
 from allanscope.pipeline.columns import Columns
 from allanscope.pipeline.table_files import MOST_BYTES, TableFile
 from allanscope.samples import AXES
-from allanscope.sources import ScanElement, ScanLayout, pair, period_of, scale_of
+from allanscope.sources import (
+    AXIS_NAMES,
+    TIME,
+    ScanElement,
+    ScanLayout,
+    pair,
+    part_name,
+    period_of,
+    scale_of,
+)
 
 __all__ = ["CONTEXT", "read"]
 
 CONTEXT = "context.xml"
 MOST_XML_BYTES = 4 << 20
-_AXES = [f"{name}_{axis}" for name in ("anglvel", "accel") for axis in "xyz"]
-_TIME = "timestamp"
 _MOSTLY = 0.9
 
 
@@ -56,8 +63,7 @@ def read(path: Path, stream: str = "") -> TableFile:
     """Return the samples of the part `stream`, or of the first that has a gyroscope."""
     parts: dict[str, list[_Device]] = {}
     for device in _devices(path):
-        name = device.name.removesuffix("_gyro").removesuffix("_accel").lower()
-        parts.setdefault(name, []).append(device)
+        parts.setdefault(part_name(device.name).lower(), []).append(device)
     if not parts:
         raise ValueError(
             f"no file with the scans of a device that {CONTEXT} has; call it as the device, for "
@@ -124,9 +130,9 @@ def _device(node: ElementTree.Element, file: Path) -> _Device | None:
     if not layout.axes:
         return None
     shown = node.get("name", "") or node.get("id", "")
-    if _TIME not in [one.name for one in elements]:
-        raise ValueError(f"{shown} has no {_TIME}: nothing tells its rate, nor what is missing")
-    names = [one.name for one in layout.elements if one.name in _AXES]
+    if TIME not in [one.name for one in elements]:
+        raise ValueError(f"{shown} has no {TIME}: nothing tells its rate, nor what is missing")
+    names = [one.name for one in layout.elements if one.name in AXIS_NAMES]
     missing = [name for name in names if name not in per_count]
     if missing:
         raise ValueError(f"{CONTEXT} has no scale of {missing[0]} of {shown}")

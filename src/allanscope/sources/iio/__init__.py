@@ -14,18 +14,21 @@ samples by their times and describes them: what is recorded can be replayed anyw
 
 from __future__ import annotations
 
-from allanscope.sources.iio.devices import IioSensor, find_iio_sensors
+from allanscope.sources.iio.devices import IioSensor, find_iio_sensors, part_name
 from allanscope.sources.iio.pairing import pair, period_of
-from allanscope.sources.iio.scans import ScanElement, ScanLayout, scale_of
+from allanscope.sources.iio.scans import AXIS_NAMES, TIME, ScanElement, ScanLayout, scale_of
 from allanscope.sources.iio.source import IioSource
 
 __all__ = [
+    "AXIS_NAMES",
+    "TIME",
     "IioSensor",
     "IioSource",
     "ScanElement",
     "ScanLayout",
     "find_iio_sensors",
     "pair",
+    "part_name",
     "period_of",
     "scale_of",
 ]

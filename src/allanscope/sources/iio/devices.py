@@ -13,7 +13,7 @@ from allanscope.parts import PARTS
 from allanscope.sanitize import sanitize
 from allanscope.sources.iio.scans import AXIS_NAMES, TIME, ScanElement, ScanLayout, scale_of
 
-__all__ = ["DEV", "SYSFS", "IioDevice", "IioSensor", "find_iio_sensors", "iio_sensor"]
+__all__ = ["DEV", "SYSFS", "IioDevice", "IioSensor", "find_iio_sensors", "iio_sensor", "part_name"]
 
 SYSFS = Path("/sys/bus/iio/devices")
 DEV = Path("/dev")
@@ -26,7 +26,6 @@ NEAREST = 0.05
 """A rate is taken for the nearest of the driver's when it is within this share of it."""
 _SAME = 1e-3
 _SENSORS = {"anglvel": "g", "accel": "a"}
-_SUFFIXES = ("_gyro", "_accel")
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,9 +227,7 @@ def find_iio_sensors() -> list[IioSensor]:
     for folder in sorted(SYSFS.glob("iio:device*")):
         device = IioDevice(folder, DEV / folder.name)
         if device.axes:
-            name = device.name or folder.name
-            for suffix in _SUFFIXES:
-                name = name.removesuffix(suffix)
+            name = part_name(device.name or folder.name)
             # Two parts of one kind are at two places of the bus.
             place = os.path.dirname(os.path.realpath(folder))
             groups.setdefault((place, name), []).append(device)
@@ -244,6 +241,17 @@ def find_iio_sensors() -> list[IioSensor]:
         kept.sort(key=lambda one: "gx" not in one.axes)
         sensors.append(IioSensor(name, tuple(kept)))
     return sorted(sensors, key=lambda one: ("gx" not in one.devices[0].axes, not one.part))
+
+
+def part_name(device: str) -> str:
+    """Return the name of the part of which a driver makes a device.
+
+    Examples
+    --------
+    >>> part_name("lsm6dsm_gyro")
+    'lsm6dsm'
+    """
+    return device.removesuffix("_gyro").removesuffix("_accel")
 
 
 def iio_sensor(spec: str) -> IioSensor:

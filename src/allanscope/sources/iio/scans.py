@@ -155,12 +155,9 @@ def scale_of(axis: str, per_count: float, part: str = "") -> float:
     (0.00875, 6.1e-05)
     """
     scale = per_count / GRAVITY if axis.startswith("a") else float(np.rad2deg(per_count))
+    of = PARTS.get(part, PARTS["LSM6DSM"])
+    table = of.gyro_scales if axis.startswith("g") else of.accel_scales
     if part in PARTS:
-        table = PARTS[part].gyro_scales if axis.startswith("g") else PARTS[part].accel_scales
         return next((one for one in table.values() if abs(scale / one - 1) < _NEAR), scale)
     full = full_scale_of(axis, scale)
-    common = PARTS["LSM6DSM"]
-    if full is None:
-        return scale
-    table = common.gyro_scales if axis.startswith("g") else common.accel_scales
-    return table.get(full, scale)
+    return scale if full is None else table.get(full, scale)

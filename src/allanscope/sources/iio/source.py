@@ -34,6 +34,8 @@ RETRY_S = 1.0
 TELL_S = 1.0
 LEFT_ALONE_S = 2.0
 """A scan whose partner of the other device has not come by then has none."""
+_SETTINGS = {"rate_hz": "", "gyro_fs": "gx", "accel_fs": "ax"}
+"""What a host may set, and an axis of the sensor that it is about."""
 
 
 @dataclass(slots=True)
@@ -370,7 +372,3 @@ class IioSource:
             return Chunk(now)
         self._lost_ns = None
         return Chunk(now, event="reconnected")
-
-
-_SETTINGS = {"rate_hz": "", "gyro_fs": "gx", "accel_fs": "ax"}
-"""What a host may set, and an axis of the sensor that it is about."""

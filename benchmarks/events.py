@@ -262,10 +262,10 @@ def accelerated(nights: int, blocks: int, seed: int = 1) -> list[Figure]:
         "outliers": set(),
     }
     for _ in range(blocks):
-        for alarm in scan.take(np.concatenate([drawn.level(), drawn.noise()])):
+        for alarm in scan.update(np.concatenate([drawn.level(), drawn.noise()])):
             alarmed["level" if alarm.channel < axes else "noise"].add(alarm.channel % axes)
-        alarmed["line"] |= {found.axis for found in lines.take(*drawn.lines(), held)}
-        bursts, _ = rare.take(drawn.rng.poisson(0.002, axes))
+        alarmed["line"] |= {found.axis for found in lines.update(*drawn.lines(), held)}
+        bursts, _ = rare.update(drawn.rng.poisson(0.002, axes))
         alarmed["outliers"] |= {burst.channel for burst in bursts}
     print(f"axes with a false alarm, by kind: { {k: len(v) for k, v in alarmed.items()} }")
     many = len(set().union(*alarmed.values()))
@@ -282,7 +282,7 @@ def alike(blocks: int = 3000) -> list[Figure]:
     bins: dict[str, list[NDArray[np.float32]]] = {"samples": [], "drawn": []}
     for number in range(blocks):
         block = np.rint(rng.normal(0.0, 20.0, (rows, 6))).astype(np.int16)
-        known, mine = real.take(block, held, other), (drawn.noise(), drawn.lines())
+        known, mine = real.update(block, held, other), (drawn.noise(), drawn.lines())
         if number >= blocks // 3:
             loud["samples"].append(known.noise)
             bins["samples"].append((known.ratio * known.scale)[..., :6])
@@ -375,8 +375,8 @@ def delays(blocks: int = 3000, after: int = 90, axes: int = 800) -> list[Figure]
         if -500 <= number < 0:
             quiet.append(still)
             usual, spread = float(np.mean(quiet)), float(np.std(quiet))
-        found = [divmod(alarm.channel, axes) for alarm in scan.take(np.concatenate(values))]
-        found += [(4, one.axis) for one in lines.take(ratio, scale, held)]
+        found = [divmod(alarm.channel, axes) for alarm in scan.update(np.concatenate(values))]
+        found += [(4, one.axis) for one in lines.update(ratio, scale, held)]
         if not on:
             continue
         for kind, axis in found:
@@ -429,7 +429,7 @@ def rare_delays(blocks: int, after: int, axes: int) -> list[Figure]:
         gains = []
         for number in range(-blocks, after):
             counts = rng.poisson(mean if number >= 0 else before, axes)
-            for burst in rare.take(counts)[0]:
+            for burst in rare.update(counts)[0]:
                 if number >= 0:
                     first[burst.channel] = min(first[burst.channel], number + 1)
             if number >= 0:

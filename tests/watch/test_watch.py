@@ -261,7 +261,7 @@ def test_delay_is_near_that_of_an_oracle():
     scan = Scan(many, np.full(many, np.log(ALPHA * SHARES["level"])))
     delay = np.full(many, np.inf)
     for time, values in enumerate(x):
-        for alarm in scan.take(values):
+        for alarm in scan.update(values):
             assert time >= at
             delay[alarm.channel] = min(delay[alarm.channel], time - at + 1)
     ratio = np.median(delay) / np.median(cusum_delays(x, at, size))
@@ -272,7 +272,7 @@ def test_wide_words_are_judged_without_dividing_by_nothing():
     """Of 24 or 32 bits, whose variance over that of a window not yet looked at is not a number."""
     scan = Scan(1, np.full(1, np.log(ALPHA)))
     for value in np.random.default_rng(1).normal(0.0, 1e6, 700):
-        assert scan.take(np.full(1, value)) == []
+        assert scan.update(np.full(1, value)) == []
     assert scan.spread(0) == pytest.approx(1e6, rel=0.2)
 
 
@@ -289,7 +289,7 @@ def test_false_alarms_stay_below_what_is_allowed(noise: str):
         shape *= np.maximum(np.arange(len(shape)) / len(shape), 1e-4)[:, np.newaxis] ** -0.5
         x += 0.3 * np.fft.irfft(shape, axis=0)[:blocks]
     scan = Scan(many, np.full(many, log_alpha))
-    alarmed = {alarm.channel for values in x for alarm in scan.take(values)}
+    alarmed = {alarm.channel for values in x for alarm in scan.update(values)}
     spent = sum(np.exp(log_weight(block)) for block in range(blocks))
     assert len(alarmed) <= many * np.exp(log_alpha) * spent
 

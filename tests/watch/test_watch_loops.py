@@ -44,7 +44,7 @@ def test_block_is_summed_up_as_by_numpy(rows: int, axes: int, dtype: type):
     other = np.zeros(summarise.power.shape[::2], np.bool_)
     mean = np.zeros((summarise.bins, axes))
     for number, block in enumerate(blocks):
-        known = summarise.take(block, held, other)
+        known = summarise.update(block, held, other)
         x = block.astype(np.float64)
         assert known.outliers.sum() == (number == 19)
         assert known.repeats == int((np.diff(x, axis=0) == 0).all(axis=1).sum())
@@ -73,7 +73,7 @@ class PlainScan:
         self.fourth = np.full((many, channels), 3.0)
         self.pending = np.full((DELAY, many, channels), np.nan)
 
-    def take(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def update(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return by how much the nats of each channel exceed the limit, -inf where not judged."""
         if len(self.values) >= BEFORE[0]:
             centre = np.mean(self.values[-BEFORE[0] :], axis=0)
@@ -145,7 +145,7 @@ def test_ratios_of_white_noise_average_to_one():
     other = np.zeros(summarise.power.shape[::2], np.bool_)
     means = []
     for number in range(4000):
-        known = summarise.take(
+        known = summarise.update(
             np.rint(rng.normal(0.0, 20.0, (rows, 6))).astype(np.int16), held, other
         )
         if number >= 1000:
@@ -164,8 +164,8 @@ def test_scan_is_that_of_plain_numpy():
     loop, plain = Scan(many, log_alpha), PlainScan(many, log_alpha)
     alarms = 0
     for values in x - x[0]:
-        found = {alarm.channel for alarm in loop.take(values)}
-        assert found == set(np.flatnonzero(plain.take(values) > 0.0).tolist())
+        found = {alarm.channel for alarm in loop.update(values)}
+        assert found == set(np.flatnonzero(plain.update(values) > 0.0).tolist())
         alarms += len(found)
         np.testing.assert_allclose(loop._square, plain.square, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(loop._fourth, plain.fourth, rtol=1e-6)
@@ -185,13 +185,13 @@ def test_copy_of_a_scan_goes_on_by_itself():
     x = np.random.default_rng(1).standard_normal((600, 2))
     scan = Scan(2, np.zeros(2))
     for values in x[:300]:
-        scan.take(values)
+        scan.update(values)
     other = copy.deepcopy(scan)
     for values in x[300:]:
-        scan.take(values)
+        scan.update(values)
     assert not np.array_equal(other._square, scan._square)
     for values in x[300:]:
-        other.take(values)
+        other.update(values)
     assert other._square.tobytes() == scan._square.tobytes()
     assert other._sums.tobytes() == scan._sums.tobytes()
 

@@ -206,7 +206,7 @@ def test_a_meaning_that_no_longer_fits_is_replaced() -> None:
     rows = Rows(stats, _limited)
     for i in range(60):
         rows.add((5.0 if i < 30 else 50.0,), 0.01 * i, 0.0)
-    events = rows.take(final=True)
+    events = rows.events(final=True)
     assert [type(e) for e in events] == [StreamInfo, Block, StreamInfo, Gap, Block]
     assert events[3] == Gap("restarted", None)
     assert [len(e) for e in events if isinstance(e, Block)] == [30, 25]
@@ -218,7 +218,7 @@ def test_a_row_that_does_not_fit_is_damaged_and_lost() -> None:
     rows = Rows(stats, _limited)
     for i in range(5000):
         rows.add((50.0 if i % 1500 == 700 else 5.0,), 0.01 * i, 0.0)
-    events = rows.take(final=True)
+    events = rows.events(final=True)
     assert [e for e in events if isinstance(e, Gap)] == 3 * [Gap("link", 1)]
     assert stats.samples == 4997
 
@@ -228,7 +228,7 @@ def test_rows_that_mean_nothing_are_counted_and_dropped() -> None:
     rows = Rows(stats, lambda _: None)
     for i in range(60):
         rows.add((1.0,), 0.01 * i, 0.0)
-    assert rows.take(final=True) == []
+    assert rows.events(final=True) == []
     assert stats.unknown == 60
 
 

@@ -213,12 +213,12 @@ def test_microseconds_go_on_after_two_to_the_32(fed: Callable[..., list[Event]])
 
 def test_halves_of_a_sample_are_joined() -> None:
     pairing = Pairing()
-    assert pairing.take((1, 2, 3), None) is None
-    assert pairing.take(None, (4, 5, 6)) == (1, 2, 3, 4, 5, 6)
-    assert pairing.take((7, 8, 9), (1, 1, 1)) == (7, 8, 9, 1, 1, 1)
-    assert pairing.take((1, 2, 3), None) is None
-    assert pairing.take((4, 4, 4), None) is None
-    assert pairing.take(None, (5, 5, 5)) == (4, 4, 4, 5, 5, 5)
+    assert pairing.update((1, 2, 3), None) is None
+    assert pairing.update(None, (4, 5, 6)) == (1, 2, 3, 4, 5, 6)
+    assert pairing.update((7, 8, 9), (1, 1, 1)) == (7, 8, 9, 1, 1, 1)
+    assert pairing.update((1, 2, 3), None) is None
+    assert pairing.update((4, 4, 4), None) is None
+    assert pairing.update(None, (5, 5, 5)) == (4, 4, 4, 5, 5, 5)
 
 
 @pytest.mark.parametrize("sensor", [0, 3])
@@ -226,7 +226,7 @@ def test_a_sensor_that_never_comes_is_done_without(sensor: int) -> None:
     pairing = Pairing()
     halves: list[tuple[float, float, float] | None] = [None, None]
     halves[sensor // 3] = (1.0, 2.0, 3.0)
-    rows = [pairing.take(*halves) for _ in range(10)]
+    rows = [pairing.update(*halves) for _ in range(10)]
     assert rows[:8] == [None] * 8
     assert rows[8] is not None
     assert np.isnan(rows[8]).tolist() == [sensor == 3] * 3 + [sensor == 0] * 3

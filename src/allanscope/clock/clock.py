@@ -244,23 +244,23 @@ class Envelope:
             self._waiting += size
             taken += size
             if self._waiting == BATCH:
-                self._take()
+                self._sort_in()
 
     def cut(self) -> None:
         """Begin a segment: numbers or times from here on have another origin."""
-        self._take()
+        self._sort_in()
         self._current += 1
 
     def fit(self) -> LineFit | None:
         """Return the rate at which numbers pass, or None while too little is known."""
-        self._take()
+        self._sort_in()
         return self._fit()
 
     def arrivals(
         self,
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]] | None:
         """Return numbers, times and segments of what is kept, each (k,); None of nothing."""
-        self._take()
+        self._sort_in()
         rows = slice(0, self._used)
         if not self._used:
             return None
@@ -288,7 +288,7 @@ class Envelope:
             return 0.0
         return min(float(np.median(np.diff(time_s))), LONGEST_PAUSE_S)
 
-    def _take(self) -> None:
+    def _sort_in(self) -> None:
         """Sort in what has been waiting."""
         index, time_s = self._waiting_index[: self._waiting], self._waiting_time_s[: self._waiting]
         self._waiting = 0

@@ -88,9 +88,9 @@ def deviation_picture(
             ax.plot(earlier.tau[shown], kept, "-", c=BEFORE, lw=1.3, label=label)
         ax.legend(loc="upper right")
 
-    def told() -> list[tuple[float, str]]:
+    def readout() -> list[tuple[float, str]]:
         factor = DEVIATION[axis.unit].factor
-        said = _told({name: axis})
+        said = _overlay_readout({name: axis})
         if axis.model is None:
             return said
         model = factor * _at(axis.model, axis.curves["oadev"].tau)
@@ -102,7 +102,7 @@ def deviation_picture(
     def columns() -> Mapping[str, ArrayLike]:
         return _columns(axis.curves["oadev"], {"model": axis.model})
 
-    return Picture(draw, columns=columns, told=None if squared else told)
+    return Picture(draw, columns=columns, readout=None if squared else readout)
 
 
 def overlay_picture(axes: Mapping[str, AxisAnalysis], unit: str) -> Picture:
@@ -132,7 +132,7 @@ def overlay_picture(axes: Mapping[str, AxisAnalysis], unit: str) -> Picture:
             for name, one in curves.items()
         }
 
-    return Picture(draw, 5.0, 3.6, columns=columns, told=lambda: _told(axes))
+    return Picture(draw, 5.0, 3.6, columns=columns, readout=lambda: _overlay_readout(axes))
 
 
 def estimators_picture(name: str, axis: AxisAnalysis, choices: CurveChoices) -> Picture:
@@ -291,7 +291,7 @@ def _place(
     return None
 
 
-def _told(axes: Mapping[str, AxisAnalysis]) -> list[tuple[float, str]]:
+def _overlay_readout(axes: Mapping[str, AxisAnalysis]) -> list[tuple[float, str]]:
     """Return for each averaging time what the curves of some axes of a sensor have there."""
     said: dict[float, list[str]] = {}
     for name, axis in axes.items():

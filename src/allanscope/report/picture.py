@@ -54,7 +54,7 @@ _DOTS_PER_INCH = 150
 _POINTS_PER_INCH = 72
 _MARGINS = {"left": 0.72, "bottom": 0.48, "right": 0.12, "top": 0.1}
 """In inches, so that every picture has its frame in the same place, and none has to be laid out."""
-_TOLD_DIGITS = 6
+_READOUT_DIGITS = 6
 
 _STYLE: Any = {
     "svg.fonttype": "none",
@@ -92,7 +92,7 @@ class Picture:
         In inches.
     columns : callable, optional
         Returns the numbers behind it, by the names of their columns.
-    told : callable, optional
+    readout : callable, optional
         Returns for places on the horizontal axis of its first chart what is said there.
     fixed : bool
         Whether the usual margins do; else matplotlib finds them, which takes as long as drawing.
@@ -102,7 +102,7 @@ class Picture:
     width: float = 7.0
     height: float = 4.2
     columns: Callable[[], Mapping[str, ArrayLike]] | None = None
-    told: Callable[[], Sequence[tuple[float, str]]] | None = None
+    readout: Callable[[], Sequence[tuple[float, str]]] | None = None
     fixed: bool = True
 
     def svg(self) -> str:
@@ -111,9 +111,9 @@ class Picture:
         text = data.decode("utf-8")
         text = text[text.index("<svg") :].replace(_PAGE_INK, "currentColor")
         text = re.sub(r'id="(series-\w+)"', r'class="\1"', text)
-        if self.told is None:
+        if self.readout is None:
             return text
-        return text.replace("</svg>", f"{_readout(figure, self.told())}</svg>")
+        return text.replace("</svg>", f"{_readout(figure, self.readout())}</svg>")
 
     def link(self, name: str) -> str:
         """Return a link to its numbers as CSV, inside the page; empty where it has none."""
@@ -160,10 +160,10 @@ def ink() -> str:
     return str(mpl.rcParams["text.color"])
 
 
-def _readout(figure: Figure, told: Sequence[tuple[float, str]]) -> str:
+def _readout(figure: Figure, readout: Sequence[tuple[float, str]]) -> str:
     """Return bands over the first chart, each with what is written while the mouse is on it."""
     ax = figure.axes[0]
-    inside = [(x, text) for x, text in told if x > 0]
+    inside = [(x, text) for x, text in readout if x > 0]
     if not inside or ax.get_xscale() != "log":
         return ""
     width, height = (_POINTS_PER_INCH * inches for inches in figure.get_size_inches())
@@ -185,4 +185,4 @@ def _readout(figure: Figure, told: Sequence[tuple[float, str]]) -> str:
 
 
 def _cell(value: object) -> str:
-    return f"{value:.{_TOLD_DIGITS}g}" if isinstance(value, float) else str(value)
+    return f"{value:.{_READOUT_DIGITS}g}" if isinstance(value, float) else str(value)

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Change", "goes_on", "locate"]
+__all__ = ["Change", "is_one_ramp", "locate"]
 
 INTERVAL_NATS = 2.5
 """Log-likelihood below the best within which the moment of a change may be: 95 % and a little more,
@@ -87,7 +87,7 @@ def locate(values: NDArray[np.float64], earliest: int, spread: float) -> Change:
     return Change("ramp" if is_ramp else "step", at, int(inside[0]), int(inside[-1]), before, size)
 
 
-def goes_on(values: NDArray[np.float64], first: int, second: int) -> bool:
+def is_one_ramp(values: NDArray[np.float64], first: int, second: int) -> bool:
     """Return whether two changes of a stretch are one ramp rather than two steps."""
     _, ramps = _gains(values)
     total = float(np.sum((values - values.mean()) ** 2))

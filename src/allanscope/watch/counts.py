@@ -79,7 +79,7 @@ class Rare:
         self._square = np.zeros(channels)
         self._exposure = np.zeros(channels)
 
-    def take(self, counts: NDArray[np.int64]) -> tuple[list[Burst], list[Burst]]:
+    def update(self, counts: NDArray[np.int64]) -> tuple[list[Burst], list[Burst]]:
         """Take the counts of a block; return the bursts that were found, and those that ended."""
         at = self.blocks
         self.blocks += 1

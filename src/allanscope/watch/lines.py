@@ -116,7 +116,7 @@ class Lines:
         gains = np.array([*OF_WEAK, *OF_CLEAR], np.float32)
         self._fixed = Fixed(gains, self._spread, self._sums, self._since, self._tops)
 
-    def take(
+    def update(
         self, ratio: NDArray[np.float32], scale: NDArray[np.float32], held: NDArray[np.int32]
     ) -> list[LineAlarm]:
         """Take the ratios of a block; return one alarm an axis at most.

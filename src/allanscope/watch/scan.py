@@ -125,7 +125,7 @@ class Scan:
             *(self._square, self._fourth, self._looks, self._pending, self._room, self._found),
         )
 
-    def take(self, values: NDArray[np.float64]) -> list[Alarm]:
+    def update(self, values: NDArray[np.float64]) -> list[Alarm]:
         """Take the values of a block, shape (channels,); return at most one alarm a channel."""
         if self._anchor is None:
             self._anchor = values.copy()

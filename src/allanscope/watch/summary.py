@@ -153,7 +153,7 @@ class Summariser:
         level, rest = np.ones((2, groups, LANES), np.float32)
         self._of_noise = Fixed(self._bands, usual, level, rest, self._noise, self._scale)
 
-    def take(
+    def update(
         self, block: NDArray[Any], held: NDArray[np.int32], other: NDArray[np.bool_]
     ) -> BlockSummary:
         """Reduce a block, then let it move the references.

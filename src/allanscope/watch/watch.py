@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.samples import Gap, StreamInfo, Ticks
-from allanscope.watch.change import Change, goes_on, locate
+from allanscope.watch.change import Change, is_one_ramp, locate
 from allanscope.watch.counts import Burst, Rare
 from allanscope.watch.events import Event
 from allanscope.watch.false_alarms import ALPHA
@@ -112,7 +112,7 @@ class Watch:
 
     def ticks(self, position: int, ticks: Ticks) -> None:
         """Take the times of samples, of which the first has this number; before the samples."""
-        self._clock.take(position, ticks)
+        self._clock.update(position, ticks)
 
     def rows(self, counts: NDArray[Any]) -> None:
         """Take contiguous samples, shape (n, axes)."""
@@ -185,7 +185,7 @@ class Watch:
 
     def _block(self, block: NDArray[Any]) -> None:
         self._starts[self.blocks % RING] = self._first_row
-        known = self._summarise.take(block, self._held, self._other_noise)
+        known = self._summarise.update(block, self._held, self._other_noise)
         lost, self._lost = self._lost, 0
         self.blocks += 1
         counts = np.concatenate([known.outliers, [known.repeats, lost]])
@@ -197,10 +197,10 @@ class Watch:
                 [self._clock.log_duration(self._position)],
             ]
         )
-        self._bursts(*self._rare.take(counts))
-        alarms = self._scan.take(series)
+        self._bursts(*self._rare.update(counts))
+        alarms = self._scan.update(series)
         self._follow_lines(known)
-        for found in self._lines.take(known.ratio, known.scale, self._held):
+        for found in self._lines.update(known.ratio, known.scale, self._held):
             self._line(found)
         for alarm in alarms:
             self._alarm(alarm)
@@ -266,7 +266,7 @@ class Watch:
                 self.tracks.close(track, self._sample(at))
                 return
         latest = self.tracks.open(axis, kinds)[:1] if kind == "step" else []
-        if any(self._goes_on(channel, track, at, after) for track in latest):
+        if any(self._extend_ramp(channel, track, at, after) for track in latest):
             return
         if kind == "variance_change" and self._has_another_cause(axis, first + change.lower, at):
             return
@@ -279,7 +279,7 @@ class Watch:
         window = max(alarm.window, LEAST_WINDOW)
         self.tracks.add(Track(kind, axis, change.before, window, alarm.nats, [span]))
 
-    def _goes_on(self, channel: int, track: Track, at: int, after: float) -> bool:
+    def _extend_ramp(self, channel: int, track: Track, at: int, after: float) -> bool:
         """Return whether a change is the next piece of a ramp, and draw the ramp longer then."""
         size = after - track.before
         if size * track.last.size <= 0.0 or abs(size) <= abs(track.last.size):
@@ -288,7 +288,7 @@ class Watch:
         values = self._scan.values(channel, first)
         first = self.blocks - len(values)
         begin, second = track.last.block - first, at - first
-        if begin < 8 or not goes_on(values, begin, second):
+        if begin < 8 or not is_one_ramp(values, begin, second):
             return False
         change = locate(values, begin // 2, self._scan.spread(channel))
         if change.kind != "ramp":
@@ -423,7 +423,7 @@ class BlockClock:
         self._last: tuple[int, float] | None = None
         self._value = 0.0
 
-    def take(self, position: int, ticks: Ticks) -> None:
+    def update(self, position: int, ticks: Ticks) -> None:
         """Take the times of some samples after `position`."""
         if not len(ticks.offset):
             return

@@ -104,7 +104,7 @@ class DataLogDecoder:
             self._line(line)
         if self._lines.dropped > dropped:
             self._damage(self._lines.dropped - dropped)
-        return self._rows.take()
+        return self._rows.events()
 
     def interrupt(self, reason: str) -> list[Event]:
         """Forget a partial record, e.g. after an unplug; the next Block follows a Gap."""
@@ -120,7 +120,7 @@ class DataLogDecoder:
         if last:
             self._line(last)
         self._add(self._reader.flush())
-        return self._rows.take(final=True)
+        return self._rows.events(final=True)
 
     def _line(self, line: bytes) -> None:
         before = self._reader.damaged

@@ -200,7 +200,7 @@ class Pairing:
         self._without_gyro = 0
         self._without_accel = 0
 
-    def take(self, gyro: Triple | None, accel: Triple | None) -> tuple[float, ...] | None:
+    def update(self, gyro: Triple | None, accel: Triple | None) -> tuple[float, ...] | None:
         """Take what came and return the row that it completes.
 
         A sensor that the last eight records of the other did not bring is switched off: rows then

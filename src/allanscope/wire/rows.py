@@ -109,12 +109,12 @@ class Rows:
 
     def change(self) -> list[Event]:
         """Note that the rows that follow mean something else; return what was held back."""
-        events = self.take(final=True)
+        events = self.events(final=True)
         self._meaning = None
         self._time_per_second = 1.0
         return events
 
-    def take(self, final: bool = False) -> list[Event]:
+    def events(self, final: bool = False) -> list[Event]:
         """Return the events of the rows since the last call; of all rows if `final`."""
         events: list[Event] = []
         self._collect()
@@ -211,7 +211,7 @@ class Rows:
             gap = between.follow(row, missing)
             if gap is not None:
                 self._block(rows[start:i], counts[start:i], events)
-                self._say(gap, events)
+                self._append_gap(gap, events)
                 start = i
             i += 1
         self._block(rows[start:], counts[start:], events)
@@ -243,7 +243,7 @@ class Rows:
             return True
         return False
 
-    def _say(self, gap: Gap, events: list[Event]) -> None:
+    def _append_gap(self, gap: Gap, events: list[Event]) -> None:
         self._stats.lost_samples += gap.lost or 0
         self._stats.unknown_losses += gap.lost is None
         self._index += gap.lost or 0

@@ -73,7 +73,7 @@ class Assembler:
         self._raised = 0
         self._refused_version = False
 
-    def take(self, table: FrameTable, host_s: NDArray[np.float64]) -> list[Event]:
+    def feed(self, table: FrameTable, host_s: NDArray[np.float64]) -> list[Event]:
         """Return the events of a table of frames and the host times of its data frames."""
         events: list[Event] = []
         for run, other in runs_of(table, host_s):

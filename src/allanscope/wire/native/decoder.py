@@ -58,7 +58,7 @@ class NativeDecoder:
             piece = data[start : start + _SLICE]
             table = self._read(piece)
             arrival = np.searchsorted(ends, table.ends + start)
-            events += self._assembler.take(table, host_s[arrival])
+            events += self._assembler.feed(table, host_s[arrival])
         self.stats.crc_errors = self._deframer.crc_errors
         self.stats.resyncs = self._deframer.malformed + self._assembler.repeats
         return events

@@ -237,9 +237,9 @@ class Conversation:
 
     def ask_for_status(self) -> None:
         """Ask a board that streams already, and is connected, what it sends."""
-        self._say(packets.request(STATUS))
+        self._send(packets.request(STATUS))
 
-    def take(self, packet: Packet) -> bytes | None:
+    def feed(self, packet: Packet) -> bytes | None:
         """Take a packet that is no data of a sensor; return a response that it completes."""
         if packet.type == packets.BEACON:
             self._beacon(packet)
@@ -250,7 +250,7 @@ class Conversation:
         elif packet.type == packets.REFUSAL:
             self._tries += 1
             if self._last and self._tries < _PATIENCE:
-                self._say(self._last)
+                self._send(self._last)
         elif packet.kind == packets.RESPONSE:
             return self._response(packet)
         return None
@@ -258,13 +258,13 @@ class Conversation:
     def _beacon(self, packet: Packet) -> None:
         theirs = packets.capabilities(packet.header)
         if theirs == packets.capabilities(int.from_bytes(packets.beacon(), "little")):
-            self._say(packets.ping())
+            self._send(packets.ping())
         elif self._tries < _PATIENCE:
             # It can do less, and connects only with a host that asks for no more.
             self._tries += 1
-            self._say(packets.beacon(theirs))
+            self._send(packets.beacon(theirs))
             if self._tries > 1:
-                self._say(packets.ping())
+                self._send(packets.ping())
 
     def _response(self, packet: Packet) -> bytes | None:
         self._tries = 0
@@ -273,7 +273,7 @@ class Conversation:
             self._fragments.clear()
             return None
         if not packet.last:
-            self._say(packets.request())
+            self._send(packets.request())
             return None
         whole = bytes(self._fragments)
         self._fragments.clear()
@@ -282,7 +282,7 @@ class Conversation:
             self.status = status
             self._plan(status)
         if self._requests:
-            self._say(packets.request(self._requests.popleft()))
+            self._send(packets.request(self._requests.popleft()))
         return whole
 
     def _plan(self, status: Status) -> None:
@@ -300,7 +300,7 @@ class Conversation:
                 self._requests.append(json.dumps({sensor.component: {name: value}}))
         self._requests.append(STATUS)
 
-    def _say(self, message: bytes) -> None:
+    def _send(self, message: bytes) -> None:
         self._last = message
         self._outgoing.append(message)
 

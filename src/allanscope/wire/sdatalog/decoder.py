@@ -72,7 +72,7 @@ class Frames:
         self._skip = 0
         self._last_s = math.nan
 
-    def take(self, content: bytes) -> list[Half]:
+    def feed(self, content: bytes) -> list[Half]:
         """Return the samples that a packet completes."""
         counter, data = int.from_bytes(content[:_COUNTER], "little"), content[_COUNTER:]
         if not data:
@@ -127,7 +127,7 @@ class Halves:
         }
         self._apart_s = _HALF * period_s
 
-    def take(self, kind: str, halves: list[Half]) -> list[tuple[tuple[float, ...], float]]:
+    def feed(self, kind: str, halves: list[Half]) -> list[tuple[tuple[float, ...], float]]:
         """Return the rows that these samples complete, with their times."""
         if len(self._waiting) == 1:
             if kind == "gyro":
@@ -192,9 +192,9 @@ class SDatalogDecoder:
                 events += self._data(packet, host_s)
             else:
                 self.stats.frames += 1
-                events += self._rows.take()
+                events += self._rows.events()
                 events += self._other(packet)
-        return events + self._rows.take()
+        return events + self._rows.events()
 
     def answers(self) -> list[bytes]:
         """Return what the board must be told now, each in a single write."""
@@ -211,11 +211,11 @@ class SDatalogDecoder:
 
     def finish(self) -> list[Event]:
         """Return what the end of the stream completes: rows that were held back."""
-        return self._rows.take(final=True)
+        return self._rows.events(final=True)
 
     def _data(self, packet: Packet, host_s: float) -> list[Event]:
         if self._told is None:
-            return self._ask()
+            return self._request_configuration()
         sensor = self._sensors.get(packet.channel)
         if sensor is None:
             self.stats.unknown += 1
@@ -224,17 +224,17 @@ class SDatalogDecoder:
             halves = single(packet.content)
         else:
             frames = self._frames.get(packet.channel)
-            halves = frames.take(packet.content) if frames else None
+            halves = frames.feed(packet.content) if frames else None
         if halves is None:
             self.stats.unknown += 1
             self._rows.damaged()
             return []
         self.stats.frames += 1
-        for values, time_s in self._halves.take(sensor.kind, halves):
+        for values, time_s in self._halves.feed(sensor.kind, halves):
             self._rows.add(values, time_s, host_s)
         return []
 
-    def _ask(self) -> list[Event]:
+    def _request_configuration(self) -> list[Event]:
         """Ask a board that streams already what it sends; until it says so nothing has a scale."""
         self.stats.unknown += 1
         if self._asked:
@@ -245,7 +245,7 @@ class SDatalogDecoder:
         return [Notice("text", "samples of a board that has not described itself", wanted)]
 
     def _other(self, packet: Packet) -> list[Event]:
-        whole = self._conversation.take(packet)
+        whole = self._conversation.feed(packet)
         if whole is None:
             return []
         events: list[Event] = []

@@ -107,7 +107,7 @@ class TextDecoder:
             position, exact = stop, min(2 * exact, _MOST_EXACT)
         if self._lines.dropped > dropped:
             self._damage()
-        return events + self._rows.take()
+        return events + self._rows.events()
 
     def _plain_rows(self, data: memoryview) -> int:
         """Take the rows of plain numbers that a text begins with; return their bytes."""
@@ -133,10 +133,10 @@ class TextDecoder:
 
     def finish(self) -> list[Event]:
         """Return what the end of the stream completes: a last line, rows that were held back."""
-        events = self._line(self._lines.flush()) + self._give_up()
+        events = self._line(self._lines.flush()) + self._count_misaligned_as_damaged()
         if self._table is None and not self._spoken.chosen:
-            self._say(self._spoken.settle())
-        return events + self._rows.take(final=True)
+            self._add_rows(self._spoken.settle())
+        return events + self._rows.events(final=True)
 
     def _line(self, line: bytes) -> list[Event]:
         line = joined_dates(without_escapes(line))
@@ -148,7 +148,7 @@ class TextDecoder:
             # From a port the first line may be the tail of one; a file begins with its beginning.
             return []
         if self._table is not None and self._row(self._table, line):
-            return self._give_up() if self._misaligned else []
+            return self._count_misaligned_as_damaged() if self._misaligned else []
         if self._doubted and Table(self._doubted).row(line) is not None:
             return self._start_table(self._doubted) + self._line(line)
         return self._no_row(line)
@@ -252,13 +252,13 @@ class TextDecoder:
         lines = [one for one, _ in self._misaligned]
         found = realigned(table.columns, [cells_of(plain_line(one)) for one in lines])
         if found is None:
-            return self._give_up()
+            return self._count_misaligned_as_damaged()
         self._misaligned.clear()
         columns, said = found
         self._start_table(columns, (*self._left_out, said))
         return [event for one in lines for event in self._line(one)]
 
-    def _give_up(self) -> list[Event]:
+    def _count_misaligned_as_damaged(self) -> list[Event]:
         """Take rows that were held because they do not fit the header for damaged ones."""
         held, self._misaligned = self._misaligned, []
         self._given_up = True
@@ -310,7 +310,7 @@ class TextDecoder:
     def _words(self, text: str, count: int) -> None:
         said = read_labelled(text) if self._table is None else None
         if said is not None:
-            self._say(self._spoken.take(said))
+            self._add_rows(self._spoken.update(said))
             return
         self._heading = count if count > 1 else 0
         if self._spoken.chosen and self._spoken.begins_like_a_row(text):
@@ -318,7 +318,7 @@ class TextDecoder:
         else:
             self.stats.unknown += 1
 
-    def _say(self, rows: list[SpokenRow]) -> None:
+    def _add_rows(self, rows: list[SpokenRow]) -> None:
         if not rows:
             return
         self.named = True

@@ -248,7 +248,7 @@ class Spoken:
         self._pairing = Pairing()
         self._temperature_c = math.nan
 
-    def take(self, said: Labelled) -> list[SpokenRow]:
+    def update(self, said: Labelled) -> list[SpokenRow]:
         """Take a line and return the rows that can be made now."""
         if self.chosen:
             return self._rows([said])
@@ -271,7 +271,7 @@ class Spoken:
 
     def _values(self, line: Labelled) -> tuple[float, ...] | None:
         if len(self.chosen) > 1:
-            return self._pairing.take(line.gyro, line.accel)
+            return self._pairing.update(line.gyro, line.accel)
         return (*(line.gyro or ABSENT), *(line.accel or ABSENT))
 
     def begins_like_a_row(self, text: str) -> bool:

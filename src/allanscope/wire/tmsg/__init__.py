@@ -82,9 +82,9 @@ class TMsgDecoder:
             elif body[2] == STREAM:
                 self._stream(body, host_s)
             else:
-                events += self._rows.take()
+                events += self._rows.events()
                 events += self._other(body)
-        return events + self._rows.take()
+        return events + self._rows.events()
 
     def interrupt(self, reason: str) -> list[Event]:
         """Forget a partial message, e.g. after an unplug; the next Block follows a Gap."""
@@ -95,7 +95,7 @@ class TMsgDecoder:
 
     def finish(self) -> list[Event]:
         """Return what the end of the stream completes: rows that were held back."""
-        return self._rows.take(final=True)
+        return self._rows.events(final=True)
 
     def _start_over(self) -> None:
         self._stamps = Stamps(24 * 3600 * 100, 100.0) if self._sensortile else Stamps(1 << 32, 1e6)
@@ -112,7 +112,7 @@ class TMsgDecoder:
         device_s = self._stamps.seconds(reading.stamp)
         if not math.isnan(reading.temperature_c):
             self._temperature_c = reading.temperature_c
-        values = self._pairing.take(reading.gyro, reading.accel)
+        values = self._pairing.update(reading.gyro, reading.accel)
         if values is not None:
             self._rows.add(values, device_s, host_s, self._temperature_c)
             self._temperature_c = math.nan

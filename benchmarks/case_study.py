@@ -69,7 +69,7 @@ def read(path: Path) -> Record:
     table = table_of_file(path)
     analyser = Analyser()
     for event in events_of_columns(table.columns, DeviceSettings(rate_hz=table.rate_hz)):
-        analyser.take(event)
+        analyser.feed(event)
     record = bridge_gaps(loop_input(analyser.state).record)
     if len(record.segments) > 1:
         raise SystemExit(f"{path}: {len(record.segments)} stretches; a case study needs one")

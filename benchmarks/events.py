@@ -465,7 +465,7 @@ def measured() -> Figure:
             given = next(hz for name, hz in ASSUMED_HZ.items() if name in path.name)
         columns = with_guesses(table.columns)
         for event in events_of_columns(columns, DeviceSettings(rate_hz=given)):
-            analyser.take(event)
+            analyser.feed(event)
         events = found(analyser)
         many += len(events)
         print(f"{path.stem}: {'; '.join(event.words for event in events) or 'silent'}")
@@ -505,10 +505,10 @@ def over_time(hours: float, rate: float) -> list[Figure]:
         else:
             plain = bank.nbytes
     analyser = Analyser(AnalyserSettings(over_time=False))
-    analyser.take(StreamInfo(axes=AXES, scale=(1e-3,) * 6, nominal_hz=rate))
+    analyser.feed(StreamInfo(axes=AXES, scale=(1e-3,) * 6, nominal_hz=rate))
     began = time.process_time()
     for number in range(many // 4):
-        analyser.take(Block(number << 13, blocks[number % 4], Ticks.none()))
+        analyser.feed(Block(number << 13, blocks[number % 4], Ticks.none()))
     whole = 4.0 * (time.process_time() - began)
     more = (min(spent[True]) - min(spent[False])) / whole
     what = f"{hours:g} h x 6 axes at {rate:g} Hz"

@@ -230,7 +230,7 @@ def _read_s(csv: Path) -> float:
     pieces = [content[at : at + PIECE] for at in range(0, len(content), PIECE)]
     began = time.process_time()
     for number, piece in enumerate(pieces):
-        decoding.take(Chunk(number, piece))
+        decoding.feed(Chunk(number, piece))
     decoding.finish()
     return time.process_time() - began
 

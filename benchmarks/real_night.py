@@ -518,7 +518,7 @@ def _taken(session: Path) -> tuple[list[tuple[int, int, int]], list[tuple[float,
     decoding, runs, gaps = Decoding(WireSettings()), [], []
     rate_hz, epoch, joined = 1.0, 0, False
     for buffer in Recording(session).buffers():
-        for event in decoding.take_buffer(buffer):
+        for event in decoding.feed_buffer(buffer):
             if isinstance(event, StreamInfo):
                 rate_hz, epoch, joined = event.nominal_hz, event.epoch, False
             elif isinstance(event, Gap):

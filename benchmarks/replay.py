@@ -61,7 +61,7 @@ def stages(path: Path) -> dict[str, float]:
     fingerprint, decoding = Fingerprint(), Decoding(WireSettings())
     seconds["fingerprint"] = cpu_s(lambda: [fingerprint.add(one) for one in buffers])
     events: list[Any] = []
-    seconds["decode"] = cpu_s(lambda: [events.extend(decoding.take_buffer(b)) for b in buffers])
+    seconds["decode"] = cpu_s(lambda: [events.extend(decoding.feed_buffer(b)) for b in buffers])
     blocks = [event for event in events if isinstance(event, Block)]
     info = next(event for event in events if isinstance(event, StreamInfo))
     state = StreamState(info, 4, FULL_ROWS)

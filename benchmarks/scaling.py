@@ -32,7 +32,7 @@ RATES_HZ = (1.6, 26.0, 104.0, 833.0, 6660.0)
 def analyser(axes: int, per_octave: int = 4, rate_hz: float = 6660.0) -> Analyser:
     """Return an analyser that waits for samples, as a live run has it."""
     made = Analyser(AnalyserSettings(per_octave=per_octave))
-    made.take(StreamInfo(AXES[:axes], (0.004375,) * axes, nominal_hz=rate_hz, device_clock=True))
+    made.feed(StreamInfo(AXES[:axes], (0.004375,) * axes, nominal_hz=rate_hz, device_clock=True))
     return made
 
 
@@ -48,7 +48,7 @@ def fed(taker: Analyser, samples: int, rate_hz: float = 6660.0, piece: int = PIE
         rows = offset[offset < size]
         ticks = Ticks(rows, (index + rows) / rate_hz, blank[: len(rows)], blank[: len(rows)])
         start = index // piece % piece
-        taker.take(Block(index, pool[start : start + size], ticks))
+        taker.feed(Block(index, pool[start : start + size], ticks))
     taker.configurations[-1].settle()
     return time.process_time() - began
 

@@ -82,7 +82,7 @@ def heard(wire: str, rate: float, book: dict, out: Path) -> check.Run:
     decoding = Decoding(WireSettings(), wire)
     events = []
     for chunk in Recording(out).chunks():
-        events += decoding.take(chunk)
+        events += decoding.feed(chunk)
     events += decoding.finish()
     ledger = Ledger()
     for loss in book["losses"]:

@@ -65,10 +65,10 @@ def open_view(options: Namespace) -> int:
     """Show the charts of a session again, in a window or in the browser."""
     from allanscope.pipeline import open_charts
 
-    def say(line: str) -> None:
+    def report(line: str) -> None:
         print(sanitize(line), flush=True)
 
-    open_charts(options.session, options.view, options.view_port, say)
+    open_charts(options.session, options.view, options.view_port, report)
     return ExitCode.DONE
 
 
@@ -208,11 +208,11 @@ def verify(options: Namespace) -> int:
     if options.json and options.json != "-":
         refuse_place(Path(options.json))
 
-    def say(name: str) -> None:
+    def report(name: str) -> None:
         if not options.quiet:
             print(f"checking {name} ...", file=sys.stderr, flush=True)
 
-    checks = verify(say)
+    checks = verify(report)
     document = to_json(checks) if options.json else ""
     print(document if options.json == "-" else "\n".join(table_lines(checks)), flush=True)
     if options.json and options.json != "-":

@@ -38,10 +38,10 @@ def test_three_rows_at_a_time_reach_the_sums_by_the_roomful(monkeypatch):
 
         monkeypatch.setattr(bank, "update", counted)
     analyser = Analyser(AnalyserSettings(buffered_rows=ROOM))
-    analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
+    analyser.feed(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
     rows = counts(9000)
     for index in range(0, len(rows), 3):
-        analyser.take(Block(index, rows[index : index + 3], Ticks.none()))
+        analyser.feed(Block(index, rows[index : index + 3], Ticks.none()))
     roomfuls = -(-len(rows) // (ROOM // 3 * 3)) - 1  # the last one is still waiting
     assert calls == {"AllanBank": roomfuls, "SpectrumBank": roomfuls}
 
@@ -50,9 +50,9 @@ def test_large_blocks_pass_by_without_a_copy(monkeypatch):
     seen = []
     monkeypatch.setattr(AllanBank, "update", lambda self, rows: seen.append(rows))
     analyser = Analyser(AnalyserSettings(buffered_rows=ROOM))
-    analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
+    analyser.feed(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
     rows = counts(ROOM)
-    analyser.take(Block(0, rows, Ticks.none()))
+    analyser.feed(Block(0, rows, Ticks.none()))
     assert len(seen) == 1
     assert seen[0] is rows
 
@@ -91,10 +91,10 @@ def test_what_is_held_does_not_grow_with_the_length_of_the_run():
     held = {}
     for n in (200_000, 2_000_000):
         analyser = Analyser(AnalyserSettings(history_rows=1 << 14))
-        analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=6660.0))
+        analyser.feed(StreamInfo(("gx",), (1.0,), nominal_hz=6660.0))
         rows = counts(100_000)
         for index in range(0, n, len(rows)):
-            analyser.take(Block(index, rows, Ticks.none()))
+            analyser.feed(Block(index, rows, Ticks.none()))
         state = analyser.state
         spectrum = sum(array.nbytes for array in state.spectrum.state().values())
         held[n] = state.bank.nbytes + spectrum + len(state.history.means()) * 32
@@ -117,7 +117,7 @@ def test_a_recording_is_decoded_by_the_buffer_and_not_by_the_read(tmp_path, monk
     decoding = Decoding(WireSettings(), "native")
     buffers = list(Recording(path).buffers())
     for buffer in buffers:
-        decoding.take_buffer(buffer)
+        decoding.feed_buffer(buffer)
     assert len(reads) > 200
     assert calls["feed"] == len(buffers) == 1
 
@@ -176,7 +176,7 @@ def test_a_copy_of_sums_that_lag_behind_has_all_samples():
 def test_rows_that_another_thread_works_on_are_not_written_over():
     buffer = RowBuffer(size=2 * WORTH_IT)
     rows = np.arange(WORTH_IT - 1, dtype=np.int16)[:, np.newaxis]
-    yielded = [piece for _ in range(5) for piece in buffer.take(rows, None)]
+    yielded = [piece for _ in range(5) for piece in buffer.feed(rows, None)]
     assert len(yielded) == 2
     for counts, _ in yielded:
         assert len(counts) == 2 * len(rows)
@@ -186,11 +186,11 @@ def test_rows_that_another_thread_works_on_are_not_written_over():
 def test_a_refresh_fits_to_fewer_rows_and_finds_the_same_noise(monkeypatch):
     """Two minutes at 6.66 kHz are 2^18 rows, of which eight make one: N is the same within 1 %."""
     analyser = Analyser()
-    analyser.take(StreamInfo(("gx",), (0.01,), nominal_hz=6660.0))
+    analyser.feed(StreamInfo(("gx",), (0.01,), nominal_hz=6660.0))
     rng = np.random.default_rng(7)
     walk = np.cumsum(0.002 * rng.normal(size=1 << 18))
     rows = np.rint(12 * rng.normal(size=1 << 18) + walk).astype(np.int16)
-    analyser.take(Block(0, rows[:, np.newaxis], Ticks.none()))
+    analyser.feed(Block(0, rows[:, np.newaxis], Ticks.none()))
     fitted = []
 
     def counted(record, *given, **named):

@@ -71,7 +71,7 @@ def test_a_channel_that_never_moves_is_not_padding_from_end_to_end():
 def passed_on(padding, rows, size):
     """Return the rows that come out where they come in by so many at a time."""
     pieces = [rows[first : first + size] for first in range(0, len(rows), size)]
-    passed = [counts.copy() for piece in pieces for counts, _ in padding.take(piece, None)]
+    passed = [counts.copy() for piece in pieces for counts, _ in padding.feed(piece, None)]
     return np.concatenate(passed)
 
 
@@ -98,6 +98,6 @@ def test_what_waits_comes_back_when_the_record_goes_on():
     rows[300:400] = 0.0
     padding = Padding()
     pieces = [rows[:350], rows[350:400], rows[400:]]
-    passed = [counts.copy() for piece in pieces for counts, _ in padding.take(piece, None)]
+    passed = [counts.copy() for piece in pieces for counts, _ in padding.feed(piece, None)]
     assert np.array_equal(np.concatenate(passed), rows)
     assert not padding.is_left_out

@@ -26,8 +26,8 @@ def disturbed():
 def axis(request):
     """Return the result of the disturbed axis, with all samples kept or only means of four."""
     analyser = Analyser(AnalyserSettings(history_rows=request.param))
-    analyser.take(StreamInfo(("gx",), (LSB,), RATE_HZ))
-    analyser.take(Block(0, disturbed(), Ticks.none()))
+    analyser.feed(StreamInfo(("gx",), (LSB,), RATE_HZ))
+    analyser.feed(Block(0, disturbed(), Ticks.none()))
     return summarise(analyser, LinkStats(), "full", {}).axes["gx"]
 
 
@@ -60,8 +60,8 @@ def test_only_what_was_detected_is_drawn():
     """White noise has no flicker and no walk, and the lines of their likeliest values mislead."""
     counts = np.rint(0.04 * np.random.default_rng(8).standard_normal(SAMPLES) / LSB)
     analyser = Analyser(AnalyserSettings())
-    analyser.take(StreamInfo(("gx",), (LSB,), RATE_HZ))
-    analyser.take(Block(0, counts.astype(np.int16)[:, np.newaxis], Ticks.none()))
+    analyser.feed(StreamInfo(("gx",), (LSB,), RATE_HZ))
+    analyser.feed(Block(0, counts.astype(np.int16)[:, np.newaxis], Ticks.none()))
     found = summarise(analyser, LinkStats(), "full", {}).axes["gx"]
     detected = {name for name, known in found.coefficients.items() if known.detected}
     assert detected == {"N"}

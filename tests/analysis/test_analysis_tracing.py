@@ -237,8 +237,8 @@ def test_a_burst_of_rotation_is_told_from_one_of_translation():
 def test_the_result_says_that_a_line_is_an_alias():
     sensor = simulator(150.0, 3, ppm=60.0, minutes=4.0)
     analyser = Analyser(AnalyserSettings())
-    analyser.take(sensor.info)
-    analyser.take(sensor.read(int(240 * RATE)))
+    analyser.feed(sensor.info)
+    analyser.feed(sensor.read(int(240 * RATE)))
     result = summarise(analyser, LinkStats(), "full", {})
     (line,) = [one for one in result.findings if one.origin is not None]
     assert line.origin.source == "external"
@@ -259,8 +259,8 @@ def test_a_simulated_comb_ends_as_one_finding_with_its_fundamental():
     )
     sensor = Simulator(rate=RATE, seed=1, truth=truth, axes=("gx",))
     analyser = Analyser(AnalyserSettings())
-    analyser.take(sensor.info)
-    analyser.take(sensor.read(int(180 * RATE)))
+    analyser.feed(sensor.info)
+    analyser.feed(sensor.read(int(180 * RATE)))
     result = summarise(analyser, LinkStats(), "full", {})
     (comb,) = result.findings
     assert comb.kind == "sinusoid"

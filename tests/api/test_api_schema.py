@@ -130,8 +130,8 @@ def test_a_step_that_hides_the_noise():
 def test_a_part_of_another_name():
     info = StreamInfo(("gx",), (8.75e-3,), 104.0, part="LSM6DSO", wire="native")
     analyser = Analyser()
-    analyser.take(info)
-    analyser.take(Block(0, np.arange(200, dtype=np.int16)[:, np.newaxis] % 7, Ticks.none()))
+    analyser.feed(info)
+    analyser.feed(Block(0, np.arange(200, dtype=np.int16)[:, np.newaxis] % 7, Ticks.none()))
     result = summarise(analyser, LinkStats(), "full", {"name": "arrays", "wire": "native"})
     STRICT.validate(plain(result.to_dict()))
     assert result.part == "LSM6DSO"

@@ -74,7 +74,7 @@ class Live:
         assert self.process.returncode == 0, complaint
         decoding, events = Decoding(WireSettings()), []
         for chunk in Recording(self.out).chunks():
-            events += decoding.take(chunk)
+            events += decoding.feed(chunk)
         return json.loads(said), events + decoding.finish()
 
     def __enter__(self):

@@ -27,7 +27,7 @@ def decoded(name):
     """Return the format, the counters and the events of a recording."""
     source, decoding, events = open_source(str(RECORDINGS / name)), Decoding(WireSettings()), []
     while (chunk := source.read()).event != "end":
-        events += decoding.take(chunk)
+        events += decoding.feed(chunk)
     source.close()
     return decoding, events + decoding.finish()
 

@@ -137,7 +137,7 @@ def test_numbered_files_of_another_session_stand_alone(
     queue = WorkQueue(store, [place])
     queue.todo.clear()
     mine = ("session.mcap", "session-001.mcap", "session-002.mcap")
-    assert queue.take(place, Outcome(place.url, "00", mine, b"result"))
+    assert queue.record(place, Outcome(place.url, "00", mine, b"result"))
     store.close()
     assert [one.url for one in queue.todo] == [str(stranger)]
 

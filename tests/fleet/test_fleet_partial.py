@@ -51,7 +51,7 @@ def in_parts(events: list[Event], bounds: list[int]) -> tuple[AllanBank, Spectru
     for first, stop in zip([0, *bounds], [*bounds, len(events)], strict=True):
         partial = Partial(tail.anchor, tail.taken, tail.recent())
         for event in events[first:stop]:
-            partial.take(event)
+            partial.feed(event)
         partial.finish(last=stop == len(events))
         partials.append(partial)
         feed([tail], events[first:stop])

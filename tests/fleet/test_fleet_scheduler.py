@@ -124,7 +124,7 @@ def test_a_result_of_another_version_is_not_kept(tmp_path: Path) -> None:
     store = Store(tmp_path, DeviceSettings())
     queue = WorkQueue(store, [place])
     queue.todo.clear()
-    assert not queue.take(place, Outcome(place.url, "00", ("a.mcap",), b"result", version="9.9"))
+    assert not queue.record(place, Outcome(place.url, "00", ("a.mcap",), b"result", version="9.9"))
     assert list(queue.todo) == [place]
     assert not store.has(result_key("00", DeviceSettings()))
     store.close()

@@ -65,9 +65,9 @@ def test_a_recording_that_is_padded_is_not_split(monkeypatch: pytest.MonkeyPatch
     padded[-200:] = 0
     for counts, splits in ((rows, True), (padded, False)):
         analyser = Analyser(AnalyserSettings())
-        analyser.take(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
+        analyser.feed(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
         split._leave_sums_out(analyser)
-        analyser.take(Block(0, counts, Ticks.none()))
+        analyser.feed(Block(0, counts, Ticks.none()))
         assert analyser.state is not None
         analyser.state.settle()
         assert split._is_splittable(analyser) is splits

@@ -32,9 +32,9 @@ def test_every_way_through_a_decoder_ends_in_events(name: str) -> None:
         decoder, analyser = format_named(name).decoder(WireSettings()), Analyser()
         cut = data[0] if data else 0
         for event in [*decoder.feed(data[:cut], 1.0), *decoder.feed(data[cut:], 2.0)]:
-            analyser.take(event)
+            analyser.feed(event)
         for event in decoder.finish():
-            analyser.take(event)
+            analyser.feed(event)
 
 
 def test_every_way_through_sniffing_ends_with_a_format_or_none() -> None:

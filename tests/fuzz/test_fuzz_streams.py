@@ -40,7 +40,7 @@ def check(events: list[Event]) -> Analyser:
             assert (np.diff(event.ticks.offset) >= 0).all()
         if hasattr(event, "text"):
             assert event.text.isprintable()
-        analyser.take(event)
+        analyser.feed(event)
     return analyser
 
 

@@ -33,9 +33,9 @@ def decode(name: str) -> Callable[[bytes], None]:
         decoder, analyser = format_named(name).decoder(WireSettings()), Analyser()
         cut = data[0] if data else 0
         for event in [*decoder.feed(data[:cut], 1.0), *decoder.feed(data[cut:], 2.0)]:
-            analyser.take(event)
+            analyser.feed(event)
         for event in decoder.finish():
-            analyser.take(event)
+            analyser.feed(event)
 
     return one_input
 

@@ -58,10 +58,10 @@ def one_by_one(folder, settings):
     """Take every read by itself."""
     decoding, analyser = Decoding(WireSettings()), Analyser(settings)
     for chunk in Recording(folder).chunks():
-        for event in decoding.take(chunk):
-            analyser.take(event)
+        for event in decoding.feed(chunk):
+            analyser.feed(event)
     for event in decoding.finish():
-        analyser.take(event)
+        analyser.feed(event)
     return decoding, analyser
 
 
@@ -138,8 +138,8 @@ def test_buffers_of_any_size_give_the_same_events(tmp_path):
     for size in (1, 999, 1 << 22):
         decoding, analyser = Decoding(WireSettings()), Analyser()
         for buffer in Recording(folder).buffers(size):
-            for event in decoding.take_buffer(buffer):
-                analyser.take(event)
+            for event in decoding.feed_buffer(buffer):
+                analyser.feed(event)
         seen.append(sums(analyser))
     assert seen[0] == seen[1] == seen[2]
 
@@ -151,8 +151,8 @@ def test_a_look_in_between_changes_nothing(tmp_path):
     _, undisturbed = one_by_one(folder, settings)
     decoding, analyser = Decoding(WireSettings()), Analyser(settings)
     for number, chunk in enumerate(Recording(folder).chunks()):
-        for event in decoding.take(chunk):
-            analyser.take(event)
+        for event in decoding.feed(chunk):
+            analyser.feed(event)
         if number % 200 == 199:
             summarise(analyser.frozen(), decoding.stats, "live", {})
     assert sums(analyser) == sums(undisturbed)

@@ -54,8 +54,8 @@ def test_replay_finds_what_live_found(recording: Path):
     """Read by read as a port is, in megabytes as a file is, and through a session."""
     live, decoding = Analyser(), Decoding(DeviceSettings().for_wire())
     for chunk in Recording(recording).chunks():
-        for event in decoding.take(chunk):
-            live.take(event)
+        for event in decoding.feed(chunk):
+            live.feed(event)
     quick = Analyser(AnalyserSettings(buffered_rows=1 << 17))
     analysed(recording, Decoding(DeviceSettings().for_wire()), quick, quiet=True)
     listener = Listener()
@@ -77,7 +77,7 @@ def test_what_was_found_before_a_crash_is_no_news(recording: Path):
     """A session that goes on has its events, and tells only those that are new."""
     decoding, listener = Decoding(DeviceSettings().for_wire()), Listener()
     past = [
-        event for buffer in Recording(recording).buffers() for event in decoding.take_buffer(buffer)
+        event for buffer in Recording(recording).buffers() for event in decoding.feed_buffer(buffer)
     ]
     source = RecordedSource(recording, math.inf)
     source.close()

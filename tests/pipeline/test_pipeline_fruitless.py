@@ -156,7 +156,7 @@ def feed(decoding, schedule):
     """Return the events of reads at exact times."""
     events = []
     for due_s, data in schedule:
-        events += decoding.take(Chunk(1 + round(due_s * 1e9), data))
+        events += decoding.feed(Chunk(1 + round(due_s * 1e9), data))
     return events + decoding.finish()
 
 
@@ -202,7 +202,7 @@ def test_a_replay_says_of_its_end_what_the_live_session_said(together):
     decoding, events = Decoding(WireSettings(), "native"), []
     for start in range(0, len(reads), together):
         for one in joined(reads[start : start + together]):
-            events += decoding.take_buffer(one)
+            events += decoding.feed_buffer(one)
     events += decoding.finish()
     assert len(told(events)) == 1
     assert [event for event in events if isinstance(event, Gap)] == [Gap("link", None)]

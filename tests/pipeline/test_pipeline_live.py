@@ -29,7 +29,7 @@ def decoded(folder):
     decoding = Decoding(WireSettings())
     blocks = []
     for chunk in Recording(folder).chunks():
-        blocks += [event for event in decoding.take(chunk) if isinstance(event, Block)]
+        blocks += [event for event in decoding.feed(chunk) if isinstance(event, Block)]
     return np.concatenate([block.counts for block in blocks])
 
 

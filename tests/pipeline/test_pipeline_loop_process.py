@@ -22,11 +22,11 @@ RATE = 52.0
 def analyser():
     """Return what has seen three minutes of one axis with a line that nobody could miss."""
     taken = Analyser()
-    taken.take(StreamInfo(("gx",), (0.004375,), nominal_hz=RATE))
+    taken.feed(StreamInfo(("gx",), (0.004375,), nominal_hz=RATE))
     time_s = np.arange(int(180 * RATE)) / RATE
     noise = np.random.default_rng(1).normal(0.0, 10.0, len(time_s))
     counts = np.rint(noise + 8.0 * np.sin(2 * np.pi * 3.3 * time_s)).astype(np.int16)
-    taken.take(Block(0, counts[:, np.newaxis], Ticks.none()))
+    taken.feed(Block(0, counts[:, np.newaxis], Ticks.none()))
     return taken
 
 
@@ -60,7 +60,7 @@ def more(analyser, seconds, sigma):
     time_s = (state.samples + np.arange(int(seconds * RATE))) / RATE
     noise = np.random.default_rng(2).normal(0.0, sigma, len(time_s))
     counts = np.rint(noise + 8.0 * np.sin(2 * np.pi * 3.3 * time_s)).astype(np.int16)
-    analyser.take(Block(state.samples, counts[:, np.newaxis], Ticks.none()))
+    analyser.feed(Block(state.samples, counts[:, np.newaxis], Ticks.none()))
 
 
 def test_coefficients_follow_the_run_while_effects_are_held(analyser):
@@ -89,13 +89,13 @@ def test_coefficients_follow_the_run_while_effects_are_held(analyser):
 def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
     """Both axes have it; their coefficients are those of the fit to all that there is."""
     taken = Analyser()
-    taken.take(StreamInfo(("gx", "gy"), (0.004, 0.004), nominal_hz=50.0))
+    taken.feed(StreamInfo(("gx", "gy"), (0.004, 0.004), nominal_hz=50.0))
     noise = np.random.default_rng(3).normal(0.0, 10.0, (int(180 * RATE), 2))
     unknown = np.full(len(noise), np.nan)
     offset = np.arange(len(noise))
     host_s = offset / RATE
     ticks = Ticks(offset, unknown, host_s, unknown)
-    taken.take(Block(0, np.rint(noise).astype(np.int16), ticks))
+    taken.feed(Block(0, np.rint(noise).astype(np.int16), ticks))
     process = LoopProcess(first_s=120.0)
     process.offer(taken.frozen())
     finished(process)
@@ -161,7 +161,7 @@ def test_reads_that_come_together_are_taken_together_and_in_order():
     for chunk in chunks:
         inbox.put(chunk)
     inbox.end()
-    taken = inbox.take()
+    taken = inbox.get_all()
     assert taken[:-1] == chunks
     assert taken[-1].event == "end"
     first, event, last = joined(chunks)
@@ -174,11 +174,11 @@ def test_reads_that_come_together_are_taken_together_and_in_order():
 def test_what_was_read_long_ago_is_taken_at_once_and_the_end_of_a_run_waits_for_nothing():
     late = ReadQueue(together_s=3600.0, live=True)
     late.put(Chunk(time.monotonic_ns() - 3600 * 10**9, b"a"))
-    assert [chunk.data for chunk in late.take()] == [b"a"]  # else the test takes an hour
+    assert [chunk.data for chunk in late.get_all()] == [b"a"]  # else the test takes an hour
     ended = ReadQueue(together_s=3600.0, live=True)
     ended.put(Chunk(time.monotonic_ns(), b"a"))
     threading.Timer(0.01, ended.end).start()
-    assert ended.take()[0].data == b"a"
+    assert ended.get_all()[0].data == b"a"
 
 
 def test_a_reader_waits_when_there_is_no_room_and_is_let_go_at_the_end():
@@ -188,12 +188,12 @@ def test_a_reader_waits_when_there_is_no_room_and_is_let_go_at_the_end():
     reader.start()
     reader.join(0.05)
     assert reader.is_alive()
-    assert inbox.take()[0].data == b"a"
+    assert inbox.get_all()[0].data == b"a"
     reader.join(10.0)
     assert not reader.is_alive()
     blocked = threading.Thread(target=inbox.put, args=(Chunk(3, b"c"),), daemon=True)
     blocked.start()
-    inbox.give_up()
+    inbox.release_reader()
     blocked.join(10.0)
     assert not blocked.is_alive()
 
@@ -209,11 +209,11 @@ def test_a_port_at_its_fastest_is_read_for_half_an_hour_while_nobody_decodes():
 
 def test_the_rows_about_an_event_are_searched_when_it_has_settled():
     taken = Analyser()
-    taken.take(StreamInfo(("gx",), (0.004375,), nominal_hz=RATE))
+    taken.feed(StreamInfo(("gx",), (0.004375,), nominal_hz=RATE))
     counts = np.random.default_rng(3).normal(0.0, 10.0, int(500 * RATE))
     counts[int(380 * RATE) :] += 12.0
     block = Block(0, np.rint(counts).astype(np.int16)[:, np.newaxis], Ticks.none())
-    taken.take(block)
+    taken.feed(block)
     told = []
     process = LoopProcess(first_s=1e6, tell=told.append)
     process.offer(taken.frozen())

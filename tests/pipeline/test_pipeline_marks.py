@@ -63,17 +63,17 @@ def test_a_replay_and_an_analysis_have_them_too(session: Path) -> None:
 def test_a_mark_stands_where_the_series_has_that_moment() -> None:
     """On the axis of the rows: at the true rate, 6 % slow here, and with the hole counted."""
     analyser, true_hz, unknown = Analyser(), RATE / 1.06, np.full(1, np.nan)
-    analyser.take(Notice("mark", "before the first sample"))
-    analyser.take(StreamInfo(("gx",), (1e-3,), RATE))
+    analyser.feed(Notice("mark", "before the first sample"))
+    analyser.feed(StreamInfo(("gx",), (1e-3,), RATE))
     counts = np.random.default_rng(1).integers(-50, 50, (22000, 1)).astype(np.int16)
     for first in [*range(0, 6000, 100), *range(16000, 22000, 100)]:
         if first == 16000:
-            analyser.take(Gap("link", 10000))
+            analyser.feed(Gap("link", 10000))
         at_s = np.array([(first + 99) / true_hz])
-        analyser.take(
+        analyser.feed(
             Block(first, counts[first : first + 100], Ticks(np.array([99]), unknown, at_s, unknown))
         )
-    analyser.take(Notice("mark", "at the end"))
+    analyser.feed(Notice("mark", "at the end"))
     found = summarise(analyser, LinkStats(), "live", {})
     assert found.rate.measured_hz == pytest.approx(true_hz, rel=1e-4)
     assert [text for _, text in found.marks] == ["before the first sample", "at the end"]

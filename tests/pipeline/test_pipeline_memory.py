@@ -36,13 +36,13 @@ Anonymous:             0 kB
 PROGRAM = """
 import numpy as np
 import scipy.linalg
-from allanscope.pipeline.process import give_large_blocks_back, trim_memory
+from allanscope.pipeline.process import configure_malloc, trim_memory
 
 def resident(which):
     text = open("/proc/self/status").read()
     return int(text.partition(f"{which}:")[2].split()[0])
 
-give_large_blocks_back()
+configure_malloc()
 data = np.random.default_rng(1).standard_normal((64, 64))
 before, known = resident("RssFile"), scipy.linalg.inv(data)
 trim_memory()

@@ -28,10 +28,10 @@ def gaps(events: list[Event]) -> list[Gap]:
 
 def test_a_stall_of_rows_without_number_or_time_is_a_loss_that_nothing_tells() -> None:
     decoding = Decoding(WireSettings(rate_hz=104.0, part="LSM6DSM"), "text")
-    events = decoding.take(Chunk(SECOND, rows(0, 100, "gx[lsb],gy[lsb],gz[lsb]\n")))
-    events += decoding.take(Chunk(5 * SECOND, b"", "stalled"))
+    events = decoding.feed(Chunk(SECOND, rows(0, 100, "gx[lsb],gy[lsb],gz[lsb]\n")))
+    events += decoding.feed(Chunk(5 * SECOND, b"", "stalled"))
     assert gaps(events) == []
-    events += decoding.take(Chunk(6 * SECOND, rows(1, 100), "resumed"))
+    events += decoding.feed(Chunk(6 * SECOND, rows(1, 100), "resumed"))
     assert gaps(events + decoding.finish()) == [Gap("stalled", None)]
 
 
@@ -41,9 +41,9 @@ def test_a_stall_of_numbered_samples_costs_what_the_numbers_say() -> None:
     before, _, after = (encoder.encode(sensor.read(30)) for _ in range(3))
     told: list[bytes] = []
     decoding = Decoding(WireSettings(), "native", told.append)
-    events = decoding.take(Chunk(SECOND, hello + before))
-    events += decoding.take(Chunk(5 * SECOND, b"", "stalled"))
-    events += decoding.take(Chunk(6 * SECOND, after, "resumed"))
+    events = decoding.feed(Chunk(SECOND, hello + before))
+    events += decoding.feed(Chunk(5 * SECOND, b"", "stalled"))
+    events += decoding.feed(Chunk(6 * SECOND, after, "resumed"))
     assert [gap.lost for gap in gaps(events)] == [30]
     assert told, "a board that restarted in silence is told to start"
     texts = [event.text for event in events if isinstance(event, Notice)]
@@ -55,7 +55,7 @@ def test_a_port_that_says_nothing_is_told_to_start_and_then_complained_about_onc
     decoding = Decoding(WireSettings(), write=told.append)
     events: list[Event] = []
     for tenth in range(100):
-        events += decoding.take(Chunk(SECOND + tenth * SECOND // 10))
+        events += decoding.feed(Chunk(SECOND + tenth * SECOND // 10))
     starts = sum(len(format_named(name).start(WireSettings())) for name in ("native", "tmsg"))
     assert len(told) >= starts
     (complaint,) = events
@@ -75,7 +75,7 @@ def test_a_device_that_returns_to_its_first_configuration_goes_on_with_its_sums(
     analyser = Analyser()
     for scale, count in ((1.0, 100), (2.0, 10), (1.0, 50)):
         for event in (info(scale), Gap("restarted", None), block(count)):
-            analyser.take(event)
+            analyser.feed(event)
     assert [state.samples for state in analyser.configurations] == [10, 150]
     assert analyser.state is analyser.configurations[1]
     assert analyser.state.segments == 2
@@ -83,12 +83,12 @@ def test_a_device_that_returns_to_its_first_configuration_goes_on_with_its_sums(
 
 def test_a_device_that_tells_ever_new_scales_and_troubles_fills_no_memory() -> None:
     analyser = Analyser()
-    analyser.take(info(99.0))
-    analyser.take(block(1000))
+    analyser.feed(info(99.0))
+    analyser.feed(block(1000))
     for number in range(3 * MOST_CONFIGURATIONS):
-        analyser.take(info(1.0 + number))
-        analyser.take(block(1))
-        analyser.take(Notice("error", f"trouble {number % (2 * MOST_ERRORS)}"))
+        analyser.feed(info(1.0 + number))
+        analyser.feed(block(1))
+        analyser.feed(Notice("error", f"trouble {number % (2 * MOST_ERRORS)}"))
     assert len(analyser.configurations) == MOST_CONFIGURATIONS
     assert max(state.samples for state in analyser.configurations) == 1000
     assert len(analyser.errors) <= MOST_ERRORS
@@ -99,10 +99,10 @@ def test_a_device_that_tells_ever_new_scales_and_troubles_fills_no_memory() -> N
 def test_what_breaks_a_link_is_told_by_the_numbers_or_not_at_all(event: str) -> None:
     encoder, sensor = format_named("native").encoder(), Simulator(rate=104.0)
     decoding = Decoding(WireSettings(), "native")
-    decoding.take(Chunk(SECOND, encoder.describe(sensor.info) + encoder.encode(sensor.read(30))))
+    decoding.feed(Chunk(SECOND, encoder.describe(sensor.info) + encoder.encode(sensor.read(30))))
     sensor.read(7)
-    decoding.take(Chunk(2 * SECOND, b"", event))  # type: ignore[arg-type]
-    found = gaps(decoding.take(Chunk(3 * SECOND, encoder.encode(sensor.read(30)))))
+    decoding.feed(Chunk(2 * SECOND, b"", event))  # type: ignore[arg-type]
+    found = gaps(decoding.feed(Chunk(3 * SECOND, encoder.encode(sensor.read(30)))))
     assert [(gap.reason, gap.lost) for gap in found] == [
         ("disconnected" if event == "disconnected" else "file", 7)
     ]

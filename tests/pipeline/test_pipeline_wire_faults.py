@@ -48,9 +48,9 @@ class Collector(Analyser):
         super().__init__()
         self.events = []
 
-    def take(self, event):
+    def feed(self, event):
         self.events.append(event)
-        super().take(event)
+        super().feed(event)
 
 
 @dataclass

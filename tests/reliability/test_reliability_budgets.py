@@ -68,7 +68,7 @@ def read_until_refused(path: Path, wire: str = "") -> int:
         nonlocal seen
         while (chunk := source.read()).event != "end":
             seen += len(chunk.data)
-            decoding.take(chunk)
+            decoding.feed(chunk)
 
     with pytest.raises(InputError):
         read()
@@ -130,5 +130,5 @@ def test_a_port_may_say_nothing_of_use_for_as_long_as_it_likes() -> None:
 
     decoding = Decoding(WireSettings(), "text")
     for second in range(1, 6):
-        decoding.take(Chunk(second * 10**9, b"hello\n" * (BYTES_WITHOUT_SAMPLES // 12)))
+        decoding.feed(Chunk(second * 10**9, b"hello\n" * (BYTES_WITHOUT_SAMPLES // 12)))
     assert decoding.stats.bytes > 2 * BYTES_WITHOUT_SAMPLES

@@ -67,8 +67,8 @@ def test_the_exit_code_and_a_line_say_what_failed(
 def test_a_search_that_cannot_be_started_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     sensor = Simulator(rate=104.0, seed=1)
     analyser = Analyser()
-    analyser.take(sensor.info)
-    analyser.take(sensor.read(104 * 70))
+    analyser.feed(sensor.info)
+    analyser.feed(sensor.read(104 * 70))
     said: list[str] = []
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     loop = LoopProcess(first_s=60.0, fail=said.append)

@@ -108,10 +108,10 @@ def _of_the_recording(ran: Ran) -> Iterator[str]:
     host_ns = []
     for buffer in recording.buffers():
         host_ns += buffer.host_ns.tolist()
-        for event in decoding.take_buffer(buffer):
-            analyser.take(event)
+        for event in decoding.feed_buffer(buffer):
+            analyser.feed(event)
     for event in decoding.finish():
-        analyser.take(event)
+        analyser.feed(event)
     if host_ns != sorted(host_ns):
         yield "the times of reads run backwards"
     replayed = analyser.state.samples if analyser.state is not None else 0

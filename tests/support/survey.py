@@ -28,7 +28,7 @@ def survey(folder: Path) -> list[Stretch]:
     """Decode what a session holds."""
     decoding, stretches = Decoding(WireSettings()), []
     for chunk in Recording(folder).chunks():
-        for event in decoding.take(chunk):
+        for event in decoding.feed(chunk):
             match event:
                 case StreamInfo():
                     stretches.append(Stretch(event))

@@ -153,7 +153,7 @@ def test_rows_of_a_night_become_few_and_keep_every_spike() -> None:
     for start in range(0, round(hours * 3600), 60):
         rows = rows_of(start, 60.0)
         rows.high[17, 0] = 100.0 + start
-        given += [one for one in [thinner.take(rows)] if one is not None]
+        given += [one for one in [thinner.update(rows)] if one is not None]
     given += [one for one in [thinner.flush()] if one is not None]
     kept = Rows.joined(given)
     assert len(kept.elapsed_s) == pytest.approx(RowThinner.expected(hours * 3600.0), rel=0.1)
@@ -167,10 +167,10 @@ def test_rows_of_a_night_become_few_and_keep_every_spike() -> None:
 
 def test_longer_rows_do_not_bridge_a_gap() -> None:
     thinner = RowThinner()
-    assert thinner.take(rows_of(40_000.0, 8.0)) is None
-    assert thinner.take(rows_of(41_000.0, 8.0)) is not None
-    thinner.take(rows_of(42_000.0, 8.0))
-    thinner.take(rows_of(42_020.0, 8.0))
+    assert thinner.update(rows_of(40_000.0, 8.0)) is None
+    assert thinner.update(rows_of(41_000.0, 8.0)) is not None
+    thinner.update(rows_of(42_000.0, 8.0))
+    thinner.update(rows_of(42_020.0, 8.0))
     rest = thinner.flush()
     assert rest is not None
     inside = (rest.elapsed_s > 42_008.0) & (rest.elapsed_s < 42_020.0)

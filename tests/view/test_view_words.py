@@ -169,14 +169,14 @@ def test_a_trend_compares_with_half_the_run(analysis, factor, direction):
     n = gx.coefficients["N"]
     before = replace(gx, coefficients={"N": replace(n, value=factor * n.value)})
     trends = Trends()
-    trends.take(replace(analysis, duration_s=3000.0, axes={"gx": before}))
-    trends.take(analysis)
+    trends.update(replace(analysis, duration_s=3000.0, axes={"gx": before}))
+    trends.update(analysis)
     assert trends.direction(analysis, "gx", "N") == direction
 
 
 def test_a_trend_is_unknown_without_a_value_then_and_now(analysis):
     trends = Trends()
-    trends.take(analysis)
+    trends.update(analysis)
     assert trends.direction(analysis, "gx", "N") == ""
     assert trends.direction(replace(analysis, duration_s=1e6), "gx", "K") == ""
 
@@ -184,7 +184,7 @@ def test_a_trend_is_unknown_without_a_value_then_and_now(analysis):
 def test_trends_of_a_night_stay_small(analysis):
     trends = Trends()
     for t in range(1, 43200, 10):
-        trends.take(replace(analysis, duration_s=float(t)))
+        trends.update(replace(analysis, duration_s=float(t)))
     assert len(trends._times) < 250
 
 

@@ -81,7 +81,7 @@ def conversed(device: Device, board: Board, settings: WireSettings, wanted: int)
     decoding = Decoding(settings, write=source.write)
     events: list[Event] = []
     for _ in range(PATIENCE):
-        events += decoding.take(source.read())
+        events += decoding.feed(source.read())
         if sum(len(one) for one in events if isinstance(one, Block)) >= wanted:
             break
     decoding.stop_device()

@@ -125,7 +125,7 @@ class Analyser:
         """The configuration in force."""
         return self.configurations[-1] if self.configurations else None
 
-    def take(self, event: Event) -> None:
+    def feed(self, event: Event) -> None:
         """Take one event."""
         match event:
             case Block():
@@ -284,7 +284,7 @@ class StreamState:
         self.samples += len(block)
         temperature_c = self.temperature.at_samples(block)
         self._watch(counts)
-        for piece in self._buffer.take(counts, temperature_c):
+        for piece in self._buffer.feed(counts, temperature_c):
             self._pass_on(*piece)
 
     def gap(self, gap: Gap) -> None:
@@ -318,7 +318,7 @@ class StreamState:
 
     def _pass_on(self, counts: NDArray[Any], temperature_c: NDArray[np.float64] | None) -> None:
         """Sum up what is not padding."""
-        for piece in self.padding.take(counts, temperature_c):
+        for piece in self.padding.feed(counts, temperature_c):
             self._sum_up(*piece)
 
     def _watch(self, counts: NDArray[Any]) -> None:

@@ -378,7 +378,7 @@ def origin_of(
     gain = 0.0
     if line is not None:
         gain = line.gain(0.0)
-        source, margin, remain = _told(line, betas, wander is not None)
+        source, margin, remain = _most_likely_source(line, betas, wander is not None)
         if source == "external":
             left = sorted(abs(one) for one in remain)
             chosen = left[0] if len(left) == 1 else None
@@ -490,7 +490,7 @@ def _in_pieces(
     return parts, np.tile(held.sum(axis=1) / len(pieces), len(sums))
 
 
-def _told(
+def _most_likely_source(
     line: LineSums, betas: Sequence[float], is_measured: bool
 ) -> tuple[Source, float, tuple[float, ...]]:
     """Return the source, by how much it was told, and what its frequency may be."""

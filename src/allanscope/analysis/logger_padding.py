@@ -42,7 +42,7 @@ class Padding:
     >>> rows = np.random.default_rng(1).integers(1, 99, (500, 2))
     >>> rows[400:] = 0
     >>> padding = Padding()
-    >>> [len(counts) for counts, _ in padding.take(rows, None)], padding.trailing
+    >>> [len(counts) for counts, _ in padding.feed(rows, None)], padding.trailing
     ([400], 100)
     >>> padding.remarks(rate_hz=100.0)
     ('The last 1 s (100 rows) are zero on every axis: padding of the logger, left out.',)
@@ -56,7 +56,7 @@ class Padding:
     _before: NDArray[np.generic] = field(default_factory=lambda: np.empty((0, 0)))
     _temperature_c: float = np.nan
 
-    def take(
+    def feed(
         self, counts: NDArray[np.generic], temperature_c: NDArray[np.float64] | None
     ) -> Iterator[Piece]:
         """Take contiguous rows, at least one, and yield those that may be summed up, in order."""

@@ -47,9 +47,9 @@ class RowBuffer:
     --------
     >>> buffer = RowBuffer(size=4)
     >>> three = np.zeros((3, 1), np.int16)
-    >>> [len(counts) for counts, _ in buffer.take(three, None)]
+    >>> [len(counts) for counts, _ in buffer.feed(three, None)]
     []
-    >>> [len(counts) for counts, _ in buffer.take(three, None)], buffer.waiting
+    >>> [len(counts) for counts, _ in buffer.feed(three, None)], buffer.waiting
     ([3], 3)
     >>> [len(counts) for counts, _ in buffer.flush()], buffer.waiting
     ([3], 0)
@@ -61,7 +61,7 @@ class RowBuffer:
         self._counts: NDArray[Any] = np.empty((0, 0), np.int16)
         self._temperature_c = np.empty(0)
 
-    def take(
+    def feed(
         self, counts: NDArray[Any], temperature_c: NDArray[np.float64] | None
     ) -> Iterator[Piece]:
         """Take contiguous rows, and yield those that are to be summed up now, in order."""

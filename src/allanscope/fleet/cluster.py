@@ -144,19 +144,19 @@ class Crew:
         self._here: set[str] = set()
         self._allowed: list[str] | None = None
         self._given: dict[str, frozenset[str]] = {}
-        self.look()
+        self.refresh()
         if self._here and self._allowed == []:
             raise UsageError(
                 f"no worker has allanscope {self._own}; install the version of this command there"
             )
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         """See which workers there are now, and ask new ones for their version."""
         threads = self._client.nthreads()
         self._here = set(threads)
         new = [worker for worker in threads if worker not in self._versions]
         if new:
-            self._ask(new)
+            self._request_versions(new)
         good = [worker for worker in threads if self._versions.get(worker) == self._own]
         known = [worker for worker in threads if worker in self._versions]
         # Without a bad one nothing is tied to an address, which a restarted worker changes.
@@ -179,7 +179,7 @@ class Crew:
             if future.key in self._given and not self._given[future.key] & self._here
         ]
 
-    def _ask(self, workers: list[str]) -> None:
+    def _request_versions(self, workers: list[str]) -> None:
         # A function of the standard library: another version may not have one of ours.
         answers = self._client.run(version, "allanscope", workers=workers, on_error="return")
         for worker, answer in answers.items():

@@ -56,7 +56,7 @@ class Partial:
             self._run = _Run(begin, recent[:halo] if begin else None)
             self._run.add(recent[halo:], self._anchor)
 
-    def take(self, event: Event) -> None:
+    def feed(self, event: Event) -> None:
         """Take one event of the decoder."""
         match event:
             case StreamInfo():

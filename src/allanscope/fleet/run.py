@@ -111,7 +111,7 @@ def _work_off(queue: WorkQueue, settings: FleetSettings, device: DeviceSettings)
         connected(settings.scheduler, settings.workers) as client,
         client.as_current(),
     ):
-        _say(settings, dashboard_line(client))
+        _log(settings, dashboard_line(client))
         with progress(
             float(len(queue.todo)), "fleet", unit="recordings", quiet=settings.quiet
         ) as advance:
@@ -132,12 +132,12 @@ def _hand_out(
     stranded: Counter[str] = Counter()
     try:
         while (queue.todo or running) and not stopped.is_set():
-            crew.look()
+            crew.refresh()
             _take_back(queue, crew, running, stranded)
             _fill_up(queue, crew, device, running)
             for future, place in _finished(running):
                 del running[future]
-                advance(float(queue.take(place, _outcome(future, place))))
+                advance(float(queue.record(place, _outcome(future, place))))
                 future.release()
         for future in running:
             future.cancel()
@@ -155,7 +155,7 @@ def _take_back(
         future.cancel()
         stranded[place.url] += 1
         if stranded[place.url] > MOST_STRANDED:
-            queue.take(place, Outcome(place.url, error=f"{place.url}: {_WORKERS_DIED}"))
+            queue.record(place, Outcome(place.url, error=f"{place.url}: {_WORKERS_DIED}"))
         else:
             queue.todo.append(place)
 
@@ -196,6 +196,6 @@ def _complain(line: str) -> None:
     print(f"allanscope: {line}", file=sys.stderr, flush=True)
 
 
-def _say(settings: FleetSettings, line: str) -> None:
+def _log(settings: FleetSettings, line: str) -> None:
     if not settings.quiet:
         print(line, file=sys.stderr, flush=True)

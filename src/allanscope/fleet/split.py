@@ -133,7 +133,7 @@ def sum_part(place: RecordingInput, cut: Cut | None, number: int, parts: int) ->
     partial = Partial(cut.anchor, cut.taken, cut.recent)
     recording = Recording(place.open_path()).part(number, parts)
     for event in _events(recording, decoding, cut.after, last=number == parts - 1):
-        partial.take(event)
+        partial.feed(event)
     partial.finish(last=number == parts - 1)
     return partial
 
@@ -175,7 +175,7 @@ def _surveyed(place: RecordingInput, device: DeviceSettings, parts: int) -> Surv
         part = recording.part(number, parts)
         last = number == parts - 1
         for event in _events(part, decoding, after, last=last, fingerprint=fingerprint):
-            analyser.take(event)
+            analyser.feed(event)
             if isinstance(event, StreamInfo):
                 _leave_sums_out(analyser)
         after = part.next_read(after)
@@ -199,7 +199,7 @@ def _events(
     for buffer in recording.buffers(PIECE_BYTES, after):
         if fingerprint is not None:
             fingerprint.add(buffer)
-        yield from decoding.take_buffer(buffer)
+        yield from decoding.feed_buffer(buffer)
     if last:
         yield from decoding.finish()
 

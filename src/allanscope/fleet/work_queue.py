@@ -91,7 +91,7 @@ class WorkQueue:
             return submit_split(crew, place, device, parts)
         return crew.submit(analyse_recording, place, device, pure=False)
 
-    def take(self, place: RecordingInput, outcome: Outcome) -> bool:
+    def record(self, place: RecordingInput, outcome: Outcome) -> bool:
         """Keep what came back; return whether the recording is done with."""
         if not outcome.is_of_this_version:
             self.todo.append(place)

@@ -39,10 +39,10 @@ def analyse_recording(place: RecordingInput, device: DeviceSettings) -> Outcome:
         fingerprint = Fingerprint()
         for buffer in recording.buffers(PIECE_BYTES):
             fingerprint.add(buffer)
-            for event in decoding.take_buffer(buffer):
-                analyser.take(event)
+            for event in decoding.feed_buffer(buffer):
+                analyser.feed(event)
         for event in decoding.finish():
-            analyser.take(event)
+            analyser.feed(event)
         return outcome_of(place, recording, fingerprint.hexdigest(), analyser, decoding)
     except Exception as error:
         return failure(place, error)

@@ -176,7 +176,7 @@ def analyse_columns(
     columns = with_guesses(columns)
     analyser = Analyser(full_settings(device.part, curves=curves))
     for event in events_of_columns(columns, device):
-        analyser.take(event)
+        analyser.feed(event)
     state = analyser.state
     if state is None or not state.samples:
         raise ValueError("the arrays hold no samples; nothing to analyse")

@@ -85,8 +85,8 @@ class Decoding:
         self._write = write
         self._format: WireFormat | None = None
         self._decoder: Decoder | None = None
-        self._heard: list[Chunk] = []
-        self._heard_bytes = 0
+        self._unsniffed: list[Chunk] = []
+        self._unsniffed_bytes = 0
         self.reconnects = 0
         self._numbered = True
         self._watchdog = SampleWatchdog()
@@ -120,10 +120,10 @@ class Decoding:
     def stats(self) -> LinkStats:
         """Counters of the link so far."""
         if self._decoder is None:
-            return LinkStats(bytes=self._heard_bytes)
+            return LinkStats(bytes=self._unsniffed_bytes)
         return self._decoder.stats
 
-    def take(self, chunk: Chunk) -> list[Event]:
+    def feed(self, chunk: Chunk) -> list[Event]:
         """Take one chunk and return the events that it completes.
 
         Raises
@@ -150,7 +150,7 @@ class Decoding:
             return events + found + self._watch(found, np.array([chunk.host_ns]))
         return events + self._listen(chunk)
 
-    def take_buffer(self, buffer: Buffer) -> list[Event]:
+    def feed_buffer(self, buffer: Buffer) -> list[Event]:
         """Take many reads in one piece, as a replay does; Blocks that follow each other are joined.
 
         The events are those of `take` for each read, bit for bit.
@@ -164,10 +164,10 @@ class Decoding:
         ends = np.append(buffer.offset[1:], len(buffer.data))
         taken = 0
         if buffer.event:
-            events += self.take(Chunk(buffer.event_ns, b"", buffer.event, buffer.text))
+            events += self.feed(Chunk(buffer.event_ns, b"", buffer.event, buffer.text))
         while self._decoder is None and taken < len(buffer.offset):
             data = buffer.data[buffer.offset[taken] : ends[taken]]
-            events += self.take(Chunk(int(buffer.host_ns[taken]), data))
+            events += self.feed(Chunk(int(buffer.host_ns[taken]), data))
             taken += 1
         if taken < len(buffer.offset):
             assert self._decoder is not None
@@ -191,12 +191,12 @@ class Decoding:
             When there were bytes and no format fits them.
         """
         events: list[Event] = []
-        if self._decoder is None and self._heard:
+        if self._decoder is None and self._unsniffed:
             events += self._decide(last=True)
         if self._decoder is not None:
             events += self._decoder.finish()
             if self._watchdog.long and self.stats.samples:
-                if not self._watchdog.told:
+                if not self._watchdog.reported:
                     events.append(Notice("error", self._watchdog.text(), OURS))
                 self.stats.unknown_losses += 1
                 events.append(Gap("link", None))
@@ -263,15 +263,16 @@ class Decoding:
     def _listen(self, chunk: Chunk) -> list[Event]:
         if self._first_byte_ns is None:
             self._first_byte_ns = chunk.host_ns
-        self._heard.append(chunk)
-        self._heard_bytes += len(chunk.data)
+        self._unsniffed.append(chunk)
+        self._unsniffed_bytes += len(chunk.data)
         patience_over = (
-            chunk.host_ns - self._first_byte_ns > LISTEN_S * 1e9 or self._heard_bytes > LISTEN_BYTES
+            chunk.host_ns - self._first_byte_ns > LISTEN_S * 1e9
+            or self._unsniffed_bytes > LISTEN_BYTES
         )
         return self._decide(last=patience_over)
 
     def _decide(self, last: bool) -> list[Event]:
-        sample = b"".join(chunk.data for chunk in self._heard)
+        sample = b"".join(chunk.data for chunk in self._unsniffed)
         found = sniff(sample)
         if found.name is None or (not last and found.scores[found.name] < ENOUGH):
             if not last:
@@ -285,9 +286,9 @@ class Decoding:
         self._choose(found.name)
         assert self._decoder is not None
         events: list[Event] = [Notice("text", f"wire format {found.name}", OURS)]
-        for chunk in self._heard:
+        for chunk in self._unsniffed:
             events += self._decoder.feed(chunk.data, _seconds(chunk))
-        self._heard.clear()
+        self._unsniffed.clear()
         self._look_at(events)
         return events
 
@@ -360,7 +361,7 @@ class SampleWatchdog:
     """
 
     def __init__(self) -> None:
-        self.told = False
+        self.reported = False
         self._described = True
         self._frames = 0
         self.restart()
@@ -388,7 +389,7 @@ class SampleWatchdog:
                 self._described = False
         sample_ns = _last_sample_ns(events)
         if sample_ns:
-            self.told, self._described, self._first_ns = False, True, None
+            self.reported, self._described, self._first_ns = False, True, None
         later = read_ns[read_ns > sample_ns]
         if self._first_ns is None and len(later):
             self._first_ns = int(later[0])
@@ -408,13 +409,13 @@ class SampleWatchdog:
             self._held_ns = self._last_ns
         self._frames = stats.frames
         held = self._last_ns - self._held_ns <= SECONDS_WITHOUT_SAMPLES * 1e9
-        if self.told or held or not self.long:
+        if self.reported or held or not self.long:
             return ""
         return self.text()
 
     def text(self) -> str:
         """Return the message, and remember that it was sent."""
-        self.told = True
+        self.reported = True
         why = "" if self._described else ": no descriptor says what they mean"
         return (
             f"bytes arrive, but nothing could be decoded for {SECONDS_WITHOUT_SAMPLES:g} s{why}; "

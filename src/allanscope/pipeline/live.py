@@ -32,7 +32,7 @@ from allanscope.pipeline.outputs import (
     write_json,
     write_results,
 )
-from allanscope.pipeline.process import give_large_blocks_back, stopped_by_signals
+from allanscope.pipeline.process import configure_malloc, stopped_by_signals
 from allanscope.pipeline.refreshing import IN_TERMINAL, IN_VIEWER, UNWATCHED, RefreshPolicy
 from allanscope.pipeline.session import NoticeQueue, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
@@ -74,7 +74,7 @@ def run_live(
     if port == "sim":
         device = replace(device, origin="synthetic")
     must_be_there(port)
-    give_large_blocks_back()
+    configure_malloc()
     load_rerun()  # before the port is opened: a board does not wait
     source = device_source(port, device, simulated)
     notices = NoticeQueue()
@@ -353,7 +353,7 @@ def earlier_events(
         When the wire format of the past is unknown.
     """
     for buffer in past.buffers() if past is not None else ():
-        yield from decoding.take_buffer(buffer)
+        yield from decoding.feed_buffer(buffer)
     decoding.resume(write)
 
 

@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 __all__ = [
-    "give_large_blocks_back",
+    "configure_malloc",
     "stopped_by_signals",
     "trim_memory",
 ]
@@ -45,12 +45,12 @@ def stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
         yield
         return
 
-    def ask(number: int, _: object) -> None:
+    def on_signal(number: int, _: object) -> None:
         signal.signal(number, signal.default_int_handler)
         stop()
 
     before = {
-        number: signal.signal(number, ask)
+        number: signal.signal(number, on_signal)
         for number in ENDING
         if signal.getsignal(number) is not signal.SIG_IGN
     }
@@ -61,7 +61,7 @@ def stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def give_large_blocks_back() -> None:
+def configure_malloc() -> None:
     """Keep blocks from 256 KiB on out of the heaps, and share two of them among all threads."""
     if (libc := _glibc()) is not None:
         libc.mallopt(_MMAP_THRESHOLD, _LARGE_BYTES)

@@ -70,11 +70,11 @@ class ReadQueue:
         self._ended.set()
         self._queue.put(Chunk(0, event="end"))
 
-    def give_up(self) -> None:
+    def release_reader(self) -> None:
         """Release a reader that waits for room: the queue is not read any more."""
         self._free(math.inf)
 
-    def take(self) -> list[Chunk]:
+    def get_all(self) -> list[Chunk]:
         """Wait for a read, and return all that have come a moment later, in order."""
         taken = [self._queue.get()]
         if taken[0].event != "end":

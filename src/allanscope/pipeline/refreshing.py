@@ -236,7 +236,9 @@ class LoopProcess:
         if not self._loop.due(look.record):
             return
         self._due_s = 1.9 * look.length_s  # a little early: the true rate may be a little lower
-        self._thread = threading.Thread(target=self._look, args=(look,), name="look", daemon=True)
+        self._thread = threading.Thread(
+            target=self._search_in_background, args=(look,), name="look", daemon=True
+        )
         self._thread.start()
 
     def _stretch_due(self, state: StreamState) -> bool:
@@ -252,7 +254,7 @@ class LoopProcess:
             return False
         words = f"about the event at {duration(onset.onset / hz)}"
         self._thread = threading.Thread(
-            target=self._look, args=(look, words), name="look", daemon=True
+            target=self._search_in_background, args=(look, words), name="look", daemon=True
         )
         self._thread.start()
         return True
@@ -265,7 +267,7 @@ class LoopProcess:
         if self._thread is not None:
             self._thread.join(timeout=5.0)
 
-    def _look(self, look: LoopInput, stretch: str = "") -> None:
+    def _search_in_background(self, look: LoopInput, stretch: str = "") -> None:
         try:
             self._search(look, stretch)
         except Exception as error:  # no process, no memory: the end of the run searches in full

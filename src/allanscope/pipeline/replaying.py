@@ -76,7 +76,7 @@ def events_of(
         for buffer in buffers:
             if seen is not None:
                 seen(buffer)
-            yield extent.of_buffer(buffer), decoding.take_buffer(buffer)
+            yield extent.of_buffer(buffer), decoding.feed_buffer(buffer)
         yield 0.0, [*decoding.finish(), *_damage_of(source)]
 
     try:
@@ -116,7 +116,7 @@ def analysed(
 ) -> Analyser:
     """Take a whole file into an analyser and return it."""
     for event in events_of(path, decoding, quiet, doing, seen):
-        analyser.take(event)
+        analyser.feed(event)
     return analyser
 
 

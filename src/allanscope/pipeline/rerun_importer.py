@@ -90,15 +90,15 @@ def _show(path: Path, application: str, identity: str) -> None:
     view.start(Canvas.to_output(facts, application, identity))
     due_s = 1.0
     for chunk in recording.chunks():
-        for event in decoding.take(chunk):
-            analyser.take(event)
+        for event in decoding.feed(chunk):
+            analyser.feed(event)
             _emit(view, event, analyser)
         if (lasted_s := _duration_s(analyser)) >= due_s:
             due_s = lasted_s * _SPACING
             view.snapshot(summarise(analyser, decoding.stats, "live", facts))
             view.settle()
     for event in decoding.finish():
-        analyser.take(event)
+        analyser.feed(event)
         _emit(view, event, analyser)
     view.close(summarise(analyser, decoding.stats, "full", facts), timeout_s=60.0)
 

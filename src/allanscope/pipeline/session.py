@@ -186,19 +186,19 @@ class Session:
         reader.start()
         try:
             for event in self._earlier:
-                self.analyser.take(event)
+                self.analyser.feed(event)
             self._fresh_events()  # what was found before is in the result, and not reported again
-            while (chunks := self._inbox.take())[-1].event != "end":
-                self._take(chunks)
+            while (chunks := self._inbox.get_all())[-1].event != "end":
+                self._process(chunks)
                 if self._samples_come():
                     self._inbox.together_s = self._together_s
-            self._take(chunks[:-1])
+            self._process(chunks[:-1])
             for event in self.decoding.finish():
                 self._emit(event)
             self.decoding.stop_device()
         finally:
             self._stop.set()
-            self._inbox.give_up()
+            self._inbox.release_reader()
             self.loop_process.close()
             self._refresher.close()
             self.source.close()
@@ -271,14 +271,14 @@ class Session:
             self._reader_error = error
         self._inbox.end()
 
-    def _take(self, chunks: Sequence[Chunk]) -> None:
+    def _process(self, chunks: Sequence[Chunk]) -> None:
         if not chunks:
             return
         self._emit_disk_space(chunks[0].host_ns)
         self.emit_notices(chunks[0].host_ns)
         for piece in joined(chunks):
-            take = self.decoding.take_buffer if isinstance(piece, Buffer) else self.decoding.take
-            for event in take(piece):  # type: ignore[arg-type]
+            feed = self.decoding.feed_buffer if isinstance(piece, Buffer) else self.decoding.feed
+            for event in feed(piece):  # type: ignore[arg-type]
                 self._emit(event)
         state = self.analyser.state
         if state is not None and state.samples and self.audience:
@@ -303,7 +303,7 @@ class Session:
             self._show_all(notice)
 
     def _show_all(self, event: Event) -> None:
-        self.analyser.take(event)
+        self.analyser.feed(event)
         for viewer in self.audience:
             try:
                 self._emit_to(viewer, event)

@@ -114,7 +114,7 @@ class Stream(Iterator[Block | Gap]):
                 self._waiting += self._decoding.finish()
                 self.close()
                 return bool(self._waiting)
-            self._waiting += self._decoding.take(chunk)
+            self._waiting += self._decoding.feed(chunk)
             if self._waiting:
                 self._heard = True
                 return True

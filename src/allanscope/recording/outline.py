@@ -122,7 +122,7 @@ class _Walk:
     def _records(self) -> None:
         position = self._start()
         while position < self.size and not self.outline.finished:
-            length = self._take(position)
+            length = self._read_record(position)
             position = self._resume_after(position) if length is None else position + length
         if self._loose:
             first, end, count = self._loose
@@ -141,7 +141,7 @@ class _Walk:
         self._report(0, first, "the beginning is not readable")
         return first
 
-    def _take(self, position: int) -> int | None:
+    def _read_record(self, position: int) -> int | None:
         """Note the record at `position` and return its length; None if there is no record."""
         head = self._read(position, HEAD_BYTES)
         if not has_believable_length(head):

@@ -168,19 +168,19 @@ class Recording:
             for topic, sequence, _, host_ns, start, stop in messages:
                 if topic == RX:
                     if sequence != expected and expected and sequence:
-                        yield from gathered.taken()
+                        yield from gathered.drain()
                         gathered = _ReadBatch("hole", host_ns)
                     elif gathered.length >= size or gathered.reads >= MOST_MESSAGES:
-                        yield from gathered.taken()
+                        yield from gathered.drain()
                         gathered = _ReadBatch()
                     expected = sequence + 1 & 0xFFFFFFFF
                     gathered.add(data[start:stop], host_ns)
                 elif topic == EVENTS:
                     fields = _json(data[start:stop])
                     if event := _link_event(fields):
-                        yield from gathered.taken()
+                        yield from gathered.drain()
                         gathered = _ReadBatch(event, host_ns, _text(fields))
-        yield from gathered.taken()
+        yield from gathered.drain()
 
     def part(self, number: int, parts: int) -> Recording:
         """Return one of so many parts, about equally long; together they are the whole."""
@@ -269,7 +269,7 @@ class _ReadBatch:
         self._times.append(host_ns)
         self.length += len(data)
 
-    def taken(self) -> Iterator[Buffer]:
+    def drain(self) -> Iterator[Buffer]:
         """Yield the Buffer, if it holds anything."""
         if self._parts or self._event:
             yield Buffer(

@@ -132,7 +132,7 @@ class Recorder:
             self._queued_bytes += size
             hurry = self._queued_bytes >= HURRY_BYTES
             missed, self._missed_reads = self._missed_reads, 0
-        self._put(lambda: self._take(chunk, missed))
+        self._put(lambda: self._write_chunk(chunk, missed))
         if hurry and not self._hurry.is_set():
             self._hurry.set()
 
@@ -193,7 +193,7 @@ class Recorder:
                 next_commit = now + self._commit_s
                 next_sync = now + self._sync_s if now >= next_sync else next_sync
 
-    def _take(self, chunk: Chunk, missed: int) -> None:
+    def _write_chunk(self, chunk: Chunk, missed: int) -> None:
         if missed:
             self._session.missed(missed)
             self._session.event({"kind": "dropped", "reads": missed}, chunk.host_ns)
@@ -214,9 +214,9 @@ class Recorder:
         """End the file; on a disk that is full to the end, with what is missing said in it."""
         lost = self._missed_reads > 0
         try:
-            if not self._took_all():
+            if not self._try_commit():
                 self._reserve.unlink(missing_ok=True)
-            if not self._took_all():
+            if not self._try_commit():
                 self.dropped_bytes += self._session.discard()
                 lost = True
             if lost:
@@ -229,7 +229,7 @@ class Recorder:
             self._raise_alarm(self._remaining())
             self.failure = self._dropped()
 
-    def _took_all(self) -> bool:
+    def _try_commit(self) -> bool:
         try:
             self._session.commit()
         except OSError:

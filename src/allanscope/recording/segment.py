@@ -150,7 +150,7 @@ class Segment:
         self.committed += added
         return added
 
-    def take_over(self, former: Segment) -> None:
+    def copy_unwritten(self, former: Segment) -> None:
         """Take what another segment has not written yet: whole chunks, the same in every file."""
         former._writer.flush()
         self._spool.write(bytes(former._spool.waiting))

@@ -215,7 +215,7 @@ class SessionWriter:
             raise
         finished, self._segment = self._segment, following
         if truncated:
-            following.take_over(finished)
+            following.copy_unwritten(finished)
         self._began_ns = None
         try:
             finished.close()

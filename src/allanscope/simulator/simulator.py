@@ -220,9 +220,9 @@ class Simulator:
 
         The device time is that of the MCU's crystal since the first row.
         """
-        parts = [self._take(n)]
+        parts = [self._next_rows(n)]
         while (missing := n - sum(len(part.counts) for part in parts)) > 0:
-            parts.append(self._take(missing))
+            parts.append(self._next_rows(missing))
         counts = np.concatenate([part.counts for part in parts])
         ticks = Ticks(
             offset=np.arange(n),
@@ -234,7 +234,7 @@ class Simulator:
         self.index += n
         return block
 
-    def _take(self, most: int) -> _Rows:
+    def _next_rows(self, most: int) -> _Rows:
         """Return up to `most` rows of the current chunk; make the next one when it is used up."""
         if self._used == len(self._chunk.counts):
             self._chunk, self._used = self._next_chunk(), 0

@@ -144,7 +144,7 @@ class IsolatedReader:
                 self.came_ns = 0
                 return b""
             if self._data in ready:
-                self._take()
+                self._read_pipe()
             elif ready:
                 self.came_ns = 0
                 return self._link.read(0.0)
@@ -165,7 +165,7 @@ class IsolatedReader:
         self._end()
         self._link.close()
 
-    def _take(self) -> None:
+    def _read_pipe(self) -> None:
         """Take what is in the pipe."""
         got = os.read(self._data, PIPE_BYTES)
         if not got:

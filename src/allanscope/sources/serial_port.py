@@ -135,7 +135,7 @@ class SerialSource:
         with self._reading:
             if self._closing.is_set():
                 return Chunk(self._clock(), event="end")
-            return self._listen(self._link) if self._link is not None else self._look()
+            return self._listen(self._link) if self._link is not None else self._try_reopen()
 
     def write(self, data: bytes) -> None:
         """Send bytes; nothing happens while the device is gone.
@@ -161,7 +161,7 @@ class SerialSource:
         """Stop; waits for a read in another thread, which takes a moment. The next says ``end``."""
         self._closing.set()
         with self._reading:
-            self._let_go()
+            self._close_link()
 
     # --- while the link is there --------------------------------------------------------------
 
@@ -210,13 +210,13 @@ class SerialSource:
         return "stalled"
 
     def _disconnect(self) -> Chunk:
-        self._let_go()
+        self._close_link()
         self._lost_ns = self._clock()
         self._next_try_ns = self._lost_ns + int(self._retry_s * 1e9)
         self._stalled = False
         return Chunk(self._lost_ns, event="disconnected")
 
-    def _let_go(self) -> None:
+    def _close_link(self) -> None:
         with self._writing:
             link, self._link = self._link, None
             if link is not None:
@@ -224,7 +224,7 @@ class SerialSource:
 
     # --- while it is gone ---------------------------------------------------------------------
 
-    def _look(self) -> Chunk:
+    def _try_reopen(self) -> Chunk:
         """Wait a little; when it is time, look for the device and open it."""
         wait_s = (self._next_try_ns - self._clock()) * 1e-9
         if wait_s > 0.0:

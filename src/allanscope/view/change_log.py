@@ -124,7 +124,7 @@ class Trends:
     _times: list[float] = field(default_factory=list)
     _values: list[dict[tuple[str, str], float]] = field(default_factory=list)
 
-    def take(self, analysis: Analysis) -> None:
+    def update(self, analysis: Analysis) -> None:
         """Remember a result."""
         if self._times and analysis.duration_s < (1.0 + _SHARE) * self._times[-1]:
             return

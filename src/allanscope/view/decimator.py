@@ -105,7 +105,7 @@ class Decimator:
         elif self._rate_hz:
             self.elapsed_s += gap.lost / self._rate_hz
 
-    def take(self, info: StreamInfo, block: Block, rows: int = 2) -> Rows | None:
+    def update(self, info: StreamInfo, block: Block, rows: int = 2) -> Rows | None:
         """Take a block; return rows when at least `rows` of them are complete, else None."""
         if not self._rate_hz:
             self.rate(info.nominal_hz)
@@ -184,7 +184,7 @@ class RowThinner:
         doublings = math.log2(max(seconds / cls.FINE_S, 1.0))
         return ROWS_HZ * (min(seconds, cls.FINE_S) + 0.5 * cls.FINE_S * doublings)
 
-    def take(self, rows: Rows) -> Rows | None:
+    def update(self, rows: Rows) -> Rows | None:
         """Take rows; return longer ones when there are enough of them."""
         self._waiting.append(rows)
         span_s = float(rows.elapsed_s[-1] - self._waiting[0].elapsed_s[0])

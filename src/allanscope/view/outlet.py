@@ -140,7 +140,7 @@ class FileOutlet(Outlet):
     def draw(self, task: Callable[[Canvas], None]) -> None:
         """Draw, if there is room."""
         if not self.ended and time.monotonic() - self._looked_s >= _LOOK_EVERY_S:
-            self._look()
+            self._flush()
             self._looked_s = time.monotonic()
         if not self.ended:
             task(self.canvas)
@@ -150,7 +150,7 @@ class FileOutlet(Outlet):
         if axes != self._axes:
             self._draw_rows(self._thinner.flush())
             self._axes = axes
-        self._draw_rows(self._thinner.take(rows))
+        self._draw_rows(self._thinner.update(rows))
 
     def finish(self, latest: Analysis | None, close: bool = True) -> None:
         """Draw what is left, and end the file."""
@@ -161,7 +161,7 @@ class FileOutlet(Outlet):
     def close(self) -> None:
         """End the file if it has not ended."""
         if not self.ended:
-            self._look()
+            self._flush()
         if not self.ended:
             self.canvas.close()
 
@@ -177,7 +177,7 @@ class FileOutlet(Outlet):
         if rows is not None:
             self.draw(lambda canvas: canvas.series.samples(self._axes, rows))
 
-    def _look(self) -> None:
+    def _flush(self) -> None:
         """Hand over what waits, and end the file if that fails or takes the recording's room."""
         name = self.path.name
         try:

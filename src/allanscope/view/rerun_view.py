@@ -205,7 +205,7 @@ class RerunView:
             self._streaming = True
             self._state("streaming")
         calm = self._mode == "none" or self._decimator.elapsed_s > _CALM_AFTER_S
-        rows = self._decimator.take(info, block, _CALM_ROWS if calm else _QUICK_ROWS)
+        rows = self._decimator.update(info, block, _CALM_ROWS if calm else _QUICK_ROWS)
         if rows is not None:
             self._rows_lost += len(self._rows) == _ROWS_WAITING
             self._rows.append((info.axes, rows))

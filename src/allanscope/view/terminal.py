@@ -139,7 +139,7 @@ class TerminalView:
     def snapshot(self, analysis: Analysis) -> None:
         """Take the result so far."""
         self._latest = analysis
-        self._trends.take(analysis)
+        self._trends.update(analysis)
         for level, text in self._changes.update(analysis):
             if self._mode == "plain" or level != "info":
                 self.line(text, level)

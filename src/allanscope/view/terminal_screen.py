@@ -245,7 +245,7 @@ class Screen:
         width, height = options.max_width, options.height or console.height
         known = verdict(self._analysis)
         top: list[Text | Table] = [self._header(), self._run(width)]
-        said = [_said(line) for line in known.lines]
+        said = [_verdict_text(line) for line in known.lines]
         if known.banner:
             said.insert(0, Text(known.banner, style=_style(GRADE["bad"])))
         three = [row for text in said for row in _folded(text, width)]
@@ -380,7 +380,7 @@ def _details(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
     """Return what is behind the verdict in at most `room` lines; a long detail may take two."""
     rows: list[Text] = []
     for number_of, line in enumerate(lines):
-        folded = _folded(_said(line), width)
+        folded = _folded(_verdict_text(line), width)
         still = len(lines) - number_of
         if len(folded) > room - len(rows) - (still > 1):
             rows.append(Text(f"and {still} more line{'s' * (still > 1)}: see the report"))
@@ -389,7 +389,7 @@ def _details(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
     return rows
 
 
-def _said(line: VerdictLine) -> Text:
+def _verdict_text(line: VerdictLine) -> Text:
     text = Text(one_line(line.head), style=_style(GRADE[line.grade]))
     text.append(f": {one_line(line.text)}", style="not bold default")
     return text

@@ -136,7 +136,7 @@ class _Topic:
     waiting: list[bytes | memoryview] = field(default_factory=list)
     times: list[int] = field(default_factory=list)
 
-    def take(self, records: bytes | memoryview, size: int, at: int) -> NDArray[Any]:
+    def read(self, records: bytes | memoryview, size: int, at: int) -> NDArray[Any]:
         """Take records of equal size with a message at `at` of each; return them."""
         layout = _layout(memoryview(records)[at:size], size, at)
         rows: NDArray[Any] = np.frombuffer(records, layout)
@@ -164,7 +164,7 @@ class _Topic:
     def flush(self) -> None:
         """Look at the messages that wait."""
         if self.waiting:
-            self.take(b"".join(self.waiting), len(self.waiting[0]), 0)
+            self.read(b"".join(self.waiting), len(self.waiting[0]), 0)
             self.logged.append(np.array(self.times, np.uint64).astype(np.int64))
             self.waiting.clear()
             self.times.clear()
@@ -293,7 +293,7 @@ def _read_mcap(file: Path, bag: _Bag) -> None:
     with file.open("rb") as opened:
         whole = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ)
     records = _Records(bag)
-    if not records.take(memoryview(whole)[len(_MAGIC) :]):
+    if not records.read(memoryview(whole)[len(_MAGIC) :]):
         bag.remarks.append(f"{file.name} was never closed: its end may be missing")
     if records.damaged:
         first = records.damaged[0]
@@ -313,7 +313,7 @@ class _Records:
         self._channels: dict[int, _Topic | None] = {}
         self.damaged: list[str] = []
 
-    def take(self, data: memoryview, inside: bool = False) -> bool:
+    def read(self, data: memoryview, inside: bool = False) -> bool:
         """Take the messages among these records; return whether they came to an end."""
         position, stop = 0, len(data)
         while position + 9 <= stop:
@@ -326,7 +326,7 @@ class _Records:
                 continue
             if opcode == Opcode.CHUNK and not inside:
                 try:
-                    self.take(memoryview(_unpacked(data[position + 9 : position + size])), True)
+                    self.read(memoryview(_unpacked(data[position + 9 : position + size])), True)
                 except _DamagedError as error:
                     self.damaged.append(str(error))
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -347,7 +347,7 @@ class _Records:
             topic.runs = count >= FEWEST_ALIKE
             if topic.runs:
                 topic.flush()
-                rows = topic.take(data[position : position + count * size], size, _BEFORE_DATA)
+                rows = topic.read(data[position : position + count * size], size, _BEFORE_DATA)
                 topic.logged.append(rows["logged"].astype(np.int64))
                 return count * size
         topic.add(bytes(data[position + _BEFORE_DATA : position + size]), logged_ns)

@@ -604,8 +604,12 @@ def test_a_table_of_euroc_is_read_with_its_nanoseconds() -> None:
             f"2024-02-{28 + (i >= 50)} "
             + (f"23:59:{59 + 0.02 * i:06.3f}" if i < 50 else f"00:00:{0.02 * i - 1:06.3f}")
         ),
+        lambda i: f"11:59:{59 + 0.02 * i:05.2f} PM" if i < 50 else f"12:00:{0.02 * i - 1:05.2f} AM",
+        lambda i: (
+            f"11:59:{59 + 0.02 * i:05.2f} a.m." if i < 50 else f"12:00:{0.02 * i - 1:05.2f} p.m."
+        ),
     ],
-    ids=["time of day", "ISO", "ISO with a blank"],
+    ids=["time of day", "ISO", "ISO with a blank", "midnight by AM", "noon by p.m."],
 )
 @pytest.mark.parametrize("separator", [",", " ", "\t"])
 @pytest.mark.parametrize("header", [True, False], ids=["header", "no header"])
@@ -691,6 +695,29 @@ def test_three_columns_of_one_g_are_an_accelerometer() -> None:
     assert isinstance(info, StreamInfo)
     assert info.axes == ACCEL
     assert any("because gravity is in the first three" in remark for remark in _remarks(rest))
+
+
+@pytest.mark.parametrize(
+    "names", ["x,y,z,x,y,z", "X1,Y1,Z1,X2,Y2,Z2", "t[s],x_1,y_1,z_1,x_2,y_2,z_2"]
+)
+@pytest.mark.parametrize("first", ["gyro", "accel"])
+def test_sensors_that_a_header_does_not_name_are_known_by_gravity(names: str, first: str) -> None:
+    gyro, accel = [0.3, 0.02, -0.1], [0.01, -0.02, 1.001]
+    values = ",".join(map(repr, gyro + accel if first == "gyro" else accel + gyro))
+    time = "{:.2f}," if names.startswith("t") else ""
+    rows = "".join(time.format(i * 0.01) + values + "\n" for i in range(40))
+    info, *rest = _decode(f"{names}\n{rows}")
+    block = next(event for event in rest if isinstance(event, Block))
+    assert isinstance(info, StreamInfo)
+    assert info.axes == BOTH
+    assert block.counts[0].tolist() == gyro + accel
+    order = "gx gy gz ax ay az" if first == "gyro" else "ax ay az gx gy gz"
+    assert any(f"columns are taken as {'t ' * bool(time)}{order}" in one for one in _remarks(rest))
+
+
+@pytest.mark.parametrize("header", ["x,y,z,x,y", "x,z,y", "x,y,z,mx,my,mz", "t,id,x,y,z"])
+def test_letters_that_are_no_three_axes_say_nothing(header: str) -> None:
+    assert columns_of(header.split(",")) is None
 
 
 def test_what_the_user_or_the_header_says_of_units_is_above_gravity() -> None:

@@ -15,6 +15,7 @@ __all__ = [
     "cells_of",
     "column_of",
     "columns_of",
+    "columns_without_sensor",
     "in_unknown_unit",
     "unnamed",
     "with_units_below",
@@ -29,6 +30,7 @@ _AXIS = re.compile(
 """The axis of a name; `w_RS_S_x` is EuRoC's, `field.angular_velocity.x` comes from ROS."""
 _TIME = re.compile(r"t|ts|time|timestamp|time_stamp|fieldheaderstamp")
 _TEMPERATURE = re.compile(r"temp|temperature|t")
+_BARE_AXIS = re.compile(r"([xyz])[_.]?\d?")
 _SEPARATORS = "\t;,|"
 _QUOTES = " \"'"
 
@@ -134,11 +136,11 @@ def _column(quantity: Quantity, unit: str, axis: int = -1) -> Column | None:
 def columns_of(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
     """Return the columns that the cells of a header name, None when no axis is among them.
 
-    Of several columns of one axis the first counts. Columns called just x, y and z are those of
-    the sensor `bare`.
+    Of several columns of one axis the first counts. Three columns called just x, y and z are those
+    of the sensor `bare`, six are a gyroscope and an accelerometer.
     """
-    if [cell.lower() for cell in cells] == ["x", "y", "z"]:
-        return tuple(Column(bare, "", AXES.index(bare[0] + axis)) for axis in "xyz")
+    if (without := columns_without_sensor(cells, bare)) is not None:
+        return without
     seen: set[tuple[Quantity, int]] = set()
     columns: list[Column | None] = []
     for cell in cells:
@@ -149,6 +151,37 @@ def columns_of(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
             seen.add((column.quantity, column.axis))
         columns.append(column)
     return tuple(columns) if any(column and column.axis >= 0 for column in columns) else None
+
+
+def columns_without_sensor(cells: Sequence[str], bare: Quantity = "gyro") -> Columns | None:
+    """Return the columns of a header that names axes and no sensor, None for another one.
+
+    Such a header has x, y and z once or twice, with a digit perhaps, a time before them or not, and
+    a temperature behind. Which sensor is which is told by their place, as without a header.
+
+    Examples
+    --------
+    >>> [one.axis for one in columns_without_sensor(["time", "x1", "y1", "z1", "X2", "Y2", "Z2"])]
+    [-1, 0, 1, 2, 3, 4, 5]
+    >>> columns_without_sensor(["x", "y", "mz"]) is None
+    True
+    """
+    names = [match and match[1] for match in map(_BARE_AXIS.fullmatch, map(str.lower, cells))]
+    first = next((i for i, name in enumerate(names) if name), len(names))
+    count = sum(name is not None for name in names)
+    order = "".join(name or " " for name in names[first : first + count])
+    before, after = cells[:first], cells[first + count :]
+    around = [column_of(one) for one in (*before, *after)]
+    quantities = tuple(one.quantity if one else "" for one in around)
+    wanted = (*("time" for _ in before), *("temperature" for _ in after))
+    if order not in ("xyz", "xyzxyz") or max(len(before), len(after)) > 1 or quantities != wanted:
+        return None
+    start = AXES.index(f"{bare[0]}x") if count == len("xyz") else 0
+    axes = [
+        Column("gyro" if axis.startswith("g") else "accel", "", start + i)
+        for i, axis in enumerate(AXES[start : start + count])
+    ]
+    return (*around[:first], *axes, *around[first:])
 
 
 def with_units_below(columns: Columns, cells: Sequence[str]) -> Columns | None:

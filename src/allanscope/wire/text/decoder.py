@@ -18,6 +18,7 @@ from allanscope.wire.text.columns import (
     Columns,
     cells_of,
     columns_of,
+    columns_without_sensor,
     in_unknown_unit,
     unnamed,
     with_units_below,
@@ -207,7 +208,7 @@ class TextDecoder:
         if self._doubtful(columns):
             return []
         self._left_out = left_out
-        bare = "no sensor is named" if [c.lower() for c in cells] == ["x", "y", "z"] else ""
+        bare = "no sensor is named" if columns_without_sensor(cells) else ""
         return self._start_table(columns, left_out, bare)
 
     @property

@@ -1,7 +1,8 @@
 """Rows of a table to values, as fast as plain Python can.
 
 `Table` reads the rows of known columns; its cells hold numbers, with a decimal comma perhaps, or
-times that people can read (`ClockTimes`): ``12:34:56.78`` and ``2024-05-17T12:34:56.789Z``.
+times that people can read (`ClockTimes`): ``12:34:56.78``, ``1:34:56.78 PM`` and
+``2024-05-17T12:34:56.789Z``.
 
 Tables get a column of row numbers in front without a name, or a column less than was announced.
 Where a header names one column more or fewer than the rows have cells, the values show which names
@@ -35,8 +36,9 @@ _EXACT, _LONGEST_NUMBER = 2.0**53, 1e21
 _WARMTH = (-60.0, 150.0)
 _WRITTEN_TIME = re.compile(
     r"(?:(\d{4})-(\d\d)-(\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d{1,12})?)"
-    r"(?:Z|[+-]\d\d(?::?\d\d)?)?"
+    r"(?: ?([AaPp])\.?[Mm]\.?)?(?:Z|[+-]\d\d(?::?\d\d)?)?"
 )
+_TIME_AND_HALF = re.compile(rb"(:\d\d(?:[.,]\d+)?) +(?=[AaPp]\.?[Mm]\b)")
 _DATE_AND_TIME = re.compile(rb"(\d{4}-\d\d-\d\d) +(?=\d{1,2}:\d\d:)")
 _LONGEST_TIME = 48
 _DAY_S = 86_400.0
@@ -359,12 +361,16 @@ def _is_clock_time(cell: str) -> bool:
 
 
 def joined_dates(line: bytes) -> bytes:
-    """Return a line in which a date and the time after it are one cell.
+    """Return a line in which a time, the date before it, and AM or PM after it are one cell.
 
     >>> joined_dates(b"2024-05-17 10:00:00.5 1 2")
     b'2024-05-17T10:00:00.5 1 2'
+    >>> joined_dates(b"1:00:00.5 PM 1 2")
+    b'1:00:00.5PM 1 2'
     """
-    return _DATE_AND_TIME.sub(rb"\1T", line) if b":" in line else line
+    if b":" not in line:
+        return line
+    return _TIME_AND_HALF.sub(rb"\1", _DATE_AND_TIME.sub(rb"\1T", line))
 
 
 class ClockTimes:
@@ -392,7 +398,10 @@ class ClockTimes:
         match = _WRITTEN_TIME.fullmatch(cell) if len(cell) <= _LONGEST_TIME else None
         if match is None:
             raise ValueError(f"{cell!r} is not a time")
-        of_day = 3600.0 * int(match[4]) + 60.0 * int(match[5]) + float(match[6].replace(",", "."))
+        hours = int(match[4])
+        if match[7]:  # 12 AM is midnight, 12 PM noon
+            hours = hours % 12 + (12 if match[7] in "Pp" else 0)
+        of_day = 3600.0 * hours + 60.0 * int(match[5]) + float(match[6].replace(",", "."))
         if match[1] is not None:
             day = date(int(match[1]), int(match[2]), int(match[3])).toordinal()
             self._first_day = day if self._first_day is None else self._first_day

@@ -272,17 +272,57 @@ def _read_sqlite(file: Path, bag: _Bag) -> None:
             topics = {number: bag.topic(str(name), str(kind)) for number, name, kind in rows}
             for number, topic in topics.items():
                 if topic is not None:
-                    _take_rows(base, number, topic)
+                    _read_rows(base, number, topic)
     except sqlite3.Error as error:
         bag.remarks.append(f"{file.name} is damaged ({error}): what can be read of it is taken")
 
 
-def _take_rows(base: sqlite3.Connection, number: int, topic: _Topic) -> None:
-    asked = "SELECT timestamp, data FROM messages WHERE topic_id = ? AND typeof(data) = 'blob'"
-    cursor = base.execute(asked + " AND typeof(timestamp) = 'integer' ORDER BY id", (number,))
-    while rows := cursor.fetchmany(_BATCH):
-        for logged_ns, data in rows:
-            topic.add(data, max(logged_ns, 0))
+def _read_rows(base: sqlite3.Connection, number: int, topic: _Topic) -> None:
+    """Take the messages of a topic, by ranges of rows, in the order of their numbers."""
+    together = base.execute("PRAGMA encoding").fetchone() == ("UTF-8",)
+    last = base.execute("SELECT min(rowid) - 1 FROM messages").fetchone()[0]
+    while last is not None:
+        rows = (number, last, last + _BATCH)
+        if not (together and _read_together(base, rows, topic)):
+            _read_singly(base, rows, topic)
+        following = base.execute("SELECT min(rowid) - 1 FROM messages WHERE rowid > ?", rows[2:])
+        last = following.fetchone()[0]
+
+
+_RANGE = "FROM messages WHERE topic_id = ? AND rowid > ? AND rowid <= ?"
+_TOGETHER = (
+    "SELECT min(length(data)), max(length(data)), min(timestamp), group_concat(timestamp), "
+    f"CAST(group_concat(data, '') AS BLOB) {_RANGE}"
+)
+"""Bytes joined by SQLite itself: a Python object for each of 17 million rows takes twice as long.
+In a base of UTF-8 they are as text what they are."""
+
+
+def _read_together(base: sqlite3.Connection, rows: tuple[int, int, int], topic: _Topic) -> bool:
+    """Take the messages of a range that are all of one length; False where that cannot be."""
+    try:
+        least, most, first_ns, times, data = base.execute(_TOGETHER, rows).fetchone()
+        if data is None:  # nothing of this topic
+            return True
+        logged = np.array(times.split(","), np.int64)
+    except (sqlite3.Error, ValueError, AttributeError, OverflowError):
+        return False  # damage, or times that are none: what is sound is read row by row
+    if least != most or first_ns < 0 or len(data) != least * len(logged):
+        return False
+    topic.flush()
+    topic.read(data, least, 0)
+    topic.logged.append(logged)
+    return True
+
+
+def _read_singly(base: sqlite3.Connection, rows: tuple[int, int, int], topic: _Topic) -> None:
+    cursor = base.execute(
+        f"SELECT timestamp, data {_RANGE} AND typeof(data) = 'blob' "
+        "AND typeof(timestamp) = 'integer' ORDER BY rowid",
+        rows,
+    )
+    for logged_ns, data in cursor:
+        topic.add(data, max(logged_ns, 0))
 
 
 # --- MCAP ---------------------------------------------------------------------------------------

@@ -86,7 +86,7 @@ def analyse(one: ArgumentParser) -> None:
     one.add_argument(
         "input",
         help="recording, session folder, raw serial capture, delimited text, ROS 2 bag (.mcap, "
-        ".db3 or its folder), HSDatalog or libiio folder, .npz, .npy, .mat or Parquet",
+        ".db3 or its folder), HSDatalog or libiio folder, .ulg, .npz, .npy, .mat or Parquet",
     )
     one.add_argument("--json", metavar="FILE", help="write the result; - prints it")
     one.add_argument("--report", metavar="FILE.html", help="write the report")
@@ -367,7 +367,7 @@ def _device_arguments(one: ArgumentParser) -> None:
         "--stream",
         default="",
         metavar="NAME",
-        help="sensor, if the input has several: topic of a bag, part in a folder "
+        help="sensor, if the input has several: topic of a bag or log, part in a folder "
         "(default: most samples)",
     )
 

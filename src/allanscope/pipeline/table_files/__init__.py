@@ -6,6 +6,7 @@
                        ├▶ matlab    .mat
                        ├▶ parquet   .parquet                    ─▶ TableFile
                        ├▶ rosbag    rosbag2: .mcap, .db3, folder
+                       ├▶ ulog      .ulg of PX4
                        ├▶ hsdatalog folder of FP-SNS-DATALOG2
                        └▶ iio       folder of iio_genxml and iio_readdev
 
@@ -76,6 +77,7 @@ _MAGICS: tuple[tuple[bytes, str], ...] = (
     (b"MATLAB 5.0 MAT-file", "mat"),
     (b"MATLAB 7.3 MAT-file", "mat"),
     (b"SQLite format 3\0", "rosbag2"),
+    (b"ULog\x01\x12\x35", "ulog"),
 )
 _MCAP = b"\x89MCAP0\r\n"
 _ROS2 = b"\x04\x00\x00\x00ros2"
@@ -89,6 +91,7 @@ _MODULES = {
     "rosbag2": "rosbag",
     "hsdatalog": "hsdatalog",
     "iio": "iio",
+    "ulog": "ulog",
 }
 
 
@@ -132,9 +135,9 @@ def table_of_file(path: Path, stream: str = "") -> TableFile:
     ----------
     path : Path
     stream : str
-        Which one of several sensors it is about: the topic of a bag, the part in a folder of
-        HSDatalog or libiio. Without it the one with the most samples is taken, and the others are
-        said.
+        Which one of several sensors it is about: the topic of a bag or a log, the part in a
+        folder of HSDatalog or libiio. Without it the one with the most samples is taken, and the
+        others are said.
 
     Raises
     ------

@@ -5,7 +5,7 @@
 
 enum { DESCRIPTOR_VERSION = 1, ALL_CHANNELS = 0x3F, SENSOR_TICK_NS = 25000, REGISTER_BYTES = 40 };
 
-static const char firmware_version[] = "1.1.0";
+static const char firmware_version[] = "1.2.0";
 
 static uint8_t *put_text(uint8_t *at, uint8_t tag, const char *text)
 {

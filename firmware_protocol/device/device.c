@@ -9,7 +9,8 @@ enum {
     COUNTABLE_US = 300000000, /* after a longer silence its time stamp, 24 bits of 25 us, may have
                                  wrapped unseen: what is missing cannot be counted */
     MOST_AFTER_EDGE = 32,     /* samples after the watermark that are counted from it in time */
-    LATE_US = 3000            /* what the main loop may be late after an edge */
+    LATE_US = 3000,           /* what the main loop may be late after an edge */
+    MOST_MISSED_EDGES = 3     /* frames without the interrupt until it is taken for dead */
 };
 
 static uint64_t samples_us(const device *self, uint32_t samples)
@@ -49,6 +50,8 @@ void device_init(device *self, imu *sensor, as_ring *ring, const imu_config *con
     self->config = *config;
     self->clock = clock;
     self->doubts = 0;
+    self->missed_edges = 0;
+    self->deaf = false;
     self->health = sensor->configure(sensor, &self->config) ? IMU_WELL : IMU_SILENT;
     self->silent_since_us = now_us;
     as_sender_init(&self->sender, ring, epoch);
@@ -320,6 +323,27 @@ void device_watermark(device *self, uint64_t edge_us)
 {
     self->watermarked = true;
     self->watermark_us = edge_us;
+    self->missed_edges = 0;
+    if (self->deaf) {
+        self->deaf = false;
+        device_tell(self, edge_us, 0, "the interrupt of the sensor comes again");
+    }
+}
+
+/* A reading that was due by time: where it finds what the interrupt should have told of, that is
+ * missing. Once may be chance, as the edge may be on its way. */
+static void miss_edge(device *self, const imu_batch *batch, uint64_t now_us)
+{
+    const uint32_t watermark = self->sensor->watermark;
+    if (watermark == 0 || self->deaf || batch->n + batch->behind <= watermark) {
+        return;
+    }
+    if (++self->missed_edges >= MOST_MISSED_EDGES) {
+        self->deaf = true;
+        device_tell(self, now_us, 1,
+                    "the interrupt of the sensor does not come: it is read by time, and the times of "
+                    "samples are less exact");
+    }
 }
 
 /* What waits is still what comes next, unless the queue had run over meanwhile: then it is old, and
@@ -350,6 +374,9 @@ static bool read_frame(device *self, uint64_t now_us)
         return false;
     }
     doubt(self, batch.doubts, now_us);
+    if (!self->draining && !self->watermarked) {
+        miss_edge(self, &batch, now_us);
+    }
     send_batch(self, &batch, now_us);
     return batch.n == usual && (self->sensor->watermark == 0 || batch.behind >= usual);
 }
@@ -358,7 +385,7 @@ static bool read_frame(device *self, uint64_t now_us)
 static uint64_t read_after_us(const device *self)
 {
     const uint32_t usual = imu_frame_samples(self->config.rate_hz);
-    return samples_us(self, self->sensor->watermark > 0 ? 2 * usual : usual);
+    return samples_us(self, self->sensor->watermark > 0 && !self->deaf ? 2 * usual : usual);
 }
 
 bool device_poll(device *self, uint64_t now_us)

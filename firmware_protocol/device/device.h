@@ -23,6 +23,8 @@ typedef struct {
     bool draining;    /* the sensor has more than was read in one go */
     bool watermarked; /* the sensor's interrupt rose, and nothing was read since */
     uint64_t watermark_us;
+    uint8_t missed_edges; /* frames in a row that had gathered without the interrupt */
+    bool deaf;            /* the interrupt does not come: the sensor is read by time */
     uint64_t next_first_us; /* time of the next sample, counted from an edge; 0 not known */
     uint64_t began_us;         /* when the epoch began */
     uint64_t next_read_us;     /* when a frame's worth of samples will have gathered */

@@ -231,6 +231,30 @@ def test_with_the_interrupt_a_frame_has_the_time_at_which_its_samples_were_taken
         assert np.ptp(late) > 1e-3
 
 
+@pytest.mark.parametrize("off", [-0.05, 0.0, 0.05])
+def test_an_interrupt_that_dies_is_said_once_and_when_it_comes_again(library, off):
+    """Its wire breaks: samples come by time, in frames as often as before, and none is missing."""
+    part = Lsm6dsm(off, interrupt=2)
+    device = Device(library, part)
+    device.run(2.0)
+    assert device.said() == []
+    part.interrupt = 0
+    device.run(0.5)
+    assert [text.partition(":")[0] for text in device.said()] == [
+        "the interrupt of the sensor does not come"
+    ]
+    before = len(device.events)
+    device.run(1.0)
+    blocks = [event for event in device.events[before:] if isinstance(event, Block)]
+    times = {host_s for block in blocks for host_s in block.ticks.host_s.tolist()}
+    assert len(times) >= 0.9 * 416 / 9, "each frame when it is complete, not two at a time"
+    part.interrupt = 2
+    device.run(4.0)
+    assert device.said()[1:] == ["the interrupt of the sensor comes again"]
+    assert device.gaps() == []
+    assert (np.diff(kept(device.samples())) == 1).all()
+
+
 def test_a_time_stamp_that_stands_still_is_said_once_and_when_it_is_over(library):
     part = Lsm6dsm()
     device = Device(library, part)

@@ -1,6 +1,7 @@
 """One byte stream that the host's build, the sanitized build, the board and Python all give."""
 
 import hashlib
+import re
 import struct
 import subprocess
 import zlib
@@ -10,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from allanscope.wire.native.framing import stuff
+from allanscope.wire.native.layout import VERSION
 from support.synthetic_sensor import count
 
 ROOT = Path(__file__).parents[2] / "firmware_protocol"
 LENGTH = 60_000
-SHA256 = "24aa2f327880dfa8986f4badafb409053b16b3c8e945a9436e431c28cbc78180"
+SHA256 = "f9287811896b0b5e469d44ec29e765398a7b1988dcdc429293699983c7beff6a"
 RATE, FRAME = 104.0, 3
 PERIOD_US = 1_000_000
 F = np.float32
@@ -65,7 +67,7 @@ def descriptor():
 
     return b"".join(
         [
-            b"\x01\x01\x07LSM6DSM\x02\x01\x6a\x03\x051.1.0",
+            b"\x01\x01\x07LSM6DSM\x02\x01\x6a\x03\x051.2.0",
             entry(5, 250.0) + entry(6, 8.75e-3) + entry(7, 2.0) + entry(8, 0.061e-3),
             entry(9, 256.0, 25.0) + entry(10, RATE),
             b"\x0b\x04"
@@ -101,6 +103,15 @@ def test_python_foretells_every_byte():
         if len(stream) >= LENGTH:
             break
     assert digest(stream[:LENGTH]) == SHA256
+
+
+def test_all_that_states_a_version_states_the_same_one():
+    """The first two numbers of the firmware's are those of the protocol that it speaks."""
+    (layout,) = re.findall(r"AS_VERSION = 0x(\d)(\d)", (ROOT / "encoder/as_layout.h").read_text())
+    (title,) = re.findall(r"protocol, version (\d)\.(\d)\n", (ROOT / "PROTOCOL.md").read_text())
+    source = (ROOT / "device" / "descriptor.c").read_text()
+    (firmware,) = re.findall(r'firmware_version\[\] = "(\d)\.(\d)\.\d+"', source)
+    assert layout == title == firmware == (str(VERSION >> 4), str(VERSION & 15))
 
 
 def test_the_hosts_build_gives_the_golden_stream(compiler, tmp_path):

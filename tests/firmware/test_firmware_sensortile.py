@@ -370,6 +370,9 @@ def test_an_interrupt_that_never_comes_costs_no_sample(build):
     bench.run(1.0)
     assert len(bench.samples()) > 80
     assert bench.of(Gap) == []
+    assert [text.partition(":")[0] for text in bench.said()] == [
+        "the interrupt of the sensor does not come"
+    ]
 
 
 # --- the image --------------------------------------------------------------------------------

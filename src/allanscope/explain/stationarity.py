@@ -71,7 +71,7 @@ _TURNS = 1024
 """Samples after which the wave is computed afresh: rounding does not build up."""
 
 
-def reach_of(view: View, candidate: Candidate) -> tuple[float, float]:
+def reach_of(view: View, candidate: Candidate, least: float = _COUNTS) -> tuple[float, float]:
     """Return the lowest and the highest frequency where a process counts in the spectrum.
 
     A filter counts everywhere but where the level drifts.
@@ -81,7 +81,7 @@ def reach_of(view: View, candidate: Candidate) -> tuple[float, float]:
         return _DRIFT * view.grid.rate_hz / 2, view.grid.rate_hz / 2
     process, rest = _shares(view, candidate, f)
     ratio = process / rest
-    counts = np.flatnonzero(ratio >= min(_COUNTS, 0.2 * float(ratio.max())))
+    counts = np.flatnonzero(ratio >= min(least, 0.2 * float(ratio.max())))
     return float(f[counts[0]]), float(f[counts[-1]])
 
 

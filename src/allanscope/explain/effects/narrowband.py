@@ -28,9 +28,16 @@ from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.effects.sinusoid import Sinusoid
-from allanscope.explain.effects.unexplained import beside, tone_left_over
+from allanscope.explain.effects.unexplained import band_left_over, beside, tone_left_over
 from allanscope.explain.residual import removes
-from allanscope.explain.stationarity import UNSTEADY, bartlett_z, bartlett_z_of, envelope_z, sweeps
+from allanscope.explain.stationarity import (
+    UNSTEADY,
+    bartlett_z,
+    bartlett_z_of,
+    envelope_z,
+    reach_of,
+    sweeps,
+)
 from allanscope.explain.view import View
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
 from allanscope.noise.components import Narrowband as Resonance
@@ -71,6 +78,9 @@ _SPLITTABLE = 60.0
 """Independent powers from which the form of a band can show that it is two."""
 _APART = (0.3, 0.8)
 """Distances from the centre, in bandwidths, from which two are looked for."""
+_NARROW, _FAINT, _FARTHEST = 0.125, 0.1, 8.0
+"""Width over frequency up to which it is left out of the fit though the model misses more: as far
+as it is so large a part of the noise beside it, and so many widths at most."""
 _WITHIN = 3.0
 """Distance in bandwidths up to which a frequency belongs to a band."""
 
@@ -103,12 +113,15 @@ class Narrowband(EffectKind):
     ----------
     overlaps : float or None
         Frequency in Hz of the band within whose width it lies, where the two were fitted together.
+    moves : (float, float) or None
+        Between which its centre is in 90 % of the record, in Hz, where it moves (`moving_band`).
     """
 
     frequency: Estimate
     bandwidth: Estimate
     sigma: Estimate
     overlaps: float | None = None
+    moves: tuple[float, float] | None = None
 
     kind = "narrowband"
     meaning = "noise in a band: a resonance, or a line that wanders"
@@ -125,9 +138,11 @@ class Narrowband(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        return (
-            f"noise in a band of {self.bandwidth.value:.3g} Hz around {self.frequency.value:.4g} Hz"
-        )
+        words = f"noise in a band of {self.bandwidth.value:.3g} Hz around "
+        words += f"{self.frequency.value:.4g} Hz"
+        if self.moves is None:
+            return words
+        return f"{words}, whose centre moves between {self.moves[0]:.4g} and {self.moves[1]:.4g} Hz"
 
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another band is the same hypothesis."""
@@ -168,7 +183,19 @@ class Narrowband(EffectKind):
         f0, width = self.frequency.value, self.bandwidth.value
         if not beside(view, f0) and self._is_steady(view, candidate):
             return candidate
-        return tone_left_over(view, candidate, f0, width)
+        return tone_left_over(view, candidate, f0, width) or self._left_out(view, candidate)
+
+    def _left_out(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Return the range in which it counts, where the model misses too much beside it.
+
+        Only where it is narrow: a broad one may be all that describes the rest.
+        """
+        f0, width = self.frequency.value, self.bandwidth.value
+        if width > _NARROW * f0:
+            return None
+        low, high = reach_of(view, candidate, _FAINT)
+        band = max(low, f0 - _FARTHEST * width), min(high, f0 + _FARTHEST * width)
+        return band_left_over(view, candidate, band)
 
     def _is_steady(self, view: View, candidate: Candidate) -> bool:
         rate, f0, width = view.grid.rate_hz, self.frequency.value, self.bandwidth.value

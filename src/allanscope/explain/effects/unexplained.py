@@ -189,8 +189,13 @@ def tone_left_over(
         if high - low > _MOST * view.grid.rate_hz / 2:
             return None
         cut = view.without_range(low, high)
-    words, searched = _CHANGES.format(low, high), candidate.log_alternatives
-    return left_over(view, (low, high), candidate.gain, words, searched)
+    return band_left_over(view, candidate, (low, high))
+
+
+def band_left_over(view: View, candidate: Candidate, band: tuple[float, float]) -> Candidate:
+    """Return a range that a tone or band covers which is not what its name would say."""
+    words, searched = _CHANGES.format(*band), candidate.log_alternatives
+    return left_over(view, band, candidate.gain, words, searched)
 
 
 def lasting(view: View, process: Candidate, most_sigma: float = float("inf")) -> Candidate | None:

@@ -15,8 +15,8 @@ def refit(view: View, path: SearchPath) -> View:
     if len([c for c in view.accepted if c.effect.stage == 2 or c.effect.is_unnamed_drift]) < 2:
         return view
     for candidate in view.accepted:
-        if candidate.effect.stage != 2:
-            continue
+        if candidate.effect.stage != 2 or candidate.profile is not None:
+            continue  # a profile was measured, not fitted
         path.evaluations += 1
         bare = view.without(candidate)
         again = candidate.effect.refine(bare) or candidate

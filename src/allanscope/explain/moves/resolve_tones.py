@@ -21,6 +21,7 @@ from allanscope.explain.effects.drifting_line import (
 )
 from allanscope.explain.effects.unexplained import Unexplained, tone_without_name
 from allanscope.explain.moves import SearchPath
+from allanscope.explain.moving_band import moving_band
 from allanscope.explain.view import View
 
 __all__ = ["resolve_tones"]
@@ -52,10 +53,11 @@ def resolve_tones(view: View, path: SearchPath) -> View:
             path.stop("drifting lines")
             parts = [band]
         lines = [drifting_line(view, cluster, whole) for cluster in parts]
-        found = [
-            line or _without_name(view, c, whole) for c, line in zip(parts, lines, strict=True)
-        ]
-        if not any(lines):
+        if not all(lines) and (one := moving_band(view, band, whole)):
+            found = [one]  # noise has clusters too, by chance
+        elif any(lines):
+            found = [c or _without_name(view, p, whole) for p, c in zip(parts, lines, strict=True)]
+        else:
             found = [_without_name(view, band, whole)]
         view = view.without(whole)
         for one in found:

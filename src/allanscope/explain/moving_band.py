@@ -1,0 +1,167 @@
+r"""Noise in a band that is no resonance's: its centre or its level changes through the record.
+
+`narrowband` refuses it, for the mean spectrum of what drifts has no form of its own. What tells it
+from what has no name:
+
+* the spectrum of each part of the record is predicted by that of its neighbours,
+  :math:`\hat S_p(f) = \tfrac12 (S_{p-1}(f) + S_{p+1}(f))`, or by the mean of all others;
+* it is there all along;
+* its power is spread over many ordinates: that of a modulated tone is in few;
+* it is in much the same range in both halves: a sweep goes through its range once.
+
+In the model it is a component with the measured distribution of its power (`LineProfile`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allanscope.explain.candidate import Candidate, HeldOut
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects.drifting_line import Cluster, profile_of
+from allanscope.explain.effects.narrowband import Narrowband
+from allanscope.explain.view import View
+from allanscope.quantities import TWO_SIDED_95
+
+__all__ = ["moving_band"]
+
+Array = NDArray[np.float64]
+
+_PARTS = (32, 16, 8)
+"""Parts of time, as many as leave each enough ordinates."""
+_FEWEST = 48
+"""Ordinates of a part within the range."""
+_SMOOTHED = 12
+"""Share of these over which the spectrum of a part is smoothed."""
+_HANN = 1.944
+"""Ordinates of a Hann window that know as much as one."""
+_QUARTERS = (0.25, 0.5, 0.75)
+"""Shares of the power below the lower edge, the centre and the upper edge of a resonance, its edges
+where its density is half."""
+_WIDEST = 0.5
+"""Width over frequency beyond which no one would call the band narrow."""
+_LEAST_LEVEL = 0.3
+"""Rms of its faintest part over that of its loudest: what is there all along."""
+_LOUDEST, _CONCENTRATED = 8, 0.2
+"""Ordinates that hold no more than this share of the power of noise in so broad a band."""
+_USUAL = (0.05, 0.95)
+"""Quantiles of the centre over the parts between which it is said to move."""
+_ALIKE = 0.5
+"""Cosine between the spectra of the halves of a record: a sweep has 0."""
+
+
+def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate | None:
+    """Return the band of noise that a range of ordinates is, or None.
+
+    Parameters
+    ----------
+    view : View
+        Without the band, its frequencies in the fit's excluded ranges or not.
+    cluster : Cluster
+        Where its power is.
+    searched : Candidate
+        What was found there first: its gain, and the alternatives that were looked at.
+    """
+    profile, error = profile_of(view, cluster)
+    parts = _spectra(view, profile.low, profile.high)
+    if parts is None or 2 * TWO_SIDED_95 * error > 1:
+        return None
+    f, ratio = parts
+    held, is_moving = _predicted(ratio)
+    if held.nats <= held.error or not _is_lasting(ratio) or _in_few(view, cluster):
+        return None
+    excess = np.maximum(_smoothed(ratio) - 1, 0.0)
+    power = excess.mean(axis=0) * view.spectrum.at(f)
+    low, centre, high = np.interp(_QUARTERS, np.cumsum(power) / power.sum(), f).tolist()
+    width = high - low
+    if width > _WIDEST * centre or _alikeness(excess) < _ALIKE:
+        return None
+    centres = excess @ f / np.maximum(excess.sum(axis=1), 1e-12)
+    least, most = np.quantile(centres, _USUAL)
+    independent = max(1.0, width * view.series.duration_s)
+    effect = Narrowband(
+        Estimate.of(centre, width / np.sqrt(12 * independent), "Hz"),
+        Estimate.of_log(width, 1 / np.sqrt(independent), "Hz"),
+        Estimate.of_log(profile.sigma, error, view.unit),
+        moves=(float(least), float(most)) if is_moving else None,
+    )
+    return Candidate(
+        effect,
+        searched.gain,
+        searched.log_alternatives,
+        alpha=searched.alpha,
+        is_paid=searched.is_paid,
+        excluded=((profile.low, profile.high),),
+        profile=profile,
+        held_out=held,
+    )
+
+
+def _spectra(view: View, low: float, high: float) -> tuple[Array, Array] | None:
+    """Return frequencies (m,) in a range and, of each part of time, the power there over the noise.
+
+    The second has shape (parts, m). None where the record is too short to see anything move.
+    """
+    rate, n = view.grid.rate_hz, len(view.data)
+    for parts in _PARTS:
+        size = n // parts
+        f = np.arange(size // 2 + 1) * rate / size
+        inside = (f >= low) & (f <= high)
+        if np.count_nonzero(inside) >= _FEWEST:
+            window = np.hanning(size)
+            rows = (view.data[: size * parts] - view.data.mean()).reshape(parts, size) * window
+            power = np.abs(np.fft.rfft(rows, axis=1)[:, inside]) ** 2 / np.sum(window**2)
+            return f[inside], power / view.spectrum.at(f[inside])
+    return None
+
+
+def _smoothed(ratio: Array) -> Array:
+    """Return spectra averaged over a twelfth of the range, as far as it reaches."""
+    size = max(3, ratio.shape[1] // _SMOOTHED)
+    weight = np.convolve(np.ones(ratio.shape[1]), np.ones(size), mode="same")
+    return np.array([np.convolve(row, np.ones(size), mode="same") / weight for row in ratio])
+
+
+def _predicted(ratio: Array) -> tuple[HeldOut, bool]:
+    """Predict the spectrum of each part from others, and tell whether its neighbours know best."""
+    smooth = _smoothed(ratio)
+    inner = slice(1, -1)
+    near = (smooth[:-2] + smooth[2:]) / 2
+    others = (smooth.sum(axis=0) - smooth[inner]) / (len(smooth) - 1)
+
+    def logliks(expected: Array) -> Array:
+        v = np.maximum(expected, 1.0)
+        return np.asarray(-(np.log(v) + ratio[inner] / v).sum(axis=1) / _HANN)
+
+    by_neighbours, by_others, nothing = map(logliks, (near, others, np.ones_like(near)))
+    better = by_neighbours - by_others
+    is_moving = bool(better.sum() > np.sqrt(len(better)) * better.std())
+    gain = (by_neighbours if is_moving else by_others) - nothing
+    held = HeldOut(
+        nats=float(gain.sum()),
+        error=float(np.sqrt(len(gain)) * gain.std()),
+        design=f"the spectrum of each of {len(gain)} parts by "
+        f"{'its neighbours' if is_moving else 'the mean of all others'}, against no band",
+    )
+    return held, is_moving
+
+
+def _is_lasting(ratio: Array) -> bool:
+    level = np.sqrt(np.maximum((ratio - 1).sum(axis=1), 0.0))
+    return bool(level.min() > _LEAST_LEVEL * level.max())
+
+
+def _in_few(view: View, cluster: Cluster) -> bool:
+    """Return whether so much of the power is in few ordinates that it is no noise."""
+    inside = slice(cluster.first, cluster.stop)
+    excess = view.squares[inside] - view.spectrum.ordinates[inside]
+    loudest = np.partition(excess, -_LOUDEST)[-_LOUDEST:]
+    return bool(loudest.sum() > _CONCENTRATED * excess.sum())
+
+
+def _alikeness(excess: Array) -> float:
+    """Return the cosine between the mean spectra of the two halves of the parts."""
+    half = len(excess) // 2
+    first, second = excess[:half].mean(axis=0), excess[half:].mean(axis=0)
+    return float(first @ second / max(np.linalg.norm(first) * np.linalg.norm(second), 1e-12))

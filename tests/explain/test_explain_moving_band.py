@@ -1,0 +1,74 @@
+"""A resonance whose frequency drifts is noise in a band, with how far its centre moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from allanscope.explain import explain
+
+RATE = 52.0
+N = 4e-3
+"""Density of the white noise of a bench, dps/sqrt(Hz)."""
+
+
+def turned(amplitude, frequency):
+    """Return the real part of an amplitude that turns at a frequency that changes."""
+    return np.real(amplitude * np.exp(2j * np.pi * np.cumsum(frequency) / RATE))
+
+
+def noise_of_width(b, width):
+    """Return complex noise of unit variance in each part, its full width at half maximum in Hz."""
+    phi = np.exp(-np.pi * width / RATE)
+    e = (1 - phi**2) ** 0.5 * (b.rng.normal(size=len(b.t)) + 1j * b.rng.normal(size=len(b.t)))
+    return lfilter([1], [1, -phi], e)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_resonance_that_drifts_is_a_band_whose_centre_moves(bench, seed):
+    b = bench(700 + seed, 2400.0)
+    centre = 12.0 + 1.5 * np.exp(-b.t / 500)
+    band = 0.02 * turned(noise_of_width(b, 0.4), centre)
+    found = explain(b.record(b.noise() + band)).axes["gx"]
+    (effect,) = found.effects
+    assert effect.kind == "narrowband"
+    assert effect.evidence["moves"] == pytest.approx(np.quantile(centre, [0.05, 0.95]), abs=0.2)
+    assert effect.parameters["sigma"].value == pytest.approx(0.02, rel=0.06)
+    white = found.coefficients_after["N"]
+    assert white.value == pytest.approx(N, rel=0.03)
+
+
+def test_it_is_found_where_the_noise_beside_it_is_not_known_yet(bench):
+    b = bench(709, 2400.0)
+    centre = 8.0 + np.exp(-b.t / 500)
+    band = 0.05 * turned(noise_of_width(b, 0.5), centre)
+    low_pass = lfilter(*butter(1, 15.0, fs=RATE), b.noise())
+    found = explain(b.record(low_pass + band)).axes["gx"]
+    assert {e.kind for e in found.effects} >= {"narrowband", "band_limit"}
+    assert found.coefficients_after["N"].value == pytest.approx(N, rel=0.1)
+    assert found.shares.named > 0.9
+
+
+def test_a_line_that_wanders_fast_is_one_too(bench):
+    b = bench(710, 2400.0)
+    step = 0.5 * (1 - np.exp(-2 / (2.0 * RATE))) ** 0.5
+    swing = lfilter([step], [1, -np.exp(-1 / (2.0 * RATE))], b.rng.normal(size=len(b.t)))
+    line = 0.03 * turned(1.0, 12.0 + np.exp(-b.t / 500) + swing)
+    found = explain(b.record(b.noise() + line)).axes["gx"]
+    assert {e.kind for e in found.effects} == {"narrowband"}
+
+
+def test_what_goes_through_its_band_once_has_no_name(bench):
+    b = bench(711, 2400.0)
+    line = 0.03 * turned(1.0, 11.0 + 3.0 * b.t / b.t[-1])
+    found = explain(b.record(b.noise() + line)).axes["gx"]
+    assert {e.kind for e in found.effects} == {"unexplained"}
+
+
+def test_a_band_that_is_there_for_a_while_has_no_name(bench):
+    b = bench(712, 2400.0)
+    centre = 12.0 + 1.5 * np.exp(-b.t / 500)
+    band = 0.03 * turned(noise_of_width(b, 0.4), centre) * (b.t < 800)
+    found = explain(b.record(b.noise() + band)).axes["gx"]
+    assert "narrowband" not in {e.kind for e in found.effects}

@@ -20,7 +20,8 @@ import sqlite3
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
-from contextlib import closing
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -262,7 +263,7 @@ def _read_sqlite(file: Path, bag: _Bag) -> None:
     try:
         # Not even a lock file is written beside it.
         where = f"{file.resolve().as_uri()}?mode=ro&immutable=1"
-        with closing(sqlite3.connect(where, uri=True)) as base:
+        with closing(sqlite3.connect(where, uri=True, check_same_thread=False)) as base:
             base.execute("PRAGMA trusted_schema = OFF")
             # A view, or a virtual table, could be made up to never end.
             kinds = dict(base.execute("SELECT name, sql LIKE 'CREATE TABLE%' FROM sqlite_master"))
@@ -278,35 +279,63 @@ def _read_sqlite(file: Path, bag: _Bag) -> None:
 
 
 def _read_rows(base: sqlite3.Connection, number: int, topic: _Topic) -> None:
-    """Take the messages of a topic, by ranges of rows, in the order of their numbers."""
-    together = base.execute("PRAGMA encoding").fetchone() == ("UTF-8",)
-    last = base.execute("SELECT min(rowid) - 1 FROM messages").fetchone()[0]
-    while last is not None:
-        rows = (number, last, last + _BATCH)
-        if not (together and _read_together(base, rows, topic)):
-            _read_singly(base, rows, topic)
-        following = base.execute("SELECT min(rowid) - 1 FROM messages WHERE rowid > ?", rows[2:])
-        last = following.fetchone()[0]
+    """Take the messages of a topic, by ranges of rows, in the order of their numbers.
+
+    The next range is fetched while one is looked at: SQLite needs no lock of the interpreter.
+    """
+    ranges = _ranges(base, number)
+    with ThreadPoolExecutor(1) as pool:
+        ahead = pool.submit(next, ranges, None)
+        while (fetched := ahead.result()) is not None:
+            ahead = pool.submit(next, ranges, None)
+            rows, joined = fetched
+            if joined is not None and _read_joined(joined, topic):
+                continue
+            singly, error = pool.submit(_singly, base, rows).result()
+            for logged_ns, data in singly:
+                topic.add(data, max(logged_ns, 0))
+            if error is not None:
+                raise error
 
 
+_Range = tuple[int, int, int]
 _RANGE = "FROM messages WHERE topic_id = ? AND rowid > ? AND rowid <= ?"
-_TOGETHER = (
+_JOINED = (
     "SELECT min(length(data)), max(length(data)), min(timestamp), group_concat(timestamp), "
     f"CAST(group_concat(data, '') AS BLOB) {_RANGE}"
 )
 """Bytes joined by SQLite itself: a Python object for each of 17 million rows takes twice as long.
 In a base of UTF-8 they are as text what they are."""
+_SINGLY = (
+    f"SELECT timestamp, data {_RANGE} AND typeof(data) = 'blob' AND typeof(timestamp) = 'integer' "
+    "ORDER BY rowid"
+)
 
 
-def _read_together(base: sqlite3.Connection, rows: tuple[int, int, int], topic: _Topic) -> bool:
+def _ranges(base: sqlite3.Connection, number: int) -> Iterator[tuple[_Range, Any]]:
+    """Yield ranges of rows with what they hold together; None where that cannot be had."""
+    together = base.execute("PRAGMA encoding").fetchone() == ("UTF-8",)
+    last = base.execute("SELECT min(rowid) - 1 FROM messages").fetchone()[0]
+    while last is not None:
+        rows = (number, last, last + _BATCH)
+        joined = None
+        if together:
+            with suppress(sqlite3.Error):  # damage: what is sound is read row by row
+                joined = base.execute(_JOINED, rows).fetchone()
+        yield rows, joined
+        following = base.execute("SELECT min(rowid) - 1 FROM messages WHERE rowid > ?", rows[2:])
+        last = following.fetchone()[0]
+
+
+def _read_joined(joined: tuple[Any, ...], topic: _Topic) -> bool:
     """Take the messages of a range that are all of one length; False where that cannot be."""
+    least, most, first_ns, times, data = joined
+    if data is None:  # nothing of this topic
+        return True
     try:
-        least, most, first_ns, times, data = base.execute(_TOGETHER, rows).fetchone()
-        if data is None:  # nothing of this topic
-            return True
         logged = np.array(times.split(","), np.int64)
-    except (sqlite3.Error, ValueError, AttributeError, OverflowError):
-        return False  # damage, or times that are none: what is sound is read row by row
+    except (ValueError, AttributeError, OverflowError):
+        return False  # times that are none
     if least != most or first_ns < 0 or len(data) != least * len(logged):
         return False
     topic.flush()
@@ -315,14 +344,16 @@ def _read_together(base: sqlite3.Connection, rows: tuple[int, int, int], topic: 
     return True
 
 
-def _read_singly(base: sqlite3.Connection, rows: tuple[int, int, int], topic: _Topic) -> None:
-    cursor = base.execute(
-        f"SELECT timestamp, data {_RANGE} AND typeof(data) = 'blob' "
-        "AND typeof(timestamp) = 'integer' ORDER BY rowid",
-        rows,
-    )
-    for logged_ns, data in cursor:
-        topic.add(data, max(logged_ns, 0))
+def _singly(
+    base: sqlite3.Connection, rows: _Range
+) -> tuple[list[tuple[int, bytes]], sqlite3.Error | None]:
+    """Return the messages of a range up to what is damaged, and what SQLite says of that."""
+    found: list[tuple[int, bytes]] = []
+    try:
+        found.extend(base.execute(_SINGLY, rows))
+    except sqlite3.Error as error:
+        return found, error
+    return found, None
 
 
 # --- MCAP ---------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from allanscope.explain.effects.random_telegraph import posterior
 from allanscope.explain.stationarity import demodulate
 from allanscope.history import History
 from allanscope.noise.amplitudes import maximise
+from allanscope.noise.components.correlated import ExponentialCovariance
 from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator.noise.power_law import FractionalIntegral
 from allanscope.spectrum.ladder import SEGMENT, Ladder
@@ -114,6 +115,13 @@ def fits() -> None:
         maximise(np.repeat(columns, 2, axis=0), power, count, np.zeros(bins))
 
 
+def covariances() -> None:
+    covariance = ExponentialCovariance((1.0, 1 - 0.1j), (0.1, 1e-3 - 2j), 0.2, 0.1)
+    for n in (0, 1, 7, 1000):
+        covariance.spectrum(np.linspace(0, np.pi, n))
+        covariance.ordinates(np.arange(n), 1000)
+
+
 def series() -> None:
     for n in (1, 2, 3000):
         posterior(RNG.normal(size=n), 1.0, 0.05, 1.0)
@@ -132,6 +140,17 @@ def watches() -> None:
 
 
 if __name__ == "__main__":
-    for part in (sums, estimators, histories, spectra, frames, texts, fits, series, watches):
+    for part in (
+        sums,
+        estimators,
+        histories,
+        spectra,
+        frames,
+        texts,
+        fits,
+        covariances,
+        series,
+        watches,
+    ):
         part()
     print("done")

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from allanscope.compiled import Pointer, kernel
 from allanscope.noise.part import Array, Component
 
 __all__ = ["Correlated", "ExponentialCovariance"]
@@ -84,15 +85,15 @@ class ExponentialCovariance:
 
     def spectrum(self, w: Array) -> Array:
         """Return the two-sided spectrum per sample at phases in rad per sample."""
-        total = self.delta + 2 * self.neighbour * np.cos(w)
-        square = 2 * np.sin(w / 2) ** 2
+        square = np.ravel(2 * np.sin(w / 2) ** 2)
+        total = np.full(len(square), self.delta)
+        if self.neighbour:
+            total += np.ravel(2 * self.neighbour * np.cos(w))
         for a, e in zip(self.amplitudes, self.rates, strict=True):
-            # Re(a sinh e / (cosh e - cos w)) with the difference written without cancellation, and
-            # in real numbers, which are four times as quick: a search evaluates it at every bin.
+            # Re(a sinh e / (cosh e - cos w)) with the difference written without cancellation.
             above, gap = complex(a * np.sinh(e)), complex(2 * np.sinh(e / 2) ** 2)
-            x, y = gap.real + square, gap.imag
-            total = total + (above.real * x + above.imag * y) / (x * x + y * y)
-        return np.asarray(total)
+            _add_spectrum(square, len(square), above.real, above.imag, gap.real, gap.imag, total)
+        return total.reshape(np.shape(w))
 
     def averaged(self, stride: int) -> ExponentialCovariance:
         """Return the covariance of means over `stride` samples."""
@@ -129,17 +130,18 @@ class ExponentialCovariance:
         The first term is the spectrum. What the ends of the record take from it is largest for a
         correlation time of 1 / t, the share 1 / (pi k) then.
         """
-        angle = np.pi * np.asarray(k, np.float64) / n
-        sign = 1 - 2 * (np.rint(k).astype(np.int64) % 2)
+        number = np.ravel(np.asarray(k, np.float64))
+        angle = np.pi * number / n
+        sign = 1 - 2 * (np.rint(number) % 2)
         square = 2 * np.sin(angle / 2) ** 2
-        beside = ((n - 1) * np.cos(angle) - 1) / n
-        total = self.delta + 2 * self.neighbour * beside
-        for a, pole in zip(self.amplitudes, self.rates, strict=True):
-            e = pole if pole.imag else pole.real  # real numbers are four times as quick
-            gap = 2 * np.sinh(e / 2) ** 2
-            ends = (1 - np.exp(-e * n) * sign) * (gap * (2 - square) / n)
-            total = total + (a * (np.sinh(e) - ends / (gap + square)) / (gap + square)).real
-        return np.asarray(total)
+        total = np.full(len(number), self.delta)
+        if self.neighbour:
+            total += 2 * self.neighbour * (((n - 1) * np.cos(angle) - 1) / n)
+        for a, e in zip(self.amplitudes, self.rates, strict=True):
+            numbers = (a, np.sinh(e), 2 * np.sinh(e / 2) ** 2, np.exp(-e * n))
+            parts = [part for z in map(complex, numbers) for part in (z.real, z.imag)]
+            _add_ordinates(square, sign, len(number), n, *parts, total)
+        return total.reshape(np.shape(k))
 
     def avar(self, m: ArrayLike) -> Array:
         """Return the Allan variance at averaging factors `m`, exact."""
@@ -158,6 +160,20 @@ class ExponentialCovariance:
             top = _hadamard_rest(factor * e) / 2 + 3 * factor * _sinh_rest(e)
             total = total + (a * top / np.sinh(e / 2) ** 2).real / (6 * factor**2)
         return total
+
+
+_add_spectrum = kernel(
+    "pole_spectrum",
+    Pointer(np.float64, 1),
+    int,
+    *(float,) * 4,
+    Pointer(np.float64, 1, written=True),
+)
+_add_ordinates = kernel(
+    "pole_ordinates",
+    *(Pointer(np.float64, 1), Pointer(np.float64, 1), int, *(float,) * 9),
+    Pointer(np.float64, 1, written=True),
+)
 
 
 def _block_variance(e: complex, m: int) -> complex:

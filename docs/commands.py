@@ -16,8 +16,8 @@ PAGE = Path(__file__).resolve().parent / "reference" / "commands.md"
 HEAD = """\
 # Commands
 
-Written by `python docs/commands.py`. Every command takes `--quiet` (print only results and errors)
-and `--debug` (show a traceback); `allanscope --version` prints all versions that matter.
+Written by `python docs/commands.py`. Every command takes `--quiet` (only results and errors) and
+`--debug` (show a traceback); `allanscope --version` prints all versions that matter.
 
 `allanscope --show-settings` prints the settings file with everything it may contain: defaults of
 `live` (part, rate, full scales, wire format, folder of new sessions, view, port) and of `replay`
@@ -51,20 +51,32 @@ def page() -> str:
         [
             HEAD,
             *(_section(name, one) for name, one in commands.items()),
-            *(_group(one) for one in shared.values()),
-            _kinds("Effects", effect_help()),
-            _kinds("Faults", fault_help()),
+            *(_group(one, before) for one, before in _after(list(shared.values()))),
+            _kinds("Effects", effect_help(), ("axis", "time")),
+            _kinds("Faults", fault_help(), ("rate", "at")),
         ]
     )
 
 
-def _kinds(title: str, lines: str) -> str:
-    rows = []
+def _kinds(title: str, lines: str, common: tuple[str, ...]) -> str:
+    """Return a table of kinds; parameters that they have in common are named once."""
+    rows, without = [], []
     for line in lines.splitlines():
         name, _, meaning = line.partition(": ")
         words, _, parameters = meaning.rpartition(" (")
-        rows.append(f"| `{name}` | {words} | {parameters.rstrip(')')} |")
-    return "\n".join([f"## {title}", "", "| kind | | parameters |", "|---|---|---|", *rows, ""])
+        names = parameters.rstrip(")").split(", ")
+        if not set(common) <= set(names):
+            without.append(name)
+        own = ", ".join(one for one in names if one not in common)
+        rows.append(f"| `{name}` | {words} | {own} |")
+    but = f", except {', '.join(without)}" if without else ""
+    text = f"Every kind takes {' and '.join(f'`{one}`' for one in common)} too{but}."
+    heads = ["| kind | | parameters |", "|---|---|---|"]
+    return "\n".join([f"## {title}", "", text, "", *heads, *rows, ""])
+
+
+def _after(groups: list[_ArgumentGroup]) -> list[tuple[_ArgumentGroup, list[_ArgumentGroup]]]:
+    return [(one, groups[:at]) for at, one in enumerate(groups)]
 
 
 def _commands(top: ArgumentParser) -> dict[str, ArgumentParser]:
@@ -105,9 +117,24 @@ def _heading(group: _ArgumentGroup) -> str:
     return f"Options of {group.title}"
 
 
-def _group(group: _ArgumentGroup) -> str:
-    rows = map(_row, group._group_actions)  # noqa: SLF001
-    return "\n".join([f"## {_heading(group)}", "", *HEADS, *rows, ""])
+def _group(group: _ArgumentGroup, before: list[_ArgumentGroup]) -> str:
+    """Return a table of options; those that an earlier group explains are named in one row."""
+    rows = _rows(group)
+    for other in before:
+        same = [option for option, row in rows.items() if _rows(other).get(option) == row]
+        if len(same) > 1:
+            names = ", ".join(f"`{option}`" for option in same)
+            rest = [row for option, row in rows.items() if option not in same]
+            target = f"#{_heading(other).lower().replace(' ', '-')}"
+            return "\n".join(
+                [f"## {_heading(group)}", "", f"{names} as for [{other.title}]({target}).", "",
+                 *HEADS, *rest, ""]
+            )  # fmt: skip
+    return "\n".join([f"## {_heading(group)}", "", *HEADS, *rows.values(), ""])
+
+
+def _rows(group: _ArgumentGroup) -> dict[str, str]:
+    return {one.option_strings[0]: _row(one) for one in group._group_actions}  # noqa: SLF001
 
 
 def _row(action: Action) -> str:

@@ -9,6 +9,7 @@ from allanscope.explain.effects.unexplained import left_over, united
 from allanscope.explain.gates import judge
 from allanscope.explain.loop import _view
 from allanscope.explain.series import series_of
+from allanscope.noise.components import Rounding
 
 
 @pytest.fixture
@@ -38,3 +39,25 @@ def test_a_range_that_leaves_nothing_to_fit_is_refused(view):
     assert "nothing would be left to fit" in why
     allowed, _ = judge(view, cut(view, 0.5, 0.8))
     assert allowed is not None
+
+
+@pytest.fixture
+def long_view(bench):
+    b = bench(502, 1000.0)
+    return _view(series_of(b.record(b.noise())), "gx", None)
+
+
+def test_rounding_stays_in_the_model_beside_what_is_left_out(long_view):
+    view = long_view
+    rest = view.without_range(8.0, 20.0)
+    symbol = Rounding.symbol
+    assert rest.model.get(symbol) == view.model.get(symbol) == Rounding(view.step)
+
+
+def test_nothing_gains_where_all_that_would_know_is_left_out(long_view):
+    view = long_view
+    rest = view.without_range(0.0, 20.0)
+    at = np.arange(100, 50_000, 100)
+    assert np.all(rest.scan.step(at) == 0)
+    assert np.all(rest.scan.box(at[:-1], at[1:]) == 0)
+    assert np.all(view.scan.step(at) > 0)

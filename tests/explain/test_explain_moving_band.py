@@ -50,6 +50,19 @@ def test_it_is_found_where_the_noise_beside_it_is_not_known_yet(bench):
     assert found.shares.named > 0.9
 
 
+@pytest.mark.parametrize("seed", [733, 735])
+def test_a_low_pass_is_found_though_the_band_within_it_moves(bench, seed):
+    b = bench(seed, 3600.0)
+    turn = 2 * np.pi * b.t / b.t[-1]
+    centre = 5.2 + 0.5 * np.cos(1.3 * turn) + 0.2 * np.cos(5 * turn)
+    band = 0.005 * turned(noise_of_width(b, 0.4), centre)
+    found = explain(b.record(lfilter(*butter(1, 10.0, fs=RATE), b.noise()) + band)).axes["gx"]
+    (cutoff,) = (e.parameters["cutoff"] for e in found.effects if e.kind == "band_limit")
+    assert cutoff.value == pytest.approx(10.0, rel=0.02)
+    assert found.coefficients_after["N"].value == pytest.approx(N, rel=0.02)
+    assert found.shares.named > 0.95
+
+
 def test_a_line_that_wanders_fast_is_one_too(bench):
     b = bench(710, 2400.0)
     step = 0.5 * (1 - np.exp(-2 / (2.0 * RATE))) ** 0.5

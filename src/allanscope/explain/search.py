@@ -3,7 +3,7 @@
 ::
 
     for each stage: faults of the data, outliers, level and spectrum, variance, what is left over
-        propose ──▶ add pair │ add │ add bundle ──▶ fold, split ──▶ refit ──▶ drop ─┐
+        propose ──▶ add pair │ add │ add beside │ add bundle ──▶ fold, split ──▶ refit ──▶ drop ─┐
            ▲                                                                         │
            └─────────────────────────────────────────────────────────────────────────┘
         replace drift
@@ -21,7 +21,14 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS
 from allanscope.explain.effects.unexplained import Unexplained, with_misfits_joined
 from allanscope.explain.moves import SearchPath
-from allanscope.explain.moves.add import add, add_bundle, add_pair, proposals, with_rivals
+from allanscope.explain.moves.add import (
+    add,
+    add_beside,
+    add_bundle,
+    add_pair,
+    proposals,
+    with_rivals,
+)
 from allanscope.explain.moves.drop import drop
 from allanscope.explain.moves.fold import fold_sidebands, fold_steps
 from allanscope.explain.moves.refit import refit
@@ -132,6 +139,8 @@ def _settle(view: View, stage: int, budget: Budget, path: SearchPath) -> View:
             view = split_bands(folded, path)
             former = candidates if view is folded else []
             view = _fitted(view, path) if stage >= _LEVEL_AND_SPECTRUM else view
+        elif main and (beside := add_beside(view, kinds, candidates, path)) is not None:
+            view, former = _fitted(beside, path), []
         elif main and (bundle := add_bundle(view, kinds, candidates, path)) is not None:
             view, former = bundle, []
         else:

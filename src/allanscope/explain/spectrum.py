@@ -39,6 +39,7 @@ Evaluation = Callable[[Component], Array]
 
 _CLEARLY = 1.5
 """Power of a part over that of all which its scatter does not explain."""
+_ROUNDING = 1e-12
 _AROUND_S = 30.0
 """A level is compared over so many seconds: noise farther away does not move it."""
 
@@ -194,7 +195,7 @@ class StepScan:
     def step(self, at: Ints) -> Array:
         """Gain of a step at samples `at`."""
         information = (self._sum[0] - self._cosine_sum(2 * at)) / self.n
-        return np.asarray(self.score[at] ** 2 / (2 * np.maximum(information, 1e-300)))
+        return self._gain(self.score[at], information)
 
     def box(self, first: Ints, last: Ints) -> Array:
         """Gain of a box from `first` to before `last`."""
@@ -205,8 +206,12 @@ class StepScan:
             - 2 * self._cosine_sum(last - first)
             + 2 * self._cosine_sum(first + last)
         ) / self.n
-        score = self.score[first] - self.score[last]
-        return np.asarray(score**2 / (2 * np.maximum(information, 1e-300)))
+        return self._gain(self.score[first] - self.score[last], information)
+
+    def _gain(self, score: Array, information: Array) -> Array:
+        """Gain of what has a score, none where all that would know is left out of the fit."""
+        is_known = information * self.n > _ROUNDING * self._sum[0]
+        return np.divide(score**2, 2 * information, out=np.zeros(len(score)), where=is_known)
 
 
 def local_power_ratio(data: Array, rate_hz: float, first: int, last: int) -> float:

@@ -54,6 +54,8 @@ _COUPLED = (1.0, 2 * 4 / 9, 2 / 36)
 """Squared correlation of the ordinates of Hann's window with the next ones, on both sides."""
 _ALIKE = 8.0
 """Variance of the powers of the parts, over what chance makes of one ordinate, that is nothing."""
+_BAND = 0.05
+"""Share of the power from which noise in a band counts."""
 _COUNTS = 0.25
 """Process over the noise beside it from which a frequency counts, if it comes so far."""
 
@@ -119,6 +121,13 @@ def _in_bursts(view: View, candidate: Candidate, f: Array) -> NDArray[np.bool_]:
     return np.broadcast_to(share > _BURSTS, f.shape)
 
 
+def _in_bands(view: View, candidate: Candidate, f: Array) -> NDArray[np.bool_]:
+    """Tell where there is noise in bands: if it comes and goes, that says nothing of a filter."""
+    after = view.with_parts(*candidate.parts).spectrum
+    narrow = [one for one in after.model if one.is_narrow]
+    return after.of(narrow, f) > _BAND * after.at(f)
+
+
 def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, parts: int) -> float:
     rate = view.grid.rate_hz
     n = len(view.data) // parts
@@ -134,6 +143,8 @@ def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, par
     inside = (f >= low) & (f <= high) & kept
     if np.count_nonzero(inside) < 2 * _FEWEST:
         return 0.0
+    if not _adding(candidate):
+        inside[1:] &= ~_in_bands(view, candidate, f[1:])
     beside = ~inside & (f > high) if np.count_nonzero(f > high) > len(f) // 4 else ~inside
     beside &= kept
     if not _adding(candidate):

@@ -138,7 +138,8 @@ class View:
         held = [p for p in self.parts if isinstance(p, HeldSamples | HeldPattern)]
         if any(part.fraction > _HELD for part in held):
             return 0.0
-        lowest = float(self.power[self.grid.count > _MANY].min(initial=np.inf))
+        kept = self.grid.counts(self.excluded)  # a bin that is left out has no power
+        lowest = float(self.power[kept > _MANY].min(initial=np.inf))
         return self.floor if lowest > _TRUSTED * self.floor else 0.98 * lowest
 
     @once

@@ -47,7 +47,7 @@ _OF_A_DRIFT = 0.03
 """Share of the gain of a drift without a name up to which a change of the level is left of it."""
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
-_MOST = 0.5
+_MOST = 0.4
 _LEAST_KEPT = 0.1
 """Share of the ordinates that must stay in the fit: of none, no noise can be told."""
 _LOUD = 40.0

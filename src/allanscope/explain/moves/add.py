@@ -3,6 +3,9 @@
 `add_pair`: a warm-up and the temperature, each fitted alone, take along what belongs to the other,
 and a slope that was found beside half a warm-up is refuted by the quarter in which the warm-up was.
 
+`add_beside`: a low-pass that is fitted alone takes along the resonance that nobody sees before it
+is there, and is refused for it.
+
 `add_bundle`: while one of several slow effects is left out it keeps K high, and a high K hides the
 others: a warm-up and three bumps of the level look like a random walk until all four are taken out.
 What is looked at is paid for by every member, and each must be worth its penalty given the others.
@@ -23,7 +26,7 @@ from allanscope.explain.moves.refit import refit
 from allanscope.explain.regression import refit_jointly
 from allanscope.explain.view import View
 
-__all__ = ["add", "add_bundle", "add_pair", "proposals", "with_rivals"]
+__all__ = ["add", "add_beside", "add_bundle", "add_pair", "proposals", "with_rivals"]
 
 _GOOD_PART = 0.3
 """Share of a band's gain that a line may have which is all there is to the band."""
@@ -122,6 +125,41 @@ def add_pair(
     if judged is not None:
         path.accept("add pair", *judged.accepted[first:])
     return judged
+
+
+_REFUSED = 2
+"""So many of the best that were refused are tried beside what is found once they are there."""
+
+
+def add_beside(
+    view: View, kinds: list[type[EffectKind]], candidates: list[Candidate], path: SearchPath
+) -> View | None:
+    """Return the view with a process that was refused and what had hidden what it is, or None."""
+    fast = [kind for kind in kinds if not kind.is_slow]
+    refused = [
+        c
+        for c in _ranked(candidates)
+        if c.effect.is_process and type(c.effect) in fast and penalty_passed(view, c, path.spent)
+    ]
+    for process in refused[:_REFUSED]:
+        for hidden in _judged(view.accept(process), fast, path):
+            beside = view.accept(hidden)
+            for again in _judged(beside, [type(process.effect)], path):
+                path.accept("add beside", hidden, again)
+                return beside.accept(again)
+    return None
+
+
+def _judged(view: View, kinds: Iterable[type[EffectKind]], path: SearchPath) -> Iterable[Candidate]:
+    """Generate what passes every gate, best first."""
+    for candidate in _ranked(proposals(view, kinds, path)):
+        if not penalty_passed(view, candidate, path.spent):
+            return
+        accepted, why = judge(view, candidate)
+        if accepted is not None:
+            yield accepted
+        else:
+            path.note("add beside", candidate, why)
 
 
 _MOST = 6

@@ -38,7 +38,7 @@ from allanscope.samples import AXES, Block, StreamInfo, Ticks
 from allanscope.simulator import Simulator, simulate_blocks
 from allanscope.sources import RecordedSource
 from allanscope.watch import ALPHA, Event, Watch
-from allanscope.watch.counts import Rare, surprise
+from allanscope.watch.counts import RareCounts, scan_p_value
 from allanscope.watch.false_alarms import log_weight
 from allanscope.watch.lines import Lines
 from allanscope.watch.scan import Scan
@@ -253,7 +253,7 @@ def accelerated(nights: int, blocks: int, seed: int = 1) -> list[Figure]:
     drawn, alpha = Drawn(axes, seed), log_alphas(6)
     scan = Scan(2 * axes, np.repeat([alpha["level"], alpha["noise"]], axes))
     lines = Lines(axes, drawn.bins, alpha["lines"])
-    rare = Rare(axes, np.full(axes, alpha["outliers"]))
+    rare = RareCounts(axes, np.full(axes, alpha["outliers"]))
     held = np.zeros(drawn.power.shape, np.int32)
     alarmed: dict[str, set[int]] = {
         "level": set(),
@@ -425,7 +425,7 @@ def rare_delays(blocks: int, after: int, axes: int) -> list[Figure]:
     for name, alpha in log_alpha.items():
         fewest = least_count(before, blocks, alpha)
         mean = 3.0 * (fewest - 0.33) / 16.0
-        rare, first = Rare(axes, np.full(axes, alpha)), np.full(axes, np.inf)
+        rare, first = RareCounts(axes, np.full(axes, alpha)), np.full(axes, np.inf)
         gains = []
         for number in range(-blocks, after):
             counts = rng.poisson(mean if number >= 0 else before, axes)
@@ -450,7 +450,7 @@ def least_count(before: float, blocks: int, log_alpha: float) -> int:
     """Return how many in 16 blocks are a burst after so many blocks."""
     many = 1
     limit = -(log_alpha + log_weight(blocks))
-    while surprise(np.array([1, 1, 1, 1, many]), before * blocks, blocks)[1] < limit:
+    while scan_p_value(np.array([1, 1, 1, 1, many]), before * blocks, blocks)[1] < limit:
         many += 1
     return many
 

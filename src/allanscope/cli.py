@@ -264,7 +264,7 @@ def together(options: Namespace) -> int:
 
 def fleet(options: Namespace) -> int:
     """Analyse many recordings with Dask; write one table and one report."""
-    from allanscope.fleet import FleetSettings, complaint_lines, run_fleet, summary_lines
+    from allanscope.fleet import FleetSettings, problem_lines, run_fleet, summary_lines
 
     settings = FleetSettings(
         patterns=tuple(options.recordings),
@@ -275,7 +275,7 @@ def fleet(options: Namespace) -> int:
         quiet=options.quiet,
     )
     result = run_fleet(settings, _device_settings(options))
-    for line in complaint_lines(result):
+    for line in problem_lines(result):
         complain(line)
     print("\n".join(map(sanitize, summary_lines(result))))
     if result.left:

@@ -14,7 +14,7 @@ from scipy.stats import t
 from allanscope.fleet.drift import drifts_of
 from allanscope.fleet.effects import effects_in, replications, shared_effects
 from allanscope.fleet.lot import TAUS, Lot, rows_of, schema, write_table
-from allanscope.fleet.outliers import Outlier, far_units, far_values
+from allanscope.fleet.outliers import Outlier, outlying_units, outlying_values
 from allanscope.fleet.page import render_lot
 from allanscope.fleet.pictures import curves_picture, distribution_picture, history_picture
 from allanscope.fleet.repeats import log_sigma, spread_of, unit_estimates
@@ -120,7 +120,7 @@ def runs(values: Floats, sigma: Floats, units: NDArray[np.str_], name: str = "N"
 def far(values: Floats, sigma: Floats, units: NDArray[np.str_], comparisons: int) -> list[Outlier]:
     known = unit_estimates(runs(values, sigma, units), "N")
     assert known is not None
-    return far_units(known, comparisons)
+    return outlying_units(known, comparisons)
 
 
 def test_spread_is_parted_into_units_and_repeats() -> None:
@@ -219,7 +219,7 @@ def test_adjusted_p_values_are_students_where_errors_are_equal() -> None:
     values[4] = 8.0
     rest = np.delete(values, 4)
     distance = (8.0 - rest.mean()) / (rest.std(ddof=1) * np.sqrt(1.0 + 1.0 / 11.0))
-    [one] = far_values(values, np.zeros(12), np.arange(12).astype(str), 5)
+    [one] = outlying_values(values, np.zeros(12), np.arange(12).astype(str), 5)
     assert one.p_value == pytest.approx(5 * 12 * 2.0 * t.sf(distance, 10), rel=1e-6)
 
 
@@ -267,7 +267,7 @@ def test_a_lot_that_shows_nothing_has_an_upper_limit() -> None:
     assert np.isnan(one.value)
     assert one.lower == 0.0
     assert 0.4 < one.upper < 2.0
-    assert far_units(known, 1) == []
+    assert outlying_units(known, 1) == []
 
 
 def test_level_and_rate_are_judged_as_well(lot: Lot) -> None:

@@ -1,4 +1,4 @@
-"""The plan of a split, in one process: survey, parts and join give what one pass gives."""
+"""The plan of a split, in one process: first pass, parts and join give what one pass gives."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from distributed import Future, LocalCluster
 
 from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.fleet import FleetSettings, run_fleet, split, work_queue
-from allanscope.fleet.cluster import Crew
+from allanscope.fleet.cluster import WorkerPool
 from allanscope.fleet.inputs import RecordingInput, find_inputs
-from allanscope.fleet.split import Survey, join, submit_split, sum_part, survey
+from allanscope.fleet.split import FirstPass, first_pass, join, submit_split, sum_part
 from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings
 from allanscope.recording import Chunk, Recording, write_recording
@@ -37,8 +37,8 @@ def torn(lot: Path, tmp_path: Path) -> Path:
 
 def test_a_short_recording_is_not_split(lot: Path) -> None:
     [place] = find_inputs([str(lot / "two" / "a.mcap")])
-    seen = survey(place, DEVICE, 2)
-    assert seen == Survey(place)
+    seen = first_pass(place, DEVICE, 2)
+    assert seen == FirstPass(place)
     assert sum_part(place, None, 0, 2) is None
     assert join(seen, [None, None], DEVICE) == analyse_recording(place, DEVICE)
 
@@ -50,7 +50,7 @@ def test_joined_parts_are_the_whole(
     # So short a run is split for the sake of the test: all of it is rest, and rests are exact.
     monkeypatch.setattr(split, "_is_splittable", lambda analyser: True)
     [place] = find_inputs([str(torn)])
-    seen = survey(place, DEVICE, parts)
+    seen = first_pass(place, DEVICE, parts)
     assert len(seen.cuts) == parts
     sums = [sum_part(place, cut, number, parts) for number, cut in enumerate(seen.cuts)]
     joined, whole = join(seen, sums, DEVICE), analyse_recording(place, DEVICE)
@@ -66,7 +66,7 @@ def test_a_recording_that_is_padded_is_not_split(monkeypatch: pytest.MonkeyPatch
     for counts, splits in ((rows, True), (padded, False)):
         analyser = Analyser(AnalyserSettings())
         analyser.feed(StreamInfo(("gx",), (1.0,), nominal_hz=104.0))
-        split._leave_sums_out(analyser)
+        split._disable_sums(analyser)
         analyser.feed(Block(0, counts, Ticks.none()))
         assert analyser.state is not None
         analyser.state.settle()
@@ -98,9 +98,11 @@ def test_a_large_recording_is_split_by_itself_through_to_the_report(
     whole = written(tmp_path / "whole")
     parts: list[int] = []
 
-    def handed_out(crew: Crew, place: RecordingInput, device: DeviceSettings, count: int) -> Future:
+    def handed_out(
+        pool: WorkerPool, place: RecordingInput, device: DeviceSettings, count: int
+    ) -> Future:
         parts.append(count)
-        return submit_split(crew, place, device, count)
+        return submit_split(pool, place, device, count)
 
     monkeypatch.setattr(split, "_is_splittable", lambda analyser: True)
     monkeypatch.setattr(split, "submit_split", handed_out)
@@ -113,7 +115,7 @@ def test_what_cannot_be_read_fails_once(tmp_path: Path, board: Callable[..., Pat
     path = tmp_path / "empty.mcap"
     write_recording(path, [], {"wire": "native"})
     [place] = find_inputs([str(path)])
-    assert "holds no samples" in join(survey(place, DEVICE, 2), [None, None], DEVICE).error
+    assert "holds no samples" in join(first_pass(place, DEVICE, 2), [None, None], DEVICE).error
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")

@@ -62,8 +62,8 @@ def test_a_file_that_changed_is_looked_at_again(folder: Path, changed: Recording
 
 def test_only_a_file_as_long_as_a_known_one_may_be_it(folder: Path) -> None:
     with closing(Store(folder, DEVICE)) as store:
-        assert store.may_know(RecordingInput("/lot/b.mcap", 100, "now"))
-        assert not store.may_know(RecordingInput("/lot/b.mcap", 99, "now"))
+        assert store.may_contain(RecordingInput("/lot/b.mcap", 100, "now"))
+        assert not store.may_contain(RecordingInput("/lot/b.mcap", 99, "now"))
 
 
 @pytest.mark.parametrize("torn", [b'{"url": "/lot/z', b"\xff\xfe\n", b"[1]\n", b'{"url": 1}\n'])

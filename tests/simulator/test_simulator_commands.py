@@ -17,7 +17,7 @@ class Host:
         self.firmware = Firmware(Simulator(rate=104.0, seed=1, **sensor))
         self.format = format_named("native")
         self.decoder = self.format.decoder(WireSettings())
-        self.firmware.host_came()
+        self.firmware.host_connected()
 
     def hear(self, seconds):
         self.firmware.advance(self.firmware.now_s + seconds)

@@ -23,7 +23,7 @@ class Bench:
         self.firmware = Firmware(sensor, faults=specs, seed=seed, ring_bytes=ring_bytes)
         self.decoder = format_named("native").decoder(WireSettings())
         self.events = []
-        self.firmware.host_came()
+        self.firmware.host_connected()
 
     @property
     def ledger(self):
@@ -35,10 +35,10 @@ class Bench:
         while self.firmware.now_s < end_s:
             self.firmware.advance(min(end_s, self.firmware.now_s + step_s))
             if not self.firmware.plugged:
-                self.firmware.host_went(0)
+                self.firmware.host_disconnected(0)
                 self.events += self.decoder.interrupt("disconnected")
                 self.firmware.advance(end_s)
-                self.firmware.host_came()
+                self.firmware.host_connected()
             self.carry()
 
     def carry(self):
@@ -152,9 +152,9 @@ def test_bytes_that_the_host_did_not_read_are_told_in_samples():
         sent += data
         firmware.written(len(data))
     bench.events += bench.decoder.feed(bytes(sent[:-500]), 1.9)
-    firmware.host_went(500)
+    firmware.host_disconnected(500)
     bench.events += bench.decoder.interrupt("disconnected")
-    firmware.host_came()
+    firmware.host_connected()
     bench.run(1.0)
     assert bench.ledger.lost["hang-up"] == 48  # three frames of 224 bytes hold 500
     assert bench.missing_by_index() == bench.missing_by_ledger()
@@ -164,10 +164,10 @@ def test_bytes_that_the_host_did_not_read_are_told_in_samples():
 def test_without_a_host_samples_are_dropped_and_the_index_goes_on():
     bench = Bench()
     bench.run(1.0)
-    bench.firmware.host_went(0)
+    bench.firmware.host_disconnected(0)
     bench.events += bench.decoder.interrupt("disconnected")
     bench.firmware.advance(3.0)
-    bench.firmware.host_came()
+    bench.firmware.host_connected()
     bench.run(1.0)
     assert bench.ledger.lost["no host"] == pytest.approx(2 * 1660, rel=0.06)
     assert bench.missing_by_index() == bench.missing_by_ledger()

@@ -23,7 +23,7 @@ class Link:
         self.settings = WireSettings("LSM6DSM", RATE, 250.0, 2.0)
         self.decoder = self.format.decoder(self.settings)
         self.events = []
-        self.firmware.host_came()
+        self.firmware.host_connected()
 
     def hear(self, seconds):
         """Let time pass and return how many bytes came."""

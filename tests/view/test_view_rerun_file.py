@@ -132,12 +132,12 @@ def test_what_never_changes_is_logged_again_now_and_then_for_late_viewers(tmp_pa
 
 
 def test_a_coefficient_is_plotted_once_it_is_detected_and_known_well_enough():
-    from allanscope.view.rerun_series import _worth_drawing
+    from allanscope.view.rerun_series import _value_if_precise
 
     known = Coefficient(2.0, 1.9, 2.1, "dps", detected=True)
-    assert _worth_drawing(known) == (2.0, pytest.approx(0.2 / (2 * TWO_SIDED_95)))
-    assert np.isnan(_worth_drawing(replace(known, detected=False))).all()
-    assert np.isnan(_worth_drawing(replace(known, lower=0.0, upper=4.0))).all()
+    assert _value_if_precise(known) == (2.0, pytest.approx(0.2 / (2 * TWO_SIDED_95)))
+    assert np.isnan(_value_if_precise(replace(known, detected=False))).all()
+    assert np.isnan(_value_if_precise(replace(known, lower=0.0, upper=4.0))).all()
 
 
 def test_coefficients_are_plotted_with_their_standard_error(session):

@@ -134,7 +134,7 @@ class Clock:
         host_sigma = host.relative_sigma if host is not None else math.inf
         device_sigma = device.relative_sigma if device is not None else math.inf
         if host is not None and device is not None:
-            if self._crystal and device_sigma < KNOWN_BELOW and _apart(host, device):
+            if self._crystal and device_sigma < KNOWN_BELOW and _clocks_disagree(host, device):
                 return self._fit(device, "device", device_sigma, host, device)
             device_sigma = math.hypot(device_sigma, CRYSTAL)
             apart = abs(host.hz / device.hz - 1.0)
@@ -184,7 +184,7 @@ class Clock:
         )
 
 
-def _apart(host: LineFit, device: LineFit) -> bool:
+def _clocks_disagree(host: LineFit, device: LineFit) -> bool:
     """Return whether two clocks disagree by more than crystals do, and more than by chance."""
     sigma = math.hypot(host.relative_sigma, device.relative_sigma)
     return abs(host.hz / device.hz - 1.0) > DISAGREEMENT + 3.0 * sigma
@@ -244,23 +244,23 @@ class Envelope:
             self._waiting += size
             taken += size
             if self._waiting == BATCH:
-                self._sort_in()
+                self._add_waiting()
 
     def cut(self) -> None:
         """Begin a segment: numbers or times from here on have another origin."""
-        self._sort_in()
+        self._add_waiting()
         self._current += 1
 
     def fit(self) -> LineFit | None:
         """Return the rate at which numbers pass, or None while too little is known."""
-        self._sort_in()
+        self._add_waiting()
         return self._fit()
 
     def arrivals(
         self,
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]] | None:
         """Return numbers, times and segments of what is kept, each (k,); None of nothing."""
-        self._sort_in()
+        self._add_waiting()
         rows = slice(0, self._used)
         if not self._used:
             return None
@@ -288,7 +288,7 @@ class Envelope:
             return 0.0
         return min(float(np.median(np.diff(time_s))), LONGEST_PAUSE_S)
 
-    def _sort_in(self) -> None:
+    def _add_waiting(self) -> None:
         """Sort in what has been waiting."""
         index, time_s = self._waiting_index[: self._waiting], self._waiting_time_s[: self._waiting]
         self._waiting = 0
@@ -328,17 +328,17 @@ class Envelope:
         fit = self._fit()
         if fit is not None:
             self._period_s = 1.0 / fit.hz
-        self._give_up_short_segments()
+        self._drop_short_segments()
         while self._used > 3 * ROWS // 4:
             self._window_s *= 2.0
             self._join()
 
-    def _give_up_short_segments(self) -> None:
+    def _drop_short_segments(self) -> None:
         """Keep the longest segments: what joins nothing must not crowd out what tells most."""
         segment = self._segment[: self._used]
         names, count = np.unique(segment, return_counts=True)
         longest = names[np.argsort(count, kind="stable")[-MOST_SEGMENTS:]]
-        self._keep(np.flatnonzero(np.isin(segment, longest)))
+        self._keep_rows(np.flatnonzero(np.isin(segment, longest)))
 
     def _join(self) -> None:
         """Join rows of the same window and segment."""
@@ -355,9 +355,9 @@ class Envelope:
         )
         least = np.minimum.reduceat(delay, starts)
         at_least = np.flatnonzero(delay == least[np.cumsum(first) - 1])
-        self._keep(at_least[np.searchsorted(at_least, starts)])
+        self._keep_rows(at_least[np.searchsorted(at_least, starts)])
 
-    def _keep(self, rows: NDArray[np.int64]) -> None:
+    def _keep_rows(self, rows: NDArray[np.int64]) -> None:
         for table in (self._index, self._time_s, self._segment, self._temperature_c):
             table[: len(rows)] = table[rows]
         self._used = len(rows)

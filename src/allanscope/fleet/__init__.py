@@ -31,16 +31,16 @@ from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.fleet.run import FleetSettings, run_fleet
-    from allanscope.fleet.work_queue import FleetResult, complaint_lines, summary_lines
+    from allanscope.fleet.work_queue import FleetResult, problem_lines, summary_lines
 
-__all__ = ["FleetResult", "FleetSettings", "complaint_lines", "run_fleet", "summary_lines"]
+__all__ = ["FleetResult", "FleetSettings", "problem_lines", "run_fleet", "summary_lines"]
 
 __getattr__, __dir__ = lazily(
     __name__,
     {
         "FleetResult": "work_queue",
         "FleetSettings": "run",
-        "complaint_lines": "work_queue",
+        "problem_lines": "work_queue",
         "run_fleet": "run",
         "summary_lines": "work_queue",
     },

@@ -21,7 +21,14 @@ from allanscope.errors import UsageError
 if TYPE_CHECKING:
     from distributed import Client, Future, LocalCluster
 
-__all__ = ["Crew", "connected", "dashboard_line", "dask_setup", "local_cluster", "require_extra"]
+__all__ = [
+    "WorkerPool",
+    "connected",
+    "dashboard_line",
+    "dask_setup",
+    "local_cluster",
+    "require_extra",
+]
 
 NEEDED = ("dask", "distributed", "fsspec", "pyarrow")
 REACH_S = 10
@@ -32,7 +39,7 @@ _WORKER_ENVIRONMENT = dict.fromkeys(
 """As Dask sets it, but for MALLOC_TRIM_THRESHOLD_: with that every array above 128 kB is asked of
 the system anew, and a fifth of a worker's time goes into clearing pages."""
 
-MOST_STRANDED = 3
+MOST_ORPHANED = 3
 """So often a recording may lose all workers that it was given to."""
 
 
@@ -119,14 +126,14 @@ def _plain(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-class Crew:
+class WorkerPool:
     """The workers of a cluster that have the right version.
 
     Parameters
     ----------
     client : Client
         Of the cluster.
-    complain : callable
+    print_error : callable
         Takes one line for each worker that is refused.
 
     Attributes
@@ -135,10 +142,10 @@ class Crew:
         Tasks that can run at a time.
     """
 
-    def __init__(self, client: Client, complain: Callable[[str], None]) -> None:
+    def __init__(self, client: Client, print_error: Callable[[str], None]) -> None:
         self.threads = 0
         self._client = client
-        self._complain = complain
+        self._print_error = print_error
         self._own = version("allanscope")
         self._versions: dict[str, str] = {}
         self._here: set[str] = set()
@@ -171,7 +178,7 @@ class Crew:
         self._given[future.key] = frozenset(self._allowed)
         return future
 
-    def stranded(self, futures: Iterable[Future]) -> list[Future]:
+    def orphaned(self, futures: Iterable[Future]) -> list[Future]:
         """Return the tasks whose workers are all gone."""
         return [
             future
@@ -189,7 +196,7 @@ class Crew:
             self._versions[worker] = found
             if found != self._own:
                 has = f"has allanscope {found}" if found else "has no allanscope"
-                self._complain(
+                self._print_error(
                     f"worker {worker} {has}, this is {self._own}: it gets no recordings; "
                     "install the same version there"
                 )

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from allanscope.fleet.run import FleetSettings
     from allanscope.fleet.work_queue import FleetResult
 
-__all__ = ["UnitNames", "copies_among", "write_lot"]
+__all__ = ["UnitNames", "find_duplicates", "write_lot"]
 
 _IDENTITIES = ("unit", "unique_id", "serial_number")
 """What a recording says of its board, the best first: a name given at import, the controller's own
@@ -33,7 +33,7 @@ def write_lot(result: FleetResult, store: Store, settings: FleetSettings) -> Non
     UsageError
         If they cannot be written, or the pattern that names units is not possible.
     """
-    result.copies = copies_among(result.keys)
+    result.copies = find_duplicates(result.keys)
     originals = result.keys.keys() - result.copies.keys()
     names = UnitNames(originals, settings.unit_pattern)
     with staged(store.folder) as here:
@@ -50,10 +50,10 @@ def write_lot(result: FleetResult, store: Store, settings: FleetSettings) -> Non
     result.report = store.folder / "lot.html"
 
 
-def copies_among(keys: Mapping[str, str]) -> dict[str, str]:
+def find_duplicates(keys: Mapping[str, str]) -> dict[str, str]:
     """Return the recordings of the same content as one before them by name, and that one.
 
-    >>> copies_among({"b.mcap": "1", "a.mcap": "1", "c.mcap": "2"})
+    >>> find_duplicates({"b.mcap": "1", "a.mcap": "1", "c.mcap": "2"})
     {'b.mcap': 'a.mcap'}
     """
     first: dict[str, str] = {}

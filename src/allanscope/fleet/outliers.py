@@ -34,8 +34,8 @@ __all__ = [
     "Extreme",
     "Outlier",
     "extremes",
-    "far_units",
-    "far_values",
+    "outlying_units",
+    "outlying_values",
     "restricted",
 ]
 
@@ -101,7 +101,7 @@ def extremes(values: Floats, errors: Floats, level: float) -> list[Extreme]:
     """
     if len(values) == 0 or np.ptp(values) == 0.0:
         return []
-    others = _Others(values - np.median(values), errors)
+    others = _LeaveOneOut(values - np.median(values), errors)
     removed: list[int] = []
     p_values: list[float] = []
     significant = 0
@@ -132,7 +132,7 @@ def restricted(values: Floats, errors: Floats) -> tuple[float, float]:
     if len(values) < 2 or np.ptp(values) == 0.0:
         return float(np.mean(values)), 0.0
     middle = float(np.median(values))
-    others = _Others(values - middle, errors)
+    others = _LeaveOneOut(values - middle, errors)
 
     def lost(x: float) -> float:
         return -float(others.sums(others.tau2(np.array([x]))).log_likelihood()[0])
@@ -172,7 +172,7 @@ class _Sums:
         return np.asarray(0.5 * (self.logs - np.log(self.weight) - residual))
 
 
-class _Others:
+class _LeaveOneOut:
     """Units, each to be held against the others.
 
     Attributes
@@ -222,17 +222,17 @@ class _Others:
         if np.ptp(self.values[self.left]) == 0.0:
             return int(self.left[0]), 1.0
         if not self._is_fine:
-            self._look_closer()
+            self._refine_grid()
         candidates = self._candidates()
         p_value, weight = self._p_values(candidates)
         likely = weight > weight.max(axis=1, keepdims=True) - _NATS
         if (likely[:, 0].any() and self._grid[0] > self.bounds[0]) or likely[:, -1].any():
-            self._look_closer()
+            self._refine_grid()
             p_value, _ = self._p_values(candidates)
         best = int(p_value.argmin())
         return int(candidates[best]), float(p_value[best])
 
-    def _look_closer(self) -> None:
+    def _refine_grid(self) -> None:
         """Put the grid where the likelihood is, whichever candidate is left out."""
         self._grid = np.linspace(*self.bounds, _POINTS)
         self._all = self.sums(self.tau2(self._grid))
@@ -292,7 +292,7 @@ class Outlier:
     p_value: float
 
 
-def far_units(units: UnitEstimates, comparisons: int) -> list[Outlier]:
+def outlying_units(units: UnitEstimates, comparisons: int) -> list[Outlier]:
     """Return the units whose coefficient is far from the others', the farthest first.
 
     Parameters
@@ -306,14 +306,14 @@ def far_units(units: UnitEstimates, comparisons: int) -> list[Outlier]:
     --------
     >>> value = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.97, 4.0])
     >>> units = UnitEstimates(np.array(list("abcdefgh")), value, 0.02 * value, value > 0, 0.0)
-    >>> [one] = far_units(units, 1)
+    >>> [one] = outlying_units(units, 1)
     >>> one.unit, round(one.value / one.usual, 1), one.p_value < 1e-4
     ('h', 4.0, True)
     """
     if len(units.names) < FEWEST_UNITS or not (units.value > 0.0).any():
         return []
     logs, errors = units.logarithms(_weighted_median(units.value, units.sigma))
-    found = far_values(logs, errors, units.names, comparisons)
+    found = outlying_values(logs, errors, units.names, comparisons)
     return [
         Outlier(
             one.unit, float(np.exp(one.value)), float(np.exp(one.usual)), one.score, one.p_value
@@ -322,7 +322,9 @@ def far_units(units: UnitEstimates, comparisons: int) -> list[Outlier]:
     ]
 
 
-def far_values(values: Floats, errors: Floats, names: Names, comparisons: int) -> list[Outlier]:
+def outlying_values(
+    values: Floats, errors: Floats, names: Names, comparisons: int
+) -> list[Outlier]:
     """Return the units whose values with these standard errors are far from the others'."""
     if len(values) < FEWEST_UNITS:
         return []

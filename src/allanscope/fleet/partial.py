@@ -1,6 +1,6 @@
 """The sums of one part of a recording, in the order in which they are joined.
 
-A survey sums nothing up: in place of sums it keeps the last samples, and how long segments are.
+The first pass sums nothing up: instead it keeps the last samples, and how long segments are.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Partial:
         """Take one event of the decoder."""
         match event:
             case StreamInfo():
-                pass  # one configuration: the survey has seen to it
+                pass  # one configuration: the first pass has seen to it
             case Block() if len(event):
                 if self._anchor is None:
                     self._anchor = event.counts[0].astype(np.float64)

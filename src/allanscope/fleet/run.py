@@ -14,7 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from allanscope.errors import DeviceError
-from allanscope.fleet.cluster import MOST_STRANDED, Crew, connected, dashboard_line, require_extra
+from allanscope.fleet.cluster import (
+    MOST_ORPHANED,
+    WorkerPool,
+    connected,
+    dashboard_line,
+    require_extra,
+)
 from allanscope.fleet.inputs import RecordingInput, find_inputs
 from allanscope.fleet.lot_files import UnitNames
 from allanscope.fleet.outcome import Outcome
@@ -88,7 +94,7 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     try:
         queue = WorkQueue(store, places)
         if queue.todo:
-            _work_off(queue, settings, device)
+            _process_queue(queue, settings, device)
         result = queue.result
         result.left = len(queue.todo)
         write_lot(result, store, settings)
@@ -102,7 +108,7 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     return result
 
 
-def _work_off(queue: WorkQueue, settings: FleetSettings, device: DeviceSettings) -> None:
+def _process_queue(queue: WorkQueue, settings: FleetSettings, device: DeviceSettings) -> None:
     from allanscope.view import progress
 
     stopped = threading.Event()
@@ -115,12 +121,12 @@ def _work_off(queue: WorkQueue, settings: FleetSettings, device: DeviceSettings)
         with progress(
             float(len(queue.todo)), "fleet", unit="recordings", quiet=settings.quiet
         ) as advance:
-            _hand_out(queue, Crew(client, _complain), device, advance, stopped)
+            _dispatch(queue, WorkerPool(client, _print_error), device, advance, stopped)
 
 
-def _hand_out(
+def _dispatch(
     queue: WorkQueue,
-    crew: Crew,
+    pool: WorkerPool,
     device: DeviceSettings,
     advance: Callable[[float], None],
     stopped: threading.Event,
@@ -129,12 +135,12 @@ def _hand_out(
     from distributed.client import FuturesCancelledError
 
     running: dict[Future, RecordingInput] = {}
-    stranded: Counter[str] = Counter()
+    orphaned: Counter[str] = Counter()
     try:
         while (queue.todo or running) and not stopped.is_set():
-            crew.refresh()
-            _take_back(queue, crew, running, stranded)
-            _fill_up(queue, crew, device, running)
+            pool.refresh()
+            _requeue_orphaned(queue, pool, running, orphaned)
+            _submit_waiting(queue, pool, device, running)
             for future, place in _finished(running):
                 del running[future]
                 advance(float(queue.record(place, _outcome(future, place))))
@@ -146,27 +152,33 @@ def _hand_out(
     queue.todo.extend(running.values())
 
 
-def _take_back(
-    queue: WorkQueue, crew: Crew, running: dict[Future, RecordingInput], stranded: Counter[str]
+def _requeue_orphaned(
+    queue: WorkQueue,
+    pool: WorkerPool,
+    running: dict[Future, RecordingInput],
+    orphaned: Counter[str],
 ) -> None:
     """Take back what was given to workers that are gone; one that outlives none has failed."""
-    for future in crew.stranded(running):
+    for future in pool.orphaned(running):
         place = running.pop(future)
         future.cancel()
-        stranded[place.url] += 1
-        if stranded[place.url] > MOST_STRANDED:
+        orphaned[place.url] += 1
+        if orphaned[place.url] > MOST_ORPHANED:
             queue.record(place, Outcome(place.url, error=f"{place.url}: {_WORKERS_DIED}"))
         else:
             queue.todo.append(place)
 
 
-def _fill_up(
-    queue: WorkQueue, crew: Crew, device: DeviceSettings, running: dict[Future, RecordingInput]
+def _submit_waiting(
+    queue: WorkQueue,
+    pool: WorkerPool,
+    device: DeviceSettings,
+    running: dict[Future, RecordingInput],
 ) -> None:
     """Hand out as much as keeps every worker busy until the next look."""
-    while queue.todo and len(running) < max(TASKS_PER_WORKER * crew.threads, 1):
+    while queue.todo and len(running) < max(TASKS_PER_WORKER * pool.threads, 1):
         place = queue.todo.popleft()
-        running[queue.submit(crew, place, device, idle=crew.threads - len(running))] = place
+        running[queue.submit(pool, place, device, idle=pool.threads - len(running))] = place
 
 
 def _finished(running: dict[Future, RecordingInput]) -> list[tuple[Future, RecordingInput]]:
@@ -192,7 +204,7 @@ def _outcome(future: Future, place: RecordingInput) -> Outcome:
     return outcome
 
 
-def _complain(line: str) -> None:
+def _print_error(line: str) -> None:
     print(f"allanscope: {line}", file=sys.stderr, flush=True)
 
 

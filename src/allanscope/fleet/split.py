@@ -1,8 +1,8 @@
-"""One recording on several workers: a survey, parts in parallel, and the join.
+"""One recording on several workers: a first pass, parts in parallel, and the join.
 
 ::
 
-    survey   the whole recording, decoded once: history, clock, temperature, losses, and at each
+    first pass   the whole recording, decoded once: history, clock, temperature, losses, and at each
        │     cut the decoder as it is there and the last samples before (the halo)
        ├──▶ part 1   decode on from the cut ─▶ deviations and spectrum of this part ─┐
        ├──▶ part 2   ...                                                             ├─▶ join
@@ -48,13 +48,13 @@ from allanscope.spectrum import SpectrumBank
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-    from allanscope.fleet.cluster import Crew
+    from allanscope.fleet.cluster import WorkerPool
 
-__all__ = ["Cut", "Survey", "join", "submit_split", "sum_part", "survey"]
+__all__ = ["FirstPass", "SplitPoint", "first_pass", "join", "submit_split", "sum_part"]
 
 
 @dataclass(frozen=True, slots=True)
-class Cut:
+class SplitPoint:
     """Where a part begins.
 
     Attributes
@@ -79,14 +79,14 @@ class Cut:
 
 
 @dataclass(slots=True)
-class Survey:
+class FirstPass:
     """What is known after one worker has read everything.
 
     Attributes
     ----------
     outcome : Outcome or None
         Set when the recording cannot be read.
-    cuts : tuple of Cut
+    cuts : tuple of SplitPoint
         One for each part; empty where the recording is not to be split.
     analyser : Analyser or None
         Everything but the sums of deviations and spectrum.
@@ -94,17 +94,17 @@ class Survey:
 
     place: RecordingInput
     outcome: Outcome | None = None
-    cuts: tuple[Cut, ...] = ()
+    cuts: tuple[SplitPoint, ...] = ()
     analyser: Analyser | None = None
     decoding: Decoding | None = None
     sha256: str = ""
 
 
 def submit_split(
-    client: Client | Crew, place: RecordingInput, device: DeviceSettings, parts: int
+    client: Client | WorkerPool, place: RecordingInput, device: DeviceSettings, parts: int
 ) -> Future:
     """Hand out one recording in parts; the future is an `Outcome`, as of a whole one."""
-    seen = client.submit(survey, place, device, parts, pure=False)
+    seen = client.submit(first_pass, place, device, parts, pure=False)
     sums = [
         client.submit(sum_part, place, client.submit(_cut, seen, number, pure=False), number, parts)
         for number in range(parts)
@@ -112,20 +112,22 @@ def submit_split(
     return client.submit(join, seen, sums, device, pure=False)
 
 
-def _cut(seen: Survey, number: int) -> Cut | None:
+def _cut(seen: FirstPass, number: int) -> SplitPoint | None:
     """Take one cut out, so that a part is not sent the series of the whole."""
     return seen.cuts[number] if seen.cuts else None
 
 
-def survey(place: RecordingInput, device: DeviceSettings, parts: int) -> Survey:
+def first_pass(place: RecordingInput, device: DeviceSettings, parts: int) -> FirstPass:
     """Read a recording once and find where its parts begin."""
     try:
-        return _surveyed(place, device, parts)
+        return _first_pass(place, device, parts)
     except Exception as error:
-        return Survey(place, failure(place, error))
+        return FirstPass(place, failure(place, error))
 
 
-def sum_part(place: RecordingInput, cut: Cut | None, number: int, parts: int) -> Partial | None:
+def sum_part(
+    place: RecordingInput, cut: SplitPoint | None, number: int, parts: int
+) -> Partial | None:
     """Sum up one part; nothing for a recording that is not to be split."""
     if cut is None:
         return None
@@ -138,8 +140,8 @@ def sum_part(place: RecordingInput, cut: Cut | None, number: int, parts: int) ->
     return partial
 
 
-def join(seen: Survey, sums: list[Partial | None], device: DeviceSettings) -> Outcome:
-    """Return the outcome of a recording from its survey and its parts."""
+def join(seen: FirstPass, sums: list[Partial | None], device: DeviceSettings) -> Outcome:
+    """Return the outcome of a recording from its first pass and its parts."""
     place = seen.place
     if seen.outcome is not None:
         return seen.outcome
@@ -162,7 +164,7 @@ def join(seen: Survey, sums: list[Partial | None], device: DeviceSettings) -> Ou
         return failure(place, error)
 
 
-def _surveyed(place: RecordingInput, device: DeviceSettings, parts: int) -> Survey:
+def _first_pass(place: RecordingInput, device: DeviceSettings, parts: int) -> FirstPass:
     recording = Recording(place.open_path())
     settings = recorded_settings(recording, device)
     decoding = Decoding(settings.for_wire(), settings.wire)
@@ -171,19 +173,19 @@ def _surveyed(place: RecordingInput, device: DeviceSettings, parts: int) -> Surv
     cuts = []
     after = 0
     for number in range(parts):
-        cuts.append(_cut_here(analyser, decoding, after))
+        cuts.append(_split_point(analyser, decoding, after))
         part = recording.part(number, parts)
         last = number == parts - 1
         for event in _events(part, decoding, after, last=last, fingerprint=fingerprint):
             analyser.feed(event)
             if isinstance(event, StreamInfo):
-                _leave_sums_out(analyser)
+                _disable_sums(analyser)
         after = part.next_read(after)
-    found = Survey(place, None, tuple(cuts), analyser, decoding, fingerprint.hexdigest())
+    found = FirstPass(place, None, tuple(cuts), analyser, decoding, fingerprint.hexdigest())
     if analyser.state is not None:
         analyser.state.settle()
     if not _is_splittable(analyser):
-        return Survey(place)
+        return FirstPass(place)
     return found
 
 
@@ -204,7 +206,7 @@ def _events(
         yield from decoding.finish()
 
 
-def _leave_sums_out(analyser: Analyser) -> None:
+def _disable_sums(analyser: Analyser) -> None:
     state = analyser.state
     assert state is not None
     if isinstance(state.bank, AllanBank):
@@ -212,14 +214,14 @@ def _leave_sums_out(analyser: Analyser) -> None:
         state.spectrum = cast(SpectrumBank, NullSum())
 
 
-def _cut_here(analyser: Analyser, decoding: Decoding, after: int) -> Cut:
+def _split_point(analyser: Analyser, decoding: Decoding, after: int) -> SplitPoint:
     held = pickle.dumps(decoding)
     if analyser.state is None:
-        return Cut(held, after, None, 0, np.empty((0, 0)))
+        return SplitPoint(held, after, None, 0, np.empty((0, 0)))
     analyser.state.settle()
     analyser.state.release_padding()
     tail = cast(TailBuffer, analyser.state.bank)
-    return Cut(held, after, tail.anchor, tail.taken, tail.recent())
+    return SplitPoint(held, after, tail.anchor, tail.taken, tail.recent())
 
 
 def _is_splittable(analyser: Analyser) -> bool:

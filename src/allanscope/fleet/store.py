@@ -80,7 +80,7 @@ class Store:
         """Return the names of the files that made up a known recording."""
         return tuple(self._seen[place.url]["files"])
 
-    def may_know(self, place: RecordingInput) -> bool:
+    def may_contain(self, place: RecordingInput) -> bool:
         """Whether some known recording is as long, so that this may be it under another name."""
         return place.size in self._sizes
 

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from allanscope.analysis import Grade, Verdict, VerdictLine
 from allanscope.fleet.effects import SIZES, SharedEffect, effects_in
 from allanscope.fleet.lot import TAUS, Lot
-from allanscope.fleet.outliers import FALSE_ALARMS, FEWEST_UNITS, Outlier, far_units, far_values
+from allanscope.fleet.outliers import (
+    FALSE_ALARMS,
+    FEWEST_UNITS,
+    Outlier,
+    outlying_units,
+    outlying_values,
+)
 from allanscope.fleet.repeats import (
     excess_of_repeats,
     unit_estimates,
@@ -132,29 +138,29 @@ def findings(lot: Lot) -> list[Finding]:
     for axis in lot.axes:
         for name in MAIN_LETTERS:
             units = unit_estimates(lot.of_axis(axis), name)
-            for one in far_units(units, comparisons) if units is not None else []:
+            for one in outlying_units(units, comparisons) if units is not None else []:
                 reason = f"{name} is {number(one.value / one.usual)} times that of the others"
-                far.append((one, Finding(one.unit, axis, _with_odds(reason, one), name)))
+                far.append((one, Finding(one.unit, axis, _with_significance(reason, one), name)))
     # The level of an accelerometer is the way it lies.
     for axis in gyros:
-        for one in far_values(*_levels(lot.of_axis(axis)), comparisons):
+        for one in outlying_values(*_levels(lot.of_axis(axis)), comparisons):
             reading = LEVEL[lot.of_axis(axis)["sensor_unit"][0]]
             value, usual = (number(x * reading.factor) for x in (one.value, one.usual))
             reason = f"level is {value} {symbols(reading.unit)}, that of the others {usual}"
-            far.append((one, Finding(one.unit, axis, _with_odds(reason, one))))
-    for one in far_values(*_rates(lot), comparisons):
+            far.append((one, Finding(one.unit, axis, _with_significance(reason, one))))
+    for one in outlying_values(*_rates(lot), comparisons):
         reason = f"rate is {number(one.value, 6)} Hz, that of the others {number(one.usual, 6)}"
-        far.append((one, Finding(one.unit, "all", _with_odds(reason, one))))
+        far.append((one, Finding(one.unit, "all", _with_significance(reason, one))))
     for axis, kind, name, known in sizes:
-        for one in far_values(*known, comparisons):
+        for one in outlying_values(*known, comparisons):
             value, usual = number(one.value), number(one.usual)
             reason = f"{name} of {kind_name(kind)} is {value}, that of the others {usual}"
-            far.append((one, Finding(one.unit, axis, _with_odds(reason, one))))
+            far.append((one, Finding(one.unit, axis, _with_significance(reason, one))))
     # What N, B and K say is not said again, and of a curve the farthest rise alone.
     told = {(found.unit, found.axis) for _, found in far if found.quantity}
     rises: dict[tuple[str, str], tuple[Outlier, Finding]] = {}
     for axis, tau, first, known in shapes:
-        for one in far_values(*known, comparisons):
+        for one in outlying_values(*known, comparisons):
             where = one.unit, axis
             if where in told or (where in rises and abs(rises[where][0].score) > abs(one.score)):
                 continue
@@ -163,14 +169,14 @@ def findings(lot: Lot) -> list[Finding]:
                 f"the curve has another shape: from {number(first, 1)} to {number(tau)} s it rises "
                 f"{times} times as much as those of the others"
             )
-            rises[where] = one, Finding(one.unit, axis, _with_odds(reason, one), "curve")
+            rises[where] = one, Finding(one.unit, axis, _with_significance(reason, one), "curve")
     far += rises.values()
     ordered = [found for _, found in sorted(far, key=lambda pair: -abs(pair[0].score))]
     dead = "no noise could be fitted: dead, saturated or too short"
     return [*ordered, *_in_runs(lot, ~np.isfinite(lot["N_value"]), dead)]
 
 
-def _with_odds(reason: str, one: Outlier) -> str:
+def _with_significance(reason: str, one: Outlier) -> str:
     chance = "less than 0.0001" if one.p_value < 1e-4 else number(one.p_value, 2)
     return f"{reason}, {number(abs(one.score))} standard deviations away (by chance: {chance})"
 

@@ -18,9 +18,9 @@ from allanscope.pipeline import DeviceSettings
 if TYPE_CHECKING:
     from distributed import Future
 
-    from allanscope.fleet.cluster import Crew
+    from allanscope.fleet.cluster import WorkerPool
 
-__all__ = ["FleetResult", "WorkQueue", "complaint_lines", "summary_lines"]
+__all__ = ["FleetResult", "WorkQueue", "problem_lines", "summary_lines"]
 
 PART_BYTES = 128 << 20
 """Of packed bytes: smaller parts cost more in a second decoding than they gain."""
@@ -74,7 +74,7 @@ class WorkQueue:
             self._consider(place)
 
     def submit(
-        self, crew: Crew, place: RecordingInput, device: DeviceSettings, idle: int
+        self, pool: WorkerPool, place: RecordingInput, device: DeviceSettings, idle: int
     ) -> Future:
         """Hand out one recording while so many workers are idle.
 
@@ -84,12 +84,12 @@ class WorkQueue:
         from allanscope.fleet.split import submit_split
         from allanscope.fleet.worker_tasks import analyse_recording, fingerprint_recording
 
-        if self._store.may_know(place) and place.url not in self._looked_up:
-            return crew.submit(fingerprint_recording, place, pure=False)
+        if self._store.may_contain(place) and place.url not in self._looked_up:
+            return pool.submit(fingerprint_recording, place, pure=False)
         parts = self._parts(place, idle)
         if parts > 1:
-            return submit_split(crew, place, device, parts)
-        return crew.submit(analyse_recording, place, device, pure=False)
+            return submit_split(pool, place, device, parts)
+        return pool.submit(analyse_recording, place, device, pure=False)
 
     def record(self, place: RecordingInput, outcome: Outcome) -> bool:
         """Keep what came back; return whether the recording is done with."""
@@ -129,12 +129,12 @@ class WorkQueue:
                 self._consider(one)
 
 
-def complaint_lines(result: FleetResult) -> list[str]:
+def problem_lines(result: FleetResult) -> list[str]:
     """Return what went wrong, recording by recording, the worst first.
 
     Examples
     --------
-    >>> complaint_lines(FleetResult(failures={"c": "c is empty"}, copies={"b": "a"}, left=2))
+    >>> problem_lines(FleetResult(failures={"c": "c is empty"}, copies={"b": "a"}, left=2))
     ['c is empty', 'b is a copy of a: left out of the lot',
      'stopped before it was done; 2 recordings left: repeat the command to continue']
     """

@@ -41,7 +41,7 @@ from allanscope.pipeline.table_files import is_table_file
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import AXES, Event, Notice
 from allanscope.sanitize import complain
-from allanscope.sources import RecordedSource, Source, must_be_there
+from allanscope.sources import RecordedSource, Source, require_port
 from allanscope.view import RerunView, TerminalView, load_rerun
 
 __all__ = ["run_live", "run_replay"]
@@ -73,7 +73,7 @@ def run_live(
         device = recorded_settings(past, device)
     if port == "sim":
         device = replace(device, origin="synthetic")
-    must_be_there(port)
+    require_port(port)
     configure_malloc()
     load_rerun()  # before the port is opened: a board does not wait
     source = device_source(port, device, simulated)

@@ -106,7 +106,7 @@ class Recorder:
         self._queued_bytes = 0
         self._missed_reads = 0
         self._began = time.monotonic()
-        self._size_before = _size_beside(self._session.first)
+        self._size_before = _session_bytes(self._session.first)
         self._reserve = _reserved(self._session.first)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
@@ -248,7 +248,7 @@ class Recorder:
 
     def _remaining(self) -> str:
         """Return what is wrong although the disk has just taken everything."""
-        parts = self._session.incident, self._dropped(), self._scarcity()
+        parts = self._session.incident, self._dropped(), self._scarce_space_line()
         return "; ".join(one for one in parts if one)
 
     def _dropped(self) -> str:
@@ -256,11 +256,11 @@ class Recorder:
             return ""
         return f"{self.dropped_bytes} bytes were not recorded: the disk was full or too slow"
 
-    def _scarcity(self) -> str:
+    def _scarce_space_line(self) -> str:
         """Return what to say of the room that is left."""
         folder = self.path.parent
         # The viewer's file grows beside the recording, and at low rates faster.
-        grown = max(_size_beside(self._session.first) - self._size_before, self.bytes_written)
+        grown = max(_session_bytes(self._session.first) - self._size_before, self.bytes_written)
         rate = grown / max(time.monotonic() - self._began, 1.0)
         left_s = self.space_left_s = self._free_bytes(folder) / rate
         if left_s < self._scarce_s or left_s > 1.5 * self._scarce_s:
@@ -282,7 +282,7 @@ class Recorder:
         self._raise_alarm(self.failure)
 
 
-def _size_beside(first: Path) -> int:
+def _session_bytes(first: Path) -> int:
     """Return the bytes of a session: of all files that are named after its first one."""
     size = 0
     with suppress(OSError), os.scandir(first.parent) as entries:

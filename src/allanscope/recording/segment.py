@@ -108,7 +108,7 @@ class Segment:
         getattr(os, "fdatasync", os.fsync)(self._fd)
 
     @property
-    def is_gone(self) -> bool:
+    def is_replaced(self) -> bool:
         """Whether another program has deleted the file, or put another one in its place."""
         try:
             named = self.path.stat()
@@ -141,7 +141,7 @@ class Segment:
         os.close(self._fd)
         self._fd, self.path = fd, path
 
-    def recount(self) -> int:
+    def resync_size(self) -> int:
         """Go on at the end of the file as it is; return the bytes that another program added.
 
         Negative where it has cut the file.

@@ -155,21 +155,21 @@ class SessionWriter:
         OSError
             If the disk does not take it. Nothing is lost then: the next commit tries again.
         """
-        self._look_after_the_file()
+        self._check_file()
         written = self._segment.commit()
         if self._is_long():
             self._rotate()
         return written
 
-    def _look_after_the_file(self) -> None:
+    def _check_file(self) -> None:
         """Notice what another program has done to the file, and lose as little as can be."""
         name = self.path.name
-        if self._segment.is_gone:
+        if self._segment.is_replaced:
             if self.path.exists():
                 self._segment_number += 1
             self._segment.restore(segment_path(self.first, self._segment_number))
             self.incident = f"another program has removed {name}: saved again as {self.path.name}"
-        elif added := self._segment.recount():
+        elif added := self._segment.resync_size():
             self._rotate(truncated=True)
             self.incident = (
                 f"another program has {'cut' if added < 0 else 'added'} {abs(added)} bytes "

@@ -173,20 +173,20 @@ class Device:
         try:
             while not self._stopping.is_set():
                 data = self._port.read()
-                self._meet_host(bool(data))
+                self._update_host(bool(data))
                 if data:
                     self._firmware.receive(data)
                 self._port.wait(self._live())
         except BaseException as error:
             self._error = error
 
-    def _meet_host(self, spoke: bool) -> None:
+    def _update_host(self, spoke: bool) -> None:
         """Tell the firmware of a host that comes or goes, and pull or put back the cable."""
         firmware = self._firmware
         here = self._port.attached()
         if self._host and not here:
             self._host = False
-            firmware.host_went(self._port.forget())
+            firmware.host_disconnected(self._port.forget())
         if not here:
             self._opened_s = None
             return
@@ -197,7 +197,7 @@ class Device:
             self._host = True
             if self._start_s is None:
                 self._start_s = time.monotonic()
-            firmware.host_came()
+            firmware.host_connected()
 
     def _live(self) -> float:
         """Let time pass and bytes go out; return how long there is nothing to do."""
@@ -231,7 +231,7 @@ class Device:
         self._firmware.advance(until_s)
         if plugged and not self._firmware.plugged:
             self._host, self._opened_s = False, None
-            self._firmware.host_went(self._port.unplug())
+            self._firmware.host_disconnected(self._port.unplug())
         elif not plugged and self._firmware.plugged:
             self._port.replug()
         self._write()

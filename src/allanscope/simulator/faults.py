@@ -248,7 +248,7 @@ class LineNoise:
         for fault, by_byte, by_time in self._faults:
             for _ in range(by_byte.until(self._position) + by_time.until(now_s)):
                 if len(data) > 2:
-                    self._strike(fault, data)
+                    self._damage_frame(fault, data)
                     kinds.append(fault.kind)
         if hit:
             return Damage(bytes(data), tuple(kinds), "byte_loss")
@@ -271,7 +271,7 @@ class LineNoise:
             self._still_to_lose = max(self._still_to_lose, 1)
         return True
 
-    def _strike(self, fault: FaultSpec, data: bytearray) -> None:
+    def _damage_frame(self, fault: FaultSpec, data: bytearray) -> None:
         """Damage one frame once, at a random place between its first and its last byte."""
         place = int(self._rng.integers(1, len(data) - 1))
         match fault.kind:

@@ -103,13 +103,13 @@ class Firmware:
 
     # -- the host's side ------------------------------------------------------------------------
 
-    def host_came(self) -> None:
+    def host_connected(self) -> None:
         """Take note that somebody opened the port."""
         self._host = True
         if self._streaming:
             self._push(self._encoder.describe(self._info))
 
-    def host_went(self, unread: int) -> None:
+    def host_disconnected(self, unread: int) -> None:
         """Take note that the port was closed, with `unread` bytes still in it."""
         self._host = False
         self._transmitter.cut(unread, "hang-up", "no host")
@@ -118,7 +118,7 @@ class Firmware:
         """Execute the commands of the host. A reply precedes everything that the command causes."""
         for command in self._encoder.receive(data):
             self.ledger.commands += 1
-            self._obey(command)
+            self._execute(command)
 
     def pending(self) -> bytes:
         """Return what is to be written to the port now; empty while there is nothing to say."""
@@ -157,7 +157,7 @@ class Firmware:
             self.now_s = max(self.now_s, min(next_s, until_s))
             if next_s > until_s:
                 return
-            self._happen()
+            self._run_due()
 
     @property
     def _next_frame_s(self) -> float:
@@ -170,7 +170,7 @@ class Firmware:
             self.now_s = max(self.now_s, ready_s)
             self._frame_out(self.sensor.read(self._frame))
 
-    def _happen(self) -> None:
+    def _run_due(self) -> None:
         """Do what is due now, apart from samples."""
         if self._next_status_s <= self.now_s:
             self._next_status_s += STATUS_EVERY_S
@@ -248,7 +248,7 @@ class Firmware:
 
     # -- commands -------------------------------------------------------------------------------
 
-    def _obey(self, command: Command) -> None:
+    def _execute(self, command: Command) -> None:
         sensor = reconfigure(self.sensor, command)
         ok = command.name != "unknown" and sensor is not None
         if self._ring.has_reserve():

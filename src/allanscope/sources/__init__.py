@@ -44,7 +44,7 @@ if TYPE_CHECKING:
         scale_of,
     )
     from allanscope.sources.isolated_reader import buffers, may_run_in_real_time
-    from allanscope.sources.registry import must_be_there, open_file, open_source
+    from allanscope.sources.registry import open_file, open_source, require_port
     from allanscope.sources.serial_port import SerialSource
     from allanscope.sources.simulated import SimulatedSource
 
@@ -68,12 +68,12 @@ __all__ = [
     "describe_ports",
     "find_ports",
     "may_run_in_real_time",
-    "must_be_there",
     "open_file",
     "open_source",
     "pair",
     "part_name",
     "period_of",
+    "require_port",
     "scale_of",
 ]
 
@@ -95,7 +95,7 @@ __getattr__, __dir__ = lazily(
         "describe_ports": "discovery",
         "find_ports": "discovery",
         "may_run_in_real_time": "isolated_reader",
-        "must_be_there": "registry",
+        "require_port": "registry",
         "open_file": "registry",
         "open_source": "registry",
         "pair": "iio",

@@ -106,7 +106,7 @@ class IsolatedReader:
         self._data, out = os.pipe()
         control, self._control = os.pipe()
         try:
-            self._enlarge(out)
+            self._enlarge_pipe(out)
             script = Path(port_reader.__file__)
             self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
                 # Isolated and without site: it starts in ten milliseconds.
@@ -180,12 +180,12 @@ class IsolatedReader:
             at += HEADER.size + size
             frame = bytes(self._raw[at - size : at])
             if kind == READY:
-                self._hand_over(frame.decode())
+                self._start_reader_process(frame.decode())
             elif kind in (DATA, GONE):
                 self._frames.append((kind, came_ns, frame))
         del self._raw[:at]
 
-    def _hand_over(self, priority: str) -> None:
+    def _start_reader_process(self, priority: str) -> None:
         """Let the other process read from here on; nothing is read here any more."""
         with suppress(BrokenPipeError):
             os.write(self._control, b"g")
@@ -214,7 +214,7 @@ class IsolatedReader:
                 process.wait(END_S)
 
     @staticmethod
-    def _enlarge(pipe: int) -> None:
+    def _enlarge_pipe(pipe: int) -> None:
         """Let the pipe hold seconds instead of a fraction of one, where that is allowed."""
         import fcntl
 

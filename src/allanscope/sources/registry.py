@@ -9,7 +9,7 @@ from allanscope.errors import InputError
 from allanscope.recording import is_recording
 from allanscope.sources.base import Source, SourceSettings
 
-__all__ = ["must_be_there", "open_file", "open_source"]
+__all__ = ["open_file", "open_source", "require_port"]
 
 
 def _is_recording(spec: str) -> bool:
@@ -107,7 +107,7 @@ def open_file(path: Path) -> Source:
     return means_it(str(path), SourceSettings())
 
 
-def must_be_there(spec: str) -> None:
+def require_port(spec: str) -> None:
     """Say at once that there is no such port: what comes before it is opened takes its time.
 
     Raises

@@ -26,8 +26,8 @@ from allanscope.sources.transport import (
     Posix,
     Transport,
     WriteTimeoutError,
+    open_error,
     open_transport,
-    why_not_open,
 )
 
 __all__ = ["SerialSource"]
@@ -233,7 +233,7 @@ class SerialSource:
         try:
             self._reopen()
         except LINK_ERRORS as error:
-            self.trouble = str(why_not_open(self.name, error, find_ports(self._comports)))
+            self.trouble = str(open_error(self.name, error, find_ports(self._comports)))
             self._retry_s = min(2.0 * self._retry_s, LAST_RETRY_S)
             now = self._clock()
             self._next_try_ns = now + int(self._retry_s * 1e9)
@@ -265,7 +265,7 @@ class SerialSource:
         try:
             return self._opened(name)
         except LINK_ERRORS as error:
-            raise why_not_open(name, error, find_ports(self._comports)) from error
+            raise open_error(name, error, find_ports(self._comports)) from error
         except ValueError as error:
             raise UsageError(f"cannot open {name}: {error}") from error
 

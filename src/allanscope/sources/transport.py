@@ -4,7 +4,7 @@ pyserial's own `read` is not used where it can be avoided: a `read(n)` that has 
 asked for when the device disconnects throws that half away, and a socket's `in_waiting` only says
 whether there is anything. What a link must do is: give what is there, as soon as it is there.
 
-Why a port cannot be opened is told in one line that says what to do about it (`why_not_open`).
+Why a port cannot be opened is told in one line that says what to do about it (`open_error`).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ __all__ = [
     "Posix",
     "Transport",
     "WriteTimeoutError",
+    "open_error",
     "open_transport",
-    "why_not_open",
 ]
 
 READ_BYTES = 1 << 16
@@ -199,7 +199,7 @@ def _close(port: Any) -> None:
         port.close()
 
 
-def why_not_open(name: str, error: Exception, ports: list[PortDescription]) -> DeviceError:
+def open_error(name: str, error: Exception, ports: list[PortDescription]) -> DeviceError:
     """Return the error to raise when `name` could not be opened.
 
     Parameters

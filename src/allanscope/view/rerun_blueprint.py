@@ -218,7 +218,9 @@ def _link() -> rrb.Vertical:
             _plot("/link/errors", "errors since the start"),
             _plot("/link/health", "health"),
         ),
-        rrb.StateTimelineView(origin="/link/state", name="state of the link", time_view=_whole()),
+        rrb.StateTimelineView(
+            origin="/link/state", name="state of the link", time_view=_whole_run()
+        ),
         _log(),
         row_shares=[3, 1, 2],
     )
@@ -234,7 +236,7 @@ def _plot(
     return rrb.TimeSeriesView(
         origin=origin,
         name=name,
-        axis_x=_whole() if last_s is None else _last(last_s),
+        axis_x=_whole_run() if last_s is None else _last(last_s),
         plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=legend),
         overrides=styles,
     )
@@ -262,7 +264,7 @@ def _units(axes: Sequence[str]) -> list[str]:
     return [unit for unit in SENSORS if any(unit_of(axis) == unit for axis in axes)]
 
 
-def _whole() -> rrb.TimeAxis:
+def _whole_run() -> rrb.TimeAxis:
     """Return the whole run: the viewer's own default is half a minute about the cursor."""
     forever = rrb.TimeRangeBoundary.infinite()
     return rrb.TimeAxis(view_range=rr.TimeRange(start=forever, end=forever))

@@ -28,7 +28,7 @@ from allanscope.view.tables import (
     run_table,
     verdict_text,
 )
-from allanscope.view.viewer_process import LOOPBACK, free_port, refuse_taken
+from allanscope.view.viewer_process import LOOPBACK, free_port, require_free_port
 
 __all__ = [
     "APPLICATION",
@@ -191,7 +191,7 @@ def open_server(name: str, port: int | None = None) -> tuple[rr.RecordingStream,
         When the port that was given is taken.
     """
     if port is not None:
-        refuse_taken(port)
+        require_free_port(port)
     for _ in range(_ATTEMPTS):
         recording = _recording(name)
         server = _server(port or free_port())

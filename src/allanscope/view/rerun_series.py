@@ -190,7 +190,7 @@ class Series:
         values, variances, limits = [], [], []
         for name in axes:
             known = analysis.axes[name].coefficients.get(letter)
-            value, sigma = (math.nan, math.nan) if known is None else _worth_drawing(known)
+            value, sigma = (math.nan, math.nan) if known is None else _value_if_precise(known)
             values.append(value * reading.factor)
             variances.append((sigma * reading.factor) ** 2)
             is_limit = known is not None and math.isnan(value)
@@ -231,7 +231,7 @@ class Series:
         self._recording.log(path, style, static=True)
 
 
-def _worth_drawing(coefficient: Coefficient) -> tuple[float, float]:
+def _value_if_precise(coefficient: Coefficient) -> tuple[float, float]:
     """Return value and standard error; NaN while the error is so large that it hides the rest."""
     sigma = (coefficient.upper - coefficient.lower) / (2.0 * TWO_SIDED_95)
     if not coefficient.detected or sigma > _LARGEST_ERROR * coefficient.value:

@@ -31,7 +31,12 @@ from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.view.change_log import GapThrottle, Level
 from allanscope.view.decimator import Decimator, Rows
 from allanscope.view.outlet import FileOutlet, Outlet, expected_bytes, largest_part, refusal
-from allanscope.view.viewer_process import DATA_PORT_AFTER_PAGE, ViewerKeeper, ViewMode, optimise
+from allanscope.view.viewer_process import (
+    DATA_PORT_AFTER_PAGE,
+    ViewerSupervisor,
+    ViewMode,
+    optimise,
+)
 from allanscope.view.worker import Worker
 
 if TYPE_CHECKING:
@@ -88,7 +93,7 @@ class RerunView:
         ``allanscope open ADDRESS``. Empty when nothing is served.
     failure : str
         Why what was drawn is not all, known when it is closed; empty if it is.
-    viewer : ViewerKeeper or None
+    viewer : ViewerSupervisor or None
         The viewer that was started; ``viewer.process.address`` is that of the web viewer's page.
 
     Raises
@@ -109,7 +114,7 @@ class RerunView:
             raise ValueError(f"no view {mode!r}; choose one of auto window web none")
         self.address = ""
         self.failure = ""
-        self.viewer: ViewerKeeper | None = None
+        self.viewer: ViewerSupervisor | None = None
         self._mode, self._port = mode, port
         self._file = None if out_dir is None else Path(out_dir) / "session.rrd"
         self._session = dict(session or {})
@@ -146,10 +151,10 @@ class RerunView:
             canvas, self.address = Canvas.serve(self._session, data)
             self._outlets.append(Outlet(canvas))
         if self._file is not None:
-            self._keep(self._file)
+            self._start_file(self._file)
         self._worker = Worker("rerun-view")
         if serve:
-            self.viewer = ViewerKeeper(self.address, self._mode, self._say, self._port)
+            self.viewer = ViewerSupervisor(self.address, self._mode, self._say, self._port)
 
     def promise(self, axes: Sequence[str], duration_s: float | None) -> str:
         """Return a line that says how large the file becomes; empty where none is kept.
@@ -171,7 +176,7 @@ class RerunView:
             f"at most {number(1e-6 * largest_part(free), 2)} MB"
         )
 
-    def _keep(self, file: Path) -> None:
+    def _start_file(self, file: Path) -> None:
         """Begin the file if the disk has room for it."""
         from allanscope.view.rerun_recording import Canvas
 
@@ -315,23 +320,23 @@ class RerunView:
         while waiting:
             axes = waiting[0][0]
             same = Rows.joined([rows for of, rows in waiting if of == axes])
-            self._everywhere(methodcaller("rows", axes, same))
+            self._for_each_outlet(methodcaller("rows", axes, same))
             waiting = [entry for entry in waiting if entry[0] != axes]
 
     def _draw_latest(self) -> None:
         latest = self._latest
         if latest is not None:
-            self._everywhere(lambda outlet: outlet.result(latest))
+            self._for_each_outlet(lambda outlet: outlet.result(latest))
 
     def _finish(self, keep_served: bool) -> None:
         self._draw_rows()
-        self._everywhere(
+        self._for_each_outlet(
             lambda outlet: outlet.finish(
                 self._latest, close=isinstance(outlet, FileOutlet) or not keep_served
             )
         )
 
-    def _everywhere(self, task: Callable[[Outlet], None]) -> None:
+    def _for_each_outlet(self, task: Callable[[Outlet], None]) -> None:
         """Do it for each outlet, whatever fails in another."""
         failed: Exception | None = None
         for outlet in self._outlets:
@@ -360,7 +365,7 @@ class RerunView:
         self._task(lambda canvas: canvas.remark(elapsed_s, text, level))
 
     def _task(self, task: Callable[[Canvas], None]) -> None:
-        self._submit(lambda: self._everywhere(lambda outlet: outlet.draw(task)))
+        self._submit(lambda: self._for_each_outlet(lambda outlet: outlet.draw(task)))
 
     def _submit(self, task: Callable[[], None], once: str = "") -> None:
         if self._worker is not None and self._outlets:

@@ -99,7 +99,7 @@ class TerminalView:
         self._closed = False
         self._keys: Keys | None = None
         if mode == "live":
-            self._go_live()
+            self._start_live_display()
 
     # --- what a session sends to its views ------------------------------------------------------
 
@@ -219,7 +219,7 @@ class TerminalView:
             f" of {duration(self._whole_s)}, {duration(left_s * took_s / analysis.duration_s)} left"
         )
 
-    def _go_live(self) -> None:
+    def _start_live_display(self) -> None:
         self._start_screen()
         if self._on_mark is not None or self._on_quit is not None:
             keys = {"m": self._mark, "q": self._quit, "c": self._next_curves, "?": self._help}
@@ -236,7 +236,7 @@ class TerminalView:
         )
         self._live.start(refresh=True)
 
-    def _turn_page(self) -> None:
+    def _clear_page(self) -> None:
         """Begin on an empty page: in a narrower terminal, lines that stand are folded or cut."""
         if self._live is not None:
             self._live.transient = True
@@ -264,12 +264,12 @@ class TerminalView:
         try:
             now, before = self._console.size, self._size
             if now.width < before.width or now.height < before.height:
-                self._turn_page()
+                self._clear_page()
             self._size = now
             if self._live is not None and self._screen is not None:
                 self._live.update(self._screen, refresh=True)
         except (OSError, ValueError):  # ValueError: the stream is closed
-            self._fall_silent()
+            self._stop_output()
 
     def _write(self, text: str, style: str = "") -> None:
         line = Text(text, style=style)
@@ -280,7 +280,7 @@ class TerminalView:
             if self._mode != "quiet":
                 self._console.print(line)
         except (OSError, ValueError):  # ValueError: the stream is closed
-            self._fall_silent()
+            self._stop_output()
 
     def _submit(self, task: Task, once: str = "") -> None:
         if self._worker is None:
@@ -288,7 +288,7 @@ class TerminalView:
         else:
             self._worker.submit(task, once)
 
-    def _fall_silent(self) -> None:
+    def _stop_output(self) -> None:
         """Say no more: the terminal is gone, as when a connection drops."""
         self._mode = "quiet"
         self._console.quiet = True

@@ -5,12 +5,12 @@ connects to it like anyone else; or it is given a file. A window outlives the me
 the last charts can be looked at; the server of the web page ends with it. Whatever listens listens
 on the loopback interface only, and no use is reported to anyone.
 
-`ViewerProcess` is one such process; `ViewerKeeper` opens the one that was asked for, and says so
-when it is gone. `WebPage` is the page of the web viewer, served so that a browser fetches nothing
-from anywhere else. Rerun serves the page itself, but its page asks other hosts for a font, for the
-latest release and whether it may report its use. Here the page is fetched from Rerun's server and
-passed on without the links to other hosts, with a policy by which the browser refuses every other
-request that leaves the page and its data::
+`ViewerProcess` is one such process; `ViewerSupervisor` opens the one that was asked for, and says
+so when it is gone. `WebPage` is the page of the web viewer, served so that a browser fetches
+nothing from anywhere else. Rerun serves the page itself, but its page asks other hosts for a font,
+for the latest release and whether it may report its use. Here the page is fetched from Rerun's
+server and passed on without the links to other hosts, with a policy by which the browser refuses
+every other request that leaves the page and its data::
 
     browser ─▶ WebPage (PORT) ─▶ rerun --serve-web
        └─────▶ data (PORT + 1)
@@ -41,15 +41,15 @@ __all__ = [
     "DATA_PORT_AFTER_PAGE",
     "LOOPBACK",
     "ViewMode",
-    "ViewerKeeper",
     "ViewerProcess",
+    "ViewerSupervisor",
     "WebPage",
     "free_port",
     "has_display",
     "optimise",
     "policy",
     "port_taken",
-    "refuse_taken",
+    "require_free_port",
     "rerun_binary",
     "without_links",
 ]
@@ -150,14 +150,14 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer with the page, or with a file that belongs to it."""
         try:
-            self._pass_on()
+            self._forward()
         except (OSError, http.client.HTTPException):
             self.close_connection = True  # the browser has gone, or the viewer has ended
 
     def log_message(self, *_: object) -> None:
         """Say nothing: the terminal belongs to the measurement."""
 
-    def _pass_on(self) -> None:
+    def _forward(self) -> None:
         is_page = self.path.partition("?")[0] in ("/", "/index.html")
         encodings = "identity" if is_page else self.headers.get("Accept-Encoding", "identity")
         with closing(self._asked(encodings)) as connection:
@@ -229,7 +229,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def refuse_taken(port: int) -> None:
+def require_free_port(port: int) -> None:
     """Refuse a port of the user's choice that something else listens on.
 
     Raises
@@ -282,7 +282,7 @@ class ViewerProcess:
             command += self._web(source, port)
         else:
             if port is not None:
-                refuse_taken(port)
+                require_free_port(port)
             command += ["--port", str(port or free_port()), "--hide-welcome-screen"]
             command += ["--memory-limit", MEMORY_LIMIT]
             command += ["--connect", source] if _is_address(source) else [source]
@@ -301,7 +301,7 @@ class ViewerProcess:
         if not _is_address(source):
             after = None if port is None else port + DATA_PORT_AFTER_PAGE
             if after is not None:
-                refuse_taken(after)
+                require_free_port(after)
             after = after or free_port()
             command += ["--port", str(after)]
             data = f"rerun+http://{LOOPBACK}:{after}/proxy"
@@ -386,7 +386,7 @@ def _environment() -> dict[str, str]:
     return {**os.environ, **ways, **lower, "CI": "true", "RUST_LOG": "off"}
 
 
-class ViewerKeeper:
+class ViewerSupervisor:
     """Keeps one viewer of the data at an address.
 
     Parameters

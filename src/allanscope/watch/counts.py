@@ -16,7 +16,7 @@ from scipy.special import betainc
 
 from allanscope.watch.false_alarms import log_weight
 
-__all__ = ["WINDOWS", "Burst", "Rare", "surprise"]
+__all__ = ["WINDOWS", "Burst", "RareCounts", "scan_p_value"]
 
 WINDOWS = (1, 2, 4, 8, 16)
 _WINDOWS = np.array(WINDOWS)
@@ -61,7 +61,7 @@ class Burst:
         return min(math.ceil(3.0 / least), WINDOWS[-1])
 
 
-class Rare:
+class RareCounts:
     """Follow `channels` counts a block.
 
     Attributes
@@ -122,14 +122,14 @@ class Rare:
         limit = -(float(self._log_alpha[channel]) + log_weight(self.blocks))
         recent = self._recent[np.arange(at - WINDOWS[-1] + 1, at + 1) % WINDOWS[-1], channel]
         seen = np.cumsum(recent[::-1])[_WINDOWS - 1]
-        window, nats = surprise(seen, total / bunch, exposure, bunch)
+        window, nats = scan_p_value(seen, total / bunch, exposure, bunch)
         if nats <= limit:
             return None
         first = at - window + 1 + int(np.flatnonzero(recent[-window:])[0])
         return Burst(channel, first, at, int(recent[-window:].sum()), nats, mean)
 
 
-def surprise(
+def scan_p_value(
     seen: NDArray[np.int64], total: float, exposure: float, bunch: float = 1.0
 ) -> tuple[int, float]:
     """Return the window that holds most for its length, and -log of the p-value of any such.
@@ -154,7 +154,7 @@ def surprise(
     --------
     Four in 16 blocks after one in 500:
 
-    >>> window, nats = surprise(np.array([1, 1, 1, 2, 4]), 20.0, 10_000.0)
+    >>> window, nats = scan_p_value(np.array([1, 1, 1, 2, 4]), 20.0, 10_000.0)
     >>> window, round(nats, 1)
     (16, 17.4)
     """

@@ -181,7 +181,7 @@ class Summariser:
         mean = self._summed[0] / self.rows
         outliers = np.zeros(self._axes, np.int64)
         if wide or self._blocks < FIRST_BLOCKS:
-            self._set_aside(outliers, mean, reach)
+            self._replace_outliers(outliers, mean, reach)
         total, square = self._summed[:2] / self.rows
         self._follow_spread(np.sqrt(np.maximum(square - total**2, 0.0)))
         level = (self._anchor + total).ravel()[: self._axes]
@@ -198,7 +198,7 @@ class Summariser:
             return int(_repeats(rows[1:], len(rows) - 1, rows.shape[1], rows[0]))
         return int(_repeats(rows, len(rows), rows.shape[1], last))
 
-    def _set_aside(
+    def _replace_outliers(
         self, found: NDArray[np.int64], mean: NDArray[np.float64], reach: NDArray[np.float64]
     ) -> None:
         """Count the outliers of axes with wide extremes, and put the mean in their place."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from allanscope.samples import Gap, StreamInfo, Ticks
 from allanscope.watch.change import Change, is_one_ramp, locate
-from allanscope.watch.counts import Burst, Rare
+from allanscope.watch.counts import Burst, RareCounts
 from allanscope.watch.events import Event
 from allanscope.watch.false_alarms import ALPHA
 from allanscope.watch.lines import LineAlarm, Lines
@@ -98,7 +98,7 @@ class Watch:
         counts = np.repeat([of["outliers"], repeats, of["losses"]], [axes, 1, 1])
         self._scan = Scan(2 * axes + 2, series)
         self._lines = Lines(axes, bins, of["lines"])
-        self._rare = Rare(axes + 2, counts)
+        self._rare = RareCounts(axes + 2, counts)
         self._held = np.zeros(self._summarise.power.shape, np.int32)
         self._holding: set[int] = set()
         self._other_noise = np.zeros((len(self._held), LANES), np.bool_)
@@ -205,7 +205,7 @@ class Watch:
         for alarm in alarms:
             self._alarm(alarm)
         if self.blocks % LEAST_WINDOW == 0:
-            self._look_for_returns()
+            self._close_faded()
         if alarms or self.blocks % LEAST_WINDOW == 0:
             noise = ("variance_change",)
             for axis in range(self._axes):
@@ -310,7 +310,7 @@ class Watch:
             for one in self.tracks.all
         )
 
-    def _look_for_returns(self) -> None:
+    def _close_faded(self) -> None:
         """Close changes of series that have faded away."""
         for channel in range(2 * self._axes + 2):
             kind, axis = self._series(channel)
@@ -361,7 +361,7 @@ class Watch:
         excess = max(found.ratio - 1.0, 0.1) * float(power[found.bin])
         amplitude = 4.4 / length * math.sqrt(excess)
         self._lines.forget(found.axis)
-        self._hold(found.axis, found.bin)
+        self._exclude_bins(found.axis, found.bin)
         for track in self.tracks.open(found.axis, ("sinusoid",)):
             if abs(track.last.block - onset) <= max(3, found.since // 2):
                 return  # a harmonic of the line, or its skirt
@@ -374,7 +374,7 @@ class Watch:
         track = Track("sinusoid", found.axis, 0.0, window, found.nats, [span], place)
         self.tracks.add(track, same=lambda other: abs(other.bin - place) <= max(4, 0.05 * place))
 
-    def _hold(self, axis: int, place: int) -> None:
+    def _exclude_bins(self, axis: int, place: int) -> None:
         of_axis(self._held, axis)[max(place - BESIDE, 0) : place + BESIDE + 1] = -1
         self._holding.add(axis)
 

@@ -156,13 +156,13 @@ class IioDevice:
 
     @property
     def _scans(self) -> Path:
-        return self._old_or_new("scan_elements")
+        return self._first_existing("scan_elements")
 
     @property
     def _buffer(self) -> Path:
-        return self._old_or_new("buffer")
+        return self._first_existing("buffer")
 
-    def _old_or_new(self, name: str) -> Path:
+    def _first_existing(self, name: str) -> Path:
         old = self.folder / name
         return old if old.is_dir() else self.folder / "buffer0"
 

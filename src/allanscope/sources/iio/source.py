@@ -142,12 +142,12 @@ class IioSource:
             if self._closing.is_set():
                 return Chunk(self._clock(), event="end")
             if self._lost_ns is not None:
-                return self._look()
+                return self._find_driver()
             while self._inbox:
                 for command in self._encoder.receive(self._inbox.popleft()):
-                    self._obey(command)
+                    self._execute(command)
             try:
-                came = self._take()
+                came = self._read_scans()
             except OSError:
                 return self._disconnect()
             now = self._clock()
@@ -159,7 +159,7 @@ class IioSource:
                 self._stalled = False
             elif self._streaming and not self._stalled and self._is_silent(now):
                 self._stalled, event = True, "stalled"
-            self._tell(now)
+            self._send_status(now)
             data, self._out = bytes(self._out), bytearray()
             return Chunk(now, data, event)
 
@@ -222,7 +222,7 @@ class IioSource:
                 device.stop()
         self._buffers = []
 
-    def _take(self) -> int:
+    def _read_scans(self) -> int:
         """Wait for scans and take them; return the bytes."""
         if not self._buffers:
             self._closing.wait(WAIT_MS * 1e-3)
@@ -292,7 +292,7 @@ class IioSource:
             return 0
         return int(np.searchsorted(times, times[-1] - int(LEFT_ALONE_S * 1e9)))
 
-    def _tell(self, now: int) -> None:
+    def _send_status(self, now: int) -> None:
         """Say once a second what follows and how it goes."""
         if now < self._next_ns or not self._streaming:
             return
@@ -304,7 +304,7 @@ class IioSource:
 
     # --- commands -----------------------------------------------------------------------------
 
-    def _obey(self, command: Command) -> None:
+    def _execute(self, command: Command) -> None:
         ok = command.name != "unknown"
         changes = {name: value for name, value in command.fields.items() if name in _SETTINGS}
         if command.name == "set" and changes:
@@ -354,7 +354,7 @@ class IioSource:
         self._stalled = False
         return Chunk(self._lost_ns, event="disconnected")
 
-    def _look(self) -> Chunk:
+    def _find_driver(self) -> Chunk:
         """Look for the driver once a second."""
         now = self._clock()
         if now < self._retry_ns:

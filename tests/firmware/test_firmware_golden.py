@@ -107,11 +107,13 @@ def test_python_foretells_every_byte():
 
 def test_all_that_states_a_version_states_the_same_one():
     """The first two numbers of the firmware's are those of the protocol that it speaks."""
+    norm = (ROOT / "PROTOCOL.md").read_text()
     (layout,) = re.findall(r"AS_VERSION = 0x(\d)(\d)", (ROOT / "encoder/as_layout.h").read_text())
-    (title,) = re.findall(r"protocol, version (\d)\.(\d)\n", (ROOT / "PROTOCOL.md").read_text())
+    (title,) = re.findall(r"protocol, version (\d)\.(\d)\n", norm)
+    (example,) = re.findall(r'"0x03": "(\d)\.(\d)\.\d+ ', norm)
     source = (ROOT / "device" / "descriptor.c").read_text()
     (firmware,) = re.findall(r'firmware_version\[\] = "(\d)\.(\d)\.\d+"', source)
-    assert layout == title == firmware == (str(VERSION >> 4), str(VERSION & 15))
+    assert layout == title == example == firmware == (str(VERSION >> 4), str(VERSION & 15))
 
 
 def test_the_hosts_build_gives_the_golden_stream(compiler, tmp_path):

@@ -158,7 +158,7 @@ def test_the_decoder_reads_the_examples_in_a_row() -> None:
     assert (info.part, info.nominal_hz, info.epoch) == ("LSM6DSM", 416.0, 0x1234)
     assert info.scale == (8.75e-3, 8.75e-3, 8.75e-3, 6.1e-5, 6.1e-5, 6.1e-5)
     assert info.details["registers"] == "10:60 11:60"
-    assert info.details["firmware"] == "1.1.0 abc1234"
+    assert info.details["firmware"] == "1.2.0 abc1234"
     assert (info.origin, info.details["clock"], info.device_clock) == ("measured", "crystal", True)
     assert isinstance(first, Block)
     assert first.counts.tolist() == [[0, 1, -1, 32767, -32768, 256]]

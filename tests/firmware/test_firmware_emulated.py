@@ -34,7 +34,8 @@ def test_commands_are_acknowledged_in_the_middle_of_a_stream(boards):
         infos = [event for event in host.events if isinstance(event, StreamInfo)]
         assert [info.nominal_hz for info in infos] == [104.0, 416.0]
         seen = len(host.blocks)
-        host.until(lambda: host.last_status().get("commands") == 6, "a status of the new epoch")
+        # A busy board answers late, and has commands that were sent again.
+        host.until(lambda: host.last_status().get("commands") == host.sent, "a status of the end")
         assert host.lost() == host.last_status()["dropped"]
         check_values(host.blocks[seen:])
 

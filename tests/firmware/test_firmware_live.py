@@ -23,6 +23,7 @@ from allanscope.recording import Recording
 from allanscope.samples import Block, Gap, Notice
 from allanscope.wire import WireSettings
 from support.emulated_host import DESCRIBE, SET, STOP, Host
+from support.emulator import Patience
 from support.synthetic_sensor import check_values
 
 PROGRAM = [sys.executable, "-m", "allanscope"]
@@ -40,7 +41,7 @@ class Live:
     """
 
     def __init__(self, board, out):
-        self.out = out
+        self.out, self._board = out, board
         command = [*PROGRAM, "live", str(board.port), "--view", "none", "--out", str(out), "--json"]
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True)
@@ -49,12 +50,12 @@ class Live:
         """Return how many bytes are on the disk."""
         return sum(path.stat().st_size for path in self.out.glob("*.mcap"))
 
-    def wait_for_bytes(self, more, patience_s=60.0):
-        """Wait until so many more bytes are recorded; the patience is only an upper bound."""
-        goal, deadline = self.recorded() + more, time.monotonic() + patience_s
+    def wait_for_bytes(self, more):
+        """Wait until so many more bytes are recorded."""
+        goal, patience = self.recorded() + more, self._board.patience()
         while self.recorded() < goal:
             assert self.process.poll() is None, self.process.stderr.read()
-            assert time.monotonic() < deadline, "nothing more is recorded"
+            assert not patience.ended(), "nothing more is recorded"
             time.sleep(0.05)
 
     def hold_up(self, seconds):
@@ -70,7 +71,7 @@ class Live:
     def end(self):
         """Ctrl-C; return the printed result and the events that the recording holds."""
         self.process.send_signal(signal.SIGINT)
-        said, complaint = self.process.communicate(timeout=100)
+        said, complaint = self.process.communicate()
         assert self.process.returncode == 0, complaint
         decoding, events = Decoding(WireSettings()), []
         for chunk in Recording(self.out).chunks():
@@ -179,7 +180,8 @@ def test_the_emulated_device_of_the_command_line_is_this_board(boards, tmp_path)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as device:
         try:
             assert device.stdout.readline().strip() == str(link)
-            with Host(SimpleNamespace(port=link)) as host:
+            board = SimpleNamespace(port=link, patience=lambda: Patience(device))
+            with Host(board) as host:
                 host.until(lambda: host.samples() > 100, "samples")
                 check_values(host.blocks)
                 assert host.lost() == 0

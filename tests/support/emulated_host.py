@@ -8,7 +8,6 @@ from allanscope.samples import Block, Gap, Notice
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.native.framing import seal
 
-PATIENCE_S = 60.0
 START, STOP, DESCRIBE, SET, PING = 0x81, 0x82, 0x83, 0x84, 0x85
 
 
@@ -16,10 +15,11 @@ class Host:
     """A host at the board's port: decodes what comes, sends commands, keeps everything."""
 
     def __init__(self, board):
-        self._port = serial.Serial(str(board.port), timeout=0.02, write_timeout=10)
+        self._board = board
+        self._port = serial.Serial(str(board.port), timeout=0.02)
         self._decoder = format_named("native").decoder(WireSettings())
         self.events = []
-        self._seq = 0
+        self.sent = 0
 
     def __enter__(self):
         return self
@@ -28,15 +28,15 @@ class Host:
         self._port.close()
 
     def send(self, kind, body=b""):
-        self._seq += 1
-        self._port.write(b"\0" + seal(kind, self._seq, 0, body))
-        return self._seq
+        self.sent += 1
+        self._port.write(b"\0" + seal(kind, self.sent, 0, body))
+        return self.sent
 
     def until(self, condition, what):
-        """Read until something is there; the patience is only an upper bound."""
-        deadline = time.monotonic() + PATIENCE_S
+        """Read until something is there."""
+        patience = self._board.patience()
         while not condition():
-            assert time.monotonic() < deadline, f"no {what} within {PATIENCE_S} s"
+            assert not patience.ended(), f"no {what} from the board"
             data = self._port.read(self._port.in_waiting or 1)
             self.events += self._decoder.feed(data, time.monotonic())
 

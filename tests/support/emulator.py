@@ -1,8 +1,42 @@
 """QEMU's B-L475E-IOT01A running the firmware, its USART on a pty or in a file."""
 
+import os
 import subprocess
 import time
 from pathlib import Path
+
+PATIENCE_S = 60.0
+"""Processor time that a board may take for what is waited for: a busy machine gives it later."""
+
+
+def processor_s(pid):
+    """Return the processor time that a process and its children have had."""
+    process = Path(f"/proc/{pid}")
+    try:
+        fields = (process / "stat").read_text().rpartition(")")[2].split()
+        children = " ".join(path.read_text() for path in process.glob("task/*/children")).split()
+    except (FileNotFoundError, ProcessLookupError):  # it has just ended
+        return 0.0
+    own_s = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return own_s + sum(map(processor_s, children))
+
+
+class Patience:
+    """How long to wait for something that a process does, in what it did meanwhile.
+
+    Parameters
+    ----------
+    process : Popen
+        Which does it.
+    """
+
+    def __init__(self, process):
+        self._process = process
+        self._until_s = processor_s(process.pid) + PATIENCE_S
+
+    def ended(self):
+        """Return whether the process is gone, or had time enough."""
+        return self._process.poll() is not None or processor_s(self._process.pid) > self._until_s
 
 
 class Board:
@@ -31,11 +65,15 @@ class Board:
         self._process = subprocess.Popen(self._command, stdin=quiet, stdout=quiet, stderr=quiet)
         self.wait_until(self.port.exists)
 
-    def wait_until(self, condition, patience_s=60.0):
-        """Wait for something that the board does; the patience is only an upper bound."""
-        deadline = time.monotonic() + patience_s
+    def patience(self):
+        """Return how long to wait for what the board does, from now on."""
+        return Patience(self._process)
+
+    def wait_until(self, condition):
+        """Wait for something that the board does."""
+        patience = self.patience()
         while not condition():
-            if time.monotonic() > deadline or self._process.poll() is not None:
+            if patience.ended():
                 raise RuntimeError("the emulated board did not do what was waited for")
             time.sleep(0.02)
 

@@ -17,6 +17,7 @@ import pytest
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.native.framing import seal
+from support.emulator import Patience
 from support.lsm6dsm_model import Lsm6dsm
 from support.stm32l476_model import STALL, Chip
 from support.usb_host import Refused, UsbHost
@@ -245,9 +246,12 @@ def test_at_6660_hz_nothing_is_lost_and_commands_are_answered(build):
     bench = Bench(build, rate=6660).plug()
     bench.run(1.0)
     for body in (b"", b"abc", bytes(32)):
+        begun_us = bench.chip.now_us
         result, took_us = bench.ask(PING, body)
         assert result == 0
         assert took_us <= 4000
+        taken_us = bench.of(Notice)[-1].fields["uptime_s"] * 1e6
+        assert begun_us - 1 <= taken_us <= begun_us + took_us + 1, "the time at which it was taken"
     bench.run(0.5)
     assert len(bench.samples()) > 9000
     assert bench.of(Gap) == []
@@ -278,6 +282,32 @@ def test_a_slow_host_gets_as_much_as_it_takes(build):
     assert sum(gap.lost for gap in bench.of(Gap)) == bench.status()["dropped"] > 0
     assert bench.status()["overruns"] == 0
     bench.samples()
+
+
+@pytest.mark.parametrize("busy_ms", [7, 9, 14])
+def test_a_processor_too_slow_for_its_rate_carries_what_it_can_and_obeys(build, busy_ms):
+    """At 3330 Hz a frame is 4.8 ms: a processor of 4 MHz that takes 9 has to lose almost half."""
+    bench = Bench(build, rate=3330).plug()
+    bench.chip.busy_ms = busy_ms
+    bench.run(3.0)
+    begun = len(bench.samples())
+    made = bench.part.produced
+    bench.run(2.0)
+    came, made = len(bench.samples()) - begun, bench.part.produced - made
+    assert came > 0.95 * made * min(1.0, 16e3 / 3363 / busy_ms), "all that it has time for"
+    for _ in range(3):
+        result, took_us = bench.ask(PING)
+        assert result == 0
+        assert took_us <= 3e3 * busy_ms, "not behind the whole FIFO"
+    k = bench.samples()
+    gaps = bench.of(Gap)
+    assert {gap.reason for gap in gaps} == {"sensor"}
+    assert sum(gap.lost for gap in gaps) == (np.diff(k) % 65536 - 1).sum() > 0.2 * made
+    assert bench.ask(STOP)[0] == 0
+    bench.run(0.2)
+    seen = len(bench.samples())
+    bench.run(0.5)
+    assert len(bench.samples()) == seen
 
 
 def test_a_set_from_the_host_reaches_the_part(build):
@@ -420,7 +450,8 @@ def test_the_image_runs_on_an_emulated_processor_without_its_sensor(boards, tmp_
         stdout=subprocess.DEVNULL,
         text=True,
     ) as machine:
-        for _ in range(60):
+        patience, events = Patience(machine), []
+        while not patience.ended():
             time.sleep(0.5)
             machine.stdin.write(f'pmemsave {at} 4096 "{memory}"\n')
             machine.stdin.flush()

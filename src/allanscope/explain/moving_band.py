@@ -9,19 +9,27 @@ from what has no name:
 * its power is spread over many ordinates: that of a modulated tone is in few;
 * it is in much the same range in both halves: a sweep goes through its range once.
 
-In the model it is a component with the measured distribution of its power (`LineProfile`).
+It is in the model as lines that wander around the centres of the parts (`MovingLine`): what it
+brings far beside the band belongs to it, not to a process that the search would find there. Where
+that misses the spectrum, it is a component with the measured distribution of its power
+(`LineProfile`).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
+from allanscope.explain.effects import errors_at
 from allanscope.explain.effects.drifting_line import Cluster, profile_of
-from allanscope.explain.effects.narrowband import Narrowband
+from allanscope.explain.effects.narrowband import Narrowband, misfit
 from allanscope.explain.view import View
+from allanscope.noise.components import MovingLine
 from allanscope.quantities import TWO_SIDED_95
 
 __all__ = ["moving_band"]
@@ -43,10 +51,18 @@ _WIDEST = 0.5
 """Width over frequency beyond which no one would call the band narrow."""
 _LEAST_LEVEL = 0.3
 """Rms of its faintest part over that of its loudest: what is there all along."""
+_TOGETHER, _SURELY = (1, 2, 4), 2.5
+"""Parts that are looked at together, and sigma by which one is clearly fainter."""
 _LOUDEST, _CONCENTRATED = 8, 0.2
 """Ordinates that hold no more than this share of the power of noise in so broad a band."""
 _USUAL = (0.05, 0.95)
 """Quantiles of the centre over the parts between which it is said to move."""
+_FACTOR = 1.5
+"""Logarithm of the largest factor, and of the least, of what the centres move by."""
+_STEP = 0.05
+"""Of the logarithms of bandwidth and factor, in which the likelihood is a parabola."""
+_MISSHAPEN, _BESIDE = 4.0, 3.0
+"""Sigma of what lines that wander may leave of the spectrum of the band, and so far beside it."""
 _ALIKE = 0.5
 """Cosine between the spectra of the halves of a record: a sweep has 0."""
 
@@ -86,16 +102,52 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
         Estimate.of_log(profile.sigma, error, view.unit),
         moves=(float(least), float(most)) if is_moving else None,
     )
-    return Candidate(
-        effect,
-        searched.gain,
-        searched.log_alternatives,
-        alpha=searched.alpha,
-        is_paid=searched.is_paid,
-        excluded=((profile.low, profile.high),),
-        profile=profile,
-        held_out=held,
+    found = replace(searched, held_out=held)
+    measured = replace(found, excluded=((profile.low, profile.high),), profile=profile)
+    bare = view.without(searched)
+    lines = _lines(bare, centres, width)
+    if lines is None:
+        return replace(measured, effect=effect)
+    part, log_error = lines
+    effect = replace(effect, bandwidth=Estimate.of_log(part.bandwidth, log_error, "Hz"))
+    after = bare.with_parts(part)
+    left, count = misfit(after, centre, _BESIDE * (centre - profile.low))
+    if left > _MISSHAPEN * np.sqrt(count / 2):
+        return replace(measured, effect=effect)
+    size = float(np.sqrt(after.spectrum.model.components[-1].power))
+    effect = replace(effect, sigma=Estimate.of_log(size, error, view.unit))
+    return replace(found, effect=effect, parts=(part,), excluded=())
+
+
+def _lines(bare: View, centres: Array, width: float) -> tuple[MovingLine, float] | None:
+    """Return the likeliest line whose centre moves as that of the band, with the error of ln width.
+
+    Chance makes measured centres move farther than the true ones: what they move by has a factor,
+    which is fitted together with the bandwidth.
+    """
+    mean = float(centres.mean())
+
+    def line(point: Array) -> MovingLine:
+        bandwidth, factor = np.exp(point).tolist()
+        return MovingLine(1.0, mean, bandwidth, tuple((factor * (centres - mean)).tolist()))
+
+    def loss(point: Array) -> float:
+        if point[0] > np.log(mean) or abs(point[1]) > _FACTOR:
+            return float("inf")
+        return -bare.fitter_of(bare.model.plus(line(point))).fit(bare.power).loglik
+
+    first = np.log([width / 2, 0.8])
+    simplex = np.vstack([first, first + 0.3 * np.eye(2)])
+    found = minimize(
+        loss,
+        first,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2, "maxiter": 80},
     )
+    if not found.success or abs(found.x[1]) > _FACTOR - _STEP:
+        return None
+    error = float(errors_at(loss, found.x, np.full(2, _STEP))[0])
+    return (line(found.x), error) if error > 0 else None
 
 
 def _spectra(view: View, low: float, high: float) -> tuple[Array, Array] | None:
@@ -148,8 +200,17 @@ def _predicted(ratio: Array) -> tuple[HeldOut, bool]:
 
 
 def _is_lasting(ratio: Array) -> bool:
-    level = np.sqrt(np.maximum((ratio - 1).sum(axis=1), 0.0))
-    return bool(level.min() > _LEAST_LEVEL * level.max())
+    """Return whether no part, nor any few of them together, is clearly fainter than others."""
+    for together in _TOGETHER:
+        parts = len(ratio) // together
+        cells = ratio[: parts * together].reshape(parts, -1)
+        power = cells.mean(axis=1) - 1
+        # The mean square of powers is twice the square of their mean.
+        error = np.sqrt(_HANN * (cells**2).mean(axis=1) / 2 / cells.shape[1])
+        surely = _SURELY * error
+        if (power + surely).min() < _LEAST_LEVEL**2 * (power - surely).max():
+            return False
+    return True
 
 
 def _in_few(view: View, cluster: Cluster) -> bool:

@@ -97,7 +97,7 @@ def close_loop(view: View, budget: Budget | None = None) -> View:
     path.enter(int(_FEW * budget.evaluations))
     resolved = resolve_tones(view, path)
     if resolved is not view:
-        view = _settle(_without_bands(resolved), _LEFT_OVER, budget, path)
+        view = _settle(_fitted(_without_bands(resolved), path), _LEFT_OVER, budget, path)
     view = with_misfits_joined(view)
     full = len(view.accepted) >= budget.effects
     for step in path.steps:

@@ -35,6 +35,8 @@ _STEP = 0.01
 """Of ln cutoff and ln order, in which the likelihood is a parabola."""
 _UNKNOWN = 10.0
 """Standard error of ln cutoff beyond which nothing is known."""
+_BURSTS = 1e-3
+"""Sigma of unsteadiness a nat of the gain, where one is some ten nats: about a hundredth."""
 _ORDERS = (1.0, 12.0)
 """Of a filter whose response decays: its powers begin with f^2. Below 1 it would lower the density
 far below the cutoff, and raise N in return."""
@@ -107,9 +109,11 @@ class BandLimit(EffectKind):
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Return whether it removes its part of the residual and is there all along.
 
-        What comes and goes more than a filter may is what a tone in it bends.
+        What comes and goes more than a filter may is what a tone in it bends; bursts beside the
+        tone do so too, but by little against what the filter gains.
         """
-        if removes(view, candidate) and bartlett_z_of(view, candidate) <= 2 * UNSTEADY:
+        most = max(2 * UNSTEADY, _BURSTS * candidate.gain)
+        if removes(view, candidate) and bartlett_z_of(view, candidate) <= most:
             return candidate
         return None
 

@@ -213,21 +213,32 @@ class Narrowband(EffectKind):
 
     def _is_misshapen(self, view: View, candidate: Candidate) -> bool:
         """Return whether the spectrum within the band differs from the shape that was fitted."""
-        left, parts = self.misfit(view.with_parts(*candidate.parts))
+        after = view.with_parts(*candidate.parts)
+        left, parts = misfit(after, self.frequency.value, _WITHIN * self.bandwidth.value)
         return bool(left > max(_MISSHAPEN * np.sqrt(parts / 2), _MISSED * candidate.gain))
 
-    def misfit(self, view: View) -> tuple[float, int]:
-        """Return the nats that the spectrum around it differs by from the model, in how many parts.
 
-        `view` is with the band.
-        """
-        apart = np.abs(view.grid.frequency - self.frequency.value)
-        near = np.flatnonzero(apart < _WITHIN * self.bandwidth.value)
-        parts = np.array_split(near, min(_SUB_BANDS, max(1, len(near) // 8)))
-        u = view.squares / view.spectrum.ordinates
-        ratio = np.array([u[part].mean() for part in parts])
-        count = np.array([len(part) for part in parts])
-        return float(np.sum(count * (ratio - 1 - np.log(ratio)) - 1)) / 2, len(parts)
+def misfit(view: View, centre: float, reach: float) -> tuple[float, int]:
+    """Return the nats that the spectrum around a frequency differs by from the model.
+
+    Parameters
+    ----------
+    view : View
+        With the band.
+    centre, reach : float
+        What is looked at, in Hz.
+
+    Returns
+    -------
+    float, int
+        Nats, and in how many parts.
+    """
+    near = np.flatnonzero(np.abs(view.grid.frequency - centre) < reach)
+    parts = np.array_split(near, min(_SUB_BANDS, max(1, len(near) // 8)))
+    u = view.squares / view.spectrum.ordinates
+    ratio = np.array([u[part].mean() for part in parts])
+    count = np.array([len(part) for part in parts])
+    return float(np.sum(count * (ratio - 1 - np.log(ratio)) - 1)) / 2, len(parts)
 
 
 Fitted = tuple[Narrowband, Candidate]
@@ -391,7 +402,9 @@ def halved(view: View, candidate: Candidate, least: float) -> tuple[Candidate, C
         return None
     f0, width = one.frequency.value, one.bandwidth.value
     whole = view.with_parts(part)
-    if width * view.series.duration_s < _SPLITTABLE or one.misfit(whole)[0] < least / 2:
+    if width * view.series.duration_s < _SPLITTABLE:
+        return None
+    if misfit(whole, f0, _WITHIN * width)[0] < least / 2:
         return None
     beside = partial(whole.spectrum.of, whole.spectrum.model.components[:-1])
     single = _window(view, beside, f0, width, _shape_of(part))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from allanscope.explain.candidate import Candidate
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.view import View
+from allanscope.noise.components import MovingLine
 
 __all__ = ["refit"]
 
@@ -15,8 +17,8 @@ def refit(view: View, path: SearchPath) -> View:
     if len([c for c in view.accepted if c.effect.stage == 2 or c.effect.is_unnamed_drift]) < 2:
         return view
     for candidate in view.accepted:
-        if candidate.effect.stage != 2 or candidate.profile is not None:
-            continue  # a profile was measured, not fitted
+        if candidate.effect.stage != 2 or _was_measured(candidate):
+            continue
         path.evaluations += 1
         bare = view.without(candidate)
         again = candidate.effect.refine(bare) or candidate
@@ -25,3 +27,9 @@ def refit(view: View, path: SearchPath) -> View:
         order = [again if c is candidate else c for c in view.accepted]
         view = replace(grown, accepted=tuple(order))
     return view
+
+
+def _was_measured(candidate: Candidate) -> bool:
+    """Return whether its form was read off the record: none that could be fitted would do."""
+    moves = any(isinstance(part, MovingLine) for part in candidate.parts)
+    return moves or candidate.profile is not None

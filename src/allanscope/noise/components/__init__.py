@@ -18,7 +18,7 @@ rounding              Rounding                              none: known from the
 gauss_markov          GaussMarkov                           sigma, correlation_time
 random_telegraph      RandomTelegraph                       amplitude, dwell
 narrowband            Narrowband, WanderingLine,            sigma, frequency, bandwidth
-                      BandPassed, PeakFiltered
+                      MovingLine, BandPassed, PeakFiltered
 sinusoid              Sinusoid                              amplitude, frequency
 drifting_line         LineProfile                           none: measured
 ====================  ====================================  ============================
@@ -31,6 +31,7 @@ from allanscope.noise.components.gauss_markov import GaussMarkov
 from allanscope.noise.components.line_profile import LineProfile
 from allanscope.noise.components.narrowband import (
     BandPassed,
+    MovingLine,
     Narrowband,
     PeakFiltered,
     WanderingLine,
@@ -52,6 +53,7 @@ __all__ = [
     "FlickerPhase",
     "GaussMarkov",
     "LineProfile",
+    "MovingLine",
     "Narrowband",
     "PeakFiltered",
     "PowerLaw",

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from allanscope.noise.components.correlated import Correlated, ExponentialCovariance
 from allanscope.noise.part import Array, Component, Quantity
 
-__all__ = ["BandPassed", "Narrowband", "PeakFiltered", "WanderingLine"]
+__all__ = ["BandPassed", "MovingLine", "Narrowband", "PeakFiltered", "WanderingLine"]
 
 _WIDEST = 1.98
 """Largest bandwidth in units of the frequency: just below critical damping."""
@@ -83,6 +83,30 @@ class WanderingLine(Narrowband):
         """Return the autocovariance of the samples."""
         rate = complex(np.pi * self.bandwidth * dt, -2 * np.pi * self.frequency * dt)
         return ExponentialCovariance((complex(self.sigma**2),), (rate,))
+
+
+@dataclass(frozen=True)
+class MovingLine(WanderingLine):
+    """A line that wanders around a centre which moves: a mixture of such lines, alike but for it.
+
+    Parameters
+    ----------
+    offsets : tuple of float
+        Of the centres from `frequency` in Hz, equally long each.
+    """
+
+    offsets: tuple[float, ...] = (0.0,)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Mean centre, and the range that all bandwidths cover."""
+        return self.frequency, self.bandwidth + max(self.offsets) - min(self.offsets)
+
+    def covariance(self, dt: float) -> ExponentialCovariance:
+        """Return the autocovariance of the samples."""
+        centres = 2 * np.pi * dt * (self.frequency + np.array(self.offsets))
+        rates = tuple(complex(np.pi * self.bandwidth * dt, -w) for w in centres)
+        return ExponentialCovariance((complex(self.sigma**2 / len(rates)),) * len(rates), rates)
 
 
 @dataclass(frozen=True)

@@ -87,12 +87,14 @@ def test_times_are_those_of_the_device_and_not_of_the_recorder(tmp_path):
     assert np.abs(columns.time_s - np.arange(N) / RATE).max() < 1e-9
 
 
-def test_messages_without_times_of_their_own_get_those_of_the_bag(tmp_path):
+@pytest.mark.parametrize("kind", ["mcap", "sqlite"])
+def test_messages_without_times_of_their_own_get_those_of_the_bag(tmp_path, kind):
     said = [
         (topic, at, bags.imu(0, g, a))
         for (topic, at, _), g, a in zip(SAID, GYRO, ACCEL, strict=True)
     ]
-    columns = table_of_file(bags.write_mcap(tmp_path / "a.mcap", said)).columns
+    write = bags.write_mcap if kind == "mcap" else bags.write_sqlite
+    columns = table_of_file(write(tmp_path / "a", said)).columns
     assert columns.time_s is not None
     assert columns.time_s[2] == pytest.approx(2 / RATE + 4e-3)  # the one that was written late
     assert "carry no times of their own" in columns.assumed[0]

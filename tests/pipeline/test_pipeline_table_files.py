@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import struct
 import zipfile
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from numpy.lib import format as npy
 from allanscope.__main__ import main
 from allanscope.errors import InputError
 from allanscope.pipeline import DeviceSettings, analyse_input
-from allanscope.pipeline.table_files import table_of_file
+from allanscope.pipeline.table_files import kind_of, table_of_file
 
 N = 400
 T = np.arange(N) / 100.0
@@ -161,6 +163,67 @@ def test_matlab_files_are_analysed(tmp_path, arrays, options, axes, packed):
         assert result["axes"]["az"]["level"]["mean"] == pytest.approx(1.0, abs=0.01)
     else:
         assert result["axes"]["gx"]["level"]["mean"] == pytest.approx(GYRO[:, 0].mean(), rel=1e-6)
+
+
+def matlab_4(name, array, order="<"):
+    """Return a matrix of version 4 as its bytes."""
+    kind = 0 if order == "<" else 1000
+    head = struct.pack(order + "5i", kind, *array.shape, 0, len(name) + 1) + name.encode() + b"\0"
+    return head + array.astype(order + "f8").tobytes("F")
+
+
+@pytest.mark.parametrize("order", ["<", ">", "scipy"])
+def test_matlab_files_of_version_4_are_analysed(tmp_path, order):
+    from scipy.io import savemat
+
+    path, out = tmp_path / "a.mat", tmp_path / "a.json"
+    if order == "scipy":
+        savemat(path, {"gyro_dps": GYRO, "acc_mps2": ACCEL, "Fs": 100.0}, format="4")
+    else:
+        matrices = {"gyro_dps": GYRO, "acc_mps2": ACCEL, "Fs": np.array([[100.0]])}
+        path.write_bytes(b"".join(matlab_4(name, a, order) for name, a in matrices.items()))
+    assert main(["analyse", str(path), "--json", str(out), "--quiet"]) == 0
+    result = json.loads(out.read_text())
+    assert " ".join(result["axes"]) == "gx gy gz ax ay az"
+    assert result["rate"]["nominal_hz"] == pytest.approx(100.0)
+    assert result["axes"]["az"]["level"]["mean"] == pytest.approx(1.0, abs=0.01)
+    assert result["axes"]["gx"]["level"]["mean"] == pytest.approx(GYRO[:, 0].mean(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "message"),
+    [
+        (4, 2**31 - 1, "cut short"),
+        (8, 2**31 - 1, "cut short"),
+        (24 + 5 + 9600, -5, "a matrix that is none"),
+        (0, 2, "sparse"),
+        (None, 30, "cut short"),
+        (None, 5, "cut short"),
+    ],
+)
+def test_nothing_that_a_matlab_file_of_version_4_claims_is_believed(tmp_path, at, value, message):
+    path, data = tmp_path / "a.mat", bytearray(matlab_4("gyro", GYRO) + matlab_4("acc", ACCEL))
+    if at is None:
+        data = data[: len(data) - value if value > 5 else len(matlab_4("gyro", GYRO)) + value]
+    else:
+        data[at : at + 4] = struct.pack("<i", value)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=message):
+        table_of_file(path)
+
+
+def test_flipped_bits_of_a_matlab_file_of_version_4_are_read_or_refused(tmp_path):
+    path, rng = tmp_path / "a.mat", np.random.default_rng(4)
+    whole = matlab_4("gyro_dps", GYRO[:20]) + matlab_4("Fs", np.array([[100.0]]))
+    for _ in range(300):
+        data = bytearray(whole)
+        for bit in rng.integers(0, 8 * len(data), 3).tolist():
+            data[bit // 8] ^= 1 << bit % 8
+        data[int(rng.integers(0, 29))] = int(rng.integers(0, 256))
+        path.write_bytes(data)
+        if kind_of(path) == "mat":
+            with suppress(InputError):
+                table_of_file(path)
 
 
 @pytest.mark.parametrize(

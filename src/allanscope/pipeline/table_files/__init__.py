@@ -19,6 +19,7 @@ and a line in ``_MODULES``.
 
 from __future__ import annotations
 
+import re
 import struct
 import zipfile
 import zlib
@@ -79,6 +80,9 @@ _MAGICS: tuple[tuple[bytes, str], ...] = (
     (b"SQLite format 3\0", "rosbag2"),
     (b"ULog\x01\x12\x35", "ulog"),
 )
+_MATLAB_4 = struct.Struct("5i")
+_MATLAB_4_KINDS = [10 * number + kind for number in range(6) for kind in range(3)]
+_MATLAB_NAME = re.compile(rb"[A-Za-z]\w*\0?")
 _MCAP = b"\x89MCAP0\r\n"
 _ROS2 = b"\x04\x00\x00\x00ros2"
 _HSDATALOG = ("acquisition_info.json", "device_config.json")
@@ -114,7 +118,28 @@ def kind_of(path: Path) -> str:
     if head.startswith(_MCAP):
         # After the magic comes the header record: opcode, length, and whose profile it is.
         return "rosbag2" if head[len(_MCAP) + 9 :].startswith(_ROS2) else ""
-    return next((kind for magic, kind in _MAGICS if head.startswith(magic)), "")
+    kind = next((kind for magic, kind in _MAGICS if head.startswith(magic)), "")
+    return kind or ("mat" if _is_matlab_4(head) else "")
+
+
+def _is_matlab_4(head: bytes) -> bool:
+    """Return whether a file begins as a ``.mat`` of version 4, which has no magic of its own.
+
+    Five integers (kind and order, rows, columns, complex, length of the name) and a name.
+    """
+    if len(head) < _MATLAB_4.size:
+        return False
+    order = "<" if head[3] == 0 else ">"  # the first is 0 to 52, from 1000 on when big-endian
+    kind, rows, columns, imaginary, length = struct.unpack_from(order + "5i", head)
+    name = head[_MATLAB_4.size :][: max(length, 0)]
+    return (
+        kind // 1000 == (order == ">")
+        and kind % 1000 in _MATLAB_4_KINDS
+        and min(rows, columns) >= 0
+        and imaginary in (0, 1)
+        and 2 <= length <= 64
+        and _MATLAB_NAME.fullmatch(name) is not None
+    )
 
 
 def _kind_of_folder(path: Path) -> str:

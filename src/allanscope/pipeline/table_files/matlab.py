@@ -27,14 +27,22 @@ _PACKED = 15
 """Type of an element that is compressed."""
 _PIECE = 1 << 20
 _DEEPEST = 4
+_MATRIX = struct.Struct("5i")
+_WIDTHS = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}
+"""Bytes of a number of version 4."""
+_SPARSE = 2
 
 
 def read(path: Path, stream: str = "") -> TableFile:
-    """Return the samples of a ``.mat`` of version 5 to 7."""
+    """Return the samples of a ``.mat`` of version 4 to 7."""
     with path.open("rb") as file:
-        if file.read(10) == b"MATLAB 7.3":
-            raise ValueError("a .mat of version 7.3, which is HDF5; save it with -v7")
-    _refuse_bombs(path)
+        magic = file.read(10)
+    if magic == b"MATLAB 7.3":
+        raise ValueError("a .mat of version 7.3, which is HDF5; save it with -v7")
+    if magic.startswith(b"MATLAB"):
+        _refuse_bombs(path)
+    else:
+        _refuse_claims(path)
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
@@ -69,6 +77,31 @@ def _refuse_bombs(path: Path) -> None:
                 if left < 0:
                     raise ValueError(f"more than {most} bytes of arrays")
             file.seek(following)
+
+
+def _refuse_claims(path: Path) -> None:
+    """Raise ValueError for matrices of version 4 that claim to be more than the file has."""
+    left = path.stat().st_size
+    number = 0
+    with path.open("rb") as file:
+        while head := file.read(_MATRIX.size):
+            if len(head) < _MATRIX.size:
+                raise ValueError("a .mat of version 4 that is cut short")
+            order = "<" if head[3] == 0 else ">"
+            kind, rows, columns, imaginary, length = struct.unpack(order + "5i", head)
+            width = _WIDTHS.get(kind // 10 % 10)
+            if width is None or min(rows, columns, length) < 0 or imaginary not in (0, 1):
+                raise ValueError("a .mat of version 4 with a matrix that is none")
+            if kind % 10 == _SPARSE:
+                raise ValueError("a .mat of version 4 with a sparse matrix")
+            size = length + rows * columns * width * (1 + imaginary)
+            left -= _MATRIX.size + size
+            if left < 0:
+                raise ValueError("a .mat of version 4 that is cut short")
+            number += 1
+            if number > MOST_MEMBERS:
+                raise ValueError(f"more than {MOST_MEMBERS} arrays")
+            file.seek(size, 1)
 
 
 def _arrays(content: Mapping[str, Any], depth: int = 0) -> Iterator[tuple[str, NDArray[Any]]]:

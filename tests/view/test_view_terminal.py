@@ -359,6 +359,15 @@ def test_the_summary_is_plain_and_complete():
     assert any("partly unexplained" in line for line in lines)
 
 
+def test_where_there_are_rows_enough_no_sentence_is_cut():
+    analysis = demo_analysis(7300.0)
+    console = Console(file=io.StringIO(), width=44, height=1000)
+    console.print(Screen(analysis, Trends()))
+    whole = " ".join(console.file.getvalue().split())
+    for line in [*verdict(analysis).lines, *verdict(analysis).details]:
+        assert " ".join(f"{line.head}: {line.text}".split()) in whole
+
+
 CURVES = WAIT.replace("demo_analysis(60.0)", "demo_analysis(7300.0)")
 
 

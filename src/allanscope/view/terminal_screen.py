@@ -173,6 +173,8 @@ _WIDE = 130
 _ARROWS: dict[Direction, str] = {"up": "↑", "down": "↓", "settled": "=", "": " "}
 _NARROW = 72
 """Columns below which a line of the verdict may take three rows instead of two."""
+_ROWS_A_LINE = 20
+"""Rows of the screen for each that a line of the verdict may take: a summary cuts nothing."""
 
 _LEAST_LINES = 5
 """Lines beside the verdict and the table that are always there: header, run, age, space, keys."""
@@ -248,7 +250,8 @@ class Screen:
         said = [_verdict_text(line) for line in known.lines]
         if known.banner:
             said.insert(0, Text(known.banner, style=_style(GRADE["bad"])))
-        three = [row for text in said for row in _folded(text, width)]
+        most = max(3 if width < _NARROW else 2, height // _ROWS_A_LINE)
+        three = [row for text in said for row in _folded(text, width, most)]
         table = self._axes(wide)
         room = max(2, height - _LEAST_LINES - table.row_count - len(three) - 2)
         charts = [] if options.ascii_only else self._charts(width, room)
@@ -256,7 +259,7 @@ class Screen:
         if self._explain_keys:
             details = [Text(line, no_wrap=True, overflow="ellipsis") for line in _HELP]
         else:
-            details = _details(known.details, room, width)
+            details = _details(known.details, room, width, most)
         below = [*charts, *([Text(), *details] if details else [])]
         yield Group(*top, *three, self._as_of(), table, *below)
         if self._keys:
@@ -376,11 +379,11 @@ def _beside(charts: Sequence[Sequence[Text]], width: int) -> list[Text]:
     return [Text(), *lines] if lines else []
 
 
-def _details(lines: Sequence[VerdictLine], room: int, width: int) -> list[Text]:
-    """Return what is behind the verdict in at most `room` lines; a long detail may take two."""
+def _details(lines: Sequence[VerdictLine], room: int, width: int, most: int) -> list[Text]:
+    """Return what is behind the verdict in at most `room` lines, `most` for a long detail."""
     rows: list[Text] = []
     for number_of, line in enumerate(lines):
-        folded = _folded(_verdict_text(line), width)
+        folded = _folded(_verdict_text(line), width, most)
         still = len(lines) - number_of
         if len(folded) > room - len(rows) - (still > 1):
             rows.append(Text(f"and {still} more line{'s' * (still > 1)}: see the report"))
@@ -395,10 +398,9 @@ def _verdict_text(line: VerdictLine) -> Text:
     return text
 
 
-def _folded(text: Text, width: int) -> list[Text]:
-    """Return the rows of a text, folded between words: at most two, three on a narrow screen."""
+def _folded(text: Text, width: int, most: int) -> list[Text]:
+    """Return the rows of a text, folded between words, at most so many."""
     rows = list(text.wrap(_FOLDING, width))
-    most = 3 if width < _NARROW else 2
     if len(rows) > most:
         rows = [*rows[: most - 1], Text(" ").join(rows[most - 1 :])]
         rows[-1].truncate(width, overflow="ellipsis")

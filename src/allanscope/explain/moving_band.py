@@ -51,8 +51,6 @@ _WIDEST = 0.5
 """Width over frequency beyond which no one would call the band narrow."""
 _LEAST_LEVEL = 0.3
 """Rms of its faintest part over that of its loudest: what is there all along."""
-_TOGETHER, _SURELY = (1, 2, 4), 2.5
-"""Parts that are looked at together, and sigma by which one is clearly fainter."""
 _LOUDEST, _CONCENTRATED = 8, 0.2
 """Ordinates that hold no more than this share of the power of noise in so broad a band."""
 _USUAL = (0.05, 0.95)
@@ -200,17 +198,8 @@ def _predicted(ratio: Array) -> tuple[HeldOut, bool]:
 
 
 def _is_lasting(ratio: Array) -> bool:
-    """Return whether no part, nor any few of them together, is clearly fainter than others."""
-    for together in _TOGETHER:
-        parts = len(ratio) // together
-        cells = ratio[: parts * together].reshape(parts, -1)
-        power = cells.mean(axis=1) - 1
-        # The mean square of powers is twice the square of their mean.
-        error = np.sqrt(_HANN * (cells**2).mean(axis=1) / 2 / cells.shape[1])
-        surely = _SURELY * error
-        if (power + surely).min() < _LEAST_LEVEL**2 * (power - surely).max():
-            return False
-    return True
+    level = np.sqrt(np.maximum((ratio - 1).sum(axis=1), 0.0))
+    return bool(level.min() > _LEAST_LEVEL * level.max())
 
 
 def _in_few(view: View, cluster: Cluster) -> bool:

@@ -141,10 +141,10 @@ def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, par
     kept[1:] &= ~_in_bursts(view, candidate, f[1:])
     kept[:_FIRST] = False
     inside = (f >= low) & (f <= high) & kept
-    if np.count_nonzero(inside) < 2 * _FEWEST:
-        return 0.0
     if not _adding(candidate):
         inside[1:] &= ~_in_bands(view, candidate, f[1:])
+    if np.count_nonzero(inside) < 2 * _FEWEST:
+        return 0.0
     beside = ~inside & (f > high) if np.count_nonzero(f > high) > len(f) // 4 else ~inside
     beside &= kept
     if not _adding(candidate):

@@ -59,6 +59,7 @@ def test_every_message_of_an_sqlite_bag_comes_back(tmp_path, big, frame):
     [
         "UPDATE messages SET id = id + 100000 WHERE id > 300",
         "UPDATE messages SET timestamp = 'late' WHERE id % 50 = 7",
+        "UPDATE messages SET timestamp = '' WHERE id % 50 = 7",
         "UPDATE messages SET data = 'words' WHERE id % 50 = 7",
         "UPDATE messages SET topic_id = 9 WHERE id % 50 = 7",
         "UPDATE messages SET timestamp = 'late' WHERE id BETWEEN 100 AND 300",
@@ -79,6 +80,11 @@ def test_rows_that_are_none_cost_no_others(tmp_path, monkeypatch, change, encodi
     gyro, accel, _ = read(path)
     assert np.array_equal(gyro, GYRO[kept])
     assert np.array_equal(accel, ACCEL[kept])
+
+
+@pytest.mark.parametrize("times", [None, "1,,3", "1,2,", "1,2.5,3", "1," + 30 * "9" + ",3"])
+def test_times_that_are_none_are_not_read_together(times):
+    assert not rosbag._read_joined((1, 1, 1, times, b"abc"), None)
 
 
 def test_times_are_those_of_the_device_and_not_of_the_recorder(tmp_path):

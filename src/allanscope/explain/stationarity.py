@@ -78,27 +78,31 @@ def reach_of(view: View, candidate: Candidate, least: float = _COUNTS) -> tuple[
 
     A filter counts everywhere but where the level drifts.
     """
-    f = view.grid.centre
+    return _reach(view.with_parts(*candidate.parts), candidate, least)
+
+
+def bartlett_z_of(view: View, candidate: Candidate) -> float:
+    """Return by how many sigma a process comes and goes more than a stationary one does."""
+    after = view.with_parts(*candidate.parts)  # the noise is fitted once
+    low, high = _reach(after, candidate, _COUNTS)
+    return max(_unsteadiness(view, after, candidate, low, high, parts) for parts in _LADDER)
+
+
+def _reach(after: View, candidate: Candidate, least: float) -> tuple[float, float]:
+    f = after.grid.centre
     if not _adding(candidate):
-        return _DRIFT * view.grid.rate_hz / 2, view.grid.rate_hz / 2
-    process, rest = _shares(view, candidate, f)
+        return _DRIFT * after.grid.rate_hz / 2, after.grid.rate_hz / 2
+    process, rest = _shares(after, candidate, f)
     ratio = process / rest
     counts = np.flatnonzero(ratio >= min(least, 0.2 * float(ratio.max())))
     return float(f[counts[0]]), float(f[counts[-1]])
 
 
-def bartlett_z_of(view: View, candidate: Candidate) -> float:
-    """Return by how many sigma a process comes and goes more than a stationary one does."""
-    low, high = reach_of(view, candidate)
-    return max((_unsteadiness(view, candidate, low, high, parts) for parts in _LADDER), default=0.0)
-
-
-def _shares(view: View, candidate: Candidate, f: Array) -> tuple[Array, Array]:
+def _shares(after: View, candidate: Candidate, f: Array) -> tuple[Array, Array]:
     """Return the variance of the process and of the noise beside it at some frequencies."""
-    after = view.with_parts(*candidate.parts).spectrum
-    added = len(_adding(candidate))
-    process = after.of(after.model.components[-added:] if added else (), f)
-    return process, np.maximum(after.at(f) - process, 1e-300)
+    spectrum, added = after.spectrum, len(_adding(candidate))
+    process = spectrum.of(spectrum.model.components[-added:] if added else (), f)
+    return process, np.maximum(spectrum.at(f) - process, 1e-300)
 
 
 def _adding(candidate: Candidate) -> list[Component]:
@@ -113,41 +117,44 @@ def _open(view: View, f: Array) -> NDArray[np.bool_]:
     return np.asarray(minimum_filter1d(kept, 2 * _MARGIN + 1))
 
 
-def _in_bursts(view: View, candidate: Candidate, f: Array) -> NDArray[np.bool_]:
+def _in_bursts(after: View, f: Array) -> NDArray[np.bool_]:
     """Tell where most of the noise is what rows that are held make of it, which comes in bursts."""
-    model = view.with_parts(*candidate.parts).model
+    model = after.model
     filters = model.filters_on(White(1.0))
     share = made_white_share(filters, model.dt, lambda one: one.response(f, model.dt))
     return np.broadcast_to(share > _BURSTS, f.shape)
 
 
-def _in_bands(view: View, candidate: Candidate, f: Array) -> NDArray[np.bool_]:
+def _in_bands(after: View, f: Array) -> NDArray[np.bool_]:
     """Tell where there is noise in bands: if it comes and goes, that says nothing of a filter."""
-    after = view.with_parts(*candidate.parts).spectrum
-    narrow = [one for one in after.model if one.is_narrow]
-    return after.of(narrow, f) > _BAND * after.at(f)
+    spectrum = after.spectrum
+    narrow = [one for one in spectrum.model if one.is_narrow]
+    return spectrum.of(narrow, f) > _BAND * spectrum.at(f)
 
 
-def _unsteadiness(view: View, candidate: Candidate, low: float, high: float, parts: int) -> float:
+def _unsteadiness(
+    view: View, after: View, candidate: Candidate, low: float, high: float, parts: int
+) -> float:
     rate = view.grid.rate_hz
     n = len(view.data) // parts
     window = np.hanning(n)
     rows = (view.data[: n * parts] - view.data.mean()).reshape(parts, n)
     power = np.abs(np.fft.rfft(rows * window, axis=1)) ** 2 / np.sum(window**2)
     f = np.arange(power.shape[1]) * rate / n
-    process, rest = (np.append(1.0, share) for share in _shares(view, candidate, f[1:]))
+    process, rest = (np.append(1.0, share) for share in _shares(after, candidate, f[1:]))
     # Rounding is as loud in every part, and behind a filter it may be all there is at the top.
     kept = _open(view, f) & (view.fitted_floor < _ROUNDING * (process + rest))
-    kept[1:] &= ~_in_bursts(view, candidate, f[1:])
+    kept[1:] &= ~_in_bursts(after, f[1:])
     kept[:_FIRST] = False
     inside = (f >= low) & (f <= high) & kept
-    if not _adding(candidate):
-        inside[1:] &= ~_in_bands(view, candidate, f[1:])
+    is_filter = not _adding(candidate)
+    if is_filter:
+        inside[1:] &= ~_in_bands(after, f[1:])
     if np.count_nonzero(inside) < 2 * _FEWEST:
         return 0.0
     beside = ~inside & (f > high) if np.count_nonzero(f > high) > len(f) // 4 else ~inside
     beside &= kept
-    if not _adding(candidate):
+    if is_filter:
         beside = inside
     loud = np.ones(parts)
     if np.count_nonzero(beside) > 100:

@@ -13,7 +13,7 @@ What is looked at is paid for by every member, and each must be worth its penalt
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from allanscope.explain.candidate import Candidate
@@ -49,19 +49,28 @@ def add(
 
     With `unite` a range without a name takes in those that it touches.
     """
+    accepted = next(_judged(view, candidates, path, "add"), None)
+    if accepted is None:
+        return None
+    path.accept("add", accepted)
+    if unite:
+        view, accepted = united(view, accepted)
+    return view.accept(accepted)
+
+
+def _judged(
+    view: View, candidates: list[Candidate], path: SearchPath, move: str
+) -> Iterator[Candidate]:
+    """Generate the candidates that pass every gate, best first, and note why others do not."""
     for candidate in _ranked(candidates):
         if not penalty_passed(view, candidate, path.spent):
-            path.note("add", candidate, "penalty: gains less than its search costs")
-            return None
+            path.note(move, candidate, "penalty: gains less than its search costs")
+            return
         accepted, why = judge(view, candidate)
         if accepted is None:
-            path.note("add", candidate, why)
-            continue
-        path.accept("add", accepted)
-        if unite:
-            view, accepted = united(view, accepted)
-        return view.accept(accepted)
-    return None
+            path.note(move, candidate, why)
+        else:
+            yield accepted
 
 
 def _ranked(candidates: list[Candidate]) -> list[Candidate]:
@@ -141,25 +150,16 @@ def add_beside(
         for c in _ranked(candidates)
         if c.effect.is_process and type(c.effect) in fast and penalty_passed(view, c, path.spent)
     ]
+    move = "add beside"
     for process in refused[:_REFUSED]:
-        for hidden in _judged(view.accept(process), fast, path):
+        with_it = view.accept(process)
+        for hidden in _judged(with_it, proposals(with_it, fast, path), path, move):
             beside = view.accept(hidden)
-            for again in _judged(beside, [type(process.effect)], path):
-                path.accept("add beside", hidden, again)
-                return beside.accept(again)
+            again = proposals(beside, [type(process.effect)], path)
+            for accepted in _judged(beside, again, path, move):
+                path.accept(move, hidden, accepted)
+                return beside.accept(accepted)
     return None
-
-
-def _judged(view: View, kinds: Iterable[type[EffectKind]], path: SearchPath) -> Iterable[Candidate]:
-    """Generate what passes every gate, best first."""
-    for candidate in _ranked(proposals(view, kinds, path)):
-        if not penalty_passed(view, candidate, path.spent):
-            return
-        accepted, why = judge(view, candidate)
-        if accepted is not None:
-            yield accepted
-        else:
-            path.note("add beside", candidate, why)
 
 
 _MOST = 6

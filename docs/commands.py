@@ -46,12 +46,12 @@ HEADS = ["| argument | meaning |", "|---|---|"]
 def page() -> str:
     """Return the whole page."""
     commands = _commands(parser())
-    shared = {str(g.title): g for one in commands.values() for g in _groups(one)}
+    groups = list({str(g.title): g for one in commands.values() for g in _groups(one)}.values())
     return "\n".join(
         [
             HEAD,
             *(_section(name, one) for name, one in commands.items()),
-            *(_group(one, before) for one, before in _after(list(shared.values()))),
+            *(_group(one, groups[:number]) for number, one in enumerate(groups)),
             _kinds("Effects", effect_help(), ("axis", "time")),
             _kinds("Faults", fault_help(), ("rate", "at")),
         ]
@@ -75,10 +75,6 @@ def _kinds(title: str, lines: str, common: tuple[str, ...]) -> str:
     return "\n".join([f"## {title}", "", text, "", *heads, *rows, ""])
 
 
-def _after(groups: list[_ArgumentGroup]) -> list[tuple[_ArgumentGroup, list[_ArgumentGroup]]]:
-    return [(one, groups[:at]) for at, one in enumerate(groups)]
-
-
 def _commands(top: ArgumentParser) -> dict[str, ArgumentParser]:
     (commands,) = (a for a in _actions(top) if isinstance(a, _SubParsersAction))
     return dict(commands.choices)
@@ -94,9 +90,13 @@ def _groups(one: ArgumentParser) -> list[_ArgumentGroup]:
     return [g for g in one._action_groups if g.title not in own]  # noqa: SLF001 - as above
 
 
+def _options(group: _ArgumentGroup) -> list[Action]:
+    return group._group_actions  # noqa: SLF001 - as above
+
+
 def _section(name: str, one: ArgumentParser) -> str:
     groups = _groups(one)
-    grouped = {id(action) for group in groups for action in group._group_actions}  # noqa: SLF001
+    grouped = {id(action) for group in groups for action in _options(group)}
     rows = [
         _row(action)
         for action in _actions(one)
@@ -107,8 +107,7 @@ def _section(name: str, one: ArgumentParser) -> str:
     if rows:
         lines += [*HEADS, *rows, ""]
     if groups:
-        links = [f"[{g.title}](#{_heading(g).lower().replace(' ', '-')})" for g in groups]
-        lines += [f"Options of {', '.join(links)}.", ""]
+        lines += [f"Options of {', '.join(map(_link, groups))}.", ""]
     example = (one.epilog or "").removeprefix("Example: ")
     return "\n".join([*lines, f"    {example}", ""])
 
@@ -117,24 +116,26 @@ def _heading(group: _ArgumentGroup) -> str:
     return f"Options of {group.title}"
 
 
+def _link(group: _ArgumentGroup) -> str:
+    return f"[{group.title}](#{_heading(group).lower().replace(' ', '-')})"
+
+
 def _group(group: _ArgumentGroup, before: list[_ArgumentGroup]) -> str:
-    """Return a table of options; those that an earlier group explains are named in one row."""
-    rows = _rows(group)
+    """Return a table of options; those that an earlier group explains are named in one line."""
+    rows, lines = _rows(group), [f"## {_heading(group)}", ""]
     for other in before:
-        same = [option for option, row in rows.items() if _rows(other).get(option) == row]
+        explained = _rows(other)
+        same = [option for option, row in rows.items() if explained.get(option) == row]
         if len(same) > 1:
             names = ", ".join(f"`{option}`" for option in same)
-            rest = [row for option, row in rows.items() if option not in same]
-            target = f"#{_heading(other).lower().replace(' ', '-')}"
-            return "\n".join(
-                [f"## {_heading(group)}", "", f"{names} as for [{other.title}]({target}).", "",
-                 *HEADS, *rest, ""]
-            )  # fmt: skip
-    return "\n".join([f"## {_heading(group)}", "", *HEADS, *rows.values(), ""])
+            lines += [f"{names} as for {_link(other)}.", ""]
+            rows = {option: row for option, row in rows.items() if option not in same}
+            break
+    return "\n".join([*lines, *HEADS, *rows.values(), ""])
 
 
 def _rows(group: _ArgumentGroup) -> dict[str, str]:
-    return {one.option_strings[0]: _row(one) for one in group._group_actions}  # noqa: SLF001
+    return {one.option_strings[0]: _row(one) for one in _options(group)}
 
 
 def _row(action: Action) -> str:

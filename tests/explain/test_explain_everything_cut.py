@@ -48,16 +48,14 @@ def long_view(bench):
 
 
 def test_rounding_stays_in_the_model_beside_what_is_left_out(long_view):
-    view = long_view
-    rest = view.without_range(8.0, 20.0)
+    rest = long_view.without_range(8.0, 20.0)
     symbol = Rounding.symbol
-    assert rest.model.get(symbol) == view.model.get(symbol) == Rounding(view.step)
+    assert rest.model.get(symbol) == long_view.model.get(symbol) == Rounding(long_view.step)
 
 
 def test_nothing_gains_where_all_that_would_know_is_left_out(long_view):
-    view = long_view
-    rest = view.without_range(0.0, 20.0)
+    rest = long_view.without_range(0.0, 20.0)
     at = np.arange(100, 50_000, 100)
     assert np.all(rest.scan.step(at) == 0)
     assert np.all(rest.scan.box(at[:-1], at[1:]) == 0)
-    assert np.all(view.scan.step(at) > 0)
+    assert np.all(long_view.scan.step(at) > 0)

@@ -4,8 +4,8 @@
 
     for each stage: faults of the data, outliers, level and spectrum, variance, what is left over
         propose ──▶ add pair │ add │ add beside │ add bundle ──▶ fold, split ──▶ refit ──▶ drop ─┐
-           ▲                                                                         │
-           └─────────────────────────────────────────────────────────────────────────┘
+           ▲                                                                                     │
+           └─────────────────────────────────────────────────────────────────────────────────────┘
         replace drift
 
 A hypothesis is a `View`: a model with its maximised likelihood. The moves are in `moves`, what a

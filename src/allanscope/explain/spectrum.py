@@ -40,6 +40,7 @@ Evaluation = Callable[[Component], Array]
 _CLEARLY = 1.5
 """Power of a part over that of all which its scatter does not explain."""
 _ROUNDING = 1e-12
+"""Share of the information that rounding leaves of none."""
 _AROUND_S = 30.0
 """A level is compared over so many seconds: noise farther away does not move it."""
 

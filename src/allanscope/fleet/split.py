@@ -3,7 +3,7 @@
 ::
 
     first pass   the whole recording, decoded once: history, clock, temperature, losses, and at each
-       │     cut the decoder as it is there and the last samples before (the halo)
+       │         cut the decoder as it is there and the last samples before (the halo)
        ├──▶ part 1   decode on from the cut ─▶ deviations and spectrum of this part ─┐
        ├──▶ part 2   ...                                                             ├─▶ join
        └──────────────────────────────────────────────────────────────────────────── ┘   the result

@@ -48,6 +48,7 @@ _OF_A_DRIFT = 0.03
 _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
 _MOST = 0.4
+"""Share of the spectrum beyond which what is cut out has no end."""
 _LEAST_KEPT = 0.1
 """Share of the ordinates that must stay in the fit: of none, no noise can be told."""
 _LOUD = 40.0

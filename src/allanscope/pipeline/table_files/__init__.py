@@ -26,17 +26,21 @@ import zlib
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import Columns
 
 __all__ = [
+    "MATLAB_4_BYTES",
     "MOST_BYTES",
     "MOST_COLUMNS",
     "MOST_MEMBERS",
+    "Matlab4Header",
     "TableFile",
     "is_table_file",
     "kind_of",
+    "matlab_4_header",
     "table_of_file",
 ]
 
@@ -80,7 +84,6 @@ _MAGICS: tuple[tuple[bytes, str], ...] = (
     (b"SQLite format 3\0", "rosbag2"),
     (b"ULog\x01\x12\x35", "ulog"),
 )
-_MATLAB_4 = struct.Struct("5i")
 _MATLAB_4_KINDS = [10 * number + kind for number in range(6) for kind in range(3)]
 _MATLAB_NAME = re.compile(rb"[A-Za-z]\w*\0?")
 _MCAP = b"\x89MCAP0\r\n"
@@ -122,24 +125,49 @@ def kind_of(path: Path) -> str:
     return kind or ("mat" if _is_matlab_4(head) else "")
 
 
-def _is_matlab_4(head: bytes) -> bool:
-    """Return whether a file begins as a ``.mat`` of version 4, which has no magic of its own.
+class Matlab4Header(NamedTuple):
+    """What a matrix of a ``.mat`` of version 4 begins with, before its name and its numbers.
 
-    Five integers (kind and order, rows, columns, complex, length of the name) and a name.
+    Attributes
+    ----------
+    kind : int
+        Type of its numbers in the tens, and of the matrix in the ones.
+    is_complex : int
+        0 or 1.
+    name_bytes : int
+        Length of the name, with a zero at its end.
     """
-    if len(head) < _MATLAB_4.size:
-        return False
+
+    kind: int
+    rows: int
+    columns: int
+    is_complex: int
+    name_bytes: int
+
+
+MATLAB_4_BYTES = 20
+
+
+def matlab_4_header(head: bytes) -> Matlab4Header | None:
+    """Return the header that a matrix of version 4 begins with, or None for what is none."""
     order = "<" if head[3] == 0 else ">"  # the first is 0 to 52, from 1000 on when big-endian
-    kind, rows, columns, imaginary, length = struct.unpack_from(order + "5i", head)
-    name = head[_MATLAB_4.size :][: max(length, 0)]
-    return (
+    kind, *others = struct.unpack_from(order + "5i", head)
+    found = Matlab4Header(kind % 1000, *others)
+    is_one = (
         kind // 1000 == (order == ">")
-        and kind % 1000 in _MATLAB_4_KINDS
-        and min(rows, columns) >= 0
-        and imaginary in (0, 1)
-        and 2 <= length <= 64
-        and _MATLAB_NAME.fullmatch(name) is not None
+        and found.kind in _MATLAB_4_KINDS
+        and min(others) >= 0
+        and found.is_complex <= 1
     )
+    return found if is_one else None
+
+
+def _is_matlab_4(head: bytes) -> bool:
+    """Return whether a file begins as a ``.mat`` of version 4, which has no magic of its own."""
+    header = matlab_4_header(head) if len(head) >= MATLAB_4_BYTES else None
+    if header is None or not 2 <= header.name_bytes <= 64:
+        return False
+    return _MATLAB_NAME.fullmatch(head[MATLAB_4_BYTES:][: header.name_bytes]) is not None
 
 
 def _kind_of_folder(path: Path) -> str:

@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.pipeline.table_files import MOST_BYTES, MOST_MEMBERS, TableFile
+from allanscope.pipeline.table_files import (
+    MATLAB_4_BYTES,
+    MOST_BYTES,
+    MOST_MEMBERS,
+    TableFile,
+    matlab_4_header,
+)
 from allanscope.pipeline.table_files.arrays import Found, columns_of_found, sort_in
 from allanscope.recording import most_unpacked
 
@@ -27,7 +33,6 @@ _PACKED = 15
 """Type of an element that is compressed."""
 _PIECE = 1 << 20
 _DEEPEST = 4
-_MATRIX = struct.Struct("5i")
 _WIDTHS = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}
 """Bytes of a number of version 4."""
 _SPARSE = 2
@@ -84,18 +89,17 @@ def _refuse_claims(path: Path) -> None:
     left = path.stat().st_size
     number = 0
     with path.open("rb") as file:
-        while head := file.read(_MATRIX.size):
-            if len(head) < _MATRIX.size:
+        while head := file.read(MATLAB_4_BYTES):
+            if len(head) < MATLAB_4_BYTES:
                 raise ValueError("a .mat of version 4 that is cut short")
-            order = "<" if head[3] == 0 else ">"
-            kind, rows, columns, imaginary, length = struct.unpack(order + "5i", head)
-            width = _WIDTHS.get(kind // 10 % 10)
-            if width is None or min(rows, columns, length) < 0 or imaginary not in (0, 1):
+            header = matlab_4_header(head)
+            if header is None:
                 raise ValueError("a .mat of version 4 with a matrix that is none")
-            if kind % 10 == _SPARSE:
+            if header.kind % 10 == _SPARSE:
                 raise ValueError("a .mat of version 4 with a sparse matrix")
-            size = length + rows * columns * width * (1 + imaginary)
-            left -= _MATRIX.size + size
+            numbers = header.rows * header.columns * (1 + header.is_complex)
+            size = header.name_bytes + numbers * _WIDTHS[header.kind // 10]
+            left -= MATLAB_4_BYTES + size
             if left < 0:
                 raise ValueError("a .mat of version 4 that is cut short")
             number += 1

@@ -239,7 +239,6 @@ def test_exact_trace_of_totdev_for_phase_noise(alpha):
     [
         ("totdev", 2, 16),
         ("totdev", 1, 128),
-        ("htotdev", 2, 16),
         ("theobr", 0, 128),
         ("theobr", -1, 256),
         ("theo1", -2, 256),
@@ -252,6 +251,27 @@ def test_degrees_of_freedom_that_no_equation_has_are_those_of_simulation(kind, a
     values = [REGISTRY[kind].exact(np.append(0.0, x), m)[0] for x in phases]
     edf = 2.0 * np.mean(values) ** 2 / np.var(values)
     assert float(REGISTRY[kind].edf(alpha, m, n, 1)) == pytest.approx(edf, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("kind", "alpha", "m", "n"),
+    [
+        ("mtotdev", 1, 2, 512),
+        ("mtotdev", 0, 4, 512),
+        ("htotdev", 2, 2, 512),
+        ("htotdev", 2, 12, 512),
+        ("htotdev", 0, 3, 512),
+        ("htotdev", -3, 2, 512),
+        ("theo1", -2, 2, 256),
+        ("totdev", 1, 2, 256),
+    ],
+)
+def test_degrees_of_freedom_of_few_samples_by_simulation(kind, alpha, m, n, power_law):
+    """4000 runs know the scatter of many degrees of freedom to 2.2 %."""
+    phases = np.cumsum(power_law(alpha, n, runs=4000, seed=45), axis=1)
+    values = [REGISTRY[kind].exact(np.append(0.0, x), m)[0] for x in phases]
+    edf = 2.0 * np.mean(values) ** 2 / np.var(values)
+    assert float(REGISTRY[kind].edf(alpha, m, n, 1)) == pytest.approx(edf, rel=0.08)
 
 
 @pytest.mark.parametrize(

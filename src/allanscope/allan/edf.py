@@ -303,23 +303,23 @@ def _interpolated(
     if length > lengths[-1] and alpha_named(name) > 0:
         slope = (columns[-1] - columns[0]) / (lengths[-1] - lengths[0])
         found = columns[-1] + max(slope, 0.0) * (length - lengths[-1])
-    # With more windows than the longest runs have, theory goes on, but not below what is known.
-    beyond = n / m > table["windows"][len(table["edf"][-1]) - 1]
+    # With more windows than runs of this length were simulated with, theory goes on, but not below
+    # what is known.
+    row = table["edf"][max(int(np.searchsorted(lengths, length, side="right")) - 1, 0)]
+    beyond = n / m > table["windows"][len(row) - 1]
     edf = float(2.0**found)
     return max(theory, edf) if beyond else edf
 
 
-def small_factor_loss(
-    alpha: ArrayLike, m: ArrayLike, n: ArrayLike, order: int, *, modified: bool = False
-) -> Floats:
+def small_factor_loss(alpha: ArrayLike, m: ArrayLike, n: ArrayLike, order: int) -> Floats:
     """Return edf at `m` / edf at large m for the same n / m: what coarse sampling costs.
 
-    Published degrees of freedom of the totals hold for large m; this carries them to small m.
+    Published degrees of freedom of TOTVAR hold for large m; this carries them to small m.
     """
     m, n = np.asarray(m), np.asarray(n)
     many = np.maximum(m, 64)
-    at_m = difference_edf(alpha, m, n, 1, order, modified=modified)
-    at_many = difference_edf(alpha, many, n * (many / m), 1, order, modified=modified)
+    at_m = difference_edf(alpha, m, n, 1, order)
+    at_many = difference_edf(alpha, many, n * (many / m), 1, order)
     return np.where(at_many > 0, at_m / np.where(at_many > 0, at_many, 1.0), 1.0)
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.edf import calibrated_edf, difference_edf, small_factor_loss
+from allanscope.allan.edf import difference_edf
 from allanscope.allan.estimators.base import Estimator, mean_square_third, register
 from allanscope.allan.estimators.reflected import (
     reflected_edf,
@@ -66,13 +66,9 @@ class Htotdev(Estimator):
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
     ) -> NDArray[np.float64]:
-        """Return the degrees of freedom; for phase noise those of simulation."""
+        """Return the degrees of freedom; `stride` has no part, up to m/4 it costs next to none."""
         plain = difference_edf(alpha, m, n, 1, order=3)
-        large = reflected_edf(np.asarray(alpha) + 2, m, n) * small_factor_loss(alpha, m, n, 3)
-        # Of phase noise a window yields more; with 128 windows or fewer the table says how much.
-        phase = plain * np.where(np.greater(m, 1), 1.5, 1.0)
-        edf = np.where(np.equal(m, 1), plain, np.where(np.greater(alpha, 0), phase, large))
-        return calibrated_edf(self.name, alpha, m, n, edf)
+        return np.where(np.equal(m, 1), plain, reflected_edf(np.asarray(alpha) + 2, m, n))
 
     def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
         """Return whether the limits hold: of phase noise only up to a fiftieth of the run.

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.edf import difference_edf, small_factor_loss
+from allanscope.allan.edf import difference_edf
 from allanscope.allan.estimators.base import Estimator, register
 from allanscope.allan.estimators.reflected import (
     reflected_edf,
@@ -63,8 +63,8 @@ class Mtotdev(Estimator):
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
     ) -> NDArray[np.float64]:
         """Return the degrees of freedom; `stride` has no part, up to m/4 it costs next to none."""
-        large = reflected_edf(alpha, m, n) * small_factor_loss(alpha, m, n, 2, modified=True)
-        return np.where(np.equal(m, 1), difference_edf(alpha, m, n, 1, order=2), large)
+        plain = difference_edf(alpha, m, n, 1, order=2)
+        return np.where(np.equal(m, 1), plain, reflected_edf(alpha, m, n))
 
     def needed(self, m: int) -> int:
         """Return how many rate samples make one window."""

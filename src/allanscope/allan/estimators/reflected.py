@@ -59,26 +59,37 @@ def reflected_mean_square(values: NDArray[np.float64], m: int, stride: int) -> t
 
 
 def reflected_edf(alpha_of_phase: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
-    """Return the degrees of freedom of `reflected_mean_square` at large m.
+    """Return the degrees of freedom of `reflected_mean_square`.
 
     Parameters
     ----------
     alpha_of_phase : array_like of int
-        Power law of the rate whose *phase* fills the window: alpha for MTOT; alpha + 2 for HTOT,
-        whose windows hold rates.
+        Power law of the rate whose *phase* fills the window, 4 to -2: alpha for MTOT; alpha + 2 for
+        HTOT, whose windows hold rates.
     m, n : array_like of int
         Averaging factor and run length.
 
     Notes
     -----
-    ``(n/m) / (b0 + b1 m/n)``, fitted to the exact ``tr(QC)^2 / tr(QCQC)`` of the estimator's
-    quadratic form Q and the generalised covariance C at m = 16, good to 5 % from n = 3.5 m on. The
-    published fits for HTOT have this form and agree to 15 %; those for MTOT,
-    ``b n/m - c`` (table 8), agree at n/m = 16 but promise half as much again at the end of the run.
+    ``(n/m) / (b0 + b1 m/n)``. b0 is exact: of what many windows pass of the spectrum S, with the
+    gain G, each sample is worth ``mean(G^2 S)^2 / mean((G^2 S)^2)`` degrees of freedom, by
+    Parseval's theorem for the squared covariances of all pairs of positions. b1, the end of the
+    run, is fitted to the exact ``tr(QC)^2 / tr(QCQC)`` of the estimator's quadratic form Q and the
+    generalised covariance C at m = 16, good to 5 % from n = 3.5 m on. The published fits for HTOT
+    have this form and agree to 15 %; those for MTOT, ``b n/m - c`` (table 8), agree at n/m = 16 but
+    promise half as much again at the end of the run.
+
+    Phase noise of HTOT (3 and 4) has the exact value times the number of windows, for n > 32 m.
     """
-    alpha, m, n = np.broadcast_arrays(alpha_of_phase, m, n)
-    b0, b1 = _COEFFICIENTS[:, 2 - np.clip(alpha, -2, 2)]
-    edf: NDArray[np.float64] = (n / m) / (b0 + b1 * m / n)
+    alpha, m, n = np.broadcast_arrays(np.clip(alpha_of_phase, -2, 4), m, n)
+    pairs = zip(alpha.ravel().tolist(), m.ravel().tolist(), strict=True)
+    per_sample = np.array([_edf_per_sample(a, k) for a, k in pairs]).reshape(alpha.shape)
+    end = _END[2 - np.minimum(alpha, 2)] * m / n
+    edf: NDArray[np.float64] = np.where(
+        alpha > 2,
+        per_sample * np.maximum(n - 3 * m + 1, 1),
+        (n / m) / (1.0 / (m * per_sample) + end),
+    )
     return edf
 
 
@@ -108,6 +119,18 @@ def _expectation(alpha_of_phase: int, m: int) -> float:
     return float(spectrum @ reflected / (spectrum @ plain))
 
 
+@lru_cache(maxsize=512)
+def _edf_per_sample(alpha_of_phase: int, m: int) -> float:
+    if m > _EVALUATED:
+        octaves = np.log2(m / _EVALUATED)
+        last = _edf_per_sample(alpha_of_phase, _EVALUATED)
+        growth = last / _edf_per_sample(alpha_of_phase, _EVALUATED // 2)
+        return float(last * (growth if alpha_of_phase > 2 else 0.5) ** octaves)
+    phase, weight, reflected, _ = _passed(m)
+    passed = reflected * (2.0 * np.sin(phase / 2.0)) ** (alpha_of_phase - 2.0)
+    return float((weight @ passed) ** 2 / (weight @ passed**2) / weight.sum())
+
+
 @lru_cache(maxsize=64)
 def _passed(m: int) -> tuple[NDArray[np.float64], ...]:
     """Return phases in rad per value, their weights, and what window and plain differences pass."""
@@ -129,12 +152,8 @@ def _passed(m: int) -> tuple[NDArray[np.float64], ...]:
 _EVALUATED = 32
 _NODES = 300
 
-_COEFFICIENTS = np.array(
-    [
-        [0.581, 0.849, 0.916, 0.925, 1.157],
-        [0.841, 1.581, 2.327, 3.400, 4.960],
-    ]
-)
+_END = np.array([1.01, 1.75, 2.34, 3.14, 4.56])
+"""b1 for alpha_of_phase from 2 to -2."""
 
 _AT_OCTAVE = [5, 6, 7, 8, 9]
 _EXPECTATION = [

@@ -54,6 +54,12 @@ def simulated(terms):
     return edf, edf * np.sqrt(2.0 / len(variance))
 
 
+def simulated_by(estimator, runs, m):
+    """Degrees of freedom of an estimator on many runs of rates."""
+    variance = [estimator.exact(np.append(0.0, np.cumsum(run)), m)[0] for run in runs]
+    return simulated(np.sqrt(variance)[:, np.newaxis])[0]
+
+
 @pytest.mark.parametrize("alpha", [2, 1, 0, -1, -2])
 @pytest.mark.parametrize("stride", [4, 8])
 def test_thinned_terms_of_the_cascade(alpha, stride, power_law):
@@ -239,6 +245,7 @@ def test_exact_trace_of_totdev_for_phase_noise(alpha):
     [
         ("totdev", 2, 16),
         ("totdev", 1, 128),
+        ("htotdev", 2, 16),
         ("theobr", 0, 128),
         ("theobr", -1, 256),
         ("theo1", -2, 256),
@@ -246,11 +253,8 @@ def test_exact_trace_of_totdev_for_phase_noise(alpha):
 )
 def test_degrees_of_freedom_that_no_equation_has_are_those_of_simulation(kind, alpha, m, power_law):
     """With another seed and another length than the table's; both are good to 10 %."""
-    n = 768
-    phases = np.cumsum(power_law(alpha, n, runs=700, seed=44), axis=1)
-    values = [REGISTRY[kind].exact(np.append(0.0, x), m)[0] for x in phases]
-    edf = 2.0 * np.mean(values) ** 2 / np.var(values)
-    assert float(REGISTRY[kind].edf(alpha, m, n, 1)) == pytest.approx(edf, rel=0.2)
+    edf = simulated_by(REGISTRY[kind], power_law(alpha, 768, runs=700, seed=44), m)
+    assert float(REGISTRY[kind].edf(alpha, m, 768, 1)) == pytest.approx(edf, rel=0.2)
 
 
 @pytest.mark.parametrize(
@@ -268,9 +272,7 @@ def test_degrees_of_freedom_that_no_equation_has_are_those_of_simulation(kind, a
 )
 def test_degrees_of_freedom_of_few_samples_by_simulation(kind, alpha, m, n, power_law):
     """4000 runs know the scatter of many degrees of freedom to 2.2 %."""
-    phases = np.cumsum(power_law(alpha, n, runs=4000, seed=45), axis=1)
-    values = [REGISTRY[kind].exact(np.append(0.0, x), m)[0] for x in phases]
-    edf = 2.0 * np.mean(values) ** 2 / np.var(values)
+    edf = simulated_by(REGISTRY[kind], power_law(alpha, n, runs=4000, seed=45), m)
     assert float(REGISTRY[kind].edf(alpha, m, n, 1)) == pytest.approx(edf, rel=0.08)
 
 
@@ -348,12 +350,9 @@ def test_small_factors_cost_white_fm_more_than_half():
 @pytest.mark.parametrize("alpha", [2, 0, -1, -2])
 def test_averages_by_simulation(kind, alpha, power_law):
     n, estimator = 256, REGISTRY[kind]
-    phases = [
-        np.append(0.0, np.cumsum(run)) for run in power_law(alpha, n, runs=800, seed=30 + alpha)
-    ]
+    runs = power_law(alpha, n, runs=800, seed=30 + alpha)
     for m in (4, 32):
-        values = np.array([estimator.exact(phase, m)[0] for phase in phases])
-        edf = 2 * values.mean() ** 2 / values.var()
+        edf = simulated_by(estimator, runs, m)
         found = float(estimator.edf(alpha, m, n, estimator.exact_stride(m)))
         assert found == pytest.approx(edf, rel=0.3)
 

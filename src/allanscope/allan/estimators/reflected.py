@@ -82,8 +82,11 @@ def reflected_edf(alpha_of_phase: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDAr
     Phase noise of HTOT (3 and 4) has the exact value times the number of windows, for n > 32 m.
     """
     alpha, m, n = np.broadcast_arrays(np.clip(alpha_of_phase, -2, 4), m, n)
-    pairs = zip(alpha.ravel().tolist(), m.ravel().tolist(), strict=True)
-    per_sample = np.array([_edf_per_sample(a, k) for a, k in pairs]).reshape(alpha.shape)
+    near = np.minimum(m, _EVALUATED)
+    worth = np.vectorize(_edf_per_sample, otypes=[np.float64])
+    # Beyond, FM has the same in each window; phase noise goes on as it did in the last octave.
+    octave = np.where(alpha > 2, worth(alpha, _EVALUATED) / worth(alpha, _EVALUATED // 2), 0.5)
+    per_sample = worth(alpha, near) * octave ** np.log2(m / near)
     end = _END[2 - np.minimum(alpha, 2)] * m / n
     edf: NDArray[np.float64] = np.where(
         alpha > 2,
@@ -115,20 +118,19 @@ def reflected_expectation(alpha_of_phase: ArrayLike, m: ArrayLike) -> NDArray[np
 @lru_cache(maxsize=512)
 def _expectation(alpha_of_phase: int, m: int) -> float:
     phase, weight, reflected, plain = _passed(m)
-    spectrum = weight * (2.0 * np.sin(phase / 2.0)) ** (alpha_of_phase - 2.0)
+    spectrum = weight * _density(alpha_of_phase, phase)
     return float(spectrum @ reflected / (spectrum @ plain))
 
 
 @lru_cache(maxsize=512)
 def _edf_per_sample(alpha_of_phase: int, m: int) -> float:
-    if m > _EVALUATED:
-        octaves = np.log2(m / _EVALUATED)
-        last = _edf_per_sample(alpha_of_phase, _EVALUATED)
-        growth = last / _edf_per_sample(alpha_of_phase, _EVALUATED // 2)
-        return float(last * (growth if alpha_of_phase > 2 else 0.5) ** octaves)
     phase, weight, reflected, _ = _passed(m)
-    passed = reflected * (2.0 * np.sin(phase / 2.0)) ** (alpha_of_phase - 2.0)
+    passed = reflected * _density(alpha_of_phase, phase)
     return float((weight @ passed) ** 2 / (weight @ passed**2) / weight.sum())
+
+
+def _density(alpha_of_phase: int, phase: NDArray[np.float64]) -> NDArray[np.float64]:
+    return (2.0 * np.sin(phase / 2.0)) ** (alpha_of_phase - 2.0)
 
 
 @lru_cache(maxsize=64)

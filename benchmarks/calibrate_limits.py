@@ -6,9 +6,9 @@
 Discrete power-law noise is generated ``--runs`` times and each estimator evaluated at windows of
 n / w samples, for two tables.
 
-`edf`: nothing is published for TOTDEV of phase noise, nor for the ratio that TheoBR is scaled with,
-and the fit for THEO1 of random-walk FM fails. Kept are twice the squared mean of the variance over
-its variance.
+`edf`: nothing is published for TOTDEV and HTOTDEV of phase noise, nor for the ratio that TheoBR is
+scaled with, and the fit for THEO1 of random-walk FM fails. Kept are twice the squared mean of the
+variance over its variance.
 
 `scale`: a mean of squares with a few large eigenvalues is no chi-square of that many degrees; near
 the end of the run its limits hold in 98 % and more. Kept is the multiple of the degrees of freedom
@@ -53,6 +53,7 @@ GOOD_ENOUGH = 0.005
 
 NO_EQUATION = {
     "totdev": (2, 1),
+    "htotdev": (2, 1),
     "theobr": (2, 1, 0, -1, -2),
     "theo1": (-2,),
 }

@@ -7,7 +7,7 @@ mean of the variance they estimate. THEO1 and the standard deviations are held a
 mean.
 
     python benchmarks/interval_coverage.py
-    python benchmarks/interval_coverage.py --write     docs/explanation/coverage.md, an hour
+    python benchmarks/interval_coverage.py --write     docs/explanation/coverage.md, half an hour
     python benchmarks/interval_coverage.py --write --store FILE     goes on where it was stopped
     python benchmarks/interval_coverage.py --samples 8192 --runs 300 --stream
     python benchmarks/interval_coverage.py --alphas 0 --beside -2 --knee 16
@@ -329,8 +329,8 @@ LONG_NAMES = {
 HEAD = """\
 # How often the limits hold
 
-Written by `python benchmarks/interval_coverage.py --write` (an hour of processor time; seed {seed}:
-not one of those that the limits were calibrated with).
+Written by `python benchmarks/interval_coverage.py --write` (half an hour of processor time; seed
+{seed}: not one of those that the limits were calibrated with).
 
 How often, in %, the 95 % limits of a deviation contain the truth in records of one noise, whose
 type the program identifies. Every cell, by averaging factor m (octaves and some between, to the end

@@ -246,6 +246,7 @@ def test_exact_trace_of_totdev_for_phase_noise(alpha):
         ("totdev", 2, 16),
         ("totdev", 1, 128),
         ("htotdev", 2, 16),
+        ("htotdev", 2, 192),
         ("theobr", 0, 128),
         ("theobr", -1, 256),
         ("theo1", -2, 256),

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.edf import difference_edf
+from allanscope.allan.edf import calibrated_edf, difference_edf
 from allanscope.allan.estimators.base import Estimator, mean_square_third, register
 from allanscope.allan.estimators.reflected import (
     reflected_edf,
@@ -19,6 +19,9 @@ from allanscope.allan.noise_type import Family
 __all__ = ["Htotdev", "htot_variance"]
 
 _CORRECTION = {0: 0.995, -1: 0.851, -2: 0.771, -3: 0.717, -4: 0.679}
+
+_FEW_WINDOWS = 32
+"""Windows in the run up to which phase noise has more degrees of freedom than `reflected_edf`."""
 
 _IN_PHASE_NOISE = 0.02
 """Part of the run up to which limits hold in phase noise beside a slower one."""
@@ -66,9 +69,11 @@ class Htotdev(Estimator):
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike
     ) -> NDArray[np.float64]:
-        """Return the degrees of freedom; `stride` has no part, up to m/4 it costs next to none."""
+        """Return the degrees of freedom; of few windows in phase noise those of simulation."""
         plain = difference_edf(alpha, m, n, 1, order=3)
-        return np.where(np.equal(m, 1), plain, reflected_edf(np.asarray(alpha) + 2, m, n))
+        edf = np.where(np.equal(m, 1), plain, reflected_edf(np.asarray(alpha) + 2, m, n))
+        few = np.asarray(n) <= _FEW_WINDOWS * np.asarray(m)
+        return np.where(few, calibrated_edf(self.name, alpha, m, n, edf), edf)
 
     def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
         """Return whether the limits hold: of phase noise only up to a fiftieth of the run.

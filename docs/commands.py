@@ -1,6 +1,8 @@
 """Write docs/reference/commands.md from the parser itself: ``python docs/commands.py``.
 
-A test compares the page with the parser, so a command or an option cannot change without it.
+The page has the commands; every option stands once, in the parser, and is printed by ``--help``.
+The site appends them all (`options`, called by conf.py), so that its search finds them. A test
+compares the page with the parser, and the options with those of every command.
 """
 
 from __future__ import annotations
@@ -16,13 +18,18 @@ PAGE = Path(__file__).resolve().parent / "reference" / "commands.md"
 HEAD = """\
 # Commands
 
-Written by `python docs/commands.py`. Every command takes `--quiet` (only results and errors) and
-`--debug` (show a traceback); `allanscope --version` prints all versions that matter.
+Written by `python docs/commands.py`. `allanscope COMMAND --help` explains every option, `--effect help` of `simulate`, `device` and `live sim` the effects that can be
+simulated; the [site](../../CONTRIBUTING.md#tests) lists all of them below this table. Every command takes `--quiet` (only results and errors) and `--debug` (show a traceback).
+`allanscope --version` prints all versions that matter.
 
-`allanscope --show-settings` prints the settings file with everything it may contain: defaults of
-`live` (part, rate, full scales, wire format, folder of new sessions, view, port) and of `replay`
-and `open` (view, port). It is `~/.config/allanscope/settings.toml`, on Windows
-`%APPDATA%/allanscope/settings.toml`, or the file named by `ALLANSCOPE_SETTINGS`.
+`allanscope --show-settings` prints the settings file with everything it may contain: the defaults of `live`, `replay` and `open`. It is
+`~/.config/allanscope/settings.toml`, on Windows `%APPDATA%/allanscope/settings.toml`, or the file named by `ALLANSCOPE_SETTINGS`.
+
+| command | does | example |
+|---|---|---|"""
+
+TAIL = """
+An error is one line on standard error: what, where, what to do.
 
 | exit code | meaning |
 |---|---|
@@ -34,8 +41,6 @@ and `open` (view, port). It is `~/.config/allanscope/settings.toml`, on Windows
 | 5 | `check` or `verify` failed |
 | 6 | incomplete: standard error and `failures` in the result say what is missing |
 | 130 | stopped by Ctrl-C before it was done |
-
-An error is one line on standard error: what, where, what to do.
 """
 
 COMMON = {"--quiet", "--debug"}
@@ -44,13 +49,16 @@ HEADS = ["| argument | meaning |", "|---|---|"]
 
 
 def page() -> str:
-    """Return the whole page."""
-    commands = _commands(parser())
-    groups = list({str(g.title): g for one in commands.values() for g in _groups(one)}.values())
+    """Return the page: a row for each command."""
+    return "\n".join([HEAD, *(_command(name, one) for name, one in commands().items()), TAIL])
+
+
+def options() -> str:
+    """Return every option of every command, and the effects and faults that can be simulated."""
+    groups = list({str(g.title): g for one in commands().values() for g in _groups(one)}.values())
     return "\n".join(
         [
-            HEAD,
-            *(_section(name, one) for name, one in commands.items()),
+            *(_section(name, one) for name, one in commands().items()),
             *(_group(one, groups[:number]) for number, one in enumerate(groups)),
             _kinds("Effects", effect_help(), ("axis", "time")),
             _kinds("Faults", fault_help(), ("rate", "at")),
@@ -75,9 +83,18 @@ def _kinds(title: str, lines: str, common: tuple[str, ...]) -> str:
     return "\n".join([f"## {title}", "", text, "", *heads, *rows, ""])
 
 
-def _commands(top: ArgumentParser) -> dict[str, ArgumentParser]:
-    (commands,) = (a for a in _actions(top) if isinstance(a, _SubParsersAction))
-    return dict(commands.choices)
+def commands() -> dict[str, ArgumentParser]:
+    """Return the commands by name."""
+    (found,) = (a for a in _actions(parser()) if isinstance(a, _SubParsersAction))
+    return dict(found.choices)
+
+
+def _command(name: str, one: ArgumentParser) -> str:
+    return f"| **{name}** | {(one.description or '').replace('|', PIPE)} | `{_example(one)}` |"
+
+
+def _example(one: ArgumentParser) -> str:
+    return (one.epilog or "").removeprefix("Example: ")
 
 
 def _actions(one: ArgumentParser) -> list[Action]:
@@ -108,8 +125,7 @@ def _section(name: str, one: ArgumentParser) -> str:
         lines += [*HEADS, *rows, ""]
     if groups:
         lines += [f"Options of {', '.join(map(_link, groups))}.", ""]
-    example = (one.epilog or "").removeprefix("Example: ")
-    return "\n".join([*lines, f"    {example}", ""])
+    return "\n".join([*lines, f"    {_example(one)}", ""])
 
 
 def _heading(group: _ArgumentGroup) -> str:

@@ -1,13 +1,14 @@
 """The pages of this folder as a site: ``sphinx-build -W docs build/site``, with ``.[docs]``.
 
 The table in README.md is the navigation, and the reference of the code is made from the docstrings
-of what `allanscope` exports. Links to files outside this folder lead to a copy of the file.
+of what `allanscope` exports, that of the options from the parser. Links to files outside this folder lead to a copy of the file.
 """
 
 from __future__ import annotations
 
 import re
 from importlib.metadata import version as version_of
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -69,10 +70,21 @@ def _downloads(page: str, text: str) -> str:
     return re.sub(r"\[([^\]]+)\]\(([^)#\s]+\.md)(?:#[^)]*)?\)", turned, text)
 
 
+def _commands() -> Any:
+    spec = spec_from_file_location("commands", HERE / "commands.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def _add_contents(app: Any, page: str, source: list[str]) -> None:
     source[0] = _downloads(page, source[0])
     if page == root_doc:
         source[0] += contents(source[0])
+    elif page == "reference/commands":
+        source[0] += _commands().options()
     elif page == "decisions/README":
         source[0] += _tree(sorted(f.name for f in HERE.glob("decisions/0*.md")))
 

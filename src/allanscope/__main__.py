@@ -31,6 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UsageError as error:
         complain(error)
         return int(error.exit_code)
+    except BrokenPipeError:
+        _forget_what_is_not_taken()
+        return ExitCode.DONE
     try:
         with _searches_shown() if arguments.debug else nullcontext():
             code = int(arguments.command(arguments))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from argparse import ArgumentParser, _ActionsContainer
+from argparse import ArgumentParser, Namespace, _ActionsContainer
 
 __all__ = [
     "analyse",
@@ -444,11 +444,11 @@ def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None
     group.add_argument("--seed", type=int, default=0, help="seed of the noise")
     group.add_argument(
         "--effect",
-        action="append",
+        action=_AddOrList,
         default=[],
         metavar="KIND:param=value,...",
-        help="add an effect, e.g. step:size=0.1,time=600,axis=gx; kinds and parameters: "
-        "docs/reference/commands.md, or --effect help",
+        help="add an effect, e.g. step:size=0.1,time=600,axis=gx; --effect help "
+        "lists kinds and parameters",
     )
     group.add_argument(
         "--noise",
@@ -464,12 +464,26 @@ def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None
         return
     group.add_argument(
         "--fault",
-        action="append",
+        action=_AddOrList,
         default=[],
         metavar="KIND:param=value,...",
-        help="add a fault: bit_flip, byte_loss, byte_repeat, garbage, stall, unplug or reset, "
-        "e.g. bit_flip:rate=1e-5 (per byte) or unplug:at=5,seconds=2",
+        help="add a fault, e.g. bit_flip:rate=1e-5 (per byte) or unplug:at=5,seconds=2; "
+        "--fault help lists kinds and parameters",
     )
+
+
+class _AddOrList(argparse.Action):
+    """Add a specification to the list; ``help`` prints the kinds there are, and ends."""
+
+    def __call__(
+        self, parser: ArgumentParser, namespace: Namespace, values: object, _: str | None = None
+    ) -> None:
+        if values == "help":
+            from allanscope.simulator import effect_help, fault_help
+
+            print(effect_help() if self.dest == "effect" else fault_help())
+            parser.exit()
+        setattr(namespace, self.dest, [*getattr(namespace, self.dest), values])
 
 
 def _session_arguments(parser: ArgumentParser) -> None:

@@ -135,13 +135,30 @@ def test_every_page_is_reached_from_the_readme():
     assert set(PAGES) <= reached, sorted(map(named, set(PAGES) - reached))
 
 
-def test_the_page_of_commands_has_every_command_and_option():
+@pytest.fixture(scope="module")
+def commands():
+    """Return docs/commands.py, which writes the page of commands."""
     spec = importlib.util.spec_from_file_location("commands", ROOT / "docs" / "commands.py")
-    commands = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(commands)
-    written = set(commands.PAGE.read_text("utf-8").splitlines())
-    missing = [line for line in commands.page().splitlines() if line not in written]
-    assert not missing, "run: python docs/commands.py"
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_of_commands_has_every_command(commands):
+    written = commands.PAGE.read_text("utf-8")
+    assert written == commands.page(), "run: python docs/commands.py"
+    assert all(f"| **{name}** |" in written for name in commands.commands())
+
+
+def test_the_site_and_the_help_have_every_option_with_its_meaning(commands):
+    lines = commands.options().splitlines()
+    for name, one in commands.commands().items():
+        for action in one._actions:
+            option = [*action.option_strings, str(action.metavar or action.dest).upper()][0]
+            if option not in ("-h", *commands.COMMON):
+                assert action.help, f"{name} {option}"
+                row = f"| `{option}", action.help.replace("|", commands.PIPE)
+                assert any(line.startswith(row[0]) and row[1] in line for line in lines), row
 
 
 def test_the_readme_names_every_command():

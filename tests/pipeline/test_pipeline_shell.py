@@ -1,5 +1,6 @@
 """At home in the shell: completion, the settings file, the versions and the doctor."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,8 @@ from allanscope.cli import parser
 from allanscope.errors import UsageError
 from allanscope.pipeline import doctor
 from allanscope.shell import SHELLS, apply_settings, completion, settings_lines
+from allanscope.simulator.effects import effect_kinds
+from allanscope.simulator.faults import FAULT_KINDS
 
 
 @pytest.fixture
@@ -148,3 +151,35 @@ def test_the_doctor_names_the_command_that_mends_it(tmp_path, monkeypatch, capsy
     assert "systemctl disable --now ModemManager" in doctor._modem_manager(tmp_path).remedy
     assert "mesa-vulkan-drivers" in doctor._graphics(tmp_path, tmp_path).remedy
     assert doctor._disk(Path("/proc")).grade == "bad"
+
+
+@pytest.mark.parametrize(
+    ("words", "kinds"),
+    [
+        (["simulate", "x.mcap", "--effect", "help"], effect_kinds()),
+        (["live", "sim", "--effect", "help"], effect_kinds()),
+        (["device", "--fault", "help"], FAULT_KINDS),
+    ],
+)
+def test_kinds_of_effects_and_faults_are_listed_on_request(words, kinds, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert not end.value.code
+    listed = [line.partition(":")[0] for line in capsys.readouterr().out.splitlines()]
+    assert sorted(listed) == sorted(kinds)
+
+
+def test_specifications_are_collected_and_commands_do_not_share_them():
+    arguments = ["simulate", "x.mcap", "--effect", "step:size=1", "--effect", "outliers"]
+    assert parser().parse_args(arguments).effect == ["step:size=1", "outliers"]
+    assert parser().parse_args(arguments[:2]).effect == []
+
+
+@pytest.mark.parametrize("words", [["--show-settings"], ["simulate", "x", "--effect", "help"]])
+def test_a_reader_that_closes_the_pipe_gets_no_traceback(words):
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "allanscope", *words]
+    ran = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (ran.returncode, ran.stderr) == (0, "")

@@ -18,12 +18,15 @@ PAGE = Path(__file__).resolve().parent / "reference" / "commands.md"
 HEAD = """\
 # Commands
 
-Written by `python docs/commands.py`. `allanscope COMMAND --help` explains every option, `--effect help` of `simulate`, `device` and `live sim` the effects that can be
-simulated; the [site](../../CONTRIBUTING.md#tests) lists all of them below this table. Every command takes `--quiet` (only results and errors) and `--debug` (show a traceback).
-`allanscope --version` prints all versions that matter.
+Written by `python docs/commands.py`. `allanscope COMMAND --help` explains every option, and
+`--effect help` of `simulate`, `device` and `live sim` the effects that can be simulated; the
+[site](../../CONTRIBUTING.md#tests) lists all of them below this table. Every command takes
+`--quiet` (only results and errors) and `--debug` (show a traceback). `allanscope --version` prints
+all versions that matter.
 
-`allanscope --show-settings` prints the settings file with everything it may contain: the defaults of `live`, `replay` and `open`. It is
-`~/.config/allanscope/settings.toml`, on Windows `%APPDATA%/allanscope/settings.toml`, or the file named by `ALLANSCOPE_SETTINGS`.
+`allanscope --show-settings` prints the settings file with everything it may contain: the defaults
+of `live`, `replay` and `open`. It is `~/.config/allanscope/settings.toml`, on Windows
+`%APPDATA%/allanscope/settings.toml`, or the file named by `ALLANSCOPE_SETTINGS`.
 
 | command | does | example |
 |---|---|---|"""

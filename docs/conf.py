@@ -1,7 +1,8 @@
 """The pages of this folder as a site: ``sphinx-build -W docs build/site``, with ``.[docs]``.
 
 The table in README.md is the navigation, and the reference of the code is made from the docstrings
-of what `allanscope` exports, that of the options from the parser. Links to files outside this folder lead to a copy of the file.
+of what `allanscope` exports, that of the options from the parser. Links to files outside this
+folder lead to a copy of the file.
 """
 
 from __future__ import annotations

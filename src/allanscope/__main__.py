@@ -28,12 +28,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             apply_settings(top)
         arguments = top.parse_args(words)
-    except UsageError as error:
-        complain(error)
-        return int(error.exit_code)
-    except BrokenPipeError:
-        _forget_what_is_not_taken()
-        return ExitCode.DONE
+    except (UsageError, BrokenPipeError) as error:
+        return _not_parsed(error)
     try:
         with _searches_shown() if arguments.debug else nullcontext():
             code = int(arguments.command(arguments))
@@ -61,6 +57,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.debug:
             raise
         return _unexpected(error, words[0])
+
+
+def _not_parsed(error: UsageError | BrokenPipeError) -> int:
+    if isinstance(error, UsageError):
+        complain(error)
+        return int(error.exit_code)
+    _forget_what_is_not_taken()  # what was asked for, such as --version, had no reader any more
+    return ExitCode.DONE
 
 
 def _unexpected(error: Exception, command: str) -> int:

@@ -257,16 +257,21 @@ def published(options: argparse.Namespace) -> list[Part]:
 
 
 def page(parts: list[Part], options: argparse.Namespace) -> str:
-    """Return the published page: of the first length a table of ranges, of others a line."""
+    """Return the published page: a line for each study, and the extremes of each estimator."""
     text = HEAD.format(seed=options.seed)
     for samples, runs, knee, rows in parts:
         if not knee:
             text += LINE.format(samples=samples, runs=runs, **told(rows, runs))
-    text += "\n" + ranges([parts[0][3]], options.kinds) + TRUTH + MEETING.format(runs=KNEE_RUNS)
+    text += TRUTH + MEETING.format(runs=KNEE_RUNS)
     for _, runs, knee, rows in parts:
         if knee:
             text += KNEE.format(knee=knee, **told(rows, runs))
-    return text + "\n" + ranges([rows for *_, knee, rows in parts if knee], options.kinds)
+    one = [parts[0][3]]
+    two = [rows for *_, knee, rows in parts if knee]
+    lines = (
+        f"| `{kind}` | {extremes(one, kind)} | {extremes(two, kind)} |\n" for kind in options.kinds
+    )
+    return text + EXTREMES + "".join(line for line in lines if " to " in line)
 
 
 def told(rows: Rows, runs: int) -> dict[str, object]:
@@ -281,26 +286,17 @@ def told(rows: Rows, runs: int) -> dict[str, object]:
     }  # fmt: skip
 
 
-def ranges(parts: list[Rows], kinds: list[str]) -> str:
-    """Return a table of lowest to highest by estimator and noise, over all of some parts."""
-    noises = list(parts[0])
-    text = "| | " + " | ".join(heading(noise) for noise in noises) + " |\n"
-    text += "|---" * (len(noises) + 1) + "|\n"
-    for kind in kinds:
-        every = [
-            [share for rows in parts for share in rows[noise].get(kind, {}).values()]
-            for noise in noises
-        ]
-        if any(every):
-            between = (f"{min(one):.1f} to {max(one):.1f}" if one else "" for one in every)
-            text += f"| `{kind}` | " + " | ".join(between) + " |\n"
-    return text
-
-
-def heading(noise: str) -> str:
-    """Return what the noise is called in a table."""
-    first, _, second = noise.partition("+")
-    return f"{first}, {second}" if second else LONG_NAMES[first]
+def extremes(parts: list[Rows], kind: str) -> str:
+    """Return the lowest and the highest coverage of an estimator, each with its noise."""
+    every = [
+        (share, noise)
+        for rows in parts
+        for noise, kinds in rows.items()
+        for share in kinds.get(kind, {}).values()
+    ]
+    if not every:
+        return ""
+    return " to ".join(f"{share:.1f} ({noise})" for share, noise in (min(every), max(every)))
 
 
 def table(parts: list[Part]) -> str:
@@ -315,16 +311,6 @@ def table(parts: list[Part]) -> str:
     head = "samples,noise,knee_windows,estimator,m,windows,coverage_percent"
     return "\n".join([head, *lines, ""])
 
-
-LONG_NAMES = {
-    "WPM": "White PM",
-    "FPM": "Flicker PM",
-    "WFM": "White FM",
-    "FFM": "Flicker FM",
-    "RWFM": "Random walk FM",
-    "FWFM": "Flicker walk FM",
-    "RRFM": "Random run FM",
-}
 
 HEAD = """\
 # How often the limits hold
@@ -348,8 +334,8 @@ KNEE = """\
 TRUTH = """
 The truth is the mean variance over all records: of AVAR for TOTDEV, TheoBR and TheoH, of MVAR for
 MTOTDEV, of HVAR for HTOTDEV, of the estimator itself for all others. `tdev` has the limits of
-`mdev`, `ttotdev` those of `mtotdev`. Empty or missing: the variance does not converge, or is
-[not trusted](estimators.md#limits) there.
+`mdev`, `ttotdev` those of `mtotdev`. Left out are variances that do not converge, or are
+[not trusted](estimators.md#limits).
 """
 MEETING = """
 ## Where two noises meet
@@ -357,6 +343,10 @@ MEETING = """
 Two noises of one level (AVAR; HVAR with FWFM, RRFM) at one window, {runs} records of 1024 samples.
 Trusted cells hold less often than with one noise: of the slower one the record shows little.
 
+"""
+EXTREMES = """
+| % | 1024 samples of one noise | of two |
+|---|---|---|
 """
 
 

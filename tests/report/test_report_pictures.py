@@ -1,5 +1,7 @@
 """Pictures show what was measured, say what they show, and can be had as files."""
 
+import re
+from collections import Counter
 from dataclasses import replace
 from itertools import combinations
 from xml.etree import ElementTree
@@ -148,6 +150,29 @@ def test_names_of_sessions_are_no_mathematics_and_never_dropped(analysis):
     shown = [text.get_text().strip("\u200b") for text in ax.get_legend().get_texts()]
     assert shown == ["\\$\\frac{", "_hidden", "<b>&amp;</b>", "plain"]
     assert "<b>" not in picture.svg()
+
+
+@pytest.mark.parametrize("name", ["gx-deviation", "gx-residual", "gyroscope-series", "gx-lag"])
+def test_plain_axes_have_the_ticks_the_grid_and_the_labels_of_matplotlib(
+    gallery, name, monkeypatch
+):
+    def with_grid(figure):
+        for ax in figure.axes:
+            ax.grid(visible=True)
+
+    plain = gallery[name].svg()
+    monkeypatch.setattr("allanscope.report.picture.draw_plain_axes", with_grid)
+    whole = gallery[name].svg()
+    told = [Counter(re.findall(r"<text[^>]*>([^<]+)</text>", svg)) for svg in (plain, whole)]
+    assert told[0] == told[1]
+    places = [len(_grid_places(svg)) for svg in (plain, whole)]
+    assert places[0] == places[1] > 4
+
+
+def _grid_places(svg):
+    """Return the strokes of the grid: of one path, or each of its own."""
+    faint = re.findall(r'<path d="([^"]*)"[^>]*stroke-opacity: 0.25', svg)
+    return [one for path in faint for one in re.findall(r"M [^M]*", path)]
 
 
 def test_a_picture_is_drawn_only_when_it_is_wanted():

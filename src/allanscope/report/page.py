@@ -108,11 +108,8 @@ def render(
                 axis_text.Fact(" ".join(one.axes), f"common at {one.words}")
                 for one in analysis.common
             ),
-            *(
-                axis_text.Fact("next", f"{one.question}: {one.words}")
-                for one in analysis.experiments
-            ),
         ],
+        experiments=[axis_text.Fact(one.question, one.words) for one in analysis.experiments],
         overlays=[
             {"name": sensor, "axes": names, "svg": svgs[f"{sensor}-overlay"]}
             for unit, sensor in SENSOR_NAMES.items()

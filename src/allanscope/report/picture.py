@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 
 from allanscope import colours
 from allanscope.colours import BLUE, GREEN, INDIGO, ORANGE, PURPLE, RED, hexadecimal
+from allanscope.report.plain_axes import draw_plain_axes
 
 __all__ = [
     "BEFORE",
@@ -61,7 +62,6 @@ _STYLE: Any = {
     "svg.hashsalt": "allanscope",
     "font.family": "sans-serif",
     "font.size": 9.0,
-    "axes.grid": True,
     "axes.prop_cycle": cycler(color=CYCLE),
     "grid.alpha": 0.25,
     "legend.frameon": False,
@@ -137,6 +137,7 @@ class Picture:
 
     def _rendered(self, form: str, colour: str, paper: str) -> tuple[bytes, Figure]:
         inks: Any = dict.fromkeys(_INKED, colour) | dict.fromkeys(_PAPER, paper)
+        inks["axes.grid"] = not self.fixed  # else drawn with the ticks
         with mpl.rc_context({**_STYLE, **inks}):
             size = self.width, self.height
             figure = Figure(figsize=size, layout=None if self.fixed else "constrained")
@@ -149,6 +150,8 @@ class Picture:
                     hspace=0.08,
                 )
             self.draw(figure)
+            if self.fixed:
+                draw_plain_axes(figure)
             buffer = io.BytesIO()
             metadata: Any = _NO_METADATA if form == "svg" else {"Software": None}
             figure.savefig(buffer, format=form, dpi=_DOTS_PER_INCH, metadata=metadata)

@@ -123,12 +123,12 @@ def monitor(folder: Path, arguments: list[str]) -> int:
     """Be ``allanscope``, with a screen that notes when samples and results came to it."""
     from allanscope.__main__ import main
     from allanscope.analysis import Analysis
-    from allanscope.pipeline import live
+    from allanscope.pipeline import run
 
     sums = (folder / "sums.bin").open("wb", buffering=1 << 13)
     shown = (folder / "shown.bin").open("wb", buffering=1 << 10)
 
-    class Noting(live.TerminalView):
+    class Noting(run.TerminalView):
         """The screen of a session. What it is told has already been summed up."""
 
         def samples(self, info: StreamInfo, block: Block) -> None:
@@ -139,7 +139,7 @@ def monitor(folder: Path, arguments: list[str]) -> int:
             super().snapshot(analysis)
             shown.write(PAIR.pack(time.monotonic_ns(), analysis.samples + analysis.lost_samples))
 
-    live.TerminalView = Noting  # type: ignore[misc]
+    run.TerminalView = Noting  # type: ignore[misc]
     try:
         return main(arguments)
     finally:

@@ -5,6 +5,7 @@ What a program of one's own needs::
     deviation(x, rate=104.0, kind="oadev")         one curve of one array
     bank = AllanBank(rate=104.0, axes=6)           every curve of a stream, in constant memory
     with open_stream("auto") as stream: ...        a device's samples as they come
+    with live("auto") as session: session.result   a device measured in the background
     analyse("session.mcap").to_dict()              the whole result, closed loop included
     Simulator(rate=104.0, seed=1).read(1000)       samples of which the truth is known
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
         InputError,
         UsageError,
     )
-    from allanscope.pipeline import Stream, analyse, open_stream
+    from allanscope.pipeline import LiveSession, Stream, analyse, live, open_stream
     from allanscope.recording import Recording
     from allanscope.samples import AXES, Block, Gap, StreamInfo, Ticks
     from allanscope.simulator import Simulator
@@ -48,6 +49,7 @@ _HOMES = {
     "ExitCode": "errors",
     "Gap": "samples",
     "InputError": "errors",
+    "LiveSession": "pipeline",
     "Recording": "recording",
     "SCHEMA": "analysis",
     "Simulator": "simulator",
@@ -57,6 +59,7 @@ _HOMES = {
     "UsageError": "errors",
     "analyse": "pipeline",
     "deviation": "allan",
+    "live": "pipeline",
     "open_stream": "pipeline",
 }
 
@@ -74,6 +77,7 @@ __all__ = [
     "ExitCode",
     "Gap",
     "InputError",
+    "LiveSession",
     "Recording",
     "Simulator",
     "Stream",
@@ -82,6 +86,7 @@ __all__ = [
     "UsageError",
     "analyse",
     "deviation",
+    "live",
     "open_stream",
 ]
 

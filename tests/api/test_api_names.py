@@ -75,7 +75,7 @@ def test_every_error_is_an_allanscope_error_and_a_wrong_argument_a_value_error()
     assert not issubclass(allanscope.InputError, ValueError)
 
 
-@pytest.mark.parametrize("module", ["analyse_file", "check", "live"])
+@pytest.mark.parametrize("module", ["analyse_file", "check", "run"])
 def test_what_measures_loads_nothing_that_takes_half_a_second_for_one_function(module):
     heavy = {"scipy.stats", "scipy.signal", "scipy.interpolate", "matplotlib", "rerun", "pyarrow"}
     code = f"import sys, allanscope.pipeline.{module}; print(*sys.modules)"

@@ -9,7 +9,7 @@ import pytest
 
 from allanscope.analysis import Analyser, summarise
 from allanscope.pipeline import Decoding, DeviceSettings, SessionSettings, analyse_input, run_replay
-from allanscope.pipeline.live import earlier_events
+from allanscope.pipeline.run import earlier_events
 from allanscope.recording import Recorder, Recording
 from allanscope.samples import Block, Gap, Notice, StreamInfo, Ticks
 from allanscope.simulator import Simulator

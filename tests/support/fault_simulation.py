@@ -283,15 +283,15 @@ def run(plan: Plan, place: Path) -> Ran:
 def _patches(
     plan: Plan, faults: Faults, source: Source, spare: Path, kept: dict[str, Any]
 ) -> Iterator[Any]:
-    from allanscope.pipeline import live, session
+    from allanscope.pipeline import run, session
 
-    real_recorder, real_run = live.Recorder, live.run_live
+    real_recorder, real_run = run.Recorder, run.run_live
     for name in DISK:
         yield mock.patch.object(os, name, faults.call(name))
     yield mock.patch.object(Path, "write_text", faults.write_text(Path.write_text))
-    yield mock.patch.object(live, "device_source", return_value=source)
-    yield mock.patch.object(live, "load_rerun")
-    yield mock.patch.object(live, "RerunView", return_value=View(faults))
+    yield mock.patch.object(run, "device_source", return_value=source)
+    yield mock.patch.object(run, "load_rerun")
+    yield mock.patch.object(run, "RerunView", return_value=View(faults))
     yield mock.patch("tempfile.mkdtemp", lambda prefix: _mkdtemp(faults, spare, prefix))
     yield mock.patch("allanscope.report.pictures", side_effect=lambda _: _pictures(faults))
     yield mock.patch("allanscope.report.render", return_value="<html></html>")
@@ -310,7 +310,7 @@ def _patches(
         kept["analysis"] = real_run(*given, **named)
         return kept["analysis"]
 
-    yield mock.patch.object(live, "Recorder", recorder)
+    yield mock.patch.object(run, "Recorder", recorder)
     yield mock.patch.object(session, "summarise", summary)
     yield mock.patch("allanscope.pipeline.run_live", run_live)
     yield mock.patch("allanscope.pipeline.read_queue.TOGETHER_S", 0.002)

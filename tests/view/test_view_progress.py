@@ -1,11 +1,13 @@
 """Progress: silent when short, a bar on a terminal, lines in a log."""
 
 import io
+import sys
+from types import ModuleType
 
 import pytest
 
 import allanscope.view.progress_bar as module
-from allanscope.view import progress
+from allanscope.view import is_notebook, progress
 from support.terminal import Terminal
 
 LONG = """
@@ -106,3 +108,50 @@ def test_an_error_inside_comes_out_and_the_bar_is_gone():
 def test_progress_is_only_shown_for_what_is_done():
     with pytest.raises(ZeroDivisionError), progress(1.0, "x", quiet=True):
         raise ZeroDivisionError
+
+
+class Shell:
+    """What IPython gives in a notebook, as far as it is used."""
+
+    kernel = object()
+
+
+class Output:
+    """The output of a cell."""
+
+    def __init__(self):
+        self.shown = []
+
+    def update(self, html):
+        self.shown.append(html)
+
+
+def test_a_notebook_shows_a_bar_that_is_gone_at_the_end(monkeypatch):
+    output = Output()
+
+    def display(html, *, display_id):
+        assert display_id
+        output.update(html)
+        return output
+
+    package, module = ModuleType("IPython"), ModuleType("IPython.display")
+    package.get_ipython = Shell
+    module.HTML, module.display = str, display
+    monkeypatch.setitem(sys.modules, "IPython", package)
+    monkeypatch.setitem(sys.modules, "IPython.display", module)
+    monkeypatch.setattr("allanscope.view.progress_bar._NOTEBOOK_EVERY_S", 0.0)
+    assert is_notebook()
+    with progress(200.0, "reading <b>", unit="B") as advance:
+        advance(50.0)
+    began, half, end = output.shown
+    assert 'max="200" value="0"' in began
+    assert 'max="200" value="50"' in half
+    assert "&lt;b&gt;" in half
+    assert "B/s" in half
+    assert end == ""
+    with progress(None, "closing the loop", quiet=True):
+        assert len(output.shown) == 3
+
+
+def test_a_terminal_is_no_notebook():
+    assert not is_notebook()

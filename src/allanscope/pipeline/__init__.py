@@ -10,7 +10,9 @@
     Python         arrays ─▶ events ─────────▶ Analyser ─▶ Analysis    analyse_arrays, columns
                    port ───▶ open_stream ─▶ Block, Gap                 stream
 
-A function here is what a command of the same name calls: `live` (with replays), `analyse_file`,
+    notebook ─ live ─▶ Session, in the background ──▶ newest Analysis  live_session
+
+A function here is what a command of the same name calls: `run` (live and replays), `analyse_file`,
 `check`, `convert` (import and export), `simulate`, `together`. `outputs` writes what a run leaves
 behind, and opens its charts again. Whichever way samples come, they pass the same decoder and the
 same sums, so that no two ways can disagree.
@@ -47,10 +49,7 @@ if TYPE_CHECKING:
     from allanscope.pipeline.doctor import (
         checks,
     )
-    from allanscope.pipeline.live import (
-        run_live,
-        run_replay,
-    )
+    from allanscope.pipeline.live_session import LiveSession, live
     from allanscope.pipeline.outputs import (
         open_charts,
         report_sessions,
@@ -60,6 +59,10 @@ if TYPE_CHECKING:
     )
     from allanscope.pipeline.process import (
         stopped_by_signals,
+    )
+    from allanscope.pipeline.run import (
+        run_live,
+        run_replay,
     )
     from allanscope.pipeline.settings import (
         DeviceSettings,
@@ -86,6 +89,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Decoding",
     "DeviceSettings",
+    "LiveSession",
     "SessionSettings",
     "SimulatedSettings",
     "StabilityRequest",
@@ -102,6 +106,7 @@ __all__ = [
     "failure",
     "full_settings",
     "import_capture",
+    "live",
     "open_charts",
     "open_stream",
     "recorded_settings",
@@ -128,6 +133,8 @@ __getattr__, __dir__ = lazily(
         "stability_table": "theory",
         "draw_chart": "theory",
         "Decoding": "decoding",
+        "LiveSession": "live_session",
+        "live": "live_session",
         "DeviceSettings": "settings",
         "SessionSettings": "settings",
         "SimulatedSettings": "settings",
@@ -147,8 +154,8 @@ __getattr__, __dir__ = lazily(
         "recorded_settings": "analyse_file",
         "report_sessions": "outputs",
         "run_emulated_device": "simulate",
-        "run_live": "live",
-        "run_replay": "live",
+        "run_live": "run",
+        "run_replay": "run",
         "run_virtual_device": "simulate",
         "simulate_recording": "simulate",
         "stopped_by_signals": "process",

@@ -30,6 +30,7 @@ from allanscope.pipeline.columns import (
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.recording import Recording
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks, unit_of
+from allanscope.view import is_notebook
 from allanscope.wire import LinkStats
 from allanscope.wire.stamps import (
     long_gaps,
@@ -70,7 +71,7 @@ def analyse(
     accel_fs: float | None = None,
     wire: str = "",
     stream: str = "",
-    quiet: bool = True,
+    quiet: bool | None = None,
     curves: CurveChoices | None = None,
 ) -> Analysis:
     """Return the full result of a recording, a file or arrays: every curve, and the closed loop.
@@ -104,8 +105,8 @@ def analyse(
     stream : str
         Which of several sensors in a file: the topic of a bag. Without it the one with the most
         samples.
-    quiet : bool
-        False to show progress while a file is read.
+    quiet : bool, optional
+        False to show progress while a file is read; by default it is shown in a notebook alone.
     curves : CurveChoices, optional
         Which estimators at which averaging times, with which factors.
 
@@ -144,7 +145,8 @@ def analyse(
         if axes is not None or isinstance(units, str):
             raise ValueError("a file names its axes itself; give units as {'gyro': 'mdps'}")
         device = replace(device, units=tuple((units or {}).items()))
-        return analyse_input(Path(source), device, quiet, curves)
+        silent = not is_notebook() if quiet is None else quiet
+        return analyse_input(Path(source), device, silent, curves)
     columns = columns_of_table(source, axes)
     return analyse_columns(with_units(columns, units), device, {"name": "arrays"}, curves)
 

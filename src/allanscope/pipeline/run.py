@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from allanscope.allan import CurveChoices
 from allanscope.analysis import Analyser, AnalyserSettings, Analysis, compared
@@ -44,7 +44,7 @@ from allanscope.sanitize import complain
 from allanscope.sources import RecordedSource, Source, require_port
 from allanscope.view import RerunView, TerminalView, load_rerun
 
-__all__ = ["run_live", "run_replay"]
+__all__ = ["OpenSession", "close_recorder", "open_session", "run_live", "run_replay"]
 
 _LOOK_EVERY_S = 0.2
 
@@ -71,11 +71,48 @@ def run_live(
     past = None if resume is None else Recording(resume)  # before it gets another file
     if past is not None:
         device = recorded_settings(past, device)
-    if port == "sim":
-        device = replace(device, origin="synthetic")
     require_port(port)
     configure_malloc()
     load_rerun()  # before the port is opened: a board does not wait
+    opened = open_session(port, device, settings, simulated, _policy(settings), past, resume)
+    try:
+        analysis = _run(opened.session, settings, opened.folder, opened.facts, opened.recorder)
+        if not analysis.samples:
+            raise no_samples_error(opened.session.source)
+    except AllanscopeError:
+        if resume is None and not opened.session.decoding.stats.bytes:
+            discard_session(opened.folder)
+        raise
+    return analysis
+
+
+class OpenSession(NamedTuple):
+    """A session that is about to run, and who records it where."""
+
+    session: Session
+    recorder: Recorder
+    folder: Path
+    facts: dict[str, str]
+
+
+def open_session(
+    port: str,
+    device: DeviceSettings,
+    settings: SessionSettings,
+    simulated: SimulatedSettings,
+    policy: RefreshPolicy,
+    past: Recording | None = None,
+    resume: Path | None = None,
+) -> OpenSession:
+    """Open a device and its recording; nothing is read yet.
+
+    Raises
+    ------
+    DeviceError
+        When the port cannot be opened.
+    """
+    if port == "sim":
+        device = replace(device, origin="synthetic")
     source = device_source(port, device, simulated)
     notices = NoticeQueue()
     try:
@@ -100,17 +137,9 @@ def run_live(
         input_facts=lambda: {**facts, "reader": source.reader},
         notices=notices,
         earlier=earlier_events(past, decoding, _recorded_write(source, recorder)),
-        policy=_policy(settings),
+        policy=policy,
     )
-    try:
-        analysis = _run(session, settings, folder, facts, recorder)
-        if not analysis.samples:
-            raise no_samples_error(source)
-    except AllanscopeError:
-        if resume is None and not decoding.stats.bytes:
-            discard_session(folder)
-        raise
-    return analysis
+    return OpenSession(session, recorder, folder, facts)
 
 
 def _folder(source: Source, settings: SessionSettings, resume: Path | None) -> Path:
@@ -309,10 +338,7 @@ def _run(
                 hook.close()
                 if recorder is not None:
                     # First of all: the result takes a while, and nothing more comes to the disk.
-                    recorder.describe(wire=session.decoding.wire)
-                    recorder.close()
-                    if recorder.failure:
-                        session.fail(recorder.failure)
+                    close_recorder(recorder, session)
                 session.emit_notices(time.monotonic_ns())
             if recorder is not None and folder is not None:
                 with suppress(InputError):
@@ -330,6 +356,14 @@ def _run(
     return (
         final if not viewer.failure else replace(final, failures=(*final.failures, viewer.failure))
     )
+
+
+def close_recorder(recorder: Recorder, session: Session) -> None:
+    """End the recording of a session, which is told what is missing of it."""
+    recorder.describe(wire=session.decoding.wire)
+    recorder.close()
+    if recorder.failure:
+        session.fail(recorder.failure)
 
 
 def _open(

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
-    from allanscope.view.progress_bar import progress
+    from allanscope.view.progress_bar import is_notebook, progress
     from allanscope.view.rerun_recording import Canvas
     from allanscope.view.rerun_view import RerunView, load_rerun
     from allanscope.view.terminal import TerminalView, summary_lines
@@ -34,6 +34,7 @@ __all__ = [
     "TerminalView",
     "ViewerProcess",
     "has_display",
+    "is_notebook",
     "load_rerun",
     "progress",
     "summary_lines",
@@ -48,6 +49,7 @@ __getattr__, __dir__ = lazily(
         "ViewerProcess": "viewer_process",
         "has_display": "viewer_process",
         "load_rerun": "rerun_view",
+        "is_notebook": "progress_bar",
         "progress": "progress_bar",
         "summary_lines": "terminal",
     },

@@ -7,6 +7,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from html import escape
+from importlib import import_module
 from typing import TextIO
 
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
@@ -16,10 +18,11 @@ from allanscope.quantities import duration, number
 from allanscope.sanitize import one_line
 from allanscope.view.console import SteadyConsole
 
-__all__ = ["progress"]
+__all__ = ["is_notebook", "progress"]
 
 _SILENT_FOR_S = 1.0
 _LINE_EVERY_S = 30.0
+_NOTEBOOK_EVERY_S = 0.3
 
 
 @contextmanager
@@ -44,21 +47,67 @@ def progress(
     quiet : bool
         Show nothing.
     stream : text file, optional
-        Where to; standard error by default. A bar on a terminal, else a line every half minute.
+        Where to; standard error by default. A bar on a terminal or, by default, in a notebook; else
+        a line every half minute.
 
     Examples
     --------
     >>> with progress(100.0, "reading", quiet=True) as advance:
     ...     advance(50.0)
     """
-    stream = stream or sys.stderr
     if quiet:
         yield lambda amount: None
-    elif stream.isatty():
+        return
+    if stream is None and is_notebook():
+        with _NotebookBar(total, description, unit) as bar_of_page:
+            yield bar_of_page.advance
+        return
+    stream = stream or sys.stderr
+    if stream.isatty():
         with _Bar(total, description, unit, stream) as bar:
             yield bar.advance
     else:
         yield _Lines(total, description, unit, stream).advance
+
+
+def is_notebook() -> bool:
+    """Return whether this runs in the kernel of a notebook, which shows HTML."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return getattr(shell, "kernel", None) is not None
+
+
+class _NotebookBar:
+    """A bar of HTML in the output of a cell, which is empty afterwards."""
+
+    def __init__(self, total: float | None, description: str, unit: str) -> None:
+        self._total, self._unit = total, unit
+        self._description = one_line(description)
+        self._done = 0.0
+        self._began = self._shown = time.monotonic()
+
+    def __enter__(self) -> _NotebookBar:
+        page = import_module("IPython.display")  # there in a notebook, and not required elsewhere
+        self._as_html = page.HTML
+        self._output = page.display(page.HTML(self._text()), display_id=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._output.update(self._as_html(""))
+
+    def advance(self, amount: float) -> None:
+        """Add what was done."""
+        self._done += amount
+        if (now := time.monotonic()) - self._shown >= _NOTEBOOK_EVERY_S:
+            self._shown = now
+            self._output.update(self._as_html(self._text()))
+
+    def _text(self) -> str:
+        passed_s = time.monotonic() - self._began
+        speed = self._done / passed_s if self._done and passed_s else None
+        left = (self._total - self._done) / speed if self._total and speed else None
+        share = f' max="{self._total:g}" value="{self._done:g}"' if self._total else ""
+        words = f"{self._description} {_speed_text(speed, left, self._unit)}"
+        return f"{escape(words)} <progress{share}></progress>"
 
 
 class _Bar:

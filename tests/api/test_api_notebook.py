@@ -38,7 +38,7 @@ def curve_of(columns):
 
 def test_the_summary_begins_with_the_verdict_and_has_every_axis(analysis):
     lines = analysis.summary().splitlines()
-    assert lines[0].startswith("LSM6DSM, 2 h 1 min, 48 648 660 samples, 1 998 samples lost")
+    assert lines[0].startswith("LSM6DSM, 2 h 1 min, 48 648 660 samples, lost samples: 1 998")
     assert [line.partition(":")[0] for line in lines[1:4]] == [
         "Noisier than the datasheet",
         "Partly unexplained on az",

@@ -34,6 +34,7 @@ REPLACED = {
     "let go of what rests": "trim memory",
     "nothing was heard": "no samples received",
     "lost none": "Lost samples: none",
+    "no samples lost": "Lost samples: none",
 }
 """Phrases that readers stumbled over, and what is said instead."""
 

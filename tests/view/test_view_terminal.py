@@ -84,7 +84,7 @@ def test_the_screen_is_readable_and_calm(columns):
     assert "2 h 1 min" in text
     assert "6664.2000 Hz ±0.11 ppm" in text
     assert "48 648 660 samples" in text
-    assert "1 998 samples lost" in text
+    assert "lost samples: 1 998" in text
     assert "31.6 °C" in text
     rows = {row[:2]: row for row in screen.rows if row[:2] in demo_analysis(1.0).axes}
     assert len(rows) == 6
@@ -139,7 +139,7 @@ def test_a_narrow_screen_cuts_no_sentence_and_leaves_out_what_matters_least(colu
     shown = [line.rstrip() for line in console.file.getvalue().splitlines()]
     assert max(map(len, shown)) <= columns
     assert not any(line.endswith("…") for line in shown)
-    assert "samples lost" in shown[1]
+    assert "lost samples" in shown[1]
     whole = " ".join(" ".join(shown).split())
     for line in verdict(analysis).lines:
         assert " ".join(f"{line.head}: {line.text}".split()) in whole
@@ -239,7 +239,7 @@ def test_through_a_pipe_there_is_a_line_a_minute_and_every_event():
     status = [
         line.split("  6664")[0].strip()
         for line in lines
-        if "samples lost" in line and "N gx" in line
+        if "lost samples" in line and "N gx" in line
     ]
     assert status == ["1.0 s", "1 min 1 s", "2 min 1 s"]
     assert any(line.startswith("gx  2.9") for line in lines), "a summary at the end"
@@ -284,7 +284,7 @@ def test_a_dumb_terminal_gets_plain_lines():
     with Terminal(RUN, 80, 24, TERM="dumb") as terminal:
         assert terminal.finish() == 0
         assert "\x1b" not in terminal.raw
-        assert "samples, no samples lost" in terminal.raw
+        assert "samples, lost samples: none" in terminal.raw
 
 
 def test_a_reader_that_goes_away_does_not_end_the_measurement():

@@ -230,10 +230,7 @@ def losses_text(analysis: Analysis) -> str:
 
 def losses_phrase(analysis: Analysis) -> str:
     """Return what is missing, as it is said beside the number of samples."""
-    lost = losses_text(analysis)
-    if lost == "none":
-        return "no samples lost"
-    return f"{lost} samples lost" if not analysis.unknown_losses else f"lost: {lost}"
+    return f"lost samples: {losses_text(analysis)}"
 
 
 def gaps_text(segments: int) -> str:

@@ -123,10 +123,9 @@ class LiveSession:
         newest = self._final or self._audience.newest
         if newest is None:
             return f"<p>{escape(self._session.source.name)}: no result yet</p>"
-        state = (
-            "ended" if self._ended.is_set() else f"running, {duration(newest.duration_s)} so far"
-        )
-        return f"<p>{escape(self._session.source.name)}: {state}</p>{newest._repr_html_()}"
+        state = "ended" if self._ended.is_set() else "running"
+        head = f"{self._session.source.name}: {state}, {duration(newest.duration_s)}"
+        return f"<p>{escape(head)}</p>{newest._repr_html_()}"
 
     def _run(self) -> None:
         try:

@@ -82,6 +82,24 @@ def test_large_shift_within_a_block_is_one_event_whose_interval_holds_it(size, s
     assert step.size == pytest.approx(size * INFO.scale[0], abs=1.5 * INFO.scale[0])
 
 
+@pytest.mark.parametrize("size", [3.0, 20.0, 200.0])
+@pytest.mark.parametrize("apart", [7.3, 14.25, 20.3])
+def test_shifts_that_follow_each_other_are_told_each_and_nothing_besides(size, apart):
+    """Seconds apart, some within a block: in a block of both levels there is no line."""
+    moments = [AT + k * apart for k in range(8)]
+    values = rows(round(AT + 9 * apart))
+    time_s = np.arange(len(values)) / RATE
+    values[:, 0] += size * np.searchsorted(moments, time_s, side="right")
+    found = watched(counts(values)).events(float(RATE))
+    assert {(event.kind, event.axes) for event in found} == {("step", ("gx",))}
+    onsets = [event.occurrences[0] for event in found]
+    assert len(onsets) == len(moments)
+    for moment, once in zip(moments, onsets, strict=True):
+        assert once.lower_s - 0.01 <= moment <= once.upper_s + 0.01
+        assert once.found_s - moment <= 9.0
+    assert [event.size for event in found] == pytest.approx([size * INFO.scale[0]] * 8, rel=0.5)
+
+
 def test_ramp_is_one_event():
     values = rows(1500)
     time_s = np.arange(len(values)) / RATE

@@ -354,9 +354,9 @@ static double tail_of(double deviate, double dof) {
    normal deviate (1959), and the bound of Borjesson and Sundberg on the tail of that. */
 KERNEL(double, log_tail)(double deviate, double dof) { return tail_of(deviate, dof); }
 
-/* What `scan.py` calls CLIP, WINSOR, FEWEST, BORROWED, LENT, RING, DELAY, MEMORY. */
+/* What `scan.py` calls CLIP, WINSOR, FEWEST, BORROWED, LENT, RING, DELAY, MEMORY, SETTLED. */
 typedef struct {
-    double clip, winsor, fewest, borrowed, lent, ring, delay, memory;
+    double clip, winsor, fewest, borrowed, lent, ring, delay, memory, settled;
 } rules;
 
 /* A look: the mean of so many blocks less that of those before, at least `least` of them. */
@@ -405,9 +405,10 @@ KERNEL(void, scan_block)
     double shortest = per_block(all_looks);
     for (int64_t c = 0; c < channels; c++) {
         double value = values[c];
-        int64_t before = all_looks->before;
+        int64_t before = least(at - start[c], all_looks->before);
         raw[at % ring * channels + c] = value;
-        if (at - start[c] >= before && looks[c] >= is->fewest) {
+        if (before >= (start[c] ? (int64_t)is->settled : all_looks->before)
+            && looks[c] >= is->fewest) {
             double past = last[c] - sums[(at - before) % ring * channels + c];
             double centre = past / (double)before, reach = is->clip * sqrt(square[c] / shortest);
             if (value < centre - reach) value = centre - reach;
@@ -425,8 +426,10 @@ KERNEL(void, scan_block)
             int64_t i = w * channels + c;
             double limit = -(log_alpha[i] + log_weight), deviate = 0.0, nats = 0.0;
             int64_t before = least(now - a->window - start[c], a->before);
+            int64_t needed = start[c] ? least(2 * a->window + (int64_t)is->settled, a->least)
+                                      : a->least;
             room[i] = NAN;
-            if (before >= a->least) {
+            if (before >= needed) {
                 const double *first = sums + (now - a->window - before) % ring * channels;
                 double difference = (here[c] - middle[c]) / (double)a->window
                                   - (middle[c] - first[c]) / (double)before;
@@ -434,7 +437,7 @@ KERNEL(void, scan_block)
                     look own = {a->window, before, before, a->step};
                     difference *= sqrt(per_block(a) / per_block(&own));
                 }
-                room[i] = difference;
+                if (before >= a->least) room[i] = difference;
                 nats = judged(difference, a, is, white * square[c], square[i], fourth[i], looks[i],
                               limit, &deviate);
             }

@@ -172,8 +172,8 @@ class Lines:
         # The sum is one of ratios that are capped; beyond the cap, the last one tells more.
         return LineAlarm(axis, at, length, max(mean, last) if last > CAP else mean, nats), adds
 
-    def forget(self, axis: int) -> None:
-        """Begin all sums of an axis anew."""
+    def forget(self, axis: int, bins: slice | NDArray[np.bool_] = slice(None)) -> None:
+        """Begin the sums of an axis anew, of all bins or of some."""
         for sums, since in zip(self._sums, self._since, strict=True):
-            of_axis(sums, axis)[:] = 0.0
-            of_axis(since, axis)[:] = self.blocks
+            of_axis(sums, axis)[bins] = 0.0
+            of_axis(since, axis)[bins] = self.blocks

@@ -2,10 +2,11 @@
 
 The mean of the last m blocks is compared with the mean of the M >> m before, for m from two seconds
 to four minutes: at every block for short windows, sixteen times a window for long ones. As soon as
-there are half as many blocks before as there should be, those are taken. Each difference is
-measured in its own standard deviation, which is that of all such differences in the record so far:
-an Allan deviation with unequal windows. White noise, flicker, random walk and a steady drift are
-therefore in the scale and no news; a level that leaves is.
+there are half as many blocks before as there should be, those are taken; after a change twice the
+window and a little, because the next one may come soon. Each difference is measured in its own
+standard deviation, which is that of all such differences in the record so far: an Allan deviation
+with unequal windows. White noise, flicker, random walk and a steady drift are therefore in the
+scale and no news; a level that leaves is.
 """
 
 from __future__ import annotations
@@ -41,6 +42,12 @@ DELAY = 32
 must not become the measure of itself."""
 MEMORY = 4096
 """Looks over which the scale of a window is averaged."""
+SETTLED = 4
+"""Blocks after a change, besides twice the window, that are enough to compare with.
+
+The scale of a difference with so few before it is that of white noise: with flicker or a random
+walk such a difference scatters less. It moves no scale itself.
+"""
 
 SHARES = 1.0 / (1.0 + (np.log2(WINDOWS / 28.0) / 1.5) ** 2)
 SHARES /= SHARES.sum()
@@ -76,7 +83,7 @@ class Alarm:
 
 
 _LOOKS = np.ascontiguousarray(np.stack([WINDOWS, BEFORE, LEAST_BEFORE, STEPS], axis=1))
-_RULES = np.array([CLIP, WINSOR, FEWEST, BORROWED, LENT, RING, DELAY, MEMORY])
+_RULES = np.array([CLIP, WINSOR, FEWEST, BORROWED, LENT, RING, DELAY, MEMORY, SETTLED])
 _State = Pointer(np.float64, 2, written=True)
 _scan = kernel(
     "scan_block",

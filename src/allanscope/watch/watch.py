@@ -45,6 +45,10 @@ BESIDE = 3
 GONE = 0.3
 """Share of a change below which it has gone."""
 LEAST_WINDOW = 16
+LEAKED = 0.3
+"""Power that leaks into a bin, in units of the noise there, which a line would be told from."""
+LEVEL = ("step", "ramp")
+"""Changes of the level of an axis."""
 NOISE_AFTER = 4
 """Blocks about another event of an axis in which its noise says nothing of its own."""
 
@@ -257,7 +261,7 @@ class Watch:
         change = locate(values, len(values) - 4 * alarm.window - 16, spread)
         at = first + change.at
         self._scan.restart(channel, min(first + change.upper + 1, now))  # not in its midst
-        kinds = ("step", "ramp") if kind == "step" else (kind,)
+        kinds = LEVEL if kind == "step" else (kind,)
         after = float(values[change.at :].mean())
         if kind == "repeated_samples" and self._tracks_of(self._axes):
             return  # they are counted
@@ -272,6 +276,7 @@ class Watch:
             return
         size = change.size
         if kind == "step":
+            self._forget_leakage(axis, size)
             kind = change.kind
         elif kind == "repeated_samples":
             size = (after / 2) ** 2 - (change.before / 2) ** 2
@@ -284,7 +289,7 @@ class Watch:
         size = after - track.before
         if size * track.last.size <= 0.0 or abs(size) <= abs(track.last.size):
             return False
-        first = track.last.block - 64
+        first = max(track.last.block - 64, self._level_since(track))
         values = self._scan.values(channel, first)
         first = self.blocks - len(values)
         begin, second = track.last.block - first, at - first
@@ -300,6 +305,21 @@ class Watch:
         self._scan.restart(channel, self.blocks)
         return True
 
+    def _level_since(self, track: Track) -> int:
+        """Return the block in which the change before the last one of an axis began."""
+        levels = (one for one in self.tracks.all if one.axis == track.axis and one.kind in LEVEL)
+        blocks = (span.block for one in levels for span in one.spans)
+        return max((block for block in blocks if block < track.last.block), default=0)
+
+    def _forget_leakage(self, axis: int, size: float) -> None:
+        """Begin the sums of bins anew into which a step within a block may have leaked.
+
+        In the middle of a Hann window, a step of size s leaks into bin k as n s / (2 pi k).
+        """
+        length, power = self._summarise.length, of_axis(self._summarise.power, axis)
+        leaked = length * size / (2.0 * np.pi * (FIRST_BIN + np.arange(len(power))))
+        self._lines.forget(axis, leaked**2 > LEAKED * power)
+
     def _has_another_cause(self, axis: int, lower: int, at: int) -> bool:
         """Return whether an event of the axis, or of the stream, began when its noise changed."""
         near = (lower - NOISE_AFTER, at + NOISE_AFTER)
@@ -314,7 +334,7 @@ class Watch:
         """Close changes of series that have faded away."""
         for channel in range(2 * self._axes + 2):
             kind, axis = self._series(channel)
-            for track in self.tracks.open(axis, ("step", "ramp") if kind == "step" else (kind,)):
+            for track in self.tracks.open(axis, LEVEL if kind == "step" else (kind,)):
                 if self.blocks - track.last.block < 2 * track.window or track.is_counted:
                     continue
                 recent = self._scan.values(channel, self.blocks - track.window)

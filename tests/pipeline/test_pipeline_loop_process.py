@@ -2,6 +2,7 @@
 
 import threading
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -144,6 +145,25 @@ def test_the_end_of_the_run_ends_a_look_at_once(analyser):
     assert process.explanation is None
     process.offer(analyser.frozen())
     assert not process.busy
+
+
+def test_what_the_child_was_given_is_not_held_while_it_searches():
+    taken = Analyser()
+    taken.feed(StreamInfo(("gx",), (0.004375,), nominal_hz=RATE))
+    counts = np.random.default_rng(4).integers(-30, 30, (100_000, 1)).astype(np.int16)
+    taken.feed(Block(0, counts, Ticks.none()))
+    process, frozen = LoopProcess(first_s=120.0), taken.frozen()
+    tracemalloc.start()
+    process.offer(frozen)
+    deadline = time.monotonic() + 60.0
+    while tracemalloc.get_traced_memory()[0] > 400_000 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    held, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert process.busy
+    process.close()
+    assert peak > 800_000
+    assert held < 400_000
 
 
 def test_a_look_that_fails_says_why_and_harms_nothing(analyser):

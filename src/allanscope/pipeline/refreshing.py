@@ -21,10 +21,13 @@ import pickle
 import queue
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
 
 from allanscope.analysis import Analyser, LoopInput, StreamState, loop_input
 from allanscope.explain import Explanation, LiveLoop
@@ -67,6 +70,9 @@ IN_VIEWER, IN_TERMINAL, UNWATCHED = (
 """With a viewer; in a terminal; without a screen, where results are only recorded."""
 
 LOW_PRIORITY = 10
+
+TRIM_S = 600.0
+"""Memory that is free is returned so often, besides after the 1st, 2nd, 4th ... result."""
 
 SETTLED_S, BEFORE_S, FEWEST_STRETCH = 60.0, 120.0, 512
 """The rows about an event are searched so long after it was found, from so long before its onset,
@@ -123,7 +129,7 @@ class Refresher:
         self._thread.join(timeout=30.0)
 
     def _run(self) -> None:
-        results = 0
+        results, trimmed_s = 0, time.monotonic()
         while (frozen := self._work.get()) is not None:
             began_s, began_cpu_s = time.monotonic(), time.thread_time()
             try:
@@ -133,9 +139,10 @@ class Refresher:
             spent_s = time.thread_time() - began_cpu_s
             del frozen  # twenty megabytes, not needed until the next one
             results += 1
-            if results.bit_count() == 1:  # ever more rarely: each may have loaded code of its own
-                trim_memory()
             now = time.monotonic()
+            if results.bit_count() == 1 or now - trimmed_s > TRIM_S:  # each may have loaded code
+                trim_memory()
+                trimmed_s = now
             run_s = now - (self._began or now)
             self._next = now + _pause(run_s, spent_s, now - began_s, self._policy)
             self._busy.clear()
@@ -201,6 +208,7 @@ class LoopProcess:
         self._first_s = self._due_s = first_s
         self._loop = LiveLoop(first_s)
         self._info: StreamInfo | None = None
+        self._request = b""
         self._thread: threading.Thread | None = None
         self._child: subprocess.Popen[bytes] | None = None
         self._closed = False
@@ -236,10 +244,8 @@ class LoopProcess:
         if not self._loop.due(look.record):
             return
         self._due_s = 1.9 * look.length_s  # a little early: the true rate may be a little lower
-        self._thread = threading.Thread(
-            target=self._search_in_background, args=(look,), name="look", daemon=True
-        )
-        self._thread.start()
+        # What was found before is not asked for again, and is the larger part.
+        self._begin(replace(self._loop, explanation=None), look)
 
     def _stretch_due(self, state: StreamState) -> bool:
         """Begin a search of the rows about an event that was found a while ago, if there is one."""
@@ -253,11 +259,16 @@ class LoopProcess:
         if len(look.record.values) < FEWEST_STRETCH:
             return False
         words = f"about the event at {duration(onset.onset / hz)}"
+        self._begin(LiveLoop(0.0, nominal_hz=look.nominal_hz), look, words)
+        return True
+
+    def _begin(self, loop: LiveLoop, look: LoopInput, stretch: str = "") -> None:
+        """Begin a search; packed now, so that tens of megabytes are not held until its end."""
+        self._request = pickle.dumps((loop, look, bool(stretch)), pickle.HIGHEST_PROTOCOL)
         self._thread = threading.Thread(
-            target=self._search_in_background, args=(look, words), name="look", daemon=True
+            target=self._search_in_background, args=(stretch,), name="look", daemon=True
         )
         self._thread.start()
-        return True
 
     def close(self) -> None:
         """Give up a look that is under way: the run has ended, and is now searched in full."""
@@ -267,44 +278,65 @@ class LoopProcess:
         if self._thread is not None:
             self._thread.join(timeout=5.0)
 
-    def _search_in_background(self, look: LoopInput, stretch: str = "") -> None:
+    def _search_in_background(self, stretch: str) -> None:
+        loop = self._loop
         try:
-            self._search(look, stretch)
+            answer = self._answer()
         except Exception as error:  # no process, no memory: the end of the run searches in full
             self.trouble = f"{type(error).__name__}: {error}"
-        if self.trouble and not self._closed:
-            self._fail(f"the search for effects during the run failed: {self.trouble}")
-
-    def _search(self, look: LoopInput, stretch: str) -> None:
-        loop = LiveLoop(0.0, nominal_hz=look.nominal_hz) if stretch else self._loop
-        request = pickle.dumps((loop, look), pickle.HIGHEST_PROTOCOL)
-        # A session of its own: Ctrl-C in the terminal is for us to understand, not for the child.
-        command = [sys.executable, "-m", __name__]
-        pipe = subprocess.PIPE
-        self._child = child = subprocess.Popen(
-            command, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True
-        )
-        with child:
-            answer, complaint = child.communicate(request)
-        self._child = None  # it holds on to the request
-        if child.returncode:
-            last = complaint.decode(errors="replace").strip().rpartition("\n")[2]
-            self.trouble = last or f"the search for effects ended with code {child.returncode}"
+            answer = None
+        if answer is None:
+            if not self._closed:
+                self._fail(f"the search for effects during the run failed: {self.trouble}")
         elif stretch:
-            known = pickle.loads(answer).findings
-            found = "; ".join(one.words for one in known) or "no effects beyond the noise model"
+            found = "; ".join(one.words for one in answer) or "no effects beyond the noise model"
             self._tell(f"search {stretch}: {found}")
         elif loop is self._loop:
-            self._loop, self.trouble = pickle.loads(answer), ""
+            self._loop, self.trouble = answer, ""
+
+    def _answer(self) -> Any:
+        """Return what the child makes of the request; None where it failed, with `trouble`."""
+        request, self._request = self._request, b""
+        # A session of its own: Ctrl-C in the terminal is for us to understand, not for the child.
+        command, pipe = [sys.executable, "-m", __name__], subprocess.PIPE
+        with tempfile.TemporaryFile() as complaint:
+            child = subprocess.Popen(
+                command, stdin=pipe, stdout=pipe, stderr=complaint, start_new_session=True
+            )
+            assert child.stdin is not None
+            assert child.stdout is not None
+            self._child = child
+            with child:
+                try:
+                    child.stdin.write(request)
+                    del request
+                    child.stdin.close()
+                    answer = pickle.load(child.stdout)
+                except (OSError, EOFError, pickle.UnpicklingError):
+                    answer = None
+                finally:
+                    with suppress(OSError):
+                        child.stdin.close()
+            self._child = None
+            if answer is None or child.returncode:
+                complaint.seek(0)
+                last = complaint.read().decode(errors="replace").strip().rpartition("\n")[2]
+                code = f"the search for effects ended with code {child.returncode}"
+                self.trouble = last or code
+                return None
+        return answer
 
 
 def main() -> None:
-    """Be the child: take a loop and what it is to look at, give back the loop."""
+    """Be the child: take a loop and what it is to look at, give back the loop or what it found."""
     if hasattr(os, "nice"):
         os.nice(LOW_PRIORITY)
-    loop, look = pickle.load(sys.stdin.buffer)
+    loop, look, is_stretch = pickle.load(sys.stdin.buffer)
     loop.update(look.record, rate_fit=look.rate_fit, densities=look.densities or None)
-    pickle.dump(loop, sys.stdout.buffer, pickle.HIGHEST_PROTOCOL)
+    if loop.explanation is not None:
+        loop.explanation = replace(loop.explanation, cleaned={})  # of no use to a result
+    answer = loop.findings if is_stretch else loop
+    pickle.dump(answer, sys.stdout.buffer, pickle.HIGHEST_PROTOCOL)
 
 
 if __name__ == "__main__":

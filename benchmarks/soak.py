@@ -90,7 +90,7 @@ class Health(threading.Thread):
         super().__init__(name="health", daemon=True)
         self._pid, self._progress, self._every_s = pid, progress, every_s
         self._done = threading.Event()
-        self.rows: list[tuple[float, float, int, int]] = []
+        self.rows: list[tuple[float, float, int, int, float]] = []
 
     def run(self) -> None:
         while not self._done.wait(self._every_s):
@@ -105,8 +105,8 @@ class Health(threading.Thread):
         lines = dict(line.split(":", 1) for line in status.splitlines())
         if "VmRSS" not in lines:
             return  # it has just ended
-        memory = int(lines["VmRSS"].split()[0]) / 1024
-        self.rows.append((self._progress(), memory, handles, int(lines["Threads"])))
+        memory, files = (int(lines[name].split()[0]) / 1024 for name in ("VmRSS", "RssFile"))
+        self.rows.append((self._progress(), memory, handles, int(lines["Threads"]), files))
 
     def end(self) -> None:
         self._done.set()
@@ -115,9 +115,11 @@ class Health(threading.Thread):
     def summary(self) -> list[str]:
         """Return a few lines, and what grew from the first tenth of the run to its last."""
         rows = np.array(self.rows)
-        lines = ["   at      memory  handles  threads"]
-        for row in rows[:: max(1, len(rows) // 8)]:
-            lines.append(f"{row[0]:7.3f}  {row[1]:7.1f} MB  {row[2]:6.0f}  {row[3]:6.0f}")
+        lines = ["   at      memory  of it of files  handles  threads"]
+        for row in rows[:: max(1, len(rows) // 12)]:
+            lines.append(
+                f"{row[0]:7.3f}  {row[1]:7.1f} MB  {row[4]:10.1f} MB  {row[2]:6.0f}  {row[3]:6.0f}"
+            )
         return lines
 
     def growth(self) -> tuple[float, int, int]:

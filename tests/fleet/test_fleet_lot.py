@@ -13,7 +13,7 @@ from scipy.stats import t
 
 from allanscope.fleet.drift import drifts_of
 from allanscope.fleet.effects import effects_in, replications, shared_effects
-from allanscope.fleet.lot import TAUS, Lot, rows_of, schema, write_table
+from allanscope.fleet.lot import TAUS, EffectColumn, Lot, rows_of, schema, write_table
 from allanscope.fleet.outliers import Outlier, outlying_units, outlying_values
 from allanscope.fleet.page import render_lot
 from allanscope.fleet.pictures import curves_picture, distribution_picture, history_picture
@@ -328,14 +328,14 @@ def test_the_table_holds_the_curve_as_far_as_it_is_trusted() -> None:
 
 
 def test_the_slope_of_an_effect_is_judged_where_many_units_have_it(lot: Lot) -> None:
-    effects = np.empty(len(lot), object)
+    effects: list[Any] = []
     rng = np.random.default_rng(5)
-    for row, (unit, axis) in enumerate(zip(lot["unit"], lot["axis"], strict=True)):
+    for unit, axis in zip(lot["unit"], lot["axis"], strict=True):
         slope = (0.05 if unit == "unit-09" else 0.01) + 2e-4 * rng.standard_normal()
         told = {"name": "slope", "value": slope, "lower": slope - 4e-4, "upper": slope + 4e-4}
         one = {"kind": "temperature", "parameters": [{**told, "unit": "dps/degC", "text": None}]}
-        effects[row] = [one] if axis == "gx" else None
-    named = findings(Lot({**lot.columns, "effects": effects}))
+        effects.append([one] if axis == "gx" else None)
+    named = findings(Lot({**lot.columns, "effects": EffectColumn.of(effects)}))
     assert {(one.unit, one.axis) for one in named} == {(ODD, "gx"), ("unit-09", "gx")}
     [slope_of] = [one.reason for one in named if one.unit == "unit-09"]
     assert slope_of.startswith("slope of ")

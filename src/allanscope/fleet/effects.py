@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allanscope.fleet.lot import Lot
+from allanscope.fleet.lot import EffectColumn, Lot
 from allanscope.quantities import TWO_SIDED_95
 
 __all__ = [
@@ -53,32 +53,30 @@ class FoundEffect:
 
     Attributes
     ----------
-    parameters : dict
-        Name to (value, lower, upper, unit), numbers only; limits may be NaN.
+    frequency_hz : float
+        Where it is in the spectrum; NaN for what has no frequency.
+    width_hz : float
+        How far from there it may be: its 95 % interval to one side.
     """
 
     unit: str
     recording: str
     axis: str
     kind: str
-    parameters: dict[str, tuple[float, float, float, str]]
+    frequency_hz: float
+    width_hz: float
+    _column: EffectColumn
+    _number: int
 
     @property
-    def frequency_hz(self) -> float:
-        """Where it is in the spectrum; NaN for what has no frequency."""
-        return self.parameters.get("frequency", (np.nan,))[0]
+    def parameters(self) -> dict[str, tuple[float, float, float, str]]:
+        """Name to (value, lower, upper, unit), numbers only; limits may be NaN."""
+        return self._column.parameters(self._number)
 
     @property
     def has_frequency(self) -> bool:
         """Whether it sits at one place of the spectrum."""
         return not math.isnan(self.frequency_hz)
-
-    @property
-    def width_hz(self) -> float:
-        """How far from there it may be: its 95 % interval to one side."""
-        value, lower, upper, _ = self.parameters.get("frequency", (np.nan, np.nan, np.nan, ""))
-        wide = max(upper - value, value - lower)
-        return 0.0 if math.isnan(wide) else wide
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,16 +104,19 @@ class SharedEffect:
 
 def effects_in(lot: Lot) -> list[FoundEffect]:
     """Return all effects of a lot."""
+    column: EffectColumn = lot["effects"]
+    keys = zip(lot["unit"], lot["recording"], lot["axis"], column.of_rows(), strict=True)
     found = []
-    keys = zip(lot["unit"], lot["recording"], lot["axis"], lot["effects"], strict=True)
     for unit, recording, axis, effects in keys:
-        for one in effects or ():
-            parameters = {
-                p["name"]: (p["value"], _limit(p["lower"]), _limit(p["upper"]), p["unit"])
-                for p in one["parameters"]
-                if p["value"] is not None
-            }
-            found.append(FoundEffect(unit, recording, axis, one["kind"], parameters))
+        for number in effects:
+            place = column.parameters(number).get("frequency", (np.nan, np.nan, np.nan, ""))
+            value, lower, upper, _ = place
+            wide = max(upper - value, value - lower)
+            width = 0.0 if math.isnan(wide) else wide
+            kind = column.kind[number]
+            found.append(
+                FoundEffect(unit, recording, axis, kind, value, width, column, number)
+            )
     return found
 
 
@@ -159,10 +160,6 @@ def alike(one: FoundEffect, other: FoundEffect) -> bool:
         return one.has_frequency == other.has_frequency
     apart = abs(one.frequency_hz - other.frequency_hz)
     return apart <= max(one.width_hz + other.width_hz, ALIKE * other.frequency_hz)
-
-
-def _limit(value: float | None) -> float:
-    return np.nan if value is None else value
 
 
 def _axis_order(axis: str) -> tuple[bool, str]:

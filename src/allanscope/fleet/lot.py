@@ -7,8 +7,9 @@ The report is reckoned from what was read back, a `Lot`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,13 @@ from allanscope.atomic_write import atomic_write
 from allanscope.quantities import LETTERS
 from allanscope.samples import AXES
 
-__all__ = ["TAUS", "Lot", "rows_of", "schema", "write_table"]
+__all__ = ["TAUS", "EffectColumn", "Lot", "rows_of", "schema", "write_table"]
 
 TAUS = 10.0 ** (np.arange(-12, 21) / 4.0)
 """Averaging times in s at which the table holds the Allan deviation of every row, shape (33,)."""
+
+_PARAMETER = ("name", "value", "lower", "upper", "unit")
+"""What is told of a parameter of an effect that is a number."""
 
 _READ = (
     *("recording", "unit", "axis", "sensor_unit", "part", "started", "duration_s", "samples"),
@@ -30,7 +34,9 @@ _READ = (
     *("temperature_lowest", "temperature_highest", "level_mean", "datasheet_limit"),
     *("datasheet_verdict", "explained", "residual_after_chi2_per_dof", "residual_after_p_value"),
     *(f"{name}_{part}" for name in "NBK" for part in ("value", "lower", "upper", "detected")),
-    *("effects", "curve", "curve_edf"),
+    *("curve", "curve_edf"),
+    "effects.list.element.kind",
+    *(f"effects.list.element.parameters.list.element.{name}" for name in _PARAMETER),
 )
 """Columns that the report needs."""
 
@@ -51,30 +57,34 @@ class Lot:
     ----------
     columns : mapping
         Name to values, shape (n,): numbers are floats, with NaN for what is not known; truths are
-        floats too; texts and effects are objects.
+        floats too; texts are objects, ``effects`` an `EffectColumn`.
     """
 
-    columns: Mapping[str, NDArray[Any]]
+    columns: Mapping[str, Any]
 
     @classmethod
     def read(cls, table: Path) -> Lot:
         """Return what a table holds, without the columns that no report needs."""
         import pyarrow.parquet as pq
 
-        groups: dict[str, list[NDArray[Any]]] = {name: [] for name in _READ}
+        groups: dict[str, list[Any]] = defaultdict(list)
         same: dict[str, str] = {}
         with table.open("rb") as opened:  # by us: Arrow takes no names that are not UTF-8
             file = pq.ParquetFile(opened)
             for number in range(file.num_row_groups):
                 read = file.read_row_group(number, columns=list(_READ))
-                for name in _READ:
-                    groups[name].append(_values(read.column(name), same))
-        return cls({name: np.concatenate(parts) for name, parts in groups.items()})
+                for name in read.column_names:
+                    column = read.column(name).combine_chunks()
+                    effects = name == "effects"
+                    groups[name].append(_effects(column) if effects else _values(column, same))
+        effects = EffectColumn.joined(groups.pop("effects"))
+        columns = {name: np.concatenate(parts) for name, parts in groups.items()}
+        return cls({**columns, "effects": effects})
 
     def __len__(self) -> int:
         return len(self.columns["axis"])
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
+    def __getitem__(self, name: str) -> Any:
         return self.columns[name]
 
     @property
@@ -110,17 +120,115 @@ def _values(column: Any, same: dict[str, str]) -> NDArray[Any]:
         told = [one and same.setdefault(one, one) for one in column.to_pylist()]
         return np.array([*told, None], object)[:-1]
     if not pa.types.is_list(kind):
-        return np.asarray(column.cast(pa.float64()).to_numpy(), np.float64)
-    if pa.types.is_floating(kind.value_type):
-        values = np.full((len(column), len(TAUS)), np.nan, np.float32)
-        for row, one in enumerate(column.to_pylist()):
-            if one is not None:
-                values[row] = one
-        return values
-    effects = np.empty(len(column), object)
-    for row, one in enumerate(column.to_pylist()):
-        effects[row] = one or None
-    return effects
+        return np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
+    values = np.full((len(column), len(TAUS)), np.nan, np.float32)
+    known = ~column.is_null().to_numpy(zero_copy_only=False)
+    values[known] = column.flatten().to_numpy(zero_copy_only=False).reshape(-1, len(TAUS))
+    return values
+
+
+@dataclass(frozen=True)
+class EffectColumn:
+    """The effects of all rows: numbers side by side, a few dozen bytes each.
+
+    Attributes
+    ----------
+    rows : ndarray of intp, shape (n,)
+        Which of the rows of `first` these are.
+    first : ndarray of int64, shape (all rows + 1,)
+        First effect of each row.
+    kind : ndarray of object, shape (effects,)
+        Of each effect.
+    parameter : ndarray of int64, shape (effects + 1,)
+        First parameter of each effect.
+    name, unit : ndarray of object, shape (parameters,)
+    numbers : ndarray of float64, shape (parameters, 3)
+        Value, lower and upper limit; NaN where there is none.
+    """
+
+    rows: NDArray[np.intp]
+    first: NDArray[np.int64]
+    kind: NDArray[np.object_]
+    parameter: NDArray[np.int64]
+    name: NDArray[np.object_]
+    unit: NDArray[np.object_]
+    numbers: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, rows: Sequence[Sequence[Mapping[str, Any]] | None]) -> EffectColumn:
+        """Return the effects of some rows of the table, as `rows_of` has them."""
+        import pyarrow as pa
+
+        return _effects(pa.array(rows, schema().field("effects").type))
+
+    @classmethod
+    def joined(cls, parts: Sequence[EffectColumn]) -> EffectColumn:
+        """Return one column of the effects of several, each of which has all of its rows."""
+
+        def offsets(each: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+            ends = np.cumsum([0, *(one[-1] for one in each)])
+            shifted = [one[:-1] + end for one, end in zip(each, ends[:-1], strict=True)]
+            return np.concatenate([*shifted, ends[-1:]])
+
+        first = offsets([one.first for one in parts])
+        return cls(
+            np.arange(len(first) - 1),
+            first,
+            np.concatenate([one.kind for one in parts]),
+            offsets([one.parameter for one in parts]),
+            np.concatenate([one.name for one in parts]),
+            np.concatenate([one.unit for one in parts]),
+            np.concatenate([one.numbers for one in parts]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, which: NDArray[Any]) -> EffectColumn:
+        return replace(self, rows=self.rows[which])
+
+    def of_rows(self) -> Iterator[range]:
+        """Yield the numbers of the effects of each row."""
+        for row in self.rows.tolist():
+            yield range(int(self.first[row]), int(self.first[row + 1]))
+
+    def parameters(self, effect: int) -> dict[str, tuple[float, float, float, str]]:
+        """Return the parameters of an effect: name to value, lower, upper and unit."""
+        here = range(int(self.parameter[effect]), int(self.parameter[effect + 1]))
+        rows = ((self.name[at], (*self.numbers[at].tolist(), self.unit[at])) for at in here)
+        return {name: values for name, values in rows if values[0] == values[0]}
+
+
+def _effects(column: Any) -> EffectColumn:
+    """Return the effects of a group of rows."""
+    fields = column.flatten()
+    told = fields.field("parameters")
+    each = told.flatten()
+
+    def texts(values: Any) -> NDArray[np.object_]:
+        """Return texts of which each is one object, however often it comes."""
+        coded = values.dictionary_encode()
+        names = np.array([*coded.dictionary.to_pylist(), None], object)
+        codes = coded.indices.fill_null(len(names) - 1).to_numpy(zero_copy_only=False)
+        return np.asarray(names[codes])
+
+    def ends(lists: Any) -> NDArray[np.int64]:
+        lengths = lists.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
+        return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
+
+    numbers = [
+        np.asarray(each.field(name).to_numpy(zero_copy_only=False), np.float64)
+        for name in ("value", "lower", "upper")
+    ]
+    return EffectColumn(
+        np.arange(len(column)),
+        ends(column),
+        texts(fields.field("kind")),
+        ends(told),
+        texts(each.field("name")),
+        texts(each.field("unit")),
+        np.column_stack(numbers) if len(each) else np.empty((0, 3)),
+    )
 
 
 def schema() -> Any:

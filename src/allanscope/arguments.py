@@ -215,6 +215,19 @@ def fleet(one: ArgumentParser) -> None:
         metavar="REGEX",
         help="pattern in the path; its first group is the name of the unit",
     )
+    one.add_argument(
+        "--against", metavar="SPEC.toml", help="accept units within these limits, as check does"
+    )
+    one.add_argument(
+        "--compare", default="", metavar="DIR", help="compare with the results of another lot"
+    )
+    one.add_argument(
+        "--partition",
+        type=_partition,
+        default=(),
+        metavar="COLUMN,...",
+        help="part the table into files by these columns: part, axis, sensor_unit, unit, firmware",
+    )
     _device_arguments(one)
 
 
@@ -593,6 +606,15 @@ def _view_port(text: str) -> int:
             "without --port)"
         )
     return int(text)
+
+
+def _partition(text: str) -> tuple[str, ...]:
+    """Return the columns by which a table is parted."""
+    names = tuple(name.strip() for name in text.split(","))
+    known = ("part", "axis", "sensor_unit", "unit", "firmware")
+    if len(set(names)) < len(names) or not set(names) <= set(known):
+        raise argparse.ArgumentTypeError(f"{text!r} is none; columns: {', '.join(known)}")
+    return names
 
 
 def _workers(text: str) -> int:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from allanscope.errors import UsageError
 
-__all__ = ["atomic_write", "refuse_place", "write_text"]
+__all__ = ["atomic_write", "refuse_place", "replaced_folder", "write_text"]
 
 
 def refuse_place(path: Path) -> None:
@@ -72,6 +73,37 @@ def write_text(path: Path, text: str) -> None:
     """
     with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def replaced_folder(path: Path) -> Iterator[Path]:
+    """Yield a folder beside `path`, which takes its place, whatever was there, when all went well.
+
+    Raises
+    ------
+    UsageError
+        When the place cannot be written to.
+    """
+    part = path.with_name(f".{path.name}.part")
+    try:
+        _removed(part)
+        part.mkdir()
+        yield part
+        _removed(path)
+        part.rename(path)
+    except OSError as error:
+        why = error.strerror or error
+        raise UsageError(f"cannot write {path}: {why}; choose another place") from error
+    finally:
+        _removed(part)
+
+
+def _removed(path: Path) -> None:
+    """Remove a file or a folder, if there is one."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -272,6 +272,9 @@ def fleet(options: Namespace) -> int:
         scheduler=options.scheduler,
         workers=options.workers,
         unit_pattern=options.unit_name,
+        limits=Path(options.against) if options.against else None,
+        compare=options.compare,
+        partition=options.partition,
         quiet=options.quiet,
     )
     result = run_fleet(settings, _device_settings(options))
@@ -280,7 +283,10 @@ def fleet(options: Namespace) -> int:
     print("\n".join(map(sanitize, summary_lines(result))))
     if result.left:
         return ExitCode.STOPPED
-    return ExitCode.INPUT if result.failures else ExitCode.DONE
+    if result.failures:
+        return ExitCode.INPUT
+    rejected = result.acceptance is not None and result.acceptance.rejected
+    return ExitCode.CHECK_FAILED if rejected else ExitCode.DONE
 
 
 def convert(options: Namespace) -> int:

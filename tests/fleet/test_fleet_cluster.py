@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from urllib.request import urlopen
 
+import dask
 import pytest
 from distributed import Client, LocalCluster
 
@@ -119,3 +120,46 @@ def test_the_dashboard_answers_or_the_line_says_why_not(cluster: LocalCluster) -
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no Dask scheduler answers at nonsense"):
         connected("nonsense", None).__enter__()
+
+
+HOG = """
+from allanscope.fleet import worker_tasks
+
+plain = worker_tasks.Recording
+
+
+def recording(path):
+    if path.name == "huge.mcap":
+        hoard = []
+        while True:
+            hoard.append(bytearray(1 << 24))
+    return plain(path)
+
+
+worker_tasks.Recording = recording
+"""
+
+
+def test_a_recording_that_takes_more_memory_than_a_worker_may_is_named_and_the_rest_goes_on(
+    board: Callable[..., Path], tmp_path: Path
+) -> None:
+    """The worker's nanny ends it at its limit, again and again; then the recording has failed."""
+    for name in ("a", "huge", "z"):
+        board(tmp_path / "lot" / f"{name}.mcap", len(name))
+    (tmp_path / "hog.py").write_text(HOG)
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=None,
+            silence_logs=50,
+            memory_limit="1GB",
+            preload=[str(tmp_path / "hog.py")],
+        ) as cluster,
+    ):
+        result = fleet(cluster, tmp_path / "out", tmp_path / "lot")
+    url = str(tmp_path / "lot" / "huge.mcap")
+    assert result.failures == {url: f"{url}: its worker died repeatedly; too little memory?"}
+    assert (result.done, result.left) == (2, 0)

@@ -120,3 +120,77 @@ def test_copies_and_lost_samples_are_named(lot: Path, tmp_path: Path) -> None:
     table = pq.read_table(out / "lot.parquet")
     assert set(table.column("recording").to_pylist()) == {first, str(half)}
     assert "lost samples" in (out / "lot.html").read_text()
+
+
+def results(out: Path) -> list[Path]:
+    return sorted(out.glob("results/*/*.json.gz"))
+
+
+def test_a_client_that_is_killed_leaves_no_orphan_and_goes_on(
+    board: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Killed with -9: what it had stored is not done again, and the lot is that of one run."""
+    for number in range(COUNT):
+        board(tmp_path / "lot" / f"{number}.mcap", 70 + number)
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    call = command(tmp_path / "lot", "--out", out, "--workers", 1)
+    with subprocess.Popen(call, stderr=subprocess.DEVNULL, start_new_session=True) as client:
+        while not results(out):
+            assert client.poll() is None
+            time.sleep(0.005)
+        os.kill(client.pid, signal.SIGKILL)
+    kept = len(results(out))
+    assert kept >= 1
+    deadline = time.monotonic() + 60.0
+    while (left := of_group(client.pid)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert left == []
+    assert not (out / "lot.parquet").exists()
+    again = subprocess.run(call, capture_output=True, text=True, timeout=200, check=False)
+    assert again.returncode == 0, again.stderr
+    before = f", {kept} of them before" if kept < COUNT else ""
+    assert again.stdout.splitlines()[0] == f"{COUNT} recordings analysed{before}"
+    call = command(tmp_path / "lot", "--out", whole, "--workers", 1)
+    subprocess.run(call, capture_output=True, timeout=200, check=True)
+    assert (out / "lot.parquet").read_bytes() == (whole / "lot.parquet").read_bytes()
+    assert (out / "lot.html").read_bytes() == (whole / "lot.html").read_bytes()
+
+
+def of_group(group: int) -> list[int]:
+    """Return the processes of a group that still run."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            state, _, of = (folder / "stat").read_text().rsplit(")", 1)[1].split()[:3]
+        except OSError:
+            continue
+        if int(of) == group and state != "Z":
+            found.append(int(folder.name))
+    return found
+
+
+def test_a_lot_is_held_against_limits_and_against_another(
+    board: Callable[..., Path], tmp_path: Path
+) -> None:
+    for number in range(3):
+        board(tmp_path / "lot" / f"{number}.mcap", 80 + number)
+    out = tmp_path / "out"
+    spec = tmp_path / "spec.toml"
+    spec.write_text("[gyro]\nN = 1e-5\n")
+    call = command(tmp_path / "lot", "--out", out, "--workers", 1)
+    first = subprocess.run(call, capture_output=True, text=True, timeout=200, check=False)
+    assert first.returncode == 0, first.stderr
+    shutil.copytree(out, earlier := tmp_path / "earlier")
+    call += ["--against", str(spec), "--compare", str(earlier), "--partition", "axis"]
+    ended = subprocess.run(call, capture_output=True, text=True, timeout=200, check=False)
+    assert ended.returncode == ExitCode.CHECK_FAILED, ended.stderr
+    assert ended.stdout.splitlines()[1].startswith("0 of 3 units accepted: 0 % [0")
+    page = (out / "lot.html").read_text()
+    assert f"against {earlier}:</b> no difference; " in page
+    assert len(list((out / "lot.parquet").glob("axis=*/*.parquet"))) == 6
+    assert len(list((out / "units").iterdir())) == 3
+    for bad in ("--compare", "--against"):
+        call = command(tmp_path / "lot", "--out", out, bad, tmp_path / "no.toml")
+        refused = subprocess.run(call, capture_output=True, text=True, timeout=200, check=False)
+        assert refused.returncode == ExitCode.INPUT
+        assert len(refused.stderr.splitlines()) == 1

@@ -16,7 +16,12 @@ from allanscope.fleet.effects import effects_in, replications, shared_effects
 from allanscope.fleet.lot import TAUS, EffectColumn, Lot, rows_of, schema, write_table
 from allanscope.fleet.outliers import Outlier, outlying_units, outlying_values
 from allanscope.fleet.page import render_lot
-from allanscope.fleet.pictures import curves_picture, distribution_picture, history_picture
+from allanscope.fleet.pictures import (
+    curve_bands,
+    curves_picture,
+    distribution_picture,
+    history_picture,
+)
 from allanscope.fleet.repeats import log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical_value import typical_of
 from allanscope.fleet.verdict import average_limits, findings, lot_verdict, reservations
@@ -305,10 +310,10 @@ def test_a_curve_of_another_shape_is_named_and_drawn(lot: Lot) -> None:
     assert shape.reason.startswith("the curve has another shape: from 0.001 to")
     plain = with_curves(lot, "unit-04", 1.0)
     assert {one.unit for one in findings(plain)} == {ODD}, "more noise is no other shape"
-    picture = curves_picture(plain, "dps", findings(plain))
+    picture = curves_picture(curve_bands(plain), "dps", findings(plain))
     assert picture is not None
     assert ODD in picture.svg()
-    assert curves_picture(lot, "dps") is None, "a table without curves"
+    assert curves_picture(curve_bands(lot), "dps") is None, "a table without curves"
 
 
 def test_the_table_holds_the_curve_as_far_as_it_is_trusted() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from allanscope.errors import AllanscopeError
-from allanscope.pipeline.check import _read as read_specification
+from allanscope.pipeline.check import read_limits as read_specification
 from allanscope.sanitize import sanitize
 from allanscope.simulator import Simulator, Truth
 

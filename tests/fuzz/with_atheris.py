@@ -4,8 +4,8 @@
     python tests/fuzz/with_atheris.py native -max_total_time=600
     python tests/fuzz/with_atheris.py recording -max_total_time=600 FOLDER
 
-The first argument is a wire format, ``sniff``, ``recording`` (MCAP), ``json`` or ``toml`` (a truth to
-simulate) or ``specification`` (TOML); the rest goes to libFuzzer, with a folder for what reaches
+The first argument is a wire format, ``sniff``, ``recording`` (MCAP), ``json`` or ``toml`` (a truth
+to simulate) or ``specification`` (TOML); the rest goes to libFuzzer, with a folder for what reaches
 new code. Whatever is not an event or an `AllanscopeError` ends it with the input that did it.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 with atheris.instrument_imports(include=["allanscope", "tomllib"]):
     from allanscope.analysis import Analyser
     from allanscope.errors import AllanscopeError
-    from allanscope.pipeline.check import _read as read_specification
+    from allanscope.pipeline.check import read_limits as read_specification
     from allanscope.recording import Recording
     from allanscope.simulator import Simulator, Truth
     from allanscope.wire import WireSettings, format_named, sniff

@@ -114,9 +114,7 @@ def effects_in(lot: Lot) -> list[FoundEffect]:
             wide = max(upper - value, value - lower)
             width = 0.0 if math.isnan(wide) else wide
             kind = column.kind[number]
-            found.append(
-                FoundEffect(unit, recording, axis, kind, value, width, column, number)
-            )
+            found.append(FoundEffect(unit, recording, axis, kind, value, width, column, number))
     return found
 
 

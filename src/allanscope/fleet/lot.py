@@ -8,15 +8,18 @@ The report is reckoned from what was read back, a `Lot`.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+from urllib.parse import quote, unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.atomic_write import atomic_write
+from allanscope.atomic_write import atomic_write, replaced_folder
+from allanscope.errors import UsageError
 from allanscope.quantities import LETTERS
 from allanscope.samples import AXES
 
@@ -39,6 +42,19 @@ _READ = (
     *(f"effects.list.element.parameters.list.element.{name}" for name in _PARAMETER),
 )
 """Columns that the report needs."""
+
+_JUDGED = tuple(
+    f"{prefix}{name}_{part}"
+    for prefix, names in (("", "QR"), ("before_", "QBKR"))
+    for name in names
+    for part in ("value", "lower", "upper", "detected")
+)
+"""Columns that limits need besides."""
+
+_NONE = "__HIVE_DEFAULT_PARTITION__"
+
+MOST_PARTS = 512
+"""Files that are written at a time."""
 
 _COEFFICIENT = ("value", "lower", "upper", "detected")
 _ERROR = ("chi2_per_dof", "p_value", "rms_percent", "expected_rms_percent", "worst_band_z")
@@ -63,20 +79,23 @@ class Lot:
     columns: Mapping[str, Any]
 
     @classmethod
-    def read(cls, table: Path) -> Lot:
-        """Return what a table holds, without the columns that no report needs."""
-        import pyarrow.parquet as pq
+    def read(cls, table: Path, limits: bool = False) -> Lot:
+        """Return what a table holds, without the columns that no report needs.
 
+        Parameters
+        ----------
+        table : Path
+            File, or folder of a partitioned table.
+        limits : bool
+            Also what it takes to hold runs against limits.
+        """
         groups: dict[str, list[Any]] = defaultdict(list)
         same: dict[str, str] = {}
-        with table.open("rb") as opened:  # by us: Arrow takes no names that are not UTF-8
-            file = pq.ParquetFile(opened)
-            for number in range(file.num_row_groups):
-                read = file.read_row_group(number, columns=list(_READ))
-                for name in read.column_names:
-                    column = read.column(name).combine_chunks()
-                    effects = name == "effects"
-                    groups[name].append(_effects(column) if effects else _values(column, same))
+        for read in _row_groups(table, [*_READ, *(_JUDGED if limits else ())]):
+            for name in read.column_names:
+                column = read.column(name).combine_chunks()
+                effects = name == "effects"
+                groups[name].append(_effects(column) if effects else _values(column, same))
         effects = EffectColumn.joined(groups.pop("effects"))
         columns = {name: np.concatenate(parts) for name, parts in groups.items()}
         return cls({**columns, "effects": effects})
@@ -96,7 +115,7 @@ class Lot:
     @property
     def units(self) -> NDArray[np.str_]:
         """The unit of each row."""
-        return self["unit"].astype(np.str_)
+        return np.asarray(self["unit"], np.str_)
 
     def where(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Lot:
         """Return some of the rows, by truths or by their numbers."""
@@ -109,6 +128,27 @@ class Lot:
     def detected(self, name: str) -> Lot:
         """Return the rows in which a coefficient was found, and not only an upper limit for it."""
         return self.where((self[f"{name}_detected"] == 1.0) & (self[f"{name}_value"] > 0.0))
+
+
+def _row_groups(table: Path, wanted: Sequence[str]) -> Iterator[Any]:
+    """Yield the row groups of a table, those of a partitioned one with what their folders say."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    types = schema()
+    for path in sorted(table.rglob("*.parquet")) if table.is_dir() else [table]:
+        named = [folder.split("=", 1) for folder in path.relative_to(table).parts if "=" in folder]
+        same = {name: None if value == _NONE else unquote(value) for name, value in named}
+        columns = [name for name in wanted if name not in same]
+        with path.open("rb") as opened:  # by us: Arrow takes no names that are not UTF-8
+            file = pq.ParquetFile(opened)
+            for number in range(file.num_row_groups):
+                read = file.read_row_group(number, columns=columns)
+                for name, value in same.items():
+                    if name in wanted:
+                        told = pa.array([value] * len(read), types.field(name).type)
+                        read = read.append_column(name, told)
+                yield read
 
 
 def _values(column: Any, same: dict[str, str]) -> NDArray[Any]:
@@ -186,6 +226,16 @@ class EffectColumn:
 
     def __getitem__(self, which: NDArray[Any]) -> EffectColumn:
         return replace(self, rows=self.rows[which])
+
+    def rows_with(self, parameter: str) -> NDArray[np.bool_]:
+        """Return which rows have an effect with a parameter of this name."""
+
+        def any_within(marked: NDArray[np.bool_], ends: NDArray[np.int64]) -> NDArray[np.bool_]:
+            before = np.concatenate([[0], np.cumsum(marked)])
+            return np.asarray(before[ends[1:]] > before[ends[:-1]])
+
+        effects = any_within(self.name == parameter, self.parameter)
+        return np.asarray(any_within(effects, self.first)[self.rows])
 
     def of_rows(self) -> Iterator[range]:
         """Yield the numbers of the effects of each row."""
@@ -305,27 +355,83 @@ def rows_of(recording: str, unit: str, result: Mapping[str, Any]) -> Iterator[di
         yield {**common, "axis": name, "sensor_unit": axis["unit"], **_axis(axis, remarks)}
 
 
-def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> int:
+def write_table(
+    path: Path, rows: Iterable[Mapping[str, Any]], partition: Sequence[str] = ()
+) -> int:
     """Write the rows, whole or not at all, a group at a time; return how many there were.
+
+    Parameters
+    ----------
+    path : Path
+        File; a folder of files where the table is partitioned.
+    rows : iterable of dict
+        As `rows_of` yields them.
+    partition : sequence of str
+        Columns that become folders, as ``axis=gx``, and are in no file (Hive's layout).
 
     Raises
     ------
     UsageError
         If the file cannot be written.
     """
+    written = 0
+    if not partition:
+        with (
+            atomic_write(path) as part,
+            part.open("wb") as file,  # by us: Arrow takes no names that are not UTF-8
+            _writer(file, schema()) as write,
+        ):
+            for group in _groups(rows):
+                write(group)
+                written += len(group)
+        return written
+    with replaced_folder(path) as folder, ExitStack() as opened:
+        writers: dict[Path, Callable[[list[Mapping[str, Any]]], None]] = {}
+        fields = [one for one in schema() if one.name not in partition]
+        for group in _groups(rows):
+            parts: dict[Path, list[Mapping[str, Any]]] = defaultdict(list)
+            for row in group:
+                parts[_folder_of(row, partition)].append(row)
+            for place, some in parts.items():
+                if place not in writers:
+                    if len(writers) == MOST_PARTS:
+                        raise UsageError(
+                            f"--partition {','.join(partition)} gives more than {MOST_PARTS} files"
+                        )
+                    (folder / place).mkdir(parents=True)
+                    file = opened.enter_context((folder / place / "part-0.parquet").open("wb"))
+                    writers[place] = opened.enter_context(_writer(file, _schema_of(fields)))
+                writers[place](some)
+            written += len(group)
+    return written
+
+
+@contextmanager
+def _writer(file: IO[bytes], columns: Any) -> Iterator[Callable[[list[Mapping[str, Any]]], None]]:
+    """Give a function that writes rows into a file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    written = 0
-    with (
-        atomic_write(path) as part,
-        part.open("wb") as file,  # by us: Arrow takes no names that are not UTF-8
-        pq.ParquetWriter(file, schema(), compression="zstd") as writer,
-    ):
-        for group in _groups(rows):
-            writer.write_table(pa.Table.from_pylist(group, schema=schema()))
-            written += len(group)
-    return written
+    with pq.ParquetWriter(file, columns, compression="zstd") as writer:
+        yield lambda rows: writer.write_table(pa.Table.from_pylist(rows, schema=columns))
+
+
+def _schema_of(fields: list[Any]) -> Any:
+    import pyarrow as pa
+
+    return pa.schema(fields)
+
+
+def _folder_of(row: Mapping[str, Any], partition: Sequence[str]) -> Path:
+    """Return the folder of a row.
+
+    >>> _folder_of({"axis": "gx", "unit": "a/b"}, ("unit", "axis"))
+    PosixPath('unit=a%2Fb/axis=gx')
+    """
+    values = ((name, row[name]) for name in partition)
+    return Path(
+        *(f"{name}={_NONE if value is None else quote(value, '')}" for name, value in values)
+    )
 
 
 def _groups(rows: Iterable[Mapping[str, Any]]) -> Iterator[list[Mapping[str, Any]]]:

@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from pathlib import PurePosixPath
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from allanscope.errors import UsageError
+from allanscope.atomic_write import replaced_folder
+from allanscope.errors import InputError, UsageError
 from allanscope.fleet.lot import Lot, rows_of, write_table
 from allanscope.fleet.outcome import loss_of
-from allanscope.fleet.store import Store, staged
+from allanscope.fleet.store import Store, result_folder, staged
+from allanscope.pipeline import Limits
 
 if TYPE_CHECKING:
     from allanscope.fleet.run import FleetSettings
     from allanscope.fleet.work_queue import FleetResult
 
-__all__ = ["UnitNames", "find_duplicates", "write_lot"]
+__all__ = ["UnitNames", "find_duplicates", "find_lot", "write_lot"]
 
 _IDENTITIES = ("unit", "unique_id", "serial_number")
 """What a recording says of its board, the best first: a name given at import, the controller's own
 number, the USB serial number."""
 
 
-def write_lot(result: FleetResult, store: Store, settings: FleetSettings) -> None:
-    """Write ``lot.parquet`` and ``lot.html`` of all recordings that have a result.
+def write_lot(result: FleetResult, store: Store, settings: FleetSettings, limits: Limits) -> None:
+    """Write ``lot.parquet``, ``lot.html`` and ``units/`` of all recordings that have a result.
 
     Copies of a recording are left out: they are no units and no repeats.
 
@@ -33,21 +36,68 @@ def write_lot(result: FleetResult, store: Store, settings: FleetSettings) -> Non
     UsageError
         If they cannot be written, or the pattern that names units is not possible.
     """
+    from allanscope.view import progress
+
     result.copies = find_duplicates(result.keys)
-    originals = result.keys.keys() - result.copies.keys()
+    originals = sorted(result.keys.keys() - result.copies.keys())
     names = UnitNames(originals, settings.unit_pattern)
     with staged(store.folder) as here:
         table = here / "lot.parquet"
-        if not write_table(table, _rows(result, sorted(originals), store, names)):
-            table.unlink()
-            return
+        with progress(
+            float(len(originals)), "table", unit="recordings", quiet=settings.quiet
+        ) as advance:
+            rows = _rows(result, originals, store, names, advance)
+            if not write_table(table, rows, settings.partition):
+                table.unlink()
+                return
         from allanscope.atomic_write import write_text
-        from allanscope.fleet.page import render_lot
+        from allanscope.fleet.acceptance import accept
+        from allanscope.fleet.page import STAGES, render_lot
 
-        page = render_lot(Lot.read(table), result.failures, result.copies)
+        lot = Lot.read(table, limits=bool(limits))
+        result.acceptance = accept(lot, limits) if limits else None
+        with (
+            progress(float(STAGES), "report", unit="parts", quiet=settings.quiet) as advance,
+            replaced_folder(here / "units") as pages,
+        ):
+            page = render_lot(
+                lot,
+                result.failures,
+                result.copies,
+                acceptance=result.acceptance,
+                other=find_lot(settings.compare),
+                other_name=settings.compare,
+                put_page=lambda name, text: write_text(pages / name, text),
+                advance=advance,
+            )
         write_text(here / "lot.html", page)
     result.table = store.folder / "lot.parquet"
     result.report = store.folder / "lot.html"
+
+
+def find_lot(place: str) -> Lot | None:
+    """Return the lot to compare with: the folder of a fleet's results, at a URL too, or a table.
+
+    Raises
+    ------
+    InputError
+        If there is no table.
+    """
+    if not place:
+        return None
+    try:
+        folder = result_folder(place)
+        if isinstance(folder, Path):
+            table = folder / "lot.parquet"
+            return Lot.read(table if table.exists() else folder)
+        with TemporaryDirectory(prefix="allanscope-") as here:
+            table = Path(here) / "lot.parquet"
+            with (folder / table.name).open() as file:
+                table.write_bytes(file.read())
+            return Lot.read(table)
+    except (OSError, ValueError, KeyError) as error:
+        why = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+        raise InputError(f"{place} is not the result of a fleet: {why}") from None
 
 
 def find_duplicates(keys: Mapping[str, str]) -> dict[str, str]:
@@ -63,10 +113,15 @@ def find_duplicates(keys: Mapping[str, str]) -> dict[str, str]:
 
 
 def _rows(
-    result: FleetResult, urls: list[str], store: Store, names: UnitNames
+    result: FleetResult,
+    urls: list[str],
+    store: Store,
+    names: UnitNames,
+    advance: Callable[[float], None],
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of some recordings; note what they lack."""
     for url in urls:
+        advance(1.0)
         try:
             kept = store.get(result.keys[url])
         except (OSError, ValueError) as error:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
+from allanscope.analysis import Grade, VerdictLine
+from allanscope.fleet.acceptance import Acceptance
+from allanscope.fleet.comparison import Difference, differences
 from allanscope.fleet.drift import Drift, drifts_of
 from allanscope.fleet.effects import (
     Replication,
@@ -19,9 +22,16 @@ from allanscope.fleet.effects import (
     shared_effects,
 )
 from allanscope.fleet.lot import Lot
-from allanscope.fleet.pictures import curves_picture, distribution_picture, history_picture
+from allanscope.fleet.pictures import (
+    CurveBands,
+    curve_bands,
+    curves_picture,
+    distribution_picture,
+    history_picture,
+)
 from allanscope.fleet.repeats import Spread, log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical_value import Typical, typical_of
+from allanscope.fleet.unit_pages import page_name, unit_pages
 from allanscope.fleet.verdict import (
     AverageLimits,
     Finding,
@@ -39,13 +49,14 @@ from allanscope.quantities import (
     Reading,
     compact,
     duration,
+    interval,
     number,
     symbols,
 )
 from allanscope.report import template
 from allanscope.samples import AXES
 
-__all__ = ["render_lot"]
+__all__ = ["STAGES", "render_lot"]
 
 MOST_ROWS = 500
 """Lines of a list; the table has them all."""
@@ -54,8 +65,20 @@ _NINETY_PERCENT = 1.644854
 """Standard deviations to either side that hold 90 % of the units."""
 
 
+STAGES = 12
+"""Times that `render_lot` says that it has done a part."""
+
+
 def render_lot(
-    lot: Lot, failures: Mapping[str, str], copies: Mapping[str, str] | None = None
+    lot: Lot,
+    failures: Mapping[str, str],
+    copies: Mapping[str, str] | None = None,
+    *,
+    acceptance: Acceptance | None = None,
+    other: Lot | None = None,
+    other_name: str = "",
+    put_page: Callable[[str, str], None] | None = None,
+    advance: Callable[[float], None] = lambda _: None,
 ) -> str:
     """Return the page.
 
@@ -67,31 +90,114 @@ def render_lot(
         Recordings without a result, and why.
     copies : mapping, optional
         Recordings that are left out, and the ones that they are copies of.
+    acceptance : Acceptance, optional
+        The lot against limits.
+    other : Lot, optional
+        A lot to compare with, called `other_name`.
+    put_page : callable, optional
+        Takes file name and text of the page of each unit that is listed; no pages without.
+    advance : callable
+        Told 1 for each of `STAGES` parts that is done.
     """
-    effects = effects_in(lot)
+
+    def done(part: Any) -> Any:
+        advance(1.0)
+        return part
+
+    effects = done(effects_in(lot))
     units = np.unique(lot.units)
-    shared = shared_effects(effects, len(units))
-    named = findings(lot)
-    return template("lot.html.j2").render(
+    shared = done(shared_effects(effects, len(units)))
+    named = done(findings(lot))
+    compared = done(differences(lot, other) if other is not None else [])
+    rejected = list(acceptance.rejected) if acceptance is not None else []
+    bands = done(curve_bands(lot) if "curve" in lot.columns else {})
+    sensors = [
+        done(_sensor(lot, unit, named, bands))
+        for unit in SENSOR_NAMES
+        if (lot["sensor_unit"] == unit).any()
+    ]
+    listed = done(_units(lot, units.tolist(), [*rejected, *named]))
+    judged = _judged(acceptance, compared, other_name)
+    page = template("lot.html.j2").render(
         title=f"Lot of {len(units)} units",
         subtitle=_subtitle(lot),
-        verdict=lot_verdict(lot, named, shared, failures),
-        sensors=[
-            _sensor(lot, unit, named) for unit in SENSOR_NAMES if (lot["sensor_unit"] == unit).any()
-        ],
-        outliers=named[:MOST_ROWS],
-        limits=[_limits(lot, one) for one in average_limits(lot)],
+        verdict=lot_verdict(lot, named, shared, failures, judged),
+        sensors=sensors,
+        outliers=[_linked(one, put_page) for one in named[:MOST_ROWS]],
+        acceptance=acceptance,
+        rejected=[_linked(one, put_page) for one in rejected[:MOST_ROWS]],
+        other_name=other_name,
+        differences=[_difference(lot, one) for one in compared],
+        limits=done([_limits(lot, one) for one in average_limits(lot)]),
         reservations=reservations(lot)[:MOST_ROWS],
         shared=[_shared(one, len(units)) for one in shared[:MOST_ROWS]],
-        replicates=_replicates(replications(lot, effects)),
-        drifts=_drifts(lot),
+        replicates=done(_replicates(replications(lot, effects))),
+        drifts=done(_drifts(lot)),
         repeated=_repeated(lot),
-        units=_units(lot, units.tolist(), named),
+        units=[{**row, "page": _page_of(row["name"], put_page)} for row in listed],
         orders=ORDERS,
         failures=sorted(failures.values()),
         copies=sorted((copies or {}).items()),
         footer=f"allanscope {version('allanscope')}",
     )
+    if put_page is not None:
+        names = [row["name"] for row in listed]
+        for name, text in unit_pages(lot, names, [*rejected, *named], effects, bands):
+            put_page(name, text)
+    advance(1.0)
+    return page
+
+
+def _page_of(unit: str, put_page: object) -> str:
+    """Return where the page of a unit is; nothing where there are none."""
+    return "" if put_page is None else f"units/{page_name(unit)}"
+
+
+def _linked(one: Finding, put_page: object) -> dict[str, str]:
+    return {
+        "unit": one.unit,
+        "axis": one.axis,
+        "reason": one.reason,
+        "page": _page_of(one.unit, put_page),
+    }
+
+
+def _judged(
+    acceptance: Acceptance | None, compared: list[Difference], other_name: str
+) -> list[VerdictLine]:
+    """Return the lines of the verdict about limits, and about another lot."""
+    lines = []
+    if acceptance is not None:
+        grade: Grade = "bad" if acceptance.rejected else "good"
+        lines.append(VerdictLine(grade, "limits", acceptance.words))
+    if compared:
+        seen = [f"{one.quantity} of {one.axis}" for one in compared if one.is_seen]
+        text = f"{', '.join(seen[:8])}{' …' * (len(seen) > 8)} differ" if seen else "no difference"
+        text += f"; {len(compared)} quantities compared at 1 % in all"
+        lines.append(VerdictLine("note" if seen else "good", f"against {other_name}", text))
+    return lines
+
+
+def _difference(lot: Lot, one: Difference) -> dict[str, Any]:
+    if one.quantity == "rate":
+        factor, unit, per = 1.0, "Hz", 1e6
+    else:
+        sensor = lot.of_axis(one.axis)["sensor_unit"][0]
+        is_level = one.quantity == "level"
+        reading = LEVEL[sensor] if is_level else COEFFICIENTS[sensor, one.quantity][0]
+        factor, unit = reading.factor, symbols(reading.unit)
+        per = factor if is_level else 100.0
+    change = interval(per * one.change, per * one.lower, per * one.upper)
+    of = {"rate": "ppm", "level": unit}.get(one.quantity, "%")
+    return {
+        "axis": one.axis,
+        "name": f"{one.quantity} ({unit})",
+        "here": number(factor * one.here, 6 if one.quantity == "rate" else 3),
+        "there": number(factor * one.there, 6 if one.quantity == "rate" else 3),
+        "change": f"{change} {of}",
+        "chance": _probability(one.p_value),
+        "seen": "differs" if one.is_seen else "",
+    }
 
 
 def _subtitle(lot: Lot) -> str:
@@ -108,10 +214,12 @@ def _repeated(lot: Lot) -> int:
     return int(np.count_nonzero(runs > 1))
 
 
-def _sensor(lot: Lot, sensor_unit: str, named: list[Finding]) -> dict[str, Any]:
+def _sensor(
+    lot: Lot, sensor_unit: str, named: list[Finding], bands: Mapping[str, CurveBands]
+) -> dict[str, Any]:
     here = lot.where(lot["sensor_unit"] == sensor_unit)
     history = history_picture(lot, sensor_unit)
-    curves = curves_picture(lot, sensor_unit, named)
+    curves = curves_picture(bands, sensor_unit, named)
     return {
         "name": SENSOR_NAMES[sensor_unit],
         "svg": distribution_picture(lot, sensor_unit, named).svg(),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,11 +16,12 @@ from allanscope.fleet.lot import TAUS, Lot
 from allanscope.fleet.verdict import Finding
 from allanscope.quantities import COEFFICIENTS, LEVEL, symbols
 from allanscope.report import DATASHEET, MEASURED, MODEL, Picture, ink
+from allanscope.samples import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["curves_picture", "distribution_picture", "history_picture"]
+__all__ = ["CurveBands", "curve_bands", "curves_picture", "distribution_picture", "history_picture"]
 
 Floats = NDArray[np.float64]
 
@@ -68,32 +70,67 @@ def distribution_picture(lot: Lot, sensor_unit: str, named: Sequence[Finding] = 
     return Picture(draw, height=3.0, fixed=False)
 
 
-def curves_picture(lot: Lot, sensor_unit: str, named: Sequence[Finding] = ()) -> Picture | None:
+@dataclass(frozen=True)
+class CurveBands:
+    """The Allan deviation of all runs of one axis.
+
+    Attributes
+    ----------
+    curves : ndarray of float32, shape (runs, k)
+        Of each run, where enough of them reach.
+    units : ndarray of str, shape (runs,)
+        That they are of.
+    tau : ndarray, shape (k,)
+        In s.
+    bands : ndarray, shape (5, k)
+        Quantiles of the runs.
+    """
+
+    curves: NDArray[np.float32]
+    units: NDArray[np.str_]
+    tau: Floats
+    bands: Floats
+
+
+def curve_bands(lot: Lot) -> dict[str, CurveBands]:
+    """Return the curves of each axis that has any."""
+    found = {}
+    for axis in lot.axes:
+        here = lot.of_axis(axis)
+        curves = here["curve"]
+        shown = np.isfinite(curves).sum(axis=0) >= max(_LEAST_SHARE * len(curves), 1)
+        if shown.any():
+            bands = np.nanquantile(curves[:, shown], _BANDS, axis=0)
+            found[axis] = CurveBands(curves[:, shown], here.units, TAUS[shown], bands)
+    return found
+
+
+def curves_picture(
+    bands: Mapping[str, CurveBands], sensor_unit: str, named: Sequence[Finding] = ()
+) -> Picture | None:
     """Return the Allan deviation of all runs of one sensor, an axis a panel; None without curves.
 
     Bands hold 50 and 90 % of the runs at each averaging time, a line is their median. Units that
     stand out on an axis are drawn over it with their names.
     """
-    axes = [axis for axis in lot.axes if lot.of_axis(axis)["sensor_unit"][0] == sensor_unit]
-    if "curve" not in lot.columns or not np.isfinite(lot["curve"]).any():
+    axes = [axis for axis in bands if unit_of(axis) == sensor_unit]
+    if not axes:
         return None
     factor = LEVEL[sensor_unit].factor
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, len(axes), sharey=True, squeeze=False)[0]
         for ax, axis in zip(panels, axes, strict=True):
-            here = lot.of_axis(axis)
-            curves = here["curve"] * factor
-            shown = np.isfinite(curves).sum(axis=0) >= max(_LEAST_SHARE * len(curves), 1)
-            tau, curves = TAUS[shown], curves[:, shown]
+            here, tau = bands[axis], bands[axis].tau
+            curves = here.curves
             if len(tau):
-                low, lower, middle, upper, high = np.nanquantile(curves, _BANDS, axis=0)
+                low, lower, middle, upper, high = factor * here.bands
                 ax.fill_between(tau, low, high, color=MEASURED, alpha=0.2, lw=0)
                 ax.fill_between(tau, lower, upper, color=MEASURED, alpha=0.3, lw=0)
                 ax.plot(tau, middle, c=MEASURED, lw=1.4)
             far = list(dict.fromkeys(one.unit for one in named if one.axis == axis))[:_MOST_NAMED]
             for unit in far:
-                own = np.nanmedian(curves[here.units == unit], axis=0)
+                own = factor * _median_of(curves[here.units == unit])
                 known = np.flatnonzero(np.isfinite(own))
                 if len(known):
                     ax.plot(tau, own, c=MODEL, lw=1.0)
@@ -104,6 +141,14 @@ def curves_picture(lot: Lot, sensor_unit: str, named: Sequence[Finding] = ()) ->
         panels[0].set_ylabel(f"Allan deviation ({symbols(LEVEL[sensor_unit].unit)})")
 
     return Picture(draw, height=2.8, fixed=False)
+
+
+def _median_of(curves: NDArray[np.float32]) -> Floats:
+    """Return the median at each averaging time; NaN where no run reaches."""
+    known = np.isfinite(curves).any(axis=0)
+    found = np.full(curves.shape[1], np.nan)
+    found[known] = np.nanmedian(curves[:, known], axis=0)
+    return found
 
 
 def history_picture(lot: Lot, sensor_unit: str) -> Picture | None:

@@ -26,7 +26,7 @@ from allanscope.fleet.lot_files import UnitNames
 from allanscope.fleet.outcome import Outcome
 from allanscope.fleet.store import Store
 from allanscope.fleet.work_queue import FleetResult, WorkQueue
-from allanscope.pipeline import DeviceSettings, stopped_by_signals
+from allanscope.pipeline import DeviceSettings, read_limits, stopped_by_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,6 +60,12 @@ class FleetSettings:
     unit_pattern : str
         Regular expression whose first group, found in the path, names the unit; empty to go by
         the identity of the device, then by the folder.
+    limits : Path or None
+        Specification with acceptance limits, as of ``allanscope check``.
+    compare : str
+        Folder of another fleet's results, or its table, to compare the lot with.
+    partition : tuple of str
+        Columns by which the table is parted into files.
     quiet : bool
         Say nothing but errors.
     """
@@ -69,6 +75,9 @@ class FleetSettings:
     scheduler: str = ""
     workers: int | None = None
     unit_pattern: str = ""
+    limits: Path | None = None
+    compare: str = ""
+    partition: tuple[str, ...] = ()
     quiet: bool = False
 
 
@@ -86,9 +95,12 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
         If the scheduler is lost on the way; table and report are of what was done until then.
     """
     require_extra()
-    from allanscope.fleet.lot_files import write_lot
+    from allanscope.fleet.lot_files import find_lot, write_lot
 
-    UnitNames((), settings.unit_pattern)  # refused now, not when a night's work is done
+    # What is asked for is refused now, not when a night's work is done.
+    UnitNames((), settings.unit_pattern)
+    limits = read_limits(settings.limits) if settings.limits is not None else {}
+    find_lot(settings.compare)
     places = find_inputs(settings.patterns)
     store = Store(settings.out, device)
     try:
@@ -97,7 +109,7 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
             _process_queue(queue, settings, device)
         result = queue.result
         result.left = len(queue.todo)
-        write_lot(result, store, settings)
+        write_lot(result, store, settings, limits)
     finally:
         store.close()
     if queue.is_deserted:

@@ -291,5 +291,12 @@ def staged(folder: Folder) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="allanscope-") as here:
         yield Path(here)
-        for path in sorted(Path(here).iterdir()):
-            put_file(folder / path.name, path.read_bytes())
+        made = [path.relative_to(here).as_posix() for path in sorted(Path(here).rglob("*.*"))]
+        for name in made:
+            if (path := Path(here) / name).is_file():
+                put_file(folder / name, path.read_bytes())
+        # A table with other partitions, pages of other units.
+        for pattern in ("lot.parquet/**/*.parquet", "units/*.html"):
+            for old in folder.glob(pattern):
+                if old.url.removeprefix(f"{folder.url}/") not in made:
+                    old.unlink(missing_ok=True)

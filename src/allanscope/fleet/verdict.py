@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +32,9 @@ __all__ = [
     "Finding",
     "average_limits",
     "findings",
+    "levels_of_units",
     "lot_verdict",
+    "rates_of_units",
     "reservations",
 ]
 
@@ -94,7 +96,7 @@ def average_limits(lot: Lot) -> list[AverageLimits]:
             logs = np.log(shown[f"{name}_value"])
             found += _average_limits(axis, name, *_of_units(logs, 0.0 * logs, shown.units))
         if axis.startswith("g"):
-            found += _average_limits(axis, "level", *_levels(here))
+            found += _average_limits(axis, "level", *levels_of_units(here))
     return found
 
 
@@ -143,12 +145,12 @@ def findings(lot: Lot) -> list[Finding]:
                 far.append((one, Finding(one.unit, axis, _with_significance(reason, one), name)))
     # The level of an accelerometer is the way it lies.
     for axis in gyros:
-        for one in outlying_values(*_levels(lot.of_axis(axis)), comparisons):
+        for one in outlying_values(*levels_of_units(lot.of_axis(axis)), comparisons):
             reading = LEVEL[lot.of_axis(axis)["sensor_unit"][0]]
             value, usual = (number(x * reading.factor) for x in (one.value, one.usual))
             reason = f"level is {value} {symbols(reading.unit)}, that of the others {usual}"
             far.append((one, Finding(one.unit, axis, _with_significance(reason, one))))
-    for one in outlying_values(*_rates(lot), comparisons):
+    for one in outlying_values(*rates_of_units(lot), comparisons):
         reason = f"rate is {number(one.value, 6)} Hz, that of the others {number(one.usual, 6)}"
         far.append((one, Finding(one.unit, "all", _with_significance(reason, one))))
     for axis, kind, name, known in sizes:
@@ -227,13 +229,13 @@ def _sizes(lot: Lot) -> Iterator[tuple[str, str, str, Values]]:
             yield axis, kind, name, _of_units(values, errors, units)
 
 
-def _levels(lot: Lot) -> Values:
+def levels_of_units(lot: Lot) -> Values:
     """Return the levels of units, with what their repeats differ by as errors, and names."""
     here = lot.where(np.isfinite(lot["level_mean"]))
     return _of_units(here["level_mean"], np.zeros(len(here)), here.units)
 
 
-def _rates(lot: Lot) -> Values:
+def rates_of_units(lot: Lot) -> Values:
     """Return the sample rates of units of the lot's nominal rate, errors and names."""
     _, first = np.unique(lot["recording"].astype(np.str_), return_index=True)
     nominal = lot["nominal_hz"][first]
@@ -283,9 +285,13 @@ def _pairs(lot: Lot) -> list[tuple[str, str]]:
 
 
 def lot_verdict(
-    lot: Lot, named: list[Finding], shared: list[SharedEffect], failures: Mapping[str, str]
+    lot: Lot,
+    named: list[Finding],
+    shared: list[SharedEffect],
+    failures: Mapping[str, str],
+    judged: Sequence[VerdictLine] = (),
 ) -> Verdict:
-    """Return the verdict that the report begins with."""
+    """Return the verdict that the report begins with; `judged` are lines of limits and lots."""
     units = len(np.unique(lot.units))
     runs = len(set(lot["recording"].tolist()))
     bad = sorted({one.unit for one in named})
@@ -295,13 +301,15 @@ def lot_verdict(
         VerdictLine("bad", title, f"{_some(bad)}; {size}")
         if bad
         else VerdictLine("good", title, size),
+        *judged,
         *_run_lines(lot),
         *_loss_lines(lot),
         *_rack_lines(shared, units),
     ]
     if failures:
         lines.append(VerdictLine("bad", "no result", f"{len(failures)} of the recordings"))
-    return Verdict("bad" if bad or failures else "good", title, tuple(lines))
+    is_bad = bad or failures or any(line.grade == "bad" for line in judged)
+    return Verdict("bad" if is_bad else "good", title, tuple(lines))
 
 
 def _run_lines(lot: Lot) -> list[VerdictLine]:

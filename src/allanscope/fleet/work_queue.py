@@ -18,6 +18,7 @@ from allanscope.pipeline import DeviceSettings
 if TYPE_CHECKING:
     from distributed import Future
 
+    from allanscope.fleet.acceptance import Acceptance
     from allanscope.fleet.cluster import WorkerPool
 
 __all__ = ["FleetResult", "WorkQueue", "problem_lines", "summary_lines"]
@@ -47,6 +48,8 @@ class FleetResult:
         Path of each recording that is left out of the lot, and of the one that it is a copy of.
     losses : list of Loss
         Recordings that are not complete, those that lost most first.
+    acceptance : Acceptance or None
+        The lot against limits.
     table, report : Path, RemotePath or None
         What was written.
     """
@@ -57,6 +60,7 @@ class FleetResult:
     left: int = 0
     copies: dict[str, str] = field(default_factory=dict)
     losses: list[Loss] = field(default_factory=list)
+    acceptance: Acceptance | None = None
     table: Folder | None = None
     report: Folder | None = None
 
@@ -171,7 +175,8 @@ def summary_lines(result: FleetResult) -> list[str]:
     if result.left:
         text += f"; {result.left} left: repeat the command to continue"
     files = [str(path) for path in (result.table, result.report) if path is not None]
-    return [text, *files]
+    judged = [] if result.acceptance is None else [result.acceptance.words]
+    return [text, *judged, *files]
 
 
 def _some(lines: Sequence[str]) -> list[str]:

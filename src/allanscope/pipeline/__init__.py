@@ -34,8 +34,10 @@ if TYPE_CHECKING:
         recorded_settings,
     )
     from allanscope.pipeline.check import (
+        Limits,
         check_against,
         failure,
+        read_limits,
         to_json,
         to_junit,
     )
@@ -89,6 +91,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Decoding",
     "DeviceSettings",
+    "Limits",
     "LiveSession",
     "SessionSettings",
     "SimulatedSettings",
@@ -109,6 +112,7 @@ __all__ = [
     "live",
     "open_charts",
     "open_stream",
+    "read_limits",
     "recorded_settings",
     "report_sessions",
     "run_emulated_device",
@@ -143,6 +147,7 @@ __getattr__, __dir__ = lazily(
         "Together": "together",
         "analyse_input": "analyse_file",
         "analyse_together": "together",
+        "Limits": "check",
         "check_against": "check",
         "checks": "doctor",
         "export_recording": "convert",
@@ -151,6 +156,7 @@ __getattr__, __dir__ = lazily(
         "import_capture": "convert",
         "open_charts": "outputs",
         "open_stream": "stream",
+        "read_limits": "check",
         "recorded_settings": "analyse_file",
         "report_sessions": "outputs",
         "run_emulated_device": "simulate",

@@ -30,12 +30,22 @@ from allanscope.quantities import number
 from allanscope.samples import AXES
 from allanscope.sanitize import sanitize
 
-__all__ = ["Verdict", "check_against", "compare", "failure", "to_json", "to_junit"]
+__all__ = [
+    "Limits",
+    "Verdict",
+    "check_against",
+    "compare",
+    "failure",
+    "read_limits",
+    "to_json",
+    "to_junit",
+]
 
 NAMES = ("Q", "N", "B", "K", "R")
 LARGEST = sys.float_info.max
 
 Limits = dict[str, dict[str, dict[str, float]]]
+"""Axis and coefficient to ``min`` and ``max``, in dps, g and s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +112,7 @@ def check_against(recording: Path, specification: Path, device: DeviceSettings) 
     InputError
         When the specification or the recording cannot be read.
     """
-    limits = _read(specification)
+    limits = read_limits(specification)
     return compare(analyse_input(recording, device, quiet=True), limits)
 
 
@@ -213,7 +223,14 @@ def _judged(analysis: Analysis, axis: str, name: str, bounds: dict[str, float]) 
     )
 
 
-def _read(path: Path) -> Limits:
+def read_limits(path: Path) -> Limits:
+    """Return the limits of a specification: by axis and coefficient, ``min``, ``max`` or both.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or holds something else than limits.
+    """
     try:
         with path.open("rb") as file:
             tables = tomllib.load(file)

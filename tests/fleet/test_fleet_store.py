@@ -6,6 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import fsspec
 import pytest
 
 from allanscope.__main__ import main
@@ -14,7 +15,7 @@ from allanscope.fleet import FleetResult, FleetSettings
 from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.lot_files import write_lot
 from allanscope.fleet.outcome import Outcome, packed, result_key, unpacked
-from allanscope.fleet.store import Store
+from allanscope.fleet.store import Store, put_file, result_folder, staged
 from allanscope.pipeline import DeviceSettings
 
 DEVICE = DeviceSettings()
@@ -130,3 +131,21 @@ def test_without_the_extra_one_line_says_what_to_install(
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "pip install '.[fleet]'" in said
+
+
+def test_a_remote_result_has_the_files_of_the_last_run_and_no_others() -> None:
+    """Parts of a table and pages of units, at a URL; the results themselves stay."""
+    filesystem = fsspec.filesystem("memory")
+    folder = result_folder("memory://staged/result")
+    put_file(folder / "results" / "ab" / "ab.json.gz", b"kept")
+    for names in (
+        ["lot.html", "lot.parquet/axis=gx/part-0.parquet", "units/a.html", "units/b.html"],
+        ["lot.html", "lot.parquet/axis=az/part-0.parquet", "units/b.html"],
+    ):
+        with staged(folder) as here:
+            for name in names:
+                (here / name).parent.mkdir(parents=True, exist_ok=True)
+                (here / name).write_text(name)
+        there = {path.removeprefix("/staged/result/") for path in filesystem.find("/staged")}
+        assert there == {*names, "results/ab/ab.json.gz"}
+    filesystem.rm("/staged", recursive=True)

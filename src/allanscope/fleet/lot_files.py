@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -26,7 +27,9 @@ _IDENTITIES = ("unit", "unique_id", "serial_number")
 number, the USB serial number."""
 
 
-def write_lot(result: FleetResult, store: Store, settings: FleetSettings, limits: Limits) -> None:
+def write_lot(
+    result: FleetResult, store: Store, settings: FleetSettings, limits: Limits | None = None
+) -> None:
     """Write ``lot.parquet``, ``lot.html`` and ``units/`` of all recordings that have a result.
 
     Copies of a recording are left out: they are no units and no repeats.
@@ -43,6 +46,8 @@ def write_lot(result: FleetResult, store: Store, settings: FleetSettings, limits
     names = UnitNames(originals, settings.unit_pattern)
     with staged(store.folder) as here:
         table = here / "lot.parquet"
+        if table.is_dir() and not settings.partition:
+            shutil.rmtree(table)  # of a run that parted it
         with progress(
             float(len(originals)), "table", unit="recordings", quiet=settings.quiet
         ) as advance:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -143,25 +143,39 @@ def _dispatch(
     advance: Callable[[float], None],
     stopped: threading.Event,
 ) -> None:
-    """Keep the workers busy until everything is done or the run is stopped."""
+    """Keep the workers busy until everything is done or the run is stopped.
+
+    Dask blames the death of a worker on all that waited there, too. So recordings whose workers
+    died are done again at the end, each while nothing else is: then it was that one.
+    """
     from distributed.client import FuturesCancelledError
 
     running: dict[Future, RecordingInput] = {}
     orphaned: Counter[str] = Counter()
+    suspects: deque[RecordingInput] = deque()
+    alone: RecordingInput | None = None
     try:
-        while (queue.todo or running) and not stopped.is_set():
+        while (queue.todo or running or suspects) and not stopped.is_set():
             pool.refresh()
             _requeue_orphaned(queue, pool, running, orphaned)
-            _submit_waiting(queue, pool, device, running)
+            if not running:
+                alone = suspects.popleft() if suspects and not queue.todo else None
+                queue.todo.extendleft([alone] if alone else [])
+            if alone is None or not running:
+                _submit_waiting(queue, pool, device, running, 1 if alone else None)
             for future, place in _finished(running):
                 del running[future]
-                advance(float(queue.record(place, _outcome(future, place))))
+                outcome = _outcome(future, place)
+                if outcome.error.endswith(_WORKERS_DIED) and place is not alone:
+                    suspects.append(place)
+                else:
+                    advance(float(queue.record(place, outcome)))
                 future.release()
         for future in running:
             future.cancel()
     except (FuturesCancelledError, OSError):
         queue.is_deserted = True
-    queue.todo.extend(running.values())
+    queue.todo.extend([*running.values(), *suspects])
 
 
 def _requeue_orphaned(
@@ -186,9 +200,10 @@ def _submit_waiting(
     pool: WorkerPool,
     device: DeviceSettings,
     running: dict[Future, RecordingInput],
+    most: int | None = None,
 ) -> None:
-    """Hand out as much as keeps every worker busy until the next look."""
-    while queue.todo and len(running) < max(TASKS_PER_WORKER * pool.threads, 1):
+    """Hand out as much as keeps every worker busy until the next look, or at most so many."""
+    while queue.todo and len(running) < (most or max(TASKS_PER_WORKER * pool.threads, 1)):
         place = queue.todo.popleft()
         running[queue.submit(pool, place, device, idle=pool.threads - len(running))] = place
 

@@ -296,7 +296,7 @@ def staged(folder: Folder) -> Iterator[Path]:
             if (path := Path(here) / name).is_file():
                 put_file(folder / name, path.read_bytes())
         # A table with other partitions, pages of other units.
-        for pattern in ("lot.parquet/**/*.parquet", "units/*.html"):
-            for old in folder.glob(pattern):
-                if old.url.removeprefix(f"{folder.url}/") not in made:
+        for top in ("lot.parquet", "units"):
+            for old in folder.glob(f"{top}/**/*.*"):
+                if f"{top}/{old.url.rpartition(f'/{top}/')[2]}" not in made:
                     old.unlink(missing_ok=True)

@@ -1,27 +1,31 @@
 """One lot against another: by which factor typical values differ, and whether chance does it.
 
 Of N, B and K the typical values are compared as logarithms, of gyros' levels and of rates the means
-of units. Errors are those of the means over units, so what is compared are the lots and not their
-boards. With few units each mean has Student's t distribution, and their difference that of Welch.
-Probabilities are adjusted for all that is compared (Holm, Scandinavian Journal of Statistics 6,
-1979): one lot in a hundred that is like the other is said to differ in anything.
+of units; a unit that stands out in its own lot is left out. Errors are those of the means over
+units, so what is compared are the lots and not their boards. With few units each mean has Student's
+t distribution, and their difference that of Welch. Probabilities are adjusted for all that is
+compared (Holm, Scandinavian Journal of Statistics 6, 1979): one lot in a hundred that is like the
+other is said to differ in anything.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.fleet.lot import Lot
+from allanscope.fleet.outliers import outlying_units, outlying_values
 from allanscope.fleet.repeats import unit_estimates
 from allanscope.fleet.typical_value import typical_of
 from allanscope.fleet.verdict import levels_of_units, rates_of_units
 from allanscope.quantities import MAIN_LETTERS
 
 __all__ = ["LEVEL_OF_TEST", "Difference", "differences"]
+
+Floats = NDArray[np.float64]
 
 LEVEL_OF_TEST = 0.01
 FEWEST = 3
@@ -70,17 +74,18 @@ def differences(lot: Lot, other: Lot) -> list[Difference]:
 
 
 def _compared(lot: Lot, other: Lot) -> Iterator[Difference]:
+    quantities = len(lot.axes) * (len(MAIN_LETTERS) + 1) + 1
     for axis in lot.axes:
         here, there = lot.of_axis(axis), other.of_axis(axis)
         for name in MAIN_LETTERS:
-            known = [_typical(one, name) for one in (here, there)]
+            known = [_typical(one, name, quantities) for one in (here, there)]
             if known[0] is not None and known[1] is not None:
                 yield _welch(axis, name, known[0], known[1], is_log=True)
         if axis.startswith("g"):
-            means = [_mean(levels_of_units(one)[0]) for one in (here, there)]
+            means = [_mean(*levels_of_units(one), quantities) for one in (here, there)]
             if means[0] is not None and means[1] is not None:
                 yield _welch(axis, "level", means[0], means[1])
-    rates = [_mean(np.log(rates_of_units(one)[0])) for one in (lot, other)]
+    rates = [_mean(*rates_of_units(one), quantities, np.log) for one in (lot, other)]
     if rates[0] is not None and rates[1] is not None:
         yield _welch("all", "rate", rates[0], rates[1], is_log=True)
 
@@ -89,12 +94,16 @@ Mean = tuple[float, float, int]
 """Mean over units, its standard error, degrees of freedom of that."""
 
 
-def _typical(lot: Lot, name: str) -> Mean | None:
+def _typical(lot: Lot, name: str, quantities: int) -> Mean | None:
     """Return the logarithm of what is typical; None where few units show it."""
     from scipy.special import stdtrit
 
     units = unit_estimates(lot, name) if len(lot) else None
-    if units is None or len(units.names) < FEWEST:
+    if units is None:
+        return None
+    far = [one.unit for one in outlying_units(units, quantities)]
+    units = units.where(~np.isin(units.names, far))
+    if len(units.names) < FEWEST:
         return None
     one = typical_of(units)
     if not (np.isfinite(one.value) and one.lower > 0.0):
@@ -104,11 +113,20 @@ def _typical(lot: Lot, name: str) -> Mean | None:
     return float(np.log(one.value)), wide, freedom
 
 
-def _mean(values: NDArray[np.float64]) -> Mean | None:
-    if len(values) < FEWEST:
+def _mean(
+    values: Floats,
+    errors: Floats,
+    names: NDArray[np.str_],
+    quantities: int,
+    scale: Callable[[Floats], Floats] = np.asarray,
+) -> Mean | None:
+    """Return the mean over units; None where there are few."""
+    far = [one.unit for one in outlying_values(values, errors, names, quantities)]
+    usual = scale(values[~np.isin(names, far)])
+    if len(usual) < FEWEST:
         return None
-    error = float(np.std(values, ddof=1)) / np.sqrt(len(values))
-    return float(np.mean(values)), error, len(values) - 1
+    error = float(np.std(usual, ddof=1)) / np.sqrt(len(usual))
+    return float(np.mean(usual)), error, len(usual) - 1
 
 
 def _welch(axis: str, name: str, here: Mean, there: Mean, is_log: bool = False) -> Difference:

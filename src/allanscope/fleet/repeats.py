@@ -70,6 +70,16 @@ class UnitEstimates:
     well_known: NDArray[np.bool_]
     omega: float
 
+    def where(self, mask: NDArray[np.bool_]) -> UnitEstimates:
+        """Return some of the units."""
+        return UnitEstimates(
+            self.names[mask],
+            self.value[mask],
+            self.sigma[mask],
+            self.well_known[mask],
+            self.omega,
+        )
+
     def logarithms(self, centre: float) -> tuple[Floats, Floats]:
         """Return logarithms and their standard errors where the coefficient is the lot's.
 

@@ -186,9 +186,9 @@ def _corrected(candidate: Candidate) -> Parameter | None:
     if not kind.sized_by:
         return None
     size: Estimate = getattr(kind, kind.sized_by)
-    if not (size.value and size.error > 0.0):
+    if not (size.value != kind.size_of_none and size.error > 0.0):
         return None
-    return _plain(given_detection(size, candidate.penalty))
+    return _plain(given_detection(size, candidate.penalty, candidate.gain, kind.size_of_none))
 
 
 def _plain(parameter: Parameter) -> Parameter:

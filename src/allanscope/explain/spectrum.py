@@ -31,7 +31,7 @@ from allanscope.noise.filters import combined_response
 from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.likelihood import Fit, Likelihood
 
-__all__ = ["Spectrum", "SpectrumFitter", "StepScan", "local_power_ratio"]
+__all__ = ["Place", "Spectrum", "SpectrumFitter", "StepScan", "local_power_ratio"]
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,8 @@ _CLEARLY = 1.5
 """Power of a part over that of all which its scatter does not explain."""
 _ROUNDING = 1e-12
 """Share of the information that rounding leaves of none."""
+_OUT = 0.025
+"""Probability on each side of the interval of a place."""
 _AROUND_S = 30.0
 """A level is compared over so many seconds: noise farther away does not move it."""
 
@@ -169,6 +171,27 @@ class SpectrumFitter:
 Ints = NDArray[np.int64]
 
 
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a jump is, every sample being as likely beforehand.
+
+    Where it fits best it looks largest; its size is the mean over all places, by what each gains.
+
+    Attributes
+    ----------
+    best, first, last : int
+        First sample after it: the likeliest one, and what holds it with 95 %.
+    shrinkage, scatter : float
+        Mean and standard deviation of the size over the places, as shares of that at the best.
+    """
+
+    best: int
+    first: int
+    last: int
+    shrinkage: float
+    scatter: float
+
+
 class StepScan:
     """Gains in nats of steps and boxes in a series of given ordinates under a noise spectrum."""
 
@@ -195,11 +218,25 @@ class StepScan:
 
     def step(self, at: Ints) -> Array:
         """Gain of a step at samples `at`."""
-        information = (self._sum[0] - self._cosine_sum(2 * at)) / self.n
-        return self._gain(self.score[at], information)
+        return self._gain(*self._of_step(at))
 
     def box(self, first: Ints, last: Ints) -> Array:
         """Gain of a box from `first` to before `last`."""
+        return self._gain(*self._of_box(first, last))
+
+    def place_of_step(self, at: Ints) -> Place:
+        """Return where among samples a step is."""
+        return self._place(at, *self._of_step(at))
+
+    def place_of_box(self, first: Ints, last: Ints, at: Ints) -> Place:
+        """Return where among samples the border of a box is that is one of both."""
+        return self._place(at, *self._of_box(first, last))
+
+    def _of_step(self, at: Ints) -> tuple[Array, Array]:
+        """Return scores and information."""
+        return self.score[at], (self._sum[0] - self._cosine_sum(2 * at)) / self.n
+
+    def _of_box(self, first: Ints, last: Ints) -> tuple[Array, Array]:
         information = (
             2 * self._sum[0]
             - self._cosine_sum(2 * first)
@@ -207,12 +244,29 @@ class StepScan:
             - 2 * self._cosine_sum(last - first)
             + 2 * self._cosine_sum(first + last)
         ) / self.n
-        return self._gain(self.score[first] - self.score[last], information)
+        return self.score[first] - self.score[last], information
 
     def _gain(self, score: Array, information: Array) -> Array:
         """Gain of what has a score, none where all that would know is left out of the fit."""
+        return self._size(score, information) * score / 2
+
+    def _size(self, score: Array, information: Array) -> Array:
         is_known = information * self.n > _ROUNDING * self._sum[0]
-        return np.divide(score**2, 2 * information, out=np.zeros(len(score)), where=is_known)
+        return np.divide(score, information, out=np.zeros(len(score)), where=is_known)
+
+    def _place(self, at: Ints, score: Array, information: Array) -> Place:
+        size = self._size(score, information)
+        gain = size * score / 2
+        top = int(np.argmax(gain))
+        weight = np.exp(gain - gain[top])
+        weight /= weight.sum()
+        low, high = np.searchsorted(np.cumsum(weight), [_OUT, 1 - _OUT])
+        share = size / size[top] if size[top] else np.ones(len(size))
+        mean = float(weight @ share)
+        scatter = float(np.sqrt(max(weight @ share**2 - mean**2, 0.0)))
+        last = len(at) - 1
+        ends = int(at[min(low, last)]), int(at[min(high, last)])
+        return Place(int(at[top]), *ends, mean, scatter)
 
 
 def local_power_ratio(data: Array, rate_hz: float, first: int, last: int) -> float:

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from itertools import combinations
 from pkgutil import iter_modules
@@ -49,6 +49,7 @@ __all__ = [
     "KINDS",
     "VOCABULARY",
     "EffectKind",
+    "PlacedSignal",
     "SizedSignal",
     "errors_at",
     "is_alike",
@@ -92,8 +93,9 @@ class EffectKind(ABC):
         Parameter that tells two effects of this kind on one axis apart; empty where there can be
         one.
     sized_by : str
-        Parameter that a signal is multiplied by, of which the gain grows as the square; empty where
-        there is none. What is known of the size of a process depends on its shape as well.
+        Parameter that it is as large as; empty where there is none.
+    size_of_none : float
+        Its value where there is no effect.
     shared_by : str
         Parameter in which several axes agree where one physical effect is seen on all of them;
         empty where every axis has its own.
@@ -137,6 +139,7 @@ class EffectKind(ABC):
     excluded_by: ClassVar[frozenset[str]] = frozenset()
     located_by: ClassVar[str] = ""
     sized_by: ClassVar[str] = ""
+    size_of_none: ClassVar[float] = 0.0
     shared_by: ClassVar[str] = ""
     is_single: ClassVar[bool] = False
     is_named: ClassVar[bool] = True
@@ -345,6 +348,27 @@ class SizedSignal(EffectKind):
         columns = self.columns(view)
         fit, again = joint_fit(view, columns), self.must_replicate
         return interleaved(view, fit, columns, recurs=again, slow=self.is_slow)
+
+
+@dataclass(frozen=True)
+class PlacedSignal(SizedSignal):
+    """One whose place was searched for: where it fits best it looks larger than it is (`Place`).
+
+    Attributes
+    ----------
+    shrinkage, scatter : float
+        Mean and standard deviation of the size over the places, as shares of that at the best.
+    """
+
+    shrinkage: float = field(default=1.0, kw_only=True)
+    scatter: float = field(default=0.0, kw_only=True)
+
+    def solved(
+        self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
+    ) -> Candidate:
+        """Return the candidate with the size that a regression found, over all places."""
+        more = (self.scatter * amplitude[0]) ** 2
+        return super().solved(view, candidate, self.shrinkage * amplitude, covariance + more)
 
 
 def is_alike(first: Estimate, second: Estimate) -> bool:

@@ -73,6 +73,7 @@ class AmplitudeCoupling(EffectKind):
 
     kind = "amplitude_coupling"
     meaning = "the amplitude of the noise follows another axis"
+    sized_by = "share"
     needs = frozenset({"axes", "samples"})
     stage = 3
     is_single = True

@@ -76,6 +76,7 @@ class DriftingLine(EffectKind):
 
     kind = "drifting_line"
     meaning = "a tone whose amplitude, phase or frequency changes slowly"
+    sized_by = "sigma"
     located_by = "frequency"
     shared_by = "frequency"
     confused_with: ClassVar[Mapping[str, str]] = {

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects import SizedSignal
+from allanscope.explain.effects import PlacedSignal
 from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.spectrum import StepScan, local_power_ratio
 from allanscope.explain.view import View
@@ -38,11 +38,10 @@ _PROPOSALS = 2
 _PENALTY, _PENALTY_S = calibrated_penalty("excursion"), 1200.0
 """Nats that noise hardly gains by chance in so many seconds."""
 _TURNS = 3
-_INTERVAL_NATS = 3.68
 
 
 @dataclass(frozen=True)
-class Excursion(SizedSignal):
+class Excursion(PlacedSignal):
     """A box."""
 
     time: Estimate
@@ -118,20 +117,23 @@ class Excursion(SizedSignal):
 
     @classmethod
     def _at(
-        cls, view: View, first: int, last: int, early: Span = (0, 0), late: Span = (0, 0)
+        cls,
+        view: View,
+        first: int,
+        last: int,
+        early: Span = (0, 0),
+        late: Span = (0, 0),
+        **placed: float,
     ) -> Candidate:
         """Fit the size of a box from a row to before another, each off by so many at most."""
         rate, rows = view.grid.rate_hz, last - first
         time = Estimate(first / rate, (first + early[0]) / rate, (first + early[1]) / rate, "s")
-        duration = Estimate(
-            rows / rate,
-            (rows + late[0] - early[1]) / rate,
-            (rows + late[1] - early[0]) / rate,
-            "s",
-        )
+        shorter, longer = np.hypot(late[0], early[1]), np.hypot(late[1], early[0])
+        duration = Estimate(rows / rate, (rows - shorter) / rate, (rows + longer) / rate, "s")
         length = max(view.series.duration_s / _PENALTY_S, 1.0)
         looked_at = _PENALTY + float(np.log(length) + np.log(ALPHA))
-        return cls(time, duration, Estimate(1.0, unit=view.unit)).measured(view, looked_at)
+        size = Estimate(1.0, unit=view.unit)
+        return cls(time, duration, size, **placed).measured(view, looked_at)
 
     @classmethod
     def _near(cls, view: View, first: int, last: int) -> Candidate | None:
@@ -140,14 +142,17 @@ class Excursion(SizedSignal):
             return None
         noise = joint_fit(view, _column(view, first, last)).spectrum
         scan = StepScan(view.grid, view.ordinates, noise)
-        early = late = (0, 0)
         for _ in range(_TURNS):
             reach = (last - first) // 2
             tried = np.arange(max(1, first - reach), first + reach)
-            first, early = _best(tried, scan.box(tried, np.full_like(tried, last)))
+            begin = scan.place_of_box(tried, np.full_like(tried, last), tried)
+            first = begin.best
             tried = np.arange(max(first + 2, last - reach), min(view.grid.n - 1, last + reach))
-            last, late = _best(tried, scan.box(np.full_like(tried, first), tried))
-        return cls._at(view, first, last, early, late)
+            end = scan.place_of_box(np.full_like(tried, first), tried, tried)
+            last = end.best
+        early, late = ((one.first - 1 - one.best, one.last - one.best) for one in (begin, end))
+        shrinkage, scatter = begin.shrinkage * end.shrinkage, np.hypot(begin.scatter, end.scatter)
+        return cls._at(view, first, last, early, late, shrinkage=shrinkage, scatter=float(scatter))
 
 
 def _column(view: View, first: int, last: int) -> Array:
@@ -172,11 +177,3 @@ def _boxes(view: View) -> list[tuple[int, int]]:
         width = int(width * 1.25) + 1
     found.sort(reverse=True)
     return [(a, b) for _, a, b in found[:_PROPOSALS]]
-
-
-def _best(tried: NDArray[np.int64], gains: Array) -> tuple[int, Span]:
-    """Return the most likely sample, and around it what covers the jump before it with 95 %."""
-    top = int(np.argmax(gains))
-    near = tried[gains > gains[top] - _INTERVAL_NATS]
-    best = int(tried[top])
-    return best, (int(near[0]) - 1 - best, int(near[-1]) - best)

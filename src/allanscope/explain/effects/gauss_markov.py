@@ -51,6 +51,7 @@ class GaussMarkov(EffectKind):
 
     kind = "gauss_markov"
     meaning = "a stationary, exponentially correlated bias"
+    sized_by = "sigma"
     is_process = True
     resembles_bend = True
     excluded_by = frozenset({"quantization"})

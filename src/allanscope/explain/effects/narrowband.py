@@ -125,6 +125,7 @@ class Narrowband(EffectKind):
 
     kind = "narrowband"
     meaning = "noise in a band: a resonance, or a line that wanders"
+    sized_by = "sigma"
     located_by = "frequency"
     shared_by = "frequency"
     is_process = True

@@ -53,6 +53,7 @@ class PowerLaw(EffectKind):
 
     kind = "power_law"
     meaning = "noise whose density falls with a slope between those of N, B and K"
+    sized_by = "density"
     is_process = True
     is_single = True
     excluded_by = frozenset({"quantization"})

@@ -78,6 +78,7 @@ class RandomTelegraph(EffectKind):
 
     kind = "random_telegraph"
     meaning = "the level switches between two values"
+    sized_by = "amplitude"
     is_single = True
     is_fitted = True
     is_not_gaussian = True

@@ -62,6 +62,7 @@ class ScaleDrift(EffectKind):
 
     kind = "scale_drift"
     meaning = "the whole signal grows or fades slowly"
+    sized_by = "relative"
     stage = 1
     is_single = True
     excluded_by = frozenset({"quantization", "saturation"})

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects import EffectKind, SizedSignal
+from allanscope.explain.effects import EffectKind, PlacedSignal
 from allanscope.explain.effects.random_telegraph import RandomTelegraph
 from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.spectrum import StepScan, local_power_ratio
@@ -37,12 +37,10 @@ _HOPS = 3.0
 """A hop is twice the amplitude; noise may make it look half as large again."""
 _EDGE_S = 5.0
 """Nearer to an end of the record a step is a start-up transient, or nothing one could tell."""
-_INTERVAL_NATS = 3.68
-"""Drop of the likelihood that covers the instant of a change with 95 % (Hansen 2000)."""
 
 
 @dataclass(frozen=True)
-class Step(SizedSignal):
+class Step(PlacedSignal):
     """A jump of the level."""
 
     time: Estimate
@@ -116,11 +114,11 @@ class Step(SizedSignal):
         return round(self.time.value * view.grid.rate_hz)
 
     @classmethod
-    def _at(cls, view: View, time: Estimate) -> Candidate:
+    def _at(cls, view: View, time: Estimate, **placed: float) -> Candidate:
         """Fit the size of a jump at an instant."""
         length = max(view.series.duration_s / _PENALTY_S, 1.0)
         looked_at = _PENALTY + float(np.log(length) + np.log(ALPHA))
-        return cls(time, Estimate(1.0, unit=view.unit)).measured(view, looked_at)
+        return cls(time, Estimate(1.0, unit=view.unit), **placed).measured(view, looked_at)
 
     @classmethod
     def _near(cls, view: View, row: int) -> Candidate:
@@ -130,16 +128,14 @@ class Step(SizedSignal):
         scan = StepScan(grid, view.ordinates, joint_fit(view, column).spectrum)
         reach, edge = int(max(20 * rate, 4 * grid.n / grid.low)), int(_EDGE_S * rate)
         tried = np.arange(max(edge, row - reach), min(grid.n - edge, row + reach))
-        gains = scan.step(tried)
-        best = int(np.argmax(gains))
-        near = tried[gains > gains[best] - _INTERVAL_NATS]
+        place = scan.place_of_step(tried)
         time = Estimate(
-            float(tried[best] / rate),
-            float((near[0] - 1) / rate),  # after the last sample of the old level
-            float((near[-1] + 0.5) / rate),
+            float(place.best / rate),
+            float((place.first - 1) / rate),  # after the last sample of the old level
+            float((place.last + 0.5) / rate),
             "s",
         )
-        return cls._at(view, time)
+        return cls._at(view, time, shrinkage=place.shrinkage, scatter=place.scatter)
 
 
 def _is_hop(view: View, found: EffectKind) -> bool:

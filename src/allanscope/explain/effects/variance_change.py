@@ -49,6 +49,8 @@ class VarianceChange(EffectKind):
 
     kind = "variance_change"
     meaning = "the white level is not one level"
+    sized_by = "ratio"
+    size_of_none = 1.0
     located_by = "start"
     shared_by = "start"
     is_single = True

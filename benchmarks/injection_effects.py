@@ -80,7 +80,7 @@ class Injector(Maker):
 
     def __init__(self, rng: np.random.Generator, carrier: Carrier) -> None:
         n, rate = len(carrier.record.values), carrier.record.rate_hz
-        super().__init__(rng, n, rate, self._room(rng, n, rate))
+        super().__init__(rng, n, rate, self.room(rng, n, rate))
         self.carrier = carrier
 
     def inject(self, kind: str, times: float) -> tuple[Truth, Array, Array | None] | None:
@@ -299,7 +299,7 @@ class Injector(Maker):
         return lfilter([1 - keep], [1, -keep], self.temperature, zi=start)[0]
 
     @staticmethod
-    def _room(rng: np.random.Generator, n: int, rate: float) -> Array:
+    def room(rng: np.random.Generator, n: int, rate: float) -> Array:
         """Return the temperature of a room that a heater holds, as it is."""
         t = np.arange(n) / n
         waves = sum(

@@ -1,120 +1,160 @@
 """How large an effect must be for half of them to be named, against an ideal detector.
 
-    python benchmarks/sensitivity.py [--kinds step,outliers] [--trials 24] [--seed 1] [--quick]
-                                     [--json FILE]
+    python benchmarks/sensitivity.py [--store FOLDER] [--page] [--json FILE]
 
 The size of an effect is d', the square root of twice the log-likelihood ratio of one who knows the
-noise and what to look for: the deviations by which it stands out. Each trial hides one effect on
-one axis of a record of two; sizes spread evenly over the range in question, and the d' at which
-half are named is that of a logistic curve through the answers. The bound is that of an ideal
-detector that knows the noise but has to look at all places, at the same rate of false alarms.
+noise and what to look for: the deviations by which it stands out. The draws are those of
+`rank_calibration.py`, which makes and keeps them (`--draws`); sizes spread evenly in their
+logarithm. The d' at which half are found, under whatever name, and half are named right is that of
+a logistic curve in ln d' through the answers, with its standard error. The ideal detector knows the
+noise but not the place, and pays the same search: half of what is so large that twice its nats are
+the square of d' exceed the price at d' = sqrt(2 price).
 """
 
 from __future__ import annotations
 
 import argparse
-import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from blind_effects import forgetting
-from blind_noise import Array, base_noise, draw_noise, information
+from blind_noise import Array
 from figures import Figure, written
+from rank_calibration import DOCS, STORE, Study, put_into, stored
+from rank_effects import STUDIES
 from scipy.optimize import minimize
 
-from allanscope.explain import explain
-from allanscope.history import Record
-
-IDEAL = {"step": 4.4, "excursion": 4.9, "outliers": 5.7, "cross_coupling": 3.8}
-RANGE = (2.0, 10.0)
-RATE, SECONDS = 52.0, 1200.0
-FALSE_PERCENT = 2.5
-"""One false effect in 40 clean axes."""
+GOAL = 1.3
+"""Most of the ideal d' that a kind may need."""
+FEWEST = 20
+WIDTHS = (0.02, 1.0)
+"""Of the logistic curve, in ln d'."""
 
 
-def shape_of(kind: str, rng: np.random.Generator, n: int, source: Array) -> Array:
-    """Return an effect of unit size at a random place."""
-    shape = np.zeros(n)
-    if kind == "step":
-        shape[int(n * rng.uniform(0.08, 0.92)) :] = 1.0
-    elif kind == "excursion":
-        length = int(n * np.exp(rng.uniform(*np.log([0.01, 0.1]))))
-        first = int(rng.uniform(0.05, 0.85) * n)
-        shape[first : first + length] = 1.0
-    elif kind == "outliers":
-        shape[int(rng.uniform(0.02, 0.98) * n)] = 1.0
-    else:
-        shape = source - source.mean()
-    return shape
+@dataclass(frozen=True)
+class Sensitivity:
+    """Of one kind: d' of which half are found, or named right, with standard errors, and ideal."""
+
+    draws: int
+    found: tuple[float, float]
+    named: tuple[float, float]
+    ideal: float
+
+    @property
+    def loss(self) -> float:
+        """What is needed to be named over what would be ideal."""
+        return self.named[0] / self.ideal
 
 
-def trial(kind: str, d: float, seed: int) -> tuple[bool, int]:
-    """Hide an effect of size d'; return whether it was named, and what else was."""
-    rng = np.random.default_rng([seed, 1225])
-    n = int(RATE * SECONDS)
-    noises = [draw_noise(rng, axis) for axis in ("gx", "gy")]
-    columns = [base_noise(rng, noise, n, RATE) for noise in noises]
-    if kind == "cross_coupling":  # a source that tilts
-        columns[1] = columns[1] + forgetting(rng, n, np.exp(-1 / (20 * RATE)), 100 * noises[1].b)
-    shape = shape_of(kind, rng, n, columns[1])
-    columns[0] = columns[0] + d / np.sqrt(information(shape, noises[0], RATE)) * shape
-    table = np.column_stack(columns) + [noise.offset for noise in noises]
-    lsb = np.array([noise.lsb for noise in noises])
-    record = Record(
-        rate_hz=RATE,
-        stride=1,
-        axes=("gx", "gy"),
-        values=np.round(table / lsb) * lsb,
-        lsb=tuple(lsb),
-        temperature_c=np.full(n, np.nan),
-        start_s=np.arange(n) / RATE,
-        segments=np.array([[0, n]], np.int64),
-    )
-    found = [effect.kind for effect in explain(record).axes["gx"].effects]
-    return kind in found, len([name for name in found if name != kind])
+def half(d: Array, answers: Array) -> tuple[float, float]:
+    """Return the d' at which half of the answers are yes, and its standard error.
 
-
-def half_named(d: Array, named: Array) -> float:
-    """Return the d' at which half are named, by a logistic curve."""
+    >>> d = np.geomspace(2.0, 20.0, 400)
+    >>> value, error = half(d, d > 6.0)
+    >>> bool(abs(value - 6.0) < 0.2), bool(error < 0.2)
+    (True, True)
+    """
+    x, yes = np.log(d), np.asarray(answers, float)
 
     def loss(p: Array) -> float:
-        x = (d - p[0]) * np.exp(p[1])
-        return float(np.sum(np.logaddexp(0, -x) * named + np.logaddexp(0, x) * (1 - named)))
+        width = np.exp(np.clip(p[1], *np.log(WIDTHS)))
+        z = (x - p[0]) / width
+        prior = 0.5 * ((p[1] - np.log(0.15)) / 1.0) ** 2  # where answers are few
+        return float(np.sum(np.logaddexp(0, -z) * yes + np.logaddexp(0, z) * (1 - yes))) + prior
 
-    return float(minimize(loss, [np.mean(RANGE), 1.0], method="Nelder-Mead").x[0])
+    best = minimize(loss, [float(np.median(x)), np.log(0.15)], method="Nelder-Mead")
+    h = np.array([0.05, 0.0])
+    curved = (loss(best.x + h) + loss(best.x - h) - 2 * best.fun) / h[0] ** 2
+    middle = float(np.exp(best.x[0]))
+    return middle, middle / float(np.sqrt(max(curved, 1e-6)))
+
+
+def sensitivity(study: Study) -> Sensitivity | None:
+    """Return that of a study; None where it has no sizes, or too few draws or findings."""
+    known = np.isfinite(study.d)
+    prices = study.price[np.isfinite(study.price)]
+    if np.count_nonzero(known) < FEWEST or len(prices) < 3:
+        return None
+    d, found = study.d[known], study.found[known]
+    return Sensitivity(
+        len(d), half(d, found > 0), half(d, found == 2), float(np.sqrt(2 * np.median(prices)))
+    )
+
+
+def page_table(known: dict[str, Sensitivity]) -> str:
+    """Return a row for each kind."""
+    lines = [
+        "| kind | draws | half found | half named right | ideal | loss |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, one in known.items():
+        (found, f_error), (named, n_error) = one.found, one.named
+        loss, error = one.loss, n_error / one.ideal
+        text = f"{loss:.2f} ± {error:.2f}"
+        text = f"**{text}**" if loss > GOAL else text
+        lines.append(
+            f"| {name.replace('_', ' ')} | {one.draws} | {found:.1f} ± {f_error:.1f} "
+            f"| {named:.1f} ± {n_error:.1f} | {one.ideal:.1f} | {text} |"
+        )
+    return "\n".join(lines)
+
+
+def picture(studies: dict[str, Study], known: dict[str, Sensitivity], path: Path) -> None:
+    """Draw how many are found and named, in four ranges of d', beside the ideal detector."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot as plt
+    from scipy.stats import norm
+
+    columns = 6
+    rows = -(-len(known) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(12, 1.6 * rows), sharey=True, layout="constrained", squeeze=False
+    )
+    for panel in axes.flat[len(known) :]:
+        panel.set_axis_off()
+    for panel, (name, one) in zip(axes.flat, known.items(), strict=False):
+        study = studies[name]
+        usable = np.isfinite(study.d)
+        order = np.argsort(study.d[usable])
+        d, found = study.d[usable][order], study.found[usable][order]
+        for least, colour, label in ((1, "0.6", "found"), (2, "C0", "named right")):
+            parts = np.array_split(np.arange(len(d)), 6)
+            at = [float(np.exp(np.mean(np.log(d[part])))) for part in parts]
+            panel.plot(at, [np.mean(found[p] >= least) for p in parts], "o-", ms=3, lw=1,
+                       color=colour, label=label)  # fmt: skip
+        fine = np.geomspace(d[0], d[-1], 100)
+        panel.plot(fine, norm.cdf(fine - one.ideal), "--", color="C1", lw=1, label="ideal")
+        panel.set_xscale("log")
+        panel.set_title(name.replace("_", " "), fontsize=8)
+        panel.tick_params(labelsize=6, which="both")
+    axes.flat[0].legend(fontsize=6)
+    figure.supxlabel("d', standard deviations", fontsize=9)
+    figure.savefig(path, dpi=100)
 
 
 def main() -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--kinds", default=",".join(IDEAL))
-    parser.add_argument("--trials", type=int, default=40)
-    parser.add_argument("--clean", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--store", type=Path, default=STORE)
+    parser.add_argument("--page", action="store_true", help="write the page and its picture")
     parser.add_argument("--json", type=Path)
-    arguments = parser.parse_args()
-    trials, clean = (6, 2) if arguments.quick else (arguments.trials, arguments.clean)
-    started = time.process_time()
-    figures, answers = [], {}
-    for kind in arguments.kinds.split(","):
-        sizes = np.linspace(*RANGE, trials)
-        seeds = 10_000 * arguments.seed + np.arange(trials)
-        told = [trial(kind, d, int(s)) for d, s in zip(sizes, seeds, strict=True)]
-        named = np.array([t[0] for t in told], float)
-        answers[kind] = {"sizes": sizes.tolist(), "named": named.tolist(),
-                         "others": sum(t[1] for t in told)}  # fmt: skip
-        figures.append(
-            Figure(f"d' of half named, {kind}", half_named(sizes, named), "sd", bound=IDEAL[kind])
+    options = parser.parse_args()
+    studies = {name: one for name in STUDIES if (one := stored(options.store, name)) is not None}
+    known = {name: own for name, one in studies.items() if (own := sensitivity(one)) is not None}
+    if options.page and known:
+        picture(studies, known, DOCS / "figures" / "sensitivity.png")
+        text = "![Found and named right by size](../figures/sensitivity.png)\n\n" + page_table(
+            known
         )
-    if clean:
-        told = [trial("step", 0.0, 10_000 * arguments.seed + 5000 + k) for k in range(clean)]
-        false = sum(named + others for named, others in told)
-        figures.append(
-            Figure("false effects on clean axes", 100 * false / clean, "%", goal=FALSE_PERCENT)
-        )
-    seconds = time.process_time() - started
-    written(figures, arguments.json, answers=answers, cpu_seconds=seconds)
+        put_into(DOCS / "explanation" / "sensitivity.md", "sensitivity", text)
+    figures = [
+        Figure(f"d' of half named, {name}", one.named[0], "sd", GOAL * one.ideal, bound=one.ideal)
+        for name, one in known.items()
+    ]
+    figures.append(Figure("kinds with a sensitivity", len(known), ""))
+    written(figures, options.json)
 
 
 if __name__ == "__main__":

@@ -8,13 +8,17 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from allanscope.analysis import Analyser
 from allanscope.errors import AllanscopeError
+from allanscope.pipeline import read_limits
 from allanscope.recording import Recording
+from allanscope.simulator import Simulator, Truth
 from allanscope.wire import WireSettings, format_named, sniff
 
 CORPUS: dict[str, list[str]] = json.loads(
@@ -22,11 +26,24 @@ CORPUS: dict[str, list[str]] = json.loads(
 )
 
 
+def take_truth(path: Path) -> None:
+    """Read a sensor, and take some samples of it."""
+    Simulator(truth=Truth.load(path), duration_s=1.0).read(20)
+
+
+DOCUMENTS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "json": ("truth.json", take_truth),
+    "toml": ("truth.toml", take_truth),
+    "specification": ("spec.toml", read_limits),
+}
+"""Name of the file, and who reads it."""
+
+
 def inputs(target: str) -> list[bytes]:
     return [base64.b64decode(one) for one in CORPUS[target]]
 
 
-@pytest.mark.parametrize("name", sorted(CORPUS.keys() - {"recording", "sniff"}))
+@pytest.mark.parametrize("name", sorted(CORPUS.keys() - {"recording", "sniff", *DOCUMENTS}))
 def test_every_way_through_a_decoder_ends_in_events(name: str) -> None:
     for data in inputs(name):
         decoder, analyser = format_named(name).decoder(WireSettings()), Analyser()
@@ -50,3 +67,14 @@ def test_every_way_through_a_recording_ends_with_its_chunks_or_one_error(tmp_pat
             recording = Recording(path)
             list(recording.chunks())
             list(recording.events())
+
+
+@pytest.mark.parametrize("kind", DOCUMENTS)
+def test_every_way_through_a_document_ends_with_what_it_says_or_one_error(
+    kind: str, tmp_path: Path
+) -> None:
+    name, take = DOCUMENTS[kind]
+    for data in inputs(kind):
+        (tmp_path / name).write_bytes(data)
+        with contextlib.suppress(AllanscopeError), np.errstate(all="ignore"):
+            take(tmp_path / name)

@@ -169,3 +169,34 @@ def test_any_density_of_taus_is_served():
         assert lags[0] == 32
         assert lags[-1] < 64
         assert lags.size == min(per_octave, 32)
+
+
+@pytest.mark.parametrize("sigma", [0.6, 20.0, 300.0, 5000.0])
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_sums_of_whole_numbers_are_exact(sigma: float, level: int) -> None:
+    """In 16 bits, in 32 and in doubles, by the size of the numbers and of the lag."""
+    counts = np.rint(np.random.default_rng(8).normal(0.0, sigma, 6000)).astype(np.int64)
+    cascade = Cascade(axes=1, per_octave=4)
+    cascade.extend(counts[np.newaxis].astype(np.float64))
+    settled = cascade.settled()
+    x = np.append(0, counts.cumsum())
+    z = np.append(0, x.cumsum())
+    twice_q = np.append(0, (2 * z[:-1] + x).cumsum())
+    x, z, twice_q = x[:: 1 << level], z[: None if level == 0 else -1 : 1 << level], twice_q[:-1]
+    twice_q = twice_q[:: 1 << level]
+    for t in range(cascade.first[level], cascade.first[level + 1]):
+        k = int(cascade.lags[t])
+        d = x[2 * k :] - 2 * x[k:-k] + x[: -2 * k]
+        h = x[3 * k :] - 3 * x[2 * k : -k] + 3 * x[k : -2 * k] - x[: -3 * k]
+        e = z[3 * k :] - 3 * z[2 * k : -k] + 3 * z[k : -2 * k] - z[: -3 * k]
+        own_z, m = z[: x.size], k << level
+        slope = m * (own_z[2 * k :] - own_z[: -2 * k])
+        r = slope - (twice_q[2 * k :] - 2 * twice_q[k:-k] + twice_q[: -2 * k])
+        apart = np.diff(x[::k], 2)
+        terms = {"oadev": d, "ohdev": h, "mdev": e, "pdev": r, "adev": apart}
+        terms |= {"hdev": np.diff(apart)}
+        for kind, term in terms.items():
+            wanted = (term.astype(np.longdouble) ** 2).sum() / (4 if kind == "pdev" else 1)
+            found = settled.sums[0, t, COLUMNS.index(kind)]
+            # No sum below 2^53 is rounded; those of PDEV are of quarters.
+            assert found == pytest.approx(float(wanted), rel=0.0 if 4 * wanted < 2.0**53 else 1e-14)

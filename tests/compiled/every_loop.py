@@ -35,10 +35,15 @@ def sums() -> None:
                 cascade.extend(samples)
                 archive.extend(samples)
             cascade.settled().variances("totdev")
+    for most in (1.0, 1e3, 1e5, 1e9):
+        cascade = Cascade(2, 16)
+        cascade.extend(np.rint(RNG.normal(0.0, most, (2, 5000))))
+        cascade.settled()
     for window in (0.0, 3.0):
         bank = AllanBank(100.0, axes=2, window=window)
         for n in (1, 5000, 31, 20_000):
             bank.update(RNG.normal(size=(n, 2)))
+            bank.update(RNG.normal(0.0, 9.0, (n, 2)).astype(np.int16))
             bank.dynamic()
             bank.gap()
     data = RNG.normal(size=(ALIGNED, 2))

@@ -103,6 +103,10 @@ def results() -> list[NDArray[Any]]:
     rng = np.random.default_rng(4)
     cascade = Cascade(axes=2, per_octave=4)
     cascade.extend(rng.normal(size=(2, 9001)))
+    # Whole numbers: in 16 bits, in 32, and beyond at the longer lags.
+    counts = np.rint(rng.normal(0.0, [3.0, 300.0, 5000.0], (9001, 3))).astype(np.int16)
+    whole = Cascade(axes=3, per_octave=4)
+    whole.extend(kernels.columns(counts, np.array([1.0, -200.0, 0.0])))
     bank = ladder.Ladder(2)
     bank.push(rng.normal(size=(2, 9001)).astype(np.float32))
     watch = Watch(StreamInfo(axes=("gx", "az"), scale=(1.0, 1.0), nominal_hz=104.0))
@@ -113,6 +117,8 @@ def results() -> list[NDArray[Any]]:
     theta, loglik, expected = amplitudes.maximise(columns, power, np.full(99, 5.0), np.zeros(99))
     return [
         *cascade.settled().arrays().values(),
+        *whole.settled().arrays().values(),
+        ladder.narrow_columns(counts, np.zeros(3)),
         *(np.asarray(array) for array in bank.arrays().values()),
         *(np.array(reflected.reflected_mean_square(values, m, 1)) for m in (7, 100)),
         np.array(theo1.theo1_variance(values, 202)),
@@ -131,8 +137,10 @@ def test_every_level_of_the_processor_gives_the_same_bits(monkeypatch: pytest.Mo
     used = [
         (kernels, "_advance", "cascade_advance"),
         (kernels, "_settle", "cascade_settle"),
+        (kernels, "_columns_of_int16", "columns_of_int16"),
         (ladder, "_decimate", "decimate"),
-        (ladder, "_add_squares", "add_squares"),
+        (ladder, "_periodograms", "periodograms"),
+        (ladder, "_narrow_columns_of_int16", "narrow_columns_of_int16"),
         (reflected, "_squares", "reflected_squares"),
         (theo1, "_squares", "theo1_squares"),
         (amplitudes, "_maximise", "maximise"),

@@ -32,6 +32,7 @@ from allanscope.allan.curves import Curves, samples_to_value
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.dynamic import SLOTS, Borders, DynamicDeviation
 from allanscope.allan.estimators import Sums, estimator_named
+from allanscope.allan.kernels import columns
 from allanscope.allan.noise_type import NoiseTypes, alpha_named, one_noise
 from allanscope.allan.phase import LARGEST, checked_samples, positive_rate
 from allanscope.allan.shard import BLOCK, Shard
@@ -39,8 +40,8 @@ from allanscope.samples import Block
 
 __all__ = ["AllanBank", "pack_state"]
 
-_SLICE = 1 << 14
-"""Samples converted to float64 at a time: what fits in the second-level cache."""
+_SLICE = 1 << 12
+"""Samples converted to float64 at a time: the second-level cache holds them, and the heap."""
 _FORMAT = "allanscope bank"
 _VERSION = 2
 
@@ -181,9 +182,7 @@ class AllanBank:
         borders, start = self._borders, 0
         while start < len(data):
             size = _SLICE if borders is None else min(_SLICE, borders.most_samples)
-            piece = np.subtract(
-                data[start : start + size].T, self._anchor[:, np.newaxis], order="C"
-            )
+            piece = columns(data[start : start + size], self._anchor)
             if borders is not None:
                 self._cascade.make_room(piece.shape[1])
                 borders.plan(self._cascade, piece.shape[1])

@@ -48,7 +48,8 @@ stream is cut into blocks the same additions happen in the same order: results a
 last bit. `settle` does the same for half-filled rungs, at the end of a segment.
 
 Squares are summed in four lanes, as vector registers need it, in an order that is the same on every
-processor. The loops are `compiled/cascade.c`.
+processor. The loops are `compiled/cascade.c`; where samples are whole numbers, as counts are, most
+terms are those of `compiled/whole.c`, which have the same bits.
 """
 
 from __future__ import annotations
@@ -70,6 +71,7 @@ __all__ = [
     "WIDTH",
     "Ladder",
     "advance",
+    "columns",
     "hand_up",
     "offset_near",
     "put_all_back",
@@ -149,6 +151,22 @@ _advance = kernel("cascade_advance", Pointer(np.float64, 2), int, int, *_LADDER)
 _settle = kernel("cascade_settle", int, *_LADDER)
 _put_all_back = kernel("cascade_put_all_back", *_LADDER)
 _hand_up = kernel("cascade_hand_up", Pointer(np.float64, 3), int, int, int, *_LADDER)
+_columns_of_int16 = kernel(
+    "columns_of_int16",
+    *(Pointer(np.int16, 2), Pointer(np.float64, 1), int, int),
+    Pointer(np.float64, 2, written=True),
+)
+
+
+def columns(samples: NDArray[Any], anchor: Floats) -> Floats:
+    """Return samples of shape (n, axes) less the anchor of each axis, shape (axes, n)."""
+    if samples.dtype != np.int16:
+        less: Floats = np.subtract(samples.T, anchor[:, np.newaxis], order="C")
+        return less
+    own = np.ascontiguousarray(samples)
+    found = np.empty(own.shape[::-1])
+    _columns_of_int16(own, anchor, *found.shape, found)
+    return found
 
 
 def advance(samples: Floats, taken: int, ladder: Ladder) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan.cascade import Cascade
-from allanscope.allan.kernels import BATCH, advance, offset_near
+from allanscope.allan.kernels import BATCH, advance, columns, offset_near
 from allanscope.compiled import Pointer, kernel
 
 __all__ = ["ALIGNED", "BLOCK", "LEVELS", "Shard"]
@@ -118,9 +118,7 @@ class Shard:
         ladder = low.ladder()
         taken = []
         for begin in range(0, len(samples), _SLICE):
-            one = np.subtract(
-                samples[begin : begin + _SLICE].T, self.anchor[:, np.newaxis], order="C"
-            )
+            one = columns(samples[begin : begin + _SLICE], self.anchor)
             advance(one, self.end, ladder)
             self.end += one.shape[1]
             taken.append(one)

@@ -157,6 +157,8 @@ static inline __attribute__((always_inline)) void overlap(
     total[PDEV] += sum_of(rr);
 }
 
+#include "whole.c"
+
 static void full_overlap(
     const double *rung, int64_t start, int64_t n, int64_t k, double stride, double *total) {
     if (stride == 1.0)
@@ -297,15 +299,20 @@ static void spend(const ladder *l, int64_t axis, int64_t level, int64_t before, 
         *offset_of(l, axis, level) = offset;
         memcpy(head_of(l, axis, level), rung + BATCH - 1, HEAD * sizeof(double));
     }
-    for (int64_t t = l->first[level]; t < l->first[level + 1]; t++) {
-        int64_t k = l->lags[t], start = BATCH;
+    uint64_t overlapping = 0, apart = 0; /* what whole numbers have done, by lag */
+    if (before > 0 && new == BATCH)
+        spend_whole(
+            rung, before, (int64_t)1 << level, l->lags + l->first[level],
+            l->first[level + 1] - l->first[level], sums_of(l, axis, l->first[level]), &overlapping, &apart);
+    for (int64_t t = l->first[level]; t < l->first[level + 1]; t++, overlapping >>= 1, apart >>= 1) {
+        int64_t k = l->lags[t], start = overlapping & 1 ? stop : BATCH;
         double *total = sums_of(l, axis, t);
         if (before == 0) {
             full_overlap_start(rung, stop, k, stride, total);
             start = BATCH - 1 + 3 * k;
         }
         if (start < stop) full_overlap(rung, start, stop - start, k, stride, total);
-        no_overlap(rung, before, stop, k, total);
+        if (!(apart & 1)) no_overlap(rung, before, stop, k, total);
     }
 }
 
@@ -330,15 +337,21 @@ static void promote(const ladder *l, int64_t axis, int64_t level, int64_t before
     double more_x = 0.0, more_z = 0.0, more_q = 0.0;
     with_offset(
         &more_x, &more_z, &more_q, 1, 1, s, *offset_of(l, axis, level) - *offset_of(l, axis, level + 1));
+    /* What each pair contributes by itself: here no sum waits for the one before. */
+    double own_x[BATCH / 2], own_z[BATCH / 2], own_q[BATCH / 2];
+    for (int32_t j = 0; j < (int32_t)new / 2; j++) {
+        const int32_t a = BATCH - 1 + 2 * j, b = a + 2;
+        own_q[j] = (lq[b] - lq[a] - s * lz[a] - half * lx[a]) + more_q;
+        own_z[j] = lz[b] - lz[a] - s * lx[a] + more_z;
+        own_x[j] = lx[b] - lx[a] + more_x;
+    }
     double *xs = rung_of(l, axis, level + 1) + BATCH + (before / 2) % BATCH;
     double *zs = xs + ENTRIES, *qs = zs + ENTRIES;
     double x = xs[-1], z = zs[-1], q = qs[-1];
     for (int64_t j = 0; j < new / 2; j++) {
-        int64_t a = BATCH - 1 + 2 * j, b = a + 2;
-        double own_q = lq[b] - lq[a] - s * lz[a] - half * lx[a];
-        q += s * z + half * x + (own_q + more_q);
-        z += s * x + (lz[b] - lz[a] - s * lx[a] + more_z);
-        x += lx[b] - lx[a] + more_x;
+        q += s * z + half * x + own_q[j];
+        z += s * x + own_z[j];
+        x += own_x[j];
         xs[j] = x, zs[j] = z, qs[j] = q;
     }
 }
@@ -490,24 +503,54 @@ KERNEL(void, block_sums)
     }
 }
 
+/* The samples of each axis, less its anchor, one after another; `rows` has those of a moment together. */
+KERNEL(void, columns_of_int16)
+(const int16_t *rows, const double *anchor, int64_t axes, int64_t n, double *columns) {
+    enum { AT_ONCE_READ = 64 };
+    for (int64_t done = 0; done < n; done += AT_ONCE_READ) {
+        int64_t size = least(AT_ONCE_READ, n - done);
+        for (int64_t axis = 0; axis < axes; axis++) {
+            const int16_t *own = rows + done * axes + axis;
+            double *column = columns + axis * n + done;
+            for (int64_t j = 0; j < size; j++) column[j] = (double)own[j * axes] - anchor[axis];
+        }
+    }
+}
+
+/* Fill rows (u, v) of `group` axes from `size` samples each: the sums of one axis wait for each other,
+   those of several do not. */
+static inline __attribute__((always_inline)) void summarise(
+    const int64_t group, const double *samples, int64_t width, int64_t size, double *rows, int64_t room,
+    double *part, int64_t filled, int64_t stride) {
+    double us[3], vs[3];
+    for (int64_t g = 0; g < group; g++) us[g] = part[2 * g], vs[g] = part[2 * g + 1];
+    for (int64_t j = 0, used = 0; j < size; used++) {
+        int64_t stop = least(size, j + stride - filled);
+        filled += stop - j;
+        for (; j < stop; j++)
+            for (int64_t g = 0; g < group; g++) {
+                vs[g] += us[g];
+                us[g] += samples[g * width + j];
+            }
+        if (filled < stride) break;
+        for (int64_t g = 0; g < group; g++) {
+            rows[2 * g * room + used] = us[g], rows[(2 * g + 1) * room + used] = vs[g];
+            us[g] = vs[g] = 0.0;
+        }
+        filled = 0;
+    }
+    for (int64_t g = 0; g < group; g++) part[2 * g] = us[g], part[2 * g + 1] = vs[g];
+}
+
 /* Fill rows (u, v) from `size` samples of every axis, from number `done` on: `allan/archive.py`. */
 KERNEL(void, archive_summarise)
 (const double *samples, int64_t axes, int64_t width, int64_t done, int64_t size, double *rows,
  int64_t room, int64_t used, double *part, int64_t filled, int64_t stride) {
-    for (int64_t axis = 0; axis < axes; axis++) {
-        const double *own = samples + axis * width + done;
-        double *us = rows + axis * 2 * room + used, *vs = us + room;
-        double u = part[2 * axis], v = part[2 * axis + 1];
-        for (int64_t j = 0, count = filled; j < size; j++) {
-            v += u;
-            u += own[j];
-            if (++count == stride) {
-                *us++ = u, *vs++ = v;
-                count = 0, u = 0.0, v = 0.0;
-            }
-        }
-        part[2 * axis] = u, part[2 * axis + 1] = v;
-    }
+    samples += done, rows += used;
+    for (; axes >= 3; axes -= 3, samples += 3 * width, rows += 6 * room, part += 6)
+        summarise(3, samples, width, size, rows, room, part, filled, stride);
+    for (; axes > 0; axes--, samples += width, rows += 2 * room, part += 2)
+        summarise(1, samples, width, size, rows, room, part, filled, stride);
 }
 
 /* Fill rows from sums (u, v, ...) of `size` blocks of `length` samples, `columns` numbers each. */

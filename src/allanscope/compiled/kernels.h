@@ -20,6 +20,10 @@
 #define KERNEL(type, name) __attribute__((visibility("default"))) type JOINED(name, LEVEL)
 #endif
 
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wpsabi" /* vectors are passed within a file alone */
+#endif
+
 /* Four doubles, wherever they lie. */
 typedef double lanes __attribute__((vector_size(32), aligned(8), may_alias));
 enum { LANES = 4 };

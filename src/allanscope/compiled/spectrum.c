@@ -2,32 +2,196 @@
 
 #include "kernels.h"
 
-/* Add |z|^2 of spectra (axes, segments, bins) to power (axes, bins). */
-KERNEL(void, add_squares)
-(const float *restrict spectra, int64_t axes, int64_t segments, int64_t bins,
- double *restrict power) {
-    for (int64_t axis = 0; axis < axes; axis++, power += bins)
-        for (int64_t segment = 0; segment < segments; segment++, spectra += 2 * bins)
-            for (int64_t k = 0; k < bins; k++) {
-                float re = spectra[2 * k], im = spectra[2 * k + 1];
-                power[k] += (double)(re * re + im * im);
+#if defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
+enum { SEGMENT = 2048, WAYS = 8, BINS = SEGMENT / 2 + 1 };
+
+/* The same sample of eight segments. */
+typedef float ways __attribute__((vector_size(32), aligned(4), may_alias));
+
+/* --- the transform of eight real segments at once -----------------------------------------------
+
+   Halves first, then quarters (Swarztrauber 1982): the real transform of n = l r samples is made of
+   that of each r-th sample, l long, times waves. Arrays are (blocks, parts, width) or (parts, blocks,
+   width) of eight numbers each; `turn` has cos and sin of 2 pi i / SEGMENT, by pairs. The order of
+   sums is that of FFTPACK, so the bits are those of `scipy.fft.rfft`. */
+
+typedef struct {
+    ways re, im;
+} pair;
+
+static inline pair turned_by(pair v, const float *turn, int64_t i) {
+    float c = turn[2 * i], s = turn[2 * i + 1];
+    return (pair){c * v.re + s * v.im, c * v.im - s * v.re};
+}
+
+static inline void quarters(
+    const ways *from, ways *to, int64_t width, int64_t blocks, const float *turn) {
+    const float half = 0.707106781186547524400844362104849f;
+    for (int64_t k = 0; k < blocks; k++) {
+        const ways *a = from + k * width, *b = a + blocks * width, *c = b + blocks * width;
+        const ways *d = c + blocks * width;
+        ways *p = to + 4 * k * width, *q = p + width, *r = q + width, *s = r + width;
+        int64_t last = width - 1;
+        ways odd = d[0] + b[0], even = a[0] + c[0];
+        r[0] = d[0] - b[0], q[last] = a[0] - c[0];
+        p[0] = even + odd, s[last] = even - odd;
+        if (width == 1) continue;
+        ways sum = -half * (b[last] + d[last]), rest = half * (b[last] - d[last]), middle = c[last];
+        for (int64_t i = 2; i < width; i += 2) {
+            int64_t j = width - i, turns = blocks * (i / 2);
+            pair one = turned_by((pair){b[i - 1], b[i]}, turn, turns);
+            pair two = turned_by((pair){c[i - 1], c[i]}, turn, 2 * turns);
+            pair three = turned_by((pair){d[i - 1], d[i]}, turn, 3 * turns);
+            ways re_1 = three.re + one.re, re_4 = three.re - one.re;
+            ways im_1 = one.im + three.im, im_4 = one.im - three.im;
+            ways re_2 = a[i - 1] + two.re, re_3 = a[i - 1] - two.re;
+            ways im_2 = a[i] + two.im, im_3 = a[i] - two.im;
+            p[i - 1] = re_2 + re_1, s[j - 1] = re_2 - re_1;
+            p[i] = im_1 + im_2, s[j] = im_1 - im_2;
+            r[i - 1] = re_3 + im_4, q[j - 1] = re_3 - im_4;
+            r[i] = re_4 + im_3, q[j] = re_4 - im_3;
+        }
+        p[last] = a[last] + rest, r[last] = a[last] - rest;
+        s[0] = sum + middle, q[0] = sum - middle;
+    }
+}
+
+static inline void halves(const ways *a, ways *to, const float *turn) {
+    enum { WIDTH_OF_HALF = SEGMENT / 2, LAST = WIDTH_OF_HALF - 1 };
+    const ways *b = a + WIDTH_OF_HALF;
+    ways *p = to, *q = to + WIDTH_OF_HALF;
+    p[0] = a[0] + b[0], q[LAST] = a[0] - b[0];
+    q[0] = -b[LAST], p[LAST] = a[LAST];
+    for (int64_t i = 2; i < WIDTH_OF_HALF; i += 2) {
+        int64_t j = WIDTH_OF_HALF - i;
+        pair two = turned_by((pair){b[i - 1], b[i]}, turn, i / 2);
+        p[i - 1] = a[i - 1] + two.re, q[j - 1] = a[i - 1] - two.re;
+        p[i] = two.im + a[i], q[j] = two.im - a[i];
+    }
+}
+
+/* Part eight rows of eight numbers into columns. */
+static inline void transpose(const ways *rows, ways *columns) {
+#if defined(__AVX2__)
+    __m256 a[8], b[8];
+    for (int i = 0; i < 4; i++) {
+        a[2 * i] = _mm256_unpacklo_ps((__m256)rows[2 * i], (__m256)rows[2 * i + 1]);
+        a[2 * i + 1] = _mm256_unpackhi_ps((__m256)rows[2 * i], (__m256)rows[2 * i + 1]);
+    }
+    for (int i = 0; i < 2; i++) {
+        b[4 * i] = _mm256_shuffle_ps(a[4 * i], a[4 * i + 2], 0x44);
+        b[4 * i + 1] = _mm256_shuffle_ps(a[4 * i], a[4 * i + 2], 0xEE);
+        b[4 * i + 2] = _mm256_shuffle_ps(a[4 * i + 1], a[4 * i + 3], 0x44);
+        b[4 * i + 3] = _mm256_shuffle_ps(a[4 * i + 1], a[4 * i + 3], 0xEE);
+    }
+    for (int i = 0; i < 4; i++) {
+        columns[i] = (ways)_mm256_permute2f128_ps(b[i], b[i + 4], 0x20);
+        columns[i + 4] = (ways)_mm256_permute2f128_ps(b[i], b[i + 4], 0x31);
+    }
+#else
+    for (int i = 0; i < WAYS; i++)
+        for (int j = 0; j < WAYS; j++) columns[i][j] = rows[j][i];
+#endif
+}
+
+/* Samples of an axis that lie in two pieces, `p` in the first. */
+typedef struct {
+    const float *before, *after;
+    int64_t p;
+} pieces;
+
+static inline float sample_at(pieces of, int64_t i) { return i < of.p ? of.before[i] : of.after[i - of.p]; }
+
+static inline ways eight_at(pieces of, int64_t i) {
+    if (i >= of.p) return *(const ways *)(of.after + (i - of.p));
+    if (i + WAYS <= of.p) return *(const ways *)(of.before + i);
+    ways v;
+    for (int w = 0; w < WAYS; w++) v[w] = sample_at(of, i + w);
+    return v;
+}
+
+/* Add |FFT|^2 / SEGMENT of windowed segments, each `hop` samples after the one before, to power
+   (axes, bins). Samples are p of every axis, then n. `room` has place for two times eight segments. */
+KERNEL(void, periodograms)
+(const float *before, const float *samples, int64_t axes, int64_t p, int64_t n, int64_t segments,
+ int64_t hop, const float *window, const float *turn, float *room, double *power) {
+    const float norm = (float)(1.0 / sqrt((double)SEGMENT));
+    ways *a = (ways *)room, *b = a + SEGMENT;
+    for (int64_t first = 0; first < axes * segments; first += WAYS) {
+        int64_t many = least(WAYS, axes * segments - first);
+        pieces from[WAYS];
+        int64_t start[WAYS];
+        for (int64_t w = 0; w < WAYS; w++) {
+            int64_t one = first + least(w, many - 1), axis = one / segments;
+            from[w] = (pieces){before + axis * p, samples + axis * n, p};
+            start[w] = one % segments * hop;
+        }
+        for (int64_t i = 0; i < SEGMENT; i += WAYS) {
+            ways rows[WAYS];
+            for (int w = 0; w < WAYS; w++) rows[w] = eight_at(from[w], start[w] + i) * *(const ways *)(window + i);
+            transpose(rows, a + i);
+        }
+        quarters(a, b, 1, 512, turn);
+        quarters(b, a, 4, 128, turn);
+        quarters(a, b, 16, 32, turn);
+        quarters(b, a, 64, 8, turn);
+        quarters(a, b, 256, 2, turn);
+        halves(b, a, turn);
+        /* Squares of each bin: the real part of the first, pairs, the real part of the last. */
+        for (int64_t k = 0; k < BINS; k++) {
+            ways re = a[k ? 2 * k - 1 : 0] * norm, squares = re * re;
+            if (0 < k && k < BINS - 1) {
+                ways im = a[2 * k] * norm;
+                squares += im * im;
             }
+            b[k] = squares;
+        }
+        for (int64_t k = 0; k < BINS; k += WAYS) {
+            ways bins[WAYS];
+            transpose(b + k, bins);
+            for (int64_t w = 0; w < many; w++) {
+                double *own = power + (first + w) / segments * BINS + k;
+                for (int64_t i = 0; i < least(WAYS, BINS - k); i++) own[i] += (double)bins[w][i];
+            }
+        }
+    }
+}
+
+/* The samples of each axis, less its anchor, one after another; `rows` has those of a moment together. */
+KERNEL(void, narrow_columns_of_int16)
+(const int16_t *rows, const double *anchor, int64_t axes, int64_t n, float *columns) {
+    enum { AT_A_TIME = 64 };
+    for (int64_t done = 0; done < n; done += AT_A_TIME) {
+        int64_t size = least(AT_A_TIME, n - done);
+        for (int64_t axis = 0; axis < axes; axis++) {
+            const int16_t *own = rows + done * axes + axis;
+            float *column = columns + axis * n + done;
+            for (int64_t j = 0; j < size; j++) column[j] = (float)((double)own[j * axes] - anchor[axis]);
+        }
+    }
 }
 
 enum { TAPS = 48, FACTOR = 4, TOGETHER = 256, PHASE = TOGETHER + TAPS / FACTOR };
 
-/* Low-pass n samples of every axis and keep `count` outputs, one from every fourth. Samples are
-   parted by their number modulo 4 first: then neighbouring outputs take neighbouring samples. */
+/* Low-pass the samples of every axis, p and then n, and keep `count` outputs, one from every fourth.
+   Samples are parted by their number modulo 4 first: then neighbouring outputs take neighbouring
+   samples. */
 KERNEL(void, decimate)
-(const float *restrict samples, const float *restrict taps, int64_t axes, int64_t n, int64_t count,
- float *restrict out) {
+(const float *restrict before, const float *restrict samples, const float *restrict taps, int64_t axes,
+ int64_t p, int64_t n, int64_t count, float *restrict out) {
     float phases[FACTOR][PHASE], sums[TOGETHER];
-    for (int64_t axis = 0; axis < axes; axis++, samples += n, out += count)
+    for (int64_t axis = 0; axis < axes; axis++, before += p, samples += n, out += count) {
+        const pieces all = {before, samples, p};
         for (int64_t done = 0; done < count; done += TOGETHER) {
             int64_t size = least(TOGETHER, count - done), wanted = size + TAPS / FACTOR - 1;
-            const float *here = samples + FACTOR * done;
-            for (int64_t i = 0; i < wanted; i++)
-                for (int p = 0; p < FACTOR; p++) phases[p][i] = here[FACTOR * i + p];
+            int64_t here = FACTOR * done, i = 0;
+            for (; i < wanted && here + FACTOR * i < p; i++)
+                for (int k = 0; k < FACTOR; k++) phases[k][i] = sample_at(all, here + FACTOR * i + k);
+            for (; i < wanted; i++)
+                for (int k = 0; k < FACTOR; k++) phases[k][i] = samples[here - p + FACTOR * i + k];
             for (int64_t i = 0; i < size; i++) sums[i] = 0.0f;
             for (int j = 0; j < TAPS; j += FACTOR) {
                 const float *p0 = phases[0] + j / FACTOR, *p1 = phases[1] + j / FACTOR;
@@ -38,4 +202,5 @@ KERNEL(void, decimate)
             }
             memcpy(out + done, sums, (size_t)size * sizeof(float));
         }
+    }
 }

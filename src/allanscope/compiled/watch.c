@@ -5,10 +5,6 @@
 
 #include "kernels.h"
 
-#if defined(__GNUC__)
-#pragma GCC diagnostic ignored "-Wpsabi" /* vectors stay within this file */
-#endif
-
 typedef float eight __attribute__((vector_size(32), aligned(4), may_alias));
 typedef int32_t eight_int __attribute__((vector_size(32), aligned(4), may_alias));
 typedef int16_t eight_short __attribute__((vector_size(16), aligned(2), may_alias));

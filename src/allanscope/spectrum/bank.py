@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.samples import Block
 from allanscope.spectrum.density import Density, Stretch, assemble
-from allanscope.spectrum.ladder import FACTOR, SEGMENT, Ladder
+from allanscope.spectrum.ladder import FACTOR, SEGMENT, Ladder, narrow_columns
 from allanscope.spectrum.shard import SpectrumShard
 
 __all__ = ["SpectrumBank"]
 
 _FORMAT = "allanscope spectrum 1"
-_SLICE = 1 << 15
-"""Samples taken at a time, so that what is in work stays in the cache."""
+_SLICE = 6 << 13
+"""Numbers taken at a time, so that what is in work stays in the cache."""
 _READ_TO = 0.3
 """Part of its rate up to which a decimated level is read: flat and free of aliases."""
 _FIRST_BIN = 3
@@ -83,12 +83,12 @@ class SpectrumBank:
             raise ValueError(f"need samples of shape (n, {self.axes}), got {values.shape}")
         if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
             raise ValueError("the samples hold values that are not finite; mark a gap instead")
-        for first in range(0, len(values), _SLICE):
-            part = values[first : first + _SLICE]
+        size = max(_SLICE // self.axes, SEGMENT)
+        for first in range(0, len(values), size):
+            part = values[first : first + size]
             if self._anchor is None:
-                # Differences from the first sample keep their digits in float32.
                 self._anchor = part[0].astype(np.float64)
-            self._ladder.push((part - self._anchor).T.astype(np.float32, order="C"))
+            self._ladder.push(narrow_columns(part, self._anchor))
         self.samples += len(values)
 
     def gap(self) -> None:

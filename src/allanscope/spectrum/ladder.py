@@ -10,19 +10,17 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import rfft
 
 from allanscope.compiled import Pointer, kernel
 
-__all__ = ["FACTOR", "SEGMENT", "TAPS", "Decimator", "Ladder", "Level", "hann"]
+__all__ = ["FACTOR", "SEGMENT", "TAPS", "Decimator", "Ladder", "Level", "hann", "narrow_columns"]
 
 SEGMENT = 2048
 """Samples in a segment."""
 _HOP = SEGMENT // 2
 _TOGETHER = 8
-"""Segments that are transformed in one call: few enough for the second-level cache."""
+"""Segments that are transformed at once, in the lanes of a vector register."""
 _SHORTEST = 64
 """Samples from which an unfinished segment is worth looking at."""
 _BINS = SEGMENT // 2 + 1
@@ -46,10 +44,43 @@ def hann(length: int) -> NDArray[np.float32]:
 _WINDOW = hann(SEGMENT)
 
 
-_add_squares = kernel(
-    "add_squares", Pointer(np.complex64, 3), int, int, int, Pointer(np.float64, 2, written=True)
+_TURNS = np.arange(SEGMENT) * (2 * np.pi / SEGMENT)
+_WAVES = np.ascontiguousarray(np.stack([np.cos(_TURNS), np.sin(_TURNS)], axis=1), np.float32)
+
+_periodograms = kernel(
+    "periodograms",
+    *(Pointer(np.float32, 2), Pointer(np.float32, 2), *(int,) * 5),
+    *(Pointer(np.float32, 1), Pointer(np.float32, 2)),
+    *(Pointer(np.float32, 1, written=True), Pointer(np.float64, 2, written=True)),
 )
-"""Add |z|^2 of spectra (axes, segments, bins) to power (axes, bins)."""
+"""Add |FFT|^2 / SEGMENT of segments of samples (axes, p), then (axes, n), to power (axes, bins)."""
+_narrow_columns_of_int16 = kernel(
+    "narrow_columns_of_int16",
+    *(Pointer(np.int16, 2), Pointer(np.float64, 1), int, int),
+    Pointer(np.float32, 2, written=True),
+)
+
+
+def narrow_columns(samples: NDArray[Any], anchor: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return samples of shape (n, axes) less the anchor of each axis, shape (axes, n).
+
+    Differences from an anchor keep their digits in float32.
+    """
+    if samples.dtype != np.int16:
+        return (samples - anchor).T.astype(np.float32, order="C")
+    own = np.ascontiguousarray(samples)
+    found = np.empty(own.shape[::-1], np.float32)
+    _narrow_columns_of_int16(own, anchor, *found.shape, found)
+    return found
+
+
+def _after(
+    before: NDArray[np.float32], samples: NDArray[np.float32], start: int
+) -> NDArray[np.float32]:
+    """Return a copy of what two pieces (axes, ...) hold from a sample on."""
+    if start >= before.shape[1]:
+        return samples[:, start - before.shape[1] :].copy()
+    return np.concatenate([before[:, start:], samples], axis=1)
 
 
 class Level:
@@ -81,19 +112,17 @@ class Level:
 
     def push(self, samples: NDArray[np.float32]) -> None:
         """Take contiguous samples, shape (axes, n)."""
-        self._parts.append(samples)
-        self._waiting += samples.shape[1]
-        if self._waiting < SEGMENT:
+        if self._waiting + samples.shape[1] < SEGMENT:
+            self._parts.append(samples)
+            self._waiting += samples.shape[1]
             return
-        joined = self.pending
-        segments = (self._waiting - SEGMENT) // _HOP + 1
-        frames = sliding_window_view(joined, SEGMENT, axis=1)[:, ::_HOP]
-        for first in range(0, segments, _TOGETHER):
-            windowed = frames[:, first : first + _TOGETHER] * _WINDOW
-            spectra = rfft(windowed, axis=2, norm="ortho", overwrite_x=True)
-            _add_squares(np.ascontiguousarray(spectra), *spectra.shape, self.power)
+        before, samples = self.pending, np.ascontiguousarray(samples)
+        sizes = *before.shape, samples.shape[1]
+        segments = (self._waiting + samples.shape[1] - SEGMENT) // _HOP + 1
+        room = np.empty(2 * _TOGETHER * SEGMENT, np.float32)
+        _periodograms(before, samples, *sizes, segments, _HOP, _WINDOW, _WAVES, room, self.power)
         self.count += segments
-        self.pending = joined[:, segments * _HOP :].copy()
+        self.pending = _after(before, samples, segments * _HOP)
 
     def clear(self) -> None:
         """Give up the unfinished segment: a gap follows."""
@@ -107,6 +136,8 @@ class Level:
         length = self._waiting
         if length < _SHORTEST:
             return None
+        from scipy.fft import rfft  # not to begin with: a segment of another length is rare
+
         spectra = rfft(self.pending * hann(length), axis=1, norm="ortho")
         return np.asarray(np.abs(spectra) ** 2, np.float64)
 
@@ -236,10 +267,10 @@ TAPS = _design()
 
 _decimate = kernel(
     "decimate",
-    *(Pointer(np.float32, 2), Pointer(np.float32, 1), int, int, int),
+    *(Pointer(np.float32, 2), Pointer(np.float32, 2), Pointer(np.float32, 1), *(int,) * 4),
     Pointer(np.float32, 2, written=True),
 )
-"""Low-pass samples (axes, n) with the taps and keep one output of four."""
+"""Low-pass samples (axes, p), then (axes, n), with the taps and keep one output of four."""
 
 
 class Decimator:
@@ -261,11 +292,12 @@ class Decimator:
 
     def push(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
         """Take contiguous samples, shape (axes, n), and return what comes out of them."""
-        joined = np.concatenate([self.rest, samples], axis=1)
-        count = max(0, (joined.shape[1] - _LENGTH) // FACTOR + 1)
-        out = np.empty((joined.shape[0], count), np.float32)
-        _decimate(joined, TAPS, *joined.shape, count, out)
-        self.rest = joined[:, FACTOR * count :].copy()
+        samples = np.ascontiguousarray(samples)
+        axes, rest = self.rest.shape
+        count = max(0, (rest + samples.shape[1] - _LENGTH) // FACTOR + 1)
+        out = np.empty((axes, count), np.float32)
+        _decimate(self.rest, samples, TAPS, axes, rest, samples.shape[1], count, out)
+        self.rest = _after(self.rest, samples, FACTOR * count)
         return out
 
     def clear(self) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.spectrum.ladder import FACTOR, SEGMENT, Ladder
+from allanscope.spectrum.ladder import FACTOR, SEGMENT, Ladder, narrow_columns
 
 __all__ = ["ALIGNED", "SpectrumShard"]
 
@@ -20,7 +20,7 @@ _LEVELS = 4
 ALIGNED = SEGMENT * FACTOR ** (_LEVELS - 1)
 """Samples of the halo, and twice the hop of the highest level that a shard works on."""
 
-_SLICE = 1 << 15
+_SLICE = 1 << 13
 
 
 class SpectrumShard:
@@ -73,8 +73,7 @@ class SpectrumShard:
 
     def _push(self, samples: NDArray[np.generic]) -> None:
         for first in range(0, len(samples), _SLICE):
-            rates = np.subtract(samples[first : first + _SLICE], self.anchor)
-            part = rates.T.astype(np.float32, order="C")
+            part = narrow_columns(samples[first : first + _SLICE], self.anchor)
             for level, decimator in zip(self.ladder.levels, self.ladder.decimators, strict=True):
                 level.push(part)
                 part = decimator.push(part)

@@ -1,0 +1,332 @@
+/* The overlapping terms of whole numbers: `cascade.c` takes them for what a device counts.
+
+   Differences of counts are small whole numbers, of which a register holds two to four times as many
+   as doubles. They are taken modulo 2^32, or 2^16 where that is enough, and are right because their
+   own size is bounded (`to_whole`), whatever that of the phases. A sum of squares is used where
+   doubles would have it without rounding (`LARGEST_SUM`): so the bits are those of doubles. */
+
+#if defined(__AVX2__)
+
+#include <immintrin.h>
+
+enum {
+    LONGEST_LAG = 63,
+    NARROW = 23170, /* eight squares of it fit in 32 bits */
+    AT_ONCE = 8,
+    MOST_GATHERED = 1280, /* of every lag up to the longest: 256 / k + 1, and three before */
+    AT_MOST = 4 /* registers of squares that are added in 32 bits: two of each lane's */
+};
+#define LARGEST_SUM ((int64_t)1 << 53)
+#define WHOLE 6755399441055744.0 /* 1.5 x 2^52: a sum with it has no digits after the point */
+#define MOST_BEND 1.8e8          /* 256 squares of it fit in 63 bits */
+
+typedef struct {
+    int32_t x[ENTRIES], z[ENTRIES], q[ENTRIES]; /* modulo 2^32; q twice, because it has halves */
+    int32_t with_x[ENTRIES];                    /* z, on rung 0 with the last phase */
+    int16_t x_low[ENTRIES], z_low[ENTRIES], q_low[ENTRIES], with_x_low[ENTRIES]; /* modulo 2^16 */
+    int32_t rises[LONGEST_LAG + 1];             /* sum of w of the new entries, by lag */
+    double steepest, range, curve, bend;        /* of x: the largest step, and from least to most;
+                                                   bounds of |e| / 2 k^2 and |2 r| / k^3 */
+    int64_t stride;
+} whole;
+
+/* The low 32 bits of eight whole numbers below 2^51: of a double near 2^52 they are its own. */
+static inline __m256i low_bits(__m256d a, __m256d b) {
+    const __m256d shift = _mm256_set1_pd(WHOLE);
+    __m256 one = _mm256_castpd_ps(_mm256_add_pd(a, shift)), two = _mm256_castpd_ps(_mm256_add_pd(b, shift));
+    __m256d both = _mm256_castps_pd(_mm256_shuffle_ps(one, two, _MM_SHUFFLE(2, 0, 2, 0)));
+    return _mm256_castpd_si256(_mm256_permute4x64_pd(both, _MM_SHUFFLE(3, 1, 2, 0)));
+}
+
+static inline int32_t largest_of(__m256i v) {
+    int32_t lane[AT_ONCE];
+    _mm256_storeu_si256((__m256i *)lane, v);
+    for (int i = 1; i < AT_ONCE; i++)
+        if (lane[i] > lane[0]) lane[0] = lane[i];
+    return lane[0];
+}
+
+static inline int32_t least_of(__m256i v) {
+    return -largest_of(_mm256_sub_epi32(_mm256_setzero_si256(), v));
+}
+
+/* Keep the low 16 bits of sixteen entries. */
+static inline void keep_low(__m256i a, __m256i b, int16_t *low) {
+    const __m256i mask = _mm256_set1_epi32(0xFFFF);
+    __m256i both = _mm256_packus_epi32(_mm256_and_si256(a, mask), _mm256_and_si256(b, mask));
+    _mm256_storeu_si256((__m256i *)low, _mm256_permute4x64_epi64(both, _MM_SHUFFLE(3, 1, 2, 0)));
+}
+
+/* Raise `largest` to the sizes of four doubles. */
+static inline __m256d with_sizes(__m256d largest, __m256d v) {
+    return _mm256_max_pd(_mm256_andnot_pd(_mm256_set1_pd(-0.0), v), largest);
+}
+
+static inline double most_of(__m256d v) {
+    lanes lane = (lanes)v;
+    double most = lane[0];
+    for (int i = 1; i < LANES; i++)
+        if (lane[i] > most) most = lane[i];
+    return most;
+}
+
+/* The largest step of entries that are whole numbers; infinity where one is not. */
+static double steepest_whole(const double *x) {
+    const __m256d shift = _mm256_set1_pd(WHOLE);
+    __m256d steps = _mm256_setzero_pd(), fractions = steps;
+    for (int64_t j = 0; j < ENTRIES; j += LANES) {
+        __m256d here = _mm256_loadu_pd(x + j), whole_part = _mm256_sub_pd(_mm256_add_pd(here, shift), shift);
+        fractions = with_sizes(fractions, _mm256_sub_pd(whole_part, here));
+        if (j > 0) steps = with_sizes(steps, _mm256_sub_pd(here, _mm256_loadu_pd(x + j - 1)));
+    }
+    for (int j = 1; j < LANES; j++) steps = with_sizes(steps, _mm256_set1_pd(x[j] - x[j - 1]));
+    return most_of(fractions) == 0.0 ? most_of(steps) : HUGE_VAL;
+}
+
+/* Bounds for the lags up to k of a rung above the lowest. With z'' for the second differences of z,
+   and f for what the steps of q have beyond the trapezoids under z,
+
+       |e| <= 2 k^2 max |z''|,    |2 r| <= s k^3 / 3 max |z''| + 4 k max |f|. */
+static void bound_sums(const double *z, const double *q, double stride, whole *to) {
+    const __m256d half = _mm256_set1_pd(0.5 * stride);
+    __m256d curves = _mm256_setzero_pd(), rests = curves, sizes = curves;
+    for (int64_t j = 2; j < ENTRIES; j += LANES) {
+        int64_t i = least(j, ENTRIES - LANES);
+        __m256d z0 = _mm256_loadu_pd(z + i), z1 = _mm256_loadu_pd(z + i - 1), q0 = _mm256_loadu_pd(q + i);
+        __m256d before = _mm256_sub_pd(z1, _mm256_loadu_pd(z + i - 2));
+        curves = with_sizes(curves, _mm256_sub_pd(_mm256_sub_pd(z0, z1), before));
+        __m256d area = _mm256_mul_pd(half, _mm256_add_pd(z0, z1));
+        rests = with_sizes(rests, _mm256_sub_pd(_mm256_sub_pd(q0, _mm256_loadu_pd(q + i - 1)), area));
+        sizes = with_sizes(with_sizes(sizes, z0), q0);
+    }
+    to->curve = most_of(sizes) < 1e15 ? most_of(curves) + 1.0 : HUGE_VAL;
+    to->bend = stride / 3.0 * to->curve + 4.0 * (most_of(rests) + 1.0);
+}
+
+/* Take a full rung that begins no segment as whole numbers, for lags up to k; return 0 where they are
+   none, or where a term might not fit. */
+static int to_whole(const double *rung, int64_t stride, int64_t k, whole *to) {
+    const double *x = rung, *z = x + ENTRIES, *q = z + ENTRIES;
+    double longest = (double)k;
+    to->steepest = to->curve = steepest_whole(x), to->bend = to->steepest / 3.0, to->stride = stride;
+    if (to->bend * longest * longest * longest > MOST_BEND) return 0;
+    if (stride > 1) bound_sums(z, q, (double)stride, to);
+    if (to->bend * longest * longest * longest > MOST_BEND) return 0;
+    __m256i least_x = _mm256_setzero_si256(), most_x = least_x;
+    for (int64_t j = 0; j < ENTRIES; j += 2 * AT_ONCE) {
+        __m256i xs[2], zs[2], qs[2], ys[2];
+        for (int i = 0; i < 2; i++) {
+            int64_t at = j + i * AT_ONCE;
+            __m256d q_0 = _mm256_loadu_pd(q + at), q_1 = _mm256_loadu_pd(q + at + LANES);
+            xs[i] = low_bits(_mm256_loadu_pd(x + at), _mm256_loadu_pd(x + at + LANES));
+            zs[i] = low_bits(_mm256_loadu_pd(z + at), _mm256_loadu_pd(z + at + LANES));
+            qs[i] = low_bits(_mm256_add_pd(q_0, q_0), _mm256_add_pd(q_1, q_1));
+            ys[i] = stride == 1 ? _mm256_add_epi32(zs[i], xs[i]) : zs[i];
+            least_x = _mm256_min_epi32(least_x, xs[i]), most_x = _mm256_max_epi32(most_x, xs[i]);
+            _mm256_storeu_si256((__m256i *)(to->x + at), xs[i]);
+            _mm256_storeu_si256((__m256i *)(to->z + at), zs[i]);
+            _mm256_storeu_si256((__m256i *)(to->q + at), qs[i]);
+            _mm256_storeu_si256((__m256i *)(to->with_x + at), ys[i]);
+        }
+        keep_low(xs[0], xs[1], to->x_low + j), keep_low(zs[0], zs[1], to->z_low + j);
+        keep_low(qs[0], qs[1], to->q_low + j), keep_low(ys[0], ys[1], to->with_x_low + j);
+    }
+    int32_t rise = 0;
+    for (int64_t k = 1; k <= LONGEST_LAG; k++) {
+        rise += to->x[ENTRIES - k] - to->x[BATCH - k];
+        to->rises[k] = rise;
+    }
+    to->range = (double)largest_of(most_x) - (double)least_of(least_x);
+    return 1;
+}
+
+static inline __m256i entries_at(const int32_t *p) { return _mm256_loadu_si256((const __m256i *)p); }
+
+/* Add the squares of eight numbers of 32 bits to four sums. */
+static inline __m256i with_squares(__m256i sums, __m256i v) {
+    __m256i odd = _mm256_srli_epi64(v, 32);
+    return _mm256_add_epi64(sums, _mm256_add_epi64(_mm256_mul_epi32(v, v), _mm256_mul_epi32(odd, odd)));
+}
+
+/* Add sums of 32 bits, without a sign, to those of 64. */
+static inline __m256i with_narrow(__m256i sums, __m256i narrow) {
+    __m256i low = _mm256_and_si256(narrow, _mm256_set1_epi64x(0xFFFFFFFF));
+    return _mm256_add_epi64(sums, _mm256_add_epi64(low, _mm256_srli_epi64(narrow, 32)));
+}
+
+static inline int64_t total_of(__m256i sums) {
+    int64_t lane[LANES];
+    _mm256_storeu_si256((__m256i *)lane, sums);
+    return (lane[0] + lane[1]) + (lane[2] + lane[3]);
+}
+
+/* w, d and h, with either width of entries. */
+#define PHASE_TERMS(load, subtract)                                                              \
+    __m256i x0 = load(0), x1 = load(1), x2 = load(2), x3 = load(3);                              \
+    __m256i w = subtract(x0, x1), before = subtract(x1, x2), d = subtract(w, before);            \
+    __m256i h = subtract(d, subtract(before, subtract(x2, x3)));
+
+/* Squares of w, d and h. */
+static void squares_of_phase(const whole *own, int64_t k, int is_narrow, int64_t *found) {
+    __m256i ww = _mm256_setzero_si256(), dd = ww, hh = ww;
+    if (is_narrow) {
+#define LOAD(lags) _mm256_loadu_si256((const __m256i *)(own->x_low + j - (lags)*k))
+        for (int64_t j = BATCH; j < ENTRIES;) {
+            __m256i w_s = _mm256_setzero_si256(), d_s = w_s, h_s = w_s;
+            for (int i = 0; i < AT_MOST; i++, j += 2 * AT_ONCE) {
+                PHASE_TERMS(LOAD, _mm256_sub_epi16)
+                w_s = _mm256_add_epi32(w_s, _mm256_madd_epi16(w, w));
+                d_s = _mm256_add_epi32(d_s, _mm256_madd_epi16(d, d));
+                h_s = _mm256_add_epi32(h_s, _mm256_madd_epi16(h, h));
+            }
+            ww = with_narrow(ww, w_s), dd = with_narrow(dd, d_s), hh = with_narrow(hh, h_s);
+        }
+#undef LOAD
+    } else {
+#define LOAD(lags) entries_at(own->x + j - (lags)*k)
+        for (int64_t j = BATCH; j < ENTRIES; j += AT_ONCE) {
+            PHASE_TERMS(LOAD, _mm256_sub_epi32)
+            ww = with_squares(ww, w), dd = with_squares(dd, d), hh = with_squares(hh, h);
+        }
+#undef LOAD
+    }
+    found[0] = total_of(ww), found[1] = total_of(dd), found[2] = total_of(hh);
+}
+
+/* e and 2 r, with either width of entries: `y` is z, on rung 0 with the last phase. */
+#define SUM_TERMS(load, y, z, q, add, subtract, multiply)                                        \
+    __m256i inner = subtract(load(y, 1), load(y, 2));                                            \
+    __m256i e = subtract(subtract(load(y, 0), load(y, 3)), add(inner, add(inner, inner)));       \
+    __m256i q1 = load(q, 1), bend = subtract(subtract(load(q, 0), q1), subtract(q1, load(q, 2)));\
+    __m256i r = subtract(multiply(m, subtract(load(z, 0), load(z, 2))), bend);
+
+/* Squares of e and of 2 r. */
+static void squares_of_sums(const whole *own, int64_t k, int is_narrow, int64_t *found) {
+    __m256i ee = _mm256_setzero_si256(), rr = ee;
+#define LOAD(p, lags) _mm256_loadu_si256((const __m256i *)((p) + j - (lags)*k))
+    if (is_narrow) {
+        __m256i m = _mm256_set1_epi16((int16_t)(k * own->stride));
+        for (int64_t j = BATCH; j < ENTRIES;) {
+            __m256i e_s = _mm256_setzero_si256(), r_s = e_s;
+            for (int i = 0; i < AT_MOST; i++, j += 2 * AT_ONCE) {
+                SUM_TERMS(LOAD, own->with_x_low, own->z_low, own->q_low, _mm256_add_epi16,
+                          _mm256_sub_epi16, _mm256_mullo_epi16)
+                e_s = _mm256_add_epi32(e_s, _mm256_madd_epi16(e, e));
+                r_s = _mm256_add_epi32(r_s, _mm256_madd_epi16(r, r));
+            }
+            ee = with_narrow(ee, e_s), rr = with_narrow(rr, r_s);
+        }
+    } else {
+        __m256i m = _mm256_set1_epi32((int32_t)(k * own->stride));
+        for (int64_t j = BATCH; j < ENTRIES; j += AT_ONCE) {
+            SUM_TERMS(LOAD, own->with_x, own->z, own->q, _mm256_add_epi32, _mm256_sub_epi32,
+                      _mm256_mullo_epi32)
+            ee = with_squares(ee, e), rr = with_squares(rr, r);
+        }
+    }
+#undef LOAD
+    found[0] = total_of(ee), found[1] = total_of(rr);
+}
+
+/* Whether w, d and h of a lag fit in 16 bits. */
+static inline int is_narrow(const whole *own, int64_t k) {
+    double rise = (double)k * own->steepest;
+    return 4.0 * (rise < own->range ? rise : own->range) <= NARROW;
+}
+
+/* Add the overlapping terms that end in the new entries; return 0, having added nothing, where
+   doubles would round. */
+static int whole_overlap(const whole *own, int64_t k, double *total) {
+    int64_t phase[3], sums[2];
+    double lag = (double)k, bend = own->bend * lag * lag * lag;
+    double most = 2.0 * lag * lag * own->curve;
+    squares_of_sums(own, k, (bend > most ? bend : most) <= NARROW, sums);
+    if (sums[0] >= LARGEST_SUM || sums[1] >= LARGEST_SUM) return 0;
+    squares_of_phase(own, k, is_narrow(own, k), phase);
+    total[OSTDEV_MOMENTS] += (double)BATCH;
+    total[OSTDEV_MOMENTS + 1] += (double)own->rises[k];
+    total[OSTDEV] += (double)phase[0];
+    total[OADEV] += (double)phase[1];
+    total[OHDEV] += (double)phase[2];
+    total[MDEV] += (double)sums[0];
+    total[PDEV] += 0.25 * (double)sums[1];
+    if (k == 1) {
+        total[STDEV_MOMENTS] += (double)BATCH;
+        total[STDEV_MOMENTS + 1] += (double)own->rises[k];
+        total[STDEV] += (double)phase[0];
+        total[ADEV] += (double)phase[1];
+        total[HDEV] += (double)phase[2];
+    }
+    return 1;
+}
+
+/* Gather each k-th of the new entries from `first` on, and three before them; return how many. */
+static int64_t gather_apart(const whole *own, int64_t first, int64_t k, int16_t *room) {
+    int64_t n = first < ENTRIES ? (ENTRIES - first + k - 1) / k : 0;
+    const int16_t *from = own->x_low + first - 3 * k;
+    for (int64_t i = 0; i < n + 3; i++) room[i] = from[i * k];
+    return n;
+}
+
+/* Add the terms that end at n entries that were gathered. */
+static void whole_apart(const int16_t *room, int64_t n, double *total) {
+    __m256i ww = _mm256_setzero_si256(), dd = ww, hh = ww;
+    int64_t j = 3, rise = 0, squares[3];
+#define LOAD(lags) _mm256_loadu_si256((const __m256i *)(room + j - (lags)))
+    for (; j + 2 * AT_ONCE <= n + 3; j += 2 * AT_ONCE) {
+        PHASE_TERMS(LOAD, _mm256_sub_epi16)
+        ww = with_narrow(ww, _mm256_madd_epi16(w, w));
+        dd = with_narrow(dd, _mm256_madd_epi16(d, d));
+        hh = with_narrow(hh, _mm256_madd_epi16(h, h));
+    }
+#undef LOAD
+    squares[0] = total_of(ww), squares[1] = total_of(dd), squares[2] = total_of(hh);
+    int64_t before = (int16_t)(room[j - 1] - room[j - 2]);
+    int64_t last_d = before - (int16_t)(room[j - 2] - room[j - 3]);
+    for (; j < n + 3; j++) {
+        int64_t w = (int16_t)(room[j] - room[j - 1]), d = w - before, h = d - last_d;
+        squares[0] += w * w, squares[1] += d * d, squares[2] += h * h;
+        before = w, last_d = d;
+    }
+    for (j = 3; j < n + 3; j++) rise += (int16_t)(room[j] - room[j - 1]);
+    total[STDEV_MOMENTS] += (double)n;
+    total[STDEV_MOMENTS + 1] += (double)rise;
+    total[STDEV] += (double)squares[0];
+    total[ADEV] += (double)squares[1];
+    total[HDEV] += (double)squares[2];
+}
+
+/* Add all terms that end in the new entries of a full rung, of which `before` came before; bit t of
+   the masks tells that those of lag t are there, overlapping or apart. */
+static void spend_whole(
+    const double *rung, int64_t before, int64_t stride, const int64_t *lags, int64_t count, double *sums,
+    uint64_t *overlapping, uint64_t *apart) {
+    whole own;
+    int16_t rooms[MOST_GATHERED];
+    int64_t gathered[LONGEST_LAG], used = 0;
+    if (!to_whole(rung, stride, lags[count - 1], &own)) return;
+    for (int64_t t = 0; t < count; t++)
+        if (whole_overlap(&own, lags[t], sums + t * WIDTH)) *overlapping |= (uint64_t)1 << t;
+    *apart = *overlapping & (lags[0] == 1);
+    /* All are gathered before the first is read: a register waits for what was stored in pieces. */
+    for (int64_t t = lags[0] == 1; t < count && is_narrow(&own, lags[t]); t++) {
+        gathered[t] = gather_apart(&own, BATCH - 1 + lags[t] - before % lags[t], lags[t], rooms + used);
+        used += gathered[t] + 3;
+        *apart |= (uint64_t)1 << t;
+    }
+    const int16_t *room = rooms;
+    for (int64_t t = lags[0] == 1; t < count && *apart >> t & 1; t++) {
+        whole_apart(room, gathered[t], sums + t * WIDTH);
+        room += gathered[t] + 3;
+    }
+}
+
+#else /* Doubles give the same bits. */
+
+static void spend_whole(
+    const double *rung, int64_t before, int64_t stride, const int64_t *lags, int64_t count, double *sums,
+    uint64_t *overlapping, uint64_t *apart) {
+    (void)rung, (void)before, (void)stride, (void)lags, (void)count, (void)sums, (void)overlapping, (void)apart;
+}
+
+#endif

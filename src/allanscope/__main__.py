@@ -9,6 +9,7 @@ from contextlib import contextmanager, nullcontext, suppress
 
 from allanscope.cli import WITH_SETTINGS, parser
 from allanscope.errors import AllanscopeError, ExitCode, UsageError
+from allanscope.lazy import defer_unused
 from allanscope.sanitize import complain, spell_out_standard_streams
 
 __all__ = ["main"]
@@ -32,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _not_parsed(error)
     try:
         with _searches_shown() if arguments.debug else nullcontext():
+            defer_unused()
             code = int(arguments.command(arguments))
             if sys.stdout is not None:
                 sys.stdout.flush()  # a full disk behind it is told now, and not after the end

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from allanscope.analysis.published import published
 from allanscope.history import Record
-from allanscope.noise import Coefficient, fit_noise
 from allanscope.parts import Part
 from allanscope.watch import Event
+
+if TYPE_CHECKING:
+    from allanscope.noise import Coefficient
 
 __all__ = ["Undisturbed", "longest_stretch", "undisturbed"]
 
@@ -99,6 +101,9 @@ def undisturbed(
     inside = record.between(begin_s, end_s)
     if end_s - begin_s > NEARLY_ALL * whole_s or len(inside.values) < FEWEST_ROWS:
         return None
+    from allanscope.analysis.published import published
+    from allanscope.noise import fit_noise
+
     fits = {}
     for axis in record.axes:
         try:

@@ -31,6 +31,7 @@ from typing import Any
 
 from allanscope.analysis import Analyser, LoopInput, StreamState, loop_input
 from allanscope.explain import Explanation, LiveLoop
+from allanscope.lazy import defer_unused
 from allanscope.pipeline.process import trim_memory
 from allanscope.quantities import duration
 from allanscope.samples import StreamInfo
@@ -331,6 +332,7 @@ def main() -> None:
     """Be the child: take a loop and what it is to look at, give back the loop or what it found."""
     if hasattr(os, "nice"):
         os.nice(LOW_PRIORITY)
+    defer_unused()
     loop, look, is_stretch = pickle.load(sys.stdin.buffer)
     loop.update(look.record, rate_fit=look.rate_fit, densities=look.densities or None)
     if loop.explanation is not None:

@@ -1,7 +1,11 @@
 """Effects injected into measured noise: how many are found, and how much of what is found is true.
 
     python -m benchmarks injection [--trials 10] [--seed 1] [--only NAME] [--kinds KIND,...]
-                                   [--times 1,3] [--no-controls] [--quick] [--json FILE]
+                                   [--times 1,3] [--no-controls] [--keep FOLDER] [--quick]
+                                   [--json FILE]
+
+With ``--keep`` the carriers and the outcome of every trial are kept in files of their own: a run
+can be interrupted, continued and extended. They are those of one version of the loop.
 
 The carriers are axes of `recordings/measured` without gaps on which the loop finds at most a few
 effects, which are known then, and whose noise spans a few steps; long recordings are cut into
@@ -20,11 +24,14 @@ Intervals are those of Wilson at 95 %.
 from __future__ import annotations
 
 import argparse
+import pickle
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import TypeVar, cast
 
 import numpy as np
 from blind_noise import Array
@@ -36,6 +43,8 @@ from scipy.fft import dct, idct
 import allanscope
 from allanscope.explain import AxisExplanation, Effect, explain
 from allanscope.history import Record
+
+T = TypeVar("T")
 
 FOLDER = Path(__file__).parents[1] / "recordings" / "measured"
 TIMES = (1.0, 2.0, 3.0, 5.0, 10.0)
@@ -56,6 +65,15 @@ LIMITS = re.compile(r"a line above ([\d.e+-]+) .*? step above ([\d.e+-]+) ")
 QUICK = ("ism330dhcx-fan-off",)
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one injection: found or not, how much beside it was false, and all in words."""
+
+    right: bool
+    false: int
+    said: str = ""
+
+
 @dataclass
 class Tally:
     """What was injected and found, by kind and times the limit."""
@@ -69,6 +87,40 @@ class Tally:
     )
     controls: int = 0
     control_false: list[str] = field(default_factory=list)
+
+    def enter(self, kind: str, times: float, outcome: Outcome) -> None:
+        """Enter the outcome of one injection."""
+        self.asked[kind, times] += 1
+        self.right[kind, times] += outcome.right
+        self.named[times] += outcome.right + outcome.false
+        self.false[times] += outcome.false
+        if outcome.said:
+            self.wrong[kind, times].append(outcome.said)
+
+    def enter_control(self, named: list[str]) -> None:
+        """Enter what was named in one control."""
+        self.controls += 1
+        self.control_false += named
+
+
+class Kept:
+    """What was computed before, in a folder; nothing is kept without one."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+
+    def once(self, name: str, compute: Callable[[], T]) -> T:
+        """Return what was computed under this name, now or before."""
+        path = self.folder / f"{name}.pickle" if self.folder is not None else None
+        if path is not None and path.exists():
+            return cast(T, pickle.loads(path.read_bytes()))
+        found = compute()
+        if path is not None:
+            path.with_suffix(".new").write_bytes(pickle.dumps(found))
+            path.with_suffix(".new").replace(path)
+        return found
 
 
 def carriers(paths: list[Path], axes: tuple[str, ...] = ()) -> Iterator[Carrier]:
@@ -205,28 +257,25 @@ def named(found: AxisExplanation) -> list[Effect]:
     return [e for e in found.own_effects if e.kind != "unexplained"]
 
 
-def trial(carrier: Carrier, kind: str, times: float, seed: list[int], tally: Tally) -> None:
-    """Inject one effect and enter what the loop says."""
+def trial(carrier: Carrier, kind: str, times: float, seed: list[int]) -> Outcome | None:
+    """Inject one effect and return what the loop says; None where the carrier has no room."""
     put = Injector(np.random.default_rng(seed), carrier).inject(kind, times)
     if put is None:
-        return
+        return None
     truth, values, temperature = put
     found = explain(rounded(carrier.record, values, temperature)).axes[carrier.axis]
     effects = named(found)
     right = [e for e in effects if is_right(kind, truth, e, carrier)]
     new = [e for e in effects if e not in right and not was_there(e, carrier.known)]
-    tally.asked[kind, times] += 1
-    tally.right[kind, times] += bool(right)
-    tally.named[times] += bool(right) + len(new)
-    tally.false[times] += len(new)
-    if new or not right:
-        said = ", ".join(e.kind for e in found.own_effects if not was_there(e, carrier.known))
-        mark = "found, and " if right else ""
-        tally.wrong[kind, times].append(f"{carrier.name}: {mark}{said or 'nothing'}")
+    if right and not new:
+        return Outcome(True, 0)
+    said = ", ".join(e.kind for e in found.own_effects if not was_there(e, carrier.known))
+    mark = "found, and " if right else ""
+    return Outcome(bool(right), len(new), f"{carrier.name}: {mark}{said or 'nothing'}")
 
 
-def control(carrier: Carrier, blocks: bool, seed: list[int], tally: Tally) -> None:
-    """Scramble the noise of a carrier and enter what is named in it."""
+def control(carrier: Carrier, blocks: bool, seed: list[int]) -> list[str]:
+    """Scramble the noise of a carrier and return what is named in it."""
     rng = np.random.default_rng(seed)
     root = np.sqrt(carrier.variance)
     white = dct(carrier.clean - carrier.clean.mean(), norm="ortho")[1:] / root
@@ -241,11 +290,12 @@ def control(carrier: Carrier, blocks: bool, seed: list[int], tally: Tally) -> No
     values = idct(np.concatenate([[0.0], white * root]), norm="ortho") + carrier.clean.mean()
     both = np.column_stack([values, carrier.record.values[:, 1]])
     found = explain(rounded(carrier.record, both)).axes[carrier.axis]
-    tally.controls += 1
-    for effect in named(found):
-        if not was_there(effect, carrier.known):
-            how = "blocks" if blocks else "signs"
-            tally.control_false.append(f"{carrier.name} ({how}): {effect.kind}")
+    how = "blocks" if blocks else "signs"
+    return [
+        f"{carrier.name} ({how}): {effect.kind}"
+        for effect in named(found)
+        if not was_there(effect, carrier.known)
+    ]
 
 
 def interval(right: int, asked: int) -> tuple[float, float]:
@@ -269,22 +319,27 @@ def measure(
     times: tuple[float, ...],
     kinds: tuple[str, ...] = KINDS,
     controls: bool = True,
+    kept: Kept | None = None,
 ) -> Tally:
     """Run so many rounds over all kinds; the carriers that have room take turns."""
-    tally = Tally()
+    tally, kept = Tally(), kept or Kept(None)
     for index in range(trials):
         for kind in kinds:
             k = KINDS.index(kind)
+            order = np.random.default_rng([seed, index, k]).permutation(len(found))
             for size in times:
-                before = tally.asked[kind, size]
-                order = np.random.default_rng([seed, index, k]).permutation(len(found))
                 for c in order:
-                    trial(found[c], kind, size, [seed, index, k, int(c), int(10 * size)], tally)
-                    if tally.asked[kind, size] > before:
+                    one = [seed, index, k, int(c), int(10 * size)]
+                    name = "-".join(map(str, (kind, *one)))
+                    outcome = kept.once(name, partial(trial, found[c], kind, size, one))
+                    if outcome is not None:
+                        tally.enter(kind, size, outcome)
                         break
         for blocks in (False, True) if controls else ():
             for c, carrier in enumerate(found[index % 2 :: 2]):
-                control(carrier, blocks, [seed, index, 99 + c, blocks], tally)
+                one = [seed, index, 99 + c, blocks]
+                name = "-".join(map(str, ("control", *one)))
+                tally.enter_control(kept.once(name, partial(control, carrier, blocks, one)))
         if index + 1 < trials:
             print(f"after {index + 1} of {trials} rounds\n{table(tally, times)}", flush=True)
     return tally
@@ -343,19 +398,22 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS), help="by default all")
     parser.add_argument("--times", default=",".join(f"{t:g}" for t in TIMES), metavar="1,3")
     parser.add_argument("--no-controls", action="store_true")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
     paths = [p for p in sorted(FOLDER.glob("*.parquet")) if (options.only or "") in p.stem]
     if options.quick:
         paths = [p for p in paths if p.stem in QUICK]
-    found = list(carriers(paths))
+    kept = Kept(options.keep)
+    chosen = "quick" if options.quick else options.only or "all"
+    found = kept.once(f"carriers-{chosen}", lambda: list(carriers(paths)))
     if not found:
         parser.error("no axis on which little is found")
     times = (3.0, 10.0) if options.quick else tuple(map(float, options.times.split(",")))
     print(f"{len(found)} carriers: {', '.join(one.name for one in found)}", flush=True)
     trials, kinds = 1 if options.quick else options.trials, tuple(options.kinds.split(","))
-    tally = measure(found, trials, options.seed, times, kinds, not options.no_controls)
+    tally = measure(found, trials, options.seed, times, kinds, not options.no_controls, kept)
     print(table(tally, times))
     for (kind, size), said in sorted(tally.wrong.items()):
         print(f"{kind} at {size:g} x: {'; '.join(said)}")

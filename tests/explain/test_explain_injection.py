@@ -30,18 +30,28 @@ def carrier(injection):
 
 @pytest.mark.parametrize("kind", ["sinusoid", "step", "gauss_markov"])
 def test_five_times_the_limit_is_found_and_nothing_beside(injection, carrier, kind):
-    tally = injection.Tally()
-    injection.trial(carrier, kind, 5.0, [1, 2], tally)
-    assert tally.right[kind, 5.0] == tally.asked[kind, 5.0] == 1
-    assert tally.false[5.0] == 0
+    outcome = injection.trial(carrier, kind, 5.0, [1, 2])
+    assert outcome == injection.Outcome(right=True, false=0)
 
 
 @pytest.mark.parametrize("blocks", [False, True])
 def test_scrambled_noise_holds_nothing(injection, carrier, blocks):
+    assert injection.control(carrier, blocks, [3]) == []
+
+
+def test_a_run_that_was_interrupted_goes_on(injection, tmp_path):
+    kept = injection.Kept(tmp_path / "outcomes")
+    assert kept.once("one", lambda: 1) == injection.Kept(tmp_path / "outcomes").once("one", None)
+
+
+def test_outcomes_are_counted(injection):
     tally = injection.Tally()
-    injection.control(carrier, blocks, [3], tally)
-    assert tally.controls == 1
-    assert tally.control_false == []
+    tally.enter("step", 3.0, injection.Outcome(right=True, false=0))
+    tally.enter("step", 3.0, injection.Outcome(right=False, false=2, said="gx: ramp, ramp"))
+    assert "| `step` | 1 of 2 |" in injection.table(tally, (3.0,))
+    assert tally.named[3.0] == 3
+    assert tally.false[3.0] == 2
+    assert tally.wrong["step", 3.0] == ["gx: ramp, ramp"]
 
 
 def test_the_interval_is_that_of_wilson(injection):

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import set_workers
 
-from allanscope.allan import Deviation
 from allanscope.clock import RateFit
 from allanscope.explain.candidate import Candidate, HeldOut, effect_of
 from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError, failed
@@ -107,12 +106,9 @@ class Explanation:
 def explain(
     record: Record,
     densities: Mapping[str, Density] | None = None,
-    deviations: Mapping[str, Deviation] | None = None,
     *,
     nominal_hz: float | None = None,
     rate_fit: RateFit | tuple[float, float] | None = None,
-    part: str = "",
-    seed: int = 0,
     budget: Budget | None = None,
     threads: int = THREADS,
 ) -> Explanation:
@@ -124,15 +120,10 @@ def explain(
         Rows of all axes in dps and g.
     densities : mapping of str to Density, optional
         Density of each axis; used above the rows' Nyquist frequency when they are block means.
-    deviations : mapping of str to Deviation, optional
-        Accepted for symmetry; the loop computes its own curves, because after an effect has been
-        removed the curve must be that of the cleaned data.
     nominal_hz : float, optional
         Sample rate that the device claims.
     rate_fit : RateFit or (float, float), optional
         Sample rate measured against a better clock, and its standard error, in Hz.
-    part, seed : optional
-        Nothing in the loop is random or depends on the part; kept for callers' records.
     budget : Budget, optional
         How far to go.
     threads : int
@@ -147,7 +138,6 @@ def explain(
     ValueError
         If the record is empty or holds values that are not finite.
     """
-    del deviations, part, seed
     samples = len(record.values) * record.stride
     record = bridge_gaps(record)
     series = series_of(record)

@@ -248,7 +248,7 @@ def _gain_of(view: View, candidate: Candidate) -> float:
     """
     if candidate.effect.of_the_stream:
         return 0.0
-    if getattr(candidate.effect, "domain", "") == "distribution":
+    if candidate.effect.shows_in_distribution:
         return _gain_of_distribution(view)
     return max(float(candidate.gain), 0.0) if np.isfinite(candidate.gain) else 0.0
 

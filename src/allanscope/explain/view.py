@@ -231,13 +231,6 @@ class View:
             accepted=tuple(c for c in self.accepted if all(c is not one for one in candidates)),
         )
 
-    def noting(self, accepted: tuple[Candidate, ...]) -> View:
-        """Return the view with other words about what was accepted; what is computed stays."""
-        again = replace(self, accepted=accepted)
-        computed = {k: v for k, v in self.__dict__.items() if k not in again.__dict__}
-        again.__dict__.update(computed)
-        return again
-
     @property
     def drifts(self) -> bool:
         """Whether a slow drift without a name has been accepted."""

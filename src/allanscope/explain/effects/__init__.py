@@ -224,6 +224,11 @@ class EffectKind(ABC):
         return False
 
     @property
+    def shows_in_distribution(self) -> bool:
+        """Whether it shows in the distribution of the samples, and not in their spectrum."""
+        return False
+
+    @property
     def relaxation_s(self) -> float | None:
         """Time constant of a relaxation, None for anything else."""
         return None

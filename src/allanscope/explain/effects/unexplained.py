@@ -108,6 +108,11 @@ class Unexplained(EffectKind):
         return self.domain == "level"
 
     @property
+    def shows_in_distribution(self) -> bool:
+        """Whether it shows in the distribution of the samples, and not in their spectrum."""
+        return self.domain == "distribution"
+
+    @property
     def is_misfit(self) -> bool:
         """Whether it is a range in which the power is not that of the model."""
         return self.domain == "spectrum" and "z" in self.figures

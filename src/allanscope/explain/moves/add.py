@@ -103,8 +103,9 @@ def with_rivals(view: View, former: list[Candidate], now: list[Candidate]) -> Vi
         left = max((c.gain for c in now if c.kind == rival.kind), default=0.0)
         if left < 0.5 * rival.gain:
             rivals[rival.kind] = max(rival.gain, rivals.get(rival.kind, 0.0))
-    updated = replace(last, rivals=rivals)
-    return view.noting((*view.accepted[:-1], updated))
+    if rivals == last.rivals:
+        return view
+    return replace(view, accepted=(*view.accepted[:-1], replace(last, rivals=rivals)))
 
 
 def add_pair(

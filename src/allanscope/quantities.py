@@ -133,6 +133,9 @@ TWO_SIDED_95 = 1.959963984540054
 CHI_SQUARE_95 = 3.841458820694124
 """Of chi-square with one degree of freedom: twice the log-likelihood ratio of one parameter."""
 
+CHI_SQUARE_MEDIAN = 0.454936423119573
+"""Median of chi-square with one degree of freedom, whose mean is 1."""
+
 COEFFICIENT_NAMES: Mapping[str, str] = {
     "Q": "quantization",
     "N": "white noise (random walk)",

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.analysis.line_origin import LineSums
-from allanscope.quantities import GRAVITY, MAD_TO_SIGMA, number
+from allanscope.quantities import GRAVITY, MAD_TO_SIGMA, TWO_SIDED_95, number
 
 __all__ = ["Direction", "Motion", "motion_of_burst", "motion_of_line", "motion_of_step"]
 
@@ -229,7 +229,7 @@ def _loudest(sensor: str, loud: Array, quiet: Array) -> Direction | None:
     unit = unit * np.sign(unit[int(np.argmax(np.abs(unit)))])
     amplitude = size * math.sqrt(along - 1.0)
     off = math.sqrt(2.0 * across / rows / (along - across))
-    relative = 1.96 * math.sqrt((along - 0.5) / rows) / (along - 1.0)
+    relative = TWO_SIDED_95 * math.sqrt((along - 0.5) / rows) / (along - 1.0)
     return Direction(
         sensor=sensor,
         vector=(float(unit[0]), float(unit[1]), float(unit[2])),
@@ -297,8 +297,8 @@ def _direction(sensor: str, vector: NDArray[np.complex128], error: Array) -> Dir
         vector=(float(unit[0]), float(unit[1]), float(unit[2])),
         error_deg=math.degrees(math.atan(off / size)),
         amplitude=size,
-        lower=max(size - 1.96 * own, 0.0),
-        upper=size + 1.96 * own,
+        lower=max(size - TWO_SIDED_95 * own, 0.0),
+        upper=size + TWO_SIDED_95 * own,
         unit="dps" if sensor == "gyro" else "g",
         roundness=min(1.0, float(np.linalg.norm(across)) / size),
     )

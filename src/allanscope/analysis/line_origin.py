@@ -26,7 +26,7 @@ from scipy.special import chdtrc
 
 from allanscope.analysis.experiments import Experiment, another_rate
 from allanscope.analysis.line_families import fold
-from allanscope.quantities import DEVIATION, MAD_TO_SIGMA, number, symbols
+from allanscope.quantities import DEVIATION, MAD_TO_SIGMA, TWO_SIDED_95, number, symbols
 
 __all__ = [
     "KnownSource",
@@ -367,7 +367,7 @@ def origin_of(
         Interval of the amplitude as it is seen, and its unit.
     """
     seen, low, high = frequency
-    error = max((high - low) / (2 * 1.96), 1e-6 * seen)
+    error = max((high - low) / (2 * TWO_SIDED_95), 1e-6 * seen)
     wander_ppm = None if wander is None else wander.relative_ppm
     line = reduced(values, numbers, rate_hz, seen, max(high - low, width_hz), wander, pieces)
     source: Source = "unknown"
@@ -399,7 +399,9 @@ def origin_of(
     if chosen is not None:
         k = round((chosen - seen) / rate_hz if chosen >= seen else 0)
         k = max(k, round((chosen + seen) / rate_hz)) if chosen > rate_hz / 2 else 0
-        half = 1.96 * math.hypot(error, (k + seen / rate_hz) * rate_hz * 1e-6 * (rate_ppm or 0.0))
+        half = TWO_SIDED_95 * math.hypot(
+            error, (k + seen / rate_hz) * rate_hz * 1e-6 * (rate_ppm or 0.0)
+        )
         ends = (chosen - half, chosen + half)
     known = () if source == "free-running" else _known(seen, error, rate_hz, rate_ppm, source, left)
     passed = None

@@ -11,10 +11,9 @@ from collections.abc import Mapping
 
 from allanscope.explain import AxisExplanation
 from allanscope.noise import Coefficient, NoiseFit, add_coupled, total_white
+from allanscope.quantities import TWO_SIDED_95
 
 __all__ = ["published"]
-
-_QUANTILE = 1.96
 
 
 def published(
@@ -82,5 +81,5 @@ def _sources(explanation: AxisExplanation | None) -> dict[str, tuple[float, floa
             continue
         low = slope.value if slope.lower is None else slope.lower
         high = slope.value if slope.upper is None else slope.upper
-        found[str(source.value)] = (slope.value, (high - low) / (2 * _QUANTILE))
+        found[str(source.value)] = (slope.value, (high - low) / (2 * TWO_SIDED_95))
     return found

@@ -28,6 +28,7 @@ from allanscope.allan import Deviation
 from allanscope.analysis.result import Reading
 from allanscope.noise import find_best_averaging
 from allanscope.noise.evidence import Evidence, Ordinates
+from allanscope.quantities import TWO_SIDED_95
 from allanscope.spectrum import Density
 
 __all__ = ["density_of", "flat_band", "read_axis"]
@@ -36,7 +37,6 @@ Array = NDArray[np.float64]
 
 _FLOOR = math.sqrt(2 * math.log(2) / math.pi)
 """Least deviation of flicker noise over B: 0.664."""
-_Z = 1.959964
 _REJECTED = 3.0
 """Standard deviations from which a range is not flat."""
 _NEIGHBOURS = 7
@@ -232,7 +232,7 @@ def _from_density(density: Density, unit: str) -> Reading | None:
     if level is None:
         return None
     power, relative = level
-    value, half = math.sqrt(power / 2), _SEARCHED * _Z * relative / 2
+    value, half = math.sqrt(power / 2), _SEARCHED * TWO_SIDED_95 * relative / 2
     band = (float(frequency[0]), float(frequency[-1]))
     low, high = value * math.exp(-half), value * math.exp(half)
     return Reading(value, low, high, f"{unit}/sqrt(Hz)", band_hz=band)

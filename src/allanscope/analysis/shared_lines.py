@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from allanscope.analysis.line_families import fold
-from allanscope.quantities import number
+from allanscope.quantities import TWO_SIDED_95, number
 
 __all__ = ["SeenLines", "SharedLine", "lines_in_both"]
 
@@ -159,7 +159,7 @@ def _places(seen: float, rate_hz: float) -> list[tuple[float, int]]:
 
 
 def _error(line: tuple[float, float, float]) -> float:
-    return max((line[2] - line[1]) / (2 * 1.96), 1e-7 * line[0])
+    return max((line[2] - line[1]) / (2 * TWO_SIDED_95), 1e-7 * line[0])
 
 
 def _by_chance(
@@ -196,7 +196,7 @@ def _decided(matches: Sequence[_Match], chance: float, rate_hz: float) -> Shared
         return SharedLine(best.seen_hz, "internal", None, None, None, (), margin, chance, words)
     true, error = best.true
     words = f"external, {'alias of' if true > rate_hz / 2 else 'at'} {_hz(true)}"
-    ends = true - 1.96 * error, true + 1.96 * error
+    ends = true - TWO_SIDED_95 * error, true + TWO_SIDED_95 * error
     return SharedLine(best.seen_hz, "external", true, *ends, (true,), margin, chance, words)
 
 

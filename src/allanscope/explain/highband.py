@@ -22,6 +22,7 @@ from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.view import View
 from allanscope.noise.filters import Butterworth, OnePole
+from allanscope.quantities import TWO_SIDED_95
 from allanscope.spectrum import Density
 
 __all__ = ["above_the_rows"]
@@ -121,7 +122,7 @@ def _unfolded(view: View, seen: Candidate, tone: Candidate) -> Candidate | None:
     for fold in range(1, stride // 2 + 1):
         for sign in (-1, 1):
             f = fold * row_hz + sign * at.value
-            if abs(f - band.value) > 1.96 * band.error:
+            if abs(f - band.value) > TWO_SIDED_95 * band.error:
                 continue
             x = np.pi * f / (row_hz * stride)
             passed = float(abs(np.sin(stride * x) / (stride * np.sin(x))))

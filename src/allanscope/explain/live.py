@@ -16,6 +16,7 @@ keeps, however long the run.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -141,7 +142,7 @@ class LiveLoop:
             densities,
             nominal_hz=self.nominal_hz,
             rate_fit=rate_fit,
-            budget=Budget(spent_nats=self.looks * 0.6931),
+            budget=Budget(spent_nats=self.looks * math.log(2)),
         )
         new = self._new(self.explanation, _length_s(record))
         self.findings += new

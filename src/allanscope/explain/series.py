@@ -24,10 +24,9 @@ from allanscope.history import Record
 from allanscope.lazy import once
 from allanscope.noise.grid import Grid, grid_of
 from allanscope.parts import full_scale_of
-from allanscope.quantities import duration
+from allanscope.quantities import CHI_SQUARE_MEDIAN, duration
 
 __all__ = [
-    "CHI_SQUARE_MEDIAN",
     "LOUD",
     "SHORTEST_ROWS",
     "SHORTEST_S",
@@ -48,8 +47,6 @@ _LONG = 1 << 14
 """Rows below which any transform is quick."""
 LOUD = 25.0
 """Power of an ordinate over the noise around it that noise hardly has: it holds a line."""
-CHI_SQUARE_MEDIAN = 0.4549
-"""Of a chi-square with one degree of freedom, whose mean is 1."""
 _THERMAL_S = 30.0
 """A package does not change its temperature faster: what moves faster is the converter's noise."""
 _THERMAL_DECADE = 10.0

@@ -30,11 +30,11 @@ from scipy.fft import idct
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
-from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.stationarity import demodulate
 from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Grid
+from allanscope.quantities import CHI_SQUARE_MEDIAN
 
 Array = NDArray[np.float64]
 

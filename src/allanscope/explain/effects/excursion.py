@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import PlacedSignal
+from allanscope.explain.effects.step import NEAR_S
 from allanscope.explain.regression import joint_fit, step_ordinates
 from allanscope.explain.spectrum import StepScan, local_power_ratio
 from allanscope.explain.view import View
@@ -26,9 +27,6 @@ from allanscope.noise.selection import calibrated_penalty
 
 Array = NDArray[np.float64]
 Span = tuple[int, int]
-
-_NEAR_S = 5.0
-"""Distance in time up to which two jumps are the same."""
 
 _SHORTEST_S = 5.0
 _LONGEST = 0.12
@@ -71,7 +69,7 @@ class Excursion(PlacedSignal):
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another box is the same hypothesis."""
         del grid
-        return abs(self.time.value - other.time.value) < _NEAR_S
+        return abs(self.time.value - other.time.value) < NEAR_S
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:

@@ -30,11 +30,11 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.unexplained import beside, tone_left_over
 from allanscope.explain.heldout import interleaved_signal
 from allanscope.explain.regression import Regression, joint_fit
-from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.stationarity import constancy
 from allanscope.explain.view import View
 from allanscope.noise.components import Sinusoid as Line
 from allanscope.noise.grid import Grid
+from allanscope.quantities import CHI_SQUARE_MEDIAN
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from allanscope.noise.selection import calibrated_penalty
 
 Array = NDArray[np.float64]
 
-_NEAR_S = 5.0
+NEAR_S = 5.0
 """Distance in time up to which two jumps are the same."""
 
 _PROPOSALS = 3
@@ -68,7 +68,7 @@ class Step(PlacedSignal):
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another jump is the same hypothesis."""
         del grid
-        return abs(self.time.value - other.time.value) < _NEAR_S
+        return abs(self.time.value - other.time.value) < NEAR_S
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:

@@ -22,13 +22,12 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.regression import exponential_ordinates, joint_fit, ordinates_of
 from allanscope.explain.residual import band_scores, excess_kurtosis, excess_skewness, removes
-from allanscope.explain.series import CHI_SQUARE_MEDIAN
 from allanscope.explain.stationarity import bartlett_z_of, reach_of
 from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Ranges
 from allanscope.noise.selection import calibrated_penalty
-from allanscope.quantities import TWO_SIDED_95
+from allanscope.quantities import CHI_SQUARE_MEDIAN, TWO_SIDED_95
 
 Array = NDArray[np.float64]
 

@@ -159,7 +159,7 @@ def halves(view: View, candidate: Candidate) -> HeldOut:
     nats, variance = 0.0, 0.0
     for train, test in ((0, 1), (1, 0)):
         new, old = (
-            SpectrumFitter(grid, model, view.excluded).fit(powers[train])
+            SpectrumFitter.of(grid, model, view.excluded).fit(powers[train])
             for model in (view.model.plus(*candidate.parts), view.model)
         )
         nats += new.loglik_of(powers[test]) - old.loglik_of(powers[test])

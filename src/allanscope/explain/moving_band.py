@@ -132,7 +132,7 @@ def _lines(bare: View, centres: Array, width: float) -> tuple[MovingLine, float]
     def loss(point: Array) -> float:
         if point[0] > np.log(mean) or abs(point[1]) > _FACTOR:
             return float("inf")
-        return -bare.fitter_of(bare.model.plus(line(point))).fit(bare.power).loglik
+        return -bare.loglik_with(line(point))
 
     first = np.log([width / 2, 0.8])
     simplex = np.vstack([first, first + 0.3 * np.eye(2)])

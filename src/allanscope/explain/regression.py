@@ -154,7 +154,7 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
 
     def loglik(amplitude: Array) -> float:
         power[:bins] = low((d - amplitude @ columns) ** 2, kept)
-        return view.fitter.fit(power, fit.spectrum.powers).loglik
+        return view.fitter.loglik(power, fit.spectrum.powers)
 
     top = loglik(fit.amplitude)
 

@@ -17,7 +17,7 @@ stationary model lets expect: what is gained is divided by the `local_power_rati
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,13 @@ from scipy.fft import dct, idct
 
 from allanscope.lazy import once
 from allanscope.noise import NoiseModel
+from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components import Component
 from allanscope.noise.evidence import Ordinates
 from allanscope.noise.filters import combined_response
 from allanscope.noise.grid import Grid, Ranges
-from allanscope.noise.likelihood import Fit, Likelihood
+from allanscope.noise.likelihood import Basis, Fit, Likelihood
+from allanscope.noise.part import Filter, Part
 
 __all__ = ["Place", "Spectrum", "SpectrumFitter", "StepScan", "local_power_ratio"]
 
@@ -132,24 +134,42 @@ class Spectrum:
         return float(-0.5 * np.sum(dof * (np.log(expected) + power / expected)))
 
 
+@dataclass(frozen=True, eq=False)
 class SpectrumFitter:
     """Fits the amplitudes of one model to binned powers by maximum likelihood, shapes held.
 
-    A search fits the same model to other powers again and again: what does not depend on them is
-    computed once.
+    A search fits the same model to other powers, and the same powers with one part more, again and
+    again: what does not depend on either is computed once.
 
-    Parameters
+    Attributes
     ----------
-    model : NoiseModel
-        Of the samples behind the rows.
+    basis : Basis
+        What the amplitudes of the model multiply.
+    dof : ndarray, shape (bins,)
+        Ordinates of each bin that take part.
     excluded : tuple of (low, high)
         Frequencies in Hz that are left out.
     """
 
-    def __init__(self, grid: Grid, model: NoiseModel, excluded: Ranges = ()) -> None:
-        self.grid, self.excluded = grid, excluded
-        self._dof = grid.counts(excluded)
-        self._basis = self._likelihood(np.ones(len(self._dof))).basis(model, model.shapes)
+    grid: Grid
+    basis: Basis
+    dof: Array
+    excluded: Ranges = ()
+
+    @classmethod
+    def of(cls, grid: Grid, model: NoiseModel, excluded: Ranges = ()) -> SpectrumFitter:
+        """Return what fits a model of the samples behind the rows."""
+        dof = grid.counts(excluded)
+        likelihood = Likelihood([Ordinates(grid, np.ones(len(dof)), dof)])
+        return cls(grid, likelihood.basis(model, model.shapes), dof, excluded)
+
+    def plus(self, *parts: Part) -> SpectrumFitter:
+        """Return what fits the model with more parts; of components only these are computed."""
+        model = self.basis.model.plus(*parts)
+        if any(isinstance(part, Filter) for part in parts):
+            return SpectrumFitter.of(self.grid, model, self.excluded)
+        likelihood = self._likelihood(np.ones(len(self.dof)))
+        return replace(self, basis=likelihood.extended(self.basis, model, model.shapes))
 
     def fit(self, power: Array, start: Array | None = None) -> Spectrum:
         """Return the likeliest spectrum.
@@ -161,11 +181,15 @@ class SpectrumFitter:
         start : ndarray, optional
             Squared amplitudes to start from.
         """
-        found = self._likelihood(power).maximum(self._basis, start)
+        found = self._likelihood(power).maximum(self.basis, start)
         return Spectrum(self.grid, found, self.excluded)
 
+    def loglik(self, power: Array, start: Array | None = None) -> float:
+        """Return the log-likelihood of the spectrum that `fit` returns."""
+        return maximise(self.basis.columns, power, self.dof, self.basis.fixed, start)[1]
+
     def _likelihood(self, power: Array) -> Likelihood:
-        return Likelihood([Ordinates(self.grid, power, self._dof)])
+        return Likelihood([Ordinates(self.grid, power, self.dof)])
 
 
 Ints = NDArray[np.int64]

@@ -113,11 +113,15 @@ class View:
     @once
     def fitter(self) -> SpectrumFitter:
         """Fits the same noise to other powers."""
-        return self.fitter_of(self.model)
+        return SpectrumFitter.of(self.grid, self.model, self.excluded)
 
-    def fitter_of(self, model: NoiseModel) -> SpectrumFitter:
-        """Return what fits another noise to powers, the same frequencies left out."""
-        return SpectrumFitter(self.grid, model, self.excluded)
+    def spectrum_with(self, *parts: Part) -> Spectrum:
+        """Return the noise fitted to the data with more parts beside it."""
+        return self.fitter.plus(*parts).fit(self.power)
+
+    def loglik_with(self, *parts: Part) -> float:
+        """Return the log-likelihood of that."""
+        return self.fitter.plus(*parts).loglik(self.power)
 
     @once
     def model(self) -> NoiseModel:

@@ -137,17 +137,27 @@ class Likelihood:
 
     def basis(self, model: NoiseModel, held: frozenset[Free]) -> Basis:
         """Return what the amplitudes of a model multiply; it does not depend on the powers."""
+        nothing = NoiseModel((), model.dt, model.filters)
+        bins = len(self.power)
+        empty = Basis(nothing, held, (), np.empty((0, bins)), np.zeros(bins))
+        return self.extended(empty, model, held)
+
+    def extended(self, basis: Basis, model: NoiseModel, held: frozenset[Free]) -> Basis:
+        """Return the basis of a model that has more components than that of another basis."""
+        first = len(basis.free)
+        more = model.components[first:]
         free = tuple(
             bool(c.amplitude_name) and Free(i, c.amplitude_index) not in held
-            for i, c in enumerate(model)
+            for i, c in enumerate(more, first)
         )
-        fixed, columns = np.zeros(len(self.power)), []
-        for component, is_free in zip(model, free, strict=True):
+        fixed, columns = basis.fixed, []
+        for component, is_free in zip(more, free, strict=True):
             if is_free:
                 columns.append(self.column(model, component.with_power(1.0)))
             else:
-                fixed += self.column(model, component)
-        return Basis(model, held, free, np.array(columns), fixed)
+                fixed = fixed + self.column(model, component)
+        rows = np.vstack([basis.columns, *columns]) if columns else basis.columns
+        return Basis(model, held, basis.free + free, rows, fixed)
 
     def maximum(self, basis: Basis, start: Array | None = None) -> Fit:
         """Find the powers that maximise the likelihood, beginning at `start` where it is given."""

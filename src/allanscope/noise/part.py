@@ -6,6 +6,7 @@ power response.
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -71,7 +72,7 @@ class Part:
         """Refuse numbers out of their bounds; for use in ``__post_init__``."""
         for quantity in self.quantities:
             value = getattr(self, quantity.name)
-            if not (np.isfinite(value) and value >= 0.0):
+            if not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(
                     f"{type(self).__name__}.{quantity.name} must be a finite number >= 0,"
                     f" got {value!r}"

@@ -215,16 +215,19 @@ class _Problem:
         penalty = 0.5 * float(s @ _times(prior, s))
         return -float(np.sum(self.half * (at + self.r * np.exp(-at)))) - penalty
 
+    def _at_nodes(self, left: Array, right: Array) -> Array:
+        """Sum what belongs to the node on the left of each ratio, and to that on its right."""
+        return np.asarray(
+            np.bincount(self.left, left, self.k) + np.bincount(self.left + 1, right, self.k)
+        )
+
     def _slopes(self, s: Array, prior: Array) -> tuple[Array, Array]:
         """Return the gradient, and the expected information in the form of the prior."""
         slope = self.half * (self.r * np.exp(-self._between(s)) - 1)
-        gradient, information = np.zeros(self.k), np.zeros_like(prior)
         a, b = 1 - self.share, self.share
-        np.add.at(gradient, self.left, a * slope)
-        np.add.at(gradient, self.left + 1, b * slope)
-        np.add.at(information[0], self.left, a * a * self.half)
-        np.add.at(information[0], self.left + 1, b * b * self.half)
-        np.add.at(information[1], self.left, a * b * self.half)
+        gradient, information = self._at_nodes(a * slope, b * slope), np.zeros_like(prior)
+        information[0] = self._at_nodes(a * a * self.half, b * b * self.half)
+        information[1] = np.bincount(self.left, a * b * self.half, self.k)
         return gradient - _times(prior, s), information
 
 

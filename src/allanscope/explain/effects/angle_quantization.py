@@ -37,11 +37,9 @@ class AngleQuantization(EffectKind):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Fit its size."""
-        model = view.model.plus(Differenced(1.0))
-        fit = view.fitter_of(model).fit(view.power)
         yield Candidate(
             cls(),
-            fit.loglik - view.spectrum.loglik,
+            view.loglik_with(Differenced(1.0)) - view.spectrum.loglik,
             Q_PENALTY + float(np.log(ALPHA)),
             parts=(Differenced(1.0),),
         )

@@ -22,7 +22,6 @@ from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.residual import removes
-from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
 from allanscope.noise.filters import AnalogueLowPass, Butterworth, LowPass, OnePole
@@ -61,7 +60,7 @@ class _Family:
             _ORDERS[0] <= order[0] < _ORDERS[1] and cutoff < self.highest * view.grid.rate_hz
         ):
             return 1e12
-        return -_fit(view, self.at(point)).loglik
+        return -view.loglik_with(self.at(point))
 
     def starts(self, cutoffs: list[float]) -> list[Array]:
         return [np.log([c] if self.order is None else [c, self.order]) for c in cutoffs]
@@ -118,11 +117,6 @@ class BandLimit(EffectKind):
         return None
 
 
-def _fit(view: View, low_pass: LowPass) -> Spectrum:
-    model = view.model.plus(low_pass)
-    return view.fitter_of(model).fit(view.power)
-
-
 def _best(view: View, cutoffs: list[float]) -> Candidate:
     """Fit every family from the most promising of the cutoffs and take the most likely."""
     best: tuple[float, LowPass] | None = None
@@ -143,7 +137,6 @@ def _best(view: View, cutoffs: list[float]) -> Candidate:
 
 
 def _candidate(view: View, low_pass: LowPass) -> Candidate:
-    fit = _fit(view, low_pass)
     cutoff, *order = low_pass.values
     factor = float(np.exp(TWO_SIDED_95 * _error(view, low_pass)))
     effect = BandLimit(
@@ -151,7 +144,7 @@ def _candidate(view: View, low_pass: LowPass) -> Candidate:
         order[0] if order else 1.0,
         type(low_pass).__name__,
     )
-    gain = fit.loglik - view.spectrum.loglik
+    gain = view.loglik_with(low_pass) - view.spectrum.loglik
     looked_at = LOW_PASS_PENALTY + float(np.log(ALPHA))
     return Candidate(effect, gain, looked_at, parts=(low_pass,))
 
@@ -160,7 +153,7 @@ def _error(view: View, low_pass: LowPass) -> float:
     """Return the standard error of ln cutoff; the order, where it is free, goes along with it."""
 
     def loss(point: Array) -> float:
-        return -_fit(view, low_pass.with_values(np.exp(point).tolist())).loglik
+        return -view.loglik_with(low_pass.with_values(np.exp(point).tolist()))
 
     point = np.log(low_pass.values)
     return float(min(errors_at(loss, point, np.full(len(point), _STEP))[0], _UNKNOWN))

@@ -234,7 +234,7 @@ def _direction(view: View, source: str) -> float:
     grid, textbook = view.grid, NoiseModel(view.base, view.grid.dt)
     loud = view.source_is_loud(view.axis) | view.source_is_loud(source)
 
-    fitter = SpectrumFitter(grid, textbook)
+    fitter = SpectrumFitter.of(grid, textbook)
 
     def fit(ordinates: Array) -> Spectrum:
         return fitter.fit(grid.bin_means(ordinates**2))

@@ -79,7 +79,7 @@ class GaussMarkov(EffectKind):
         if longest < 2 * shortest:
             return []
         bank = np.geomspace(shortest, longest, 2 + int(_PER_DECADE * np.log10(longest / shortest)))
-        gains = [fitted(view, tc).loglik for tc in bank]
+        gains = [view.loglik_with(Process(1.0, float(tc))) for tc in bank]
         best = int(np.argmax(gains))
         found = _candidate(view, bank[max(0, best - 1)], bank[min(len(bank) - 1, best + 1)])
         effect = found.effect
@@ -100,12 +100,6 @@ def _shortest(view: View) -> float:
     return _SHORTEST / view.grid.rate_hz
 
 
-def fitted(view: View, tc: float) -> Spectrum:
-    """Fit the noise with a process of this correlation time beside it."""
-    model = view.model.plus(Process(1.0, float(tc)))
-    return view.fitter_of(model).fit(view.power)
-
-
 def _sigma(fit: Spectrum) -> float:
     """Return the standard deviation of the process of a fit."""
     return float(np.sqrt(fit.model.components[-1].power))
@@ -122,20 +116,19 @@ def _amplitude_error(fit: Spectrum) -> float:
 
 def _candidate(view: View, low: float, high: float) -> Candidate:
     best = minimize_scalar(
-        lambda x: -fitted(view, float(np.exp(x))).loglik,
+        lambda x: -view.loglik_with(Process(1.0, float(np.exp(x)))),
         bounds=(np.log(low), np.log(high)), method="bounded", options={"xatol": 0.01},
     )  # fmt: skip
     tc = float(np.exp(best.x))
-    fit = fitted(view, tc)
+    fit = view.spectrum_with(Process(1.0, tc))
     sigma = _sigma(fit)
     sigma_error = _amplitude_error(fit)
     h = 0.1
-    curvature = (
-        2 * fit.loglik - fitted(view, tc * np.exp(h)).loglik - fitted(view, tc * np.exp(-h)).loglik
-    ) / h**2
+    after, before = (view.spectrum_with(Process(1.0, tc * np.exp(s))) for s in (h, -h))
+    curvature = (2 * fit.loglik - after.loglik - before.loglik) / h**2
     error = 1 / np.sqrt(max(curvature, 1e-2))
     # The profile over Tc refits sigma; seen the other way round, sigma moves with Tc.
-    slope = (_sigma(fitted(view, tc * np.exp(h))) - _sigma(fitted(view, tc * np.exp(-h)))) / (2 * h)
+    slope = (_sigma(after) - _sigma(before)) / (2 * h)
     sigma_error = float(np.hypot(sigma_error, slope * error))
     error = min(error, 10.0)
     gain = fit.loglik - view.spectrum.loglik

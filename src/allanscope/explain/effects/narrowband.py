@@ -39,6 +39,7 @@ from allanscope.explain.stationarity import (
     sweeps,
 )
 from allanscope.explain.view import View
+from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
 from allanscope.noise.components import Narrowband as Resonance
 from allanscope.noise.grid import Grid
@@ -308,6 +309,35 @@ class _Window:
         variance = self.background * ratio
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
 
+    def amplitudes(self, f0: float, width: float) -> tuple[float, float, float]:
+        """Return the likeliest background factor and variance of one band, and the loss there."""
+        band = self.shape(f0, width).spectrum(self.frequency, self.grid.dt, self.grid.stride)
+        count = np.full(len(self.power), float(self.size))
+        columns = np.vstack([self.background, band])
+        (level, variance), loglik, _ = maximise(columns, self.power, count, np.zeros(1))
+        return float(level), float(variance), -loglik
+
+    def likeliest(self, f0: float, width: float) -> tuple[float, float]:
+        """Return the frequency and width of the likeliest band, searched for from given ones.
+
+        The variances are those that are likeliest beside them (variable projection).
+        """
+
+        def loss(point: Array) -> float:
+            centre, wide = f0 + point[0] * width, width * float(np.exp(point[1]))
+            inside = self.frequency[0] < centre < self.frequency[-1]
+            if not inside or not _FINEST_HZ < wide < 1.5 * centre:
+                return _FORBIDDEN
+            return self.amplitudes(centre, wide)[2]
+
+        found = minimize(
+            loss, np.zeros(2), method="Nelder-Mead",
+            options={"initial_simplex": [[0.0, 0.0], [0.3, 0.0], [0.0, 0.3]], "maxiter": 200,
+                     "xatol": 1e-3, "fatol": 1e-3},
+        )  # fmt: skip
+        shift, factor = found.x
+        return f0 + float(shift) * width, width * float(np.exp(factor))
+
 
 def _window(view: View, beside: Beside, f0: float, width: float, shape: Shape) -> _Window:
     grid = view.grid
@@ -346,28 +376,23 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
     grid = view.grid
     unit = grid.rate_hz / (2 * grid.n)
     f0, w = (start + width / 2) * unit, max(width * unit * 0.5, 3 * unit)
-    excess = view.squares[start : start + width] - view.spectrum.ordinates[start : start + width]
-    point = np.array([0.0, np.log(max(float(excess.sum()) / grid.n, 1e-30)), f0, np.log(w)])
     beside: Beside = view.spectrum.at
     for _ in range(_ROUNDS):
         # What is beside the band is known only once the band is in the model.
-        window = _window(view, beside, float(point[2]), float(np.exp(point[3])), shape)
-        spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
-        found = minimize(
-            window.loss, point, method="Nelder-Mead",
-            options={"initial_simplex": np.vstack([point, point + spread]), "maxiter": 500,
-                     "xatol": 1e-3 * np.exp(point[3]), "fatol": 1e-3},
-        )  # fmt: skip
-        point = np.asarray(found.x)
-        f0, w = float(point[2]), float(np.exp(point[3]))
+        window = _window(view, beside, f0, w, shape)
+        f0, w = window.likeliest(f0, w)
         if w < 1.5 * unit or w > _BROADEST * f0:
             return None
         band = shape(f0, w)
-        whole = view.fitter_of(view.model.plus(band)).fit(view.power)
+        whole = view.spectrum_with(band)
         beside = partial(whole.of, whole.model.components[:-1])
+    level, variance, least = window.amplitudes(f0, w)
+    if min(level, variance) <= 0:
+        return None
     gain = whole.loglik - view.spectrum.loglik
     if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
-        gain = max(gain, window.flat() - float(found.fun))
+        gain = max(gain, window.flat() - least)
+    point = np.array([np.log(level), np.log(variance), f0, np.log(w)])
     effect = _band(view, point[1:], _errors(window.loss, point)[1:])
     return effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
 

@@ -22,7 +22,6 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.effects.unexplained import lasting
-from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import PowerLaw as Process
@@ -73,7 +72,7 @@ class PowerLaw(EffectKind):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Profile the likelihood over the exponent."""
-        gains = [_fitted(view, a).loglik - view.spectrum.loglik for a in _BANK]
+        gains = [view.loglik_with(Process(1.0, float(a))) - view.spectrum.loglik for a in _BANK]
         best = int(np.argmax(gains))
         if gains[best] < _WORTH_A_LOOK:
             return []
@@ -96,21 +95,15 @@ class PowerLaw(EffectKind):
         return True
 
 
-def _fitted(view: View, exponent: float) -> Spectrum:
-    """Fit the noise with a process of this exponent beside it."""
-    model = view.model.plus(Process(1.0, float(exponent)))
-    return view.fitter_of(model).fit(view.power)
-
-
 def _candidate(view: View, low: float, high: float) -> Candidate:
     _, shape = Process.quantities
     low, high = max(low, shape.lower), min(high, shape.upper)
     found = minimize_scalar(
-        lambda a: -_fitted(view, float(a)).loglik,
+        lambda a: -view.loglik_with(Process(1.0, float(a))),
         bounds=(low, high), method="bounded", options={"xatol": 2e-3},
     )  # fmt: skip
     exponent = float(found.x)
-    fit = _fitted(view, exponent)
+    fit = view.spectrum_with(Process(1.0, exponent))
     free = fit.fit.all_free()
     spread = dict(zip(free.names, free.relative_sd(), strict=True))
     effect = PowerLaw(

@@ -24,11 +24,12 @@ from allanscope.compiled import Pointer, kernel
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, is_alike
-from allanscope.explain.effects.gauss_markov import GaussMarkov, fitted
+from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, ordinates_of
 from allanscope.explain.view import View
 from allanscope.noise.components import Flicker, RandomWalk, Rounding, White
+from allanscope.noise.components import GaussMarkov as CorrelatedNoise
 from allanscope.noise.components import RandomTelegraph as Process
 from allanscope.noise.grid import Grid
 from allanscope.quantities import TWO_SIDED_95
@@ -342,7 +343,7 @@ def _smooth(values: Array, share: Array) -> Array:
 
 def _parts(view: View, tc: float, f: Array) -> list[Array]:
     """White noise; flicker and random walk; the process: as fitted together."""
-    fit = fitted(view, tc)
+    fit = view.spectrum_with(CorrelatedNoise(1.0, tc))
     white = [c for c in fit.model if isinstance(c, White | Rounding)]
     slow = [c for c in fit.model if isinstance(c, Flicker | RandomWalk)]
     return [fit.of(some, f) for some in (white, slow, fit.model.components[-1:])]

@@ -121,7 +121,9 @@ class View:
 
     def loglik_with(self, *parts: Part) -> float:
         """Return the log-likelihood of that."""
-        return self.fitter.plus(*parts).loglik(self.power)
+        fitter, start = self.fitter.plus(*parts), self.spectrum.powers
+        more = len(fitter.basis.columns) - len(start)
+        return fitter.loglik(self.power, np.append(start, np.zeros(more)))
 
     @once
     def model(self) -> NoiseModel:

@@ -57,16 +57,15 @@ def maximise(
     """
     middle = len(power) // 2
     smallest = 1e-9 * float(np.partition(power, middle)[middle]) + 1e-300
-    known = start is not None and len(start) == len(columns)
     p, bins = columns.shape
-    theta = np.array(start, np.float64) if known else np.empty(p)
+    theta = np.empty(p) if start is None else np.array(start, np.float64)
     expected = np.empty(bins)
     loglik = _maximise(
         np.ascontiguousarray(columns, np.float64),
         np.ascontiguousarray(power, np.float64),
         np.ascontiguousarray(count, np.float64),
-        np.ascontiguousarray(np.broadcast_to(fixed, bins), np.float64),
-        *(p, bins, smallest, known, theta, expected),
+        np.ascontiguousarray(fixed, np.float64),
+        *(p, bins, smallest, start is not None, theta, expected),
         np.empty(bins * (p + 3) + 3 * p * (p + 6)),
     )
     return theta, float(loglik), expected

@@ -39,6 +39,7 @@ from allanscope.explain.stationarity import (
     sweeps,
 )
 from allanscope.explain.view import View
+from allanscope.lazy import once
 from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
 from allanscope.noise.components import Narrowband as Resonance
@@ -309,26 +310,38 @@ class _Window:
         variance = self.background * ratio
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
 
-    def amplitudes(self, f0: float, width: float) -> tuple[float, float, float]:
+    def amplitudes(
+        self, f0: float, width: float, start: Array | None = None
+    ) -> tuple[Array, float]:
         """Return the likeliest background factor and variance of one band, and the loss there."""
         band = self.shape(f0, width).spectrum(self.frequency, self.grid.dt, self.grid.stride)
-        count = np.full(len(self.power), float(self.size))
         columns = np.vstack([self.background, band])
-        (level, variance), loglik, _ = maximise(columns, self.power, count, np.zeros(1))
-        return float(level), float(variance), -loglik
+        found, loglik, _ = maximise(columns, self.power, self._count, self._nothing, start)
+        return found, -loglik
+
+    @once
+    def _count(self) -> Array:
+        return np.full(len(self.power), float(self.size))
+
+    @once
+    def _nothing(self) -> Array:
+        return np.zeros(len(self.power))
 
     def likeliest(self, f0: float, width: float) -> tuple[float, float]:
         """Return the frequency and width of the likeliest band, searched for from given ones.
 
         The variances are those that are likeliest beside them (variable projection).
         """
+        amplitudes: Array | None = None
 
         def loss(point: Array) -> float:
+            nonlocal amplitudes
             centre, wide = f0 + point[0] * width, width * float(np.exp(point[1]))
             inside = self.frequency[0] < centre < self.frequency[-1]
             if not inside or not _FINEST_HZ < wide < 1.5 * centre:
                 return _FORBIDDEN
-            return self.amplitudes(centre, wide)[2]
+            amplitudes, least = self.amplitudes(centre, wide, amplitudes)
+            return least
 
         found = minimize(
             loss, np.zeros(2), method="Nelder-Mead",
@@ -386,13 +399,13 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
         band = shape(f0, w)
         whole = view.spectrum_with(band)
         beside = partial(whole.of, whole.model.components[:-1])
-    level, variance, least = window.amplitudes(f0, w)
-    if min(level, variance) <= 0:
+    amplitudes, least = window.amplitudes(f0, w)
+    if amplitudes.min() <= 0:
         return None
     gain = whole.loglik - view.spectrum.loglik
     if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
         gain = max(gain, window.flat() - least)
-    point = np.array([np.log(level), np.log(variance), f0, np.log(w)])
+    point = np.array([*np.log(amplitudes), f0, np.log(w)])
     effect = _band(view, point[1:], _errors(window.loss, point)[1:])
     return effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
 

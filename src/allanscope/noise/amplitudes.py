@@ -58,14 +58,17 @@ def maximise(
     middle = len(power) // 2
     smallest = 1e-9 * float(np.partition(power, middle)[middle]) + 1e-300
     p, bins = columns.shape
-    theta = np.empty(p) if start is None else np.array(start, np.float64)
+    known = start is not None and len(start) == p
+    theta = np.array(start, np.float64) if known else np.empty(p)
+    if np.shape(fixed) != (bins,):
+        fixed = np.broadcast_to(fixed, bins)
     expected = np.empty(bins)
     loglik = _maximise(
         np.ascontiguousarray(columns, np.float64),
         np.ascontiguousarray(power, np.float64),
         np.ascontiguousarray(count, np.float64),
         np.ascontiguousarray(fixed, np.float64),
-        *(p, bins, smallest, start is not None, theta, expected),
+        *(p, bins, smallest, known, theta, expected),
         np.empty(bins * (p + 3) + 3 * p * (p + 6)),
     )
     return theta, float(loglik), expected

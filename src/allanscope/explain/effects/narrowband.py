@@ -346,7 +346,7 @@ class _Window:
         found = minimize(
             loss, np.zeros(2), method="Nelder-Mead",
             options={"initial_simplex": [[0.0, 0.0], [0.3, 0.0], [0.0, 0.3]], "maxiter": 200,
-                     "xatol": 1e-3, "fatol": 1e-3},
+                     "xatol": 1e-2, "fatol": 1e-3},
         )  # fmt: skip
         shift, factor = found.x
         return f0 + float(shift) * width, width * float(np.exp(factor))

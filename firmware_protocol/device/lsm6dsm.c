@@ -42,7 +42,6 @@ enum {
     FIFO_OVER_RUN = 0x40,  /* in FIFO_STATUS2 */
     FIFO_EMPTY = 0x10,
 
-    SET_WORDS = 9, /* gyro 3, accelerometer 3, time stamp 3 */
     FIFO_WORDS = 2048,
     FIRST_RUN = 256, /* samples after which the period is measured for the first time */
     LONGEST_RUN = 16384,
@@ -293,7 +292,7 @@ static bool is_level(const uint8_t *set)
     if (set[0] != 0x00 && set[0] != 0xFF) {
         return false;
     }
-    for (uint8_t i = 1; i < 2 * SET_WORDS; i++) {
+    for (uint8_t i = 1; i < SET_BYTES; i++) {
         if (set[i] != set[0]) {
             return false;
         }
@@ -301,20 +300,63 @@ static bool is_level(const uint8_t *set)
     return true;
 }
 
-static void take(imu_batch *batch, const uint8_t *set)
+/* Take a set into the batch; false when it is none. */
+static bool take(lsm6dsm *self, imu_batch *batch, const uint8_t *set)
 {
+    if (is_level(set)) {
+        return false;
+    }
+    if (self->settling > 0) {
+        self->settling--;
+        return true;
+    }
+    const uint32_t ticks = unwrapped(self, stamp_of(set));
+    const uint32_t lost = missing(self, ticks);
+    if (lost > 0 && batch->n > 0) { /* a batch is contiguous: what came before is given up */
+        batch->lost_before += batch->n;
+        batch->n = 0;
+    }
+    if (batch->n == 0) {
+        batch->lost_before += lost;
+        batch->sensor_time = ticks;
+    }
+    self->stalled = self->has_last && ticks == self->last_ticks;
+    measure(self, ticks, lost);
     for (uint8_t axis = 0; axis < AS_AXES; axis++) {
         batch->samples[batch->n][axis] = (int16_t)as_get16(set + 2 * axis);
     }
     batch->n++;
+    self->last_ticks = ticks;
+    self->has_last = true;
+    return true;
+}
+
+/* Words in the FIFO, from its status. */
+static uint32_t level_of(const uint8_t *status)
+{
+    const uint32_t words = (uint32_t)(status[0] | (status[1] & 7u) << 8);
+    /* eleven bits cannot say that it is full */
+    return words == 0 && status[1] & FIFO_OVER_RUN ? FIFO_WORDS : words;
+}
+
+/* Where in a set the next word lies. */
+static uint32_t pattern_of(const uint8_t *status)
+{
+    return as_get16(status + 2) & 0x3FFu;
 }
 
 /* Whether the status says both that the FIFO is empty and that it holds something. */
-static bool contradicts(const uint8_t *status, bool overrun)
+static bool contradicts(const uint8_t *status)
 {
-    const uint32_t level = (uint32_t)(status[0] | (status[1] & 7u) << 8);
-    const bool empty = status[1] & FIFO_EMPTY;
-    return empty ? level > 0 || overrun : level == 0 && !overrun;
+    return (level_of(status) == 0) != ((status[1] & FIFO_EMPTY) != 0);
+}
+
+/* A full FIFO gives up its oldest words for every set that comes, also in the middle of a reading: the
+ * words of two samples would lie side by side. Make room for two sets before anything is believed. */
+static bool make_room(lsm6dsm *self, uint8_t *status)
+{
+    return get(self, FIFO_DATA_OUT_L, self->burst, 2 * SET_BYTES) &&
+           get(self, FIFO_STATUS1, status, 4);
 }
 
 /* Read what the FIFO holds; false when the bus fails. */
@@ -326,13 +368,7 @@ static bool drain(lsm6dsm *self, uint8_t most, imu_batch *batch)
         return false;
     }
     batch->temperature = (int16_t)as_get16(temperature);
-    const bool overrun = status[1] & FIFO_OVER_RUN;
-    uint32_t words = status[1] & FIFO_EMPTY ? 0 : (uint32_t)(status[0] | (status[1] & 7u) << 8);
-    if (words == 0 && overrun) {
-        words = FIFO_WORDS; /* eleven bits cannot say that it is full */
-    }
-    const uint32_t pattern = as_get16(status + 2) & 0x3FFu;
-    if (contradicts(status, overrun) || pattern >= SET_WORDS) {
+    if (contradicts(status) || pattern_of(status) >= SET_WORDS) {
         if (self->contradictions < MOST_CONTRADICTIONS) {
             self->contradictions++;
         }
@@ -340,33 +376,25 @@ static bool drain(lsm6dsm *self, uint8_t most, imu_batch *batch)
         return true;
     }
     self->contradictions = 0;
-    if (!align(self, &words, pattern)) {
+    if (status[1] & FIFO_OVER_RUN && !make_room(self, status)) {
+        return false;
+    }
+    uint32_t words = level_of(status);
+    if (!align(self, &words, pattern_of(status))) {
         return false;
     }
     while (words >= SET_WORDS && batch->n < most) {
-        uint8_t set[2 * SET_WORDS];
-        if (!get(self, FIFO_DATA_OUT_L, set, sizeof set)) {
+        const uint32_t room = (uint32_t)(most - batch->n);
+        const uint32_t sets = words / SET_WORDS < room ? words / SET_WORDS : room;
+        if (!get(self, FIFO_DATA_OUT_L, self->burst, (uint16_t)(sets * SET_BYTES))) {
             return false;
         }
-        words -= SET_WORDS;
-        if (is_level(set)) {
-            return false;
+        words -= sets * SET_WORDS;
+        for (uint32_t i = 0; i < sets; i++) {
+            if (!take(self, batch, self->burst + i * SET_BYTES)) {
+                return false;
+            }
         }
-        const uint32_t ticks = unwrapped(self, stamp_of(set));
-        if (self->settling > 0) {
-            self->settling--;
-            continue;
-        }
-        const uint32_t lost = missing(self, ticks);
-        if (batch->n == 0) {
-            batch->lost_before = lost;
-            batch->sensor_time = ticks;
-        }
-        self->stalled = self->has_last && ticks == self->last_ticks;
-        measure(self, ticks, lost);
-        take(batch, set);
-        self->last_ticks = ticks;
-        self->has_last = true;
     }
     batch->behind = words / SET_WORDS;
     batch->doubts |= self->stalled ? IMU_STAMP_STALLED : 0;

@@ -11,6 +11,9 @@
 
 #include "imu.h"
 
+/* A set of the FIFO: gyro 3 words, accelerometer 3, time stamp 3. */
+enum { SET_WORDS = 9, SET_BYTES = 2 * SET_WORDS };
+
 /* What sets one part of the family apart. */
 typedef struct {
     const char *name;
@@ -52,6 +55,7 @@ typedef struct {
     uint8_t control[4];
     uint8_t settling; /* samples still to be thrown away after a change */
     uint8_t contradictions; /* readings in a row whose status cannot be */
+    uint8_t burst[AS_MOST_SAMPLES * SET_BYTES]; /* as the FIFO gave them */
     bool stalled;           /* whether the last sample had the time stamp of the one before */
 } lsm6dsm;
 

@@ -8,12 +8,13 @@ void systick_handler(void);
 
 /* A board has those that it uses. */
 __attribute__((weak)) void exti2_handler(void);
+__attribute__((weak)) void dma1_channel4_handler(void);
 __attribute__((weak)) void usart1_handler(void);
 
 void reset_handler(void);
 static void stuck(void);
 
-enum { EXTI2_IRQ = 8, USART1_IRQ = 37, SYSTEM_VECTORS = 16 };
+enum { EXTI2_IRQ = 8, DMA1_CHANNEL4_IRQ = 14, USART1_IRQ = 37, SYSTEM_VECTORS = 16 };
 
 __attribute__((section(".vectors"), used)) static const struct {
     void *stack;
@@ -29,6 +30,7 @@ __attribute__((section(".vectors"), used)) static const struct {
         [5] = stuck, /* usage fault */
         [14] = systick_handler,
         [SYSTEM_VECTORS - 1 + EXTI2_IRQ] = exti2_handler,
+        [SYSTEM_VECTORS - 1 + DMA1_CHANNEL4_IRQ] = dma1_channel4_handler,
         [SYSTEM_VECTORS - 1 + USART1_IRQ] = usart1_handler,
     },
 };

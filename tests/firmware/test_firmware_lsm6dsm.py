@@ -89,6 +89,38 @@ def test_an_overrun_is_told_to_the_sample_and_axes_do_not_shift(library, rate):
     assert lost > 0
 
 
+@pytest.mark.parametrize("phase", [0.1, 0.3, 0.5, 0.7, 0.9])
+@pytest.mark.parametrize("periods", [0.2, 0.9])
+def test_a_fifo_that_runs_over_while_it_is_read_mixes_no_samples(library, phase, periods):
+    """A sample comes while the first sets of a full FIFO are read: it takes their words away."""
+    part = Lsm6dsm()
+    driver = Driver(library, part)
+    driver.configure(rate=6660.0)
+
+    def slowly(register, n):
+        if register != 0x3E:
+            return Lsm6dsm.read(part, register, n)
+        words = []
+        for _ in range(n // 2):
+            words.append(Lsm6dsm.read(part, register, 2))
+            part.advance(periods / 9 / 6660.0)
+        return b"".join(words)
+
+    last = None
+    for _ in range(20):
+        part.advance((300.0 + phase) / 6660.0)
+        part.read = slowly
+        for _ in range(6):
+            _, batch = driver.read()
+            found = numbers(batch)
+            assert found == list(range(found[0], found[-1] + 1)) if found else True
+            if last is not None and found:
+                assert found[0] - last - 1 == batch.lost_before
+            last = found[-1] if found else last
+        del part.read
+    assert last > 5000
+
+
 @pytest.mark.parametrize("ticks_off", [-0.004, 0.004])
 @pytest.mark.parametrize("rate", [104.0, 6660.0])
 def test_a_long_overrun_is_counted_by_the_period_as_it_was_measured(library, rate, ticks_off):

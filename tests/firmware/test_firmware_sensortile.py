@@ -25,13 +25,13 @@ from support.usb_host import Refused, UsbHost
 DEVICE = Path(__file__).parents[2] / "firmware_protocol" / "device"
 START, STOP, DESCRIBE, SET, PING = 0x81, 0x82, 0x83, 0x84, 0x85
 FAST = """
-#include "spi_pins.h"
+#include "sensor_spi.h"
 bool (*bus_read)(uint8_t reg, uint8_t *to, uint16_t n);
 bool (*bus_write)(uint8_t reg, uint8_t value);
-void spi_pins_init(void) {}
-bool spi_pins_read(void *context, uint8_t reg, uint8_t *to, uint16_t n)
+void sensor_spi_init(void) {}
+bool sensor_spi_read(void *context, uint8_t reg, uint8_t *to, uint16_t n)
 { (void)context; return bus_read(reg, to, n); }
-bool spi_pins_write(void *context, uint8_t reg, uint8_t value)
+bool sensor_spi_write(void *context, uint8_t reg, uint8_t value)
 { (void)context; return bus_write(reg, value); }
 """
 
@@ -49,8 +49,8 @@ def build(compiler, tmp_path_factory):
     shared = [DEVICE / f"{name}.c" for name in names]
     shared += DEVICE.parent.glob("encoder/*.c")
     own = set(DEVICE.glob("sensortile/*.c"))
-    pins = DEVICE / "sensortile" / "spi_pins.c"
-    kinds = {"pins": own, "bus": own - {pins} | {out / "bus.c"}}
+    spi = DEVICE / "sensortile" / "sensor_spi.c"
+    kinds = {"spi": own, "bus": own - {spi} | {out / "bus.c"}}
     counter = itertools.count()
 
     def load(name, rate):
@@ -218,8 +218,8 @@ def test_a_request_that_the_host_gives_up_does_not_disturb_the_next(build):
 # --- samples ----------------------------------------------------------------------------------
 
 
-def test_every_sample_comes_once_through_pins_and_cable(build):
-    bench = Bench(build, "pins").plug()
+def test_every_sample_comes_once_through_bus_and_cable(build):
+    bench = Bench(build, "spi").plug()
     bench.run(1.5)
     k = bench.samples()
     assert len(k) > 120
@@ -230,6 +230,36 @@ def test_every_sample_comes_once_through_pins_and_cable(build):
     assert (info.part, info.nominal_hz, info.details["clock"]) == ("LSM6DSM", 104.0, "crystal")
     assert "0a:26" in info.details["registers"], "FIFO at 104 Hz, continuous"
     assert bench.chip.kicks > 100
+
+
+def test_a_frame_is_one_burst_of_dma_and_no_word_too_many_is_clocked(build):
+    bench = Bench(build, "spi", rate=833).plug()
+    bench.run(0.5)
+    bench.chip.spi.bursts.clear()
+    bench.run(0.5)
+    k = bench.samples()
+    assert (np.diff(k) == 1).all()
+    long = [size for size in bench.chip.spi.bursts if size > 4]
+    assert set(long) == {16 * 18}
+    assert len(long) == pytest.approx(0.5 * 833 * 1.01 / 16, abs=2)
+
+
+@pytest.mark.parametrize("late_cycles", [30, 60, 120, 250])
+def test_a_clock_that_is_switched_off_too_late_costs_counted_samples(build, late_cycles):
+    """Some 50 cycles late, the last byte is over, and the next takes a word out of the FIFO."""
+    bench = Bench(build, "spi").plug()
+    for _ in range(4):
+        bench.run(0.2)
+        bench.chip.spi.late_cycles = late_cycles
+    bench.run(0.4)
+    assert bench.chip.spi.late_cycles == 0
+    gaps = bench.of(Gap)
+    assert sum(gap.lost for gap in gaps) == (np.diff(bench.samples()) - 1).sum()
+    too_late = late_cycles > 50
+    assert bool(gaps) == too_late
+    assert {gap.reason for gap in gaps} <= {"sensor"}
+    silent = ["the sensor does not answer", "the sensor answers again"]
+    assert bench.said() == silent * 4 * too_late
 
 
 def test_device_times_are_those_of_the_edges_to_the_microsecond(build):

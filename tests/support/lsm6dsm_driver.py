@@ -51,7 +51,7 @@ class Imu(c.Structure):
         ("source", c.c_uint8),
         ("watermark", c.c_uint8),
         ("counts_per_degc", c.c_float),
-        ("rest", c.c_uint8 * 256),
+        ("rest", c.c_uint8 * 1024),
     )
 
 

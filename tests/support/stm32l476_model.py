@@ -1,16 +1,21 @@
 """A register-level model of what the SensorTile's firmware uses of its STM32L476.
 
 The OTG_FS peripheral in device mode (reference manual RM0351, chapter 47): its queues with their
-sizes, transfers that are armed by size, count and enable, handshakes, latched events. The pins of
-the sensor bus with an LSM6DSM at their end, bit by bit. The tick, the interrupt of the sensor, the
-watchdog. What the manual forbids is an AssertionError.
+sizes, transfers that are armed by size, count and enable, handshakes, latched events. The SPI with
+an LSM6DSM at its end and the DMA behind it (chapters 42 and 11), byte by byte, with a clock that
+runs until it is switched off. The tick, the interrupt of the sensor, the watchdog. What the manual
+forbids is an AssertionError.
 """
 
 import ctypes as c
 from collections import deque
 
 OTG = 0x50000000
+SPI2 = 0x40003800
+DMA1 = 0x40020000
 TICKS = 80_000
+ACCESS = 6
+"""Cycles that an access to a register takes."""
 STALL, NAK = "stall", None
 GET = c.CFUNCTYPE(c.c_uint32, c.c_uint32)
 PUT = c.CFUNCTYPE(None, c.c_uint32, c.c_uint32)
@@ -183,42 +188,136 @@ class OtgFs:
         return True
 
 
-class SensorBus:
-    """PB12 to PB15: SPI mode 3 with one data line, an LSM6DSM at the end."""
+class SensorSpi:
+    """SPI2 with one data line on PB13 and PB15, select on PB12, and channel 4 of DMA1 behind it.
 
-    def __init__(self, part):
-        self.part = part
-        self.levels = 0
-        self.sent = 1
-        self.driven = True
-        self._begin()
+    As a receiver the clock runs from the moment the SPI is switched on until it is switched off,
+    and the byte that is under way then is the last. Before its first bit there is none.
 
-    def _begin(self):
-        self.bits, self.command, self.reg, self.out, self.spare = [], None, 0, [], b""
+    Attributes
+    ----------
+    bursts : list of int
+        Bytes of each reading that DMA took.
+    late_cycles : int
+        By how much the next interrupt of the DMA is late that ends a reading of the FIFO.
+    """
 
-    def put(self, value):
-        """BSRR: set the lower half, reset the upper."""
-        old = self.levels
-        self.levels = (old | value & 0xFFFF) & ~(value >> 16)
-        if not self.levels >> 12 & 1:
-            if old >> 12 & 1:
-                self._begin()
-            clock = (old >> 13 & 1, self.levels >> 13 & 1)
-            if clock == (1, 0):
-                self._falls()
-            elif clock == (0, 1):
-                self._rises()
+    BYTE, BIT = 128, 16
+    ENTRY = 24
+    """Cycles from the end of a transfer by DMA to the first instruction of its handler."""
 
-    def _falls(self):
-        if self.command is not None and self.command & 0x80:
-            assert not self.driven, "both ends drive the data line"
-            if not self.out:
-                byte = self._next()
-                self.out = [byte >> bit & 1 for bit in range(7, -1, -1)]
-            self.sent = self.out.pop(0)
+    def __init__(self, part, memory):
+        self.part, self._memory = part, memory
+        self.late_cycles = 0
+        self.was_late = False
+        self.bursts = []
+        self.registers = {}
+        self.channel = {}
+        self.rx = deque()
+        self.cycles = 0
+        self._select(False)
+
+    def _select(self, on):
+        self.selected, self.command, self.reg, self.spare = on, None, 0, b""
+
+    def get(self, offset):
+        """Read a register of the SPI."""
+        if offset == 0x08:
+            return bool(self.rx) | 2
+        if offset == 0x0C:
+            return self.rx.popleft() if self.rx else 0
+        return self.registers.get(offset, 0)
+
+    def put(self, offset, value):
+        """Write a register of the SPI."""
+        control = self.registers.get(0, 0)
+        if offset == 0:
+            on = control & 1 << 6
+            assert not on or not (control ^ value) & ~(1 << 6), "changed while it is on"
+            assert value & 0x8307 == 0x8307, "master, mode 3, one line, select by software"
+            assert 80e6 / (2 << (value >> 3 & 7)) == 80e6 * 8 / self.BYTE <= 10e6
+            if on and not value & 1 << 6 and self.receiving:
+                assert self.cycles > self.BIT or self.was_late, "no bit of the last byte came yet"
+                self._byte()
+            self.cycles = 0
+        elif offset == 0x0C:
+            assert control & 1 << 6, "sent by an SPI that is off"
+            assert control & 1 << 14, "both ends drive the data line"
+            self._sent(value)
+        self.registers[offset] = value
+
+    @property
+    def receiving(self):
+        """Whether the clock runs."""
+        return self.registers.get(0, 0) & (1 << 6 | 1 << 14) == 1 << 6
+
+    def pin(self, value):
+        """Move the select."""
+        if value & 1 << 12:
+            self._select(False)
+        elif value & 1 << 28:
+            self._select(True)
+
+    def pass_cycles(self, cycles):
+        """Let the clock run."""
+        if self.receiving:
+            self.cycles += cycles
+            while self.cycles >= self.BYTE:
+                self.cycles -= self.BYTE
+                self._byte()
+
+    def _byte(self):
+        byte, channel = self._next(), self.channel
+        by_dma = self.registers.get(0x04, 0) & 1 and channel.get(0x44, 0) & 1
+        if by_dma and channel[0x48]:
+            assert channel[0x44] & 0x0FF2 == 0x0082, "bytes to memory, told of the end"
+            assert channel.get(0xA8, 0) >> 12 & 0xF == 1, "request 1 of channel 4 is SPI2_RX"
+            assert channel[0x4C] == SPI2 + 0x0C
+            self._memory(channel[0x50], self.taken, byte)
+            self.taken += 1
+            channel[0x48] -= 1
+            channel[0] = (not channel[0x48]) << 13
+        else:
+            self.rx.append(byte)
+
+    def dma_put(self, offset, value):
+        """Write a register of the DMA."""
+        if offset == 0x04:
+            self.channel[0] = self.channel.get(0, 0) & ~value
+            return
+        enabled = self.channel.get(0x44, 0) & 1
+        assert offset == 0x44 or not enabled, "changed while it is on"
+        if offset == 0x44 and value & 1 and not enabled:
+            self.taken = 0
+            self.bursts.append(self.channel[0x48] + 1)
+        self.channel[offset] = value
+
+    def late(self):
+        """Return by how many cycles this handler is late."""
+        self.was_late = bool(self.late_cycles) and self.bursts[-1] > 4
+        late = self.late_cycles if self.was_late else 0
+        self.late_cycles -= late
+        return late
+
+    def interrupts(self):
+        """Whether the DMA has all that it was to take and its handler has not heard of it."""
+        return bool(self.channel.get(0, 0))
+
+    def _sent(self, byte):
+        if not self.selected:
+            return
+        if self.command is None:
+            self.command, self.reg = byte, byte & 0x7F
+        else:
+            assert not self.command & 0x80, "written in a reading"
+            self.part.write(self.reg, byte)
+            self.reg += 1
 
     def _next(self):
         """Return the next byte of a reading: the FIFO's registers roll, others go on."""
+        assert self.selected
+        assert self.command is not None
+        assert self.command & 0x80, "read in a writing"
         if self.spare:
             byte, self.spare = self.spare[0], b""
             return byte
@@ -229,19 +328,6 @@ class SensorBus:
         byte = self.part.read(self.reg, 1)[0]
         self.reg += 1
         return byte
-
-    def _rises(self):
-        if self.command is not None and self.command & 0x80:
-            return
-        self.bits.append(self.levels >> 15 & 1)
-        if len(self.bits) == 8:
-            byte = sum(bit << 7 - i for i, bit in enumerate(self.bits))
-            self.bits = []
-            if self.command is None:
-                self.command, self.reg = byte, byte & 0x7F
-            else:
-                self.part.write(self.reg, byte)
-                self.reg += 1
 
 
 class Chip:
@@ -265,7 +351,7 @@ class Chip:
     """
 
     def __init__(self, library, part, crystal=True, hung=False):
-        self.part, self.usb, self.bus = part, OtgFs(), SensorBus(part)
+        self.part, self.usb, self.spi = part, OtgFs(), SensorSpi(part, self._to_memory)
         self.registers = {0x40021094: hung << 29}
         self.kicks = 0
         self.busy_ms = 0
@@ -300,8 +386,9 @@ class Chip:
         """Read a register of the chip."""
         if OTG <= address < OTG + 0x10000:
             return self.usb.get(address - OTG)
-        if address == 0x48000410:
-            return self.bus.sent << 15
+        self.spi.pass_cycles(ACCESS)
+        if SPI2 <= address < SPI2 + 0x10:
+            return self.spi.get(address - SPI2)
         if address == 0xE000E018:
             return TICKS - 1 - int(self.now_us % 1000.0 * 80.0)
         value = self.registers.get(address, 0)
@@ -321,25 +408,60 @@ class Chip:
             self.usb.put(address - OTG, value)
         elif address == 0:
             self.sleep()
+        elif address == 1:
+            self.spi.pass_cycles(value)
+        elif SPI2 <= address < SPI2 + 0x10:
+            self.spi.pass_cycles(ACCESS)
+            if address == SPI2 and value & 1 << 6:
+                self._check_bus()
+            self.spi.put(address - SPI2, value)
+        elif DMA1 <= address < DMA1 + 0xAC:
+            self.spi.pass_cycles(ACCESS)
+            self.spi.dma_put(address - DMA1, value)
         elif address == 0x48000418:
-            self.bus.put(value)
+            self.spi.pin(value)
         else:
             self.kicks += address == 0x40003000 and value == 0xAAAA
             self.registers[address] = value
-            if address == 0x48000400:
-                self.bus.driven = value >> 30 & 3 == 1
+
+    def _check_bus(self):
+        """Check clocks and pins of the SPI before it drives them."""
+        got = self.registers.get
+        assert got(0x40021048, 0) & 1, "DMA1 has no clock"
+        assert got(0x40021058, 0) & 1 << 14, "SPI2 has no clock"
+        for pin in (13, 15):
+            assert got(0x48000400, 0) >> 2 * pin & 3 == 2, "alternate function"
+            assert got(0x48000424, 0) >> 4 * (pin - 8) & 15 == 5, "that of SPI2"
+            assert got(0x4800040C, 0) >> 2 * pin & 3 == 1, "rests high"
+
+    def _to_memory(self, base, offset, byte):
+        """Write what the DMA took; its addresses have 32 bits, those of the host more."""
+        where = c.c_uint8.in_dll(self._library, "sensor_spi_bytes")
+        assert c.addressof(where) & 0xFFFFFFFF == base
+        c.memset(c.addressof(where) + offset, byte, 1)
 
     def sleep(self):
-        """Let time pass until the next tick; the interrupt of the sensor comes when it rises."""
-        until = (self.now_us // 1000 + 1) * 1000.0
+        """Let time pass until the next tick, or until the DMA has what it was to take."""
+        tick_us = (self.now_us // 1000 + 1) * 1000.0
+        while self.spi.receiving and self.now_us < tick_us:
+            self._advance_to(min(tick_us, self.now_us + SensorSpi.BYTE / 80.0))
+            self.spi.pass_cycles(SensorSpi.BYTE)
+            if self.spi.interrupts():
+                self.spi.pass_cycles(SensorSpi.ENTRY + self.spi.late())
+                self._library.dma1_channel4_handler()
+                return
+        self._advance_to(tick_us)
+        self._library.systick_handler()
+
+    def _advance_to(self, until_us):
+        """Let time pass; the interrupt of the sensor comes when it rises."""
         begun_s, begun_us = self.part.now_s, self.now_us
-        self.part.advance((until - self.now_us) * 1e-6)
+        self.part.advance((until_us - self.now_us) * 1e-6)
         for edge_s in self.part.edges:
             self.now_us = begun_us + (edge_s - begun_s) * 1e6
             self._library.exti2_handler()
         self.part.edges.clear()
-        self.now_us = until
-        self._library.systick_handler()
+        self.now_us = until_us
 
     def begin(self):
         """Power on."""

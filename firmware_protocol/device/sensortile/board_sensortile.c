@@ -32,6 +32,8 @@
 #define SYST_RVR 0xE000E014u
 #define SYST_CVR 0xE000E018u
 #define NVIC_ISER0 0xE000E100u
+#define NVIC_IPR2 0xE000E408u
+#define SCB_SHPR3 0xE000ED20u
 #ifndef UNIQUE_ID
 #define UNIQUE_ID 0x1FFF7590u /* QEMU has nothing there; its image takes another address */
 #endif
@@ -41,6 +43,7 @@ enum {
     TICKS_A_MS = CORE_MHZ * 1000,
     EDGE_LINE = 2, /* PA2, the sensor's INT2: the one that is wired to the chip */
     EDGE_IRQ = 8,
+    BELOW_DMA = 0x10, /* the end of a reading of the sensor cannot wait */
     WATCHDOG_RELOAD = 2000, /* of 32 kHz / 32: two seconds */
     CRYSTAL_TICKS = 100, /* of 20 ms, before the clock is at 80 MHz: the crystal may need two seconds */
     PATIENCE = 100000
@@ -120,6 +123,7 @@ static void start_edge(void)
     mmio_field(SYSCFG_EXTICR1, 0xFu << 4 * EDGE_LINE, 0);
     mmio_set(EXTI_RTSR1, 1u << EDGE_LINE);
     mmio_set(EXTI_IMR1, 1u << EDGE_LINE);
+    mmio_field(NVIC_IPR2, 0xFFu, BELOW_DMA); /* EXTI2 is the first of its four */
     mmio_put(NVIC_ISER0, 1u << EDGE_IRQ);
 }
 
@@ -138,6 +142,7 @@ void board_init(void)
     mmio_set(RCC_CSR, 1u << 23); /* the next boot tells its own reason */
     mmio_put(SYST_RVR, TICKS_A_MS - 1);
     mmio_put(SYST_CVR, 0);
+    mmio_field(SCB_SHPR3, 0xFFu << 24, (uint32_t)BELOW_DMA << 24);
     mmio_put(SYST_CSR, 7u); /* core clock, interrupt, on */
     start_clocks();
     milliseconds = 0;
@@ -194,6 +199,19 @@ void board_sleep(void)
     mmio_put(MMIO_SLEEP, 0);
 #else
     __asm volatile("wfi");
+#endif
+}
+
+void board_no_interrupts(bool on)
+{
+#ifdef MMIO_MODEL
+    (void)on; /* its interrupts come in board_sleep() alone */
+#else
+    if (on) {
+        __asm volatile("cpsid i" ::: "memory");
+    } else {
+        __asm volatile("cpsie i" ::: "memory");
+    }
 #endif
 }
 

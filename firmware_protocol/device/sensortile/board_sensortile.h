@@ -22,6 +22,9 @@ void board_wait_ms(uint32_t ms);
 /* Sleep until the next interrupt, at most a millisecond. */
 void board_sleep(void);
 
+/* Hold interrupts back, or let them come. One that is held back ends a sleep all the same. */
+void board_no_interrupts(bool on);
+
 /* Tell the watchdog that the main loop turns; two seconds without restart the chip. */
 void board_alive(void);
 

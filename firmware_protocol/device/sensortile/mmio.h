@@ -8,7 +8,8 @@
 extern uint32_t (*mmio_model_get)(uint32_t address);
 extern void (*mmio_model_put)(uint32_t address, uint32_t value);
 
-enum { MMIO_SLEEP = 0 }; /* writing here lets a millisecond pass */
+/* Writing here lets time pass: until the next interrupt, or so many cycles of the core. */
+enum { MMIO_SLEEP = 0, MMIO_CYCLES = 1 };
 
 static inline uint32_t mmio_get(uint32_t address)
 {
@@ -16,6 +17,16 @@ static inline uint32_t mmio_get(uint32_t address)
 }
 
 static inline void mmio_put(uint32_t address, uint32_t value)
+{
+    mmio_model_put(address, value);
+}
+
+static inline uint8_t mmio_get_byte(uint32_t address)
+{
+    return (uint8_t)mmio_model_get(address);
+}
+
+static inline void mmio_put_byte(uint32_t address, uint8_t value)
 {
     mmio_model_put(address, value);
 }
@@ -28,6 +39,16 @@ static inline uint32_t mmio_get(uint32_t address)
 static inline void mmio_put(uint32_t address, uint32_t value)
 {
     *(volatile uint32_t *)address = value;
+}
+
+static inline uint8_t mmio_get_byte(uint32_t address)
+{
+    return *(volatile uint8_t *)address;
+}
+
+static inline void mmio_put_byte(uint32_t address, uint8_t value)
+{
+    *(volatile uint8_t *)address = value;
 }
 #endif
 

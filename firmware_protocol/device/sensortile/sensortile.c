@@ -5,7 +5,7 @@
 #include "device.h"
 #include "lsm6dsm.h"
 #include "lsm6dsm_self_test.h"
-#include "spi_pins.h"
+#include "sensor_spi.h"
 #include "usb_cdc.h"
 
 #ifndef START_RATE_HZ
@@ -29,14 +29,14 @@ void sensortile_begin(void)
 {
     static const imu_config config = {START_RATE_HZ, 250.0f, 2.0f};
     static const lsm6_bus bus = {
-        .read = spi_pins_read,
-        .write = spi_pins_write,
+        .read = sensor_spi_read,
+        .write = sensor_spi_write,
         .wait_ms = wait_ms,
         .one_data_line = true,
         .interrupt = 2,
     };
     board_init();
-    spi_pins_init();
+    sensor_spi_init();
     as_ring_init(&ring, ring_bytes, RING_SIZE, RING_RESERVE);
     lsm6dsm_init(&sensor, &lsm6_dsm, &bus);
     const lsm6_verdict verdict = lsm6dsm_self_test(&sensor); /* before a host can ask anything */

@@ -1,8 +1,8 @@
 """Print the deepest stack of the firmware, from GCC's call graphs (-fcallgraph-info=su).
 
-What the pointers of each file can reach is named here. An interrupt comes on top: its own stack and
-the frame that the core saves, FPU included. Recursion has no depth and is an error, and so is a
-call through a pointer in a file that is not named.
+What the pointers of each file can reach is named here. On top come an interrupt and the one above
+it: their own stack and the frames that the core saves, FPU included. Recursion has no depth and is
+an error, and so is a call through a pointer in a file that is not named.
 """
 
 import re
@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 
 EXCEPTION_FRAME = 108  # 26 words and one to align
-HANDLERS = ("exti2_handler", "systick_handler")
-BUS = ("spi_pins_read", "spi_pins_write", "sensortile/sensortile.c:wait_ms")
+BELOW = ("exti2_handler", "systick_handler")
+ABOVE = "dma1_channel4_handler"
+BUS = ("sensor_spi_read", "sensor_spi_write", "sensortile/sensortile.c:wait_ms")
 SENSOR = ("lsm6dsm.c:configure", "lsm6dsm.c:read", "lsm6dsm.c:registers")
 POINTERS = {
     "lsm6dsm": BUS,
@@ -55,6 +56,7 @@ if __name__ == "__main__":
     if missing:
         raise SystemExit(f"not in the call graph: {', '.join(sorted(missing))}")
     size, chain = deepest(stack, calls, "main")
-    handler = max(deepest(stack, calls, name)[0] for name in HANDLERS)
-    print(f"worst stack: {size + handler + EXCEPTION_FRAME} bytes, an interrupt included")
+    handlers = max(deepest(stack, calls, name)[0] for name in BELOW)
+    handlers += deepest(stack, calls, ABOVE)[0] + 2 * EXCEPTION_FRAME
+    print(f"worst stack: {size + handlers} bytes, two interrupts included")
     print("deepest chain:", " > ".join(chain))

@@ -94,6 +94,19 @@ def test_a_folder_is_analysed_and_imported(tmp_path):
     assert main(["import", str(path), str(tmp_path / "a.mcap"), "--quiet"]) == 0
 
 
+def test_a_folder_is_replayed_as_its_recording_is(tmp_path):
+    path, imported = folder(tmp_path / "a"), tmp_path / "a.mcap"
+    assert main(["import", str(path), str(imported), "--quiet"]) == 0
+    results = []
+    for source in (path, imported):
+        out = tmp_path / f"of-{source.name}"
+        assert main(["replay", str(source), "--out", str(out), "--view", "none", "--quiet"]) == 0
+        found = json.loads((out / "result.json").read_text())
+        results.append({key: found[key] for key in ("part", "samples", "rate", "axes")})
+    assert results[0] == results[1]
+    assert results[0]["samples"] == PER_FRAME * FRAMES
+
+
 def test_lost_packets_are_lost_samples_and_shift_nothing(tmp_path):
     """A packet of 480 bytes is 80 rows, or 78.7 and a time; rows cut in two are lost as well."""
     path = folder(tmp_path / "a", lost=(7, 8, 30))

@@ -16,12 +16,14 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
 from allanscope.allan import CurveChoices
 from allanscope.analysis import Analyser, AnalyserSettings, Analysis, compared
 from allanscope.errors import AllanscopeError, DeviceError, InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input, recorded_facts, recorded_settings
+from allanscope.pipeline.convert import import_capture
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.event_hook import EventHook
 from allanscope.pipeline.outputs import (
@@ -176,7 +178,7 @@ def run_replay(
     Parameters
     ----------
     path : Path
-        A recording, or the folder of a session.
+        A recording, the folder of a session, or a file or folder that `import` makes one of.
     speed : float
         A multiple of real time; infinity for as fast as it can be read.
     device : DeviceSettings
@@ -192,7 +194,10 @@ def run_replay(
         When there is no recording, or it holds no samples.
     """
     if is_table_file(path):
-        raise InputError(f"{path} is no stream: allanscope import makes a recording of it")
+        with TemporaryDirectory(prefix="allanscope-") as folder:
+            imported = Path(folder) / f"{path.resolve().name}.mcap"
+            import_capture(path, imported, device, settings.quiet)
+            return run_replay(imported, speed, device, settings, done)
     unheard = not settings.on_event and settings.events_to is None
     if math.isinf(speed) and settings.view == "none" and settings.out is None and unheard:
         final = _replayed_unseen(path, device, settings)

@@ -54,7 +54,7 @@ def test_a_remote_recording_gives_the_same_result(lot: Path, memory: Any) -> Non
     there, here = analyse_recording(place, DEVICE), analyse_recording(local, DEVICE)
     assert not there.error
     assert analysis(there) == analysis(here)
-    assert there.sha256 == here.sha256 == fingerprint_recording(place).sha256
+    assert there.sha256 == here.sha256 == fingerprint_recording(place, DEVICE).sha256
 
 
 def test_a_remote_session_of_several_files_is_one(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import struct
 from pathlib import Path
@@ -11,6 +12,9 @@ import pytest
 
 from allanscope.__main__ import main
 from allanscope.errors import InputError
+from allanscope.fleet.inputs import find_inputs
+from allanscope.fleet.worker_tasks import analyse_recording, fingerprint_recording
+from allanscope.pipeline import DeviceSettings
 from allanscope.pipeline.table_files import table_of_file
 
 RATE, PER_FRAME, FRAMES, OFFSET = 833.0, 200, 20, 0.05
@@ -105,6 +109,21 @@ def test_a_folder_is_replayed_as_its_recording_is(tmp_path):
         results.append({key: found[key] for key in ("part", "samples", "rate", "axes")})
     assert results[0] == results[1]
     assert results[0]["samples"] == PER_FRAME * FRAMES
+
+
+def test_folders_are_recordings_of_a_fleet(tmp_path):
+    for name in ("a", "b"):
+        folder(tmp_path / name)
+    (tmp_path / "other").mkdir()
+    for pattern in (str(tmp_path / "*"), str(tmp_path / "a")):
+        found = find_inputs([pattern])
+        assert [place.name for place in found] == ["a", "b"][: len(found)]
+    place = find_inputs([str(tmp_path / "*")])[1]
+    outcome = analyse_recording(place, DeviceSettings())
+    assert outcome.error == ""
+    assert outcome.sha256 == fingerprint_recording(place, DeviceSettings()).sha256
+    result = json.loads(gzip.decompress(outcome.result))["analysis"]
+    assert (result["part"], result["samples"]) == ("LSM6DSL", PER_FRAME * FRAMES)
 
 
 def test_lost_packets_are_lost_samples_and_shift_nothing(tmp_path):

@@ -20,6 +20,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any, cast
 
 from allanscope.errors import UsageError
+from allanscope.pipeline import is_table_file
 from allanscope.recording import segment_number
 
 __all__ = ["READ_AHEAD_BYTES", "RecordingInput", "RemotePath", "find_inputs", "is_of_this_machine"]
@@ -83,7 +84,8 @@ def find_inputs(patterns: Iterable[str]) -> list[RecordingInput]:
     ----------
     patterns : iterable of str
         Files, folders (everything ``.mcap`` below them) or globs (``**`` is any depth), on this
-        machine or at any URL of fsspec.
+        machine or at any URL of fsspec. A folder of this machine that `import` makes a recording
+        of, as one of HSDatalog, is one recording.
 
     Raises
     ------
@@ -107,20 +109,21 @@ def _matches(pattern: str) -> Iterator[RecordingInput]:
     try:
         filesystem, inside = fsspec.core.url_to_fs(pattern)
         filesystem.invalidate_cache()  # of what was there when this process last looked
-        if filesystem.isdir(inside):
+        here = is_of_this_machine(filesystem)
+        if filesystem.isdir(inside) and not (here and is_table_file(Path(inside))):
             inside = f"{inside.rstrip('/')}/**/*.mcap"
         details = filesystem.glob(inside, detail=True)
     except Exception as error:
         why = " ".join(str(error).split()) or type(error).__name__
         raise UsageError(f"cannot look for {pattern}: {why}") from error
-    here = is_of_this_machine(filesystem)
     for path, info in details.items():
-        if info.get("type") != "file":
+        is_folder = here and info.get("type") == "directory" and is_table_file(Path(path))
+        if info.get("type") != "file" and not is_folder:
             continue
         # Workers may have been started in another folder: paths are absolute.
         url = path if here else filesystem.unstrip_protocol(path)
         stamp = next((str(info[key]) for key in _STAMPS if info.get(key) is not None), "")
-        yield RecordingInput(url, int(info.get("size") or 0), stamp)
+        yield RecordingInput(url, 0 if is_folder else int(info.get("size") or 0), stamp)
 
 
 def is_of_this_machine(filesystem: Any) -> bool:

@@ -89,7 +89,7 @@ class WorkQueue:
         from allanscope.fleet.worker_tasks import analyse_recording, fingerprint_recording
 
         if self._store.may_contain(place) and place.url not in self._looked_up:
-            return pool.submit(fingerprint_recording, place, pure=False)
+            return pool.submit(fingerprint_recording, place, device, pure=False)
         parts = self._parts(place, idle)
         if parts > 1:
             return submit_split(pool, place, device, parts)

@@ -7,13 +7,24 @@ Dask never takes a bad file for a fault of the worker and tries it again elsewhe
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from allanscope.analysis import Analyser, Analysis, summarise
 from allanscope.errors import AllanscopeError, InputError
 from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.outcome import Outcome, packed
-from allanscope.pipeline import Decoding, DeviceSettings, full_settings, recorded_settings
+from allanscope.pipeline import (
+    Decoding,
+    DeviceSettings,
+    full_settings,
+    import_capture,
+    is_table_file,
+    recorded_settings,
+)
 from allanscope.recording import Fingerprint, Recording
 
 __all__ = [
@@ -32,28 +43,41 @@ PIECE_BYTES = 1 << 18
 def analyse_recording(place: RecordingInput, device: DeviceSettings) -> Outcome:
     """Return what one recording comes to; the task of the fleet."""
     try:
-        recording = Recording(place.open_path())
-        settings = recorded_settings(recording, device)
-        decoding = Decoding(settings.for_wire(), settings.wire)
-        analyser = new_analyser(settings)
-        fingerprint = Fingerprint()
-        for buffer in recording.buffers(PIECE_BYTES):
-            fingerprint.add(buffer)
-            for event in decoding.feed_buffer(buffer):
+        with _opened(place, device) as recording:
+            settings = recorded_settings(recording, device)
+            decoding = Decoding(settings.for_wire(), settings.wire)
+            analyser = new_analyser(settings)
+            fingerprint = Fingerprint()
+            for buffer in recording.buffers(PIECE_BYTES):
+                fingerprint.add(buffer)
+                for event in decoding.feed_buffer(buffer):
+                    analyser.feed(event)
+            for event in decoding.finish():
                 analyser.feed(event)
-        for event in decoding.finish():
-            analyser.feed(event)
-        return outcome_of(place, recording, fingerprint.hexdigest(), analyser, decoding)
+            return outcome_of(place, recording, fingerprint.hexdigest(), analyser, decoding)
     except Exception as error:
         return failure(place, error)
 
 
-def fingerprint_recording(place: RecordingInput) -> Outcome:
+@contextmanager
+def _opened(place: RecordingInput, device: DeviceSettings) -> Iterator[Recording]:
+    """Give a recording; one is made of what only `import` reads."""
+    path = place.open_path()
+    if not isinstance(path, Path) or not is_table_file(path):
+        yield Recording(path)
+        return
+    with TemporaryDirectory(prefix="allanscope-") as folder:
+        imported = Path(folder) / f"{place.name}.mcap"
+        import_capture(path, imported, device, quiet=True)
+        yield Recording(imported)
+
+
+def fingerprint_recording(place: RecordingInput, device: DeviceSettings) -> Outcome:
     """Return the fingerprint alone, to see whether a recording is known under another name."""
     try:
-        recording = Recording(place.open_path())
-        files = tuple(file.name for file in recording.files)
-        return Outcome(place.url, recording.sha256(), files)
+        with _opened(place, device) as recording:
+            files = tuple(file.name for file in recording.files)
+            return Outcome(place.url, recording.sha256(), files)
     except Exception as error:
         return failure(place, error)
 

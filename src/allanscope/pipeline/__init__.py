@@ -80,6 +80,7 @@ if TYPE_CHECKING:
         Stream,
         open_stream,
     )
+    from allanscope.pipeline.table_files import is_table_file
     from allanscope.pipeline.theory import (
         StabilityRequest,
         convert_table,
@@ -109,6 +110,7 @@ __all__ = [
     "failure",
     "full_settings",
     "import_capture",
+    "is_table_file",
     "live",
     "open_charts",
     "open_stream",
@@ -154,6 +156,7 @@ __getattr__, __dir__ = lazily(
         "failure": "check",
         "full_settings": "analyse_file",
         "import_capture": "convert",
+        "is_table_file": "table_files",
         "open_charts": "outputs",
         "open_stream": "stream",
         "read_limits": "check",

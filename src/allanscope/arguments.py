@@ -469,7 +469,8 @@ def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None
         default=[],
         metavar="NAME=value,...",
         help="noise of an axis (default: typical of the part): N B K Q P (flicker PM) F (flicker "
-        "walk) D (random run) R, or n1 n2 of dx/dt = n1 x + n2 w; e.g. N=0.003,F=1e-6,axis=gx",
+        "walk) D (random run) R, B_dt0064 (B by the 1/f generator of ST's DT0064), or n1 n2 of "
+        "dx/dt = n1 x + n2 w; e.g. N=0.003,F=1e-6,axis=gx",
     )
     group.add_argument("--truth", metavar="JSON", help="simulate the model of this result")
     if not with_line:  # nothing can fail on it

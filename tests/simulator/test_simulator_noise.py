@@ -13,6 +13,7 @@ from allanscope.simulator.noise import (
     FlickerWalk,
     GaussMarkov,
     Narrowband,
+    OctaveFlicker,
     PowerLaw,
     RandomRun,
     RandomWalk,
@@ -71,6 +72,48 @@ def test_allan_variance_is_that_of_the_closed_form(name, avar):
     for m in WINDOWS:
         tolerance = 5.0 * math.sqrt(2.0 * 1.5 * m / N_SAMPLES) + 1e-3
         assert avar(samples, m) == pytest.approx(closed(m), rel=tolerance), f"m = {m}"
+
+
+def octaves_avar(m):
+    """AVAR of numbers of unit variance held for 2, 4, 8, ... samples, and of rand()."""
+    lags = np.arange(1, 2 * m)
+    held = 2.0 ** np.arange(1, 31)
+    covariance = np.maximum(1.0 - lags / held[:, np.newaxis], 0.0).sum(axis=0)
+
+    def variance_of_sum(k):
+        own = k * (len(held) + 1.0 / 12.0)
+        return own + 2.0 * float((k - lags[: k - 1]) @ covariance[: k - 1])
+
+    return (4.0 * variance_of_sum(m) - variance_of_sum(2 * m)) / (2.0 * m**2)
+
+
+def test_the_generator_of_the_design_tip_makes_flicker_noise(avar):
+    """Against the covariance of held numbers, and the floor of flicker noise from m = 32 on."""
+    samples = OctaveFlicker(2.0, RATE, stream(1, "octaves")).take(N_SAMPLES)
+    for m in WINDOWS:
+        tolerance = 5.0 * math.sqrt(2.0 * 1.5 * m / N_SAMPLES) + 1e-3
+        expected = 4.0 * math.log(2.0) / math.pi * octaves_avar(m)
+        assert avar(samples, m) == pytest.approx(expected, rel=tolerance), f"m = {m}"
+        if m >= 32:
+            floor = 4.0 * 2.0 * math.log(2.0) / math.pi
+            assert avar(samples, m) == pytest.approx(floor, rel=tolerance + 0.03)
+
+
+def test_the_generator_of_the_design_tip_is_its_listing():
+    """The loop of DT0064, one sample at a time, fed with the same numbers."""
+    made = OctaveFlicker(1.0, RATE, np.random.default_rng(5)).take(3000)
+    rng = np.random.default_rng(5)
+    (uniform,) = rng.spawn(1)
+    sd = math.sqrt(math.log(2.0) / math.pi)
+    generators = sd * rng.standard_normal(math.ceil(math.log2(1e7 * RATE)))
+    total, listing = generators.sum(), []
+    for i in range(1, 3001):
+        trailing = (i & -i).bit_length() - 1
+        total -= generators[trailing]
+        generators[trailing] = sd * rng.standard_normal()
+        total += generators[trailing]
+        listing.append(total + sd * (uniform.random() - 0.5))
+    np.testing.assert_allclose(made, listing, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("process", "alpha"), [(FlickerWalk, -3.0), (RandomRun, -4.0)])
@@ -207,6 +250,7 @@ ALL = {
 } | {
     "FlickerWalk": lambda rng: FlickerWalk(2.0, RATE, rng),
     "RandomRun": lambda rng: RandomRun(2.0, RATE, rng),
+    "OctaveFlicker": lambda rng: OctaveFlicker(2.0, RATE, rng),
     "PowerLaw": lambda rng: PowerLaw(1.3, 2.0, RATE, rng),
     "GaussMarkov": lambda rng: GaussMarkov(2.0, 0.3, RATE, rng),
     "Narrowband": lambda rng: Narrowband(5.0, 0.5, 2.0, RATE, rng),

@@ -18,6 +18,7 @@ from allanscope.simulator.noise import (
     FlickerPhase,
     FlickerWalk,
     GaussMarkov,
+    OctaveFlicker,
     PowerLaw,
     RandomRun,
     RandomWalk,
@@ -112,9 +113,12 @@ class AxisSignal:
         self._truth = truth
         rate = run.rate_hz
         self._white = White(truth.N, rate, run.stream(axis, "white"))
-        self._slow: list[PowerLaw] = []
+        self._slow: list[PowerLaw | OctaveFlicker] = []
         if truth.B:
             self._slow.append(Flicker(truth.B, rate, run.stream(axis, "flicker")))
+        if truth.B_dt0064:
+            octaves = run.stream(axis, "flicker in octaves")
+            self._slow.append(OctaveFlicker(truth.B_dt0064, rate, octaves))
         if truth.K:
             self._slow.append(RandomWalk(truth.K, rate, run.stream(axis, "random walk")))
         if truth.F:

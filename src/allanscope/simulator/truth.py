@@ -38,6 +38,8 @@ class AxisTruth:
         White noise, unit/sqrt(Hz).
     B : float
         Flicker, unit; the floor of ADEV is 0.664 B.
+    B_dt0064 : float
+        Flicker made by the generator of ST's design tip DT0064, unit.
     K : float
         Random walk, unit/sqrt(s).
     Q, P : float
@@ -59,9 +61,10 @@ class AxisTruth:
     P: float = 0.0
     F: float = 0.0
     D: float = 0.0
+    B_dt0064: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("N", "B", "K", "Q", "P", "F", "D"):
+        for name in ("N", "B", "K", "Q", "P", "F", "D", "B_dt0064"):
             number("truth", name, getattr(self, name), Parameter("", "", least=0.0, most=_LARGEST))
 
 
@@ -190,9 +193,10 @@ class Truth:
     def with_noise(self, specs: Iterable[str]) -> Truth:
         """Return this sensor with other noise: that of ``N=0.003,F=1e-6,axis=gx``, and no other.
 
-        N, B, K, Q, P, F, D and R are coefficients; n1 and n2 are those of a first-order Markov
-        process, dx/dt = n1 x + n2 w, which becomes an effect. An axis, ``gyro``, ``accel`` or
-        ``all``; gx if none is named. Axes that no text names stay as they are.
+        N, B, K, Q, P, F, D and R are coefficients, B_dt0064 that of the design tip's 1/f generator;
+        n1 and n2 are those of a first-order Markov process, dx/dt = n1 x + n2 w, which becomes an
+        effect. An axis, ``gyro``, ``accel`` or ``all``; gx if none is named. Axes that no text
+        names stay as they are.
 
         Raises
         ------
@@ -238,7 +242,7 @@ class Truth:
 
 def _noise_of(text: str) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return the numbers and the axes of ``N=0.003,axis=gyro``."""
-    names = ("N", "B", "K", "Q", "P", "F", "D", "R", "n1", "n2")
+    names = ("N", "B", "K", "Q", "P", "F", "D", "R", "B_dt0064", "n1", "n2")
     given: dict[str, float] = {}
     axes: tuple[str, ...] = ("gx",)
     for part in text.split(","):

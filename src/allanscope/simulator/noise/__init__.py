@@ -16,12 +16,14 @@ alpha        generator       coefficient        two-sided density of rate   slop
 +1           FlickerPhase    P (angle)          2 pi f P^2                  -1 (nearly)
 0            White           N                  N^2                         -1/2
 -1           Flicker         B                  B^2 / (2 pi f)              0
+-1           OctaveFlicker   B_dt0064           B^2 / (2 pi f), nearly      0 (nearly)
 -2           RandomWalk      K                  (K / 2 pi f)^2              +1/2
 -3           FlickerWalk     F (rate / s)       F^2 / (2 pi f)^3            +1 (HDEV)
 -4           RandomRun       D (rate / s^1.5)   D^2 / (2 pi f)^4            +3/2 (HDEV)
 ===========  ==============  =================  ==========================  ===================
 
-`GaussMarkov` and `Narrowband` are no power laws: they have a memory of their own. All are streams
+`OctaveFlicker` is the generator of ST's design tip. `GaussMarkov` and `Narrowband` are no power
+laws: they have a memory of their own. All are streams
 with one method, `take`: however a record is cut into portions, the samples are the same, bit for
 bit.
 
@@ -40,6 +42,7 @@ from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
     from allanscope.simulator.noise.gauss_markov import GaussMarkov, Narrowband
+    from allanscope.simulator.noise.octaves import OctaveFlicker
     from allanscope.simulator.noise.power_law import (
         Flicker,
         FlickerPhase,
@@ -57,6 +60,7 @@ __all__ = [
     "FlickerWalk",
     "GaussMarkov",
     "Narrowband",
+    "OctaveFlicker",
     "PowerLaw",
     "RandomRun",
     "RandomWalk",
@@ -70,7 +74,8 @@ _POWER_LAWS = "Flicker FlickerPhase FlickerWalk PowerLaw RandomRun RandomWalk Wh
 __getattr__, __dir__ = lazily(
     __name__,
     dict.fromkeys(_POWER_LAWS.split(), "power_law")
-    | dict.fromkeys(("GaussMarkov", "Narrowband"), "gauss_markov"),
+    | dict.fromkeys(("GaussMarkov", "Narrowband"), "gauss_markov")
+    | {"OctaveFlicker": "octaves"},
 )
 
 

@@ -329,8 +329,9 @@ def chart(one: ArgumentParser) -> None:
     """Add the arguments of a chart of the method."""
     one.add_argument(
         "name",
-        choices=["transfer", "chain"],
-        help="transfer: estimators over frequency; chain: signal path",
+        choices=["transfer", "slopes", "chain"],
+        help="transfer: estimators over frequency; slopes: variances of every noise over tau; "
+        "chain: signal path",
     )
     one.add_argument("out", help="file name; .svg and .png are written")
     _sensor_arguments(one)

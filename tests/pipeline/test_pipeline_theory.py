@@ -43,7 +43,7 @@ def test_tables_that_make_no_sense_are_refused(tmp_path, text, code, capsys):
     assert capsys.readouterr().err.startswith("allanscope: ")
 
 
-@pytest.mark.parametrize("name", ["transfer", "chain"])
+@pytest.mark.parametrize("name", ["transfer", "slopes", "chain"])
 def test_charts_of_the_method_are_drawn(tmp_path, name):
     assert main(["chart", name, str(tmp_path / "c.svg"), "--rate", "208", "--quiet"]) == 0
     svg = (tmp_path / "c.svg").read_text(encoding="utf-8")
@@ -53,6 +53,19 @@ def test_charts_of_the_method_are_drawn(tmp_path, name):
 
 def test_the_chain_says_what_the_program_works_with():
     steps = chain_steps(DeviceSettings(part="LSM6DSM", rate_hz=208.0, gyro_fs=250.0))
-    text = " ".join(" ".join(step) for step in steps)
-    for fact in ("66.6 Hz", "208 samples/s", "8.75 mdps at 250 dps", f"{ROWS} rows", "32 starts"):
+    text = " ".join(f"{step.name} {step.what} {step.numbers}" for step in steps)
+    facts = ("66.6 Hz", "208 samples/s", "8.75 mdps at 250 dps", f"{ROWS:,} rows", "32 or more")
+    for fact in facts:
         assert fact in text, fact
+
+
+def test_the_chain_has_the_variances_of_the_design_tip_where_it_takes_them():
+    """DT0064, figure 1: M(m), then D1(m), then M(m) or D1(m) again."""
+    steps = chain_steps(DeviceSettings())
+    taken = {name: step for step in steps for name in step.numbers.replace(";", "").split()}
+    path = ["OSTDVAR", "OAVAR,", "OHVAR"]
+    assert [taken[name].name for name in path] == ["M(m)", "D1(m)", "D1(m)"]
+    depths = [taken[name].depth for name in path]
+    assert depths == [depths[0], depths[0] + 1, depths[0] + 2]
+    assert taken["MAVAR"].name == "M(m)"
+    assert taken["MAVAR"].depth == taken["OHVAR"].depth

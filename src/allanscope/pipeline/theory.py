@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,10 +41,14 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import events_of
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
+from allanscope.quantities import duration
 from allanscope.recording import Recording, is_recording
 from allanscope.samples import Block, Gap, StreamInfo, unit_of
 from allanscope.sanitize import complain
 from allanscope.spectrum import SEGMENT
+
+if TYPE_CHECKING:
+    from allanscope.report import ChainStep
 
 __all__ = [
     "QUANTITIES",
@@ -57,9 +61,6 @@ __all__ = [
 
 QUANTITIES = ("S_y", "S_phi", "L", "adev")
 """One-sided density of the rate, of the phase in rad^2/Hz, half of that in dB, and deviation."""
-
-_IN_SERIES = 3
-"""Sensor, converter, clock; every sample then goes to all of the sums."""
 
 Floats = NDArray[np.float64]
 
@@ -419,37 +420,58 @@ def _longest(path: Path, values: Floats) -> Floats:
 
 
 def draw_chart(name: str, out: Path, device: DeviceSettings) -> None:
-    """Draw a chart of the method as SVG and PNG: ``transfer`` or ``chain``."""
-    from allanscope.report import chain_picture, transfer_picture
+    """Draw a chart of the method as SVG and PNG: ``transfer``, ``slopes`` or ``chain``."""
+    from allanscope.report import chain_picture, slopes_picture, transfer_picture
 
-    picture = (
-        transfer_picture() if name == "transfer" else chain_picture(chain_steps(device), _IN_SERIES)
-    )
+    if name == "chain":
+        picture = chain_picture(chain_steps(device))
+    else:
+        picture = slopes_picture() if name == "slopes" else transfer_picture()
     try:
         picture.save(out.with_suffix(""))
     except OSError as error:
         raise UsageError(f"cannot write {out}: {error}") from None
 
 
-def chain_steps(device: DeviceSettings) -> list[tuple[str, str, str]]:
-    """Return the way of a sample to the result, with the numbers that the program works with."""
+def chain_steps(device: DeviceSettings) -> list[ChainStep]:
+    """Return the way of a sample to the result, with the numbers that the program works with.
+
+    From the sensor to the clock every sample takes one way; from the phase on it is the chain of
+    the design tip DT0064: M(m) averages m samples, D1(m) differences neighbours, and m:1 keeps one
+    of m.
+    """
+    from allanscope.report import ChainStep
+
     part = part_named(device.part or "LSM6DSM")
     rate = device.rate_hz or 104.0
-    full = device.gyro_fs or 125.0
+    dps, g = device.gyro_fs or 125.0, device.accel_fs or 2.0
     cutoffs = " or ".join(f"{hz:.3g}" for hz in part.cutoffs_hz("gx", rate))
-    step = 1e3 * part.gyro_scale(full)
+    step, accel_step = 1e3 * part.gyro_scale(dps), 1e3 * part.accel_scale(g)
     dense, starts = 64, int(lags_of_level(1, 1)[0])
-    rows_s = FULL_ROWS / rate
-    return [
-        (part.name, f"low-pass at {cutoffs} Hz, {rate:g} samples/s", "N behind the filter"),
-        ("converter", f"rounds to {step:.3g} mdps at {full:g} dps", "quantization, saturation"),
-        ("clock", "host time of arrivals against samples", "rate, tau = m / rate, clock error"),
-        ("Allan bank", f"every term below m = {dense}; above, {starts} starts or more in each tau",
-         "ADEV MDEV HDEV, noise type, limits"),
-        ("archive", f"at most {ROWS} rows, each twice as long whenever they are full",
-         "totals, THEO1, drift"),
-        ("spectrum", f"segments of {SEGMENT}, each level at a quarter of the rate",
-         "density, N reading"),
-        ("history", f"means of rows, at most {FULL_ROWS} ({rows_s:.0f} s of single samples)",
-         "N B K Q R, effects, residual"),
+    single = duration(FULL_ROWS / rate)
+    low_pass = f"low-pass at {cutoffs} Hz" if cutoffs else "low-pass, fitted"
+    full = f"{step:.3g} mdps at {dps:g} dps, {accel_step:.3g} mg at {g:g} g"
+    rows = [
+        (0, part.name, low_pass, "band_limit, N behind the filter"),
+        (1, "output data rate", f"decimates to {rate:g} samples/s", "folded lines"),
+        (2, "output registers", f"round to {full}", "quantization, saturation, missing codes"),
+        (3, "link", "frames checked and counted", "lost_samples, link, segments"),
+        (4, "clock", "arrivals by the host's time", "rate, tau = m / rate, clock_error"),
+        (5, "phase", "sum of the samples, from gap to gap", "level"),
+        (6, "M(m)", f"mean of m; every start below m = {dense}, {starts} or more in tau above",
+         "OSTDVAR; m:1 STDVAR"),
+        (7, "D1(m)", "difference of neighbours, ½ of the mean square",
+         "OAVAR, best_averaging, readings; m:1 AVAR"),
+        (8, "M(m)", "averages once more, ½ of the mean square", "MAVAR; times τ²/3 TVAR"),
+        (8, "D1(m)", "differences once more, ⅙ (DT0064: ½) of the mean square",
+         "OHVAR; m:1 HVAR"),
+        (8, "noise type", "MAVAR / AVAR, levels of power laws", "edf, lower, upper, bias"),
+        (6, "archive", f"at most {ROWS:,} rows, joined in pairs when full",
+         "TOTVAR MTOTVAR TTOTVAR HTOTVAR THEO1 THEOBR THEOH PVAR"),
+        (5, "spectrum", f"segments of {SEGMENT}, each level at a quarter of the rate",
+         "density, N reading, lines"),
+        (5, "history", f"at most {FULL_ROWS:,} rows: samples for {single}, then means",
+         "coefficients N B K Q R, effects, residual"),
+        (5, "watch", "blocks against what went before", "events, undisturbed"),
     ]  # fmt: skip
+    return [ChainStep(name, what, numbers, depth) for depth, name, what, numbers in rows]

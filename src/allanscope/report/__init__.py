@@ -1,9 +1,9 @@
 """What is put before a customer in the morning: one self-contained HTML page, and its pictures.
 
 `page` lays out one session and lists what there is to draw, `compare` lays out several; `axis_text`
-turns results into the sentences and cells of the page. `curve_pictures` and `data_pictures` draw,
-and a `picture` goes into the page or into files of its own. Nothing is fetched when the page is
-opened.
+turns results into the sentences and cells of the page. `curve_pictures`, `data_pictures` and
+`method_pictures` draw, and a `picture` goes into the page or into files of its own. Nothing is
+fetched when the page is opened.
 """
 
 from __future__ import annotations
@@ -17,7 +17,12 @@ if TYPE_CHECKING:
         comparing_pictures,
         render_comparison,
     )
-    from allanscope.report.curve_pictures import chain_picture, transfer_picture
+    from allanscope.report.method_pictures import (
+        ChainStep,
+        chain_picture,
+        slopes_picture,
+        transfer_picture,
+    )
     from allanscope.report.page import (
         pictures,
         render,
@@ -36,6 +41,7 @@ __all__ = [
     "DATASHEET",
     "MEASURED",
     "MODEL",
+    "ChainStep",
     "Picture",
     "chain_picture",
     "comparing_pictures",
@@ -44,6 +50,7 @@ __all__ = [
     "render",
     "render_comparison",
     "save_pictures",
+    "slopes_picture",
     "template",
     "transfer_picture",
 ]
@@ -61,8 +68,10 @@ __getattr__, __dir__ = lazily(
         "render": "page",
         "render_comparison": "compare",
         "save_pictures": "page",
-        "chain_picture": "curve_pictures",
+        "ChainStep": "method_pictures",
+        "chain_picture": "method_pictures",
+        "slopes_picture": "method_pictures",
         "template": "page",
-        "transfer_picture": "curve_pictures",
+        "transfer_picture": "method_pictures",
     },
 )

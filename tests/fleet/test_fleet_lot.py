@@ -22,7 +22,7 @@ from allanscope.fleet.pictures import (
     distribution_picture,
     history_picture,
 )
-from allanscope.fleet.repeats import log_sigma, spread_of, unit_estimates
+from allanscope.fleet.repeats import UnitEstimates, log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical_value import typical_of
 from allanscope.fleet.verdict import average_limits, findings, lot_verdict, reservations
 
@@ -486,3 +486,12 @@ def test_a_half_written_table_is_never_seen(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="No space left"):
         write_table(table, failing())
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("found", [1, 2])
+def test_a_coefficient_of_which_most_units_have_a_limit_alone_is_no_error(found):
+    names = np.array(list("abcdefghi"))
+    value = np.where(np.arange(9) < found, 10.0, 0.0)
+    sigma = np.where(np.arange(9) < found, 1.0, 1.5)
+    units = UnitEstimates(names, value, sigma, value > 0.0, 0.0)
+    assert outlying_units(units, 1) == []

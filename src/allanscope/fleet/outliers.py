@@ -312,7 +312,10 @@ def outlying_units(units: UnitEstimates, comparisons: int) -> list[Outlier]:
     """
     if len(units.names) < FEWEST_UNITS or not (units.value > 0.0).any():
         return []
-    logs, errors = units.logarithms(_weighted_median(units.value, units.sigma))
+    centre = _weighted_median(units.value, units.sigma)
+    if centre <= 0.0:  # most have only a limit: what they tell apart is the size of their errors
+        centre = _weighted_median(np.maximum(units.value, units.sigma), units.sigma)
+    logs, errors = units.logarithms(centre)
     found = outlying_values(logs, errors, units.names, comparisons)
     return [
         Outlier(

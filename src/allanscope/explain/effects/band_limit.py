@@ -126,7 +126,7 @@ def _best(view: View, cutoffs: list[float]) -> Candidate:
         simplex = np.vstack([first, first + 0.15 * np.eye(len(first))])
         found = minimize(
             partial(family.loss, view), first, method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": 1e-2, "fatol": 1e-3, "maxiter": 120},
+            options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 120},
         )  # fmt: skip
         # An order that is free must earn its place.
         value = float(found.fun) + (1.0 if family.order is not None else 0.0)

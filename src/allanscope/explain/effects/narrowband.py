@@ -39,8 +39,6 @@ from allanscope.explain.stationarity import (
     sweeps,
 )
 from allanscope.explain.view import View
-from allanscope.lazy import once
-from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components import BandPassed, Component, PeakFiltered, WanderingLine
 from allanscope.noise.components import Narrowband as Resonance
 from allanscope.noise.grid import Grid
@@ -310,47 +308,6 @@ class _Window:
         variance = self.background * ratio
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
 
-    def amplitudes(
-        self, f0: float, width: float, start: Array | None = None
-    ) -> tuple[Array, float]:
-        """Return the likeliest background factor and variance of one band, and the loss there."""
-        band = self.shape(f0, width).spectrum(self.frequency, self.grid.dt, self.grid.stride)
-        columns = np.vstack([self.background, band])
-        found, loglik, _ = maximise(columns, self.power, self._count, self._nothing, start)
-        return found, -loglik
-
-    @once
-    def _count(self) -> Array:
-        return np.full(len(self.power), float(self.size))
-
-    @once
-    def _nothing(self) -> Array:
-        return np.zeros(len(self.power))
-
-    def likeliest(self, f0: float, width: float) -> tuple[float, float]:
-        """Return the frequency and width of the likeliest band, searched for from given ones.
-
-        The variances are those that are likeliest beside them (variable projection).
-        """
-        amplitudes: Array | None = None
-
-        def loss(point: Array) -> float:
-            nonlocal amplitudes
-            centre, wide = f0 + point[0] * width, width * float(np.exp(point[1]))
-            inside = self.frequency[0] < centre < self.frequency[-1]
-            if not inside or not _FINEST_HZ < wide < 1.5 * centre:
-                return _FORBIDDEN
-            amplitudes, least = self.amplitudes(centre, wide, amplitudes)
-            return least
-
-        found = minimize(
-            loss, np.zeros(2), method="Nelder-Mead",
-            options={"initial_simplex": [[0.0, 0.0], [0.3, 0.0], [0.0, 0.3]], "maxiter": 200,
-                     "xatol": 1e-2, "fatol": 1e-3},
-        )  # fmt: skip
-        shift, factor = found.x
-        return f0 + float(shift) * width, width * float(np.exp(factor))
-
 
 def _window(view: View, beside: Beside, f0: float, width: float, shape: Shape) -> _Window:
     grid = view.grid
@@ -389,23 +346,28 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
     grid = view.grid
     unit = grid.rate_hz / (2 * grid.n)
     f0, w = (start + width / 2) * unit, max(width * unit * 0.5, 3 * unit)
+    excess = view.squares[start : start + width] - view.spectrum.ordinates[start : start + width]
+    point = np.array([0.0, np.log(max(float(excess.sum()) / grid.n, 1e-30)), f0, np.log(w)])
     beside: Beside = view.spectrum.at
     for _ in range(_ROUNDS):
         # What is beside the band is known only once the band is in the model.
-        window = _window(view, beside, f0, w, shape)
-        f0, w = window.likeliest(f0, w)
+        window = _window(view, beside, float(point[2]), float(np.exp(point[3])), shape)
+        spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
+        found = minimize(
+            window.loss, point, method="Nelder-Mead",
+            options={"initial_simplex": np.vstack([point, point + spread]), "maxiter": 500,
+                     "xatol": 1e-3 * np.exp(point[3]), "fatol": 1e-3},
+        )  # fmt: skip
+        point = np.asarray(found.x)
+        f0, w = float(point[2]), float(np.exp(point[3]))
         if w < 1.5 * unit or w > _BROADEST * f0:
             return None
         band = shape(f0, w)
         whole = view.spectrum_with(band)
         beside = partial(whole.of, whole.model.components[:-1])
-    amplitudes, least = window.amplitudes(f0, w)
-    if amplitudes.min() <= 0:
-        return None
     gain = whole.loglik - view.spectrum.loglik
     if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
-        gain = max(gain, window.flat() - least)
-    point = np.array([*np.log(amplitudes), f0, np.log(w)])
+        gain = max(gain, window.flat() - float(found.fun))
     effect = _band(view, point[1:], _errors(window.loss, point)[1:])
     return effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
 

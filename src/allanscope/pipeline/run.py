@@ -194,8 +194,8 @@ def run_replay(
         When there is no recording, or it holds no samples.
     """
     if is_table_file(path):
-        with TemporaryDirectory(prefix="allanscope-") as folder:
-            imported = Path(folder) / f"{path.resolve().name}.mcap"
+        with TemporaryDirectory(prefix="allanscope-") as temporary:
+            imported = Path(temporary) / f"{path.resolve().name}.mcap"
             import_capture(path, imported, device, settings.quiet)
             return run_replay(imported, speed, device, settings, done)
     unheard = not settings.on_event and settings.events_to is None

@@ -123,6 +123,8 @@ def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
 
 
 HOG = """
+import time
+
 from allanscope.fleet import worker_tasks
 
 plain = getattr(worker_tasks.Recording, "plain", worker_tasks.Recording)  # loaded twice
@@ -130,9 +132,8 @@ plain = getattr(worker_tasks.Recording, "plain", worker_tasks.Recording)  # load
 
 def recording(path):
     if path.name == "huge.mcap":
-        hoard = []
-        while True:
-            hoard.append(bytearray(1 << 24))
+        hoard = [bytearray(1 << 24) for _ in range(100)]  # 1.7 GB, no more if nobody looks
+        time.sleep(600 + len(hoard))
     return plain(path)
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from allanscope.errors import DeviceError
-from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings, live
+from allanscope.pipeline import DeviceSettings, SessionSettings, SimulatedSettings, run
 from allanscope.pipeline.replaying import prefetch
 
 
@@ -15,19 +15,19 @@ def test_all_that_takes_long_is_loaded_before_the_port_is_opened(monkeypatch):
         done.append("port")
         raise DeviceError("there is none")
 
-    monkeypatch.setattr(live, "load_rerun", lambda: done.append("rerun"))
-    monkeypatch.setattr(live, "device_source", opened)
+    monkeypatch.setattr(run, "load_rerun", lambda: done.append("rerun"))
+    monkeypatch.setattr(run, "device_source", opened)
     quiet = SessionSettings(quiet=True, view="none")
     with pytest.raises(DeviceError):
-        live.run_live("nowhere", DeviceSettings(), quiet, SimulatedSettings())
+        run.run_live("nowhere", DeviceSettings(), quiet, SimulatedSettings())
     assert done == ["rerun", "port"]
 
 
 def test_a_port_that_is_not_there_is_told_before_anything_is_loaded(monkeypatch):
-    monkeypatch.setattr(live, "load_rerun", lambda: pytest.fail("loaded in vain"))
+    monkeypatch.setattr(run, "load_rerun", lambda: pytest.fail("loaded in vain"))
     quiet = SessionSettings(quiet=True, view="none")
     with pytest.raises(DeviceError, match="no port /dev/nowhere"):
-        live.run_live("/dev/nowhere", DeviceSettings(), quiet, SimulatedSettings())
+        run.run_live("/dev/nowhere", DeviceSettings(), quiet, SimulatedSettings())
 
 
 def test_what_reads_ahead_gives_everything_in_order_and_errors_in_their_place():

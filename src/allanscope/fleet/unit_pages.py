@@ -46,7 +46,7 @@ def page_name(unit: str) -> str:
     Examples
     --------
     >>> page_name("unit-07"), page_name("../a b")
-    ('unit-07.html', 'a-b-f5a5e1ce.html')
+    ('unit-07.html', 'a-b-2c2c791a.html')
     """
     plain = re.sub(r"[^A-Za-z0-9_-]+", "-", unit).strip("-")[:60]
     if plain != unit:

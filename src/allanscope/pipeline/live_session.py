@@ -188,7 +188,7 @@ def live(
         Wire format; detected if not given.
     duration_s : float, optional
         Stop this long after the first byte; otherwise at the end of the ``with`` block.
-    out : path, optional
+    out : str or Path, optional
         Folder for recording, result and report; by default a new one, named after time and device.
 
     Returns

@@ -139,7 +139,7 @@ def effect(study: str) -> Draw:
     def draw(rng: np.random.Generator) -> Outcome:
         hidden: Hidden = getattr(Hider(rng), study)()
         nominal, measured = hidden.clock or (None, None)
-        result = explain(hidden.record, nominal_hz=nominal, rate_fit=measured, threads=1)
+        result = explain(hidden.record, nominal_hz=nominal, rate_fit=measured)
         effects = result.axes["gx"].effects
         found = nearest(hidden, effects)
         if found is None:

@@ -138,10 +138,10 @@ def test_nobody_looks_at_a_run_that_is_too_short(analyser):
 def test_the_end_of_the_run_ends_a_look_at_once(analyser):
     process = LoopProcess(first_s=120.0)
     process.offer(analyser.frozen())
-    while (child := process._child) is None:
+    while (worker := process._worker) is None:
         process._thread.join(0.01)
     process.close()
-    assert child.poll() is not None
+    assert worker._process.poll() is not None
     assert process.explanation is None
     process.offer(analyser.frozen())
     assert not process.busy

@@ -63,8 +63,8 @@ class AnalyserSettings:
         Rows of block means that are kept: live runs keep fewer than an analysis to the end.
     buffered_rows : int
         Rows that are summed up at a time; the more, the better two cores share the work.
-    threads : int
-        Axes that the closed loop works on at a time.
+    processes : int
+        In which the closed loop of a long record works; the result does not depend on it.
     curves : CurveChoices
         How the curves of the final result are made.
     over_time : bool
@@ -78,7 +78,7 @@ class AnalyserSettings:
     level: float = 0.95
     history_rows: int = 1 << 18
     buffered_rows: int = 1 << 13
-    threads: int = 2
+    processes: int = 1
     curves: CurveChoices = field(default_factory=CurveChoices)
     over_time: bool = True
     references: Mapping[str, ReferenceCurve] = field(default_factory=dict)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any, Literal
@@ -51,6 +52,7 @@ from allanscope.parts import PARTS, full_scale_of
 from allanscope.samples import unit_of
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
+from allanscope.worker_process import WorkerProcess
 
 __all__ = ["Depth", "compared", "summarise"]
 
@@ -60,6 +62,9 @@ Depth = Literal["live", "full"]
 LIVE_ROWS = 1 << 15
 """Rows that a refresh fits the noise to before the first search; the density knows what is above
 them, as in every long run."""
+
+WORTH_A_PROCESS = 30_000
+"""Values of a record, all axes, whose search takes longer than a process to start."""
 
 LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
 TENTHS = 10
@@ -252,9 +257,12 @@ def _axes(
     """Return everything about every axis."""
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
-    curves = _curves(state, depth, rate_hz, settings.level, settings.curves)
     as_of = AsOf(state.samples / rate_hz, state.samples)
-    loop = _loop(given, settings.threads) if depth == "full" else known
+    loop = known
+    with _workers(given, settings.processes if depth == "full" else 1) as workers:  # they load now
+        curves = _curves(state, depth, rate_hz, settings.level, settings.curves)
+        if depth == "full":
+            loop = _loop(given, workers)
     if loop is not None and depth == "live":
         loop = loop.with_rate(given.nominal_hz, given.rate_fit)
         try:
@@ -351,7 +359,20 @@ def _curves_of_samples(
     return out
 
 
-def _loop(given: LoopInput, threads: int) -> Explanation | None:
+@contextmanager
+def _workers(given: LoopInput, processes: int) -> Iterator[list[WorkerProcess]]:
+    """Start the processes that a search is worth, beside this one, and end them."""
+    values = given.record.values
+    if values.size < WORTH_A_PROCESS:
+        processes = 1
+    with ExitStack() as stack:
+        yield [
+            stack.enter_context(WorkerProcess("allanscope.explain.loop"))
+            for _ in range(min(processes, values.shape[1]) - 1)
+        ]
+
+
+def _loop(given: LoopInput, workers: Sequence[WorkerProcess]) -> Explanation | None:
     if len(given.record.values) < FEWEST_ROWS:
         return None
     try:
@@ -360,7 +381,7 @@ def _loop(given: LoopInput, threads: int) -> Explanation | None:
             given.densities,
             nominal_hz=given.nominal_hz,
             rate_fit=given.rate_fit,
-            threads=threads,
+            workers=workers,
         )
     except Exception as error:  # curves and noise are known all the same
         return Explanation({axis: failed(error) for axis in given.record.axes})

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         failure_text,
     )
     from allanscope.explain.known_effects import fit_beside
-    from allanscope.explain.live import LiveLoop
+    from allanscope.explain.live import Finding, LiveLoop
     from allanscope.explain.loop import Explanation, explain
     from allanscope.explain.search import Budget
 
@@ -41,6 +41,7 @@ __all__ = [
     "Budget",
     "Effect",
     "Explanation",
+    "Finding",
     "LiveLoop",
     "Parameter",
     "ResidualError",
@@ -58,6 +59,7 @@ __getattr__, __dir__ = lazily(
         "Budget": "search",
         "Effect": "effect",
         "Explanation": "loop",
+        "Finding": "live",
         "LiveLoop": "live",
         "Parameter": "effect",
         "ResidualError": "effect",

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from queue import SimpleQueue
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,15 +35,15 @@ from allanscope.noise.fit import Known
 from allanscope.noise.gap_bridging import bridge_gaps
 from allanscope.quantities import duration
 from allanscope.spectrum import Density
+from allanscope.worker_process import WorkerError, WorkerProcess
 
 __all__ = ["Explanation", "explain"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+A = TypeVar("A")
 
 _NOTHING = ResidualError(*[float("nan")] * 5)
-THREADS = 2
-"""Axes that are worked on at a time: much of the loop holds the interpreter's lock."""
 _ACCEPTED_P = 0.01
 _TOLERANCE = 1e-4
 """Relative difference that counts as equal even where both intervals are narrower."""
@@ -110,7 +111,7 @@ def explain(
     nominal_hz: float | None = None,
     rate_fit: RateFit | tuple[float, float] | None = None,
     budget: Budget | None = None,
-    threads: int = THREADS,
+    workers: Sequence[WorkerProcess] = (),
 ) -> Explanation:
     """Close the loop on every axis of a record.
 
@@ -126,8 +127,9 @@ def explain(
         Sample rate measured against a better clock, and its standard error, in Hz.
     budget : Budget, optional
         How far to go.
-    threads : int
-        Axes that are worked on at a time; the result does not depend on it.
+    workers : sequence of WorkerProcess
+        Processes that take an axis each, while this one has another: the result does not depend on
+        them.
 
     Returns
     -------
@@ -145,33 +147,15 @@ def explain(
     stopped = {axis: hindrances(series, axis) for axis in series.axes}
     open_axes = [axis for axis in series.axes if not stopped[axis]]
     if open_axes:
-        # Shared by the threads, so filled before; an axis that fails on it will say so.
-        with set_workers(threads), suppress(Exception):
+        # Shared by all axes, so computed before; an axis that fails on it will say so.
+        with set_workers(1 + len(workers)), suppress(Exception):
             _ = series.thermal, series.equal, series.loud, series.shaken
+    job = _Job(record, series, densities or {}, clock, budget)
     failures: dict[str, Exception] = {}
-    with ThreadPoolExecutor(threads) as pool:
-
-        def each(names: Sequence[str], work: Callable[[str], T]) -> dict[str, T]:
-            """Do the same for several axes; one that fails is noted, and the others go on."""
-
-            def guarded(axis: str) -> T | None:
-                try:
-                    return work(axis)
-                except Exception as error:
-                    failures[axis] = error
-                    return None
-
-            done = dict(zip(names, pool.map(guarded, names), strict=True))
-            return {axis: found for axis, found in done.items() if found is not None}
-
-        views = each(open_axes, lambda axis: close_loop(_view(series, axis, clock), budget))
-        if densities and series.stride > 1:
-            views = each(list(views), lambda axis: _with_high_band(views[axis], densities))
+    with _Places(job, workers) as places:
+        views = places.each(_searched, {axis: axis for axis in open_axes}, failures)
         views = _merged(views)
-        parts = each(
-            list(views),
-            lambda axis: _explained(record, (densities or {}).get(axis), views[axis]),
-        )
+        parts = places.each(_explained, views, failures)
     axes = {
         axis: parts[axis].explanation
         if axis in parts
@@ -192,6 +176,71 @@ def explain(
         length_s=len(record.values) / record.rate_hz,
         samples=samples,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """What is known to everyone who works on an axis."""
+
+    record: Record
+    series: Series
+    densities: Mapping[str, Density]
+    clock: Clock | None
+    budget: Budget | None
+
+
+class _Places:
+    """Where axes are worked on: a thread of this process, and others that wait for workers."""
+
+    def __init__(self, job: _Job, workers: Sequence[WorkerProcess]) -> None:
+        self._job = job
+        self._free: SimpleQueue[WorkerProcess | None] = SimpleQueue()
+        for place in (None, *workers):
+            self._free.put(place)
+        for worker in workers:
+            with suppress(WorkerError):  # says so again when it is asked
+                worker.hold(job, job.record, job.series, job.series.grid)
+        self._pool = ThreadPoolExecutor(1 + len(workers))
+
+    def each(
+        self,
+        work: Callable[[_Job, A], T],
+        given: Mapping[str, A],
+        failures: dict[str, Exception],
+    ) -> dict[str, T]:
+        """Do the same for several axes; one that fails is noted, and the others go on."""
+
+        def guarded(axis: str) -> T | None:
+            worker = self._free.get()
+            try:
+                if worker is not None:
+                    try:
+                        return worker.call(work, self._job, given[axis])
+                    except WorkerError:  # killed, or no memory for it: it is done here
+                        worker = None
+                return work(self._job, given[axis])
+            except Exception as error:
+                failures[axis] = error
+                return None
+            finally:
+                self._free.put(worker)
+
+        done = dict(zip(given, self._pool.map(guarded, given), strict=True))
+        return {axis: found for axis, found in done.items() if found is not None}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown()
+
+
+def _searched(job: _Job, axis: str) -> View:
+    """Return an axis with what was found on it."""
+    view = close_loop(_view(job.series, axis, job.clock), job.budget)
+    if axis in job.densities and job.series.stride > 1:
+        view = above_the_rows(view, job.densities[axis])
+    return replace(view)  # without what it has computed on the way, most of which is not wanted
 
 
 def _held(series: Series, views: Mapping[str, View]) -> KnownEffects:
@@ -226,11 +275,6 @@ def _clock(
     return Clock(nominal_hz, float(rate_fit[0]), float(rate_fit[1]))
 
 
-def _with_high_band(view: View, densities: Mapping[str, Density]) -> View:
-    density = densities.get(view.axis)
-    return view if density is None else above_the_rows(view, density)
-
-
 @dataclass(frozen=True)
 class _Closed:
     """One axis at the end of its search."""
@@ -242,7 +286,9 @@ class _Closed:
     view: View
 
 
-def _explained(record: Record, density: Density | None, view: View) -> _Closed:
+def _explained(job: _Job, view: View) -> _Closed:
+    """Return an axis with the error before and after, and its shares."""
+    record, density = job.record, job.densities.get(view.axis)
     series, axis = view.series, view.axis
     bare = _view(series, axis, view.clock)
     textbook = _textbook(bare)
@@ -284,7 +330,7 @@ def _explained(record: Record, density: Density | None, view: View) -> _Closed:
         + _grown(error_before, error_after)
         + _detection_limits(view),
     )
-    return _Closed(explanation, before_model, after_model, after, view)
+    return _Closed(explanation, before_model, after_model, after, replace(view))
 
 
 def _grown(before: ResidualError, after: ResidualError) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import with_units
 from allanscope.pipeline.decoding import Decoding
+from allanscope.pipeline.process import usable_processes
 from allanscope.pipeline.replaying import analysed
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
@@ -115,13 +116,14 @@ def full_settings(
         How the curves are made.
     """
     if one_thread:
-        return AnalyserSettings(part, history_rows=FULL_ROWS, threads=1, over_time=False)
+        return AnalyserSettings(part, history_rows=FULL_ROWS, over_time=False)
     chosen = curves or CurveChoices()
     return AnalyserSettings(
         part,
         per_octave=chosen.times_in_each_octave,
         history_rows=FULL_ROWS,
         buffered_rows=FULL_BUFFERED,
+        processes=usable_processes(),
         curves=chosen,
     )
 

@@ -1,4 +1,4 @@
-"""What a run asks of its process: signals that end it, little memory.
+"""What a run asks of its process: signals that end it, little memory, help by others.
 
 A run that lasts a night keeps its memory small. The C library keeps a heap for every thread, and
 learns from large blocks that were freed to take the next ones from there too; after an hour of
@@ -12,6 +12,7 @@ Linux with its usual C library is told anything.
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import sys
 import threading
@@ -23,12 +24,16 @@ __all__ = [
     "configure_malloc",
     "stopped_by_signals",
     "trim_memory",
+    "usable_processes",
 ]
 
 ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 """Ctrl-C, the system that shuts down or stops a service, the terminal or connection that closes."""
+
+MOST_PROCESSES = 4
+"""No more share the axes of one sensor: each takes a hundred megabytes and a second to start."""
 
 _MMAP_THRESHOLD, _ARENA_MAX, _DONTNEED = -3, -8, 4
 _LARGE_BYTES = 1 << 18
@@ -75,6 +80,13 @@ def trim_memory() -> None:
     libc.malloc_trim(ctypes.c_size_t(0))
     for start, length in _unchanged_libraries(Path("/proc/self")):
         libc.madvise(ctypes.c_void_p(start), ctypes.c_size_t(length), _DONTNEED)
+
+
+def usable_processes() -> int:
+    """Return in how many processes a long computation is worth sharing on this machine."""
+    if hasattr(os, "sched_getaffinity"):
+        return min(len(os.sched_getaffinity(0)), MOST_PROCESSES)
+    return min(os.cpu_count() or 1, MOST_PROCESSES)
 
 
 def _unchanged_libraries(process: Path) -> Iterator[tuple[int, int]]:

@@ -2,39 +2,32 @@
 
 The closed loop needs a process of its own. A look at a long record takes seconds of plain Python
 and small transforms, during which the interpreter's lock is hardly released: a reader in the same
-process would be late, and a late reader loses samples. So each look is a child process that is
+process would be late, and a late reader loses samples. So each look is a worker process that is
 given what there is to look at and gives back what it found. Looks come when the run has doubled
-(`allanscope.explain.live`), so there are a dozen in a night; between them the child is gone, and
+(`allanscope.explain.live`), so there are a dozen in a night; between them the process is gone, and
 with it the memory that it took.
 
 ::
 
-    refresh thread          thread "look"                  child, at low priority
-    offer(frozen) ─ due? ─▶ pickle ─── standard input ───▶ LiveLoop.update
-    explanation  ◀───────── unpickle ◀─ standard output ── LiveLoop, with what it knows now
+    refresh thread          thread "look"        worker process, at low priority
+    offer(frozen) ─ due? ─▶ loop and record ───▶ LiveLoop.update
+    explanation  ◀───────── LiveLoop, with what it knows now
 """
 
 from __future__ import annotations
 
-import os
-import pickle
 import queue
-import subprocess
-import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 from allanscope.analysis import Analyser, LoopInput, StreamState, loop_input
-from allanscope.explain import Explanation, LiveLoop
-from allanscope.lazy import defer_unused
+from allanscope.explain import Explanation, Finding, LiveLoop
 from allanscope.pipeline.process import trim_memory
 from allanscope.quantities import duration
 from allanscope.samples import StreamInfo
+from allanscope.worker_process import WorkerProcess
 
 __all__ = ["IN_TERMINAL", "IN_VIEWER", "UNWATCHED", "LoopProcess", "RefreshPolicy", "Refresher"]
 
@@ -209,9 +202,9 @@ class LoopProcess:
         self._first_s = self._due_s = first_s
         self._loop = LiveLoop(first_s)
         self._info: StreamInfo | None = None
-        self._request = b""
+        self._request: tuple[LiveLoop, LoopInput] | None = None
         self._thread: threading.Thread | None = None
-        self._child: subprocess.Popen[bytes] | None = None
+        self._worker: WorkerProcess | None = None
         self._closed = False
 
     @property
@@ -264,8 +257,8 @@ class LoopProcess:
         return True
 
     def _begin(self, loop: LiveLoop, look: LoopInput, stretch: str = "") -> None:
-        """Begin a search; packed now, so that tens of megabytes are not held until its end."""
-        self._request = pickle.dumps((loop, look, bool(stretch)), pickle.HIGHEST_PROTOCOL)
+        """Begin a search in the background."""
+        self._request = loop, look
         self._thread = threading.Thread(
             target=self._search_in_background, args=(stretch,), name="look", daemon=True
         )
@@ -274,72 +267,38 @@ class LoopProcess:
     def close(self) -> None:
         """Give up a look that is under way: the run has ended, and is now searched in full."""
         self._closed = True
-        if (child := self._child) is not None:
-            child.terminate()
+        if (worker := self._worker) is not None:
+            worker.close()
         if self._thread is not None:
             self._thread.join(timeout=5.0)
 
     def _search_in_background(self, stretch: str) -> None:
         loop = self._loop
+        answer: LiveLoop | tuple[Finding, ...] | None = None
         try:
-            answer = self._answer()
+            with WorkerProcess("allanscope.explain.live", LOW_PRIORITY) as self._worker:
+                assert self._request is not None
+                self._worker.ask(_searched, *self._request, bool(stretch))
+                self._request = None  # tens of megabytes, not held until the end
+                answer = self._worker.answer()
         except Exception as error:  # no process, no memory: the end of the run searches in full
-            self.trouble = f"{type(error).__name__}: {error}"
-            answer = None
+            self.trouble = str(error)
+        self._worker = None
         if answer is None:
             if not self._closed:
                 self._fail(f"the search for effects during the run failed: {self.trouble}")
-        elif stretch:
+        elif isinstance(answer, tuple):
             found = "; ".join(one.words for one in answer) or "no effects beyond the noise model"
             self._tell(f"search {stretch}: {found}")
         elif loop is self._loop:
             self._loop, self.trouble = answer, ""
 
-    def _answer(self) -> Any:
-        """Return what the child makes of the request; None where it failed, with `trouble`."""
-        request, self._request = self._request, b""
-        # A session of its own: Ctrl-C in the terminal is for us to understand, not for the child.
-        command, pipe = [sys.executable, "-m", __name__], subprocess.PIPE
-        with tempfile.TemporaryFile() as complaint:
-            child = subprocess.Popen(
-                command, stdin=pipe, stdout=pipe, stderr=complaint, start_new_session=True
-            )
-            assert child.stdin is not None
-            assert child.stdout is not None
-            self._child = child
-            with child:
-                try:
-                    child.stdin.write(request)
-                    del request
-                    child.stdin.close()
-                    answer = pickle.load(child.stdout)
-                except (OSError, EOFError, pickle.UnpicklingError):
-                    answer = None
-                finally:
-                    with suppress(OSError):
-                        child.stdin.close()
-            self._child = None
-            if answer is None or child.returncode:
-                complaint.seek(0)
-                last = complaint.read().decode(errors="replace").strip().rpartition("\n")[2]
-                code = f"the search for effects ended with code {child.returncode}"
-                self.trouble = last or code
-                return None
-        return answer
 
-
-def main() -> None:
-    """Be the child: take a loop and what it is to look at, give back the loop or what it found."""
-    if hasattr(os, "nice"):
-        os.nice(LOW_PRIORITY)
-    defer_unused()
-    loop, look, is_stretch = pickle.load(sys.stdin.buffer)
+def _searched(loop: LiveLoop, look: LoopInput, is_stretch: bool) -> LiveLoop | tuple[Finding, ...]:
+    """Search in the worker process: return the loop, or what it found."""
     loop.update(look.record, rate_fit=look.rate_fit, densities=look.densities or None)
+    if is_stretch:
+        return loop.findings
     if loop.explanation is not None:
         loop.explanation = replace(loop.explanation, cleaned={})  # of no use to a result
-    answer = loop.findings if is_stretch else loop
-    pickle.dump(answer, sys.stdout.buffer, pickle.HIGHEST_PROTOCOL)
-
-
-if __name__ == "__main__":
-    main()
+    return loop

@@ -34,7 +34,7 @@ from allanscope.pipeline.outputs import (
     write_json,
     write_results,
 )
-from allanscope.pipeline.process import configure_malloc, stopped_by_signals
+from allanscope.pipeline.process import configure_malloc, stopped_by_signals, usable_processes
 from allanscope.pipeline.refreshing import IN_TERMINAL, IN_VIEWER, UNWATCHED, RefreshPolicy
 from allanscope.pipeline.session import NoticeQueue, Session
 from allanscope.pipeline.settings import DeviceSettings, SessionSettings, SimulatedSettings
@@ -246,6 +246,7 @@ def _policy(settings: SessionSettings) -> RefreshPolicy:
 def _analyser_settings(device: DeviceSettings, settings: SessionSettings) -> AnalyserSettings:
     return AnalyserSettings(
         part=device.part,
+        processes=usable_processes(),
         curves=CurveChoices(window_s=settings.window_s),
         references=settings.references,
     )

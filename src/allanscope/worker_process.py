@@ -1,0 +1,234 @@
+"""Another interpreter that computes beside this one.
+
+Python computes on one core, however many threads it has, and a thread that computes keeps those
+that read a port waiting. What takes seconds is therefore given to another process, which takes
+functions and their arguments from a pipe and gives back what they return. The standard library's
+pools run the user's script once more in each process, which most scripts are not written for; this
+one runs only what it is given.
+
+Some arguments are large and wanted again, or are what a result refers to. These are held on both
+sides, and are named in the pipe instead of copied::
+
+    with WorkerProcess("allanscope.explain.loop") as worker:
+        worker.hold(record)
+        worker.call(searched, record, "gx")  # `record` is a few bytes here
+
+The process ends with its pipe, so none is left behind by a program that was killed.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
+from types import TracebackType
+from typing import Any, BinaryIO, ParamSpec, Self, TypeVar
+
+from allanscope.lazy import defer_unused
+
+__all__ = ["WorkerError", "WorkerProcess"]
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class WorkerError(RuntimeError):
+    """The process could not be started, or ended without an answer."""
+
+
+class WorkerProcess:
+    """A process that computes what it is asked for; one question at a time.
+
+    Parameters
+    ----------
+    preload : str
+        Module that it loads at once, before it is asked.
+    nice : int
+        By how much its priority is lowered, where there are priorities.
+
+    Notes
+    -----
+    What fails to start says so at the first question.
+    """
+
+    def __init__(self, preload: str = "", nice: int = 0) -> None:
+        self._held: list[object] = []
+        self._complaint = tempfile.TemporaryFile()  # noqa: SIM115 closed with the process
+        command = [sys.executable, "-P", "-m", __name__, preload, str(nice)]
+        modules = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # the same as here
+        self._process: subprocess.Popen[bytes] | None = None
+        with suppress(OSError):
+            # A session of its own: Ctrl-C in the terminal is for us to understand.
+            self._process = subprocess.Popen(
+                command,
+                env={**os.environ, **modules},
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._complaint,
+                start_new_session=True,
+            )
+
+    def hold(self, *objects: object) -> None:
+        """Hold objects on both sides until the end: they must not change any more.
+
+        Raises
+        ------
+        WorkerError
+            When the process has ended.
+        """
+        self._send(None, objects)
+        self._held += objects
+
+    def call(self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+        """Return what a function of a module returns there; raise what it raises.
+
+        Raises
+        ------
+        WorkerError
+            When the process has ended.
+        """
+        self.ask(function, *arguments, **named)
+        return self.answer()  # type: ignore[no-any-return]
+
+    def ask(self, function: Callable[P, object], *arguments: P.args, **named: P.kwargs) -> None:
+        """Begin a call, whose `answer` is to be taken before the next one.
+
+        Raises
+        ------
+        WorkerError
+            When the process has ended.
+        """
+        self._send(function, arguments, named)
+
+    def answer(self) -> Any:
+        """Wait for the call that was begun; return what it returns, raise what it raises.
+
+        Raises
+        ------
+        WorkerError
+            When the process has ended.
+        """
+        assert self._process is not None
+        assert self._process.stdout is not None
+        try:
+            error, answer = _load(self._process.stdout, self._held)
+        except (OSError, EOFError, ValueError, pickle.UnpicklingError):
+            raise self._ended() from None
+        if error is not None:
+            raise error
+        return answer
+
+    def close(self) -> None:
+        """End the process, whatever it does; callable from any thread, more than once."""
+        if (process := self._process) is None:
+            return
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            with suppress(OSError):
+                pipe.close()  # type: ignore[union-attr]
+        self._complaint.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _send(self, *message: object) -> None:
+        if self._process is None:
+            raise WorkerError("no process could be started")
+        assert self._process.stdin is not None
+        try:
+            _dump(message, self._process.stdin, self._held)
+        except (OSError, ValueError):  # ended, or closed from another thread
+            raise self._ended() from None
+
+    def _ended(self) -> WorkerError:
+        """Return the error of a process that has ended: the last that it said, or its code."""
+        assert self._process is not None
+        last = ""
+        with suppress(ValueError, OSError):  # closed from another thread
+            code = self._process.wait(10.0)
+            self._complaint.seek(0)
+            last = self._complaint.read().decode(errors="replace").strip().rpartition("\n")[2]
+            last = last or f"the process ended with code {code}"
+        return WorkerError(last or "the process was ended")
+
+
+class _Pickler(pickle.Pickler):
+    """Names what both sides hold."""
+
+    def __init__(self, pipe: BinaryIO, held: list[object]) -> None:
+        super().__init__(pipe, pickle.HIGHEST_PROTOCOL)
+        self._names = {id(one): number for number, one in enumerate(held)}
+
+    def persistent_id(self, one: object) -> int | None:
+        return self._names.get(id(one))
+
+
+class _Unpickler(pickle.Unpickler):
+    """Finds what both sides hold."""
+
+    def __init__(self, pipe: BinaryIO, held: list[object]) -> None:
+        super().__init__(pipe)
+        self.persistent_load = held.__getitem__  # type: ignore[method-assign]
+
+
+def _dump(message: object, pipe: Any, held: list[object]) -> None:
+    _Pickler(pipe, held).dump(message)
+    pipe.flush()
+
+
+def _load(pipe: Any, held: list[object]) -> Any:
+    return _Unpickler(pipe, held).load()
+
+
+def _picklable(error: Exception) -> Exception:
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
+
+
+def main() -> None:
+    """Be the process: answer until the pipe ends."""
+    requests, answers = sys.stdin.buffer, sys.stdout.buffer
+    sys.stdout = sys.stderr  # what is printed is no answer
+    if hasattr(os, "nice"):
+        os.nice(int(sys.argv[2]))
+    defer_unused()
+    if sys.argv[1]:
+        import_module(sys.argv[1])
+    held: list[object] = []
+    while True:
+        try:
+            function, arguments, *named = _load(requests, held)
+        except EOFError:
+            return
+        if function is None:
+            held += arguments
+            continue
+        answer: tuple[Exception | None, object]
+        try:
+            answer = None, function(*arguments, **named[0])
+        except Exception as error:
+            answer = _picklable(error), None
+        del function, arguments, named
+        _dump(answer, answers, held)
+        del answer
+
+
+if __name__ == "__main__":
+    main()

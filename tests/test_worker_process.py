@@ -1,0 +1,89 @@
+"""Another interpreter: what it is asked, what it holds, and how it ends."""
+
+from __future__ import annotations
+
+import operator
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from allanscope.errors import UsageError
+from allanscope.worker_process import WorkerError, WorkerProcess
+
+REFUSING = """
+from allanscope.errors import UsageError
+raise UsageError("no such place; choose another")
+"""
+ODD = """
+class Odd(Exception):
+    pass
+raise Odd("three")
+"""
+
+
+def test_it_is_another_process_that_computes_the_same():
+    with WorkerProcess() as worker:
+        assert worker.call(os.getpid) != os.getpid()
+        assert worker.call(np.arange, 3, dtype="u1").tolist() == [0, 1, 2]
+
+
+def test_what_is_held_is_not_sent_again_and_comes_back_as_itself():
+    large, small = np.arange(1_000_000.0), np.arange(3.0)
+    with WorkerProcess() as worker:
+        worker.hold(large, small)
+        first, second = worker.call(list, (large, small, large))[:2]
+        assert first is large
+        assert second is small
+        assert worker.call(operator.itemgetter(-1), large) == 999_999.0
+
+
+def test_an_error_there_is_raised_here_and_the_next_call_is_answered():
+    with WorkerProcess() as worker:
+        with pytest.raises(ZeroDivisionError):
+            worker.call(operator.truediv, 1, 0)
+        with pytest.raises(UsageError, match="choose another"):
+            worker.call(exec, REFUSING)
+        with pytest.raises(RuntimeError, match="Odd: three"):
+            worker.call(exec, ODD)
+        assert worker.call(operator.add, 1, 2) == 3
+
+
+def test_what_is_printed_there_is_no_answer(capfd):
+    with WorkerProcess() as worker:
+        assert worker.call(print, "not an answer") is None
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_process_that_was_killed_is_an_error_with_its_code():
+    with WorkerProcess() as worker:
+        os.kill(worker.call(os.getpid), signal.SIGKILL)
+        with pytest.raises(WorkerError, match="ended with code -9"):
+            worker.call(os.getpid)
+    with WorkerProcess() as worker:
+        worker.ask(time.sleep, 600.0)
+        worker.close()
+        with pytest.raises(WorkerError, match="was ended"):
+            worker.answer()
+
+
+def test_a_module_that_is_not_there_is_an_error_with_its_name():
+    with (
+        WorkerProcess("allanscope.no_such_module") as worker,
+        pytest.raises(WorkerError, match="no_such_module"),
+    ):
+        worker.call(os.getpid)
+
+
+def test_no_process_outlives_its_pipe():
+    worker = WorkerProcess()
+    pid = worker.call(os.getpid)
+    assert worker._process is not None
+    assert worker._process.stdin is not None
+    worker._process.stdin.close()  # as when the parent is killed
+    assert worker._process.wait(60.0) == 0
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    worker.close()

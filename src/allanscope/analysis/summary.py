@@ -66,6 +66,9 @@ them, as in every long run."""
 WORTH_A_PROCESS = 30_000
 """Values of a record, all axes, whose search takes longer than a process to start."""
 
+FEW_PROCESSES = 3_000_000
+"""Values from which no more than two processes search: each may take some hundred megabytes."""
+
 LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
 TENTHS = 10
 
@@ -365,6 +368,8 @@ def _workers(given: LoopInput, processes: int) -> Iterator[list[WorkerProcess]]:
     values = given.record.values
     if values.size < WORTH_A_PROCESS:
         processes = 1
+    if values.size > FEW_PROCESSES:
+        processes = min(processes, 2)
     with ExitStack() as stack:
         yield [
             stack.enter_context(WorkerProcess("allanscope.explain.loop"))

@@ -62,7 +62,8 @@ class WorkerProcess:
         command = [sys.executable, "-P", "-m", __name__, preload, str(nice)]
         modules = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # the same as here
         self._process: subprocess.Popen[bytes] | None = None
-        with suppress(OSError):
+        self._why_not = ""
+        try:
             # A session of its own: Ctrl-C in the terminal is for us to understand.
             self._process = subprocess.Popen(
                 command,
@@ -72,6 +73,8 @@ class WorkerProcess:
                 stderr=self._complaint,
                 start_new_session=True,
             )
+        except OSError as error:
+            self._why_not = f"{type(error).__name__}: {error}"
 
     def hold(self, *objects: object) -> None:
         """Hold objects on both sides until the end: they must not change any more.
@@ -125,6 +128,7 @@ class WorkerProcess:
 
     def close(self) -> None:
         """End the process, whatever it does; callable from any thread, more than once."""
+        self._complaint.close()
         if (process := self._process) is None:
             return
         process.kill()
@@ -132,7 +136,6 @@ class WorkerProcess:
         for pipe in (process.stdin, process.stdout):
             with suppress(OSError):
                 pipe.close()  # type: ignore[union-attr]
-        self._complaint.close()
 
     def __enter__(self) -> Self:
         return self
@@ -147,7 +150,7 @@ class WorkerProcess:
 
     def _send(self, *message: object) -> None:
         if self._process is None:
-            raise WorkerError("no process could be started")
+            raise WorkerError(self._why_not)
         assert self._process.stdin is not None
         try:
             _dump(message, self._process.stdin, self._held)

@@ -132,6 +132,7 @@ plain = getattr(worker_tasks.Recording, "plain", worker_tasks.Recording)  # load
 
 def recording(path):
     if path.name == "huge.mcap":
+        time.sleep(2.0)  # a worker that is killed while its nanny still starts it is not replaced
         hoard = [bytearray(1 << 24) for _ in range(100)]  # 1.7 GB, no more if nobody looks
         time.sleep(600 + len(hoard))
     return plain(path)
@@ -158,13 +159,15 @@ def test_a_recording_that_takes_more_memory_than_a_worker_may_is_named_and_the_r
             n_workers=1,
             threads_per_worker=1,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             silence_logs=50,
             memory_limit="1GB",
             preload=[str(tmp_path / "hog.py")],
         ) as cluster,
     ):
         result = fleet(cluster, tmp_path / "out", tmp_path / "lot")
+        with Client(cluster, set_as_default=False) as client:
+            client.wait_for_workers(1)  # a cluster that is closed meanwhile may never end
     url = str(tmp_path / "lot" / "huge.mcap")
     assert result.failures == {url: f"{url}: its worker died repeatedly; too little memory?"}
     assert (result.done, result.left) == (2, 0)

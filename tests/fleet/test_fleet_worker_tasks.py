@@ -11,8 +11,8 @@ from allanscope.pipeline import DeviceSettings, full_settings
 
 def test_a_worker_does_the_same_on_one_core() -> None:
     mine, single = new_analyser(DeviceSettings(part="LSM6DSL")).settings, full_settings("LSM6DSL")
-    assert mine.threads == 1
+    assert mine.processes == 1
     assert mine.buffered_rows < WORTH_IT <= single.buffered_rows
     assert not mine.over_time  # nobody looks at maps of a lot
-    more = {"threads": single.threads, "buffered_rows": single.buffered_rows, "over_time": True}
+    more = {"processes": single.processes, "buffered_rows": single.buffered_rows, "over_time": True}
     assert replace(mine, **more) == single

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
@@ -87,6 +87,9 @@ def connected(scheduler: str, workers: int | None) -> Iterator[Client]:
         return
     with local_cluster(workers) as cluster, Client(cluster, set_as_default=False) as client:
         yield client
+        # A cluster that is closed while it replaces a worker may never end.
+        with suppress(TimeoutError):
+            client.wait_for_workers(len(cluster.workers), timeout=REACH_S)
 
 
 def local_cluster(workers: int | None) -> LocalCluster:

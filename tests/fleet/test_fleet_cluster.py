@@ -132,7 +132,6 @@ plain = getattr(worker_tasks.Recording, "plain", worker_tasks.Recording)  # load
 
 def recording(path):
     if path.name == "huge.mcap":
-        time.sleep(2.0)  # a worker that is killed while its nanny still starts it is not replaced
         hoard = [bytearray(1 << 24) for _ in range(100)]  # 1.7 GB, no more if nobody looks
         time.sleep(600 + len(hoard))
     return plain(path)
@@ -155,15 +154,7 @@ def test_a_recording_that_takes_more_memory_than_a_worker_may_is_named_and_the_r
     (tmp_path / "hog.py").write_text(HOG)
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 1}),
-        LocalCluster(
-            n_workers=1,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            silence_logs=50,
-            memory_limit="1GB",
-            preload=[str(tmp_path / "hog.py")],
-        ) as cluster,
+        local_cluster(1, memory_limit="1GB", preload=[str(tmp_path / "hog.py")]) as cluster,
     ):
         result = fleet(cluster, tmp_path / "out", tmp_path / "lot")
         with Client(cluster, set_as_default=False) as client:

@@ -80,7 +80,7 @@ def threads() -> Iterator[LocalCluster]:
         n_workers=4,
         threads_per_worker=1,
         processes=False,
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",  # None is the port 8787, which another may hold
         silence_logs=50,
     ) as one:
         yield one

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -38,6 +38,11 @@ _WORKER_ENVIRONMENT = dict.fromkeys(
 )
 """As Dask sets it, but for MALLOC_TRIM_THRESHOLD_: with that every array above 128 kB is asked of
 the system anew, and a fifth of a worker's time goes into clearing pages."""
+
+_NEVER = "10000 days"
+"""A cluster looks so long after a worker died whether one of its name is there, and gives the name
+up if not. After the 15 s that Dask means, that can be while a later one is being replaced: the
+cluster would wait for a worker for ever."""
 
 MOST_ORPHANED = 3
 """So often a recording may lose all workers that it was given to."""
@@ -92,17 +97,36 @@ def connected(scheduler: str, workers: int | None) -> Iterator[Client]:
             client.wait_for_workers(len(cluster.workers), timeout=REACH_S)
 
 
-def local_cluster(workers: int | None) -> LocalCluster:
-    """Return a cluster of this machine, which listens on the loopback interface only.
+@contextmanager
+def local_cluster(
+    workers: int | None, memory_limit: str = "auto", preload: Sequence[str] = ()
+) -> Iterator[LocalCluster]:
+    """Give a cluster of this machine, which listens on the loopback interface only.
 
     Its workers are processes with one thread each, because much of an analysis holds the
     interpreter's lock; one for each core if not told otherwise.
+
+    Parameters
+    ----------
+    workers : int or None
+        Processes.
+    memory_limit : str
+        Of each, as Dask writes it; one that takes more is replaced. "auto" is its share of the
+        machine.
+    preload : sequence of str
+        Modules or files that each worker runs first, besides our own.
     """
     import dask
     from distributed import LocalCluster
 
-    with dask.config.set({"distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT}):
-        return LocalCluster(
+    with (
+        dask.config.set(
+            {
+                "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
+                "distributed.deploy.lost-worker-timeout": _NEVER,
+            }
+        ),
+        LocalCluster(
             n_workers=workers or os.cpu_count() or 1,
             threads_per_worker=1,
             processes=True,
@@ -110,8 +134,11 @@ def local_cluster(workers: int | None) -> LocalCluster:
             # Any free port: a second fleet on the same machine must not be in the way.
             dashboard_address=f"{_LOOPBACK}:0",
             silence_logs=50,
-            preload=["allanscope.fleet.cluster"],
-        )
+            memory_limit=memory_limit,
+            preload=["allanscope.fleet.cluster", *preload],
+        ) as cluster,
+    ):
+        yield cluster
 
 
 def dashboard_line(client: Client) -> str:

@@ -116,7 +116,8 @@ class WorkerProcess:
         WorkerError
             When the process has ended.
         """
-        assert self._process is not None
+        if self._process is None:
+            raise WorkerError(self._why_not)
         assert self._process.stdout is not None
         try:
             error, answer = _load(self._process.stdout, self._held)

@@ -1,11 +1,20 @@
 """Reports by command: one session or several, figures as files, and what goes wrong in one line."""
 
 import re
+from contextlib import closing
 
 import pytest
 
 from allanscope.cli import parser
-from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
+from allanscope.errors import UsageError
+from allanscope.pipeline import (
+    DeviceSettings,
+    SimulatedSettings,
+    analyse_input,
+    simulate_recording,
+    write_report,
+)
+from allanscope.pipeline.outputs import ReportProcess
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +79,18 @@ def test_every_command_has_an_example_in_its_help_that_it_would_accept():
         words = example[1].split("#")[0].split()
         assert words[0] == name
         assert top.parse_args(words).command is not None
+
+
+def test_another_process_writes_the_same_report_and_says_what_it_cannot(units, tmp_path):
+    analysis = analyse_input(units / "unit 1" / "night.mcap", DeviceSettings())
+    write_report(analysis, tmp_path / "here.html")
+    with closing(ReportProcess()) as process:
+        process.begin(analysis)
+        with pytest.raises(UsageError, match="cannot write"):
+            process.write(tmp_path / "no folder" / "there.html")
+        process.write(tmp_path / "there.html")
+    here = (tmp_path / "here.html").read_bytes()
+    assert (tmp_path / "there.html").read_bytes() == here
+    process.begin(analysis)  # whose process has ended
+    process.write(tmp_path / "dead.html")
+    assert (tmp_path / "dead.html").read_bytes() == here

@@ -14,7 +14,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
@@ -24,6 +24,7 @@ from allanscope.errors import DeviceError, InputError, UsageError
 from allanscope.pipeline.process import stopped_by_signals
 from allanscope.pipeline.settings import ViewMode
 from allanscope.view import ViewerProcess, has_display
+from allanscope.worker_process import WorkerError, WorkerProcess
 
 if TYPE_CHECKING:
     from allanscope.allan import CurveChoices
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from allanscope.report import Picture
 
 __all__ = [
+    "ReportProcess",
+    "ResultFiles",
     "charts_of",
     "discard_session",
     "made_folder",
@@ -110,48 +113,98 @@ def write_report(
         _save(drawn, figures)
 
 
-@dataclass(frozen=True, slots=True)
-class Written:
-    """Where the files of a result are, and what became of those that are not where they belong.
+class ReportProcess:
+    """Draws the report in another process, while this one finishes what else is to be done.
+
+    The process takes a second to get ready: it is started when the end is in sight.
+    """
+
+    def __init__(self) -> None:
+        self._worker = WorkerProcess("allanscope.report.page")
+        self._analysis: Analysis | None = None
+        self._page = ""
+
+    def begin(self, analysis: Analysis) -> None:
+        """Begin to draw the report of a full result."""
+        self._analysis, self._page = analysis, ""
+        with suppress(WorkerError):  # says so again when it is asked for the page
+            self._worker.ask(_drawn, analysis)
+
+    def write(self, path: Path) -> None:
+        """Write the report that was begun, when it is drawn.
+
+        Raises
+        ------
+        UsageError
+            When it cannot be written there.
+        """
+        assert self._analysis is not None
+        if not self._page:
+            try:
+                self._page = self._worker.answer()
+            except WorkerError:  # killed, or no memory for it: it is drawn here
+                self._page = _drawn(self._analysis)
+        write_text(path, self._page)
+
+    def close(self) -> None:
+        """End the process."""
+        self._worker.close()
+
+
+def _drawn(analysis: Analysis) -> str:
+    from allanscope.report import render
+
+    return render(analysis)
+
+
+class ResultFiles:
+    """Writes the files of a result, each by itself, into the folder of a session.
+
+    What the folder does not take goes to a new folder among the temporary ones.
 
     Attributes
     ----------
     places : dict of str to Path
         Folder of each file that was written.
-    failures : tuple of str
-        A line for what failed.
+    failures : list of str
+        A line for each that is not where it belongs.
     """
 
-    places: dict[str, Path]
-    failures: tuple[str, ...]
+    def __init__(self, folder: Path) -> None:
+        self.places: dict[str, Path] = {}
+        self.failures: list[str] = []
+        self._folder = folder
+        self._spare: Path | None = None
 
-
-def write_results(analysis: Analysis, folder: Path) -> Written:
-    """Write ``result.json`` and ``report.html`` into the folder of a session, each by itself.
-
-    What the folder does not take goes to a new folder among the temporary ones. Drawing may fail
-    with an internal error; the numbers, which come first, are there by then.
-    """
-    places: dict[str, Path] = {}
-    failures: list[str] = []
-    spare: Path | None = None
-    for name, write in (("result.json", write_json), ("report.html", write_report)):
+    def write(self, name: str, write: Callable[[Path], object]) -> None:
+        """Write one file; drawing a report may fail with an internal error as well."""
         try:
             try:
-                write(analysis, folder / name)
-                places[name] = folder
+                write(self._folder / name)
+                self.places[name] = self._folder
             except UsageError as error:
-                spare = spare or Path(tempfile.mkdtemp(prefix="allanscope-"))
-                write(analysis, spare / name)
-                places[name] = spare
+                spare = self._spare = self._spare or Path(tempfile.mkdtemp(prefix="allanscope-"))
+                write(spare / name)
+                self.places[name] = spare
                 why = str(error).partition("; choose")[0]
-                failures.append(f"{why}; {name} is in {spare}")
+                self.failures.append(f"{why}; {name} is in {spare}")
         except Exception as error:
-            failures.append(f"{name} is lost: {error}")
-    if spare is not None:
-        with suppress(OSError):  # where something is in it
-            spare.rmdir()
-    return Written(places, tuple(failures))
+            self.failures.append(f"{name} is lost: {error}")
+
+    def close(self) -> None:
+        """Remove the temporary folder if it took nothing."""
+        if self._spare is not None:
+            with suppress(OSError):  # where something is in it
+                self._spare.rmdir()
+
+
+def write_results(analysis: Analysis, folder: Path) -> ResultFiles:
+    """Write ``result.json``, then ``report.html`` into the folder of a session."""
+    files = ResultFiles(folder)
+    files.write("result.json", partial(write_json, analysis))
+    files.write("report.html", partial(write_report, analysis))
+    files.close()
+    return files
 
 
 def _save(drawn: Mapping[str, Picture], folder: Path) -> None:

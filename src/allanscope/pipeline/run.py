@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
@@ -27,12 +28,13 @@ from allanscope.pipeline.convert import import_capture
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.event_hook import EventHook
 from allanscope.pipeline.outputs import (
+    ReportProcess,
+    ResultFiles,
     discard_session,
     made_folder,
     new_session_folder,
     session_folder,
     write_json,
-    write_results,
 )
 from allanscope.pipeline.process import configure_malloc, stopped_by_signals, usable_processes
 from allanscope.pipeline.refreshing import IN_TERMINAL, IN_VIEWER, UNWATCHED, RefreshPolicy
@@ -262,24 +264,42 @@ def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettin
     return final
 
 
-def _leave(final: Analysis, folder: Path, recorded: bool, terminal: TerminalView) -> Analysis:
-    """Write the result into the folder of a session, say what is there, and what failed."""
-    written = write_results(final, folder)
-    final = replace(final, failures=(*final.failures, *written.failures))
-    for line in written.failures:
-        terminal.line(line, "error")
-    if written.failures and "result.json" in written.places:
-        with suppress(UsageError):  # once more, with what has just failed
-            write_json(final, written.places["result.json"] / "result.json")
-    here = [name for name, place in written.places.items() if place == folder]
-    drawn = (folder / "session.rrd").exists()
-    saved = [*reversed(here), *(["session.mcap"] if recorded else [])]
-    saved += ["session.rrd"] if drawn else []
-    beside = f"; beside it {', '.join(saved[1:])}" if saved[1:] else ""
-    terminal.line(f"Saved: {folder / saved[0]}{beside}")
-    if drawn:
-        terminal.line(f"To see the charts again: allanscope open {folder}")
-    return final
+class _Leaving:
+    """Leaves the result in the folder of a session: the numbers at once, the report meanwhile."""
+
+    def __init__(self, folder: Path, recorded: bool, terminal: TerminalView) -> None:
+        self._folder, self._recorded, self._terminal = folder, recorded, terminal
+        self._report = ReportProcess()
+        self._files = ResultFiles(folder)
+
+    def begin(self, final: Analysis) -> None:
+        """Write the numbers, and begin to draw the report."""
+        self._files.write("result.json", partial(write_json, final))
+        self._report.begin(final)
+
+    def finish(self, final: Analysis) -> Analysis:
+        """Wait for the report, say what is there, and return the result with what failed."""
+        files, folder = self._files, self._folder
+        files.write("report.html", self._report.write)
+        files.close()
+        final = replace(final, failures=(*final.failures, *files.failures))
+        for line in files.failures:
+            self._terminal.line(line, "error")
+        if files.failures and "result.json" in files.places:
+            with suppress(UsageError):  # once more, with what has just failed
+                write_json(final, files.places["result.json"] / "result.json")
+        here = [name for name, place in files.places.items() if place == folder]
+        drawn = (folder / "session.rrd").exists()
+        saved = [*reversed(here), *(["session.mcap"] if self._recorded else [])]
+        saved += ["session.rrd"] if drawn else []
+        beside = f"; beside it {', '.join(saved[1:])}" if saved[1:] else ""
+        self._terminal.line(f"Saved: {folder / saved[0]}{beside}")
+        if drawn:
+            self._terminal.line(f"To see the charts again: allanscope open {folder}")
+        return final
+
+    def close(self) -> None:
+        self._report.close()
 
 
 def _report_alarm(line: str, notices: NoticeQueue, quiet: bool) -> None:
@@ -322,11 +342,14 @@ def _run(
     viewer = RerunView(folder, settings.view, named, terminal.line, settings.view_port)
     session.audience = (terminal, viewer, hook)
     final: Analysis | None = None
-    complete = False
+    leaving: _Leaving | None = None
 
     def stay() -> None:
-        if final is None or not complete:
+        nonlocal final
+        if final is None:
             return
+        if leaving is not None and final.samples:
+            final = leaving.finish(final)
         if stays and viewer.serves_page and not stopped.is_set():
             terminal.line("the page of the charts stays until Ctrl-C")
         terminal.close()
@@ -340,28 +363,36 @@ def _run(
                 _open(viewer, terminal, recorder, settings.duration_s)
                 session.run()
             finally:
-                session.source.close()
-                hook.close()
-                if recorder is not None:
-                    # First of all: the result takes a while, and nothing more comes to the disk.
-                    close_recorder(recorder, session)
-                session.emit_notices(time.monotonic_ns())
+                _end_input(session, hook, recorder)
             if recorder is not None and folder is not None:
                 with suppress(InputError):
                     facts |= _identity(Recording(folder))
             ended = "Recording stopped" if whole_s is None else "Replay finished"
             terminal.line(f"{ended}; running the final analysis")
-            final = session.result("full")
-            terminal.snapshot(final)
-            if folder is not None and final.samples:
-                final = _leave(final, folder, recorder is not None, terminal)
-            complete = True
+            if folder is not None:
+                leaving = _Leaving(folder, recorder is not None, terminal)
+            result = session.result("full")
+            terminal.snapshot(result)
+            if leaving is not None and result.samples:
+                leaving.begin(result)
+            final = result
         finally:
             viewer.close(final, stay=stay)
             terminal.close()
+            if leaving is not None:
+                leaving.close()
     return (
         final if not viewer.failure else replace(final, failures=(*final.failures, viewer.failure))
     )
+
+
+def _end_input(session: Session, hook: EventHook, recorder: Recorder | None) -> None:
+    """End what comes in, and its recording, first: the result takes a while, and is of it."""
+    session.source.close()
+    hook.close()
+    if recorder is not None:
+        close_recorder(recorder, session)
+    session.emit_notices(time.monotonic_ns())
 
 
 def close_recorder(recorder: Recorder, session: Session) -> None:

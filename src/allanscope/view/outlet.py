@@ -7,6 +7,7 @@ All of it is done by the one thread that draws, but `due`.
 from __future__ import annotations
 
 import shutil
+import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from allanscope.analysis import Analysis
 from allanscope.view.decimator import LogSpacing, Rows, RowThinner
+from allanscope.view.viewer_process import optimise
 
 if TYPE_CHECKING:
     from allanscope.view.rerun_recording import Canvas
@@ -42,6 +44,7 @@ RESULT_BYTES, ROW_BYTES = 55e3, 60.0
 """Of the file, per axis: of a result, estimators that are drawn rarely included, and of a row."""
 
 _LOOK_EVERY_S = 0.5
+_LARGE_FILE = 50e6
 
 
 class Outlet:
@@ -136,6 +139,7 @@ class FileOutlet(Outlet):
         self._thinner = RowThinner()
         self._axes: tuple[str, ...] = ()
         self._looked_s = -float("inf")
+        self._rewriting: threading.Thread | None = None
 
     def draw(self, task: Callable[[Canvas], None]) -> None:
         """Draw, if there is room."""
@@ -159,19 +163,30 @@ class FileOutlet(Outlet):
         super().finish(latest, close)
 
     def close(self) -> None:
-        """End the file if it has not ended."""
+        """End the file if it has not ended, and begin to make it smaller."""
         if not self.ended:
             self._flush()
         if not self.ended:
             self.canvas.close()
+            self._begin_rewriting()
 
-    def may_be_rewritten(self) -> bool:
-        """Return whether the disk has room for a second, smaller copy."""
+    def wait(self) -> None:
+        """Wait until the file is as small as it becomes."""
+        if self._rewriting is not None:
+            self._rewriting.join()
+
+    def _begin_rewriting(self) -> None:
+        """Rewrite the file beside what else is done, if the disk has room for a second copy."""
         try:
-            room = self._free_bytes(self.path.parent) - self.path.stat().st_size
+            size, free = self.path.stat().st_size, self._free_bytes(self.path.parent)
         except OSError:
-            return False
-        return not self.ended and room > LEAST_FREE_BYTES
+            return
+        if free - size <= LEAST_FREE_BYTES:
+            return
+        if size > _LARGE_FILE:
+            self._say(f"making {self.path.name} smaller, this takes a moment")
+        self._rewriting = threading.Thread(target=optimise, args=(self.path,), name="rewrite-rrd")
+        self._rewriting.start()
 
     def _draw_rows(self, rows: Rows | None) -> None:
         if rows is not None:

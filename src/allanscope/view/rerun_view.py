@@ -35,7 +35,6 @@ from allanscope.view.viewer_process import (
     DATA_PORT_AFTER_PAGE,
     ViewerSupervisor,
     ViewMode,
-    optimise,
 )
 from allanscope.view.worker import Worker
 
@@ -50,7 +49,6 @@ without a viewer."""
 
 _ROWS_WAITING = 4096
 _STATUS_EVERY_S = 5.0
-_LARGE_FILE = 50e6
 _NIGHT_S = 12 * 3600.0
 
 _COUNTS_UP = ("produced", "sent", "uptime_s")
@@ -307,10 +305,8 @@ class RerunView:
             )
         for one in kept:
             self.failure = one.ended if one.failed else self.failure
-            if ended and one.may_be_rewritten():
-                if one.path.stat().st_size > _LARGE_FILE:
-                    self._say(f"making {one.path.name} smaller, this takes a moment")
-                optimise(one.path)
+            if ended:
+                one.wait()
 
     # --- in the worker's thread -----------------------------------------------------------------
 
@@ -330,6 +326,8 @@ class RerunView:
 
     def _finish(self, keep_served: bool) -> None:
         self._draw_rows()
+        # The file first: it is made smaller beside what viewers are still shown.
+        self._outlets.sort(key=lambda outlet: not isinstance(outlet, FileOutlet))
         self._for_each_outlet(
             lambda outlet: outlet.finish(
                 self._latest, close=isinstance(outlet, FileOutlet) or not keep_served

@@ -446,9 +446,10 @@ def _wandering_edf(alpha: int, quarter_octaves: int) -> float:
     positions stand for all of them, and the number of degrees is small however long the run. It
     changes slowly with n / m, hence the steps of a quarter octave.
     """
-    position = np.linspace(0.0, 2.0 ** (quarter_octaves / 4.0) - 1.0, _MOST_POSITIONS)
-    lag = position[:, np.newaxis] - position
-    covariance = difference_autocovariance(lag, np.inf, alpha, 1)
+    lag = np.linspace(0.0, 2.0 ** (quarter_octaves / 4.0) - 1.0, _MOST_POSITIONS)
+    place = np.arange(_MOST_POSITIONS)
+    apart = np.abs(place[:, np.newaxis] - place)
+    covariance = difference_autocovariance(lag, np.inf, alpha, 1)[apart]
     rows = covariance.mean(axis=0)
     covariance = covariance - rows - rows[:, np.newaxis] + rows.mean()
     return float(np.trace(covariance) ** 2 / np.sum(covariance**2))

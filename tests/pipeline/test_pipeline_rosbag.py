@@ -84,7 +84,13 @@ def test_rows_that_are_none_cost_no_others(tmp_path, monkeypatch, change, encodi
 
 @pytest.mark.parametrize("times", [None, "1,,3", "1,2,", "1,2.5,3", "1," + 30 * "9" + ",3"])
 def test_times_that_are_none_are_not_read_together(times):
-    assert not rosbag._read_joined((1, 1, 1, times, b"abc"), None)
+    assert not rosbag._read_joined((3, 1, times, b"abc"), None)
+
+
+@pytest.mark.parametrize("joined", [(3, 1, "1,3", b"ab"), (3, 2, "1,2,3", b"abcde")])
+def test_rows_without_a_time_or_of_other_lengths_are_not_read_together(joined):
+    """Of three: one has no time and another nothing in it; one is shorter than the others."""
+    assert not rosbag._read_joined(joined, None)
 
 
 def test_times_are_those_of_the_device_and_not_of_the_recorder(tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from allanscope import analyse
+from allanscope.allan import transfer
 from allanscope.explain import ResidualError
 from allanscope.report import render
 
@@ -215,3 +216,21 @@ def test_title_and_operator_stand_above_the_page(analysis):
 
 def test_the_same_result_gives_the_same_page(analysis, page):
     assert render(analysis) == page
+
+
+def test_the_chain_says_what_was_done_to_the_samples_of_this_run(analysis, page):
+    """The transfer functions that stand there are those of `transfer`."""
+    x = np.pi * 0.5 * 0.37 + np.pi * np.arange(4)
+    formulas = {
+        "ostdev": ("sin² x / x²", np.sin(x) ** 2 / x**2),
+        "oadev": ("2 sin⁴ x / x²", 2 * np.sin(x) ** 4 / x**2),
+        "mdev": ("2 sin⁶ x / x⁴", 2 * np.sin(x) ** 6 / x**4),
+        "ohdev": ("8/3 sin⁶ x / x²", 8 / 3 * np.sin(x) ** 6 / x**2),
+    }
+    chain = page[page.index("Processing chain") : page.index("<h2>Provenance")]
+    for kind, (formula, values) in formulas.items():
+        assert formula in chain
+        passed = transfer(kind, x / np.pi / 1000.0, 1000, 1.0)
+        np.testing.assert_allclose(passed, values, rtol=1e-3)
+    assert f"decimates to {analysis.rate.best_hz:g} samples/s" in chain
+    assert f"{len(analysis.record.values):,} samples" in chain

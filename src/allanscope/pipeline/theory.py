@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import (
-    ROWS,
     avlr,
     chi_square_limits,
     degrees_of_freedom,
@@ -25,7 +24,6 @@ from allanscope.allan import (
     factors_of,
     gcodev,
     identify_noise,
-    lags_of_level,
     mtie,
     phase_to_rate_density,
     rate_to_phase_density,
@@ -45,7 +43,6 @@ from allanscope.quantities import duration
 from allanscope.recording import Recording, is_recording
 from allanscope.samples import Block, Gap, StreamInfo, unit_of
 from allanscope.sanitize import complain
-from allanscope.spectrum import SEGMENT
 
 if TYPE_CHECKING:
     from allanscope.report import ChainStep
@@ -434,44 +431,13 @@ def draw_chart(name: str, out: Path, device: DeviceSettings) -> None:
 
 
 def chain_steps(device: DeviceSettings) -> list[ChainStep]:
-    """Return the way of a sample to the result, with the numbers that the program works with.
-
-    From the sensor to the clock every sample takes one way; from the phase on it is the chain of
-    the design tip DT0064: M(m) averages m samples, D1(m) differences neighbours, and m:1 keeps one
-    of m.
-    """
-    from allanscope.report import ChainStep
+    """Return the chain of a device, with the numbers that the program works with."""
+    from allanscope.report import processing_chain
 
     part = part_named(device.part or "LSM6DSM")
     rate = device.rate_hz or 104.0
     dps, g = device.gyro_fs or 125.0, device.accel_fs or 2.0
-    cutoffs = " or ".join(f"{hz:.3g}" for hz in part.cutoffs_hz("gx", rate))
     step, accel_step = 1e3 * part.gyro_scale(dps), 1e3 * part.accel_scale(g)
-    dense, starts = 64, int(lags_of_level(1, 1)[0])
-    single = duration(FULL_ROWS / rate)
-    low_pass = f"low-pass at {cutoffs} Hz" if cutoffs else "low-pass, fitted"
-    full = f"{step:.3g} mdps at {dps:g} dps, {accel_step:.3g} mg at {g:g} g"
-    rows = [
-        (0, part.name, low_pass, "band_limit, N behind the filter"),
-        (1, "output data rate", f"decimates to {rate:g} samples/s", "folded lines"),
-        (2, "output registers", f"round to {full}", "quantization, saturation, missing codes"),
-        (3, "link", "frames checked and counted", "lost_samples, link, segments"),
-        (4, "clock", "arrivals by the host's time", "rate, tau = m / rate, clock_error"),
-        (5, "phase", "sum of the samples, from gap to gap", "level"),
-        (6, "M(m)", f"mean of m; every start below m = {dense}, {starts} or more in tau above",
-         "OSTDVAR; m:1 STDVAR"),
-        (7, "D1(m)", "difference of neighbours, ½ of the mean square",
-         "OAVAR, best_averaging, readings; m:1 AVAR"),
-        (8, "M(m)", "averages once more, ½ of the mean square", "MAVAR; times τ²/3 TVAR"),
-        (8, "D1(m)", "differences once more, ⅙ (DT0064: ½) of the mean square",
-         "OHVAR; m:1 HVAR"),
-        (8, "noise type", "MAVAR / AVAR, levels of power laws", "edf, lower, upper, bias"),
-        (6, "archive", f"at most {ROWS:,} rows, joined in pairs when full",
-         "TOTVAR MTOTVAR TTOTVAR HTOTVAR THEO1 THEOBR THEOH PVAR"),
-        (5, "spectrum", f"segments of {SEGMENT}, each level at a quarter of the rate",
-         "density, N reading, lines"),
-        (5, "history", f"at most {FULL_ROWS:,} rows: samples for {single}, then means",
-         "coefficients N B K Q R, effects, residual"),
-        (5, "watch", "blocks against what went before", "events, undisturbed"),
-    ]  # fmt: skip
-    return [ChainStep(name, what, numbers, depth) for depth, name, what, numbers in rows]
+    scales = f"{step:.3g} mdps at {dps:g} dps, {accel_step:.3g} mg at {g:g} g"
+    history = f"at most {FULL_ROWS:,} rows: samples for {duration(FULL_ROWS / rate)}, then means"
+    return processing_chain(part, rate, scales, history)

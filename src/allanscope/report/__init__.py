@@ -1,7 +1,8 @@
 """What is put before a customer in the morning: one self-contained HTML page, and its pictures.
 
 `page` lays out one session and lists what there is to draw, `compare` lays out several; `axis_text`
-turns results into the sentences and cells of the page. `curve_pictures`, `data_pictures` and
+turns results into the sentences and cells of the page, `chain` says which way a sample
+took to them. `curve_pictures`, `data_pictures` and
 `method_pictures` draw, and a `picture` goes into the page or into files of its own. Nothing is
 fetched when the page is opened.
 """
@@ -13,12 +14,15 @@ from typing import TYPE_CHECKING
 from allanscope.lazy import lazily
 
 if TYPE_CHECKING:
+    from allanscope.report.chain import (
+        ChainStep,
+        processing_chain,
+    )
     from allanscope.report.compare import (
         comparing_pictures,
         render_comparison,
     )
     from allanscope.report.method_pictures import (
-        ChainStep,
         chain_picture,
         slopes_picture,
         transfer_picture,
@@ -47,6 +51,7 @@ __all__ = [
     "comparing_pictures",
     "ink",
     "pictures",
+    "processing_chain",
     "render",
     "render_comparison",
     "save_pictures",
@@ -65,10 +70,11 @@ __getattr__, __dir__ = lazily(
         "comparing_pictures": "compare",
         "ink": "picture",
         "pictures": "page",
+        "processing_chain": "chain",
         "render": "page",
         "render_comparison": "compare",
         "save_pictures": "page",
-        "ChainStep": "method_pictures",
+        "ChainStep": "chain",
         "chain_picture": "method_pictures",
         "slopes_picture": "method_pictures",
         "template": "page",

@@ -6,7 +6,6 @@ They need no measurement; the parameters in them are those that the program work
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,10 +14,11 @@ from numpy.typing import NDArray
 from allanscope.allan import transfer, variance_name
 from allanscope.allan.choices import KINDS
 from allanscope.allan.noise_type import NAMES, Family, unit_hadamard, unit_variance
+from allanscope.report.chain import ChainStep
 from allanscope.report.curve_pictures import scale_loglog
 from allanscope.report.picture import COMPONENT, CYCLE, MODEL, Picture, ink
 
-__all__ = ["ChainStep", "chain_picture", "slopes_picture", "transfer_picture"]
+__all__ = ["chain_picture", "slopes_picture", "transfer_picture"]
 
 _PANELS: tuple[tuple[str, Family], ...] = (("adev", "avar"), ("mdev", "mvar"), ("hdev", "hvar"))
 _INDENT = 0.022
@@ -84,28 +84,6 @@ def slopes_picture() -> Picture:
         panels[0].set_ylabel("σ²(τ) / σ²(16 τ₀)")
 
     return Picture(draw, width=10.0, height=4.2, fixed=False)
-
-
-@dataclass(frozen=True, slots=True)
-class ChainStep:
-    """One step on the way of a sample.
-
-    Attributes
-    ----------
-    name : str
-        What it is called.
-    what : str
-        What it does, with its parameters.
-    numbers : str
-        Which numbers of the result are taken there.
-    depth : int
-        A step takes what the nearest step above it of one depth less gives.
-    """
-
-    name: str
-    what: str
-    numbers: str
-    depth: int
 
 
 def chain_picture(steps: Sequence[ChainStep]) -> Picture:

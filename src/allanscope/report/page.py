@@ -23,9 +23,11 @@ from allanscope.analysis import (
     share_text,
     verdict,
 )
+from allanscope.parts import PARTS
 from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, duration, symbols
 from allanscope.report import axis_text, coefficient_table
 from allanscope.report.axis_text import Fact
+from allanscope.report.chain import ChainStep, processing_chain
 from allanscope.report.curve_pictures import (
     deviation_picture,
     estimators_picture,
@@ -40,6 +42,7 @@ from allanscope.report.data_pictures import (
     series_picture,
 )
 from allanscope.report.picture import Picture
+from allanscope.samples import unit_of
 from allanscope.sanitize import sanitize
 
 __all__ = ["pictures", "render", "save_pictures", "template"]
@@ -131,6 +134,7 @@ def render(
         quality=axis_text.quality(analysis),
         uncertainty=analysis.uncertainty,
         marks=[f"{duration(time_s)}: {text}" for time_s, text in marked_moments(analysis)],
+        chain=_chain(analysis),
         provenance=axis_text.provenance(analysis, _command(analysis)),
         footer=f"allanscope {analysis.version}",
     )
@@ -144,6 +148,22 @@ def marked_moments(analysis: Analysis) -> list[tuple[float, str]]:
         for number, once in enumerate(event.occurrences)
     )
     return sorted([*analysis.marks, *events])
+
+
+def _chain(analysis: Analysis) -> list[ChainStep]:
+    """Return the way of this run's samples."""
+    record, scales, history = analysis.record, "", "means of some samples"
+    if record is not None:
+        steps = {
+            unit_of(axis): f"{1e3 * lsb:.3g} m{unit_of(axis)}"
+            for axis, lsb in zip(record.axes, record.lsb, strict=True)
+            if lsb > 0.0
+        }
+        scales = ", ".join(steps.values())
+        rows = "samples" if record.stride == 1 else f"means of {record.stride} samples"
+        history = f"{len(record.values):,} {rows}"
+    part = PARTS.get(analysis.part)
+    return processing_chain(part, analysis.rate.best_hz, scales or "whole counts", history)
 
 
 def _with_cause(finding: Finding) -> str:

@@ -18,6 +18,7 @@ crosses tau = 1 s at N in mdps/sqrt(Hz) (or ug/sqrt(Hz)), which is why charts us
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -153,14 +154,17 @@ def symbols(unit: str) -> str:
     --------
     >>> symbols("deg/sqrt(h)"), symbols("ug/sqrt(Hz)"), symbols("m/s^2/sqrt(Hz)"), symbols("degC")
     ('°/√h', 'µg/√Hz', 'm/s²/√Hz', '°C')
+    >>> symbols("a bug of 5 ug/sqrt(Hz) in 3 um")
+    'a bug of 5 µg/√Hz in 3 µm'
     """
     for name in ("Hz", "h", "s", "2", "time"):
         unit = unit.replace(f"sqrt({name})", f"√{name}")
     for plain, set_in_print in _SYMBOLS:
         unit = unit.replace(plain, set_in_print)
-    return f"µ{unit[1:]}" if unit.startswith(("ug", "um", "u°")) else unit
+    return _MICRO.sub("µ", unit)
 
 
+_MICRO = re.compile(r"\bu(?=(?:g|m|°)(?![a-z]))")
 _SYMBOLS = (
     ("degC", "°C"),
     (" deg ", "° "),

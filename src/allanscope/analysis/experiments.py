@@ -1,4 +1,4 @@
-"""The next experiment: one action that would settle what a record leaves open, and its evidence.
+"""The next measurement: one action that would decide what a record cannot, and its evidence.
 
 The log-likelihood by which two rival models of a signal differ grows in proportion to the time for
 which it is seen. So what was gained so far tells how long an experiment must last, and what
@@ -184,7 +184,7 @@ def _hz(value: float) -> str:
 
 
 def next_experiments(analysis: Analysis) -> tuple[Experiment, ...]:
-    """Return what would settle what a result leaves open, the shortest first.
+    """Return the measurements that would decide what a result leaves open, shortest first.
 
     Open are a coefficient that was not detected, an effect of which another kind would do as well
     or that happened once, a line without a source, and a coupling without a direction.
@@ -221,7 +221,7 @@ def _of_coefficient(
 
 
 def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
-    """Return what would settle what is open of a finding."""
+    """Return the measurement that would decide what a finding leaves open."""
     if finding.origin is not None and finding.origin.experiment is not None:
         return [finding.origin.experiment]
     lead = finding.members[0]

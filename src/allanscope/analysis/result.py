@@ -317,7 +317,7 @@ class Analysis:
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
-        """What would settle what is open, the shortest first."""
+        """Next measurements, for what the record cannot decide, shortest first."""
         return next_experiments(self)
 
     @property

@@ -13,7 +13,12 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from allanscope.simulator.noise.power_law import filter_bank
+
 __all__ = ["GaussMarkov", "Narrowband"]
+
+_WHOLE = np.ones(1)
+"""Weight of the only pole."""
 
 
 class GaussMarkov:
@@ -39,22 +44,21 @@ class GaussMarkov:
         self, sigma: float, correlation_time: float, rate_hz: float, rng: Generator
     ) -> None:
         step = 1.0 / (rate_hz * correlation_time)
-        self._phi = math.exp(-step)
+        self._pole = np.array([math.exp(-step)])
         self._drive = sigma * math.sqrt(-math.expm1(-2.0 * step))
         self._rng = rng
-        self._carry = np.array([self._phi * sigma * rng.standard_normal()])
+        self._before = self._pole[0] * sigma * rng.standard_normal()
+        self._state = np.zeros(1)
 
     def take(self, n: int) -> NDArray[np.float64]:
         """Return the next `n` samples, shape (n,), in the unit of the axis."""
-        if n == 0:  # lfilter forgets its state on an empty input
+        if n == 0:
             return np.empty(0)
-        from scipy.signal import (
-            lfilter,
-        )  # half a second to load: only where such noise is required
-
-        white = self._drive * self._rng.standard_normal(n)
-        samples, self._carry = lfilter([1.0], [1.0, -self._phi], white, zi=self._carry)
-        return np.asarray(samples)
+        samples = self._drive * self._rng.standard_normal(n)
+        samples[0] += self._before
+        self._before = 0.0
+        filter_bank(self._pole, _WHOLE, 1, 0.0, self._state, samples, n)
+        return samples
 
 
 class Narrowband:
@@ -101,7 +105,7 @@ class Narrowband:
         """Return the next `n` samples, shape (n,), in the unit of the axis."""
         if n == 0:  # lfilter forgets its state on an empty input
             return np.empty(0)
-        from scipy.signal import lfilter
+        from scipy.signal import lfilter  # half a second to load
 
         white = self._rng.standard_normal((n, 2))
         driven = white @ self._step.T

@@ -53,6 +53,7 @@ __all__ = [
     "RandomWalk",
     "White",
     "WhitePhase",
+    "filter_bank",
     "pole_bank",
 ]
 
@@ -110,7 +111,7 @@ class FractionalIntegral:
     def apply(self, white: NDArray[np.float64]) -> None:
         """Filter unit white noise in place."""
         count, state = len(self.poles), self._state
-        _filter_bank(self.poles, self.weights, count, self.direct, state, white, len(white))
+        filter_bank(self.poles, self.weights, count, self.direct, state, white, len(white))
 
 
 def _stationary_state(poles: NDArray[np.float64], rng: Generator) -> NDArray[np.float64]:
@@ -129,7 +130,7 @@ def _stationary_state(poles: NDArray[np.float64], rng: Generator) -> NDArray[np.
     return state
 
 
-_filter_bank = kernel(
+filter_bank = kernel(
     "filter_bank",
     *(Pointer(np.float64, 1), Pointer(np.float64, 1), int, float),
     *(Pointer(np.float64, 1, written=True), Pointer(np.float64, 1, written=True), int),

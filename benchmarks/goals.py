@@ -27,6 +27,7 @@ from long_recording import make
 from replay import NIGHT_H, stages, whole
 from startup import seconds
 
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # a user's commands keep what they compile
 ALLANSCOPE = [sys.executable, "-m", "allanscope"]
 PIECE = 1 << 18
 """Bytes of text that are decoded at a time."""

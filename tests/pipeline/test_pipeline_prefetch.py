@@ -23,6 +23,30 @@ def test_all_that_takes_long_is_loaded_before_the_port_is_opened(monkeypatch):
     assert done == ["rerun", "port"]
 
 
+def test_what_computes_the_result_loads_before_the_run_is_over_and_is_ended(monkeypatch, tmp_path):
+    done, started = [], []
+
+    def processes(analyser):
+        done.append("processes")
+        started.extend(search_processes(analyser))
+        return started
+
+    def end(*given):
+        done.append("end")
+        end_input(*given)
+
+    search_processes, end_input = run.search_processes, run._end_input
+    monkeypatch.setattr(run, "usable_processes", lambda: 2)
+    monkeypatch.setattr(run, "search_processes", processes)
+    monkeypatch.setattr(run, "_end_input", end)
+    quiet = SessionSettings(quiet=True, view="none", out=tmp_path / "s", duration_s=4.0)
+    run.run_live("sim", DeviceSettings(), quiet, SimulatedSettings())
+    assert done == ["processes", "end"]
+    assert len(started) == 1
+    assert started[0]._process.poll() is not None
+    assert (tmp_path / "s/report.html").exists()
+
+
 def test_a_port_that_is_not_there_is_told_before_anything_is_loaded(monkeypatch):
     monkeypatch.setattr(run, "load_rerun", lambda: pytest.fail("loaded in vain"))
     quiet = SessionSettings(quiet=True, view="none")

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
         event_dict,
     )
     from allanscope.analysis.shared_lines import SeenLines, SharedLine, lines_in_both
-    from allanscope.analysis.summary import Depth, compared, summarise
+    from allanscope.analysis.summary import Depth, compared, search_processes, summarise
     from allanscope.analysis.together import Aligned, Own, Separation, aligned, separated
     from allanscope.analysis.undisturbed import Undisturbed
     from allanscope.analysis.verdict_lines import (
@@ -128,6 +128,7 @@ __all__ = [
     "parameter_text",
     "rate_text",
     "read_reference",
+    "search_processes",
     "searched",
     "separated",
     "share_text",
@@ -198,6 +199,7 @@ __getattr__, __dir__ = lazily(
         "shares_text": "wording",
         "Undisturbed": "undisturbed",
         "searched": "verdict_lines",
+        "search_processes": "summary",
         "summarise": "summary",
         "verdict": "verdict_lines",
         "wait_text": "wording",

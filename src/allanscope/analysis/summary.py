@@ -54,7 +54,7 @@ from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
 from allanscope.worker_process import WorkerProcess
 
-__all__ = ["Depth", "compared", "summarise"]
+__all__ = ["Depth", "compared", "search_processes", "summarise"]
 
 Depth = Literal["live", "full"]
 """``live`` is what a refresh can afford; ``full`` runs every estimator and closes the loop."""
@@ -68,6 +68,8 @@ WORTH_A_PROCESS = 30_000
 
 FEW_PROCESSES = 3_000_000
 """Values from which no more than two processes search: each may take some hundred megabytes."""
+
+_SEARCH = "allanscope.explain.loop"
 
 LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
 TENTHS = 10
@@ -83,6 +85,7 @@ def summarise(
     input_facts: Mapping[str, str],
     reconnects: int = 0,
     known: Explanation | None = None,
+    workers: Sequence[WorkerProcess] = (),
 ) -> Analysis:
     """Return the result of what an analyser has taken.
 
@@ -100,6 +103,8 @@ def summarise(
         Times that the port came back.
     known : Explanation, optional
         What the last look at the run found; with depth ``full`` the loop is closed anew.
+    workers : sequence of WorkerProcess
+        Those of `search_processes`; with depth ``full``, what is missing is started, and ended.
     """
     settings = analyser.settings
     if not analyser.configurations:
@@ -111,7 +116,7 @@ def summarise(
     given = loop_input(state)
     if depth == "live" and known is None:
         given = replace(given, record=given.record.coarsened(LIVE_ROWS))
-    axes = _axes(state, given, rate, depth, settings, known)
+    axes = _axes(state, given, rate, depth, settings, known, workers)
     part = settings.part or state.info.part
     offered = PARTS[part or POLLED_PART].rates_hz if state.info.polled else ()
     events = state.watch.events(rate_hz)
@@ -256,13 +261,15 @@ def _axes(
     depth: Depth,
     settings: AnalyserSettings,
     known: Explanation | None,
+    ready: Sequence[WorkerProcess],
 ) -> dict[str, AxisAnalysis]:
     """Return everything about every axis."""
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
     as_of = AsOf(state.samples / rate_hz, state.samples)
     loop = known
-    with _workers(given, settings.processes if depth == "full" else 1) as workers:  # they load now
+    processes = settings.processes if depth == "full" else 1
+    with _workers(given, processes, ready) as workers:  # new ones load now
         curves = _curves(state, depth, rate_hz, settings.level, settings.curves)
         if depth == "full":
             loop = _loop(given, workers)
@@ -362,19 +369,35 @@ def _curves_of_samples(
     return out
 
 
+def search_processes(analyser: Analyser) -> list[WorkerProcess]:
+    """Start the processes that search beside this one, for a full result that is soon wanted.
+
+    They take a second to load. The caller ends them.
+    """
+    state = analyser.state
+    if state is None:
+        return []
+    axes = len(state.info.axes)
+    most = min(_most_processes(axes * state.samples, analyser.settings.processes), axes)
+    return [WorkerProcess(_SEARCH) for _ in range(most - 1)]
+
+
+def _most_processes(values: int, processes: int) -> int:
+    return min(processes, 2) if values > FEW_PROCESSES else processes
+
+
 @contextmanager
-def _workers(given: LoopInput, processes: int) -> Iterator[list[WorkerProcess]]:
-    """Start the processes that a search is worth, beside this one, and end them."""
+def _workers(
+    given: LoopInput, processes: int, ready: Sequence[WorkerProcess]
+) -> Iterator[list[WorkerProcess]]:
+    """Start the processes that a search is worth beside this one and those ready; end them."""
     values = given.record.values
     if values.size < WORTH_A_PROCESS:
         processes = 1
-    if values.size > FEW_PROCESSES:
-        processes = min(processes, 2)
+    most = min(_most_processes(values.size, processes), values.shape[1]) - 1
     with ExitStack() as stack:
-        yield [
-            stack.enter_context(WorkerProcess("allanscope.explain.loop"))
-            for _ in range(min(processes, values.shape[1]) - 1)
-        ]
+        new = range(most - len(ready))
+        yield [*ready, *(stack.enter_context(WorkerProcess(_SEARCH)) for _ in new)]
 
 
 def _loop(given: LoopInput, workers: Sequence[WorkerProcess]) -> Explanation | None:

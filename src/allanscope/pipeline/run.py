@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,13 @@ from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
 from allanscope.allan import CurveChoices
-from allanscope.analysis import Analyser, AnalyserSettings, Analysis, compared
+from allanscope.analysis import (
+    Analyser,
+    AnalyserSettings,
+    Analysis,
+    compared,
+    search_processes,
+)
 from allanscope.errors import AllanscopeError, DeviceError, InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input, recorded_facts, recorded_settings
 from allanscope.pipeline.convert import import_capture
@@ -47,10 +53,14 @@ from allanscope.samples import AXES, Event, Notice
 from allanscope.sanitize import complain
 from allanscope.sources import RecordedSource, Source, require_port
 from allanscope.view import RerunView, TerminalView, load_rerun
+from allanscope.worker_process import WorkerProcess
 
 __all__ = ["OpenSession", "close_recorder", "open_session", "run_live", "run_replay"]
 
 _LOOK_EVERY_S = 0.2
+
+_READY_S = 10.0
+"""Before the end of a run, where it is known: then the processes load that its result needs."""
 
 
 def run_live(
@@ -205,8 +215,8 @@ def run_replay(
         final = _replayed_unseen(path, device, settings)
         done(final)
         return final
-    load_rerun()  # before there is a folder
     recording = Recording(path)
+    load_rerun()  # before there is a folder
     device = recorded_settings(recording, device)
     source = RecordedSource(path, speed)
     decoding = Decoding(device.for_wire(), device.wire)
@@ -265,21 +275,44 @@ def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettin
 
 
 class _Leaving:
-    """Leaves the result in the folder of a session: the numbers at once, the report meanwhile."""
+    """Leaves the result in the folder of a session: the numbers at once, the report meanwhile.
 
-    def __init__(self, folder: Path, recorded: bool, terminal: TerminalView) -> None:
+    Without a folder it does nothing.
+
+    Attributes
+    ----------
+    workers : list of WorkerProcess
+        They search beside this process, once it is prepared.
+    """
+
+    def __init__(self, folder: Path | None, recorded: bool, terminal: TerminalView) -> None:
         self._folder, self._recorded, self._terminal = folder, recorded, terminal
-        self._report = ReportProcess()
-        self._files = ResultFiles(folder)
+        self._report: ReportProcess | None = None
+        self._lock = threading.Lock()
+        self.workers: list[WorkerProcess] = []
+
+    def prepare(self, analyser: Analyser) -> None:
+        """Start the processes that take part; they take a second to load."""
+        with self._lock:
+            if self._report is None and self._folder is not None:
+                self._report = ReportProcess()
+                self.workers = search_processes(analyser)
 
     def begin(self, final: Analysis) -> None:
-        """Write the numbers, and begin to draw the report."""
-        self._files.write("result.json", partial(write_json, final))
-        self._report.begin(final)
+        """Write the numbers, and begin to draw the report: the search is over."""
+        for worker in self.workers:
+            worker.close()
+        if self._folder is not None and self._report is not None and final.samples:
+            self._files = ResultFiles(self._folder)
+            self._files.write("result.json", partial(write_json, final))
+            self._report.begin(final)
 
     def finish(self, final: Analysis) -> Analysis:
         """Wait for the report, say what is there, and return the result with what failed."""
-        files, folder = self._files, self._folder
+        folder = self._folder
+        if folder is None or self._report is None or not final.samples:
+            return final
+        files = self._files
         files.write("report.html", self._report.write)
         files.close()
         final = replace(final, failures=(*final.failures, *files.failures))
@@ -299,7 +332,11 @@ class _Leaving:
         return final
 
     def close(self) -> None:
-        self._report.close()
+        """End the processes that are left."""
+        with self._lock:
+            for process in (self._report, *self.workers):
+                if process is not None:
+                    process.close()
 
 
 def _report_alarm(line: str, notices: NoticeQueue, quiet: bool) -> None:
@@ -342,14 +379,13 @@ def _run(
     viewer = RerunView(folder, settings.view, named, terminal.line, settings.view_port)
     session.audience = (terminal, viewer, hook)
     final: Analysis | None = None
-    leaving: _Leaving | None = None
+    leaving = _Leaving(folder, recorder is not None, terminal)
 
     def stay() -> None:
         nonlocal final
         if final is None:
             return
-        if leaving is not None and final.samples:
-            final = leaving.finish(final)
+        final = leaving.finish(final)
         if stays and viewer.serves_page and not stopped.is_set():
             terminal.line("the page of the charts stays until Ctrl-C")
         terminal.close()
@@ -361,7 +397,8 @@ def _run(
         try:
             try:
                 _open(viewer, terminal, recorder, settings.duration_s)
-                session.run()
+                with _prepared(leaving, session.analyser, settings.duration_s):
+                    session.run()
             finally:
                 _end_input(session, hook, recorder)
             if recorder is not None and folder is not None:
@@ -369,21 +406,34 @@ def _run(
                     facts |= _identity(Recording(folder))
             ended = "Recording stopped" if whole_s is None else "Replay finished"
             terminal.line(f"{ended}; running the final analysis")
-            if folder is not None:
-                leaving = _Leaving(folder, recorder is not None, terminal)
-            result = session.result("full")
+            leaving.prepare(session.analyser)
+            result = session.result("full", leaving.workers)
             terminal.snapshot(result)
-            if leaving is not None and result.samples:
-                leaving.begin(result)
+            leaving.begin(result)
             final = result
         finally:
             viewer.close(final, stay=stay)
             terminal.close()
-            if leaving is not None:
-                leaving.close()
+            leaving.close()
     return (
         final if not viewer.failure else replace(final, failures=(*final.failures, viewer.failure))
     )
+
+
+@contextmanager
+def _prepared(leaving: _Leaving, analyser: Analyser, duration_s: float | None) -> Iterator[None]:
+    """Prepare the end of a run, if it is known when that is, some seconds before it comes."""
+    if duration_s is None:
+        yield
+        return
+    due_s = max(duration_s - _READY_S, duration_s / 2.0)
+    timer = threading.Timer(due_s, leaving.prepare, [analyser])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _end_input(session: Session, hook: EventHook, recorder: Recorder | None) -> None:

@@ -41,6 +41,7 @@ from allanscope.recording import Buffer
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo
 from allanscope.sanitize import one_line
 from allanscope.sources import Chunk, Source
+from allanscope.worker_process import WorkerProcess
 
 __all__ = ["Audience", "Ledger", "NoticeQueue", "Session"]
 
@@ -206,14 +207,15 @@ class Session:
         if self._reader_error is not None:
             raise self._reader_error
 
-    def result(self, depth: Depth) -> Analysis:
-        """Return the result of what was taken so far."""
+    def result(self, depth: Depth, workers: Sequence[WorkerProcess] = ()) -> Analysis:
+        """Return the result of what was taken so far; see `summarise` for the workers."""
         analysis = summarise(
             self.analyser,
             self.decoding.stats,
             depth=depth,
             input_facts={**self._input_facts(), "wire": self.decoding.wire},
             reconnects=self.decoding.reconnects,
+            workers=workers,
         )
         return replace(analysis, failures=tuple(self.failures))
 

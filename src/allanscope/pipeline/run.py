@@ -216,9 +216,9 @@ def run_replay(
         done(final)
         return final
     recording = Recording(path)
-    load_rerun()  # before there is a folder
     device = recorded_settings(recording, device)
     source = RecordedSource(path, speed)
+    load_rerun()  # before there is a folder
     decoding = Decoding(device.for_wire(), device.wire)
     analyser = Analyser(_analyser_settings(device, settings))
     folder = None

@@ -43,38 +43,54 @@ def status(kind: str, **other: object) -> dict[str, object]:
     }
 
 
-def packets(counts: np.ndarray, size: int, late_s: float = 0.0) -> list[bytes]:
-    """Return frames cut into packets, each behind the number of bytes up to its end."""
+def packets(counts: np.ndarray, size: int, late_s: float = 0.0, older: bool = False) -> list[bytes]:
+    """Return frames cut into packets, each behind the number of bytes up to its end.
+
+    Of older firmware, up to its beginning.
+    """
     stream = b""
     for frame in range(FRAMES):
         stream += counts[frame * PER_FRAME : (frame + 1) * PER_FRAME].astype("<i2").tobytes()
         last = (frame + 1) * PER_FRAME - 1
         stream += struct.pack("<d", OFFSET + late_s + last / RATE)
     pieces = [stream[at : at + size] for at in range(0, len(stream), size)]
-    ends = np.cumsum([len(piece) for piece in pieces]).tolist()
-    return [struct.pack("<I", end) + piece for end, piece in zip(ends, pieces, strict=True)]
+    sizes = np.array([len(piece) for piece in pieces])
+    counters = (np.cumsum(sizes) - sizes * older).tolist()
+    return [struct.pack("<I", count) + piece for count, piece in zip(counters, pieces, strict=True)]
 
 
 def folder(
-    path: Path, interface: int = 1, part: str = "lsm6dsl", lost: tuple[int, ...] = ()
+    path: Path,
+    interface: int = 1,
+    part: str = "lsm6dsl",
+    lost: tuple[int, ...] = (),
+    older: bool = False,
 ) -> Path:
-    """Write a folder; `lost` packets of the gyroscope never reached it."""
+    """Write a folder; `lost` packets of the gyroscope never reached it.
+
+    `older` is the form of FP-SNS-DATALOG2 1.1, as in six recordings of a STWIN.box that are public
+    (Ishaan2602/Sensor-datalogging-framework_-STWIN.box-STM32-Nucleo-, `examples`).
+    """
     path.mkdir(exist_ok=True)
     about = {"interface": interface, "data_ext": ".dat", "data_fmt": "HSD_2.0.0"}
     (path / "acquisition_info.json").write_text(json.dumps(about))
-    components = [{f"{part}_{kind}": status(kind)} for kind in COUNTS]
+    of_old = {"samples_per_ts": {"val": PER_FRAME, "min": 0, "max": 1000}} if older else {}
+    components = [{f"{part}_{kind}": status(kind, **of_old)} for kind in COUNTS]
+    if older:
+        components[0][f"{part}_gyro"]["sensitivity"] = 8.75
     components.append({"firmware_info": {"alias": "X"}})
     (path / "device_config.json").write_text(json.dumps({"devices": [{"components": components}]}))
     for kind, counts in COUNTS.items():
-        sent = packets(counts, 480 if interface else 2044)
+        sent = packets(counts, 480 if interface else 2044, older=older)
         kept = [one for i, one in enumerate(sent) if kind == "acc" or i not in lost]
         (path / f"{part}_{kind}.dat").write_bytes(b"".join(kept))
     return path
 
 
+@pytest.mark.parametrize("older", [False, True])
 @pytest.mark.parametrize("interface", [0, 1])
-def test_every_count_comes_back(tmp_path, interface):
-    found = table_of_file(folder(tmp_path / "a", interface))
+def test_every_count_comes_back(tmp_path, interface, older):
+    found = table_of_file(folder(tmp_path / "a", interface, older=older))
     axes = found.columns.axes
     assert list(axes) == ["gx", "gy", "gz", "ax", "ay", "az"]
     assert np.array_equal(np.column_stack(list(axes.values())), np.hstack(list(COUNTS.values())))
@@ -84,7 +100,8 @@ def test_every_count_comes_back(tmp_path, interface):
     assert found.columns.time_s is not None
     expected = OFFSET + np.arange(PER_FRAME * FRAMES) / RATE
     assert np.abs(found.columns.time_s - expected).max() < 1e-9
-    assert found.columns.assumed == ()
+    said = ("a gyroscope's sensitivity of 8.75 is taken for mdps, not dps",)
+    assert found.columns.assumed == (said if older else ())
 
 
 def test_a_folder_is_analysed_and_imported(tmp_path):
@@ -126,9 +143,10 @@ def test_folders_are_recordings_of_a_fleet(tmp_path):
     assert (result["part"], result["samples"]) == ("LSM6DSL", PER_FRAME * FRAMES)
 
 
-def test_lost_packets_are_lost_samples_and_shift_nothing(tmp_path):
+@pytest.mark.parametrize("older", [False, True])
+def test_lost_packets_are_lost_samples_and_shift_nothing(tmp_path, older):
     """A packet of 480 bytes is 80 rows, or 78.7 and a time; rows cut in two are lost as well."""
-    path = folder(tmp_path / "a", lost=(7, 8, 30))
+    path = folder(tmp_path / "a", lost=(7, 8, 30), older=older)
     found = table_of_file(path)
     axes = found.columns.axes
     assert len(axes) == 6  # of the accelerometer the same rows, though it lost none

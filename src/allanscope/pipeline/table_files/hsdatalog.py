@@ -10,6 +10,9 @@
 A packet of the SD card has `sd_dps` bytes with its counter, one of USB `usb_dps` without. The time
 of a frame is that of its last row; the first row is `ioffset` after the start. Where the counter
 jumps, the rows that the missing bytes held are missing too.
+
+Older firmware (1.1 of 2023) counts the bytes before a packet, writes `samples_per_ts` as an object
+with its limits, and the sensitivity of a gyroscope in mdps.
 """
 
 from __future__ import annotations
@@ -35,6 +38,8 @@ _WRAP = 1 << 32
 _TIME = 8
 _KINDS = {"gyro": ("gx", "gy", "gz"), "acc": ("ax", "ay", "az")}
 _INTERFACES = (0, 1)
+_LARGEST_DPS = 1.0
+"""Of a count: the full scale is then 30 000 dps."""
 _MOSTLY = 0.8
 """Share of rows that two sensors must have in common: fewer are not of one queue."""
 
@@ -62,11 +67,11 @@ def read(path: Path, stream: str = "") -> TableFile:
     chosen = stream.lower() or max(
         parts, key=lambda one: ("gyro" in parts[one], sum(_size(path, one, k) for k in parts[one]))
     )
-    said = []
+    said: list[str] = []
     if others := [one for one in parts if one != chosen]:
         said.append(f"the part is {chosen}; --stream takes another: {' '.join(others)}")
     found = {
-        kind: _sensor(path / f"{chosen}_{kind}.dat", status, interface == 0)
+        kind: _sensor(path / f"{chosen}_{kind}.dat", kind, status, interface == 0, said)
         for kind, status in sorted(parts[chosen].items(), reverse=True)  # the gyroscope first
     }
     if len(found) == len(_KINDS):
@@ -120,19 +125,26 @@ def _parts(path: Path) -> dict[str, dict[str, Mapping[str, Any]]]:
 
 def _number(status: Mapping[str, Any], name: str, low: float, high: float) -> float:
     value = status.get(name)
+    if isinstance(value, dict):  # with the limits of what may be set
+        value = value.get("val")
     if not isinstance(value, int | float) or not low <= value <= high:
         raise ValueError(f"device_config.json: {name} is {value!r}")
     return float(value)
 
 
-def _sensor(file: Path, status: Mapping[str, Any], on_card: bool) -> _Sensor:
-    """Return the samples of one .dat."""
+def _sensor(
+    file: Path, kind: str, status: Mapping[str, Any], on_card: bool, said: list[str]
+) -> _Sensor:
+    """Return the samples of one .dat; add to `said` what was assumed."""
     if status.get("data_type") != "int16" or status.get("dim") != 3:
         raise ValueError(f"{file.name}: not three axes of int16")
     if file.stat().st_size > MOST_BYTES:
         raise ValueError(f"{file.name} is larger than {MOST_BYTES >> 30} GiB")
     rows = int(_number(status, "samples_per_ts", 1, 1e6))
     scale = float(f"{_number(status, 'sensitivity', 1e-9, 1e3):.6g}")  # a float32 in the file
+    if kind == "gyro" and scale > _LARGEST_DPS:
+        said.append(f"a gyroscope's sensitivity of {scale:g} is taken for mdps, not dps")
+        scale = float(f"{scale / 1000.0:.6g}")
     size = int(_number(status, "sd_dps" if on_card else "usb_dps", 8, 1e7))
     data, there = _joined(file.read_bytes(), size if on_card else size + _COUNTER)
     frame = np.dtype([("counts", "<i2", (rows, 3)), ("time_s", "<f8")])
@@ -154,6 +166,8 @@ def _joined(raw: bytes, packet: int) -> tuple[NDArray[np.uint8], NDArray[np.bool
     counters = [int.from_bytes(raw[at : at + _COUNTER], "little") for at in starts]
     ends = np.array(counters, np.int64)
     ends[1:] += _WRAP * np.cumsum(np.diff(ends) < 0)
+    if pieces and ends[0] < len(pieces[0]):  # no end is so early: it counts up to its beginning
+        ends += [len(piece) for piece in pieces]
     begins = ends - [len(piece) for piece in pieces]
     if not len(ends) or begins[0] < 0 or (begins[1:] < ends[:-1]).any() or ends[-1] > MOST_BYTES:
         raise ValueError("packets whose counters do not go up as they should")

@@ -175,6 +175,8 @@ def _channel(stream: object) -> object:
 
 
 def _number(value: object) -> float:
+    if isinstance(value, dict):  # older firmware: with the limits of what may be set
+        value = value.get("val")
     return float(value) if isinstance(value, int | float) and abs(value) < 1e30 else 0.0
 
 

@@ -348,11 +348,11 @@ static void miss_edge(device *self, const imu_batch *batch, uint64_t now_us)
 
 /* What waits is still what comes next, unless the queue had run over meanwhile: then it is old, and
  * newer samples are missing behind it anyway. The host can tell how many. */
-bool device_opened(device *self)
+bool device_opened(device *self, uint32_t under_way)
 {
     const bool old = self->sender.pending_flags & AS_DROPPED_BEFORE;
     if (old) {
-        as_ring_drop(self->sender.ring, as_ring_waiting(self->sender.ring));
+        as_ring_keep(self->sender.ring, under_way);
     }
     as_send_zero(&self->sender);
     if (self->streaming) {

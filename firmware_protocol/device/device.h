@@ -43,8 +43,9 @@ void device_receive(device *self, uint8_t byte, uint64_t now_us);
 /* The sensor's interrupt rose at this time: its FIFO reached the watermark. */
 void device_watermark(device *self, uint64_t edge_us);
 
-/* A host has opened the port. Returns whether what waited for it was old and has been thrown away. */
-bool device_opened(device *self);
+/* A host has opened the port. Returns whether what waited for it was old and has been thrown away,
+ * but for the bytes under way. */
+bool device_opened(device *self, uint32_t under_way);
 
 /* Say something in words: level 0 a remark, 1 a warning, 2 an error. */
 void device_tell(device *self, uint64_t now_us, uint8_t level, const char *text);

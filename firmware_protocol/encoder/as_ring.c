@@ -56,5 +56,13 @@ uint32_t as_ring_peek(const as_ring *ring, const uint8_t **from)
 
 void as_ring_drop(as_ring *ring, uint32_t n)
 {
-    ring->taken += n;
+    const uint32_t waiting = as_ring_waiting(ring);
+    ring->taken += n < waiting ? n : waiting;
+}
+
+void as_ring_keep(as_ring *ring, uint32_t n)
+{
+    if (n < as_ring_waiting(ring)) {
+        ring->put = ring->taken + n;
+    }
 }

@@ -37,8 +37,12 @@ int as_ring_take(as_ring *ring);
 uint32_t as_ring_waiting(const as_ring *ring);
 
 /* The longest run of waiting bytes that lies in one piece, for DMA and USB; as_ring_drop removes
- * what was sent of it. */
+ * what was sent of it, and never more than waits. */
 uint32_t as_ring_peek(const as_ring *ring, const uint8_t **from);
 void as_ring_drop(as_ring *ring, uint32_t n);
+
+/* Throw away all but the n bytes that have waited longest. By the side that puts, while the other one
+ * does not take. */
+void as_ring_keep(as_ring *ring, uint32_t n);
 
 #endif

@@ -13,6 +13,7 @@ uint64_t time_us(void);       /* 64 bits, on the crystal: TIM2 at 1 MHz, its ove
 uint32_t random_number(void); /* the RNG or noise of an ADC: a reboot is seen as a new epoch */
 void received_put(uint8_t byte);
 int received_take(void); /* -1: none */
+void usb_reset(void);
 static void usb_send(void);
 
 /* `handle` is a DrvContextTypeDef with spiDevice = LSM6DSM. */
@@ -37,6 +38,10 @@ static as_ring ring;
 static lsm6dsm sensor;
 static device board;
 
+static volatile bool opened;
+static volatile bool busy;         /* a transfer is under way */
+static volatile uint32_t in_flight; /* bytes of it that leave the ring when it has ended */
+
 void monitor_init(void *handle)
 {
     const bool one_data_line = true; /* the driver sets SIM after every reset of the part */
@@ -49,9 +54,23 @@ void monitor_init(void *handle)
                 (uint16_t)random_number(), time_us());
 }
 
+/* A conversation begins with a zero and the descriptor. What is old is thrown away, but for the
+ * transfer under way, which is still read from the ring. */
+static void begin_conversation(void)
+{
+    const uint32_t mask = __get_PRIMASK();
+    __disable_irq(); /* a transfer must not end meanwhile */
+    opened = false;
+    device_opened(&board, in_flight);
+    __set_PRIMASK(mask);
+}
+
 void monitor_poll(void) /* from the main loop, every millisecond or two */
 {
     bool more = true;
+    if (opened) {
+        begin_conversation();
+    }
     while (more) { /* one frame at a time, so that a backlog does not keep commands waiting */
         int byte;
         while ((byte = received_take()) >= 0) {
@@ -62,12 +81,10 @@ void monitor_poll(void) /* from the main loop, every millisecond or two */
     }
 }
 
-void monitor_opened(void) /* a conversation begins with a zero and the descriptor */
+void monitor_opened(void) /* from the interrupt that brings DTR */
 {
-    device_opened(&board);
+    opened = true;
 }
-
-static volatile uint32_t in_flight;
 
 /* The encoder's ring is the transmit buffer: ST's CDC_Fill_Buffer writes into 2048 bytes without
  * checking for room. Where ST's driver has no hook for the end of a transfer, test
@@ -75,15 +92,17 @@ static volatile uint32_t in_flight;
 static void usb_send(void)
 {
     const uint8_t *from;
-    if (in_flight == 0 && USBD_Device.dev_state == USBD_STATE_CONFIGURED) {
+    if (!busy && USBD_Device.dev_state == USBD_STATE_CONFIGURED) {
         uint32_t n = as_ring_peek(&ring, &from);
         if (n > 0 && n % 64 == 0) {
             n--; /* a transfer of full packets would need an empty one behind it */
         }
         if (n > 0) {
             USBD_CDC_SetTxBuffer(&USBD_Device, (uint8_t *)from, (uint16_t)n);
-            if (USBD_CDC_TransmitPacket(&USBD_Device) == USBD_OK) {
-                in_flight = n;
+            in_flight = n; /* first: it may have ended before the call returns */
+            busy = true;
+            if (USBD_CDC_TransmitPacket(&USBD_Device) != USBD_OK) {
+                usb_reset();
             }
         }
     }
@@ -92,12 +111,13 @@ static void usb_send(void)
 void usb_sent(void) /* from the class driver's DataIn, when a transfer has ended */
 {
     as_ring_drop(&ring, in_flight);
-    in_flight = 0;
+    usb_reset();
 }
 
 void usb_reset(void) /* from the class driver's Init and DeInit: the cable was pulled */
 {
     in_flight = 0; /* a transfer that was cut off never ends; what was in it is sent once more */
+    busy = false;
 }
 
 int8_t usb_received(uint8_t *from, uint32_t *n)

@@ -60,7 +60,7 @@ bool sensortile_turn(void)
     while ((byte = usb_cdc_receive()) >= 0) {
         device_receive(&board, (uint8_t)byte, board_time_us());
     }
-    if (usb_cdc_opened() && device_opened(&board)) {
+    if (usb_cdc_opened() && device_opened(&board, 0)) {
         usb_cdc_discard();
     }
     if (board_take_edge(&edge_us)) {

@@ -229,7 +229,10 @@ def test_every_sample_comes_once_through_bus_and_cable(build):
     info = bench.of(StreamInfo)[0]
     assert (info.part, info.nominal_hz, info.details["clock"]) == ("LSM6DSM", 104.0, "crystal")
     assert "0a:26" in info.details["registers"], "FIFO at 104 Hz, continuous"
-    assert bench.chip.kicks > 100
+    watchdog = bench.chip.watchdog
+    assert watchdog.started
+    assert watchdog.period_s == pytest.approx(2.0, rel=1e-3)
+    assert 0.0 < watchdog.longest_us < 0.1e6
 
 
 def test_a_frame_is_one_burst_of_dma_and_no_word_too_many_is_clocked(build):

@@ -330,6 +330,44 @@ class SensorSpi:
         return byte
 
 
+class Watchdog:
+    """The independent watchdog: it resets the chip when its key does not come in time.
+
+    Attributes
+    ----------
+    started : bool
+        Whether it runs; nothing can stop it then.
+    longest_us : float
+        Longest time between two keys since.
+    """
+
+    def __init__(self):
+        self.started = False
+        self.longest_us = self._kicked_us = 0.0
+        self._prescaler, self._reload, self._open = 0, 0xFFF, False
+
+    @property
+    def period_s(self):
+        """Time that it waits for its key."""
+        return 4 * 2**self._prescaler * (self._reload + 1) / 32_000
+
+    def put(self, offset, value, now_us):
+        """Take a write: of prescaler and reload only after their key."""
+        if offset == 0:
+            assert value in (0xAAAA, 0xCCCC, 0x5555), hex(value)
+            if value == 0xAAAA and self.started:
+                self.longest_us = max(self.longest_us, now_us - self._kicked_us)
+            self._kicked_us = now_us
+            self.started |= value == 0xCCCC
+            self._open = value == 0x5555
+            return
+        assert self._open, "prescaler and reload are protected"
+        if offset == 4:
+            self._prescaler = value
+        else:
+            self._reload = value
+
+
 class Chip:
     """The chip with the firmware in it, its sensor and its cable.
 
@@ -353,7 +391,7 @@ class Chip:
     def __init__(self, library, part, crystal=True, hung=False):
         self.part, self.usb, self.spi = part, OtgFs(), SensorSpi(part, self._to_memory)
         self.registers = {0x40021094: hung << 29}
-        self.kicks = 0
+        self.watchdog = Watchdog()
         self.busy_ms = 0
         self.now_us = 0.0
         self._crystal = crystal
@@ -420,8 +458,9 @@ class Chip:
             self.spi.dma_put(address - DMA1, value)
         elif address == 0x48000418:
             self.spi.pin(value)
+        elif 0x40003000 <= address <= 0x40003008:
+            self.watchdog.put(address - 0x40003000, value, self.now_us)
         else:
-            self.kicks += address == 0x40003000 and value == 0xAAAA
             self.registers[address] = value
 
     def _check_bus(self):

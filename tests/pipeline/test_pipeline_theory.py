@@ -1,12 +1,17 @@
 """Densities become deviations and back on the command line, and the charts of the method drawn."""
 
+import re
+
 import numpy as np
 import pytest
 
 from allanscope.__main__ import main
-from allanscope.allan import ROWS
+from allanscope.allan import ROWS, CurveChoices, variance_name
+from allanscope.allan.estimators import REGISTRY
+from allanscope.allan.kernels import COLUMNS
 from allanscope.pipeline import DeviceSettings
 from allanscope.pipeline.theory import chain_steps
+from allanscope.report import processing_chain
 
 
 def table(path):
@@ -57,6 +62,26 @@ def test_the_chain_says_what_the_program_works_with():
     facts = ("66.6 Hz", "208 samples/s", "8.75 mdps at 250 dps", f"{ROWS:,} rows", "32 or more")
     for fact in facts:
         assert fact in text, fact
+
+
+def test_the_archive_of_the_chain_has_what_no_running_sum_gives():
+    (archive,) = [step for step in chain_steps(DeviceSettings()) if step.name == "archive"]
+    summed = {variance_name(kind) for kind in COLUMNS}
+    there = set(re.findall(r"[A-Z]+1?", archive.numbers.partition(";")[0]))
+    # Of the others TVAR is a multiple of MVAR, and TheoH two curves in one.
+    named = {variance_name(kind) for kind in REGISTRY}
+    assert named - summed - there == {"TVAR", "THEOH"}
+    assert there <= named
+    assert not summed & there
+
+
+def test_the_chain_follows_what_was_chosen_of_the_curves():
+    chosen = CurveChoices(taus="decade", hadamard="dt0064")
+    text = str(processing_chain(None, 100.0, "1 mdps", "all", chosen))
+    assert "every start'" in text
+    assert "every sample'" in text
+    assert "½ (DT0064) of the mean square" in text
+    assert "8 sin⁶ x / x²" in text
 
 
 def test_the_chain_has_the_variances_of_the_design_tip_where_it_takes_them():

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from allanscope.allan import ROWS, lags_of_level
+from allanscope.allan import ROWS, CurveChoices, lags_of_level
 from allanscope.parts import Part
 from allanscope.spectrum import SEGMENT
 
@@ -46,7 +46,11 @@ class ChainStep:
 
 
 def processing_chain(
-    part: Part | None, rate_hz: float, scales: str, history: str
+    part: Part | None,
+    rate_hz: float,
+    scales: str,
+    history: str,
+    choices: CurveChoices | None = None,
 ) -> list[ChainStep]:
     """Return the steps in the order in which a sample takes them.
 
@@ -60,10 +64,17 @@ def processing_chain(
         What the output registers round to.
     history : str
         How much of the time series is kept.
+    choices : CurveChoices, optional
+        Of the curves; by default those of a bank.
     """
+    choices = choices or CurveChoices()
     cutoffs = part.cutoffs_hz("gx", rate_hz) if part is not None else ()
     low_pass = f"low-pass at {' or '.join(f'{hz:.3g}' for hz in cutoffs)} Hz"
-    starts = int(lags_of_level(1, 1)[0])
+    starts = f"every start below m = {_DENSE}, {lags_of_level(1, 1)[0]} or more in tau above"
+    archive = f"at most {ROWS:,} rows, joined in pairs when full"
+    if choices.taken_from_samples:
+        starts, archive = "every start", "every sample"
+    third = "½ (DT0064)" if choices.hadamard == "dt0064" else "⅙ (DT0064: ½)"
     return [
         ChainStep(
             0,
@@ -81,7 +92,7 @@ def processing_chain(
         ChainStep(
             6,
             "M(m)",
-            f"mean of m; every start below m = {_DENSE}, {starts} or more in tau above",
+            f"mean of m; {starts}",
             "OSTDVAR; m:1 STDVAR",
             "sin² x / x²",
         ),
@@ -102,16 +113,18 @@ def processing_chain(
         ChainStep(
             8,
             "D1(m)",
-            "differences once more, ⅙ (DT0064: ½) of the mean square",
+            f"differences once more, {third} of the mean square",
             "OHVAR; m:1 HVAR",
-            "8/3 sin⁶ x / x²",
+            "8 sin⁶ x / x²" if choices.hadamard == "dt0064" else "8/3 sin⁶ x / x²",
         ),
+        ChainStep(7, "D1(m)", "the same of the record and its images at both ends", "TOTVAR"),
         ChainStep(8, "noise type", "MAVAR / AVAR, levels of power laws", "edf, lower, upper, bias"),
+        ChainStep(6, "slope(m)", "of a line through m; half the mean square difference", "PVAR"),
         ChainStep(
             6,
             "archive",
-            f"at most {ROWS:,} rows, joined in pairs when full",
-            "TOTVAR MTOTVAR TTOTVAR HTOTVAR THEO1 THEOBR THEOH PVAR",
+            archive,
+            "MTOTVAR TTOTVAR HTOTVAR THEO1 THEOBR; THEOH, to a tenth of the run OAVAR",
         ),
         ChainStep(
             5,

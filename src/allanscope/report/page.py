@@ -163,7 +163,8 @@ def _chain(analysis: Analysis) -> list[ChainStep]:
         rows = "samples" if record.stride == 1 else f"means of {record.stride} samples"
         history = f"{len(record.values):,} {rows}"
     part = PARTS.get(analysis.part)
-    return processing_chain(part, analysis.rate.best_hz, scales or "whole counts", history)
+    rate_hz = analysis.rate.best_hz
+    return processing_chain(part, rate_hz, scales or "whole counts", history, analysis.choices)
 
 
 def _with_cause(finding: Finding) -> str:

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 
 import allantools
 import numpy as np
@@ -152,6 +153,19 @@ def test_a_recording_is_read_by_axis(tmp_path, capsys):
     table = tmp_path / "mtie.csv"
     assert main(["stability", "mtie", str(out), "--out", str(table)]) == 0
     assert table.read_text().startswith("tau_s,m,mtie\n")
+
+
+def test_times_are_those_of_the_measured_rate(tmp_path, capsys):
+    """The simulated part is 1.4 % slow."""
+    path, out = str(tmp_path / "a.mcap"), tmp_path / "a.json"
+    assert main(["simulate", path, "--hours", "0.02", "--rate", "104", "--quiet"]) == 0
+    assert main(["analyse", path, "--json", str(out), "--quiet"]) == 0
+    measured = json.loads(out.read_text())["rate"]["measured_hz"]
+    assert abs(measured / 104.0 - 1) > 0.01
+    words = ["stability", "identify", path, "--axis", "gx", "--taus", "0.1,1", "--quiet"]
+    assert main(words) == 0
+    first, _ = csv.DictReader(io.StringIO(capsys.readouterr().out))
+    assert float(first["m"]) / float(first["tau_s"]) == pytest.approx(measured, rel=1e-8)
 
 
 def test_gaps_leave_the_longest_stretch(ask, capsys):

@@ -31,6 +31,7 @@ from allanscope.allan import (
     tierms,
 )
 from allanscope.atomic_write import write_text
+from allanscope.clock import Clock
 from allanscope.errors import InputError, UsageError
 from allanscope.noise import deviation_covariance, fit_power_laws, letters_for, model_of
 from allanscope.parts import part_named
@@ -362,21 +363,28 @@ def _series_of(path: Path, request: StabilityRequest) -> _Series:
         device = recorded_settings(Recording(path), device)
     parts: list[Floats] = []
     info: StreamInfo | None = None
+    clock, index = Clock(), 0
     for event in events_of(
         path, Decoding(device.for_wire(), device.wire), request.quiet, "reading"
     ):
         match event:
             case StreamInfo():
-                info = info or event
+                if info is None:
+                    info, clock = event, Clock.of(event)
                 number = info.axes.index(_axis_of(path, request.axis, info.axes))
             case Block() if info is not None:
+                clock.update(index, event.ticks)
+                index += len(event)
                 parts.append(event.counts[:, number] * info.scale[number])
             case Gap():
+                clock.gap(event)
+                index += event.lost or 0
                 parts.append(np.array([np.nan]))
     if info is None or not parts:
         raise InputError(f"{path} holds no samples")
     axis = info.axes[number]
-    return _Series(_longest(path, np.concatenate(parts)), info.nominal_hz, unit_of(axis))
+    rate_hz = clock.rate().hz or info.nominal_hz  # measured, as that of an analysis
+    return _Series(_longest(path, np.concatenate(parts)), rate_hz, unit_of(axis))
 
 
 def _axis_of(path: Path, wanted: str, axes: tuple[str, ...]) -> str:

@@ -14,6 +14,7 @@ import re
 import shlex
 from pathlib import Path
 
+import allantools
 import pytest
 
 from allanscope.__main__ import main
@@ -230,3 +231,10 @@ def test_the_cells_of_a_notebook_run(notebook, tmp_path, monkeypatch):
     assert pyplot.get_fignums()
     pyplot.close("all")
     assert not any(cell.get("outputs") for cell in cells), "notebooks are kept without output"
+
+
+def test_every_function_of_allantools_is_beside_ours():
+    page = (ROOT / "docs/how-to/coming-from.md").read_text(encoding="utf-8")
+    names = {name for name in dir(allantools) if not name.startswith("_")}
+    functions = {name for name in names if callable(getattr(allantools, name))}
+    assert functions - set(re.findall(r"\w+", page)) == set()

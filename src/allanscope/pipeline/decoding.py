@@ -305,6 +305,8 @@ class Decoding:
             return []
         self._missed = True
         text = f"no data for {silent_s:.0f} s; check the port and whether the board is on"
+        if self._format is None:
+            text += "; firmware with SDATALOG at a UART needs --wire sdatalog"
         return [Notice("error", text, OURS)]
 
     def _link_event(self, chunk: Chunk) -> list[Event]:

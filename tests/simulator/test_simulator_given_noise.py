@@ -1,8 +1,11 @@
 """Noise that is given on the command line is what is simulated, with the slopes of theory."""
 
+import json
+
 import numpy as np
 import pytest
 
+from allanscope.__main__ import main
 from allanscope.allan import deviation
 from allanscope.errors import UsageError
 from allanscope.simulator import Simulator, Truth
@@ -84,3 +87,19 @@ def test_a_simulated_random_run_has_its_hadamard_deviation():
 def test_noise_that_makes_no_sense_is_refused(text, message):
     with pytest.raises(UsageError, match=message):
         Truth.typical().with_noise([text])
+
+
+def test_a_given_markov_process_is_found_with_its_two_numbers(tmp_path):
+    """dx/dt = n1 x + n2 w: correlation time -1/n1, sigma n2 / sqrt(-2 n1)."""
+    path, out = str(tmp_path / "a.mcap"), tmp_path / "a.json"
+    noise = ["--noise", "N=0.003,axis=gx", "--noise", "n1=-0.2,n2=0.01,axis=gx"]
+    words = ["simulate", path, "--hours", "0.4", "--rate", "26", "--seed", "3", "--quiet", *noise]
+    assert main(words) == 0
+    assert main(["analyse", path, "--json", str(out), "--quiet"]) == 0
+    axis = json.loads(out.read_text())["axes"]["gx"]
+    (found,) = [one for one in axis["effects"] if one["kind"] == "gauss_markov"]
+    for name, truth in (("sigma", 0.01 / np.sqrt(0.4)), ("correlation_time", 5.0)):
+        known = found["parameters"][name]
+        assert known["lower"] < truth < known["upper"]
+        assert known["upper"] < 1.6 * known["lower"]
+    assert axis["coefficients"]["N"]["value"] == pytest.approx(0.003, rel=0.03)

@@ -117,8 +117,8 @@ def processing_chain(
             "OHVAR; m:1 HVAR",
             "8 sin⁶ x / x²" if choices.hadamard == "dt0064" else "8/3 sin⁶ x / x²",
         ),
-        ChainStep(7, "D1(m)", "the same of the record and its images at both ends", "TOTVAR"),
         ChainStep(8, "noise type", "MAVAR / AVAR, levels of power laws", "edf, lower, upper, bias"),
+        ChainStep(7, "D1(m)", "the same of the record and its images at both ends", "TOTVAR"),
         ChainStep(6, "slope(m)", "of a line through m; half the mean square difference", "PVAR"),
         ChainStep(
             6,

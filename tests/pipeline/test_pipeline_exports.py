@@ -287,6 +287,15 @@ def test_a_bound_covers_held_out_records_with_little_inflation():
     assert 1.0 < np.mean(inflation) < 1.3
 
 
+def test_a_bound_has_white_noise_whatever_steps_there_are():
+    """A step makes the curve rise from 1 s on: a random walk alone would be above it."""
+    rate, n = 104.0, 75_000
+    noise = 4e-3 * np.sqrt(rate) * np.random.default_rng(8).standard_normal(n)
+    noise[n // 2 :] += 0.1
+    bound = bound_model(deviation(noise, rate, "oadev", 4))
+    assert 0.8 * 4e-3 < bound.N < 1.5 * 4e-3
+
+
 def test_a_run_of_seconds_gives_no_bound():
     curve = deviation(np.random.default_rng(1).standard_normal(100), 10.0, "oadev")
     assert bound_model(curve) is None

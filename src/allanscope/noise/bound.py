@@ -96,11 +96,17 @@ def bound_model(curve: Deviation, *, quantile: float = QUANTILE) -> Bound | None
         return None
     tau, measured, edf = curve.tau[use], curve.deviation[use] ** 2, curve.edf[use]
     floor = np.maximum(fdtri(edf, edf, quantile), 1.0)
+    white = float(np.min(measured * tau))  # of that there is at least so much: no filter has none
     best: tuple[float, Array, float] | None = None
     for time in np.geomspace(tau[0] / 3, tau[-1], _TIMES):
         columns = _columns(tau, time) / measured[:, np.newaxis]
         scale = columns.max(axis=0)
-        found = linprog((columns / scale).mean(axis=0), A_ub=-columns / scale, b_ub=-floor)
+        found = linprog(
+            (columns / scale).mean(axis=0),
+            A_ub=-columns / scale,
+            b_ub=-floor,
+            bounds=[(white * scale[0], None), (0.0, None), (0.0, None)],
+        )
         if not found.success or found.fun is None:
             continue
         if best is None or found.fun < best[0]:

@@ -373,3 +373,15 @@ def test_two_rates_or_boards_decide(second, line, words):
 def test_a_vague_line_agrees_with_anything_and_decides_nothing():
     one = SeenLines(104.0, 5.0, [(46.0, 45.0, 47.0)])
     assert lines_in_both(one, SeenLines(107.1, 5.0, [(20.0, 19.0, 21.0)])) == ()
+
+
+def test_one_arrival_far_off_is_no_wander_of_the_clock():
+    """The last of 180 is 20 ms early: a polynomial of high order would go through it."""
+    n = np.arange(180) * 400
+    time_s = n / 104.0 + 1e-5 * np.random.default_rng(2).normal(size=n.size)
+    time_s[-1] -= 0.02
+    assert wander_of((n, time_s, np.zeros(n.size, np.int64))) is None
+    wandering = time_s + 5e-4 * np.sin(n / n[-1] * 2 * np.pi)
+    found = wander_of((n, wandering, np.zeros(n.size, np.int64)))
+    assert found is not None
+    assert found.relative_ppm < 50

@@ -62,6 +62,10 @@ _INCOHERENT_P = 1e-6
 _INCOHERENT_RAD = 0.5
 """Phase that a line must wander by, rms, before it is said not to be of the samples' clock."""
 _HIGHEST_ORDER = 20
+_LARGEST_PPM = 1e5
+"""Change of a rate that no oscillator shows."""
+_NEIGHBOURS, _FAR_OFF = 7, 20.0
+"""Times whose median is the usual one, and how many sigma from it a time is no longer used."""
 _MAINS = 1e-3
 """Relative tolerance of mains, and of a USB host's frames."""
 _USB = 5e-4
@@ -193,7 +197,7 @@ def wander_of(arrivals: Arrivals | None) -> Wander | None:
     which = np.unique(segment, return_inverse=True)[1]
     starts = (segment[:, None] == np.unique(segment)).astype(np.float64)
     time_s = time_s - time_s[np.flatnonzero(np.diff(which, prepend=-1))][which]
-    keep = np.ones(len(n), bool)
+    keep = _among_neighbours(x, time_s, starts)
     for _ in range(3):
         best, origins = _smoothest(x, time_s, starts, keep)
         late = time_s - chebyshev.chebval(x, best) - starts @ origins
@@ -205,8 +209,21 @@ def wander_of(arrivals: Arrivals | None) -> Wander | None:
     pace = chebyshev.chebval(x, chebyshev.chebder(best))
     mean = float(np.polyfit(x, chebyshev.chebval(x, best), 1)[0])
     relative_ppm = 1e6 * float(np.ptp(pace)) / mean
+    if not relative_ppm < _LARGEST_PPM:
+        return None
     error_s = max(sigma, 1e-9) * math.sqrt((len(best) + len(origins)) / int(keep.sum()))
     return Wander(best, 0.0, last - first, relative_ppm, (last - first) / (2.0 * mean), error_s)
+
+
+def _among_neighbours(x: Array, y: Array, starts: Array) -> NDArray[np.bool_]:
+    """Return which times lie near those around them: one that is far off bends a polynomial."""
+    from scipy.ndimage import median_filter
+
+    design = np.hstack([x[:, np.newaxis], starts])
+    late = y - design @ np.linalg.lstsq(design, y)[0]
+    apart = np.abs(late - median_filter(late, _NEIGHBOURS, mode="mirror"))
+    usual = MAD_TO_SIGMA * float(np.median(apart))
+    return np.asarray(apart <= _FAR_OFF * max(usual, 1e-6))
 
 
 def _smoothest(x: Array, y: Array, starts: Array, keep: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -169,3 +169,12 @@ def test_a_pattern_of_units_that_is_none_is_refused_before_any_work(
     with pytest.raises(UsageError, match="--unit-name"):
         run_fleet(settings, DEVICE)
     assert not (tmp_path / "out").exists()
+
+
+def test_names_with_brackets_are_names(tmp_path):
+    there = tmp_path / "lot[1]" / "b [2026-01-01].mcap"
+    there.parent.mkdir()
+    there.write_bytes(b"any")
+    for named in (there.parent, there, tmp_path / "lot*"):
+        pattern = f"{named}/*.mcap" if "*" in named.name else str(named)
+        assert [Path(one.url) for one in find_inputs([pattern])] == [there]

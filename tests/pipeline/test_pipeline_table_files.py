@@ -133,6 +133,16 @@ def test_nothing_that_a_file_claims_is_believed(tmp_path, kind, monkeypatch):
         analyse_input(path, DeviceSettings(rate_hz=100.0), quiet=True)
 
 
+def test_parquet_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, capsys):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    zeros = pa.array(np.zeros(3_000_000))
+    pq.write_table(pa.table(dict.fromkeys(("gx", "gy", "gz"), zeros)), tmp_path / "a.parquet")
+    assert main(["analyse", str(tmp_path / "a.parquet"), "--rate", "100"]) == 3
+    assert "3000000 rows: too many for a file of its size" in capsys.readouterr().err
+
+
 def test_damaged_parquet_is_one_clear_line(tmp_path, capsys):
     (tmp_path / "bad.parquet").write_bytes(b"PAR1" + bytes(500) + b"PAR1")
     assert main(["analyse", str(tmp_path / "bad.parquet"), "--rate", "100"]) == 3

@@ -12,6 +12,7 @@ it took.
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -110,8 +111,9 @@ def _matches(pattern: str) -> Iterator[RecordingInput]:
         filesystem, inside = fsspec.core.url_to_fs(pattern)
         filesystem.invalidate_cache()  # of what was there when this process last looked
         here = is_of_this_machine(filesystem)
-        if filesystem.isdir(inside) and not (here and is_table_file(Path(inside))):
-            inside = f"{inside.rstrip('/')}/**/*.mcap"
+        is_folder = filesystem.isdir(inside) and not (here and is_table_file(Path(inside)))
+        if is_folder or filesystem.exists(inside):  # its name may hold brackets
+            inside = glob.escape(inside.rstrip("/")) + ("/**/*.mcap" if is_folder else "")
         details = filesystem.glob(inside, detail=True)
     except Exception as error:
         why = " ".join(str(error).split()) or type(error).__name__

@@ -53,7 +53,7 @@ def write_lot(
         ) as advance:
             rows = _rows(result, originals, store, names, advance)
             if not write_table(table, rows, settings.partition):
-                table.unlink()
+                shutil.rmtree(table) if table.is_dir() else table.unlink()
                 return
         from allanscope.atomic_write import write_text
         from allanscope.fleet.acceptance import accept

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from allanscope.errors import UsageError
 from allanscope.pipeline.columns import columns_of_mapping
 from allanscope.pipeline.table_files import MOST_BYTES, MOST_COLUMNS, TableFile
+from allanscope.recording import most_unpacked
 from allanscope.samples import AXES
 from allanscope.wire.text import column_of
 
@@ -38,9 +39,10 @@ def read(path: Path, stream: str = "") -> TableFile:
                 if column_of(one.name) is not None
                 and (pa.types.is_integer(one.type) or pa.types.is_floating(one.type))
             ]
-            if file.metadata.num_rows * max(len(known), 1) * 8 > MOST_BYTES:
-                raise ValueError(f"{file.metadata.num_rows} rows: more than fit in memory")
-            arrays = _columns_of_parquet(file, known)
+            most = min(MOST_BYTES, most_unpacked(path.stat().st_size))
+            if file.metadata.num_rows * max(len(known), 1) * 8 > most:
+                raise ValueError(f"{file.metadata.num_rows} rows: too many for a file of its size")
+            arrays = _columns_of_parquet(file, known, most)
             facts = _facts(schema.metadata)
     except pa.ArrowException as error:
         raise ValueError(f"not a valid Parquet file: {error}") from None
@@ -55,7 +57,7 @@ def read(path: Path, stream: str = "") -> TableFile:
     )
 
 
-def _columns_of_parquet(file: Any, names: list[str]) -> dict[str, NDArray[Any]]:
+def _columns_of_parquet(file: Any, names: list[str], most: int) -> dict[str, NDArray[Any]]:
     """Return the columns, read a batch at a time: what rows there are, whatever is claimed."""
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
     held = 0
@@ -64,8 +66,8 @@ def _columns_of_parquet(file: Any, names: list[str]) -> dict[str, NDArray[Any]]:
             part = batch.column(name).to_numpy(zero_copy_only=False)
             held += part.nbytes
             parts[name].append(part)
-        if held > MOST_BYTES:
-            raise ValueError(f"more than {MOST_BYTES >> 30} GiB of samples")
+        if held > most:
+            raise ValueError(f"more than {most >> 20} MiB of samples")
     if not held:
         raise ValueError(f"no samples in columns called t {' '.join(AXES)} temp")
     return {name: np.concatenate(pieces) for name, pieces in parts.items()}

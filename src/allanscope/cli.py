@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from allanscope import arguments
-from allanscope.errors import ExitCode
+from allanscope.errors import ExitCode, UsageError
 from allanscope.sanitize import complain, sanitize
 
 if TYPE_CHECKING:
@@ -80,6 +80,8 @@ def analyse(options: Namespace) -> int:
     for name in (options.report, options.json, options.table):
         if name and name != "-":
             refuse_place(Path(name))
+    if not options.report and (options.title or options.operator or options.full):
+        raise UsageError("--title, --operator and --full are of the report; add --report FILE")
     references = _references(options)
     analysis = analyse_input(
         Path(options.input), _device_settings(options), options.quiet, _curve_choices(options)
@@ -492,7 +494,6 @@ def _heading(options: Namespace) -> dict[str, Any]:
 
 def _curve_choices(options: Namespace) -> CurveChoices:
     from allanscope.allan import CurveChoices
-    from allanscope.errors import UsageError
 
     try:
         return CurveChoices(

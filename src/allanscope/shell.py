@@ -210,7 +210,8 @@ def _fish(commands: Mapping[str, list[Action]], summaries: Mapping[str, str]) ->
 
 def _plain(text: str) -> str:
     """Return a text without what means something to a shell's description."""
-    return "".join(c for c in sanitize(text.replace("%%", "%")) if c not in "[]:`$\\'\"")
+    marks = str.maketrans({"'": "’", **dict.fromkeys('[]:`$\\"', " ")})
+    return " ".join(sanitize(text.replace("%%", "%")).translate(marks).split())
 
 
 def _commands(top: ArgumentParser) -> dict[str, ArgumentParser]:

@@ -124,7 +124,7 @@ def test_losses_count_against_a_run_when_they_are_many(analysis, lost, grade):
 def test_why_there_is_no_verdict_against_a_datasheet_is_said(analysis):
     unknown = changed(analysis, datasheet={})
     for part, why in (
-        ("", "name it with --part"),
+        ("", "the part is not known (part, --part)"),
         ("LSM6DSM", "full scale"),
         ("LSM9DS1", "LSM9DS1"),
     ):

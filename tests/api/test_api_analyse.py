@@ -7,6 +7,7 @@ import pytest
 
 from allanscope import Analysis, InputError, Recording, Simulator, UsageError, analyse
 from allanscope.__main__ import main
+from allanscope.allan import deviation
 from allanscope.allan.estimators import REGISTRY
 
 RATE = 104.0
@@ -236,3 +237,19 @@ def test_a_recording_is_taken_by_path_and_as_a_recording(tmp_path):
         by_path.axes["gz"].curves["oadev"].deviation,
         rtol=1e-12,
     )
+
+
+def test_a_full_scale_that_is_given_counts_for_values_in_units():
+    noise = 0.0006 * np.random.default_rng(1).normal(size=3000)
+    given = {"rate": 104, "part": "LSM6DSM"}
+    bare, named = (analyse({"ax[g]": noise}, **given, **more) for more in ({}, {"accel_fs": 2}))
+    assert bare.axes["ax"].datasheet == {}
+    assert named.input["full_scales"] == "2 g"
+    assert named.axes["ax"].datasheet["density"].verdict == "typical"
+
+
+def test_a_result_and_a_curve_are_one_line_at_the_prompt():
+    result = analyse(0.03 * np.random.default_rng(1).normal(size=3000), rate=104)
+    assert repr(result) == "<Analysis arrays: gx, 3000 samples>"
+    curve = deviation(np.arange(10.0) ** 2, 2.0, taus=[0.5, 1.0])
+    assert repr(curve) == "<Deviation oadev: 2 averaging times, 0.5 to 1 s>"

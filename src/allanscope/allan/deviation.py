@@ -169,6 +169,12 @@ class Deviation:
         """
         return data_frame(self._columns())
 
+    def __repr__(self) -> str:
+        """Return what it is of, in one line."""
+        count = self.tau.size
+        ends = f", {self.tau[0]:.4g} to {self.tau[-1]:.4g} s" if count else ""
+        return f"<Deviation {self.kind}: {count} averaging times{ends}>"
+
     def _repr_html_(self) -> str:
         columns = self._columns()
         rows = list(zip(*columns.values(), strict=True))

@@ -71,6 +71,9 @@ class AnalyserSettings:
         Keep what the Allan deviation over time needs.
     references : mapping
         Curves to compare with, by axis.
+    full_scales : mapping
+        Full scale by unit, ``dps`` and ``g``, where the user named one; otherwise the step of the
+        values tells.
     """
 
     part: str = ""
@@ -82,6 +85,7 @@ class AnalyserSettings:
     curves: CurveChoices = field(default_factory=CurveChoices)
     over_time: bool = True
     references: Mapping[str, ReferenceCurve] = field(default_factory=dict)
+    full_scales: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

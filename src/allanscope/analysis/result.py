@@ -386,6 +386,11 @@ class Analysis:
 
         return coefficients_frame(self)
 
+    def __repr__(self) -> str:
+        """Return what it is of, in one line: `summary` says what was found."""
+        name = self.input.get("name", "")
+        return f"<Analysis {name}: {' '.join(self.axes)}, {self.samples} samples>"
+
     def _repr_html_(self) -> str:
         from allanscope.analysis.notebook import html
 

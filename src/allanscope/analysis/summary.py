@@ -122,7 +122,7 @@ def summarise(
     events = state.watch.events(rate_hz)
     quiet = undisturbed(events, given.record, PARTS.get(part)) if depth == "full" else None
     found = Analysis(
-        input={**input_facts, **_full_scales(given.record)},
+        input={**input_facts, **_full_scales(given.record, settings)},
         part=part,
         duration_s=state.samples / rate_hz,
         samples=state.samples,
@@ -189,12 +189,17 @@ def _traces(found: Analysis, state: StreamState, given: LoopInput) -> dict[tuple
     )
 
 
-def _full_scales(record: Record) -> dict[str, str]:
-    """Return the full scales that the steps of the values belong to; nothing where none does."""
+def _full_scale(settings: AnalyserSettings, axis: str, lsb: float) -> float | None:
+    """Return the full scale that was named, or to which the step of the values belongs."""
+    return settings.full_scales.get(unit_of(axis)) or full_scale_of(axis, lsb)
+
+
+def _full_scales(record: Record, settings: AnalyserSettings) -> dict[str, str]:
+    """Return the full scales of the sensors; nothing where none is known."""
     scales = {
         f"{full_scale:g} {unit_of(axis)}": None
         for axis, lsb in zip(record.axes, record.lsb, strict=True)
-        if (full_scale := full_scale_of(axis, lsb)) is not None
+        if (full_scale := _full_scale(settings, axis, lsb)) is not None
     }
     return {"full_scales": ", ".join(scales)} if scales else {}
 
@@ -291,8 +296,9 @@ def _axes(
             part=part,
             as_of=as_of,
             power_laws=settings.curves.power_laws if depth == "full" else "",
+            full_scale=_full_scale(settings, name, lsb),
         )
-        for name in state.info.axes
+        for name, lsb in zip(given.record.axes, given.record.lsb, strict=True)
     }
 
 
@@ -427,6 +433,7 @@ def _axis(
     part: str,
     as_of: AsOf,
     power_laws: str,
+    full_scale: float | None,
 ) -> AxisAnalysis:
     column = state.info.axes.index(name)
     explanation = loop.axes.get(name) if loop else None
@@ -459,7 +466,7 @@ def _axis(
         coefficients=coefficients,
         best_averaging=find_best_averaging(curve) if curve is not None else None,
         datasheet=_datasheet(
-            record.lsb[column],
+            full_scale,
             name,
             part,
             coefficients,
@@ -510,7 +517,7 @@ def _level(record: Record, column: int, unit: str) -> Level | None:
 
 
 def _datasheet(
-    lsb: float,
+    full_scale: float | None,
     name: str,
     part: str,
     coefficients: Mapping[str, Coefficient],
@@ -526,7 +533,7 @@ def _datasheet(
         name,
         coefficients.get("N"),
         rate_hz=rate.best_hz,
-        full_scale=full_scale_of(name, lsb),
+        full_scale=full_scale,
         rms=rms_of(density),
         step_limited=step_limited,
     )

@@ -165,7 +165,7 @@ def _noise_of(analysis: Analysis, unit: str) -> tuple[Grade, str] | None:
 
 def _why_no_sheet(part: str) -> str:
     if not part:
-        return "the part is not known; name it with --part"
+        return "the part is not known (part, --part)"
     if part not in PARTS:
         return f"there is no datasheet entry for {part}"
     return "the datasheet's noise depends on the full scale, which is not known"

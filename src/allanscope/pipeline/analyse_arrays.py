@@ -176,7 +176,8 @@ def analyse_columns(
         For samples that make no sense.
     """
     columns = with_guesses(columns)
-    analyser = Analyser(full_settings(device.part, curves=curves))
+    settings = replace(full_settings(device.part, curves=curves), full_scales=device.full_scales)
+    analyser = Analyser(settings)
     for event in events_of_columns(columns, device):
         analyser.feed(event)
     state = analyser.state

@@ -68,7 +68,8 @@ def analyse_input(
         facts |= recorded_facts(recording)
         device = recorded_settings(recording, device)
     decoding = Decoding(device.for_wire(), device.wire)
-    analyser = Analyser(full_settings(device.part, curves=curves))
+    settings = replace(full_settings(device.part, curves=curves), full_scales=device.full_scales)
+    analyser = Analyser(settings)
     analysed(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
     if analyser.state is None or not analyser.state.samples:
         why = analyser.errors[0] if analyser.errors else "nothing to analyse"

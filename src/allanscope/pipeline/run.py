@@ -261,6 +261,7 @@ def _analyser_settings(device: DeviceSettings, settings: SessionSettings) -> Ana
         processes=usable_processes(),
         curves=CurveChoices(window_s=settings.window_s),
         references=settings.references,
+        full_scales=device.full_scales,
     )
 
 

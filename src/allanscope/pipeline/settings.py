@@ -77,6 +77,12 @@ class DeviceSettings:
             origin=self.origin,
         )
 
+    @property
+    def full_scales(self) -> dict[str, float]:
+        """Full scales that were named, by unit."""
+        given = {"dps": self.gyro_fs, "g": self.accel_fs}
+        return {unit: value for unit, value in given.items() if value is not None}
+
     def metadata(self) -> dict[str, str]:
         """Return what a recording keeps of it, as text; `recorded_settings` reads it again."""
         facts = {

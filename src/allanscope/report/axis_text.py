@@ -14,6 +14,7 @@ from allanscope.analysis import (
     Analysis,
     AxisAnalysis,
     Level,
+    Rate,
     gaps_text,
     losses_text,
     parameter_text,
@@ -151,6 +152,15 @@ def windows(dynamic: DynamicDeviation | None) -> str:
     )
 
 
+def _rate_of(known: Rate) -> str:
+    """Return the sample rate, the measured one where it is known."""
+    nominal = f"{number(known.nominal_hz, 6)} Hz" if known.nominal_hz else ""
+    if known.measured_hz is None:
+        return nominal and f"{nominal} nominal"
+    beside = f" ({known.nominal_hz:g} nominal)" if known.nominal_hz else ""
+    return f"{number(known.measured_hz, 6)} Hz{beside}"
+
+
 def subtitle(analysis: Analysis, operator: str) -> str:
     """Return what was measured, in one line: part, full scales, rate, length, when, by whom."""
     axes, known = len(analysis.axes), analysis.rate
@@ -160,7 +170,7 @@ def subtitle(analysis: Analysis, operator: str) -> str:
         analysis.part,
         serial and f"serial number {serial}",
         full_scales and f"full scale {full_scales}",
-        f"{number(known.nominal_hz, 6)} Hz" if known.nominal_hz else "",
+        _rate_of(known),
         duration(analysis.duration_s),
         f"{axes} {'axis' if axes == 1 else 'axes'}",
         analysis.input.get("started", "").partition(".")[0].replace("T", " "),

@@ -18,6 +18,8 @@ plain lines.
 from __future__ import annotations
 
 import io
+import shutil
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -459,9 +461,12 @@ def status_line(analysis: Analysis) -> str:
 def summary_lines(analysis: Analysis) -> list[str]:
     """Return the result as the lines that a command prints at its end, without any colour."""
     page = io.StringIO()
+    width = _SUMMARY_WIDTH
+    if sys.stdout.isatty():
+        width = min(width, shutil.get_terminal_size((width, 24)).columns)
     console = Console(
         file=page,
-        width=_SUMMARY_WIDTH,
+        width=width,
         height=_SUMMARY_HEIGHT,
         color_system=None,
         force_terminal=False,

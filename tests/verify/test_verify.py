@@ -11,6 +11,7 @@ from allanscope.allan.cascade import Cascade
 from allanscope.allan.estimators import REGISTRY
 from allanscope.allan.kernels import COLUMNS
 from allanscope.recording import recovery
+from allanscope.spectrum import ladder
 from allanscope.verify import certified, checks, table_lines, verify
 
 
@@ -137,3 +138,14 @@ def test_the_sums_are_those_of_the_definitions():
         for kind, factor in factors.items():
             variance, terms = certified.DEFINITIONS[kind](phase, m)
             assert sums[kind] == variance * factor * terms * m ** (4 if kind == "mdev" else 2)
+
+
+def test_a_transform_that_is_wrong_in_the_fifth_digit_is_found(monkeypatch):
+    """One of its waves is too large by two ten-thousandths."""
+    (check,) = only(monkeypatch, "spectrum")
+    assert check.passed
+    waves = ladder._WAVES.copy()
+    waves[5] *= 1.0 + 2e-4
+    monkeypatch.setattr(ladder, "_WAVES", waves)
+    (check,) = only(monkeypatch, "spectrum")
+    assert not check.passed

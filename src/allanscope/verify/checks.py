@@ -27,6 +27,7 @@ from allanscope.quantities import TWO_SIDED_95
 from allanscope.recording import Chunk, Recording, SessionWriter, recover
 from allanscope.samples import AXES, Block, Gap, StreamInfo, Ticks
 from allanscope.sanitize import sanitize
+from allanscope.spectrum import SEGMENT, SpectrumBank
 from allanscope.verify import certified
 
 __all__ = ["CHECKS", "Check", "Value", "table_lines", "to_json", "verify"]
@@ -196,6 +197,23 @@ def _running_sums() -> Iterator[Value]:
 # --- fit and loop -------------------------------------------------------------------------------
 
 
+def _spectrum() -> Iterator[Value]:
+    """Density of white counts near the Nyquist frequency, Welch's average by its definition."""
+    rate, segments = 100.0, 20
+    counts = np.random.default_rng(6).integers(-3000, 3000, (segments * SEGMENT, 1))
+    bank = SpectrumBank(rate, 1)
+    bank.update(counts.astype(np.int16))
+    found = bank.density(0, per_decade=None)
+    window = 1.0 - np.cos(2.0 * np.pi * np.arange(SEGMENT) / SEGMENT)
+    pieces = np.lib.stride_tricks.sliding_window_view(counts[:, 0] - counts[0, 0], SEGMENT)
+    power = np.abs(np.fft.rfft(pieces[:: SEGMENT // 2] * window, axis=1)) ** 2
+    density = 2.0 / rate * power.mean(axis=0) / np.sum(window**2)
+    near = found.frequency > 0.3 * rate
+    at = np.rint(found.frequency[near] * SEGMENT / rate).astype(int)
+    for k, one in zip(at.tolist(), found.density[near].tolist(), strict=True):
+        yield _value(f"density of bin {k}", float(density[k]), one)
+
+
 def _fit_and_loop() -> Iterator[Value]:
     """Compare coefficients and effects with a truth that the analysis is not told."""
     counts = certified.record_with_effects()
@@ -333,6 +351,7 @@ CHECKS: dict[str, tuple[str, float, Callable[[], Iterator[Value]]]] = {
     "parabolic deviation": ("SigmaTheta 3.0", 11.0, _pdev),
     "sixteen estimators": ("rational answers", EXACT, _rational),
     "running sums": ("exact integers", ALL_BITS, _running_sums),
+    "spectrum": ("transforms in double precision", 6.0, _spectrum),  # segments are float32
     "fit and closed loop": ("record with known truth", 1.0, _fit_and_loop),
     "wire formats": ("what was sent", ALL_BITS, _wire),
     "damaged recording": ("what was recorded", ALL_BITS, _damaged_recording),

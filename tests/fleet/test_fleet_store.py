@@ -149,3 +149,15 @@ def test_a_remote_result_has_the_files_of_the_last_run_and_no_others() -> None:
         there = {path.removeprefix("/staged/result/") for path in filesystem.find("/staged")}
         assert there == {*names, "results/ab/ab.json.gz"}
     filesystem.rm("/staged", recursive=True)
+
+
+@pytest.mark.parametrize("partition", [(), ("axis",)])
+def test_a_run_without_results_leaves_what_an_earlier_one_wrote(
+    tmp_path: Path, partition: tuple[str, ...]
+) -> None:
+    table = tmp_path / "lot.parquet"
+    table.write_bytes(b"of an earlier run")
+    result = FleetResult(failures={PLACE.url: "damaged"})
+    with closing(Store(tmp_path, DEVICE)) as store:
+        write_lot(result, store, FleetSettings((PLACE.url,), tmp_path, partition=partition))
+    assert table.read_bytes() == b"of an earlier run"

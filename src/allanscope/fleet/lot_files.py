@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -46,15 +47,16 @@ def write_lot(
     names = UnitNames(originals, settings.unit_pattern)
     with staged(store.folder) as here:
         table = here / "lot.parquet"
-        if table.is_dir() and not settings.partition:
-            shutil.rmtree(table)  # of a run that parted it
         with progress(
             float(len(originals)), "table", unit="recordings", quiet=settings.quiet
         ) as advance:
             rows = _rows(result, originals, store, names, advance)
-            if not write_table(table, rows, settings.partition):
-                shutil.rmtree(table) if table.is_dir() else table.unlink()
+            first = next(rows, None)
+            if first is None:  # what an earlier run left stays
                 return
+            if table.is_dir() and not settings.partition:
+                shutil.rmtree(table)  # of a run that parted it
+            write_table(table, chain([first], rows), settings.partition)
         from allanscope.atomic_write import write_text
         from allanscope.fleet.acceptance import accept
         from allanscope.fleet.page import STAGES, render_lot

@@ -292,6 +292,8 @@ def staged(folder: Folder) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="allanscope-") as here:
         yield Path(here)
         made = [path.relative_to(here).as_posix() for path in sorted(Path(here).rglob("*.*"))]
+        if not made:  # what is there stays
+            return
         for name in made:
             if (path := Path(here) / name).is_file():
                 put_file(folder / name, path.read_bytes())

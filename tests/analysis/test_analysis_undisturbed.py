@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from allanscope.analysis import Undisturbed
-from allanscope.analysis.undisturbed import longest_stretch, undisturbed
+from allanscope.analysis.undisturbed import longest_stretch, times_of, undisturbed
+from allanscope.explain import Parameter
 from allanscope.history import Record
 from allanscope.report import render
 from allanscope.view import summary_lines
@@ -78,3 +80,18 @@ def test_terminal_tables_report_and_json_show_it_beside_the_whole() -> None:
     stated = analysis.to_dict()["undisturbed"]
     assert (stated["begin_s"], stated["end_s"]) == (600.0, 3600.0)
     assert stated["axes"]["gz"]["N"]["value"] == analysis.axes["gz"].coefficients["N"].value
+
+
+def test_what_the_search_found_at_a_time_disturbs_as_well() -> None:
+    known = {
+        "shock": {"time": 20.0, "duration": 5.0},
+        "step": {"time": 60.0},
+        "variance_change": {"start": 70.0, "stop": 80.0},
+        "sinusoid": {"frequency": 3.0},
+    }
+    effects = [
+        SimpleNamespace(parameters={k: Parameter(v, v, v, "s") for k, v in values.items()})
+        for values in known.values()
+    ]
+    assert times_of(effects) == [(20.0, 25.0), (60.0, 60.0), (70.0, 80.0)]
+    assert longest_stretch([], 100.0, times_of(effects)) == (25.0, 60.0)

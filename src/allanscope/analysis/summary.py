@@ -120,7 +120,11 @@ def summarise(
     part = settings.part or state.info.part
     offered = PARTS[part or POLLED_PART].rates_hz if state.info.polled else ()
     events = state.watch.events(rate_hz)
-    quiet = undisturbed(events, given.record, PARTS.get(part)) if depth == "full" else None
+    searched = [axis.explanation for axis in axes.values() if axis.explanation is not None]
+    effects = [effect for one in searched for effect in one.effects]
+    quiet = None
+    if depth == "full":
+        quiet = undisturbed(events, given.record, PARTS.get(part), effects)
     found = Analysis(
         input={**input_facts, **_full_scales(given.record, settings)},
         part=part,

@@ -15,6 +15,7 @@ from allanscope.parts import Part
 from allanscope.watch import Event
 
 if TYPE_CHECKING:
+    from allanscope.explain import Effect
     from allanscope.noise import Coefficient
 
 __all__ = ["Undisturbed", "longest_stretch", "undisturbed"]
@@ -41,11 +42,26 @@ class Undisturbed:
     axes: Mapping[str, Mapping[str, Coefficient]]
 
 
-def longest_stretch(events: Iterable[Event], length_s: float) -> tuple[float, float]:
+def times_of(effects: Iterable[Effect]) -> list[tuple[float, float]]:
+    """Return begin and end, in s, of each effect that has a time."""
+    times = []
+    for effect in effects:
+        known = {name: one.value for name, one in effect.parameters.items()}
+        if "time" in known:
+            begin_s = float(known["time"])
+            times.append((begin_s, begin_s + float(known.get("duration", 0.0))))
+        elif "start" in known and "stop" in known:
+            times.append((float(known["start"]), float(known["stop"])))
+    return times
+
+
+def longest_stretch(
+    events: Iterable[Event], length_s: float, also: Iterable[tuple[float, float]] = ()
+) -> tuple[float, float]:
     """Return begin and end of the longest stretch in which nothing begins, ends or lasts.
 
     A level that has shifted, and a rate that is another one, disturb at that moment alone; so does
-    noise that has become less.
+    noise that has become less. `also` has further times that are disturbed.
 
     Examples
     --------
@@ -57,7 +73,7 @@ def longest_stretch(events: Iterable[Event], length_s: float) -> tuple[float, fl
     >>> longest_stretch([Event("step", ("gx",), "dps", (shift,), 1, 30.0)], 1000.0)
     (0.0, 699.0)
     """
-    disturbed = []
+    disturbed = list(also)
     for event in events:
         for once in event.occurrences:
             end_s = length_s if once.end_s is None else once.end_s
@@ -76,7 +92,10 @@ def longest_stretch(events: Iterable[Event], length_s: float) -> tuple[float, fl
 
 
 def undisturbed(
-    events: Iterable[Event], record: Record, part: Part | None = None
+    events: Iterable[Event],
+    record: Record,
+    part: Part | None = None,
+    effects: Iterable[Effect] = (),
 ) -> Undisturbed | None:
     """Return the longest undisturbed stretch of a run and its coefficients.
 
@@ -88,6 +107,8 @@ def undisturbed(
         Rows of the whole run.
     part : Part, optional
         Whose filters are offered to the fit.
+    effects : iterable of Effect
+        What the search has found: those that have a time disturb as well.
 
     Returns
     -------
@@ -97,7 +118,7 @@ def undisturbed(
     if not len(record.start_s):
         return None
     whole_s = float(record.start_s[-1]) + 1.0 / record.rate_hz
-    begin_s, end_s = longest_stretch(events, whole_s)
+    begin_s, end_s = longest_stretch(events, whole_s, times_of(effects))
     inside = record.between(begin_s, end_s)
     if end_s - begin_s > NEARLY_ALL * whole_s or len(inside.values) < FEWEST_ROWS:
         return None

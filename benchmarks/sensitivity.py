@@ -72,10 +72,12 @@ def half(d: Array, answers: Array) -> tuple[float, float]:
 def sensitivity(study: Study) -> Sensitivity | None:
     """Return that of a study; None where it has no sizes, or too few draws or findings."""
     known = np.isfinite(study.d)
-    prices = study.price[np.isfinite(study.price)]
+    prices = study.price[study.price > 0]  # what is read off the values has none
     if np.count_nonzero(known) < FEWEST or len(prices) < 3:
         return None
     d, found = study.d[known], study.found[known]
+    if found.min() == found.max():  # all are found, or none: there is no half
+        return None
     return Sensitivity(
         len(d), half(d, found > 0), half(d, found == 2), float(np.sqrt(2 * np.median(prices)))
     )
@@ -105,6 +107,7 @@ def picture(studies: dict[str, Study], known: dict[str, Sensitivity], path: Path
 
     matplotlib.use("agg")
     from matplotlib import pyplot as plt
+    from matplotlib.ticker import LogLocator
     from scipy.stats import norm
 
     columns = 6
@@ -127,6 +130,9 @@ def picture(studies: dict[str, Study], known: dict[str, Sensitivity], path: Path
         fine = np.geomspace(d[0], d[-1], 100)
         panel.plot(fine, norm.cdf(fine - one.ideal), "--", color="C1", lw=1, label="ideal")
         panel.set_xscale("log")
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        panel.xaxis.set_major_formatter("{x:g}")
+        panel.xaxis.set_minor_formatter("")
         panel.set_title(name.replace("_", " "), fontsize=8)
         panel.tick_params(labelsize=6, which="both")
     axes.flat[0].legend(fontsize=6)

@@ -161,3 +161,13 @@ def test_a_run_without_results_leaves_what_an_earlier_one_wrote(
     with closing(Store(tmp_path, DEVICE)) as store:
         write_lot(result, store, FleetSettings((PLACE.url,), tmp_path, partition=partition))
     assert table.read_bytes() == b"of an earlier run"
+
+
+def test_a_folder_that_another_fleet_writes_to_is_refused(tmp_path: Path) -> None:
+    with (
+        closing(Store(tmp_path, DEVICE)),
+        pytest.raises(UsageError, match="another fleet is writing"),
+    ):
+        Store(tmp_path, DEVICE)
+    with closing(Store(tmp_path, DEVICE)):
+        pass

@@ -211,7 +211,7 @@ def _of_coefficient(
     size = number(reading.factor * math.sqrt(known.value * known.upper), 2)
     return Experiment(
         question=f"{letter} of {axis}, not detected",
-        action=f"record for {duration(lasting_s)}",
+        action=f"record for {duration(lasting_s)} in all",
         expectation=f"{letter} of {size} {symbols(reading.unit)} detected, or a limit below it",
         duration_s=lasting_s,
         # A power that is known to 40 % is 1 / 0.4 standard errors from none.

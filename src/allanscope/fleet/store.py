@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -165,7 +166,29 @@ def _opened_index(folder: Folder) -> TextIO | RemoteIndex:
     if not isinstance(folder, Path):
         return RemoteIndex(folder)
     (folder / "results").mkdir(parents=True, exist_ok=True)
-    return (folder / "index.jsonl").open("a", encoding="utf-8")
+    index = (folder / "index.jsonl").open("a", encoding="utf-8")
+    try:
+        _lock(index, folder)
+    except UsageError:
+        index.close()
+        raise
+    return index
+
+
+def _lock(index: TextIO, folder: Path) -> None:
+    """Refuse a folder that another fleet writes to; where files cannot be locked, hope."""
+    if sys.platform == "win32":
+        return
+    import fcntl
+
+    try:
+        fcntl.flock(index, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UsageError(
+            f"another fleet is writing to {folder}; wait for its end, or choose another --out"
+        ) from None
+    except OSError:  # a file system without locks
+        return
 
 
 def _lines(folder: Folder) -> list[tuple[str, dict[str, Any]]]:

@@ -33,6 +33,7 @@ from allanscope.analysis import Analysis, summarise
 from allanscope.recording import Chunk, Recorder
 from allanscope.simulator import Simulator
 from allanscope.wire import format_named
+from allanscope.worker_process import WorkerError
 
 RATE_HZ = 416.0
 SAMPLES = 1200
@@ -293,8 +294,9 @@ def _patches(
     yield mock.patch.object(run, "load_rerun")
     yield mock.patch.object(run, "RerunView", return_value=View(faults))
     yield mock.patch("tempfile.mkdtemp", lambda prefix: _mkdtemp(faults, spare, prefix))
-    yield mock.patch("allanscope.report.pictures", side_effect=lambda _: _pictures(faults))
-    yield mock.patch("allanscope.report.render", return_value="<html></html>")
+    yield mock.patch("allanscope.pipeline.outputs.WorkerProcess", NoWorker)
+    yield mock.patch.object(run, "search_processes", return_value=[])
+    yield mock.patch("allanscope.report.render", side_effect=lambda _: _page(faults))
 
     def recorder(*given: Any, **named: Any) -> Recorder:
         named |= {"commit_s": 0.01, "sync_s": 0.02, "backlog_bytes": plan.backlog_bytes}
@@ -346,10 +348,23 @@ def _mkdtemp(faults: Faults, spare: Path, prefix: str) -> str:
     return str(made)
 
 
-def _pictures(faults: Faults) -> dict[str, object]:
+class NoWorker:
+    """A worker process that could not be started: what it is asked for is done here."""
+
+    def __init__(self, preload: str) -> None: ...
+
+    def ask(self, *_: object) -> None:
+        raise WorkerError("not started")
+
+    answer = ask
+
+    def close(self) -> None: ...
+
+
+def _page(faults: Faults) -> str:
     if faults.strike("report"):
         raise ZeroDivisionError("a picture that cannot be drawn")
-    return {}
+    return "<html></html>"
 
 
 @contextmanager

@@ -186,6 +186,7 @@ def test_power_laws_stand_in_result_and_report(tmp_path):
     assert result["axes"]["gz"]["power_laws"]["D"]["detected"]
     assert set(result["axes"]["ax"]["power_laws"]) == set("NBK")
     assert "flicker phase noise" in page
+    assert "°/h/h/√h" in page
     assert "Power laws fitted together" in page
 
 

@@ -153,9 +153,9 @@ class Ordinates:
         return replace(self, excluded=(*self.excluded, *ranges)).binned() if ranges else self
 
     def less(self, pattern: Array) -> Self:
-        """Return the ordinates with a pattern, shape (p,) from k = 1 on, subtracted."""
+        """Return the ordinates less a pattern from k = 1 on, shape (p,) or (stretches, p)."""
         raw = self.raw.copy()
-        raw[:, : len(pattern)] -= pattern
+        raw[:, : pattern.shape[-1]] -= pattern
         return replace(self, raw=raw).binned()
 
     def binned(self) -> Self:

@@ -9,13 +9,15 @@ with `fit_power_laws`, an axis of a run with `power_laws_of`, beside the effects
 
 F and D make a record whose spectrum at the lowest frequencies is that of its two ends. Its first
 differences have none of that: two powers less steep, they are fitted as what they are, and every
-letter moves by two places (N as Q, B as P, K as N, F as B, D as K).
+letter moves by two places (N as Q, B as P, K as N, F as B, D as K). In them the white noise of the
+first and of the last sample has no counterpart: two numbers that raise all low ordinates together.
+They are estimated and taken out, as no two draws are a spectrum.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,12 +34,12 @@ from allanscope.noise.components import (
     White,
 )
 from allanscope.noise.estimates import Estimates
-from allanscope.noise.evidence import Evidence, evidence_of, stretches_of
+from allanscope.noise.evidence import Evidence, Ordinates, evidence_of, stretches_of
 from allanscope.noise.filters import Remainder
 from allanscope.noise.fit import NoiseFit
-from allanscope.noise.likelihood import Likelihood
+from allanscope.noise.likelihood import Fit, Likelihood
 from allanscope.noise.model import NoiseModel
-from allanscope.noise.part import Component
+from allanscope.noise.part import Array, Component
 from allanscope.samples import unit_of
 
 __all__ = ["POWER_LAWS", "fit_power_laws", "letters_for", "model_of", "power_laws_of"]
@@ -46,6 +48,8 @@ POWER_LAWS = {letter: alpha for alpha, letter in LETTERS.items()}
 """Letter of each power law to alpha of S(f) ~ f^alpha."""
 
 _USUAL = "NBK"
+_ROUNDS = 2
+"""So often the ends are found again with the model that their removal gave."""
 _SHARE = 0.1
 """Of the sample rate: for a steep fit, rows above it say nothing that a filter does not bend."""
 
@@ -203,7 +207,18 @@ def _steep(
     letters: str, evidence: Sequence[Evidence], dt: float, duration: float, unit: str
 ) -> dict[str, Coefficient]:
     """Fit differences over dt, in which every power law is two powers less steep."""
-    found = _fitted(letters, NoiseModel((), dt), evidence, duration, unit, shift=2)
+    beside = NoiseModel((), dt)
+    fit = _fit(_parts(letters, shift=2), beside, evidence)
+    if "N" in letters:
+        parts = _parts(letters, shift=2)
+        parts["N"] = _InnerWhite(1.0)
+        for _ in range(_ROUNDS):
+            inner = [
+                _without_ends(part, fit.model) if isinstance(part, Ordinates) else part
+                for part in evidence
+            ]
+            fit = _fit(parts, beside, inner)
+    found = _coefficients(letters, fit, duration, unit, shift=2)
     if "N" in found:
         # White noise has N / sqrt(dt) a sample, and that is the Q of its differences over dt.
         factor, one = np.sqrt(dt), found["N"]
@@ -212,19 +227,60 @@ def _steep(
     return found
 
 
+@dataclass(frozen=True)
+class _InnerWhite(AngleQuantization):
+    """Differences of white noise between a first and a last value that have none."""
+
+    def ordinates(self, k: ArrayLike, n: int, dt: float, stride: int = 1) -> Array:
+        """Return 4 Q^2 / (s dt)^2 sin^2(pi k / 2n), without what the ends of a record add."""
+        return self.spectrum(np.asarray(k, np.float64) / (2 * n * stride * dt), dt, stride)
+
+
+def _without_ends(part: Ordinates, model: NoiseModel) -> Ordinates:
+    """Return ordinates of differences without the white noise of the first and the last sample.
+
+    By parts, ordinate k of the differences of x[0] ... x[n] is that of what lies between plus
+    ``c (-x[0] + (-1)^k x[n])`` with ``c = sqrt(2/n) cos(pi k / 2n)``: a sum for odd k, a difference
+    for even k, each found by least squares with the model's weights.
+    """
+    grid = part.grid
+    expected = np.sum([part.column(c) for c in model], axis=0)
+    weight = np.repeat(1.0 / expected, grid.count[: len(expected)].astype(np.int64))
+    k = np.arange(1, len(weight) + 1)
+    weight *= grid.kept(part.excluded)[: len(weight)]
+    ends = np.cos(np.pi * k / (2 * grid.n))
+    pattern = np.zeros((len(part.raw), len(weight)))
+    for of_one in (k % 2 == 0, k % 2 == 1):
+        shape = np.where(of_one, ends, 0.0)
+        size = part.raw[:, : len(weight)] @ (weight * shape) / np.sum(weight * shape**2)
+        pattern += size[:, np.newaxis] * shape
+    return part.less(pattern)
+
+
 def _fitted(
-    letters: str,
-    beside: NoiseModel,
-    evidence: Sequence[Evidence],
-    duration: float,
-    unit: str,
-    shift: int = 0,
+    letters: str, beside: NoiseModel, evidence: Sequence[Evidence], duration: float, unit: str
 ) -> dict[str, Coefficient]:
-    chosen = {letter: _BY_ALPHA[POWER_LAWS[letter] + shift] for letter in letters}
-    parts = tuple(make(1.0) for _, make in chosen.values())
-    model = NoiseModel((*parts, *beside.components), beside.dt, beside.filters)
-    estimates = Estimates(Likelihood(evidence).maximise(model), beside.dt, duration, unit)
+    fit = _fit(_parts(letters), beside, evidence)
+    return _coefficients(letters, fit, duration, unit)
+
+
+def _parts(letters: str, shift: int = 0) -> dict[str, Component]:
+    return {letter: _BY_ALPHA[POWER_LAWS[letter] + shift][1](1.0) for letter in letters}
+
+
+def _fit(parts: Mapping[str, Component], beside: NoiseModel, evidence: Sequence[Evidence]) -> Fit:
+    model = NoiseModel((*parts.values(), *beside.components), beside.dt, beside.filters)
+    return Likelihood(evidence).maximise(model)
+
+
+def _coefficients(
+    letters: str, fit: Fit, duration: float, unit: str, shift: int = 0
+) -> dict[str, Coefficient]:
+    estimates = Estimates(fit, fit.model.dt, duration, unit)
     return {
-        letter: replace(estimates.coefficient(name), unit=_UNITS[letter].format(unit))
-        for letter, (name, _) in chosen.items()
+        letter: replace(
+            estimates.coefficient(_BY_ALPHA[POWER_LAWS[letter] + shift][0]),
+            unit=_UNITS[letter].format(unit),
+        )
+        for letter in letters
     }

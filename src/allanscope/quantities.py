@@ -9,6 +9,7 @@ Kalibr each speak another dialect, and this is the one place that translates::
     K             deg/h/sqrt(h)  mdps/sqrt(s) ug/sqrt(h)   m/s^2/sqrt(s)
     Q             arcsec         udeg         um/s         ug*s
     R             deg/h/h        mdps/s       ug/h         m/s^2/s
+    P, F, D       arcsec, deg/h/h, deg/h/h/sqrt(h)      um/s, ug/h, ug/h/sqrt(h)
 
 The first of each is the one that tables show. Units are spelled in ASCII, as in the JSON;
 `symbols` sets them the way print does. With sigma drawn in mdps (or ug), the white-noise line
@@ -105,13 +106,22 @@ COEFFICIENTS: Mapping[tuple[str, str], tuple[Reading, Reading]] = {
     ("dps", "K"): (Reading(216e3, "deg/h/sqrt(h)"), Reading(1e3, "mdps/sqrt(s)")),
     ("dps", "Q"): (Reading(3600.0, "arcsec"), Reading(1e6, "udeg")),
     ("dps", "R"): (Reading(12.96e6, "deg/h/h"), Reading(1e3, "mdps/s")),
+    ("dps", "P"): (Reading(3600.0, "arcsec"), Reading(1e6, "udeg")),
+    ("dps", "F"): (Reading(12.96e6, "deg/h/h"), Reading(1e3, "mdps/s")),
+    ("dps", "D"): (Reading(777.6e6, "deg/h/h/sqrt(h)"), Reading(1e3, "mdps/s/sqrt(s)")),
     ("g", "N"): (Reading(1e6, "ug/sqrt(Hz)"), Reading(GRAVITY, "m/s^2/sqrt(Hz)")),
     ("g", "B"): (Reading(1e6, "ug"), Reading(GRAVITY, "m/s^2")),
     ("g", "K"): (Reading(60e6, "ug/sqrt(h)"), Reading(GRAVITY, "m/s^2/sqrt(s)")),
     ("g", "Q"): (Reading(GRAVITY * 1e6, "um/s"), Reading(1e6, "ug*s")),
     ("g", "R"): (Reading(3.6e9, "ug/h"), Reading(GRAVITY, "m/s^2/s")),
+    ("g", "P"): (Reading(GRAVITY * 1e6, "um/s"), Reading(1e6, "ug*s")),
+    ("g", "F"): (Reading(3.6e9, "ug/h"), Reading(GRAVITY, "m/s^2/s")),
+    ("g", "D"): (Reading(216e9, "ug/h/sqrt(h)"), Reading(GRAVITY, "m/s^2/s/sqrt(s)")),
 }
-"""For each coefficient of IEEE 952, by the unit of the axis and the name: (usual, other)."""
+"""For each coefficient, by the unit of the axis and the letter: (usual, other).
+
+Those of IEEE 952, then the other power laws: flicker PM, flicker walk and random run FM.
+"""
 
 POWER_LAW_NAMES: Mapping[str, str] = {
     **{"Q": "white phase noise", "P": "flicker phase noise", "N": "white noise", "B": "flicker"},

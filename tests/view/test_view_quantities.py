@@ -38,6 +38,11 @@ def test_the_datasheet_of_an_lsm6dsm_reads_as_its_makers_write_it():
         ("g", "K", 0, 1e6 * 60.0),
         ("g", "R", 0, 1e6 * 3600.0),
         ("g", "Q", 0, 9.80665e6),
+        ("dps", "P", 0, 3600.0),
+        ("dps", "F", 0, 3600.0**2),
+        ("dps", "D", 0, 3600.0**2 * 60.0),
+        ("g", "F", 0, 1e6 * 3600.0),
+        ("g", "D", 0, 1e6 * 3600.0 * 60.0),
     ],
 )
 def test_conversions_follow_from_the_units(unit, letter, index, factor):

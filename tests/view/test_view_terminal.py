@@ -14,6 +14,7 @@ import pytest
 from rich.console import Console
 
 from allanscope.analysis import verdict
+from allanscope.noise import Coefficient
 from allanscope.samples import Gap, Notice
 from allanscope.view import TerminalView, summary_lines
 from allanscope.view.change_log import Trends
@@ -357,6 +358,25 @@ def test_the_summary_is_plain_and_complete():
     assert any(line.startswith("gx  2.900 [2.874, 2.926]") for line in lines)
     assert any("warm-up" in line for line in lines)
     assert any("partly unexplained" in line for line in lines)
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_power_laws_that_were_asked_for_are_printed(columns):
+    known = demo_analysis(7300.0)
+    walk = Coefficient(3e-4, 2.6e-4, 3.4e-4, "dps/s", True)
+    none = Coefficient(0.0, 0.0, 1e-6, "dps/s/sqrt(s)", False)
+    axes = dict(known.axes)
+    axes["gy"] = replace(axes["gy"], power_laws={"N": walk, "F": walk, "D": none})
+    page = io.StringIO()
+    Console(file=page, width=columns, height=100).print(
+        Screen(replace(known, axes=axes), Trends()), end=""
+    )
+    (head,) = [i for i, x in enumerate(page.getvalue().splitlines()) if "power laws" in x]
+    names, row = (page.getvalue().splitlines()[i].split() for i in (head, head + 1))
+    assert names == ["power", "laws", "N", "mdps/√Hz", "F", "°/h/h", "D", "°/h/h/√h"]
+    assert row[0] == "gy"
+    assert row[-2:] == ["<", "780"]  # 1e-6 * 3600^2 * 60
+    assert "3890" in row or "3900" in row  # 3e-4 * 3600^2
 
 
 def test_where_there_are_rows_enough_no_sentence_is_cut():

@@ -88,8 +88,8 @@ def power_law_rows(axis: AxisAnalysis) -> list[tuple[str, str, str, str]]:
         (
             letter,
             POWER_LAW_NAMES[letter],
-            f"{interval(one.value, one.lower, one.upper) if one.detected else limit(one.upper)}"
-            f" {symbols(one.unit)}",
+            f"{coefficient_cell(one, letter, axis.unit)} "
+            f"{symbols(COEFFICIENTS[axis.unit, letter][0].unit)}",
             "detected" if one.detected else "upper limit",
         )
         for letter, one in axis.power_laws.items()

@@ -52,6 +52,7 @@ from allanscope.quantities import (
     COEFFICIENTS,
     DEVIATION,
     MAIN_LETTERS,
+    POWER_LAW_NAMES,
     SENSOR_NAMES,
     count,
     duration,
@@ -254,15 +255,16 @@ class Screen:
             said.insert(0, Text(known.banner, style=_style(GRADE["bad"])))
         most = max(3 if width < _NARROW else 2, height // _ROWS_A_LINE)
         three = [row for text in said for row in _folded(text, width, most)]
-        table = self._axes(wide)
-        room = max(2, height - _LEAST_LINES - table.row_count - len(three) - 2)
+        table, laws = self._axes(wide), self._power_laws(wide)
+        room = max(2, height - _LEAST_LINES - table.row_count - laws.row_count - len(three) - 2)
         charts = [] if options.ascii_only else self._charts(width, room)
         room = max(2, room - len(charts))
         if self._explain_keys:
             details = [Text(line, no_wrap=True, overflow="ellipsis") for line in _HELP]
         else:
             details = _details(known.details, room, width, most)
-        below = [*charts, *([Text(), *details] if details else [])]
+        below = [*([Text(), laws] if laws.row_count else []), *charts]
+        below += [Text(), *details] if details else []
         yield Group(*top, *three, self._as_of(), table, *below)
         if self._keys:
             yield _joined([Text(part) for part in self._keys.split(_BETWEEN)], width, "dim")
@@ -322,9 +324,7 @@ class Screen:
         return Text(moments, style="dim", no_wrap=True, overflow="ellipsis")
 
     def _axes(self, wide: bool) -> Table:
-        table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
-        for _ in range(len(MAIN_LETTERS) + 1 + (3 if wide else 0)):
-            table.add_column(no_wrap=True, overflow="ellipsis")
+        table = _grid(len(MAIN_LETTERS) + (3 if wide else 0))
         for unit in SENSOR_NAMES:
             axes = {k: axis for k, axis in self._analysis.axes.items() if axis.unit == unit}
             if axes:
@@ -334,6 +334,22 @@ class Screen:
                 quiet = self._analysis.undisturbed
                 if quiet is not None and name in quiet.axes:
                     table.add_row(*self._quiet_row(axis.unit, quiet.axes[name]))
+        return table
+
+    def _power_laws(self, wide: bool) -> Table:
+        """Return the power laws that were asked for; a table without rows where none were."""
+        known = {name: axis for name, axis in self._analysis.axes.items() if axis.power_laws}
+        shown = {letter for axis in known.values() for letter in axis.power_laws}
+        letters = [letter for letter in POWER_LAW_NAMES if letter in shown]
+        table = _grid(len(letters))
+        for unit in SENSOR_NAMES:
+            axes = {name: axis for name, axis in known.items() if axis.unit == unit}
+            if axes:
+                heads = (f"{letter}  {coefficient_unit(unit, letter)}" for letter in letters)
+                table.add_row(*(Text(cell, style="dim") for cell in ("power laws", *heads)))
+            for name, axis in axes.items():
+                cells = (_cell(unit, k, axis.power_laws.get(k), wide) for k in letters)
+                table.add_row(Text(name, style=_style(AXIS[name])), *cells)
         return table
 
     def _head(self, unit: str, wide: bool) -> list[Text]:
@@ -357,15 +373,28 @@ class Screen:
 
     def _coefficient(self, name: str, axis: AxisAnalysis, letter: str, wide: bool) -> Text:
         known = axis.coefficients.get(letter)
-        if known is None:
-            return Text("-", style="dim")
-        if not known.detected:
-            return Text(coefficient_text(axis.unit, letter, known), style="dim")
-        arrow = _ARROWS[self._trends.direction(self._analysis, name, letter)]
-        if wide:
-            return Text(f"{coefficient_text(axis.unit, letter, known)} {arrow}")
-        reading = COEFFICIENTS[axis.unit, letter][0]
-        return Text(f"{symbols(reading.compact(known.value, known.lower, known.upper))} {arrow}")
+        cell = _cell(axis.unit, letter, known, wide)
+        if known is None or not known.detected:
+            return cell
+        return cell.append(f" {_ARROWS[self._trends.direction(self._analysis, name, letter)]}")
+
+
+def _grid(columns: int) -> Table:
+    """Return an empty table of a name and so many columns."""
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
+    for _ in range(columns + 1):
+        table.add_column(no_wrap=True, overflow="ellipsis")
+    return table
+
+
+def _cell(unit: str, letter: str, known: Coefficient | None, wide: bool) -> Text:
+    """Return a coefficient with its interval, or with its errors where there is less room."""
+    if known is None or not known.detected:
+        return Text(coefficient_text(unit, letter, known), style="dim")
+    if wide:
+        return Text(coefficient_text(unit, letter, known))
+    reading = COEFFICIENTS[unit, letter][0]
+    return Text(symbols(reading.compact(known.value, known.lower, known.upper)))
 
 
 def _beside(charts: Sequence[Sequence[Text]], width: int) -> list[Text]:

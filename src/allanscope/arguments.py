@@ -317,7 +317,7 @@ def stability(one: ArgumentParser) -> None:
     one.add_argument("--low", type=float, default=0.0, metavar="S", help="avlr: smallest tau")
     one.add_argument("--high", type=float, default=1e12, metavar="S", help="avlr: largest tau")
     one.add_argument("--noise-type", default="WFM", metavar="NAME", help="edf: WPM ... RRFM")
-    one.add_argument("--model", default="", metavar="N=...,B=...", help="cov: any of QPNBKR")
+    one.add_argument("--model", default="", metavar="N=...,B=...", help="cov: any of QPNBKFDR")
     one.add_argument(
         "--samples", type=int, default=0, metavar="N", help="edf, cov: length of the run"
     )

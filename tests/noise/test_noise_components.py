@@ -15,6 +15,7 @@ from allanscope.noise.components import (
     Component,
     Flicker,
     FlickerPhase,
+    FlickerWalk,
     GaussMarkov,
     LineProfile,
     MovingLine,
@@ -22,6 +23,7 @@ from allanscope.noise.components import (
     PeakFiltered,
     PowerLaw,
     Ramp,
+    RandomRun,
     RandomTelegraph,
     RandomWalk,
     Rounding,
@@ -65,7 +67,30 @@ def names(component):
 
 def test_every_component_has_an_example():
     classes = {vars(components)[name] for name in components.__all__}
-    assert {type(example) for example in EXAMPLES} | {Component, Ramp, Sinusoid} == classes
+    others = {Component, Ramp, Sinusoid, FlickerWalk, RandomRun}
+    assert {type(example) for example in EXAMPLES} | others == classes
+
+
+def test_noise_steeper_than_a_random_walk_has_a_hadamard_variance_alone():
+    """Third differences of the phase over m = 1 are first differences: of flicker, of a walk.
+
+    Far above, HVAR of a random run tends to 11/120 D^2 tau^3.
+    """
+    walk, run = FlickerWalk(0.2), RandomRun(0.1)
+    # HVAR(1) is a sixth of the mean square of second differences of the rate.
+    of_flicker = 2 / 6 * Flicker(0.2).avar([1], DT)[0]
+    assert walk.hvar([1], DT)[0] == pytest.approx(of_flicker * DT**2, rel=1e-4)
+    of_walk = 1 / 6 * (0.1**2 * DT)
+    assert run.hvar([1], DT)[0] == pytest.approx(of_walk * DT**2, rel=1e-4)
+    tau = 1000 * DT
+    assert run.hvar([1000], DT)[0] == pytest.approx(11 / 120 * 0.1**2 * tau**3, rel=1e-4)
+    assert walk.hvar([2000], DT)[0] / walk.hvar([1000], DT)[0] == pytest.approx(4.0, rel=1e-3)
+    for one in (walk, run):
+        assert np.isinf(one.avar([1, 8], DT)).all()
+        assert np.isinf(one.mvar([1, 8], DT)).all()
+        assert one.density(1e-3, DT) == pytest.approx(
+            2 * one.power * (2e-3 * np.pi) ** {"F": -3, "D": -4}[one.symbol], rel=1e-6
+        )
 
 
 @pytest.mark.parametrize("kind", ["avar", "hvar", "mvar"])

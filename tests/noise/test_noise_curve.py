@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
-from allanscope.allan import Deviation
+from allanscope.allan import Deviation, degrees_of_freedom
 from allanscope.noise import NoiseModel, fit_curve, gls_chi2, relative_bounds
 from allanscope.noise.components import (
     Flicker,
+    FlickerPhase,
+    FlickerWalk,
     GaussMarkov,
+    RandomRun,
     RandomWalk,
     Sinusoid,
     White,
@@ -63,6 +66,28 @@ def test_white_noise_at_one_sample_has_two_thirds_of_a_degree_each():
     model = NoiseModel((White(1.0),), 1.0)
     variance = deviation_covariance(model, "oadev", np.array([1]), 30_000)
     assert 2 / variance[0, 0] == pytest.approx(20_000, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "part", "noise"),
+    [
+        ("oadev", FlickerPhase(1.0), "FPM"),
+        ("mdev", FlickerPhase(1.0), "FPM"),
+        ("ohdev", FlickerWalk(1.0), "FWFM"),
+        ("ohdev", RandomRun(1.0), "RRFM"),
+    ],
+)
+def test_covariance_agrees_with_degrees_of_freedom(kind, part, noise):
+    """2 variance^2 / covariance, against the sum over lags of Greenhall and Riley."""
+    m, model = np.array([4, 32, 256]), NoiseModel((part,), 1.0)
+    covariance = deviation_covariance(model, kind, m, 4096)
+    edf = 2 * model.variance(kind, m) ** 2 / np.diag(covariance)
+    assert edf == pytest.approx(degrees_of_freedom(kind, noise, m, 4096), rel=0.06)
+
+
+def test_noise_without_an_allan_variance_has_no_covariance_of_it():
+    with pytest.raises(ValueError, match="take ohdev"):
+        deviation_covariance(NoiseModel((RandomRun(1.0),), 1.0), "oadev", np.array([1]), 100)
 
 
 def test_a_line_adds_to_the_covariance_only_with_noise_beside_it():

@@ -127,6 +127,18 @@ def test_the_covariance_of_variances_is_that_of_many_records(ask):
     assert correlation[0] == pytest.approx(correlation[1], abs=0.05)
 
 
+def test_the_covariance_of_every_power_law_is_there(ask):
+    """Of flicker PM by AVAR, of flicker walk and random run by HVAR: 11/120 D^2 tau^3."""
+    flicker = ask("cov", model="P=1", samples=4096, taus="1,64", rate=1)
+    assert numbers(flicker["variance"])[0] == pytest.approx(1.697653, rel=1e-6)
+    run = ask("cov", model="D=1", kind="ohdev", samples=4096, taus="256", rate=1)
+    assert numbers(run["variance"]) == pytest.approx([11 / 120 * 256**3], rel=1e-3)
+    walk = ask("cov", model="F=1", kind="ohdev", samples=4096, taus="256", rate=1)
+    variance, covariance = (numbers(walk[name])[0] for name in ("variance", "m256"))
+    edf = allantools.edf_greenhall(-3, 3, 256, 4097, overlapping=True, modified=False)
+    assert 2 * variance**2 / covariance == pytest.approx(edf, rel=0.06)
+
+
 def test_power_laws_are_fitted_with_intervals(ask):
     rng = np.random.default_rng(11)
     record = White(0.01, 10.0, rng).take(12_000) + FlickerPhase(0.01, 10.0, rng).take(12_000)
@@ -181,6 +193,7 @@ def test_gaps_leave_the_longest_stretch(ask, capsys):
         (["gcodev", "a.txt"], "gcodev takes 2 inputs, got 1"),
         (["edf"], "edf needs --samples"),
         (["cov", "--samples", "100", "--model", "X=1"], "write e.g. N=0.003,B=0.001"),
+        (["cov", "--samples", "100", "--model", "F=1"], "has no expectation; take ohdev"),
         (["edf", "--samples", "100", "--kind", "xdev"], "unknown estimator 'xdev'"),
         (["edf", "--samples", "100", "--taus", "90"], "needs 81 samples"),
         (["fit", "a.txt", "--letters", "PF"], "cannot be fitted beside"),

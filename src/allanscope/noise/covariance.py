@@ -117,8 +117,18 @@ def deviation_covariance(model: NoiseModel, kind: str, m: NDArray[np.int64], n: 
     Returns
     -------
     ndarray, shape (k, k)
+
+    Raises
+    ------
+    ValueError
+        For another estimator, or noise that is steeper than a random walk in one but ohdev.
     """
     family, factors = family_of(kind), np.asarray(m, np.float64)
+    if kind != "ohdev" and any(component.is_steep for component in model):
+        raise ValueError(
+            f"{kind} of noise steeper than a random walk (F, D) grows with the record and has no "
+            "expectation; take ohdev"
+        )
     covariance = _spectral(model, family, factors, n)
     long = np.flatnonzero(factors * _LONG > n)
     if len(long):

@@ -105,6 +105,8 @@ class Component(Part):
         Whether it is a line, which stands beside the noise.
     is_noise : bool
         Whether it has a density: a ramp has none.
+    is_steep : bool
+        Whether it is so steep that only HVAR has an expectation.
     amplitude_name, amplitude_index : str, int
         The number whose square the density is proportional to, and its position among the numbers;
         empty where there is none.
@@ -113,6 +115,7 @@ class Component(Part):
     is_filtered: ClassVar[bool] = False
     is_line: ClassVar[bool] = False
     is_noise: ClassVar[bool] = True
+    is_steep: ClassVar[bool] = False
     amplitude_name: ClassVar[str] = ""
     amplitude_index: ClassVar[int] = -1
 

@@ -29,7 +29,9 @@ from allanscope.noise.components import (
     AngleQuantization,
     Flicker,
     FlickerPhase,
+    FlickerWalk,
     Ramp,
+    RandomRun,
     RandomWalk,
     White,
 )
@@ -59,6 +61,8 @@ _BY_ALPHA: Mapping[int, tuple[str, Callable[[float], Component]]] = {
     0: ("N", White),
     -1: ("B", Flicker),
     -2: ("K", RandomWalk),
+    -3: ("F", FlickerWalk),
+    -4: ("D", RandomRun),
 }
 _REPLACED = (*(name for name, _ in _BY_ALPHA.values()), "R", "power_law")
 _UNITS = {
@@ -151,7 +155,9 @@ def power_laws_of(record: Record, axis: str, noises: str, fit: NoiseFit) -> dict
 
 
 def model_of(text: str, dt: float) -> NoiseModel:
-    """Return the model that ``N=0.003,B=0.001`` describes, of Q, P, N, B, K and R.
+    """Return the model that ``N=0.003,B=0.001`` describes, of Q, P, N, B, K, F, D and R.
+
+    Of F and D only the Hadamard family has a variance; of others it is infinite.
 
     Raises
     ------

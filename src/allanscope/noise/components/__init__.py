@@ -12,6 +12,8 @@ N                     White                                 N
 B                     Flicker                               B
 P                     FlickerPhase                          P
 K                     RandomWalk                            K
+F                     FlickerWalk                           F
+D                     RandomRun                             D
 R                     Ramp                                  R
 power_law             PowerLaw                              P, exponent
 rounding              Rounding                              none: known from the LSB
@@ -27,6 +29,7 @@ drifting_line         LineProfile                           none: measured
 from allanscope.noise.components.angle_quantization import AngleQuantization
 from allanscope.noise.components.flicker import Flicker
 from allanscope.noise.components.flicker_phase import FlickerPhase
+from allanscope.noise.components.flicker_walk import FlickerWalk
 from allanscope.noise.components.gauss_markov import GaussMarkov
 from allanscope.noise.components.line_profile import LineProfile
 from allanscope.noise.components.narrowband import (
@@ -38,6 +41,7 @@ from allanscope.noise.components.narrowband import (
 )
 from allanscope.noise.components.power_law import PowerLaw
 from allanscope.noise.components.ramp import Ramp
+from allanscope.noise.components.random_run import RandomRun
 from allanscope.noise.components.random_telegraph import RandomTelegraph
 from allanscope.noise.components.random_walk import RandomWalk
 from allanscope.noise.components.rounding import Rounding
@@ -51,6 +55,7 @@ __all__ = [
     "Component",
     "Flicker",
     "FlickerPhase",
+    "FlickerWalk",
     "GaussMarkov",
     "LineProfile",
     "MovingLine",
@@ -58,6 +63,7 @@ __all__ = [
     "PeakFiltered",
     "PowerLaw",
     "Ramp",
+    "RandomRun",
     "RandomTelegraph",
     "RandomWalk",
     "Rounding",

@@ -264,21 +264,30 @@ def verify(one: ArgumentParser) -> None:
 
 def convert(one: ArgumentParser) -> None:
     """Add the arguments of a conversion between densities and deviations."""
-    quantities = ["S_y", "S_phi", "L", "adev"]
     one.add_argument("input", help="table of frequency in Hz, or tau in s, and the quantity")
     one.add_argument("out", help="table to write")
     one.add_argument(
         "--from",
         dest="given",
         required=True,
-        choices=quantities,
-        help="one-sided density of the rate, of the phase (rad^2/Hz), L(f) in dBc/Hz, or deviation",
+        metavar="QUANTITY",
+        help="S_y (one-sided density of the rate), S_phi (of the phase, rad^2/Hz), L (dBc/Hz), or "
+        "a deviation: adev mdev tdev hdev pdev theo1 totdev ...",
     )
     one.add_argument(
-        "--to", dest="wanted", required=True, choices=quantities, help="the same quantities"
+        "--to",
+        dest="wanted",
+        required=True,
+        metavar="QUANTITY",
+        help="the same quantities; of a deviation the density is that of the power laws nearest "
+        "to it: no variance has an exact inverse, and the classical (stdev) none",
     )
     one.add_argument(
-        "--rate", type=float, metavar="HZ", help="sample rate; densities end at half of it"
+        "--rate",
+        type=float,
+        metavar="HZ",
+        help="sample rate; densities end at half of it (default: twice the highest frequency, or "
+        "one sample in the shortest tau)",
     )
     one.add_argument(
         "--carrier",

@@ -12,7 +12,15 @@ from allanscope.allan import (
     transfer,
 )
 from allanscope.allan.estimators import REGISTRY
-from allanscope.noise.components import Flicker, RandomWalk, White
+from allanscope.noise.components import (
+    AngleQuantization,
+    Flicker,
+    FlickerPhase,
+    FlickerWalk,
+    RandomRun,
+    RandomWalk,
+    White,
+)
 
 KINDS = ["ostdev", "oadev", "mdev", "tdev", "ohdev", "pdev", "theo1"]
 
@@ -55,17 +63,65 @@ def test_densities_become_the_deviations_of_closed_forms(part, kind):
     np.testing.assert_allclose(found, np.sqrt(exact), rtol=4e-3)
 
 
-def test_a_deviation_becomes_the_density_it_came_from():
-    f, rate = np.geomspace(1e-3, 1.0, 50), 10.0
-    tau = 2.0 ** np.arange(12) / rate
-    parts = White(0.3), Flicker(0.2), RandomWalk(0.01)
-    curve = np.sqrt(0.3**2 / tau + 2 * np.log(2) / np.pi * 0.2**2 + 0.01**2 * tau / 3)
-    expected = sum(part.density(f, 1e-4) for part in parts)
-    np.testing.assert_allclose(density_of_deviation(tau, curve, f), expected, rtol=1e-6)
+@pytest.mark.parametrize(
+    ("kind", "parts"),
+    [
+        ("adev", (White(0.3), Flicker(0.2), RandomWalk(0.01))),
+        ("totdev", (AngleQuantization(0.1), White(0.3), RandomWalk(0.01))),
+        ("mdev", (FlickerPhase(0.1), White(0.3), Flicker(0.2))),
+        ("hdev", (White(0.3), Flicker(0.2), RandomWalk(0.01))),
+        ("hdev", (White(0.3), FlickerWalk(1e-3))),
+        ("hdev", (White(0.3), RandomRun(1e-4))),
+    ],
+)
+def test_a_deviation_becomes_the_density_it_came_from(kind, parts):
+    """Deviations by closed forms; what is found from them, beside the densities of the parts."""
+    f, rate, m = np.geomspace(1e-3, 1.0, 50), 10.0, 2.0 ** np.arange(12)
+    family = {"mdev": "mvar", "hdev": "hvar"}.get(kind, "avar")
+    curve = np.sqrt(sum(getattr(part, family)(m, 1 / rate) for part in parts))
+    expected = sum(part.density(f, 1 / rate) for part in parts)
+    found = density_of_deviation(m / rate, curve, f, kind, rate)
+    np.testing.assert_allclose(found, expected, rtol=1e-2)
+
+
+@pytest.mark.parametrize("kind", ["tdev", "pdev", "theo1"])
+def test_other_deviations_go_there_and_back(kind):
+    """2 + 0.04 / f, as a table of numbers: TDEV, PVAR (6/5 of AVAR in white noise) and THEO1."""
+    f, rate, m = np.geomspace(1e-4, 5.0, 200), 10.0, 2 ** np.arange(1, 11)
+    density = White(1.0).density(f, 1 / rate) + Flicker(0.35).density(f, 1 / rate)
+    curve = deviation_of_density(f, density, m, rate, kind)
+    tau = (0.75 if kind == "theo1" else 1.0) * m / rate
+    back = density_of_deviation(tau, curve, f[50:], kind, rate)
+    np.testing.assert_allclose(back, density[50:], rtol=5e-3)
+
+
+def test_pvar_of_white_noise_is_six_fifths_of_avar():
+    """Vernotte, Lenczner, Bourgeois and Rubiola 2016: 3/5 h0 / tau; with h0 = 2 N^2."""
+    found = deviation_of_density([0.01, 50.0], [2.0, 2.0], [100, 4096], 100.0, "pdev")
+    assert found**2 * [1.0, 40.96] == pytest.approx(1.2, rel=2e-3)
+
+
+def test_measured_deviations_become_densities():
     white = np.random.default_rng(1).normal(size=50_000)
-    measured = deviation(white, 1.0, taus=[1.0, 4.0, 16.0, 64.0])
-    back = density_of_deviation(measured.tau, measured.deviation, [0.01])
-    assert back == pytest.approx(2.0, rel=0.1)
+    for kind in ("oadev", "mdev", "ohdev", "pdev", "totdev"):
+        measured = deviation(white, 1.0, kind, taus=[1.0, 4.0, 16.0, 64.0])
+        back = density_of_deviation(measured.tau, measured.deviation, [0.01], kind)
+        assert back == pytest.approx(2.0, rel=0.1), kind
+
+
+def test_what_has_no_value_is_refused():
+    f = [0.1, 1.0, 10.0]
+    steep, run = [1e3, 1.0, 1e-3], [1e4, 1.0, 1e-4]
+    for kind in ("oadev", "mdev"):
+        with pytest.raises(ValueError, match=r"infinite for a density that goes on as f\^-3"):
+            deviation_of_density(f, steep, [4], 20.0, kind)
+    assert np.isfinite(deviation_of_density(f, run, [4], 20.0, "hdev")).all()
+    for call in (
+        lambda: deviation_of_density(f, [1.0, 1.0, 1.0], [4], 20.0, "stdev"),
+        lambda: density_of_deviation([1.0, 2.0], [1.0, 0.7], f, "stdev"),
+    ):
+        with pytest.raises(ValueError, match="classical variance of flicker noise"):
+            call()
 
 
 def test_phase_noise_of_a_carrier():

@@ -29,6 +29,62 @@ def test_white_noise_there_and_back(tmp_path):
     assert table(back)[1] == pytest.approx(2.0, rel=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("kind", "factor"),
+    [
+        ("mdev", 0.5),
+        ("hdev", 1.0),
+        ("pdev", 1.2),
+        ("totdev", 1.0),
+        ("TDEV", None),
+        ("theo1", None),
+    ],
+)
+def test_every_deviation_of_a_density_and_back(tmp_path, kind, factor):
+    """White noise of density 2: N^2 / tau times 1/2 for MVAR (at large m), 6/5 for PVAR."""
+    density, curve, back = (tmp_path / name for name in ("s.csv", "a.csv", "b.csv"))
+    density.write_text("f,S\n0.01,2\n50,2\n", encoding="ascii")
+    words = ["convert", str(density), str(curve), "--from", "S_y", "--to", kind]
+    assert main([*words, "--rate", "100", "--quiet"]) == 0
+    tau, deviation = table(curve)
+    if factor is not None:
+        assert deviation[-4:] ** 2 * tau[-4:] == pytest.approx(factor, rel=5e-3)
+    words = ["convert", str(curve), str(back), "--from", kind, "--to", "S_y"]
+    assert main([*words, "--rate", "100", "--quiet"]) == 0
+    assert table(back)[1] == pytest.approx(2.0, rel=5e-3)
+
+
+def test_a_deviation_becomes_another_one(tmp_path):
+    """MDEV from ADEV of white noise: half the variance; both at the times of the table."""
+    given, out = tmp_path / "a.csv", tmp_path / "m.csv"
+    tau = np.array([0.01, 0.1, 1.0, 10.0])
+    rows = [f"{t},{1 / np.sqrt(t)}" for t in tau]
+    given.write_text("\n".join(["tau,adev", *rows]), encoding="ascii")
+    call = ["convert", str(given), str(out), "--from", "adev", "--to", "mdev", "--quiet"]
+    assert main(call) == 0
+    assert table(out)[0] == pytest.approx(tau)
+    assert table(out)[1] ** 2 * tau == pytest.approx([1.0, 0.505, 0.50005, 0.5], rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words", "message"),
+    [
+        ("1,1\n2,1\n", ("S_y", "stdev"), "classical variance of flicker noise"),
+        ("1,1\n2,0.7\n", ("stdev", "S_y"), "classical variance of flicker noise"),
+        ("1,1\n2,0.1\n", ("S_y", "adev"), "infinite for a density"),
+        ("1,1\n2,1\n", ("S_y", "xdev"), "unknown estimator 'xdev'"),
+    ],
+)
+def test_what_has_no_conversion_says_why(tmp_path, rows, words, message, capsys):
+    path = tmp_path / "x.csv"
+    path.write_text(rows, encoding="ascii")
+    given, wanted = words
+    call = ["convert", str(path), str(tmp_path / "o"), "--from", given, "--to", wanted]
+    assert main(call) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
+
+
 def test_phase_noise_of_a_carrier(tmp_path):
     """L = -140 dBc/Hz is S_phi = 2e-14 rad^2/Hz."""
     given, out = tmp_path / "l.csv", tmp_path / "s.csv"

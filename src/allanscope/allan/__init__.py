@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from allanscope.allan.frequency import (
         density_of_deviation,
         deviation_of_density,
+        factors_at,
         phase_to_rate_density,
         rate_to_phase_density,
         transfer,
@@ -70,6 +71,7 @@ __all__ = [
     "deviation",
     "deviation_of_density",
     "difference_edf",
+    "factors_at",
     "factors_of",
     "gcodev",
     "identify_noise",
@@ -106,6 +108,7 @@ __getattr__, __dir__ = lazily(
         "deviation_of_density": "frequency",
         "difference_edf": "edf",
         "gcodev": "clock_statistics",
+        "factors_at": "frequency",
         "factors_of": "oneshot",
         "identify_noise": "oneshot",
         "mtie": "clock_statistics",

@@ -12,21 +12,24 @@ exact in discrete time. With ``s = sin(pi f tau)`` and ``d = m sin(pi f / rate)`
     MVAR                 2 s^6 / d^4
     TVAR                 tau^2 / 3 times MVAR
 
-Those of PVAR and THEO1 are sums over their weights. A density that was measured at some
-frequencies (or the phase noise of a carrier) becomes a deviation by `deviation_of_density`; a
-deviation becomes a density as a sum of power laws, by `density_of_deviation`, because a band-pass
-as wide as that of AVAR does not tell more.
+That of PVAR follows from the slope of s / d, that of THEO1 is a sum over its weights. A density
+that was measured at some frequencies (or the phase noise of a carrier) becomes a deviation by
+`deviation_of_density`. No variance has an exact inverse: each passes a band of an octave or more.
+A deviation becomes a density as the sum of power laws that gives it, by `density_of_deviation`.
+The classical variance has neither: of flicker noise and steeper it grows with the run.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.estimators import estimator_named
+from allanscope.allan.noise_type import LETTERS
 
 __all__ = [
     "density_of_deviation",
@@ -43,6 +46,25 @@ _SAME_AS = {
     **{"mtotdev": "mdev", "ttotdev": "tdev", "htotdev": "ohdev", "theobr": "theo1"},
 }
 """Estimators whose expectation in a long run is that of another one, their bias removed."""
+
+_UNBIASED = {"theobr": "oadev", "theoh": "oadev"}
+"""Hybrids that pass what THEO1 does, scaled to the AVAR of the noise that a record has."""
+
+_LAWS = {"oadev": "QNBK", "theo1": "QNBK", "ohdev": "QNBKFD"}
+"""Power laws that a deviation tells apart, by letter; others: QPNBK. AVAR and HVAR fall as 1/tau^2
+for white and for flicker phase noise."""
+
+_STEEPEST = {"ohdev": -5.0}
+"""Slope of a density towards low frequencies at which a variance is infinite; of others -3."""
+
+_IN_FIRST, _IN_LOBE = 4000, 24
+"""Steps in the first lobe of a transfer function, and in each of the others."""
+
+_FOLLOWED, _BLOCKS = 64, 96
+"""Lobes that are followed one by one, and blocks of the others."""
+
+_CHUNK = 1 << 22
+"""Numbers of a sum over weights that are held at once."""
 
 
 def transfer(kind: str, f: ArrayLike, m: int, rate: float) -> Floats:
@@ -93,21 +115,27 @@ def transfer(kind: str, f: ArrayLike, m: int, rate: float) -> Floats:
 
 def _theo1(turns: Floats, m: int) -> Floats:
     """Return |H|^2 of THEO1: x[i] - x[i+v] + x[i+m] - x[i+m-v] is 2 cos(m) - 2 cos(m - 2v)."""
-    v = np.arange(1, m // 2 + 1)
-    waves = np.cos(m * turns)[..., np.newaxis] - np.cos(np.multiply.outer(turns, m - 2 * v))
-    passed = np.sum(4.0 * waves**2 / v, axis=-1)
-    return np.asarray(passed / (0.75 * 4.0 * (m * np.sin(turns)) ** 2))
+    flat, v = turns.ravel(), np.arange(1, m // 2 + 1)
+    passed = np.empty(flat.size)
+    step = max(1, _CHUNK // v.size)
+    for first in range(0, flat.size, step):
+        part = flat[first : first + step, np.newaxis]
+        waves = np.cos(m * part) - np.cos((m - 2 * v) * part)
+        passed[first : first + step] = 4.0 * waves**2 @ (1.0 / v)
+    return np.asarray(passed.reshape(turns.shape) / (3.0 * (m * np.sin(turns)) ** 2))
 
 
 def _parabolic(turns: Floats, m: int) -> Floats:
-    """Return |H|^2 of PVAR: the difference of two neighbouring slopes of the phase."""
+    """Return |H|^2 of PVAR: the difference of two neighbouring slopes of the phase.
+
+    The sum over ((m - 1) / 2 - k) exp(2 i k x) is half the derivative of sin(m x) / sin(x).
+    """
     if m == 1:
         return np.asarray(2.0 * np.sin(turns) ** 2)
-    k = np.arange(m)
-    line = (m - 1) / 2.0 - k
-    waves = np.exp(2j * np.multiply.outer(turns, k)) @ line
-    second = waves * (1.0 - np.exp(2j * turns * m))
-    return np.asarray(72.0 * np.abs(second) ** 2 / (float(m) ** 6 * 4.0 * np.sin(turns) ** 2))
+    sine, angle = np.sin(turns), m * turns
+    slope = (m * np.cos(angle) * sine - np.sin(angle) * np.cos(turns)) / sine**2
+    slope = np.where(angle < 1e-3, -m * (m**2 - 1.0) / 3.0 * turns, slope)  # digits cancel
+    return np.asarray(18.0 * (slope * np.sin(angle)) ** 2 / (float(m) ** 6 * sine**2))
 
 
 def deviation_of_density(
@@ -121,11 +149,17 @@ def deviation_of_density(
         Frequencies in Hz, ascending and positive, and unit^2/Hz there; between them it goes
         straight on double-logarithmic paper, and so it does beyond.
     m : array_like of int, shape (k,)
-        Averaging factors.
+        Averaging factors; even windows for THEO1.
     rate : float
         Samples per second: the density ends at half of it.
     kind : str
-        As in `transfer`.
+        As in `transfer`. Totals, TheoBR and TheoH have the expectation of what they estimate.
+
+    Raises
+    ------
+    ValueError
+        For the classical variance, which depends on the length of the run, and for a density that
+        goes on to frequency zero so steeply that the variance is infinite.
 
     Examples
     --------
@@ -133,30 +167,65 @@ def deviation_of_density(
     >>> white.round(3).tolist()
     [10.0, 1.0]
     """
+    name = _estimated(kind)
     known, levels = np.asarray(f, np.float64), np.asarray(density, np.float64)
     if known.ndim != 1 or known.size < 2 or known.shape != levels.shape:
         raise ValueError("need two or more frequencies and as many densities")
     if not (np.all(np.diff(known) > 0) and known[0] > 0 and np.all(levels > 0)):
         raise ValueError("frequencies must ascend from above 0, and densities be positive")
-    found = []
-    for factor in np.atleast_1d(np.asarray(m)).tolist():
-        grid = _grid(factor, rate)
-        middle, width = np.sqrt(grid[1:] * grid[:-1]), np.diff(grid)
-        passed = transfer(kind, middle, factor, rate)
-        found.append(math.sqrt(float(np.sum(_straight(middle, known, levels) * passed * width))))
-    return np.array(found)
+    slope = math.log(levels[1] / levels[0]) / math.log(known[1] / known[0])
+    steepest = _STEEPEST.get(name, -3.0)
+    if slope <= steepest + 1e-6:
+        other = "" if name == "ohdev" else "; take hdev"
+        raise ValueError(
+            f"{kind} is infinite for a density that goes on as f^{slope:.2g} below "
+            f"{known[0]:g} Hz{other}"
+        )
+    return np.array(
+        [
+            math.sqrt(_passed(lambda x: _straight(x, known, levels), factor, rate, name))
+            for factor in np.atleast_1d(np.asarray(m)).tolist()
+        ]
+    )
 
 
-def _grid(m: int, rate: float) -> Floats:
-    """Return frequencies that follow every lobe of the transfer function: steps in log, then even.
+def _estimated(kind: str) -> str:
+    """Return the estimator without bias whose expectation a kind has; ValueError if none does."""
+    estimator_named(kind)
+    name = _UNBIASED.get(kind, _SAME_AS.get(kind, kind))
+    if name == "ostdev":
+        raise ValueError(
+            f"{kind} and a density do not convert: the classical variance of flicker noise and "
+            "random walk grows with the run; take adev"
+        )
+    return name
 
-    From the tenth lobe on lobes are followed by the phase alone: 24 steps each, up to 2^20 steps.
+
+def _passed(density: Callable[[Floats], Floats], m: int, rate: float, kind: str) -> Any:
+    """Integrate densities, shape (..., frequencies), over what a variance passes of them."""
+    f, width = _nodes(m, rate)
+    return density(f) @ (transfer(kind, f, m, rate) * width)
+
+
+def _nodes(m: int, rate: float) -> tuple[Floats, Floats]:
+    """Return frequencies up to half the rate, and the width that each stands for.
+
+    Steps in log within the first lobe of the transfer function, then 24 in every lobe. Far above
+    tau, where lobes are many, blocks in log are each represented by one lobe.
     """
-    first = rate / (m * 1e5)
-    low = np.geomspace(first, min(rate / m, rate / 2.0), 4000)
-    steps = int(min(24 * m, 1 << 20))
-    even = np.linspace(low[-1], rate / 2.0, max(steps, 2))
-    return np.unique(np.concatenate([low, even]))
+    lobe, end = rate / m, rate / 2.0
+    low = np.geomspace(1e-5 * lobe, min(lobe, end), _IN_FIRST)
+    many = max(min(_FOLLOWED * lobe, end), low[-1])
+    even = np.linspace(low[-1], many, max(round(_IN_LOBE * (many - low[-1]) / lobe), 1) + 1)
+    edges = np.concatenate([low, even[1:]])
+    f, width = np.sqrt(edges[1:] * edges[:-1]), np.diff(edges)
+    if many >= end:
+        return f, width
+    blocks = np.geomspace(many, end, _BLOCKS + 1)
+    within = lobe * ((np.arange(_IN_LOBE) + 0.5) / _IN_LOBE - 0.5)
+    beyond = np.add.outer(np.sqrt(blocks[1:] * blocks[:-1]), within)
+    each = np.repeat(np.diff(blocks) / _IN_LOBE, _IN_LOBE)
+    return np.concatenate([f, beyond.ravel()]), np.concatenate([width, each])
 
 
 def _straight(f: Floats, known: Floats, levels: Floats) -> Floats:
@@ -167,25 +236,43 @@ def _straight(f: Floats, known: Floats, levels: Floats) -> Floats:
     return np.asarray(np.exp(y[at] + slope * (np.log(f) - x[at])))
 
 
-def density_of_deviation(tau: ArrayLike, deviation: ArrayLike, f: ArrayLike) -> Floats:
-    """Return the one-sided density of the sum of power laws nearest to an Allan deviation.
+def density_of_deviation(
+    tau: ArrayLike,
+    deviation: ArrayLike,
+    f: ArrayLike,
+    kind: str = "oadev",
+    rate: float | None = None,
+) -> Floats:
+    """Return the one-sided density of the sum of power laws nearest to a deviation.
 
     Parameters
     ----------
     tau, deviation : array_like, shape (k,)
-        Points of ADEV in s and in the unit of the rate.
+        Averaging times in s and the deviation there, in the unit of the rate (`tdev`: times s).
     f : array_like, shape (j,)
         Frequencies in Hz.
+    kind : str
+        Estimator, as in `deviation_of_density`.
+    rate : float, optional
+        Samples per second; by default the shortest tau is taken for that of one sample (of two
+        for THEO1).
+
+    Raises
+    ------
+    ValueError
+        For the classical variance, and numbers that make no sense.
 
     Notes
     -----
-    N^2 / tau, (2 ln 2 / pi) B^2, K^2 tau / 3 and 3 Q^2 / tau^2 with none negative, by least squares
-    of measured / fitted. A ramp has no density. Q is taken with tau0 = the shortest tau.
+    Power laws of sampled noise, |2 sin(pi f / rate)|^alpha, with levels none of which is negative,
+    by least squares of measured / fitted. Which, depends on what the deviation tells apart: white
+    PM, white FM, flicker FM and random walk for AVAR and THEO1; flicker PM too for MVAR, TVAR and
+    PVAR; flicker walk and random run, but not flicker PM, for HVAR. A drift has no density.
 
     Examples
     --------
     >>> tau = np.array([0.1, 1.0, 10.0])
-    >>> density_of_deviation(tau, 3.0 / np.sqrt(tau), [1.0, 5.0]).round(6).tolist()
+    >>> density_of_deviation(tau, 3.0 / np.sqrt(tau), [1.0, 5.0]).round(2).tolist()
     [18.0, 18.0]
     """
     from scipy.optimize import nnls
@@ -193,13 +280,34 @@ def density_of_deviation(tau: ArrayLike, deviation: ArrayLike, f: ArrayLike) -> 
     t, variance = np.asarray(tau, np.float64), np.asarray(deviation, np.float64) ** 2
     if t.shape != variance.shape or t.ndim != 1 or not (np.all(t > 0) and np.all(variance > 0)):
         raise ValueError("need as many positive deviations as positive averaging times")
-    lines = np.stack([1.0 / t, np.full_like(t, 2.0 * math.log(2.0) / math.pi), t / 3.0, 3.0 / t**2])
-    squares, _ = nnls((lines / variance).T, np.ones_like(t))
-    x = np.asarray(f, np.float64)
-    two_pi = 2.0 * math.pi
-    white, flicker, walk, angle = squares
-    both = white + flicker / (two_pi * x) + walk / (two_pi * x) ** 2
-    return np.asarray(2.0 * (both + angle * (two_pi * x) ** 2 * float(t.min())))
+    name = _estimated(kind)
+    hz = rate or (1.5 if name == "theo1" else 1.0) / float(t.min())
+    letters = _LAWS.get(name, "QPNBK")
+    alphas = np.array([alpha for alpha, letter in LETTERS.items() if letter in letters])
+
+    def laws(x: Floats) -> Floats:
+        """Return the density of every power law, shape (laws, frequencies)."""
+        rising = 2.0 * np.sin(np.pi * np.minimum(x, hz / 2.0) / hz)
+        return np.asarray(rising ** alphas[:, np.newaxis])
+
+    lines = np.array([_passed(laws, m, hz, name) for m in factors_at(t, hz, kind)])
+    scale = lines.max(axis=0)
+    squares, _ = nnls(lines / scale / variance[:, np.newaxis], np.ones_like(t))
+    return np.asarray((squares / scale) @ laws(np.asarray(f, np.float64)))
+
+
+def factors_at(tau: ArrayLike, rate: float, kind: str = "oadev") -> list[int]:
+    """Return the averaging factors nearest to averaging times; even windows for THEO1.
+
+    Examples
+    --------
+    >>> factors_at([0.3, 1.0], 10.0), factors_at([0.3, 1.2], 10.0, "theo1")
+    ([3, 10], [4, 16])
+    """
+    exact = np.asarray(tau, np.float64) * rate
+    if _estimated(kind) == "theo1":
+        return np.maximum(2 * np.rint(exact / 1.5), 2).astype(int).tolist()
+    return np.maximum(np.rint(exact), 1).astype(int).tolist()
 
 
 def phase_to_rate_density(f: ArrayLike, phase: ArrayLike, carrier: float = 0.0) -> Floats:

@@ -21,6 +21,7 @@ from allanscope.allan import (
     density_of_deviation,
     deviation,
     deviation_of_density,
+    factors_at,
     factors_of,
     gcodev,
     identify_noise,
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from allanscope.report import ChainStep
 
 __all__ = [
-    "QUANTITIES",
+    "DENSITIES",
     "StabilityRequest",
     "chain_steps",
     "convert_table",
@@ -57,10 +58,13 @@ __all__ = [
     "stability_table",
 ]
 
-QUANTITIES = ("S_y", "S_phi", "L", "adev")
-"""One-sided density of the rate, of the phase in rad^2/Hz, half of that in dB, and deviation."""
+DENSITIES = ("S_y", "S_phi", "L")
+"""One-sided density of the rate, of the phase in rad^2/Hz, and half of that in dB."""
 
 Floats = NDArray[np.float64]
+
+_POINTS = 400
+"""Of a density between two deviations."""
 
 
 def convert_table(
@@ -74,9 +78,10 @@ def convert_table(
         Delimited text: frequency in Hz, or averaging time in s, and the quantity. Lines that begin
         with a letter or ``#`` are left out.
     given, wanted : str
-        Of `QUANTITIES`.
+        Of `DENSITIES`, or a deviation by name.
     rate : float or None
-        Samples per second: where a density ends; twice the highest frequency if None.
+        Samples per second: where a density ends. By default twice the highest frequency, or one
+        sample in the shortest averaging time.
     carrier : float
         In Hz, for S_phi and L; 0 for an angle, whose rate is in rad/s.
 
@@ -85,25 +90,44 @@ def convert_table(
     InputError, UsageError
         For a table that cannot be read, or numbers that make no sense.
     """
+    given, wanted = (one if one in DENSITIES else one.lower() for one in (given, wanted))
     x, y = _table(source)
     try:
-        if given == "adev":
-            f = 1.0 / (np.pi * x[::-1]) if wanted != "adev" else x
-            density = density_of_deviation(x, y, f)
+        if wanted in DENSITIES:
+            rows = _density(given, wanted, x, y, rate, carrier)
         else:
-            f, density = x, _as_rate(given, x, y, carrier)
-        if wanted == "adev":
-            hz = rate or 2.0 * float(f.max())
-            last = max(int(np.log2(hz / float(f.min()))), 1)
-            m = 2 ** np.arange(last)
-            rows = m / hz, deviation_of_density(f, density, m, hz)
-        else:
-            rows = f, _as(wanted, f, density, carrier)
+            rows = _deviation(given, wanted, x, y, rate, carrier)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    head = "tau_s" if wanted == "adev" else "f_hz"
+    head = "f_hz" if wanted in DENSITIES else "tau_s"
     lines = [f"{a:.9g},{b:.9g}" for a, b in zip(*rows, strict=True)]
     write_text(out, "\n".join([f"{head},{wanted}", *lines]) + "\n")
+
+
+def _density(
+    given: str, wanted: str, x: Floats, y: Floats, rate: float | None, carrier: float
+) -> tuple[Floats, Floats]:
+    if given in DENSITIES:
+        return x, _as(wanted, x, _as_rate(given, x, y, carrier), carrier)
+    f = 1.0 / (np.pi * x[::-1])
+    return f, _as(wanted, f, density_of_deviation(x, y, f, given, rate), carrier)
+
+
+def _deviation(
+    given: str, wanted: str, x: Floats, y: Floats, rate: float | None, carrier: float
+) -> tuple[Floats, Floats]:
+    if given in DENSITIES:
+        hz = rate or 2.0 * float(x.max())
+        f, density = x, _as_rate(given, x, y, carrier)
+        last = max(int(np.log2(hz / float(f.min()))), 1)
+        tau = 2.0 ** np.arange(last) / hz
+    else:
+        hz, tau = rate or 1.0 / float(x.min()), x
+        f = np.geomspace(0.01 / float(x.max()), hz / 2.0, _POINTS)
+        density = density_of_deviation(x, y, f, given, hz)
+    m = np.unique(factors_at(tau, hz, wanted))
+    times = (0.75 if wanted == "theo1" else 1.0) * m / hz
+    return times, deviation_of_density(f, density, m, hz, wanted)
 
 
 def _table(path: Path) -> tuple[Floats, Floats]:

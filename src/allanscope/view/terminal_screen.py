@@ -263,8 +263,8 @@ class Screen:
             details = [Text(line, no_wrap=True, overflow="ellipsis") for line in _HELP]
         else:
             details = _details(known.details, room, width, most)
-        below = [*([Text(), laws] if laws.row_count else []), *charts]
-        below += [Text(), *details] if details else []
+        below: list[Text | Table] = [Text(), laws] if laws.row_count else []
+        below += [*charts, *([Text(), *details] if details else [])]
         yield Group(*top, *three, self._as_of(), table, *below)
         if self._keys:
             yield _joined([Text(part) for part in self._keys.split(_BETWEEN)], width, "dim")

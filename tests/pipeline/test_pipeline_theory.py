@@ -112,6 +112,13 @@ def test_charts_of_the_method_are_drawn(tmp_path, name):
     assert (tmp_path / "c.png").stat().st_size > 5000
 
 
+def test_the_chart_of_slopes_says_what_saturates(tmp_path):
+    assert main(["chart", "slopes", str(tmp_path / "c.svg"), "--quiet"]) == 0
+    svg = (tmp_path / "c.svg").read_text(encoding="utf-8")
+    assert svg.count("FWFM and RRFM: slope saturates at 2,") == 2  # AVAR and MAVAR
+    assert svg.count(">RRFM, slope 3<") == 1  # HVAR
+
+
 def test_the_chain_says_what_the_program_works_with():
     steps = chain_steps(DeviceSettings(part="LSM6DSM", rate_hz=208.0, gyro_fs=250.0))
     text = " ".join(f"{step.name} {step.what} {step.numbers}" for step in steps)

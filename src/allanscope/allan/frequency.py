@@ -306,8 +306,8 @@ def factors_at(tau: ArrayLike, rate: float, kind: str = "oadev") -> list[int]:
     """
     exact = np.asarray(tau, np.float64) * rate
     if _estimated(kind) == "theo1":
-        return np.maximum(2 * np.rint(exact / 1.5), 2).astype(int).tolist()
-    return np.maximum(np.rint(exact), 1).astype(int).tolist()
+        return [max(2 * round(m / 1.5), 2) for m in exact.tolist()]
+    return [max(round(m), 1) for m in exact.tolist()]
 
 
 def phase_to_rate_density(f: ArrayLike, phase: ArrayLike, carrier: float = 0.0) -> Floats:

@@ -21,6 +21,8 @@ from allanscope.report.picture import COMPONENT, CYCLE, MODEL, Picture, ink
 __all__ = ["chain_picture", "slopes_picture", "transfer_picture"]
 
 _PANELS: tuple[tuple[str, Family], ...] = (("adev", "avar"), ("mdev", "mvar"), ("hdev", "hvar"))
+_WITH_ALLAN = 5
+"""Power laws that have an Allan variance: from white PM to random walk FM."""
 _INDENT = 0.022
 _HYBRID = "theoh"
 """OAVAR up to a tenth of the run, THEOBR above: it has no transfer function of its own."""
@@ -65,10 +67,13 @@ def slopes_picture() -> Picture:
     """Draw the variances of every power law over averaging time, of one level at m = 16.
 
     The design tip's figure 3 for AVAR, beside it MAVAR, which parts white from flicker phase noise,
-    and HVAR, the only one of the three that exists for flicker walk and random run.
+    and HVAR, the only one of the three that has an expectation for flicker walk and random run. Of
+    these two the others show the slowest part, a ramp, whose level grows with the record.
     """
     m = 2.0 ** np.arange(11)
     names = list(NAMES.values())
+    steep = " and ".join(names[_WITH_ALLAN:])
+    saturated = f"{steep}: slope saturates at 2,\nlevel grows with the record"
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, 3, sharey=True)
@@ -78,6 +83,8 @@ def slopes_picture() -> Picture:
                 level = values / values[4]
                 slope = round(float(np.log2(level[-1] / level[-2])), 1) + 0.0
                 ax.plot(m, level, c=colour, lw=1.3, label=f"{name}, slope {slope:g}")
+            if family != "hvar":
+                ax.plot(m, (m / m[4]) ** 2, c=ink(), lw=1.1, ls=(0, (4, 3)), label=saturated)
             scale_loglog(ax, "averaging factor m = τ / τ₀", "")
             ax.set_title(variance_name(kind), fontsize="medium")
             ax.legend(loc="upper center", fontsize="x-small")

@@ -70,7 +70,7 @@ def test_the_angle_error_is_worked_out_in_both_readings(tags):
 
 def test_every_figure_has_a_caption_that_explains_its_marks(page):
     figures = re.findall(r"<figure.*?</figure>", page, re.DOTALL)
-    assert len(figures) == 2 + 2 * 4 + 2 + 2
+    assert len(figures) == 2 + 2 * 4 + 2 + 3
     captions = [re.search(r"<figcaption>(.*?)</figcaption>", one, re.DOTALL)[1] for one in figures]
     assert min(map(len, captions)) > 60
     overlay, _, deviation, residual, density, lag = captions[:6]
@@ -81,7 +81,8 @@ def test_every_figure_has_a_caption_that_explains_its_marks(page):
         assert word in residual
     assert "effects" in density
     assert "DT0064" in lag
-    assert "DT0064" in captions[-1]
+    assert "DT0064" in captions[-2]
+    assert "density of the rate" in captions[-1]
 
 
 def test_marks_of_the_user_are_listed_and_numbered_in_the_series(page, tags):

@@ -37,7 +37,7 @@ def line(ax, label):
 def test_there_is_one_picture_of_everything(gallery):
     each = {f"{axis}-{what}" for axis in ("gx", "ax") for what in NAMES}
     each |= {f"{name}-{what}" for name in ("gyroscope", "accelerometer") for what in OF_SENSOR}
-    assert set(gallery) == each | {"dynamic", "ratio"}
+    assert set(gallery) == each | {"dynamic", "ratio", "transfer"}
 
 
 OF_SENSOR = ("overlay", "series")

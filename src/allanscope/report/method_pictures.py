@@ -28,12 +28,20 @@ _HYBRID = "theoh"
 """OAVAR up to a tenth of the run, THEOBR above: it has no transfer function of its own."""
 
 
-def transfer_picture(m: int = 64) -> Picture:
+def transfer_picture(highest: float = 32.0, points: int = 4000) -> Picture:
     """Draw ``|H|^2`` of every estimator over f tau; that of TVAR over tau^2.
 
     Estimators of one transfer function share a line: a total has that of what it estimates.
+
+    Parameters
+    ----------
+    highest : float
+        Largest f tau, up to 32.
+    points : int
+        Of a line.
     """
-    cycles = np.geomspace(0.02, m / 2.0, 4000)
+    m = 64
+    cycles = np.geomspace(0.02, highest, points)
     lines: list[tuple[list[str], NDArray[np.float64]]] = []
     for kind in KINDS:
         if kind == _HYBRID:
@@ -48,7 +56,7 @@ def transfer_picture(m: int = 64) -> Picture:
             same.append(variance_name(kind))
 
     def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, 2, sharey=True)
+        panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.05})
         for i, ((names, passed), colour) in enumerate(zip(lines, CYCLE * 2, strict=False)):
             label = ", ".join(names) + (" (over τ²)" if names[0] == "TVAR" else "")
             panels[i % 2].plot(cycles, passed, c=colour, lw=1.1, label=label)
@@ -58,9 +66,9 @@ def transfer_picture(m: int = 64) -> Picture:
             ax.set_ylim(1e-8, 6.0)
             ax.set_xlabel("frequency × averaging time f τ")
             ax.legend(loc="lower left", fontsize="small")
-        panels[0].set_ylabel("|H(f)|²")
+        panels[0].text(0.98, 0.95, "|H(f)|²", ha="right", transform=panels[0].transAxes)
 
-    return Picture(draw, width=10.0, height=4.6, fixed=False)
+    return Picture(draw, width=10.0, height=4.6)
 
 
 def slopes_picture() -> Picture:

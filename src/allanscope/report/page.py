@@ -41,11 +41,16 @@ from allanscope.report.data_pictures import (
     ratio_picture,
     series_picture,
 )
+from allanscope.report.method_pictures import transfer_picture
 from allanscope.report.picture import Picture
+from allanscope.report.stability_tables import stability_tables
 from allanscope.samples import unit_of
 from allanscope.sanitize import sanitize
 
 __all__ = ["pictures", "render", "save_pictures", "template"]
+
+_LOBES = 6.0
+"""Of the transfer functions on the page: more are only black."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +136,8 @@ def render(
         dynamic_svg=svgs.get("dynamic", ""),
         dynamic_words=axis_text.windows(analysis.dynamic),
         ratio_svg=svgs.get("ratio", ""),
+        stability=stability_tables(analysis),
+        transfer_svg=svgs.get("transfer", ""),
         quality=axis_text.quality(analysis),
         uncertainty=analysis.uncertainty,
         marks=[f"{duration(time_s)}: {text}" for time_s, text in marked_moments(analysis)],
@@ -287,6 +294,7 @@ def pictures(analysis: Analysis) -> dict[str, Picture]:
             )
     if shown:
         found["ratio"] = ratio_picture(shown)
+        found["transfer"] = transfer_picture(_LOBES, 600)
     columns = {name: i for i, name in enumerate(analysis.axes) if name in shown}
     if analysis.dynamic is not None and columns:
         found["dynamic"] = dynamic_picture(analysis.dynamic, columns, marked_moments(analysis))

@@ -176,6 +176,31 @@ def test_hadamard_total_of_phase_noise_is_trusted_up_to_a_fiftieth_of_the_run(po
         assert deviation(noise, 1.0, "htotdev", taus).trusted.tolist() == trusted
 
 
+@pytest.mark.parametrize("alpha", [2, 1, 0])
+@pytest.mark.parametrize(
+    ("kind", "factors"),
+    [
+        ("totdev", [1, 64, 128, 256]),
+        ("oadev", [1, 2]),
+        ("mdev", [1, 2]),
+        ("ohdev", [1, 2]),
+    ],
+)
+def test_limits_of_an_array_hold_at_one_sample_and_those_of_totdev(alpha, kind, factors, power_law):
+    """With every term: 600 records of 1000 samples, +-0.9 %.
+
+    With SP 1065's degrees of freedom those of TOTDEV hold in 83 % at m = 256 of white PM.
+    """
+    noise = power_law(alpha, 1000, 600, seed=[23, alpha + 9])
+    phases = np.concatenate([np.zeros((600, 1)), noise.cumsum(axis=1)], axis=1)
+    share, curve = share_held(phases, kind, factors, UNBIASED[kind])
+    alone = deviation(noise[0], 1.0, kind, [float(m) for m in factors])
+    np.testing.assert_allclose(curve.upper[0], alone.upper, rtol=1e-9)
+    assert curve.trusted.all()
+    assert share.min() > 0.925, share
+    assert share.max() < 0.975, share
+
+
 def unit_growth(target, alpha, tau):
     """Return a variance at tau over that at 64 samples."""
     if alpha < -2:

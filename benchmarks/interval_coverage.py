@@ -319,9 +319,9 @@ Written by `python benchmarks/interval_coverage.py --write` (half an hour of pro
 {seed}: not one of those that the limits were calibrated with).
 
 How often, in %, the 95 % limits of a deviation contain the truth in records of one noise, whose
-type the program identifies; of arrays, every term used ([streams](estimators.md#every-tau-at-once)).
-m = 1 and TOTDEV of phase noise are among the cells. Every cell, by averaging factor m (octaves and some between, to the end
-of the trusted range), is in [coverage.csv](coverage.csv).
+type the program identifies. Records are arrays, of which every term is used
+([streams](estimators.md#every-tau-at-once)). Every cell, by averaging factor m (1, octaves and some
+between, to the end of the trusted range), is in [coverage.csv](coverage.csv).
 
 """
 LINE = """\

@@ -119,7 +119,7 @@ def assemble(
         terms=sums.terms,
         noise=np.where(refused | (noise is None), "", _NAMES[2 - law]),
         level=level,
-        trusted=estimator.trusts(law, tau, n),
+        trusted=estimator.trusts(known, tau, n),
     )
 
 

@@ -257,8 +257,8 @@ class NoiseTypes:
         `unit_variance`; None where the labels are all that is known. An axis of zeros is one that
         has steeper noise, or no variances: its labels count.
     steep : ndarray, shape (7,) or (axes, 7), or None
-        Level of every power law for an axis that has noise steeper than a random walk, zeros for
-        others. AVAR and MVAR have no expectation then, so it counts for HVAR alone.
+        Level of every power law for an axis that has a random walk or steeper noise, zeros for
+        others. AVAR and MVAR may have no expectation then, so it counts for HVAR alone.
     """
 
     alpha: NDArray[np.int64]
@@ -411,7 +411,8 @@ def steep_levels(m: ArrayLike, n: int, hvar: ArrayLike, alpha: ArrayLike) -> Flo
     hvar : array_like, shape (axes, k)
         Hadamard variance (1/6); NaN where there is none.
     alpha : array_like of int, shape (axes, k)
-        Labels: only where one is steeper than a random walk there are levels.
+        Labels: only where one is a random walk, or steeper, there are levels. What is steeper is
+        often labelled a random walk before it is long enough to show.
 
     Returns
     -------
@@ -432,7 +433,7 @@ def steep_levels(m: ArrayLike, n: int, hvar: ArrayLike, alpha: ArrayLike) -> Flo
     scale = unit.max(axis=0)
     variances, labels = np.atleast_2d(hvar), np.atleast_2d(alpha)
     found = np.zeros((len(variances), len(ALPHAS)))
-    for axis in np.flatnonzero(labels.min(axis=-1) < -2):
+    for axis in np.flatnonzero(labels.min(axis=-1) <= -2):
         use = (m * _FEWEST_SPANS <= n) & (variances[axis] > 0)
         if use.sum() < _FEWEST_POINTS:
             continue

@@ -192,10 +192,11 @@ class Estimator(ABC):
                 scale = scale + shares[..., i] * calibrated_scale(name, known, m, n)
         return scale
 
-    def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
-        """Return whether limits hold the truth at `tau` samples of a run of `n`; they broadcast.
+    def trusts(self, noise: NoiseTypes, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
+        """Return whether limits hold the truth at `tau` samples of a run of `n`, shape (k,).
 
-        `alpha` is the noise type at `tau`, which few ask for: see `TheoBR`.
+        `noise` is that at `tau`, which few ask for: see `TheoBR`; then the shape is that of its
+        labels.
         """
         return np.asarray(tau) <= self.trust_fraction * n
 
@@ -401,12 +402,12 @@ class AverageEstimator(Estimator):
         pooled = _pooled(edf, share)
         return pooled, np.ones(pooled.shape), np.ones(pooled.shape)
 
-    def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
+    def trusts(self, noise: NoiseTypes, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
         """Return False: a random walk that the record hardly shows makes most of this variance.
 
         In white FM beside one, of one AVAR at a 16th of the run, the limits hold in 70 to 86 %.
         """
-        return np.zeros(np.broadcast_shapes(np.shape(alpha), np.shape(tau)), np.bool_)
+        return np.zeros(np.broadcast_shapes(np.shape(noise.alpha), np.shape(tau)), np.bool_)
 
     def needed(self, m: int) -> int:
         """Return how many rate samples give `min_terms` means."""

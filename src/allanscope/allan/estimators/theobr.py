@@ -79,13 +79,13 @@ class TheoBR(Theo1):
         apart = 1.0 / (1.0 / super().edf(alpha, m, n, stride) + 1.0 / _RATIO_EDF)
         return calibrated_edf("theobr", alpha, m, n, apart)
 
-    def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
+    def trusts(self, noise: NoiseTypes, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
         """Return whether the limits hold: not in phase noise, whose bias no one ratio removes.
 
         Nor at short tau, where the ratio is that of other noise than there is: 80 to 99 %.
         """
         long = np.asarray(tau) >= _SHORTEST * n
-        return super().trusts(alpha, tau, n) & long & (np.asarray(alpha) <= 0)
+        return super().trusts(noise, tau, n) & long & (noise.alpha <= 0)
 
     def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return 1: the record itself has removed the bias."""

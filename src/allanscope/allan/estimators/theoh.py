@@ -69,9 +69,9 @@ class TheoH(TheoBR):
         allan = [REGISTRY[Oadev.name].exact(phase, m) for m in short]
         return allan + (super().curve(phase, long) if long else [])
 
-    def trusts(self, alpha: ArrayLike, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
+    def trusts(self, noise: NoiseTypes, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
         """Return whether the limits hold: those of OAVAR do in any noise."""
-        return (np.asarray(tau) <= _SHORT * n) | super().trusts(alpha, tau, n)
+        return (np.asarray(tau) <= _SHORT * n) | super().trusts(noise, tau, n)
 
     def edf(
         self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike, stride: ArrayLike

@@ -4,10 +4,13 @@ import re
 import statistics
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from allanscope import analyse
 from allanscope.noise import Coefficient
 from allanscope.report import comparing_pictures, render_comparison
+from allanscope.report.compare import _apart
 from support.report_session import two_axes
 
 N = {"one": 2.8e-3, "two": 3.0e-3, "<three>": 3.2e-3}
@@ -62,3 +65,51 @@ def test_an_axis_that_only_one_session_has_is_shown_without_a_spread(sessions):
     gx = page[page.index("<h2>gx") : page.index("<h2>ax")]
     assert gx.count("<td>–</td>") == 3
     assert "<th>b</th>" not in gx
+
+
+SIGMAS = {"A": 0.02, "B": 0.05, "C": 0.1}
+"""White noise of three units, in dps a sample."""
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """Results of three units on one bench that moves by more than any of them is noisy."""
+    rng = np.random.default_rng(3)
+    shake = np.convolve(rng.normal(size=9019), np.ones(20) / 20, "valid")  # up to 3 Hz
+    return {
+        name: analyse({"gx[dps]": shake + sigma * rng.normal(size=9000)}, rate=100.0)
+        for name, sigma in SIGMAS.items()
+    }
+
+
+def begun(units, *days):
+    return {
+        name: replace(one, input={**one.input, "started": f"2026-01-{day:02}T10:00:00+00:00"})
+        for (name, one), day in zip(units.items(), days, strict=True)
+    }
+
+
+def test_three_units_recorded_at_once_are_told_apart(bench):
+    """The hat of three: what each has alone is its white noise, sigma / sqrt(m)."""
+    units = begun(bench, 1, 1, 1)
+    assert "<summary>Recorded together" in render_comparison(units)
+    (table,) = _apart(units)
+    assert table.heads == ["τ, s", "all share", "A alone", "B alone", "C alone"]
+    assert len(table.rows) >= 3
+    for row in table.rows:
+        m = round(float(row[0]) * 100.0)
+        for cell, sigma in zip(row[2:], SIGMAS.values(), strict=True):
+            truth = 1e3 * sigma / np.sqrt(m)
+            if cell.startswith("<"):
+                assert float(cell[2:]) > truth
+                continue
+            lower, upper = map(float, cell.split("[")[1].rstrip("]").split(", "))
+            assert 0.9 * lower < truth < 1.1 * upper, (row[0], cell)
+
+
+def test_units_that_were_not_recorded_at_once_are_not_told_apart(bench):
+    units = begun(bench, 1, 2, 3)
+    assert not _apart(units)
+    assert "Recorded together" not in render_comparison(units)
+    assert not _apart(dict(list(begun(bench, 1, 1, 1).items())[:2]))
+    assert not _apart(bench)  # arrays do not say when they began

@@ -45,7 +45,14 @@ if TYPE_CHECKING:
     )
     from allanscope.analysis.shared_lines import SeenLines, SharedLine, lines_in_both
     from allanscope.analysis.summary import Depth, compared, search_processes, summarise
-    from allanscope.analysis.together import Aligned, Own, Separation, aligned, separated
+    from allanscope.analysis.together import (
+        Aligned,
+        Own,
+        Separation,
+        aligned,
+        separated,
+        units_apart,
+    )
     from allanscope.analysis.undisturbed import Undisturbed
     from allanscope.analysis.verdict_lines import (
         Grade,
@@ -134,6 +141,7 @@ __all__ = [
     "share_text",
     "shares_text",
     "summarise",
+    "units_apart",
     "verdict",
     "wait_text",
 ]
@@ -146,6 +154,7 @@ __getattr__, __dir__ = lazily(
         "SharedLine": "shared_lines",
         "SeenLines": "shared_lines",
         "separated": "together",
+        "units_apart": "together",
         "aligned": "together",
         "Separation": "together",
         "Own": "together",

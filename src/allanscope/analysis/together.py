@@ -24,9 +24,10 @@ from scipy.optimize import brentq
 from scipy.special import ndtri
 
 from allanscope.allan import deviation
+from allanscope.analysis.result import Analysis
 from allanscope.quantities import MAD_TO_SIGMA
 
-__all__ = ["Aligned", "Own", "Separation", "aligned", "separated"]
+__all__ = ["Aligned", "Own", "Separation", "aligned", "separated", "units_apart"]
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,7 @@ _SMOOTHED = 9
 _LEAST_EDF = 5.0
 _FIRST_OCTAVE = 2
 _SURE_OF_GAIN = 3.0
+_FEWEST_STEPS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +115,63 @@ class Separation:
     def is_individual(self) -> bool:
         """Whether each board has a curve of its own: that takes three."""
         return len(self.own) > 2
+
+
+def units_apart(
+    results: Sequence[Analysis], names: Sequence[str]
+) -> tuple[Aligned | None, dict[str, Separation], list[str]]:
+    """Return results of one bench on one clock, each axis separated, and what must be said of it.
+
+    Parameters
+    ----------
+    results : sequence of Analysis
+        Of two units or more, each with its record.
+    names : sequence of str
+        Of the units, for what must be said.
+
+    Returns
+    -------
+    clock : Aligned or None
+        None where they have no axis in common.
+    axes : dict of str to Separation
+        Empty where nothing tells how they lie in time.
+    remarks : list of str
+
+    Raises
+    ------
+    ValueError
+        For a result without samples in one piece, and for copies of one record.
+    """
+    shared = [a for a in results[0].axes if all(a in one.axes for one in results)]
+    if not shared:
+        return None, {}, ["the recordings have no axis in common"]
+    records, rates = [], []
+    for one in results:
+        record = one.record
+        if record is None or not len(record.segments):
+            raise ValueError("a recording has no samples in one piece")
+        first, last = max(record.segments.tolist(), key=lambda s: s[1] - s[0])
+        columns = [record.axes.index(axis) for axis in shared]
+        records.append(record.values[first:last, columns])
+        rates.append(record.rate_hz)
+    for (i, one_record), (j, other) in combinations(enumerate(records), 2):
+        if np.array_equal(one_record, other):
+            raise ValueError(
+                f"{names[i]} and {names[j]} hold the same samples: two boards never do"
+            )
+    clock = aligned(records, rates)
+    if not clock.is_common:
+        why = "the recordings have no common signal to align them in time"
+        return clock, {}, [f"{why}; no common motion was separated"]
+    if clock.values.shape[1] < _FEWEST_STEPS:
+        return clock, {}, ["the recordings overlap for too short a time"]
+    axes = {
+        axis: separated(clock.values[:, :, k], clock.rate_hz)
+        for k, axis in enumerate(shared)
+        if all(np.ptp(clock.values[:, :, k], axis=1) > 0)
+    }
+    two = ["two recordings: the individual noise is the mean of both"]
+    return clock, axes, two if len(results) == 2 else []
 
 
 def aligned(records: Sequence[Array], rates_hz: Sequence[float]) -> Aligned:
@@ -252,7 +311,7 @@ def separated(values: Array, rate_hz: float) -> Separation:
         Of one board, or of a record too short.
     """
     boards, n = values.shape
-    if boards < 2 or n < 64:
+    if boards < 2 or n < _FEWEST_STEPS:
         raise ValueError("need two boards and 64 steps that they have in common")
     values = values - values.mean(axis=1, keepdims=True)
     m = 2 ** np.arange(_FIRST_OCTAVE, int(math.log2(n / 4)) + 1)

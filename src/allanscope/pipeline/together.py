@@ -22,10 +22,9 @@ from allanscope.analysis import (
     SeenLines,
     Separation,
     SharedLine,
-    aligned,
     line_of,
     lines_in_both,
-    separated,
+    units_apart,
 )
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input
@@ -141,7 +140,10 @@ def analyse_together(paths: Sequence[Path], device: DeviceSettings, quiet: bool 
     )
     unmeasured = [name for name, one in zip(names, seen, strict=True) if one is None]
     remarks = [f"sample rate not measured, lines not compared: {', '.join(unmeasured)}"]
-    clock, axes, why = _separation(results, names)
+    try:
+        clock, axes, why = units_apart(results, names)
+    except ValueError as error:
+        raise InputError(str(error)) from None
     return Together(names, clock, axes, lines, (*(remarks if unmeasured else []), *why))
 
 
@@ -154,47 +156,6 @@ def _seen(one: Analysis) -> SeenLines | None:
     by_device = _CRYSTAL_PPM if one.rate.source == "device" else 0.0
     found = [line[:3] for line in lines if line is not None]
     return SeenLines(one.rate.best_hz, math.hypot(ppm, by_device), found)
-
-
-def _separation(
-    results: Sequence[Analysis], names: Sequence[str]
-) -> tuple[Aligned | None, dict[str, Separation], list[str]]:
-    """Return the records on one clock, each axis separated, and what must be said of it."""
-    shared = [a for a in results[0].axes if all(a in one.axes for one in results)]
-    if not shared:
-        return None, {}, ["the recordings have no axis in common"]
-    records, rates = [], []
-    for one in results:
-        record = one.record
-        if record is None or not len(record.segments):
-            raise InputError("a recording has no samples in one piece")
-        first, last = max(record.segments.tolist(), key=lambda s: s[1] - s[0])
-        columns = [record.axes.index(axis) for axis in shared]
-        records.append(record.values[first:last, columns])
-        rates.append(record.rate_hz)
-    for (i, first), (j, second) in combinations(enumerate(records), 2):
-        if np.array_equal(first, second):
-            raise InputError(
-                f"{names[i]} and {names[j]} hold the same samples: two boards never do"
-            )
-    clock = aligned(records, rates)
-    remarks = []
-    if not clock.is_common:
-        why = "the recordings have no common signal to align them in time"
-        return clock, {}, [f"{why}; no common motion was separated"]
-    if clock.values.shape[1] < _FEWEST_STEPS:
-        return clock, {}, ["the recordings overlap for too short a time"]
-    axes = {
-        axis: separated(clock.values[:, :, k], clock.rate_hz)
-        for k, axis in enumerate(shared)
-        if all(np.ptp(clock.values[:, :, k], axis=1) > 0)
-    }
-    if len(results) == 2:
-        remarks.append("two recordings: the individual noise is the mean of both")
-    return clock, axes, remarks
-
-
-_FEWEST_STEPS = 64
 
 
 def _table(axis: str, one: Separation) -> list[str]:

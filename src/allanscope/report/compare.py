@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime, timedelta
 from typing import Any
 
-from allanscope.analysis import Analysis, AxisAnalysis, verdict
+from allanscope.analysis import Analysis, AxisAnalysis, Separation, units_apart, verdict
 from allanscope.quantities import (
     COEFFICIENTS,
+    DEVIATION,
     MAIN_LETTERS,
     TWO_SIDED_95,
     duration,
@@ -19,8 +21,13 @@ from allanscope.report import axis_text, coefficient_table
 from allanscope.report.curve_pictures import compare_picture
 from allanscope.report.page import template
 from allanscope.report.picture import Picture
+from allanscope.report.stability_tables import StabilityTable
+from allanscope.samples import unit_of
 
 __all__ = ["comparing_pictures", "render_comparison"]
+
+_HAT = 3
+"""Units from which the noise of each can be told from that of the others."""
 
 
 def render_comparison(
@@ -50,6 +57,7 @@ def render_comparison(
             for name, one in sessions.items()
         ],
         axes=[_axis(name, sessions, svgs) for name in _axes(sessions)],
+        apart=_apart(sessions),
         footer=f"allanscope {next(iter(sessions.values())).version}",
     )
 
@@ -63,6 +71,43 @@ def comparing_pictures(sessions: Mapping[str, Analysis]) -> dict[str, Picture]:
         if curves:
             found[f"{name}-comparison"] = compare_picture(curves, next(iter(here.values())).unit)
     return found
+
+
+def _apart(sessions: Mapping[str, Analysis]) -> list[StabilityTable]:
+    """Return what three units or more share that were recorded at once, and what each has alone."""
+    if len(sessions) < _HAT or not _overlap(sessions.values()):
+        return []
+    try:
+        _, axes, _ = units_apart(list(sessions.values()), list(sessions))
+    except ValueError:  # no samples, or copies of one recording
+        return []
+    return [_apart_table(name, one, sessions) for name, one in axes.items() if one.tau.size]
+
+
+def _overlap(sessions: Iterable[Analysis]) -> bool:
+    """Return whether all say when they began, and the last did before the first had ended."""
+    try:
+        begins = [(datetime.fromisoformat(s.input["started"]), s.duration_s) for s in sessions]
+        ends = [begin + timedelta(seconds=length) for begin, length in begins]
+        return max(begin for begin, _ in begins) < min(ends)
+    except (KeyError, ValueError, TypeError):
+        return False
+
+
+def _apart_table(axis: str, one: Separation, sessions: Mapping[str, Analysis]) -> StabilityTable:
+    reading = DEVIATION[unit_of(axis)]
+    rows = []
+    for i in range(0, one.tau.size, 2):
+        common = number(reading.factor * one.common[i])
+        own = [
+            reading.interval(*(float(x[i]) for x in (unit.deviation, unit.lower, unit.upper)))
+            if math.isfinite(unit.deviation[i])
+            else reading.limit(float(unit.upper[i]))
+            for unit in one.own
+        ]
+        rows.append([number(one.tau[i]), common, *own])
+    caption = f"{axis}: Allan deviation in {symbols(reading.unit)}, with 95 % intervals"
+    return StabilityTable(caption, ["τ, s", "all share", *(f"{k} alone" for k in sessions)], rows)
 
 
 def _axes(sessions: Mapping[str, Analysis]) -> list[str]:

@@ -9,9 +9,11 @@ with `fit_power_laws`, an axis of a run with `power_laws_of`, beside the effects
 
 F and D make a record whose spectrum at the lowest frequencies is that of its two ends. Its first
 differences have none of that: two powers less steep, they are fitted as what they are, and every
-letter moves by two places (N as Q, B as P, K as N, F as B, D as K). In them the white noise of the
-first and of the last sample has no counterpart: two numbers that raise all low ordinates together.
-They are estimated and taken out, as no two draws are a spectrum.
+letter moves by two places (N as Q, B as P, K as N, F as B, D as K).
+
+In differences of white noise (Q, and N of a steep record) the first and the last value have no
+counterpart: two numbers that raise all low ordinates together. They are estimated and taken out, as
+two draws are no spectrum.
 """
 
 from __future__ import annotations
@@ -213,17 +215,7 @@ def _steep(
     letters: str, evidence: Sequence[Evidence], dt: float, duration: float, unit: str
 ) -> dict[str, Coefficient]:
     """Fit differences over dt, in which every power law is two powers less steep."""
-    beside = NoiseModel((), dt)
-    fit = _fit(_parts(letters, shift=2), beside, evidence)
-    if "N" in letters:
-        parts = _parts(letters, shift=2)
-        parts["N"] = _InnerWhite(1.0)
-        for _ in range(_ROUNDS):
-            inner = [
-                _without_ends(part, fit.model) if isinstance(part, Ordinates) else part
-                for part in evidence
-            ]
-            fit = _fit(parts, beside, inner)
+    fit = _fit(_parts(letters, shift=2), NoiseModel((), dt), evidence)
     found = _coefficients(letters, fit, duration, unit, shift=2)
     if "N" in found:
         # White noise has N / sqrt(dt) a sample, and that is the Q of its differences over dt.
@@ -231,36 +223,6 @@ def _steep(
         limits = {name: getattr(one, name) * factor for name in ("value", "lower", "upper")}
         found["N"] = replace(one, **limits)
     return found
-
-
-@dataclass(frozen=True)
-class _InnerWhite(AngleQuantization):
-    """Differences of white noise between a first and a last value that have none."""
-
-    def ordinates(self, k: ArrayLike, n: int, dt: float, stride: int = 1) -> Array:
-        """Return 4 Q^2 / (s dt)^2 sin^2(pi k / 2n), without what the ends of a record add."""
-        return self.spectrum(np.asarray(k, np.float64) / (2 * n * stride * dt), dt, stride)
-
-
-def _without_ends(part: Ordinates, model: NoiseModel) -> Ordinates:
-    """Return ordinates of differences without the white noise of the first and the last sample.
-
-    By parts, ordinate k of the differences of x[0] ... x[n] is that of what lies between plus
-    ``c (-x[0] + (-1)^k x[n])`` with ``c = sqrt(2/n) cos(pi k / 2n)``: a sum for odd k, a difference
-    for even k, each found by least squares with the model's weights.
-    """
-    grid = part.grid
-    expected = np.sum([part.column(c) for c in model], axis=0)
-    weight = np.repeat(1.0 / expected, grid.count[: len(expected)].astype(np.int64))
-    k = np.arange(1, len(weight) + 1)
-    weight *= grid.kept(part.excluded)[: len(weight)]
-    ends = np.cos(np.pi * k / (2 * grid.n))
-    pattern = np.zeros((len(part.raw), len(weight)))
-    for of_one in (k % 2 == 0, k % 2 == 1):
-        shape = np.where(of_one, ends, 0.0)
-        size = part.raw[:, : len(weight)] @ (weight * shape) / np.sum(weight * shape**2)
-        pattern += size[:, np.newaxis] * shape
-    return part.less(pattern)
 
 
 def _fitted(
@@ -275,8 +237,61 @@ def _parts(letters: str, shift: int = 0) -> dict[str, Component]:
 
 
 def _fit(parts: Mapping[str, Component], beside: NoiseModel, evidence: Sequence[Evidence]) -> Fit:
+    """Return the maximum; of differences of white noise without those of the ends."""
+    found = _maximum(parts, beside, evidence)
+    for letter, part in parts.items():
+        if isinstance(part, AngleQuantization):
+            inner = {**parts, letter: _InnerDifferences(1.0)}
+            for _ in range(_ROUNDS):
+                found = _maximum(inner, beside, _without_ends(evidence, found))
+    return found
+
+
+def _maximum(
+    parts: Mapping[str, Component], beside: NoiseModel, evidence: Sequence[Evidence]
+) -> Fit:
     model = NoiseModel((*parts.values(), *beside.components), beside.dt, beside.filters)
     return Likelihood(evidence).maximise(model)
+
+
+@dataclass(frozen=True)
+class _InnerDifferences(AngleQuantization):
+    """Differences of white noise whose first and last value are not noise."""
+
+    def ordinates(self, k: ArrayLike, n: int, dt: float, stride: int = 1) -> Array:
+        """Return 4 Q^2 / (s dt)^2 sin^2(pi k / 2n), without what the ends of a record add."""
+        half = np.pi * np.asarray(k, np.float64) / (2 * n)
+        return np.asarray(4 * (self.Q * np.sin(half) / (stride * dt)) ** 2)
+
+
+def _without_ends(evidence: Sequence[Evidence], fit: Fit) -> list[Evidence]:
+    """Return evidence without the white noise of the first and the last value of each stretch.
+
+    By parts, ordinate k of the differences of x[0] ... x[n] is that of what lies between plus
+    ``c (-x[0] + (-1)^k x[n])`` with ``c = sqrt(2/n) cos(pi k / 2n)``: a sum for even k, a
+    difference for odd k, each found by least squares with the weights of a fit.
+    """
+    inner: list[Evidence] = []
+    first = 0
+    for part in evidence:
+        expected = fit.expected[first : first + len(part.power)]
+        first += len(part.power)
+        inner.append(_less_ends(part, expected) if isinstance(part, Ordinates) else part)
+    return inner
+
+
+def _less_ends(part: Ordinates, expected: Array) -> Ordinates:
+    grid = part.grid
+    weight = np.repeat(1.0 / expected, grid.count[: len(expected)].astype(np.int64))
+    weight *= grid.kept(part.excluded)[: len(weight)]
+    k = np.arange(1, len(weight) + 1)
+    ends = np.cos(np.pi * k / (2 * grid.n))
+    pattern = np.zeros((len(part.raw), len(weight)))
+    for chosen in (k % 2 == 0, k % 2 == 1):
+        shape = np.where(chosen, ends, 0.0)
+        size = part.raw[:, : len(weight)] @ (weight * shape) / np.sum(weight * shape**2)
+        pattern += size[:, np.newaxis] * shape
+    return part.less(pattern)
 
 
 def _coefficients(

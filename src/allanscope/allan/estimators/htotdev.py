@@ -89,7 +89,8 @@ class Htotdev(Estimator):
         times = np.asarray(tau, np.float64)
         phase_noise = noise.shares(self.family, times)[..., :_PHASE_NOISES].sum(axis=-1)
         slow = (noise.alpha <= 0) & (phase_noise <= _LITTLE)
-        return super().trusts(noise, tau, n) & ((times <= _IN_PHASE_NOISE * n) | slow)
+        near = times <= _IN_PHASE_NOISE * n
+        return np.asarray(super().trusts(noise, tau, n) & (near | slow))
 
     def needed(self, m: int) -> int:
         """Return how many rate samples make one window."""

@@ -72,7 +72,11 @@ def test_a_deviation_becomes_another_one(tmp_path):
         ("1,1\n2,1\n", ("S_y", "stdev"), "classical variance of flicker noise"),
         ("1,1\n2,0.7\n", ("stdev", "S_y"), "classical variance of flicker noise"),
         ("1,1\n2,0.1\n", ("S_y", "adev"), "infinite for a density"),
-        ("1,1\n2,1\n", ("S_y", "xdev"), "unknown estimator 'xdev'"),
+        (
+            "1,1\n2,1\n",
+            ("S_y", "xdev"),
+            "no quantity 'xdev'; choose S_y, S_phi, L or a deviation",
+        ),
     ],
 )
 def test_what_has_no_conversion_says_why(tmp_path, rows, words, message, capsys):

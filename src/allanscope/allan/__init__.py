@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from allanscope.allan.archive import ROWS
     from allanscope.allan.bank import AllanBank
     from allanscope.allan.cascade import lags_of_level
-    from allanscope.allan.choices import CurveChoices
+    from allanscope.allan.choices import KINDS, CurveChoices
     from allanscope.allan.clock_statistics import (
         SlopeFit,
         avlr,
@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from allanscope.allan.oneshot import deviation, factors_of, identify_noise
 
 __all__ = [
+    "KINDS",
     "LETTERS",
     "ROWS",
     "AllanBank",
@@ -98,6 +99,7 @@ __getattr__, __dir__ = lazily(
         "LETTERS": "noise_type",
         "alpha_named": "noise_type",
         "CurveChoices": "choices",
+        "KINDS": "choices",
         "DynamicDeviation": "dynamic",
         "SlopeFit": "clock_statistics",
         "avlr": "clock_statistics",

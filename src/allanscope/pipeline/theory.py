@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan import (
+    KINDS,
     avlr,
     chi_square_limits,
     degrees_of_freedom,
@@ -91,6 +92,12 @@ def convert_table(
         For a table that cannot be read, or numbers that make no sense.
     """
     given, wanted = (one if one in DENSITIES else one.lower() for one in (given, wanted))
+    for one in (given, wanted):
+        if one not in (*DENSITIES, *KINDS):
+            raise UsageError(
+                f"no quantity {one!r}; choose {', '.join(DENSITIES)} or a deviation: "
+                f"{' '.join(KINDS)}"
+            )
     x, y = _table(source)
     try:
         if wanted in DENSITIES:

@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from allanscope.allan import transfer, variance_name
-from allanscope.allan.choices import KINDS
+from allanscope.allan import KINDS, transfer, variance_name
 from allanscope.allan.noise_type import NAMES, Family, unit_hadamard, unit_variance
 from allanscope.report.chain import ChainStep
 from allanscope.report.curve_pictures import scale_loglog

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 
@@ -29,6 +30,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             apply_settings(top)
         arguments = top.parse_args(words)
+        if argv is None and not (arguments.debug or sys.warnoptions):
+            # numpy's remarks on a division by zero are for those who read the sources.
+            warnings.filterwarnings("ignore", category=RuntimeWarning)
     except (UsageError, BrokenPipeError) as error:
         return _not_parsed(error)
     try:

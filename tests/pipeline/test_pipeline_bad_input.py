@@ -7,12 +7,16 @@ import os
 import pty
 import subprocess
 import sys
+import warnings
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import serial
 from serial.tools import list_ports
 
+from allanscope import analyse
 from allanscope.__main__ import main
 from allanscope.analysis import verdict
 from allanscope.pipeline import DeviceSettings, analyse_input
@@ -270,6 +274,78 @@ def test_times_that_go_down_are_not_called_missing(complaint, tmp_path):
     code, line = complaint("analyse", "backwards.csv", "--quiet")
     assert code == 2
     assert "or none that go up" in line
+
+
+def test_a_time_that_goes_back_is_said_with_what_it_is_taken_for(tmp_path):
+    """Once: the device restarted. A single stamp: that row is wrong. All along: no times."""
+    cases = {
+        "once": (lambda i: i / 104 - 20.0 * (i >= 300), (), "sample 300, time -17.1154 s: the"),
+        "single": (lambda i: i / 104 - 0.05 * (i == 300), (), "does not fit the next row"),
+        "all along": (lambda i: -i / 104, (104.0,), "the times go back from row to row"),
+    }
+    for name, (time_of, rate, words) in cases.items():
+        rows = "".join(f"{time_of(i):.6f},0.1,0.2,0.{i % 7}\n" for i in range(600))
+        (tmp_path / "back.csv").write_text(HEADER + rows)
+        device = DeviceSettings(rate_hz=rate[0] if rate else None)
+        result = analyse_input(tmp_path / "back.csv", device, quiet=True)
+        said = [*result.remarks, *result.assumptions]
+        assert sum(words in remark for remark in said) == 1, (name, said)
+        assert (result.unknown_losses, result.samples) == {
+            "once": (1, 600),
+            "single": (0, 599),
+            "all along": (0, 600),
+        }[name]
+
+
+@pytest.mark.parametrize("size", ["1e300", "1e199", "1e10"])
+def test_a_number_that_no_sensor_reads_is_named(complaint, tmp_path, size):
+    """One row is left out, and said; where all are so large that is the reason."""
+    rows = ROWS.splitlines(keepends=True)
+    rows[99] = f"{99 / 104:.6f},0.1,{size},0.3\n"
+    (tmp_path / "one.csv").write_text(HEADER + "".join(rows))
+    result = analyse_input(tmp_path / "one.csv", DeviceSettings(), quiet=True)
+    assert (result.samples, result.lost_samples) == (599, 1)
+    assert any("sample 99, time 0.951923 s: its values" in remark for remark in result.remarks)
+    (tmp_path / "all.csv").write_text(HEADER + ROWS.replace(",0.2,", f",{size},"))
+    code, line = complaint("analyse", "all.csv")
+    assert code == 3
+    assert f"line 2, column 3: '{size}' is more than any sensor reads" in line
+    assert "cells where the header" not in line, "the line that was cut is no reason"
+    for kind in ("npz", "parquet"):
+        name = f"all.{kind}"
+        columns = {"gx": np.full(600, float(size)), "t": np.arange(600) / 104}
+        if kind == "npz":
+            np.savez(tmp_path / name, **columns)
+        else:
+            pq.write_table(pa.table(columns), tmp_path / name)
+        code, line = complaint("analyse", name, "--rate", 104)
+        assert (code, "more than any sensor reads" in line) == (3, True), line
+
+
+def test_noise_of_any_size_gives_a_result_without_a_warning(tmp_path):
+    """Below 1e-50 it is 0: its fourth power would be."""
+    white = np.random.default_rng(1).normal(0.0, 1.0, 2000)
+    for size in (1e8, 1e-40, 1e-60, 1e-300):
+        np.savetxt(tmp_path / "a.csv", white * size, header="gx[dps]", comments="")
+        from_text = analyse_input(tmp_path / "a.csv", DeviceSettings(rate_hz=104.0), quiet=True)
+        for result in (from_text, analyse({"gx": white * size}, 104.0)):
+            assert not result.axes["gx"].failure
+            first = result.axes["gx"].curves["oadev"].deviation[0]
+            assert first == pytest.approx(size if size >= 1e-50 else 0.0, 0.1, 0.0)
+
+
+def test_a_warning_of_numpy_is_for_those_who_debug(monkeypatch, capsys):
+    def divide():
+        return [str(np.float64(1.0) / np.float64(0.0))]
+
+    monkeypatch.setattr("allanscope.sources.describe_ports", divide, raising=False)
+    monkeypatch.setattr(sys, "argv", ["allanscope", "ports"])
+    with warnings.catch_warnings():
+        assert main() == 0
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys, "argv", ["allanscope", "ports", "--debug"])
+    with pytest.raises(RuntimeWarning, match="divide by zero"):
+        main()
 
 
 def test_what_is_stopped_before_its_end_says_so(complaint, monkeypatch):

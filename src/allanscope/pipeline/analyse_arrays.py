@@ -40,7 +40,7 @@ from allanscope.wire.stamps import (
     rows_come_in_bursts,
     rows_come_unevenly,
 )
-from allanscope.wire.text import DIVISORS
+from allanscope.wire.text import DIVISORS, LARGEST, SMALLEST
 
 __all__ = ["analyse", "analyse_columns", "events_of_columns", "words_of"]
 
@@ -333,9 +333,26 @@ def _described(
             unit = columns.unit(axis)
             there = column[rows]
             found.append(there if unit == "lsb" else there / DIVISORS[quantity_of(axis)][unit])
-        return np.column_stack(found).astype(dtype, copy=False)
+        values = np.column_stack(found).astype(dtype, copy=False)
+        if dtype is np.float64:
+            _check_sizes(values, rows.start, info)
+        return values
 
     return info, counts
+
+
+def _check_sizes(values: NDArray[np.float64], start: int, info: StreamInfo) -> None:
+    """Refuse what no sensor reads, and set to zero what is none of a sensor's noise either."""
+    size = np.abs(values) * np.array(info.scale)
+    far = np.argwhere(size > LARGEST)
+    if len(far):
+        row, column = far[0]
+        axis = info.axes[column]
+        raise ValueError(
+            f"sample {start + row} of {axis} is {values[row, column]:g} {unit_of(axis)}: "
+            "more than any sensor reads; leave such rows out, or give the unit of that column"
+        )
+    values[size < SMALLEST] = 0.0
 
 
 def _type_of_counts(columns: Columns) -> type[np.generic]:

@@ -6,6 +6,9 @@ where their times come unevenly); then come the StreamInfo and the Blocks. Losse
 time stamps where there are any (`continuity`); where there are none, a damaged row leaves a gap of
 unknown length. On a line that damages rows one that its neighbours do not bear out is left out as
 suspect (`plausibility`).
+
+Of a file, where nobody sees the gaps as they come, the first rows that were left out and the first
+places where the time goes back are also said.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ __all__ = ["Rows"]
 
 _FORGIVEN = 2
 _FORGOTTEN = 1000
+_MOST_COMPLAINTS = 3
 
 
 class Rows:
@@ -64,6 +68,7 @@ class Rows:
         self._index = 0
         self._misfits: list[tuple[int, tuple[float, ...]]] = []
         self._damaged = False
+        self._complaints = 0
 
     def add(
         self,
@@ -206,12 +211,17 @@ class Rows:
             if unsound or suspect:
                 self._block(rows[start:i], counts[start:i], events)
                 self._leave_out(unsound)
+                if unsound:
+                    why = "time does not fit the next row" if agrees else "values are impossible"
+                    self._complain(row, f"its {why}; such rows are left out", events)
                 start = i = i + 1
                 continue
             gap = between.follow(row, missing)
             if gap is not None:
                 self._block(rows[start:i], counts[start:i], events)
                 self._append_gap(gap, events)
+                if missing == "back":
+                    self._complain(row, "the time goes back: a gap of unknown length", events)
                 start = i
             i += 1
         self._block(rows[start:], counts[start:], events)
@@ -226,6 +236,14 @@ class Rows:
         else:
             self._stats.suspect += 1
         self._continuity.discard()
+
+    def _complain(self, row: Row, what: str, events: list[Event]) -> None:
+        """Say what is wrong with a row of a file; of a live stream the counters are seen."""
+        if self._complaints == _MOST_COMPLAINTS or not math.isnan(row.host_s):
+            return
+        self._complaints += 1
+        at = "" if math.isnan(row.device_s) else f", time {row.device_s:.6g} s"
+        events.append(Notice("error", f"sample {self._index}{at}: {what}"))
 
     def _failed(self, meaning: Meaning, row: Row) -> bool:
         """Note a row that does not fit; return whether it is the meaning that does not.

@@ -111,7 +111,7 @@ def _amplitude_error(fit: Spectrum) -> float:
     free = [b for b, c in zip(basis, fit.model, strict=True) if c.has_amplitude]
     scaled = np.array(free) * (np.sqrt(fit.fit.likelihood.dof / 2) / fit.fit.expected)
     variance = np.linalg.pinv(scaled @ scaled.T, hermitian=True)[-1, -1]
-    return float(np.sqrt(max(variance, 0.0)) / (2 * max(_sigma(fit), 1e-300)))
+    return float(np.sqrt(max(variance, 0.0))) / (2 * max(_sigma(fit), 1e-300))
 
 
 def _candidate(view: View, low: float, high: float) -> Candidate:

@@ -23,6 +23,8 @@ from allanscope.wire.text.encoder import TextEncoder
 from allanscope.wire.text.refusal import why_no_rows
 from allanscope.wire.text.units import (
     DIVISORS,
+    LARGEST,
+    SMALLEST,
     Quantity,
     accel_comes_first,
     quantity_named,
@@ -31,6 +33,8 @@ from allanscope.wire.text.units import (
 
 __all__ = [
     "DIVISORS",
+    "LARGEST",
+    "SMALLEST",
     "Column",
     "Quantity",
     "TextDecoder",

@@ -23,6 +23,8 @@ from allanscope.wire.stamps import (
 from allanscope.wire.text.table import Table
 from allanscope.wire.text.units import (
     DIVISORS,
+    LARGEST,
+    SMALLEST,
     Quantity,
     accel_comes_first,
     quantity_named,
@@ -40,8 +42,6 @@ _AGREES = 0.1
 """Relative difference of a given rate and the times' that a sensor's own clock may make."""
 _FARTHEST = 2.5
 """So many times the longest step between bursts is a gap all the same."""
-_LARGEST = 1e9
-"""In dps or g: no sensor, in whatever unit it was taken for. Its square would spoil every sum."""
 _AFTER_RESET = {"gyro": 250.0, "accel": 2.0}
 """Full scales that these parts have until somebody writes to their registers."""
 
@@ -198,6 +198,12 @@ class TextMeaning:
         """Return what the times are good for: a rate that the user gave has the last word."""
         per_second = self._time_per_second(rows, remarks)
         given = self._settings.rate_hz
+        if given and _goes_back(rows):
+            remarks.append(
+                "the times go back from row to row: they are not used, "
+                f"the rate is the given {given:g} Hz"
+            )
+            return _Timing(math.nan, given)
         scaled = [row._replace(device_s=row.device_s / per_second) for row in rows]
         whole = [row.device_s for row in scaled if np.isfinite(np.take(row.values, columns)).all()]
         mean = mean_rate(whole)
@@ -271,6 +277,12 @@ def _sensor(axis: str) -> Quantity:
     return "gyro" if axis[0] == "g" else "accel"
 
 
+def _goes_back(rows: list[Row]) -> bool:
+    """Return whether the time goes back in a tenth of the rows, as no restart makes it."""
+    times = np.array([row.device_s for row in rows])
+    return int(np.count_nonzero(np.diff(times[np.isfinite(times)]) < 0.0)) > len(rows) // 10
+
+
 def _spelt(unit: str) -> str:
     return unit.replace("m/s2", "m/s^2")
 
@@ -289,5 +301,6 @@ def _converted(
         clipped = np.clip(np.rint(values), INT16_MIN, INT16_MAX).astype(np.int16)
         return clipped, np.full(len(values), True)
     samples = np.asarray(values / divisors, np.float64)
-    possible = ~(np.abs(samples) > _LARGEST).any(axis=1)
-    return samples, np.asarray(possible, np.bool_)
+    size = np.abs(samples)
+    samples[size < SMALLEST] = 0.0
+    return samples, np.asarray(~(size > LARGEST).any(axis=1), np.bool_)

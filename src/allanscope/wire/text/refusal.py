@@ -10,6 +10,7 @@ from allanscope.samples import AXES
 from allanscope.sanitize import plain_line, text_of
 from allanscope.wire.lines import is_text
 from allanscope.wire.text.columns import (
+    Column,
     Columns,
     cells_of,
     column_of,
@@ -17,7 +18,8 @@ from allanscope.wire.text.columns import (
     in_unknown_unit,
     unnamed,
 )
-from allanscope.wire.text.table import Table, is_number, joined_dates
+from allanscope.wire.text.table import is_number, joined_dates
+from allanscope.wire.text.units import DIVISORS, LARGEST
 
 __all__ = ["why_no_row", "why_no_rows"]
 
@@ -43,7 +45,9 @@ def why_no_rows(sample: bytes) -> str:
     >>> why_no_rows(b"p,q\n1,2\n")
     "line 1: no axis among 'p', 'q'; names are t gx gy gz ax ay az temp; line 2: ..."
     """
-    sample = sample[:_LOOKED_AT]
+    if len(sample) > _LOOKED_AT:
+        # The line that the cut goes through would be short of cells.
+        sample = sample[: max(sample.rfind(b"\n", 0, _LOOKED_AT), 0) or _LOOKED_AT]
     if not is_text(sample):
         return ""
     return text_of("; ".join(islice(_reasons(sample), _SHOWN)).encode(), _LONGEST)
@@ -67,17 +71,18 @@ def _reasons(sample: bytes) -> Iterator[str]:
                 if not worded:
                     yield f"{where}: {_no_axis(cells)}"
                 worded = True
-        elif columns is not None:
-            if Table(columns).row(line) is None and (why := why_no_row(columns, line)):
+        elif columns is not None or all(numbers):
+            taken = columns or unnamed(len(cells))
+            if taken is None:
+                yield (
+                    f"{where}: {len(cells)} numbers without a header; "
+                    "3, 4, 6, 7 or 8 columns are understood without one"
+                )
+                return
+            if why := why_no_row(taken, line):
                 yield f"{where}, {why}" if why.startswith("column") else f"{where}: {why}"
-        elif not all(numbers):
+        else:
             yield f"{where}: {_shown(cells[numbers.index(False)])} is not a number"
-        elif unnamed(len(cells)) is None:
-            yield (
-                f"{where}: {len(cells)} numbers without a header; "
-                "3, 4, 6, 7 or 8 columns are understood without one"
-            )
-            return
 
 
 def why_no_row(columns: Columns, line: bytes) -> str:
@@ -86,14 +91,28 @@ def why_no_row(columns: Columns, line: bytes) -> str:
     >>> from allanscope.wire.text.columns import Column
     >>> why_no_row((Column("gyro", "dps", 0), None), b"none,2")
     "column 1: 'none' is not a number"
+    >>> why_no_row((Column("gyro", "dps", 0),), b"1e300")
+    "column 1: '1e300' is more than any sensor reads"
     """
     cells = cells_of(plain_line(joined_dates(line)))
     if len(cells) != len(columns):
         return f"{len(cells)} cells where the header names {len(columns)} columns"
     for number, (column, cell) in enumerate(zip(columns, cells, strict=True), start=1):
-        if column is not None and cell and not is_number(cell):
+        if column is None or not cell:
+            continue
+        if not is_number(cell):
             return f"column {number}: {_shown(cell)} is not a number"
+        if column.axis >= 0 and _is_too_large(column, cell):
+            return f"column {number}: {_shown(cell)} is more than any sensor reads"
     return ""
+
+
+def _is_too_large(column: Column, cell: str) -> bool:
+    try:
+        value = float(cell.replace(",", ".", 1))
+    except ValueError:  # a time of day
+        return False
+    return abs(value) > LARGEST * DIVISORS[column.quantity].get(column.unit, 1.0)
 
 
 def _no_axis(cells: list[str]) -> str:

@@ -20,6 +20,8 @@ from allanscope.quantities import GRAVITY
 
 __all__ = [
     "DIVISORS",
+    "LARGEST",
+    "SMALLEST",
     "Quantity",
     "accel_comes_first",
     "quantity_named",
@@ -36,6 +38,10 @@ DIVISORS: Mapping[Quantity, Mapping[str, float]] = {
     "temperature": {"degc": 1.0, "c": 1.0},
 }
 """For each quantity, how many of a unit make one dps, g, s or degC; `lsb` are counts."""
+
+LARGEST, SMALLEST = 1e9, 1e-50
+"""In dps or g. No sensor, in whatever unit it was taken for, reads more than the first, whose
+square single precision still holds; less than the second is 0, as its fourth power would be."""
 
 _WRITTEN = (
     *(("µ", "u"), ("μ", "u"), ("²", "2"), ("°", "deg"), ("⁻", "-"), ("¹", "1")),

@@ -15,9 +15,10 @@ import pyarrow.parquet as pq
 import pytest
 from moto.server import ThreadedMotoServer
 
-from allanscope.errors import UsageError
+from allanscope.errors import InputError, UsageError
 from allanscope.fleet import FleetSettings, run_fleet
 from allanscope.fleet.inputs import find_inputs
+from allanscope.fleet.lot_files import find_lot
 from allanscope.fleet.store import Store, result_folder
 from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings
@@ -79,6 +80,28 @@ def test_a_fleet_reads_from_s3_and_writes_there(
     again = command(f"{bench}/**/?.mcap", "--out", out)
     assert again.stdout.startswith("3 recordings analysed, 3 of them before"), again.stderr
     assert again.returncode == 0
+
+
+def test_a_partitioned_lot_on_s3_is_compared_with(
+    s3: fsspec.AbstractFileSystem, bench: str
+) -> None:
+    """By the folder of the results and by its table; an earlier table that was whole is gone."""
+    out = "s3://bench/parted"
+    s3.pipe_file("bench/parted/lot.parquet", b"of an earlier run")
+    ended = command(f"{bench}/**/?.mcap", "--out", out, "--partition", "unit,axis")
+    assert ended.returncode == 0, ended.stderr
+    s3.invalidate_cache()
+    assert not s3.isfile("bench/parted/lot.parquet")
+    assert len(s3.glob("bench/parted/lot.parquet/unit=*/axis=*/*.parquet")) == 12
+    for place in (out, f"{out}/", f"{out}/lot.parquet"):
+        lot = find_lot(place)
+        assert lot is not None
+        assert len(lot) == 18
+        assert set(lot.units) == {"0001", "0002"}
+    again = command(f"{bench}/**/?.mcap", "--out", "s3://bench/later", "--compare", out)
+    assert again.returncode == 0, again.stderr
+    with pytest.raises(InputError, match="s3://bench/nothing is not the result of a fleet"):
+        find_lot("s3://bench/nothing")
 
 
 def test_a_recording_on_s3_gives_the_same_result(bench: str, lot: Path) -> None:

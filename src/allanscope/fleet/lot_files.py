@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from allanscope.atomic_write import replaced_folder
 from allanscope.errors import InputError, UsageError
+from allanscope.fleet.inputs import RemotePath
 from allanscope.fleet.lot import Lot, rows_of, write_table
 from allanscope.fleet.outcome import loss_of
 from allanscope.fleet.store import Store, result_folder, staged
@@ -98,13 +99,27 @@ def find_lot(place: str) -> Lot | None:
             table = folder / "lot.parquet"
             return Lot.read(table if table.exists() else folder)
         with TemporaryDirectory(prefix="allanscope-") as here:
-            table = Path(here) / "lot.parquet"
-            with (folder / table.name).open() as file:
-                table.write_bytes(file.read())
-            return Lot.read(table)
+            return Lot.read(_downloaded(folder, Path(here)))
     except (OSError, ValueError, KeyError) as error:
         why = getattr(error, "strerror", None) or str(error).partition("\n")[0]
         raise InputError(f"{place} is not the result of a fleet: {why}") from None
+
+
+def _downloaded(place: RemotePath, here: Path) -> Path:
+    """Return a copy of a table, or of the one in a folder; of a partitioned one all its files."""
+    there = place if place.suffix == ".parquet" else place / "lot.parquet"
+    table = here / "lot.parquet"
+    parts = {
+        part.url.rpartition(f"/{there.name}/")[2]: part
+        for part in there.glob("**/*.parquet")
+        if f"/{there.name}/" in part.url and ".." not in part.url.split("/")
+    }
+    for name, part in parts.items():
+        (table / name).parent.mkdir(parents=True, exist_ok=True)
+        (table / name).write_bytes(part.read_bytes())
+    if not parts:
+        table.write_bytes(there.read_bytes())
+    return table
 
 
 def find_duplicates(keys: Mapping[str, str]) -> dict[str, str]:

@@ -317,6 +317,9 @@ def staged(folder: Folder) -> Iterator[Path]:
         made = [path.relative_to(here).as_posix() for path in sorted(Path(here).rglob("*.*"))]
         if not made:  # what is there stays
             return
+        if any(name.startswith("lot.parquet/") for name in made):
+            # Of a run that did not part it: an object store keeps a file beside a folder so named.
+            (folder / "lot.parquet").unlink(missing_ok=True)
         for name in made:
             if (path := Path(here) / name).is_file():
                 put_file(folder / name, path.read_bytes())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import select
 import signal
+import struct
 import subprocess
 import sys
 import textwrap
@@ -63,6 +64,40 @@ def test_it_says_who_reads_and_at_which_priority(device: Device, apart: SerialSo
     assert read_bytes(apart, 1) == b"x"
     assert apart.reader.startswith("a separate process at ")
     assert "priority" in apart.reader
+    assert apart.reader.endswith("; no low-latency mode")  # a pseudo-terminal gathers nothing
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_driver_that_gathers_bytes_is_told_not_to(
+    device: Device, monkeypatch: pytest.MonkeyPatch, known: bool
+) -> None:
+    """As FTDI's has it, and one that takes the flag without knowing it."""
+    import fcntl
+
+    flags_at, flag = 16, 1 << 13  # linux/serial.h, linux/tty_flags.h
+    state = bytearray(os.urandom(flags_at) + bytes(112))
+    asked = []
+    real = fcntl.ioctl
+
+    def ioctl(fd: int, request: int, argument: bytes | int = 0, *rest: bool) -> object:
+        if request == 0x541E:
+            return bytes(state)
+        if request != 0x541F:
+            return real(fd, request, argument, *rest)
+        assert isinstance(argument, bytes)
+        asked.append(struct.unpack_from("i", argument, flags_at)[0])
+        assert argument[:flags_at] == state[:flags_at], "nothing else is changed"
+        if known:
+            state[:] = argument
+        return b""
+
+    monkeypatch.setattr(fcntl, "ioctl", ioctl)
+    source = SerialSource(str(device.path), SourceSettings(apart=False), comports=list)
+    device.say(b"x")
+    assert read_bytes(source, 1) == b"x"
+    source.close()
+    assert asked == [flag]
+    assert source.reader.endswith("; low latency" if known else "; no low-latency mode")
 
 
 def test_bytes_are_taken_from_the_port_while_this_process_does_not_read(
@@ -122,7 +157,8 @@ def test_a_reader_that_is_killed_is_replaced_by_a_thread_and_a_gap_is_told(
     device.say(b"after")
     chunks = read_until(apart, lambda chunk: bool(chunk.data))
     assert (chunks[-1].data, chunks[-1].event) == (b"after", "hole")
-    assert apart.reader == "a thread of the measuring process, because its process has ended"
+    ended = "a thread of the measuring process, because its process has ended"
+    assert apart.reader == f"{ended}; no low-latency mode"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -97,7 +97,9 @@ class SerialSource:
         self._sleep = sleep
         self._pace = ReadPacer()
         self.reader = A_THREAD
-        """Who reads the port: a separate process at some priority, or a thread of this one."""
+        """Who reads the port, a separate process at some priority or a thread of this one, and
+        whether its driver hands on bytes at once."""
+        self._latency = ""
         self._last_ns = 0
         self._streaming = False
         self._waited: int | None = None
@@ -175,8 +177,8 @@ class SerialSource:
             return self._disconnect()
         # A read of the other process may be older than the silence that was just told of.
         now = self._last_ns = max((apart and apart.came_ns) or self._clock(), self._last_ns)
+        self.reader = (apart.how if apart else A_THREAD) + self._latency
         if apart:
-            self.reader = apart.how
             self._overrun |= apart.missed
             apart.missed = False
         if not data:
@@ -275,6 +277,8 @@ class SerialSource:
         # A port that was full has a whole read waiting: what comes from here on is no sign of it.
         was_full = isinstance(link, Posix) and link.queued() >= READ_BYTES
         self._waited, self._was_short = (0 if was_full else None), False
+        if isinstance(link, Posix):
+            self._latency = "; low latency" if link.low_latency else "; no low-latency mode"
         return (
             isolated_reader_of(link) if isinstance(link, Posix) and self._settings.apart else link
         )

@@ -13,6 +13,7 @@ import errno
 import os
 import select
 import socket
+import struct
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -36,6 +37,9 @@ __all__ = [
 READ_BYTES = 1 << 16
 WRITE_TIMEOUT_S = 1.0
 CONNECT_TIMEOUT_S = 5.0
+_TIOCGSERIAL, _TIOCSSERIAL = 0x541E, 0x541F
+_ASYNC_LOW_LATENCY, _FLAGS_AT, _SERIAL_STRUCT_BYTES = 1 << 13, 16, 128
+"""Of ``linux/serial.h``: the flag, where `flags` stand in ``serial_struct``, and room for it."""
 
 try:
     from termios import error as _termios_error
@@ -76,7 +80,8 @@ def open_transport(name: str, baud: int) -> Transport:
 
     What waits in the buffer of the port is kept: it may hold the header of a text stream, which is
     said once. Data terminal ready is asserted while opening, because CDC firmware may wait for it;
-    pseudo-terminals, which have no such line, are forgiven.
+    pseudo-terminals, which have no such line, are forgiven. A driver that gathers bytes is asked
+    not to (`_low_latency`).
 
     Raises
     ------
@@ -107,11 +112,40 @@ class _Port(serial.Serial):
         """Throw nothing away; pyserial calls this while it opens a port, where not on Windows."""
 
 
+def _low_latency(fd: int) -> bool:
+    """Ask the driver of a port to hand on bytes at once; return whether it has that mode.
+
+    The drivers of UARTs and of FTDI's bridges have it, which else gather for up to 16 ms; USB CDC
+    needs none, and pseudo-terminals have no such call.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    import fcntl
+
+    try:
+        settings = bytearray(fcntl.ioctl(fd, _TIOCGSERIAL, bytes(_SERIAL_STRUCT_BYTES)))
+        (flags,) = struct.unpack_from("i", settings, _FLAGS_AT)
+        struct.pack_into("i", settings, _FLAGS_AT, flags | _ASYNC_LOW_LATENCY)
+        fcntl.ioctl(fd, _TIOCSSERIAL, bytes(settings))
+        # Drivers that do not know the flag take it without a word.
+        settings = bytearray(fcntl.ioctl(fd, _TIOCGSERIAL, bytes(_SERIAL_STRUCT_BYTES)))
+    except OSError:
+        return False
+    return bool(struct.unpack_from("i", settings, _FLAGS_AT)[0] & _ASYNC_LOW_LATENCY)
+
+
 class Posix:
-    """A serial port on a system where a file descriptor says when there is something to read."""
+    """A serial port on a system where a file descriptor says when there is something to read.
+
+    Attributes
+    ----------
+    low_latency : bool
+        Whether its driver was told to hand on bytes at once.
+    """
 
     def __init__(self, port: Any) -> None:
         self._port = port
+        self.low_latency = _low_latency(int(port.fileno()))
 
     def fileno(self) -> int:
         """Return the descriptor of the open port."""

@@ -4,7 +4,7 @@
 //     node decoder.js < cases.json      cases: [{"wire": "hex"}, ...]
 //
 // prints, for each case, what a host tells of it: descriptors, runs of samples with the times of
-// their frames, losses, and counters. Section numbers are those of PROTOCOL.md.
+// their frames, losses, statuses, events, replies, and counters. Section numbers are those of PROTOCOL.md.
 "use strict";
 
 const LONGEST_CHUNK = 247;
@@ -15,6 +15,8 @@ const MAJOR = 1;
 const RANGE = 2 ** 32;
 const NO_TICKS = 0xffffffff;
 const [DATA, DESCRIPTOR, STATUS, EVENT, REPLY, HOST] = [0x01, 0x02, 0x03, 0x04, 0x06, 0x80];
+const PING = 0x85;
+const PING_TELLS_TIME = 2; // minor version
 const LEAST_BODY = { [STATUS]: 32, [EVENT]: 9, [REPLY]: 4 };
 const AXES = ["gx", "gy", "gz", "ax", "ay", "az"];
 
@@ -89,6 +91,28 @@ function describedBy(body, epoch) {
   };
 }
 
+// --- sections 6 and 7: what a device says beside its samples ---------------------------------
+
+const COUNTERS = ["produced", "sent", "dropped", "overruns", "commands", "bad_commands"];
+
+function seconds(body, at) {
+  return Number(body.readBigUInt64LE(at)) / 1e6;
+}
+
+// A later minor version may append fields to a status and to a reply.
+function saidBy(type, minor, body) {
+  if (type === STATUS) {
+    const counters = COUNTERS.map((name, i) => [name, body.readUInt32LE(8 + 4 * i)]);
+    return { status: { time: seconds(body, 0), ...Object.fromEntries(counters) } };
+  }
+  if (type === EVENT) {
+    return { event: { time: seconds(body, 0), level: body[8], text: body.toString("utf8", 9) } };
+  }
+  const [seq, command, result] = [body.readUInt16LE(0), body[2], body[3]];
+  const timed = command === PING && minor >= PING_TELLS_TIME && body.length >= 4 + 8;
+  return { reply: { seq, command, result, time: timed ? seconds(body, body.length - 8) : null } };
+}
+
 // --- sections 8 and 9: what a host tells -----------------------------------------------------
 
 class Decoder {
@@ -135,8 +159,10 @@ class Decoder {
     if (type < HOST) this.noteSeq(frame.readUInt16LE(2));
     if (isData) this.data(frame);
     else if (type === DESCRIPTOR) this.described(frame);
-    else if (LEAST_BODY[type] <= frame.length - 8 && n === frame.length - 8) this.counters.frames++;
-    else this.counters.unknown++;
+    else if (LEAST_BODY[type] <= frame.length - 8 && n === frame.length - 8) {
+      this.counters.frames++;
+      this.events.push(saidBy(type, version & 15, frame.subarray(8)));
+    } else this.counters.unknown++;
   }
 
   noteSeq(seq) {

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import struct
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 from zlib import crc32
 
@@ -76,9 +76,26 @@ def data(
     return sealed(0x01, seq, body, flags=flags, epoch=epoch, **{"n": n, **header})
 
 
-def status(seq: int, more: bytes = b"", **header: int) -> bytes:
-    """Return a status of zeros."""
-    return sealed(0x03, seq, bytes(32) + more, **header)
+COUNTERS = ("produced", "sent", "dropped", "overruns", "commands", "bad_commands")
+
+
+def status(
+    seq: int, us: int = 0, counters: Sequence[int] = (0,) * 6, more: bytes = b"", **header: int
+) -> bytes:
+    """Return a status."""
+    return sealed(0x03, seq, struct.pack("<Q6I", us, *counters) + more, **header)
+
+
+def event(seq: int, us: int, level: int, text: bytes, **header: int) -> bytes:
+    """Return an event."""
+    return sealed(0x04, seq, struct.pack("<QB", us, level) + text, **header)
+
+
+def reply(
+    seq: int, to: int, command: int, result: int = 0, more: bytes = b"", **header: int
+) -> bytes:
+    """Return the reply to a command of that seq and type."""
+    return sealed(0x06, seq, struct.pack("<HBB", to, command, result) + more, **header)
 
 
 def row(index: int) -> tuple[int, ...]:
@@ -113,13 +130,35 @@ def gap(lost: int | None, reason: str) -> dict[str, Any]:
     return {"lost": lost, "reason": reason}
 
 
+def says(time: float = 0.0, counters: Sequence[int] = (0,) * 6) -> dict[str, Any]:
+    """Return what a host tells of a status."""
+    return {"status": {"time": time, **dict(zip(COUNTERS, counters, strict=True))}}
+
+
+def remark(time: float, level: int, text: str) -> dict[str, Any]:
+    """Return what a host tells of an event."""
+    return {"event": {"time": time, "level": level, "text": text}}
+
+
+def answer(seq: int, command: int, result: int = 0, time: float | None = None) -> dict[str, Any]:
+    """Return what a host tells of a reply; its time is that of the reply to a ping."""
+    return {"reply": {"seq": seq, "command": command, "result": result, "time": time}}
+
+
 HEAD = b"\0" + descriptor(0)
+START, STOP, DESCRIBE, SET, PING = range(0x81, 0x86)
 LONG = b"\x55" * 300
 
 
 def vectors() -> Iterable[tuple[str, bytes, list[dict[str, Any]], int, int]]:
     """Yield name, wire, what is told, chunks that were damaged or repeated, and unknown frames."""
-    yield "plain", HEAD + data(1, 0) + status(2) + data(3, 2), [info(), run(0, 4)], 0, 0
+    yield (
+        "plain",
+        HEAD + data(1, 0) + status(2) + data(3, 2),
+        [info(), run(0, 2), says(), run(2, 2)],
+        0,
+        0,
+    )
     yield (
         "joined in the middle of a frame, zeros between frames",
         data(9, 40)[11:] + b"\0\0\0" + HEAD + b"\0" + data(1, 0),
@@ -215,9 +254,9 @@ def vectors() -> Iterable[tuple[str, bytes, list[dict[str, Any]], int, int]]:
         "a later minor version: fields appended to a status, tags unknown",
         b"\0"
         + descriptor(0, more=b"\x7f\x03abc")
-        + status(1, b"more", version=0x19)
+        + status(1, more=b"more", version=0x19)
         + data(2, 0, version=0x19),
-        [info(), run(0, 2)],
+        [info(), says(), run(0, 2)],
         0,
         0,
     )
@@ -227,6 +266,82 @@ def vectors() -> Iterable[tuple[str, bytes, list[dict[str, Any]], int, int]]:
         [info(), run(0, 2)],
         0,
         1,
+    )
+    numbers = (1 << 32) - 1, 416, 16, 2, 3, 1
+    yield (
+        "a status with numbers, before any descriptor",
+        b"\0" + status(0, 6_000_000, numbers) + descriptor(1),
+        [says(6.0, numbers), info()],
+        0,
+        0,
+    )
+    yield (
+        "a status that is lost costs no sample",
+        HEAD + data(1, 0) + data(3, 2),
+        [info(), run(0, 4)],
+        0,
+        0,
+    )
+    yield (
+        "events of each level, one without text, one in UTF-8, and one too short",
+        b"\0"
+        + event(0, 1_000_000, 0, b"answers again")
+        + event(1, 2_000_000, 1, b"")
+        + event(2, 3_500_000, 2, "no answer at 41 °C".encode())
+        + sealed(4, 3, bytes(8)),
+        [
+            remark(1.0, 0, "answers again"),
+            remark(2.0, 1, ""),
+            remark(3.5, 2, "no answer at 41 °C"),
+        ],
+        0,
+        1,
+    )
+    yield (
+        "an event comes twice: it is told twice, and its seq stands still",
+        HEAD + data(1, 0) + event(2, 0, 0, b"x") + event(2, 0, 0, b"x") + data(3, 6),
+        [info(), run(0, 2), remark(0.0, 0, "x"), remark(0.0, 0, "x"), gap(4, "link"), run(6, 2)],
+        0,
+        0,
+    )
+    yield (
+        "replies with each result, to types and with results that are not known, and one too short",
+        b"\0"
+        + b"".join(reply(i, 40 + i, one, i) for i, one in enumerate((START, STOP, 0x9F, SET, 0x84)))
+        + reply(5, 65535, DESCRIBE, 200)
+        + sealed(6, 6, bytes(3)),
+        [
+            *(answer(40 + i, one, i) for i, one in enumerate((START, STOP, 0x9F, SET, 0x84))),
+            answer(65535, DESCRIBE, 200),
+        ],
+        0,
+        1,
+    )
+    clock = struct.pack("<Q", 6_200_000)
+    yield (
+        "replies to pings: with the time behind what was sent, without, and of version 1.1",
+        b"\0"
+        + reply(0, 1, PING, more=b"\0\1\0" + clock)
+        + reply(1, 2, PING, more=clock)
+        + reply(2, 3, PING, more=b"1234567")
+        + reply(3, 4, PING, more=b"\0\1\0" + clock, version=0x11)
+        + reply(4, 5, SET, more=clock),
+        [
+            answer(1, PING, time=6.2),
+            answer(2, PING, time=6.2),
+            answer(3, PING),
+            answer(4, PING),
+            answer(5, SET),
+        ],
+        0,
+        0,
+    )
+    yield (
+        "status, event and reply whose n is not their length",
+        b"\0" + status(0, n=31) + event(1, 0, 0, b"x", n=9) + reply(2, 1, START, n=5),
+        [],
+        0,
+        3,
     )
     yield (
         "the descriptor comes late",

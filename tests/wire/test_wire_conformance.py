@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from allanscope.samples import Block, Event, Gap, StreamInfo, Ticks
+from allanscope.wire import Command
 from allanscope.wire.native import NativeDecoder, NativeEncoder
 
 KIT = Path(__file__).parents[2] / "firmware_protocol" / "conformance"
@@ -58,7 +59,17 @@ def _plain(event: Event) -> dict[str, Any] | None:
     if isinstance(event, Block):
         times = [None if np.isnan(one) else one for one in event.ticks.device_s.tolist()]
         return {"index": event.index, "counts": event.counts.tolist(), "times": times}
-    return None
+    return _said(event.kind, event.text, dict(event.fields))
+
+
+def _said(kind: str, text: str, fields: dict[str, Any]) -> dict[str, Any] | None:
+    """Return what the device says beside its samples; None for remarks of the decoder's own."""
+    told = {"time": fields.pop("uptime_s", None)}
+    if "produced" in fields:
+        return {"status": told | fields}
+    if kind == "reply":
+        return {"reply": {**told, "seq": fields.pop("sequence"), **fields}}
+    return {"event": told | fields | {"text": text}} if "level" in fields else None
 
 
 def in_javascript(wires: list[bytes]) -> list[dict[str, Any]]:
@@ -103,7 +114,7 @@ def test_the_decoder_in_javascript_tells_the_vectors_the_same() -> None:
 
 
 def _device(rng: np.random.Generator) -> list[bytes]:
-    """Return the frames of a simulated device: two epochs, drops, descriptors and statuses."""
+    """Return the frames of a simulated device: two epochs, drops, and frames of all other types."""
     encoder, frames = NativeEncoder(), []
     for epoch in (7, 8):
         axes = ("gx", "gy", "gz", "ax", "ay", "az")[: int(rng.choice([3, 6]))]
@@ -114,6 +125,11 @@ def _device(rng: np.random.Generator) -> list[bytes]:
             if number % 12 == 0:
                 frames.append(encoder.describe(info))
                 frames.append(encoder.status(index, index, 0, number * 0.1))
+                frames.append(encoder.event(f"at {index}", number * 0.1, int(rng.integers(3))))
+                asked = Command(
+                    rng.choice(["ping", "start"]), number, {"payload": b"", "type": 0x85}
+                )
+                frames.append(encoder.reply(asked, bool(rng.integers(2))))
             n = int(rng.integers(1, 19))
             counts = rng.integers(-300, 300, (n, len(axes))).astype(np.int16)
             times = np.array([index / 416.0]), np.array([np.nan]), np.array([25.0])
@@ -144,9 +160,12 @@ def _damaged(frames: list[bytes], rng: np.random.Generator) -> bytes:
 def test_both_decoders_tell_the_same_of_damaged_streams() -> None:
     rng = np.random.default_rng(2)
     wires = [_damaged(_device(rng), rng) for _ in range(150)]
-    lost = 0
+    lost, said = 0, {"status": 0, "event": 0, "reply": 0}
     for wire, found in zip(wires, in_javascript(wires), strict=True):
         expected = json.loads(json.dumps(told(wire)))
         assert found == expected
         lost += expected["counters"]["lost"]
+        for kind in said:
+            said[kind] += sum(kind in one for one in expected["events"])
     assert lost > 10_000
+    assert min(said.values()) > 500, said

@@ -153,7 +153,7 @@ def test_the_decoder_reads_the_examples_in_a_row() -> None:
     reply, info, remark, first, gap, second, status, event = decoder.feed(wire, 3.5)
     assert isinstance(remark, Notice)
     assert "accelerometer is at the end of its range" in remark.text
-    assert reply == Notice("reply", "set: ok", {"sequence": 2, "result": 0})
+    assert reply == Notice("reply", "set: ok", {"sequence": 2, "command": 0x84, "result": 0})
     assert isinstance(info, StreamInfo)
     assert (info.part, info.nominal_hz, info.epoch) == ("LSM6DSM", 416.0, 0x1234)
     assert info.scale == (8.75e-3, 8.75e-3, 8.75e-3, 6.1e-5, 6.1e-5, 6.1e-5)

@@ -75,19 +75,24 @@ def notice_of(kind: int, version: int, body: bytes) -> Notice | None:
         time_us, *numbers = STATUS.unpack_from(body)
         fields = dict(zip(_STATUS_FIELDS, numbers, strict=True))
         text = " ".join(f"{name} {number}" for name, number in fields.items())
-        return Notice("status", text, {**fields, "uptime_s": time_us * 1e-6})
+        return Notice("status", text, {**fields, "uptime_s": time_us / 1e6})
     if kind == FrameType.EVENT and len(body) >= EVENT_HEAD.size:
         time_us, level = EVENT_HEAD.unpack_from(body)
         text = text_of(body[EVENT_HEAD.size :])
-        return Notice("error" if level > _WARNING else "text", text, {"uptime_s": time_us * 1e-6})
+        told = {"uptime_s": time_us / 1e6, "level": level}
+        return Notice("error" if level > _WARNING else "text", text, told)
     if kind == FrameType.REPLY and len(body) >= REPLY_HEAD.size:
         sequence, command, code = REPLY_HEAD.unpack_from(body)
         name = _COMMANDS.get(command, f"command {command:#04x}")
         result = Result(code).name.lower().replace("_", " ") if code in set(Result) else str(code)
-        answer: dict[str, int | float | str] = {"sequence": sequence, "result": code}
+        answer: dict[str, int | float | str] = {
+            "sequence": sequence,
+            "command": command,
+            "result": code,
+        }
         payload = body[REPLY_HEAD.size :]
         if name == "ping" and version & 0xF >= _PING_TELLS_TIME and len(payload) >= _TIME_BYTES:
-            answer["uptime_s"] = int.from_bytes(payload[-_TIME_BYTES:], "little") * 1e-6
+            answer["uptime_s"] = int.from_bytes(payload[-_TIME_BYTES:], "little") / 1e6
         return Notice("reply", f"{name}: {result}", answer)
     return None
 

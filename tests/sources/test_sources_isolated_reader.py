@@ -67,6 +67,29 @@ def test_it_says_who_reads_and_at_which_priority(device: Device, apart: SerialSo
     assert apart.reader.endswith("; no low-latency mode")  # a pseudo-terminal gathers nothing
 
 
+@pytest.mark.parametrize(
+    ("had", "granted", "said"),
+    [
+        ("usual priority", True, "real-time priority (SCHED_RR 10, by RealtimeKit)"),
+        ("usual priority", False, "usual priority"),
+        ("real-time priority (SCHED_RR 10)", True, "real-time priority (SCHED_RR 10)"),
+    ],
+)
+def test_realtimekit_is_asked_where_the_reader_is_not_allowed_to(
+    apart: SerialSource, monkeypatch: pytest.MonkeyPatch, had: str, granted: bool, said: str
+) -> None:
+    asked = []
+
+    def make(process: int, priority: int) -> bool:
+        asked.append((process, priority))
+        return granted
+
+    monkeypatch.setattr("allanscope.sources.isolated_reader.make_real_time", make)
+    _link(apart)._start_reader_process(had)
+    assert asked == ([] if had.startswith("real-time") else [(pid_of(apart), 10)])
+    assert _link(apart).how == f"a separate process at {said}"
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_a_driver_that_gathers_bytes_is_told_not_to(
     device: Device, monkeypatch: pytest.MonkeyPatch, known: bool

@@ -18,7 +18,17 @@ from contextlib import suppress
 from pathlib import Path
 
 from allanscope.sources import port_reader
-from allanscope.sources.port_reader import DATA, GONE, HEADER, HELD_BYTES, PRIORITY, READY
+from allanscope.sources.port_reader import (
+    DATA,
+    GONE,
+    HEADER,
+    HELD_BYTES,
+    PRIORITY,
+    READY,
+    REAL_TIME,
+    RUNNING_US,
+)
+from allanscope.sources.rtkit import make_real_time
 from allanscope.sources.transport import Posix
 
 __all__ = ["IsolatedReader", "buffers", "isolated_reader_of", "may_run_in_real_time"]
@@ -66,9 +76,25 @@ def may_run_in_real_time() -> bool:
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
     except OSError:
-        return False
+        return _is_granted_real_time()
     os.sched_setscheduler(0, policy, parameters)
     return True
+
+
+def _is_granted_real_time() -> bool:
+    """Return whether RealtimeKit gives real-time priority, by having it given to a process.
+
+    Not to this one, whose limits could not be taken back.
+    """
+    limits = f"import resource as r, sys; r.setrlimit(r.RLIMIT_RTTIME, {RUNNING_US})"
+    with subprocess.Popen(
+        [sys.executable, "-I", "-S", "-c", f"{limits}; print(flush=True); sys.stdin.read()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as waiting:
+        assert waiting.stdout is not None
+        waiting.stdout.readline()
+        return make_real_time(waiting.pid, PRIORITY)
 
 
 class IsolatedReader:
@@ -190,6 +216,12 @@ class IsolatedReader:
         with suppress(BrokenPipeError):
             os.write(self._control, b"g")
         self.alone = True
+        if (
+            self._process is not None
+            and not priority.startswith(REAL_TIME)
+            and make_real_time(self._process.pid, PRIORITY)
+        ):
+            priority = f"{REAL_TIME} (SCHED_RR {PRIORITY}, by RealtimeKit)"
         self.how = f"a separate process at {priority}"
 
     def _fall_back(self) -> None:

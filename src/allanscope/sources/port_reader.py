@@ -51,7 +51,11 @@ READ_BYTES = 1 << 16
 HELD_BYTES = 64 << 20
 """Largest queue of reads; beyond it the port is not read."""
 LOOK_EVERY_S = 1.0
+REAL_TIME = "real-time priority"
 PRIORITY, NICE = 10, -11
+RUNNING_US = 100_000, 200_000
+"""Longest times at real-time priority without waiting for anything, which no reading of a port
+needs: at the first it is given up, at the second the system ends the process."""
 
 
 class ReadPacer:
@@ -91,14 +95,24 @@ def _raise_priority() -> str:
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
     except (AttributeError, OSError):
-        pass
+        _accept_real_time()
     else:
-        return f"real-time priority (SCHED_RR {PRIORITY})"
+        return f"{REAL_TIME} (SCHED_RR {PRIORITY})"
     try:
         os.setpriority(os.PRIO_PROCESS, 0, NICE)
     except (AttributeError, OSError):
         return "usual priority, because no higher one is allowed"
     return f"raised priority (nice {NICE})"
+
+
+def _accept_real_time() -> None:
+    """Limit the time without a pause, which RealtimeKit asks for, and give way at its end."""
+    with suppress(ImportError, AttributeError, OSError, ValueError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_RTTIME, RUNNING_US)
+        usual = os.SCHED_OTHER | os.SCHED_RESET_ON_FORK  # the flag is there to stay
+        signal.signal(signal.SIGXCPU, lambda *_: os.sched_setscheduler(0, usual, os.sched_param(0)))
 
 
 def _frame(kind: bytes, data: bytes) -> bytes:

@@ -79,6 +79,7 @@ CELL = st.one_of(
     st.floats(width=32).map(repr),
     st.integers(-(10**20), 10**20).map(str),
     st.sampled_from(["", "nan", "-inf", "1e999", "0x10", "1,5", "²", "\x1b[2J", "NULL"]),
+    st.sampled_from(["1e308", "-1e199", "1e10", "1e-160", "1e-320", "-0"]),
 )
 TABLE = st.lists(st.lists(CELL, min_size=1, max_size=8).map(",".join), min_size=3, max_size=30)
 HEADER = st.sampled_from(

@@ -887,3 +887,21 @@ def test_a_unit_that_is_given_does_not_hide_gravity(columns: int, first: float) 
     assert isinstance(info, StreamInfo)
     block = next(event for event in rest if isinstance(event, Block))
     assert block.counts[0][info.axes.index("gx")] == first
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "rate"),
+    [
+        ("gz[rad/s]", "1e308", 104.0),  # infinite in dps
+        ("t[s],gx[dps]", "{n}e-320,0.1", None),  # stamps that are next to nothing
+        ("t[ms],gx[dps]", "{n}e-300,0.1", 104.0),
+    ],
+)
+def test_numbers_at_the_ends_of_float64_overflow_nowhere(
+    header: str, row: str, rate: float | None
+) -> None:
+    text = header + "\n" + "".join(row.format(n=i // 3) + "\n" for i in range(300))
+    decoder = TextDecoder(WireSettings(rate_hz=rate))
+    events = [*decoder.feed(text.encode(), math.nan), *decoder.finish()]
+    infos = [event for event in events if isinstance(event, StreamInfo)]
+    assert all(math.isfinite(info.nominal_hz) for info in infos)

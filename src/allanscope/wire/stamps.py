@@ -20,6 +20,8 @@ __all__ = [
     "rows_come_unevenly",
 ]
 
+_SHORTEST_S = 1e-12
+"""Stamps that differ by less are no times."""
 _FEWEST_STEPS = 4
 _FINEST = 1e-6
 _BURSTY = 1.25
@@ -124,7 +126,7 @@ def mean_rate(times: Sequence[float] | NDArray[np.float64]) -> float:
     half = len(begins) // 2 if len(begins) >= 4 * _LONGEST_BURST else len(begins) - 1
     spans = stamps[begins[half:]] - stamps[begins[:-half]]
     rows = begins[half:] - begins[:-half]
-    if not spans.min() > 0.0:
+    if not spans.min() > _SHORTEST_S:
         return 0.0
     return float(f"{np.median(rows / spans):.10g}")
 

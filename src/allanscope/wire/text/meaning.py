@@ -300,7 +300,8 @@ def _converted(
     if counted:
         clipped = np.clip(np.rint(values), INT16_MIN, INT16_MAX).astype(np.int16)
         return clipped, np.full(len(values), True)
-    samples = np.asarray(values / divisors, np.float64)
+    with np.errstate(over="ignore"):  # what is infinite is impossible as well
+        samples = np.asarray(values / divisors, np.float64)
     size = np.abs(samples)
     samples[size < SMALLEST] = 0.0
     return samples, np.asarray(~(size > LARGEST).any(axis=1), np.bool_)

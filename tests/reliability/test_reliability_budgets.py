@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import gzip
+import math
 import re
+import tracemalloc
 import zlib
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+from allanscope.analysis import Analyser
 from allanscope.errors import InputError
 from allanscope.pipeline import Decoding, DeviceSettings
 from allanscope.recording import most_unpacked
 from allanscope.sources import FileSource
-from allanscope.wire import WireSettings
+from allanscope.wire import WireSettings, format_named
 from allanscope.wire.text import labelled
 
 PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
@@ -132,3 +135,17 @@ def test_a_port_may_say_nothing_of_use_for_as_long_as_it_likes() -> None:
     for second in range(1, 6):
         decoding.feed(Chunk(second * 10**9, b"hello\n" * (BYTES_WITHOUT_SAMPLES // 12)))
     assert decoding.stats.bytes > 2 * BYTES_WITHOUT_SAMPLES
+
+
+def test_a_rate_that_no_sensor_has_takes_no_memory() -> None:
+    """A second of it would be gigabytes."""
+    rows = "".join(f"{i * 0.001:.3f},0.1\n" for i in range(300))
+    decoder, analyser = format_named("text").decoder(WireSettings()), Analyser()
+    tracemalloc.start()
+    for event in decoder.feed(f"t[us],gx[dps]\n{rows}".encode(), math.nan):
+        analyser.feed(event)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert analyser.state is not None
+    assert analyser.state.info.nominal_hz == 1e9
+    assert most < 64 << 20

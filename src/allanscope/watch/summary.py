@@ -20,7 +20,8 @@ from allanscope.compiled import Fixed, Pointer, kernel
 
 __all__ = ["FEWEST_ROWS", "LANES", "BlockSummary", "Summariser", "of_axis", "rows_of_block"]
 
-FEWEST_ROWS = 32
+FEWEST_ROWS, MOST_ROWS = 32, 1 << 17
+"""Of a block: a stream may claim any rate, and memory goes with it."""
 FIRST_BIN = 2
 """Bins below it hold the level, which leaks through the window."""
 LANES = 8
@@ -65,8 +66,12 @@ _noise = kernel(
 
 
 def rows_of_block(rate_hz: float) -> int:
-    """Return the rows of a second at this nominal rate (at 100 Hz where none is claimed)."""
-    return max(round(rate_hz or 100.0), FEWEST_ROWS)
+    """Return the rows of a second at this nominal rate (at 100 Hz where none is claimed).
+
+    >>> rows_of_block(104.0), rows_of_block(1e8)
+    (104, 131072)
+    """
+    return min(max(round(rate_hz or 100.0), FEWEST_ROWS), MOST_ROWS)
 
 
 def groups_of(axes: int) -> int:

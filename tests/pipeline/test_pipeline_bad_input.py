@@ -334,6 +334,15 @@ def test_noise_of_any_size_gives_a_result_without_a_warning(tmp_path):
             assert first == pytest.approx(size if size >= 1e-50 else 0.0, 0.1, 0.0)
 
 
+def test_an_axis_that_changes_only_at_a_gap_is_constant():
+    """Its spectrum is of rounding errors: of 211 times 1.3 the mean is not 1.3."""
+    values, times = np.repeat([5.0, 1.3], [8, 211]), np.arange(219) / 104
+    times[8:] += 5.0
+    axis = analyse({"az[g]": values, "t": times}).axes["az"]
+    assert not axis.failure
+    assert not axis.coefficients
+
+
 def test_a_warning_of_numpy_is_for_those_who_debug(monkeypatch, capsys):
     def divide():
         return [str(np.float64(1.0) / np.float64(0.0))]

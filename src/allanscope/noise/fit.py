@@ -180,6 +180,9 @@ def fit_noise(
     values = record.values[:, 0]
     row_s = 1 / record.rate_hz
     stretches = stretches_of(values, [(int(a), int(b)) for a, b in record.segments])
+    if not any(np.ptp(one, axis=-1).any() for one in stretches):
+        # What does change lies in parts that are too short for a spectrum.
+        raise ValueError("the axis is constant: there is no noise to fit")
     return _fit(
         evidence_of(stretches, row_s / record.stride, record.stride, density, worth_of(record)),
         dt=row_s / record.stride,

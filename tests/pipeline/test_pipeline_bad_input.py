@@ -343,6 +343,15 @@ def test_an_axis_that_changes_only_at_a_gap_is_constant():
     assert not axis.coefficients
 
 
+def test_spikes_on_a_constant_axis_with_gaps_overflow_nowhere():
+    """Some spectra are zero, so that nothing is expected where a ramp is looked for."""
+    values, times = np.zeros(1500), np.arange(1500) / 100
+    values[[309, 741]] = 65536.0, 1e9
+    for gap in (300, 340, 413, 445, 558, 639, 921, 949, 1182, 1324, 1356):
+        times[gap:] += 5.0
+    assert not analyse({"gz[dps]": values, "t": times}).axes["gz"].failure
+
+
 def test_a_warning_of_numpy_is_for_those_who_debug(monkeypatch, capsys):
     def divide():
         return [str(np.float64(1.0) / np.float64(0.0))]

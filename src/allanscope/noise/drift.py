@@ -28,6 +28,8 @@ __all__ = ["Drift", "fit_drift", "ramp_pattern"]
 Array = NDArray[np.float64]
 
 _ROUNDS = 4
+_LEAST_VARIANCE = 1e-200
+"""Far below that of any noise, and what is divided by it is still finite."""
 _FIRST = 4096
 """Ordinates from which a ramp is taken out."""
 _LIMIT = 1.1 * CHI_SQUARE_95
@@ -138,7 +140,8 @@ class _Ramp:
             assert isinstance(part, Ordinates)
             # Of the bins that hold one ordinate; a ramp has next to nothing beyond them.
             single = int(np.argmin(np.append(part.grid.count[: len(part.dof)] == 1, False)))
-            variance = expected[self.bins[i]][:single]
+            # Of an axis that is constant but for a sample or two next to nothing is expected.
+            variance = np.maximum(expected[self.bins[i]][:single], _LEAST_VARIANCE)
             low = pattern[:single] * (part.dof[:single] > 0)
             weight += len(part.raw) * float(np.sum(low**2 / variance))
             projection += float(np.sum(part.raw[:, : len(low)] * low / variance))

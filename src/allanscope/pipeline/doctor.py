@@ -128,7 +128,7 @@ def _reading(rate_hz: float) -> Iterator[Check]:
         "reader",
         "may not run at real-time priority: a busy machine can keep it waiting",
         'echo "$USER - rtprio 10" | sudo tee /etc/security/limits.d/allanscope.conf, then log in '
-        "again",
+        "again; or install rtkit",
     )
 
 

@@ -8,6 +8,10 @@ and sine are fitted by GLS with the noise refitted. Amplitude and frequency foll
 .. math:: sd(A) = \sqrt{S_1/T}, \qquad sd(f) = \sqrt{3 S_1/T} / (\pi A T)
 
 with the one-sided density S_1 beside the line. It enters the model as a signal that is subtracted.
+
+Noise makes the fitted amplitude larger than the true one: amplitude, phase and frequency each take
+one degree of freedom of it, so that the mean square of the fitted amplitude is A^2 + 3 sd^2 and its
+mean A + sd^2 / A. Reported is what has this taken off, :math:`\sqrt{\hat A^2 - 2\,sd^2}`.
 """
 
 from __future__ import annotations
@@ -151,7 +155,8 @@ class Sinusoid(EffectKind):
         self, view: View, candidate: Candidate, amplitude: Array, covariance: Array
     ) -> Candidate:
         """Return the amplitude and phase that a joint regression found."""
-        size, error = float(np.hypot(*amplitude)), float(np.sqrt(np.trace(covariance) / 2))
+        error = float(np.sqrt(np.trace(covariance) / 2))
+        size = _unbiased(float(np.hypot(*amplitude)), error)
         found = replace(self, amplitude=Estimate.of(size, error, self.amplitude.unit))
         signal = amplitude @ _pair(view, self.frequency.value)
         return replace(candidate, effect=found, signal=signal)
@@ -222,7 +227,7 @@ def _at(view: View, frequency: float) -> Candidate:
         )
         gain = float(amplitudes @ normal @ amplitudes / (2 * level))
         error = float(np.sqrt(2 * level / n))
-    amplitude = float(np.hypot(*amplitudes))
+    amplitude = _unbiased(float(np.hypot(*amplitudes)), error)
     sd_frequency = np.sqrt(3.0) * error / (np.pi * amplitude * duration)
     effect = Sinusoid(
         Estimate.of(frequency, sd_frequency, "Hz"),
@@ -230,6 +235,14 @@ def _at(view: View, frequency: float) -> Candidate:
         constancy(view.data, rate, frequency),
     )
     return Candidate(effect, gain, float(np.log(0.75 * n)), signal=amplitudes @ pair)
+
+
+def _unbiased(fitted: float, error: float) -> float:
+    """Return an amplitude without what noise adds, phase and frequency being fitted to it too.
+
+    Never more than half is taken off: of what is that faint no size is known.
+    """
+    return float(np.sqrt(max(fitted**2 - 2 * error**2, fitted**2 / 4)))
 
 
 def _fast_lines(view: View) -> list[float]:

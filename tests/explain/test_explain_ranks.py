@@ -1,0 +1,84 @@
+"""Ranks of the truth within what is said of it are uniform: a few kinds, fitted where they are.
+
+The whole of it, with the search and every kind, is `benchmarks/rank_calibration.py`; here one
+number of one kind at a time, on records in which its place is known, so that no selection enters.
+Ranks pass where a Kolmogorov-Smirnov test gives them 5 % or more, at fixed seeds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import kstest, norm
+
+from allanscope.explain.effect import Parameter
+from allanscope.explain.effects import sinusoid
+from allanscope.explain.series import series_of
+from allanscope.explain.view import View
+from allanscope.history import Record
+from allanscope.quantities import TWO_SIDED_95
+
+RATE = 13.0
+
+
+def view_of(*axes: np.ndarray, rate: float = RATE) -> View:
+    """Return rows of one or two axes as the loop sees them."""
+    values, n = np.column_stack(axes), len(axes[0])
+    names = ("gx", "gy")[: len(axes)]
+    record = Record(
+        rate_hz=rate,
+        stride=1,
+        axes=names,
+        values=values,
+        lsb=(1e-9,) * len(axes),
+        temperature_c=np.full(n, np.nan),
+        start_s=np.arange(n) / rate,
+        segments=np.array([[0, n]], np.int64),
+    )
+    series = series_of(record)
+    return View(series, series.grid, "gx", series.values[:, 0], 1e-9)
+
+
+def rank(found: Parameter, truth: float) -> float:
+    """Return the confidence below the truth, of an estimate or of the logarithm of one."""
+    value, lower, upper = (float(x) for x in (found.value, found.lower, found.upper))
+    if lower > 0 and abs(np.sqrt(lower * upper) / value - 1) < 1e-6:
+        value, lower, upper, truth = np.log([value, lower, upper, truth])
+    width = upper - value if truth > value else value - lower
+    return float(norm.cdf(TWO_SIDED_95 * (truth - value) / width))
+
+
+def rank_of_instant(found: Parameter, truth: float, row: float) -> float:
+    """Return the confidence below the truth, of the instant of a jump between two rows.
+
+    Between them any instant is as likely; farther away it is half an exponential on each side.
+    """
+    value, lower, upper = (float(x) for x in (found.value, found.lower, found.upper))
+    width = upper - value if truth > value else value - lower
+    away = abs(truth - value) / width
+    beyond = max(0.5 - 0.475 * away, 0.025 / away) if width < row else 0.5 * 0.05**away
+    return 1 - beyond if truth > value else beyond
+
+
+def chance(ranks: list[float]) -> float:
+    """Return the probability of ranks at least as far from uniform."""
+    return float(kstest(ranks, "uniform").pvalue)
+
+
+def assert_apt(ranks: list[float], leaning: float = 0.1) -> None:
+    """Half of the truths are in the middle half, and 95 % in the interval, within 3 deviations."""
+    inner = [np.mean(np.abs(np.array(ranks) - 0.5) < share / 2) for share in (0.5, 0.95)]
+    assert abs(inner[0] - 0.5) < 0.1
+    assert abs(inner[1] - 0.95) < 0.035
+    assert abs(np.mean(np.array(ranks) < 0.5) - 0.5) < leaning
+
+
+def test_the_amplitude_of_a_line_has_nothing_of_what_noise_adds():
+    """A line of 5.5 standard errors, which is what can just be seen."""
+    rng, n, ranks = np.random.default_rng(24), 1560, []
+    size = 5.5 * np.sqrt(2 / n)
+    for _ in range(400):
+        f = rng.uniform(0.8, 5.0)
+        wave = size * np.sin(2 * np.pi * (f * np.arange(n) / RATE + rng.random()))
+        found = sinusoid._at(view_of(wave + rng.standard_normal(n)), f).effect
+        ranks.append(rank(found.amplitude, size))
+    assert chance(ranks) > 0.05

@@ -2,7 +2,8 @@
 
 The rank of a truth is the confidence that is placed below it. Between its ends an interval is taken
 for half a normal on each side, of the logarithm where the interval is that of one, and for half an
-exponential of the instant of a jump (Hinkley, Biometrika 57, 1970).
+exponential of the instant of a jump (Hinkley, Biometrika 57, 1970), or evenly distributed where it
+is known to a row.
 """
 
 from __future__ import annotations
@@ -145,7 +146,8 @@ def effect(study: str) -> Draw:
         if found is None:
             return Outcome(hidden.d, int(bool(effects)))
         known = {k: v for k, v in hidden.truth.items() if k in found.parameters}
-        ranks = {k: rank_of_number(k, found.parameters[k], v) for k, v in known.items()}
+        row = 1 / hidden.rate
+        ranks = {k: rank_of_number(k, found.parameters[k], v, row) for k, v in known.items()}
         gain, price = found.evidence["gain_nats"], found.evidence["price_nats"]
         size = KINDS[hidden.kind].sized_by
         if size in known:
@@ -221,18 +223,21 @@ def rank_of_coefficient(fit: NoiseFit, name: str, truth: float) -> float | None:
     return conditional_rank(observed + away, observed, np.sqrt(limit))
 
 
-def rank_of_number(name: str, found: Parameter, truth: float) -> float | None:
+def rank_of_number(name: str, found: Parameter, truth: float, row: float) -> float | None:
     """Return the rank of a parameter by its name: of what is read off 0.5 if its interval holds."""
     if name not in READ_OFF:
-        return rank_of_parameter(found, truth, name in JUMPS)
+        return rank_of_parameter(found, truth, row if name in JUMPS else 0.0)
     if found.lower is None or found.upper is None:
         return None
     room = 1e-9 * abs(truth)
     return 0.0 if truth < found.lower - room else 1.0 if truth > found.upper + room else 0.5
 
 
-def rank_of_parameter(found: Parameter, truth: float, jump: bool = False) -> float | None:
-    """Return the confidence below the truth; None where no interval is given."""
+def rank_of_parameter(found: Parameter, truth: float, row: float = 0.0) -> float | None:
+    """Return the confidence below the truth; None where no interval is given.
+
+    `row` is the distance of samples, of the instant of a jump; 0 of any other number.
+    """
     if found.lower is None or found.upper is None:
         return None
     value, lower, upper = float(found.value), float(found.lower), float(found.upper)
@@ -242,8 +247,9 @@ def rank_of_parameter(found: Parameter, truth: float, jump: bool = False) -> flo
         value, lower, upper, truth = (float(np.log(x)) for x in (value, lower, upper, truth))
     width = upper - value if truth > value else value - lower
     distance = (truth - value) / max(width, 1e-300)
-    if jump:
-        beyond = 0.5 * 0.05 ** abs(distance)
+    if row:
+        away = abs(distance)
+        beyond = max(0.5 - 0.475 * away, 0.025 / away) if width < row else 0.5 * 0.05**away
         return 1 - beyond if distance > 0 else beyond
     return float(norm.cdf(TWO_SIDED_95 * distance))
 

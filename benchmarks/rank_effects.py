@@ -171,11 +171,12 @@ class Hider:
         self.__init__(self.rng, 104.0, 40.0)
         at, decay = self.rng.uniform(0.1, 0.85) * self.duration, self.between(0.2, 0.8)
         after = np.maximum(self.t - at, 0.0)
-        shape = np.exp(-after / decay) * np.cos(2 * np.pi * 15.6 * after) * (self.t >= at)
+        swing = np.cos(2 * np.pi * (15.6 * after + self.rng.random()))
+        shape = np.exp(-after / decay) * swing * (self.t >= at)
         self.d = self.between(20.0, 160.0)
         size = self.scale(shape)
         # Its end is where it is as loud as the noise, which is a matter of definition.
-        truth = {"time": at, "peak": size}
+        truth = {"time": at, "peak": size * float(np.abs(shape).max())}
         return self.hidden("shock", truth, size * self.sign() * shape, places={"time": 3.0})
 
     def outliers(self) -> Hidden:

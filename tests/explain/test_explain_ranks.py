@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import kstest, norm
 
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects import sinusoid
+from allanscope.explain.effects import shock, sinusoid
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 from allanscope.history import Record
@@ -82,3 +82,20 @@ def test_the_amplitude_of_a_line_has_nothing_of_what_noise_adds():
         found = sinusoid._at(view_of(wave + rng.standard_normal(n)), f).effect
         ranks.append(rank(found.amplitude, size))
     assert chance(ranks) > 0.05
+
+
+def test_a_shock_begins_within_the_rows_that_are_said_and_is_as_large():
+    rng, rate, n, times, peaks = np.random.default_rng(25), 104.0, 2400, [], []
+    t = np.arange(n) / rate
+    for _ in range(250):
+        at, peak = rng.uniform(5.0, 18.0), np.exp(rng.uniform(np.log(8.0), np.log(40.0)))
+        after = np.maximum(t - at, 0.0)
+        swing = np.cos(2 * np.pi * (15.6 * after + rng.random()))
+        rings = peak * np.exp(-after / rng.uniform(0.2, 0.8)) * swing * (t >= at)
+        view = view_of(rings + rng.standard_normal(n), rate=rate)
+        for found in shock.Shock.propose(view):
+            times.append(rank_of_instant(found.effect.time, at, 1 / rate))
+            peaks.append(rank(found.effect.peak, float(np.abs(rings).max())))
+    assert len(times) > 200
+    assert_apt(times)
+    assert chance(peaks) > 0.05

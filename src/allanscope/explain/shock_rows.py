@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
+from allanscope.explain.loudness_border import rows_of_border
 from allanscope.quantities import MAD_TO_SIGMA
 
 __all__ = ["ShockRows", "find_shock_rows"]
@@ -44,6 +45,8 @@ _SIDE, _TURNS = 3.0, 2
 """Deviations from which a row is on one side, and least changes of the side."""
 _AXES = 2
 """Axes on which one change of the side at the same time is enough."""
+_AROUND = 2 * _MEANS[-1]
+"""Rows on each side of the first loud one among which a shock begins."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +59,14 @@ class ShockRows:
         First row, and the one after the last, of what is loud on any axis.
     sigma : mapping
         Axis that is moved to the standard deviation of its rows in quiet.
+    onset : tuple of float
+        When it begins, in rows: median and ends of the interval. A mean is loud some rows sooner.
     """
 
     first: int
     stop: int
     sigma: Mapping[str, float]
+    onset: tuple[float, float, float]
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -126,8 +132,20 @@ def find_shock_rows(
             if np.count_nonzero(one.beyond(_MOVED, part)) >= _LEAST_ROWS
             or np.count_nonzero(one.beyond(_LOUD, part)) >= _AT_KNOWN_TIME
         }
-        found.append(ShockRows(first, stop, moved))
+        squares = np.mean([away[axis].rows ** 2 for axis in moved], axis=0)
+        found.append(ShockRows(first, stop, moved, _onset(squares, first, stop, len(moved))))
     return found
+
+
+def _onset(squares: Array, first: int, stop: int, axes: int) -> tuple[float, float, float]:
+    """Return when it begins, in rows, from the mean squares of the axes that are moved."""
+    begin, end = max(0, first - _AROUND), min(stop, first + _AROUND)
+    swings = squares[begin:end]
+    # Near 0 the density of a swing is that of a Gaussian of pi times its mean square.
+    loud = np.pi * max(float(uniform_filter1d(swings, _MEANS[-1]).max()), _LOUD)
+    rows = rows_of_border(swings, 1.0, loud, weight=float(axes))
+    median, low, high = (begin + row for row in rows)
+    return median, low, high
 
 
 def _away(x: Array, window: int, step: float) -> _Away | None:

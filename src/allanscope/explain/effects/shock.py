@@ -19,10 +19,12 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.loudness_border import instant_of
 from allanscope.explain.shock_rows import ShockRows
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
@@ -37,6 +39,8 @@ _ALIKE_ROWS, _ALIKE_SIZES = 50, 4
 """Rows that are compared to go on from them, and how far back, in lengths of what is missing."""
 _LEVELS = 3.0
 """Standard errors from which the levels before and after a shock differ."""
+_FAR, _OUT = 6.0, 0.025
+"""Standard errors within which the largest row of a shock is, and the chance of each side."""
 _ROBUST = float(np.pi / 2)
 """Variance of a median over that of a mean."""
 
@@ -134,14 +138,29 @@ def _candidate(view: View, shaken: ShockRows) -> Candidate:
     size = np.abs(view.data[first:stop] - level)
     gain = 0.5 * float(np.sum(np.maximum((size / sigma) ** 2 - 1, 0.0)))
     off = _OFF_ROWS / rate
-    time, duration = shaken.first / rate, (shaken.stop - shaken.first) / rate
-    start = view.series.start_s + time
+    duration = (shaken.stop - shaken.onset[0]) / rate
     effect = Shock(
-        Estimate(start, start - off, start + off, "s"),
+        instant_of(shaken.onset, rate, view.series.start_s),
         Estimate(duration, max(duration - 2 * off, 0.0), duration + off, "s"),
-        Estimate.of(float(size.max()), sigma, view.unit),
+        _peak(size, sigma, view.unit),
     )
     return Candidate(effect, gain, float(np.log(n)), signal=signal)
+
+
+def _peak(size: Array, sigma: float, unit: str) -> Estimate:
+    """Return the largest of some sizes to each of which noise was added.
+
+    The largest sum is larger than the largest size, the more so the more of them are near it. By
+    how much is taken from what more such noise would do to the sums (Efron's basic bootstrap); the
+    distribution of their largest is the product of those of each.
+    """
+    largest = float(size.max())
+    near = size[size > largest - _FAR * sigma]
+    at = largest + sigma * np.linspace(-_FAR, _FAR, 801)
+    below = np.prod(ndtr((at - near[:, np.newaxis]) / sigma), axis=0)
+    mean = at[-1] - float(np.trapezoid(below, at))
+    low, high = np.interp([_OUT, 1 - _OUT], below, at).tolist()
+    return Estimate(2 * largest - mean, max(2 * largest - high, 0.0), 2 * largest - low, unit)
 
 
 def _quiet(data: Array, first: int, stop: int, sigma: float) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import kstest, norm
 
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects import shock, sinusoid
+from allanscope.explain.effects import shock, sinusoid, variance_change
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 from allanscope.history import Record
@@ -99,3 +99,17 @@ def test_a_shock_begins_within_the_rows_that_are_said_and_is_as_large():
     assert len(times) > 200
     assert_apt(times)
     assert chance(peaks) > 0.05
+
+
+def test_noise_changes_its_level_within_the_rows_that_are_said():
+    rng, n, starts, stops = np.random.default_rng(26), 3120, [], []
+    for _ in range(250):
+        t, at, length = np.arange(n) / RATE, rng.uniform(20.0, 120.0), rng.uniform(30.0, 90.0)
+        inside = (t >= at) & (t < at + length)
+        rows = rng.standard_normal(n) * np.where(inside, rng.uniform(1.4, 2.5), 1.0)
+        for found in variance_change.VarianceChange.propose(view_of(rows)):
+            starts.append(rank_of_instant(found.effect.start, at, 1 / RATE))
+            stops.append(rank_of_instant(found.effect.stop, at + length, 1 / RATE))
+    assert len(starts) > 200
+    assert_apt(starts)
+    assert_apt(stops)

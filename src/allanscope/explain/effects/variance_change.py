@@ -7,6 +7,7 @@ interval on a ladder of lengths is tested against the rest,
 .. math:: G = \tfrac12 [n \ln \bar s - n_1 \ln s_1 - n_2 \ln s_2].
 
 Tails heavier than a Gaussian's raise the scatter of the squares, and the gain is divided by that.
+The borders of the most telling interval are then placed to the row (`loudness_border`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from scipy.special import chdtrc
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.loudness_border import instant_of, rows_of_border
 from allanscope.explain.view import View
 
 Array = NDArray[np.float64]
@@ -35,6 +37,9 @@ _LEFT = 0.2
 _CAP = 20.0
 """Squares are cut here, so that one sample cannot make a stretch."""
 _LONGEST = 0.5
+_REACH = 22.0
+"""Blocks beside a border among which it is looked for, times the squared contrast of a block: twice
+as far as it is off in one of twenty."""
 
 
 @dataclass(frozen=True)
@@ -79,21 +84,21 @@ class VarianceChange(EffectKind):
             return []
         white = view.innovations[: blocks * size].reshape(blocks, size)
         power = np.mean(np.minimum(white**2, _CAP), axis=1)
-        spread = float(np.mean((np.diff(power)) ** 2)) / 2
-        freedom = float(np.clip(2 / spread * np.median(power) ** 2, 1.0, size))
-        found = _intervals(power, freedom)
+        found = _intervals(power, _freedom(power, size))
         if not found or not _at_all_frequencies(view, max(found), size):
             return []
         best = max(found)
-        seconds = size / view.grid.rate_hz
+        for _, first, last, times in found:
+            power[first:last] /= times  # loud blocks scatter more: at one level tails are seen
+        freedom = _freedom(power, size)
         ratio, inside = float(np.sqrt(best[3])), best[2] - best[1]
         gain, looked_at = float(sum(g for g, *_ in found)), log_alternatives(blocks)
         count = float(len(found))
         weak = float(sum(g < 2 * (looked_at - np.log(ALPHA)) for g, *_ in found))
         effect = cls(
             intervals=Estimate(count, count - weak, count + weak),
-            start=_instant(best[1], seconds, best[3], freedom),
-            stop=_instant(best[2], seconds, best[3], freedom),
+            start=_border(view, best, size, freedom, is_start=True),
+            stop=_border(view, best, size, freedom, is_start=False),
             ratio=Estimate.of(ratio, ratio / np.sqrt(2 * freedom * inside)),
             blocks=blocks,
         )
@@ -132,11 +137,30 @@ def log_alternatives(blocks: int) -> float:
     return float(np.log(1.5 * blocks))
 
 
-def _instant(block: int, seconds: float, ratio: float, freedom: float) -> Estimate:
-    """Return a border with the blocks by which it may be off: 11 over the squared contrast."""
+def _border(
+    view: View, found: tuple[float, int, int, float], size: int, freedom: float, *, is_start: bool
+) -> Estimate:
+    """Return when an interval begins or ends, from the rows around: blocks tell it to a block."""
+    _, first, last, ratio = found
     contrast = freedom * np.log(ratio) ** 2 / 2
-    off = (1 + 11.0 / max(contrast, 1e-3)) * seconds
-    return Estimate(block * seconds, block * seconds - off, block * seconds + off, "s")
+    reach = int((1 + _REACH / max(contrast, 1e-3)) * size)
+    first, last = first * size, last * size
+    within = (last - first) // 2
+    if is_start:
+        low, high = max(0, first - reach), first + min(reach, within)
+    else:
+        low, high = last - min(reach, within), min(len(view.innovations), last + reach)
+    squares = np.minimum(view.innovations**2, _CAP)
+    inside = float(squares[first:last].mean())
+    levels = (inside / ratio, inside) if is_start else (inside, inside / ratio)
+    rows = rows_of_border(squares[low:high], *levels, weight=freedom / size)
+    return instant_of(rows, view.grid.rate_hz, low / view.grid.rate_hz)
+
+
+def _freedom(power: Array, size: int) -> float:
+    """Return the degrees of freedom of the mean squares of blocks: their size, or less by tails."""
+    spread = float(np.mean((np.diff(power)) ** 2)) / 2
+    return float(np.clip(2 / spread * np.median(power) ** 2, 1.0, size))
 
 
 def _intervals(power: Array, freedom: float) -> list[tuple[float, int, int, float]]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import kstest, norm
 
 from allanscope.explain.effect import Parameter
-from allanscope.explain.effects import shock, sinusoid, variance_change
+from allanscope.explain.effects import random_telegraph, shock, sinusoid, variance_change
 from allanscope.explain.series import series_of
 from allanscope.explain.view import View
 from allanscope.history import Record
@@ -113,3 +113,15 @@ def test_noise_changes_its_level_within_the_rows_that_are_said():
     assert len(starts) > 200
     assert_apt(starts)
     assert_apt(stops)
+
+
+def test_hops_that_are_seen_have_the_size_of_their_path():
+    rng, n, ranks = np.random.default_rng(28), 2048, []
+    for _ in range(100):
+        hops = rng.random(n) < 1 / (RATE * rng.uniform(1.5, 5.0))
+        level = 1.5 * np.where(np.cumsum(hops) % 2, 1.0, -1.0)
+        view = view_of(level + 0.5 * rng.standard_normal(n))
+        for found in random_telegraph.RandomTelegraph.propose(view):
+            ranks.append(rank(found.effect.amplitude, 1.5))
+    assert len(ranks) > 90
+    assert_apt(ranks)

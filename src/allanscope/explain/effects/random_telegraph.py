@@ -58,8 +58,6 @@ _VISIBLE, _CLEAR, _SHARP = 4.0, 25.0, 60.0
 """Power of the mean over a dwell against white noise: below the first the path would follow the
 noise, and fit it at every sample far better than it should; above the second it misses few hops;
 above the third the size of the hops is that of the path."""
-_BLURRED = 0.01
-"""Share of the size by which missed and invented hops may then still move it."""
 _ONE_CODE, _FEW_ROWS = 1.3, 10.0
 """Ratio up to which the hops are one step of the values, and rows in a dwell up to which noise that
 is rounded stays on one value."""
@@ -155,6 +153,8 @@ class _Path:
     amplitude: float
     dwell_s: float
     switches: int
+    doubt: float
+    """Share of the size by which blocks that may be on either level move it."""
 
 
 def _moved(view: View) -> float:
@@ -197,7 +197,7 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     dwell = finer.dwell_s
     spread = TWO_SIDED_95 * _MISSED / np.sqrt(finer.switches)
     effect = RandomTelegraph(
-        Estimate.of(size, float(np.hypot(error, _BLURRED * size)), view.unit),
+        Estimate.of(size, float(np.hypot(error, finer.doubt * size)), view.unit),
         Estimate(dwell, dwell * float(np.exp(-spread)), dwell * float(np.exp(spread)), "s"),
         path.switches,
         size,
@@ -318,7 +318,8 @@ def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Pa
         before, rate = rate, float(np.clip(switches / (blocks - 1), 1e-6, 0.4))
         hard = int(np.count_nonzero(np.diff(most)))
         log_prior = hard * np.log(rate) + (blocks - 1 - hard) * np.log1p(-rate)
-        result = _Path(most, log_prior, log_z - log_joint, size, _dwell(rate, block_s), hard)
+        doubt, dwell = 1 - float(np.mean(np.abs(state))), _dwell(rate, block_s)
+        result = _Path(most, log_prior, log_z - log_joint, size, dwell, hard, doubt)
         slow = _smooth(level - size * state, wiener)
         new = float(np.sum((level - slow) * state) / np.sum(state**2))
         if new <= 0:

@@ -32,6 +32,7 @@ __all__ = [
     "marginal_covariance",
     "ordinates_of",
     "ramp_ordinates",
+    "reach_at_95",
     "refit_jointly",
     "step_ordinates",
 ]
@@ -165,13 +166,16 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
     for j, variance in enumerate(np.diag(fit.covariance)):
         if variance > 0:
             step = fit.covariance[j] / np.sqrt(variance)  # the others go along
-            sides = [_reach(partial(drop, step)), _reach(partial(drop, -step))]
+            sides = [reach_at_95(partial(drop, step)), reach_at_95(partial(drop, -step))]
             factors[j] = max(1.0, float(np.mean(sides)) / TWO_SIDED_95)
     return np.asarray(fit.covariance * np.outer(factors, factors))
 
 
-def _reach(drop: Callable[[float], float]) -> float:
-    """Return how far one must go for a likelihood to drop by what 95 % allow."""
+def reach_at_95(drop: Callable[[float], float]) -> float:
+    """Return how far one must go for a likelihood to drop by what 95 % allow.
+
+    Distances are in standard errors: it is 1.96 where the likelihood is a parabola.
+    """
     reach = TWO_SIDED_95
     for _ in range(_STEPS):
         ratio = (CHI_SQUARE_95 / 2) / max(drop(reach), 1e-3)

@@ -7,12 +7,17 @@ process has an ordinate variance, with :math:`\phi = e^{-1/(f_s T_c)}`,
 .. math:: \sigma^2 (1 - \phi^2) / (1 - 2 \phi \cos 2 \pi f / f_s + \phi^2)
 
 A random telegraph signal has the same spectrum; only its two levels tell them apart.
+
+The likelihood of sigma is no parabola: flicker and the random walk, which imitate the process, are
+mostly 0 beside it and can only grow. Its interval is where the likelihood, N, B and K refitted, has
+fallen by 1.92 nats, along the line on which the likeliest correlation time goes with sigma.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -23,12 +28,12 @@ from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.effects.unexplained import lasting
+from allanscope.explain.regression import reach_at_95
 from allanscope.explain.spectrum import Spectrum
 from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import GaussMarkov as Process
 from allanscope.noise.grid import Grid
-from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
@@ -38,6 +43,10 @@ _TELLING = 25.0
 _SHORTEST, _AT_THE_END = 1.5, 1.05
 """Shortest correlation time looked for, in rows: a shorter one bends white noise over the whole
 band, as a low-pass does, and cannot be told from it. What is likeliest there is no process."""
+_VAGUE = 5.0
+"""Standard error of ln sigma beyond which it is not known at all."""
+_FARTHEST = 3.0
+"""Logarithm of the largest factor by which the correlation time goes with sigma."""
 _LONGEST = 0.15
 """Longest correlation time looked for, as a share of the record: beyond, it is a random walk."""
 
@@ -51,7 +60,8 @@ class GaussMarkov(EffectKind):
 
     kind = "gauss_markov"
     meaning = "a stationary, exponentially correlated bias"
-    sized_by = "sigma"
+    # Not `sized_by`: what it gains goes by how far its shape is from flicker, and where that is
+    # detected sigma is no larger.
     is_process = True
     resembles_bend = True
     excluded_by = frozenset({"quantization"})
@@ -114,6 +124,15 @@ def _amplitude_error(fit: Spectrum) -> float:
     return float(np.sqrt(max(variance, 0.0))) / (2 * max(_sigma(fit), 1e-300))
 
 
+def _loglik(view: View, sigma: float, tc: float) -> float:
+    """Return the log-likelihood with a process that is given, N, B and K refitted."""
+    basis, fitter = view.fitter.plus(Process(1.0, tc)).basis, view.fitter
+    fixed = fitter.basis.fixed + sigma**2 * basis.columns[-1]
+    return replace(fitter, basis=replace(fitter.basis, fixed=fixed)).loglik(
+        view.power, view.spectrum.powers
+    )
+
+
 def _candidate(view: View, low: float, high: float) -> Candidate:
     best = minimize_scalar(
         lambda x: -view.loglik_with(Process(1.0, float(np.exp(x)))),
@@ -122,22 +141,31 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
     tc = float(np.exp(best.x))
     fit = view.spectrum_with(Process(1.0, tc))
     sigma = _sigma(fit)
-    sigma_error = _amplitude_error(fit)
     h = 0.1
     after, before = (view.spectrum_with(Process(1.0, tc * np.exp(s))) for s in (h, -h))
     curvature = (2 * fit.loglik - after.loglik - before.loglik) / h**2
     error = 1 / np.sqrt(max(curvature, 1e-2))
-    # The profile over Tc refits sigma; seen the other way round, sigma moves with Tc.
-    slope = (_sigma(after) - _sigma(before)) / (2 * h)
-    sigma_error = float(np.hypot(sigma_error, slope * error))
+    # The profile over Tc refits sigma; seen the other way round, Tc moves with sigma.
+    turn = (_sigma(after) - _sigma(before)) / (2 * h * max(sigma, 1e-300))
+    alone = _amplitude_error(fit) / max(sigma, 1e-300)
+    spread = min(float(np.hypot(alone, turn * error)), _VAGUE)
+    slope = turn * error**2 / max(spread**2, 1e-300)
+
+    def drop(side: float, distance: float) -> float:
+        x = side * spread * distance
+        along = float(np.clip(slope * x, -_FARTHEST, _FARTHEST))
+        return fit.loglik - _loglik(view, sigma * np.exp(x), tc * np.exp(along))
+
+    lower, upper = (
+        sigma * np.exp(side * spread * reach_at_95(partial(drop, side))) for side in (-1.0, 1.0)
+    )
     error = min(error, 10.0)
     gain = fit.loglik - view.spectrum.loglik
     # Two levels can be told from a bell only where a dwell stands out of the noise within it.
     noise = fit.model.value("N") ** 2 + fit.model.value("B") ** 2 * tc
     signal = 2 * tc * sigma**2 / max(noise, 1e-300)
-    spread = min(TWO_SIDED_95 * sigma_error / max(sigma, 1e-300), 20.0)
     effect = GaussMarkov(
-        Estimate.of_log(sigma, spread / TWO_SIDED_95, view.unit), Estimate.of_log(tc, error, "s")
+        Estimate(sigma, float(lower), float(upper), view.unit), Estimate.of_log(tc, error, "s")
     )
     rivals = {"random_telegraph": gain} if signal < _TELLING else {}
     return Candidate(effect, gain, float(np.log(12)), parts=(Process(1.0, tc),), rivals=rivals)

@@ -13,6 +13,7 @@ from scipy.stats import kstest, norm
 
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects import (
+    cross_coupling,
     gauss_markov,
     random_telegraph,
     shock,
@@ -149,3 +150,17 @@ def test_sigma_of_a_gauss_markov_process_has_the_interval_of_its_likelihood():
         found = gauss_markov._candidate(view, tc / 10, tc * 10).effect
         ranks.append(rank(found.sigma, sigma))
     assert_apt(ranks, leaning=0.16)
+
+
+def test_what_leaks_in_is_no_noise_of_the_axis():
+    """Where the source is a slow tilt, the leak is louder there than the noise of the axis."""
+    rng, n, slope, away = np.random.default_rng(29), 2048, 0.2, []
+    keep = np.exp(-1 / (RATE * 5.0))
+    for _ in range(250):
+        tilt = lfilter([1.0], [1.0, -keep], 3 * np.sqrt(1 - keep**2) * rng.standard_normal(n))
+        source = tilt + 0.3 * rng.standard_normal(n)
+        view = view_of(rng.standard_normal(n) + slope * source, source)
+        found = cross_coupling._candidate(view, "gy").effect
+        away.append((found.slope.value - slope) / found.slope.error)
+    assert abs(np.std(away) - 1.0) < 0.14  # 3 standard errors; 0.77 with the leak as noise
+    assert abs(np.mean(away)) < 0.2

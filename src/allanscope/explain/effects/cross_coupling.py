@@ -144,7 +144,7 @@ def _candidate(view: View, source: str) -> Candidate | None:
     column = view.series.column
     removed = bool((telling, column(view.axis)) > (0.0, column(source)))
     unit = f"{view.unit}/{view.unit_of(source)}"
-    error = float(1 / np.sqrt(normal))
+    slope, error = _measured(view, (d, e), view.ordinates - slope * ordinates, loud)
     effect = CrossCoupling(Parameter(source), Estimate.of(slope, error, unit), telling, removed)
     return Candidate(
         effect,
@@ -154,6 +154,23 @@ def _candidate(view: View, source: str) -> Candidate | None:
         rivals={} if _is_seen_fast(view, d, e, weight, price) else {"temperature": z2 / 2},
         axes=(view.axis, source) if effect.is_open else (view.axis,),
     )
+
+
+def _measured(
+    view: View, both: tuple[Array, Array], rest: Array, loud: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """Return the slope and its error under the noise that is left without the coupling.
+
+    As found, what leaks in counts as noise of the axis: where the source is loudest, and tells
+    most, the axis seems loudest too. That is right for a detection, too wide for an interval.
+    """
+    power = view.grid.binned(rest**2, view.excluded)[0]
+    spectrum = view.fitter.fit(power, view.spectrum.powers)
+    weight = (spectrum.kept & ~loud) / spectrum.ordinates
+    weight[:_FIRST] = 0.0
+    d, e = both
+    normal = float(np.sum(e * e * weight))
+    return float(np.sum(e * d * weight)) / normal, float(1 / np.sqrt(normal))
 
 
 def _without_temperature(view: View, ordinates: Array) -> Array:

@@ -11,9 +11,11 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import kstest, norm
 
+from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Parameter
 from allanscope.explain.effects import (
     cross_coupling,
+    drifting_line,
     gauss_markov,
     random_telegraph,
     shock,
@@ -164,3 +166,23 @@ def test_what_leaks_in_is_no_noise_of_the_axis():
         away.append((found.slope.value - slope) / found.slope.error)
     assert abs(np.std(away) - 1.0) < 0.14  # 3 standard errors; 0.77 with the leak as noise
     assert abs(np.mean(away)) < 0.2
+
+
+def test_the_bandwidth_of_a_drifting_line_is_known_as_the_record_resolves_it():
+    """Its frequency swings, its amplitude swells; nine tenths of the time it is within a width."""
+    rng, n, ranks = np.random.default_rng(30), 3120, []
+    t, seconds = np.arange(n) / RATE, n / RATE
+    for _ in range(150):
+        f, reach, start = rng.uniform(1.0, 5.0), rng.uniform(3.0, 8.0) / seconds, rng.random()
+        swing = 2 * np.pi * (t / seconds + start)
+        tone = np.sin(2 * np.pi * f * t - reach * seconds * np.cos(swing) + rng.uniform(0, 6))
+        swell = 1 + 0.3 * np.sin(2 * np.pi * (1.5 * t / seconds + rng.random()))
+        view = view_of(rng.uniform(0.4, 1.0) * swell * tone + rng.standard_normal(n))
+        low, high = np.quantile(f + reach * np.sin(swing), [0.05, 0.95])
+        around = drifting_line.clusters(view, f - 3 * reach, f + 3 * reach)
+        cluster = max(around, key=lambda c: drifting_line.excess(view, c))
+        found = drifting_line.drifting_line(view, cluster, Candidate(None, 0.0, 0.0))
+        if found is not None:
+            ranks.append(rank(found.effect.bandwidth, high - low))
+    assert len(ranks) > 100
+    assert_apt(ranks)

@@ -42,6 +42,8 @@ _WIDEST = 0.1
 """Width over frequency beyond which a tone sweeps."""
 _HOLDS = 0.9
 """Share of the power that is called its bandwidth."""
+_RESOLVED = 0.8
+"""Standard error of the width of a line without noise, times the length of the record."""
 _SHARES = 96
 """Sub-bands of a profile."""
 _AROUND, _LOUD = 5, 4.0
@@ -217,7 +219,7 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
     moving = _history(view, centre, width)
     effect = DriftingLine(
         Estimate.of(centre, width / np.sqrt(12 * independent), "Hz"),
-        Estimate.of_log(width, 1 / np.sqrt(independent), "Hz"),
+        _bandwidth(f, weight, view.spectrum.ordinates[cluster.first : cluster.stop], unit),
         Estimate.of_log(profile.sigma, error, view.unit),
         *moving,
     )
@@ -230,6 +232,35 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
         excluded=((profile.low, profile.high),),
         profile=profile,
         held_out=held,
+    )
+
+
+def _bandwidth(f: Array, power: Array, noise: Array, unit: float) -> Estimate:
+    """Return the width that holds most of the power of a line.
+
+    It is that of this record, not of a process: each edge is known as far as the record resolves,
+    which also makes the line an ordinate wider, and as noise moves the power on its two sides.
+
+    Parameters
+    ----------
+    f, power, noise : ndarray
+        Frequencies in Hz, the power of the line at each, and the variance of the noise there.
+    unit : float
+        Distance of ordinates in Hz.
+    """
+    below = np.cumsum(power) / power.sum()
+    variance = np.cumsum(4 * noise * power + 2 * noise**2) / power.sum() ** 2
+    edges, errors = [], []
+    for share in ((1 - _HOLDS) / 2, (1 + _HOLDS) / 2):
+        edge = float(np.interp(share, below, f))
+        own = float(np.interp(edge, f, variance))
+        moved = np.sqrt(own * (1 - share) ** 2 + (variance[-1] - own) * share**2)
+        first, last = np.interp([share - moved, share + moved], below, f)
+        edges.append(edge)
+        errors.append(float(last - first) / 2)
+    width = max(edges[1] - edges[0] - unit, 2 * unit)
+    return Estimate.of_log(
+        width, float(np.linalg.norm([*errors, 2 * _RESOLVED * unit])) / width, "Hz"
     )
 
 

@@ -200,12 +200,10 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
     profile, error = profile_of(view, cluster)
     n, rate = view.grid.n, view.grid.rate_hz
     unit = rate / (2 * n)
-    weight = np.maximum(
-        view.squares[cluster.first : cluster.stop]
-        - view.spectrum.ordinates[cluster.first : cluster.stop],
-        0.0,
-    )
-    f = (np.arange(cluster.first, cluster.stop) + 1) * unit
+    inside = slice(cluster.first, cluster.stop)
+    noise = view.spectrum.ordinates[inside]
+    weight = np.maximum(view.squares[inside] - noise, 0.0)
+    f = view.grid.frequency[inside]
     total = np.cumsum(weight) / weight.sum()
     centre = float(np.average(f, weights=weight))
     ends = np.interp([(1 - _HOLDS) / 2, (1 + _HOLDS) / 2], total, f)
@@ -219,7 +217,7 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
     moving = _history(view, centre, width)
     effect = DriftingLine(
         Estimate.of(centre, width / np.sqrt(12 * independent), "Hz"),
-        _bandwidth(f, weight, view.spectrum.ordinates[cluster.first : cluster.stop], unit),
+        _bandwidth(f, weight, noise, unit),
         Estimate.of_log(profile.sigma, error, view.unit),
         *moving,
     )

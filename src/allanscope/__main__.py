@@ -19,6 +19,9 @@ __all__ = ["main"]
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     spell_out_standard_streams()
+    # Before numpy is loaded. Matrices are small here: threads of BLAS wait for each other longer
+    # than they compute, and the last digits would depend on the number of cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = sys.argv[1:] if argv is None else argv
     if "" in words:
         # As a path it would stand for the present folder.

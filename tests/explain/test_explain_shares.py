@@ -81,6 +81,30 @@ def test_the_parts_add_up_on_measured_axes(name):
     )
 
 
+@pytest.fixture(scope="module")
+def fan():
+    """Return the explanations of a sensor beside a fan that shakes it at 31.2 and 32.7 Hz."""
+    analysis = allanscope.analyse(MEASURED / "ism330dhcx-fan-on.parquet")
+    return {axis: one.explanation for axis, one in analysis.axes.items()}
+
+
+def test_lines_that_were_cut_out_together_have_each_its_own_part(fan):
+    """On gz the one has eleven times the power of the other, and they are in one range."""
+    share = {
+        round(e.parameters["frequency"].value, 1): e.share
+        for e in fan["gz"].effects
+        if e.kind == "drifting_line"
+    }
+    assert set(share) == {31.2, 32.7}
+    assert share[32.7] > 5 * share[31.2]
+
+
+def test_q_is_in_the_textbook_model_too_and_has_no_part_in_what_was_named(fan):
+    assert fan["az"].coefficients_after["Q"].value > 1e-5
+    for one in fan.values():
+        adds_up(one)
+
+
 def test_findings_are_in_the_order_of_their_shares():
     """What gained more on an axis with little excess comes after a large part of a large one."""
     small, large = Effect("step", {}, share=0.9), Effect("warm_up", {}, share=0.5)

@@ -26,7 +26,7 @@ from scipy.optimize import minimize
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import errors_at
-from allanscope.explain.effects.drifting_line import Cluster, profile_of
+from allanscope.explain.effects.drifting_line import Cluster, gain_of, profile_of
 from allanscope.explain.effects.narrowband import Narrowband, misfit
 from allanscope.explain.view import View
 from allanscope.noise.components import MovingLine
@@ -75,7 +75,7 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
     cluster : Cluster
         Where its power is.
     searched : Candidate
-        What was found there first: its gain, and the alternatives that were looked at.
+        What was found there first: the alternatives that were looked at, and what paid for them.
     """
     profile, error = profile_of(view, cluster)
     parts = _spectra(view, profile.low, profile.high)
@@ -100,7 +100,7 @@ def moving_band(view: View, cluster: Cluster, searched: Candidate) -> Candidate 
         Estimate.of_log(profile.sigma, error, view.unit),
         moves=(float(least), float(most)) if is_moving else None,
     )
-    found = replace(searched, held_out=held)
+    found = replace(searched, gain=gain_of(view, cluster, profile), held_out=held)
     measured = replace(found, excluded=((profile.low, profile.high),), profile=profile)
     bare = view.without(searched)
     lines = _lines(bare, centres, width)

@@ -244,9 +244,10 @@ def shares_of(view: View, before: NoiseFit, after: NoiseFit) -> tuple[Shares, tu
 def _gain_of(view: View, candidate: Candidate) -> float:
     """Return the log-likelihood that an effect gains on its axis.
 
-    Nought for what is read off the values, and for the clock, which is of the stream.
+    Nought for what is read off the values, for the clock, which is of the stream, and for Q and R,
+    which the textbook model before has as well.
     """
-    if candidate.effect.of_the_stream:
+    if candidate.effect.of_the_stream or candidate.effect.is_coefficient:
         return 0.0
     if candidate.effect.shows_in_distribution:
         return _gain_of_distribution(view)

@@ -185,6 +185,22 @@ def profile_of(view: View, cluster: Cluster) -> tuple[LineProfile, float]:
     return profile, float(np.sqrt(variance)) / (2 * total)
 
 
+def gain_of(view: View, cluster: Cluster, profile: LineProfile) -> float:
+    """Return the log-likelihood that a profile gains on its ordinates over the noise beside it.
+
+    What is searched for as one tone may be several lines: each has what it gains by itself.
+    """
+    inside = slice(cluster.first, cluster.stop)
+    noise, pieces = view.spectrum.ordinates[inside], len(profile.shares)
+    width = cluster.stop - cluster.first
+    piece = ((np.arange(width) + 0.5) * pieces / width).astype(int)
+    density = profile.sigma**2 * view.grid.n * np.array(profile.shares) * pieces / width
+    more = density[piece] / noise
+    u = view.squares[inside] / noise
+    gain = float(np.sum(u * more / (1 + more) - np.log1p(more))) / 2
+    return max(gain - pieces / 2, 0.0)  # each share was fitted to what it is judged by
+
+
 def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidate | None:
     """Return the line that a cluster of ordinates is; None for what is no line.
 
@@ -195,7 +211,7 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
     cluster : Cluster
         Where its power is.
     searched : Candidate
-        What was found there first: its gain, and the alternatives that were looked at.
+        What was found there first: the alternatives that were looked at, and what paid for them.
     """
     profile, error = profile_of(view, cluster)
     n, rate = view.grid.n, view.grid.rate_hz
@@ -223,7 +239,7 @@ def drifting_line(view: View, cluster: Cluster, searched: Candidate) -> Candidat
     )
     return Candidate(
         effect,
-        searched.gain,
+        gain_of(view, cluster, profile),
         searched.log_alternatives,
         alpha=searched.alpha,
         is_paid=searched.is_paid,

@@ -16,6 +16,7 @@ from allanscope.explain.effects.drifting_line import (
     clusters,
     drifting_line,
     excess,
+    gain_of,
     profile_of,
     range_of,
 )
@@ -68,6 +69,8 @@ def resolve_tones(view: View, path: SearchPath) -> View:
 
 def _without_name(view: View, cluster: Cluster, whole: Candidate) -> Candidate:
     profile, error = profile_of(view, cluster)
-    left = tone_without_name(view, profile, error, whole)
+    left = tone_without_name(
+        view, profile, error, replace(whole, gain=gain_of(view, cluster, profile))
+    )
     # What is wider is left to the smooth remainder: equal sub-bands are too coarse at its low end.
     return replace(left, profile=profile) if profile.high < _WIDE * profile.low else left

@@ -13,7 +13,7 @@ observations save the copy and half of the work:
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -133,6 +133,13 @@ def _density(alpha_of_phase: int, phase: NDArray[np.float64]) -> NDArray[np.floa
     return (2.0 * np.sin(phase / 2.0)) ** (alpha_of_phase - 2.0)
 
 
+@cache
+def _nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return nodes and weights of Gauss and Legendre: they take longer than all that uses them."""
+    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    return node, weight
+
+
 @lru_cache(maxsize=64)
 def _passed(m: int) -> tuple[NDArray[np.float64], ...]:
     """Return phases in rad per value, their weights, and what window and plain differences pass."""
@@ -144,7 +151,7 @@ def _passed(m: int) -> tuple[NDArray[np.float64], ...]:
     running = np.concatenate([np.zeros((1, length)), np.cumsum(mirrored, axis=0)])
     p0, p1, p2, p3 = (running[k * m : k * m + 6 * m] for k in range(4))
     difference = np.concatenate([np.ones(m), -2.0 * np.ones(m), np.ones(m)])
-    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    node, weight = _nodes()
     phase = np.pi * (node + 1.0) / 2.0
     turns = np.exp(-1j * np.outer(np.arange(length), phase))
     reflected = np.mean(np.abs(((p3 - p0) - 3.0 * (p2 - p1)) @ turns) ** 2, axis=0)

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from allanscope import analyse
 from allanscope.analysis.remarks import disagreement
-from allanscope.analysis.result import Reading
+from allanscope.analysis.result import ModelCurve, Reading
 from allanscope.explain import Effect, Parameter
 from allanscope.history import Record
 from allanscope.noise import Coefficient, CoefficientPart, fit_noise
@@ -226,6 +226,18 @@ def test_the_cause_is_what_was_found(found, cause):
         "N is 6.20 mdps/√Hz from the density from 0.10 to 10 Hz and 1.00 from the fit: "
     )
     assert cause in line
+
+
+def test_the_cause_at_an_averaging_time_is_what_adds_most_to_the_curve_there():
+    """A shock that is over soon adds little at 30 s, where the level follows the temperature."""
+    tau = np.array([1.0, 10.0, 100.0])
+    added = {"shock": np.array([3e-4, 5e-5, 1e-5]), "temperature": 1e-4 * tau}
+    model = ModelCurve(tau, np.ones(3), added)
+    found = [effect("shock", time=1.0), effect("temperature", slope=0.02)]
+    high = {"K": reading(1e-3, tau_s=30.0)}
+    line = disagreement("dps", coefficients(), high, found, model=model)
+    assert line.endswith("temperature")
+    assert disagreement("dps", coefficients(), high, found).endswith("shock")
 
 
 def test_a_low_pass_explains_a_reading_below_the_coefficient():

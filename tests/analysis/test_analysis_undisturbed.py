@@ -10,7 +10,7 @@ import pytest
 
 from allanscope.analysis import Undisturbed
 from allanscope.analysis.undisturbed import longest_stretch, times_of, undisturbed
-from allanscope.explain import Parameter
+from allanscope.explain import Parameter, explain
 from allanscope.history import Record
 from allanscope.report import render
 from allanscope.view import summary_lines
@@ -60,6 +60,20 @@ def test_the_coefficients_are_those_of_the_quiet_part() -> None:
     white = found.axes["gx"]["N"]
     assert white.lower < 1e-3 < white.upper
     assert white.value == pytest.approx(1e-3, rel=0.05)
+
+
+def test_what_is_there_all_along_is_no_noise_of_the_quiet_part() -> None:
+    """A line ten times as strong as the noise within a hertz, and samples far beside it."""
+    plain = record(slice(2000, 8000))
+    t = plain.start_s
+    values = plain.values[:, 0] + 0.01 * np.sin(2 * np.pi * 1.3 * t)
+    values[9000::1500] += 0.3
+    disturbed = replace(plain, values=values[:, np.newaxis])
+    loud = event("variance_change", 200.0, 800.0, 3.0)
+    found = undisturbed([loud], disturbed, loop=explain(disturbed))
+    assert found is not None
+    assert found.begin_s == 800.0
+    assert found.axes["gx"]["N"].value == pytest.approx(1e-3, rel=0.05)
 
 
 def test_a_run_without_events_or_without_quiet_has_none() -> None:

@@ -20,8 +20,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from statistics import median
 
+import numpy as np
+
 from allanscope.analysis.analyser import Analyser, StreamState
-from allanscope.analysis.result import AxisAnalysis, Rate, Reading
+from allanscope.analysis.result import AxisAnalysis, ModelCurve, Rate, Reading
 from allanscope.clock import DISAGREEMENT
 from allanscope.explain import Effect
 from allanscope.labels import kind_name
@@ -263,6 +265,8 @@ def _repeated(axes: Mapping[str, AxisAnalysis]) -> float:
 
 _NOTICEABLE = 0.03
 """Relative difference that needs no explanation."""
+_MUCH = 0.3
+"""Share of a deviation that tells where it comes from."""
 _SHAPES: Mapping[str, Callable[[float], float]] = {
     "N": lambda tau: 1 / tau,
     "B": lambda _: 2 * math.log(2) / math.pi,
@@ -308,6 +312,7 @@ def disagreement(
     readings: Mapping[str, Reading],
     effects: Iterable[Effect] = (),
     rounding: float = 0.0,
+    model: ModelCurve | None = None,
 ) -> str | None:
     """Return the line for the first coefficient that its reading contradicts, N before B before K.
 
@@ -321,6 +326,8 @@ def disagreement(
         What was accepted on the axis, from which the cause is taken.
     rounding : float
         White noise per sqrt(Hz) that is rounding, which a reading cannot tell from N.
+    model : ModelCurve, optional
+        What each effect adds to the curve that was read.
     """
     for name, reading in readings.items():
         letter = name[:1]
@@ -333,7 +340,9 @@ def disagreement(
             if _is_near(one, reading.band_hz)
             and not (one.kind == "cross_coupling" and _is_coupled_little(known))
         )
-        cause = _cause(name, reading.value > known.value, near)
+        cause = _largest(name, reading, near, model) or _cause(
+            name, reading.value > known.value, near
+        )
         usual = COEFFICIENTS[unit, letter][0]
         fitted = (
             usual.limit(known.upper) if not known.detected else number(known.value * usual.factor)
@@ -392,6 +401,25 @@ def _overlap(low: float, high: float, other_low: float, other_high: float) -> bo
     """Return whether two intervals overlap, or miss each other by too little to mention."""
     room = 1 + _NOTICEABLE
     return low <= other_high * room and other_low <= high * room
+
+
+def _largest(
+    name: str, reading: Reading, effects: tuple[Effect, ...], model: ModelCurve | None
+) -> str:
+    """Return the effect that adds most to a curve where it was read; empty where none adds much."""
+    if model is None or reading.tau_s is None:
+        return ""
+    read = reading.value * math.sqrt(_SHAPES[name[0]](reading.tau_s))
+    added = {
+        effect.kind: float(np.interp(reading.tau_s, model.x, model.components[effect.kind]))
+        for effect in effects
+        if effect.kind in model.components
+    }
+    kind = max(added, key=added.__getitem__, default="")
+    if not kind or added[kind] < _MUCH * read:
+        return ""
+    same = [effect for effect in effects if effect.kind == kind]
+    return _phrase(max(same, key=lambda one: one.share if math.isfinite(one.share) else 0.0))
 
 
 def _cause(name: str, more: bool, effects: tuple[Effect, ...]) -> str:

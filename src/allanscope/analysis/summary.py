@@ -116,15 +116,13 @@ def summarise(
     given = loop_input(state)
     if depth == "live" and known is None:
         given = replace(given, record=given.record.coarsened(LIVE_ROWS))
-    axes = _axes(state, given, rate, depth, settings, known, workers)
+    axes, loop = _axes(state, given, rate, depth, settings, known, workers)
     part = settings.part or state.info.part
     offered = PARTS[part or POLLED_PART].rates_hz if state.info.polled else ()
     events = state.watch.events(rate_hz)
-    searched = [axis.explanation for axis in axes.values() if axis.explanation is not None]
-    effects = [effect for one in searched for effect in one.effects]
     quiet = None
     if depth == "full":
-        quiet = undisturbed(events, given.record, PARTS.get(part), effects)
+        quiet = undisturbed(events, given.record, PARTS.get(part), loop)
     found = Analysis(
         input={**input_facts, **_full_scales(given.record, settings)},
         part=part,
@@ -271,8 +269,8 @@ def _axes(
     settings: AnalyserSettings,
     known: Explanation | None,
     ready: Sequence[WorkerProcess],
-) -> dict[str, AxisAnalysis]:
-    """Return everything about every axis."""
+) -> tuple[dict[str, AxisAnalysis], Explanation | None]:
+    """Return everything about every axis, and what the search found."""
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
     as_of = AsOf(state.samples / rate_hz, state.samples)
@@ -288,7 +286,7 @@ def _axes(
             loop = _with_noise_of_now(loop, given)
         except Exception:  # the last search stands, and says of when it is
             as_of = AsOf(loop.length_s, loop.samples)
-    return {
+    axes = {
         name: _axis_or_failure(
             state,
             given.record,
@@ -304,6 +302,7 @@ def _axes(
         )
         for name, lsb in zip(given.record.axes, given.record.lsb, strict=True)
     }
+    return axes, loop
 
 
 def _axis_or_failure(
@@ -462,6 +461,7 @@ def _axis(
         readings,
         explanation.effects if explanation else (),
         fit.rounding if fit else 0.0,
+        drawn.model,
     )
     return AxisAnalysis(
         unit=unit_of(name),

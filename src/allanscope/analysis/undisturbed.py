@@ -1,12 +1,14 @@
 """Which part of a run is quiet, and what the noise is there.
 
 One lorry at four in the morning is in the coefficients of the whole night. Beside them stand those
-of the longest stretch in which nothing was found to begin, to end or to last.
+of the longest stretch in which nothing was found to begin, to end or to last. Lines, drifts and
+processes that are there all along are in it too: it is fitted beside what the search has found.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +17,7 @@ from allanscope.parts import Part
 from allanscope.watch import Event
 
 if TYPE_CHECKING:
-    from allanscope.explain import Effect
+    from allanscope.explain import Effect, Explanation
     from allanscope.noise import Coefficient
 
 __all__ = ["Undisturbed", "longest_stretch", "undisturbed"]
@@ -95,7 +97,7 @@ def undisturbed(
     events: Iterable[Event],
     record: Record,
     part: Part | None = None,
-    effects: Iterable[Effect] = (),
+    loop: Explanation | None = None,
 ) -> Undisturbed | None:
     """Return the longest undisturbed stretch of a run and its coefficients.
 
@@ -107,8 +109,8 @@ def undisturbed(
         Rows of the whole run.
     part : Part, optional
         Whose filters are offered to the fit.
-    effects : iterable of Effect
-        What the search has found: those that have a time disturb as well.
+    loop : Explanation, optional
+        What the search has found. What has a time disturbs as well; beside the rest is fitted.
 
     Returns
     -------
@@ -118,18 +120,23 @@ def undisturbed(
     if not len(record.start_s):
         return None
     whole_s = float(record.start_s[-1]) + 1.0 / record.rate_hz
+    searched = loop.axes if loop is not None else {}
+    effects = [effect for one in searched.values() for effect in one.effects]
     begin_s, end_s = longest_stretch(events, whole_s, times_of(effects))
     inside = record.between(begin_s, end_s)
     if end_s - begin_s > NEARLY_ALL * whole_s or len(inside.values) < FEWEST_ROWS:
         return None
     from allanscope.analysis.published import published
+    from allanscope.explain import fit_beside
     from allanscope.noise import fit_noise
 
     fits = {}
+    if loop is not None:
+        with suppress(ValueError):  # in pieces too short
+            fits = {axis: one.fit for axis, one in fit_beside(loop.held, inside).items()}
     for axis in record.axes:
-        try:
-            fits[axis] = fit_noise(inside, axis, part=part)
-        except ValueError:  # constant, or in pieces too short
-            continue
-    found = {axis: published(axis, fits, {}) for axis in fits}
+        if axis not in fits:
+            with suppress(ValueError):  # constant, or in pieces too short
+                fits[axis] = fit_noise(inside, axis, part=part)
+    found = {axis: published(axis, fits, searched) for axis in fits}
     return Undisturbed(begin_s, end_s, found) if found else None

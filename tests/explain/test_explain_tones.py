@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
-from allanscope.explain.effects.drifting_line import Cluster, profile_of
+from allanscope.explain.effects.drifting_line import Cluster, DriftingLine, profile_of
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
+from allanscope.explain.effects.unexplained import Unexplained
+from allanscope.explain.moves.resolve_tones import _is_tail
 from allanscope.explain.stationarity import bartlett_z, constancy, sweeps
 
 
@@ -65,3 +68,22 @@ def test_the_profile_of_a_cluster_keeps_a_line_at_its_frequency(where):
         (at + 1) * rate / (2 * n), abs=each / 2
     )
     assert profile.sigma**2 * n == pytest.approx(500.0)
+
+
+@pytest.mark.parametrize(
+    ("gain", "low", "high", "is_tail"),
+    [
+        (11.0, 36.30, 36.34, True),  # beside a strong line, within its bandwidth
+        (11.0, 33.10, 33.20, False),  # far from it
+        (200.0, 36.30, 36.34, False),  # too much for a tail
+        (5.0, 33.10, 33.20, True),  # nothing
+    ],
+)
+def test_what_is_beside_a_drifting_line_is_its_tail_where_it_is_faint(gain, low, high, is_tail):
+    line = DriftingLine(
+        Estimate.of(37.0, 0.01, "Hz"), Estimate.of_log(1.0, 0.01, "Hz"),
+        Estimate.of_log(7e-3, 0.01, "dps"), 36.9, 37.1, 6e-3, 8e-3,
+    )  # fmt: skip
+    power = Unexplained(Estimate(low, unit="Hz"), Estimate(high, unit="Hz"), "spectrum", "", {})
+    part = Candidate(power, gain, excluded=((low, high),))
+    assert _is_tail(part, [Candidate(line, 3500.0)]) == is_tail

@@ -8,11 +8,13 @@ fit. What is no line stays `unexplained`, with the size and the distribution of 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
-from allanscope.explain.candidate import Candidate
+from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effects.drifting_line import (
     Cluster,
+    DriftingLine,
     clusters,
     drifting_line,
     excess,
@@ -33,6 +35,8 @@ _WIDE = 1.5
 """Ratio of its ends from which a range without a name is no line."""
 _MOST = 0.8
 """Share of the power in a range that its clusters must hold: else it is one thing."""
+_FAINT = 0.01
+"""Gain over that of a line within a bandwidth of it, from which a part is more than its tail."""
 
 
 def resolve_tones(view: View, path: SearchPath) -> View:
@@ -57,7 +61,13 @@ def resolve_tones(view: View, path: SearchPath) -> View:
         if not all(lines) and (one := moving_band(view, band, whole)):
             found = [one]  # noise has clusters too, by chance
         elif any(lines):
-            found = [c or _without_name(view, p, whole) for p, c in zip(parts, lines, strict=True)]
+            known = [line for line in lines if line is not None]
+            rest = [
+                _without_name(view, part, whole)
+                for part, line in zip(parts, lines, strict=True)
+                if line is None
+            ]
+            found = [*known, *(one for one in rest if not _is_tail(one, known))]
         else:
             found = [_without_name(view, band, whole)]
         view = view.without(whole)
@@ -65,6 +75,18 @@ def resolve_tones(view: View, path: SearchPath) -> View:
             path.note("resolve", one, "accepted")
             view = view.accept(one)
     return view
+
+
+def _is_tail(part: Candidate, lines: list[Candidate]) -> bool:
+    """Return whether a part without a name is nothing, or the tail of a line beside it."""
+    (low, high), *_ = part.excluded
+    return part.gain < -math.log(ALPHA) or any(
+        part.gain < _FAINT * line.gain
+        and low < line.effect.frequency.value + line.effect.bandwidth.value
+        and high > line.effect.frequency.value - line.effect.bandwidth.value
+        for line in lines
+        if isinstance(line.effect, DriftingLine)
+    )
 
 
 def _without_name(view: View, cluster: Cluster, whole: Candidate) -> Candidate:

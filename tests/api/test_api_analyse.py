@@ -156,6 +156,14 @@ def uneven_bursts(rows):
     return np.maximum.accumulate(times[:rows]) + 1e-6 * np.arange(rows)
 
 
+def test_stamps_of_a_busy_host_are_one_series():
+    late = np.random.default_rng(8).gamma(1.5, 0.002, 3000)
+    times = np.maximum.accumulate(np.arange(3000) / 101.3 + late)
+    result = analyse({"t[s]": times, "gx": small()})
+    assert (result.lost_samples, result.segments) == (0, 1)
+    assert result.rate.nominal_hz == pytest.approx(101.3, rel=0.002)
+
+
 @pytest.mark.parametrize("rate", [100.0, None])
 def test_uneven_bursts_are_one_series(rate):
     result = analyse({"t[s]": uneven_bursts(3000), "gx": small()}, rate)

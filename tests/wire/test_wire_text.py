@@ -766,6 +766,17 @@ def test_uneven_bursts_are_no_losses(rate: float | None) -> None:
     assert any("in bursts" in remark for remark in _remarks(rest))
 
 
+def test_stamps_of_a_busy_host_are_no_losses() -> None:
+    """Rows at 101.3 Hz, stamped up to a period late: a long step is made up for by the next."""
+    late = np.random.default_rng(8).gamma(1.5, 0.002, 3000)
+    times = np.maximum.accumulate(np.arange(3000) / 101.3 + late)
+    rows = "".join(f"{t:.3f},{G3}\n" for t in times)
+    info, *rest = _decode("t[s],gx[dps],gy[dps],gz[dps]\n" + rows, math.nan)
+    assert isinstance(info, StreamInfo)
+    assert info.nominal_hz == pytest.approx(101.3, rel=0.002)
+    assert not [event for event in rest if isinstance(event, Gap)]
+
+
 def test_losses_are_no_bursts() -> None:
     keep = np.random.default_rng(3).random(3000) > 0.05
     rows = "".join(f"{0.01 * i:.2f},{G3}\n" for i in np.flatnonzero(keep))

@@ -33,6 +33,9 @@ _NEAR, _MOSTLY, _MULTIPLE = 0.25, 0.8, 64
 """Distance from a multiple of the period, in periods, at which a step may be losses, the share of
 the steps that are so near where they are (by chance it is half), and the largest multiple that is
 known well enough."""
+_SCATTERED, _MADE_UP_FOR, _USUALLY = 0.25, -0.25, 0.6
+"""Relative scatter of the steps from which stamps tell no single loss, the correlation of
+neighbours below which it is that of the stamps, and median over mean step of what is no burst."""
 _REGULAR = 0.5
 """Relative scatter of the time from burst to burst; that between random losses is 1."""
 
@@ -163,8 +166,9 @@ def rows_come_in_bursts(times: Sequence[float] | NDArray[np.float64]) -> bool:
 
 
 def rows_come_unevenly(times: Sequence[float] | NDArray[np.float64]) -> bool:
-    """Return whether stamps have no period although they go on: bursts of no regular length.
+    """Return whether stamps have no period although they go on.
 
+    Rows come in bursts of no regular length, or a busy host stamps them now sooner and now later.
     The steps are neither alike nor multiples of one. Then the median step says nothing of the rate
     and single steps say nothing of losses; rows over time is the rate.
 
@@ -175,11 +179,27 @@ def rows_come_unevenly(times: Sequence[float] | NDArray[np.float64]) -> bool:
     steps = np.diff(np.asarray(times, np.float64))
     if len(steps) < _LONGEST_BURST or not np.isfinite(steps).all() or steps.min() < 0.0:
         return False
+    if _scatter(steps):
+        return True
     median = float(np.median(steps))
     if not 0.0 < _BURSTY * median <= float(steps.mean()):
         return False
     bursts = np.count_nonzero(steps > 1.5 * median)
     return bool(bursts >= 4 * _FEWEST_BURSTS and not _far_are_multiples(steps / median))
+
+
+def _scatter(steps: NDArray[np.float64]) -> bool:
+    """Return whether stamps come so much sooner or later that no step tells a lost row.
+
+    Then a step is too long by as much as the next is too short: the correlation of neighbours is
+    -1/2, and that of losses, of bursts, and of a clock that drifts, nought or more. A few long gaps
+    say nothing of the others.
+    """
+    mean = float(steps.mean())
+    usual = np.minimum(steps, 4.0 * mean)
+    if not (usual.std() > _SCATTERED * mean and np.median(steps) > _USUALLY * mean):
+        return False
+    return bool(np.corrcoef(usual[1:], usual[:-1])[0, 1] < _MADE_UP_FOR)
 
 
 def long_gaps(times: NDArray[np.float64], rate_hz: float) -> dict[int, int]:

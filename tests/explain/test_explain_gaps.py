@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from allanscope.explain import explain
 from allanscope.history import Record
@@ -49,6 +50,20 @@ def test_nothing_is_found_that_is_not_there(seed, slow):
         lost = [remark for remark in found.remarks if "missing" in remark]
         assert len(lost) == 1
         assert lost[0].startswith("13 % of the samples are missing, in 2,")
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_bridge_over_a_long_gap_is_no_excursion(seed):
+    """A table that sways with a period of 4 s is nowhere by chance where it is on average."""
+    rng = np.random.default_rng([seed, 12])
+    rows = 3 * ROWS
+    pole = np.exp((-np.pi * 0.01 + 2j * np.pi * 0.25) / RATE)
+    sway = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], rng.standard_normal((3, rows)))
+    values = rng.normal(0, N * RATE**0.5, (rows, 3)) + 0.008 * (sway / sway.std()).T
+    kept = np.ones(rows, bool)
+    kept[rows // 3 : rows // 3 + 3000] = False
+    for found in explain(thinned(values, kept, LSB)).axes.values():
+        assert not {one.kind for one in found.effects} & {"excursion", "step", "variance_change"}
 
 
 def test_coarse_rows_are_not_taken_for_repeats():

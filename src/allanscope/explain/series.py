@@ -271,16 +271,21 @@ def _bridge(values: Array, row: NDArray[np.int64], size: int) -> tuple[Array, ND
         return np.ascontiguousarray(values, np.float64), bridged
     grid = np.zeros((size, values.shape[1]))
     grid[row] = values
-    rng = np.random.default_rng(0)
-    gaps = np.flatnonzero(np.diff(row) > 1)
-    for gap in gaps:
+    for gap in np.flatnonzero(np.diff(row) > 1):
         left, right = row[gap] + 1, row[gap + 1]
-        before = values[max(0, gap + 1 - _LEVEL) : gap + 1]
-        after = values[gap + 1 : gap + 1 + _LEVEL]
+        # As long on both sides as the gap is: what lasts shorter tells nothing of its middle.
+        beside = max(_LEVEL, int(right - left))
+        before = values[max(0, gap + 1 - beside) : gap + 1]
+        after = values[gap + 1 : gap + 1 + beside]
         share = ((np.arange(left, right) - left + 0.5) / (right - left))[:, np.newaxis]
         level = (1 - share) * before.mean(axis=0) + share * after.mean(axis=0)
-        noise = np.concatenate([before - before.mean(axis=0), after - after.mean(axis=0)])
-        grid[left:right] = level + noise[rng.integers(len(noise), size=right - left)]
+        # Mirrored at the edges, noise keeps its colour, and in this sum its size.
+        angle, shape = np.pi / 2 * share, (right - left, values.shape[1])
+        grid[left:right] = (
+            level
+            + np.cos(angle) * np.resize((before - before.mean(axis=0))[::-1], shape)
+            + np.sin(angle) * np.resize(after - after.mean(axis=0), shape)[::-1]
+        )
     return grid, bridged
 
 

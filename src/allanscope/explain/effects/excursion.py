@@ -36,6 +36,8 @@ _PROPOSALS = 2
 _PENALTY, _PENALTY_S = calibrated_penalty("excursion"), 1200.0
 """Nats that noise hardly gains by chance in so many seconds."""
 _TURNS = 3
+_BRIDGED = 0.5
+"""Share of its rows that may be filling."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,11 @@ class Excursion(PlacedSignal):
     def refine(self, view: View) -> Candidate | None:
         """Estimate instant, duration and size again."""
         return self._near(view, *self._rows(view))
+
+    def is_resolved(self, view: View) -> bool:
+        """Return whether it was measured: what bridges a long gap may be off, all of it alike."""
+        first, last = self._rows(view)
+        return float(view.series.bridged[first:last].mean()) < _BRIDGED
 
     def from_end_s(self, view: View) -> float:
         """Return how far from an end of the record the box is."""

@@ -9,6 +9,8 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
+from support.thinned import RATE as ROWS_PER_S
+from support.thinned import thinned
 
 RATE, SIGMA, LSB = 52.0, 4e-3 * 52.0**0.5, 4.375e-3
 
@@ -217,3 +219,13 @@ def test_axes_that_are_shaken_together_do_not_follow_each_other(bench, seed):
     columns = [np.where(loud, 2.0, 1.0) * b.noise() for _ in range(2)]
     for found in kinds(explain(b.record(*columns, b.noise()))).values():
         assert "amplitude_coupling" not in found
+
+
+def test_the_floor_beside_a_loud_tone_that_moves_is_seldom_taken_for_a_stop_band():
+    """A motor sixty times as loud as the noise: below its harmonics there is power, above none."""
+    rng, rows = np.random.default_rng([1, 13]), 60_000
+    frequency = 10 + 0.2 * lfilter([5e-4], [1, -0.9995], rng.normal(0, 30, (3, rows)))
+    phase = 2 * np.pi * np.cumsum(frequency, axis=1) / ROWS_PER_S
+    noise = rng.normal(0, 5e-3 * ROWS_PER_S**0.5, (rows, 3))
+    found = kinds(explain(thinned(noise + 3 * (np.sin(phase) + 0.4 * np.sin(2 * phase)).T)))
+    assert sum("band_limit" in names for names in found.values()) <= 1

@@ -65,6 +65,9 @@ _SURELY = 1.645
 """Standard deviations that sampling alone exceeds in one record of twenty."""
 _CLASSES = 64
 """Classes of equal probability in which the distribution of the innovations is compared."""
+_MISSHAPEN, _COUNTED = 0.35, 32
+"""Logarithm of measured over model in the median band, of those with so many ordinates, from which
+a process has not the form of the spectrum."""
 _NOTHING = 1.0
 """Nats below which there is no excess to be shared out."""
 
@@ -129,7 +132,11 @@ def excess_skewness(view: View) -> tuple[float, float]:
 
 
 def removes(view: View, candidate: Candidate) -> bool:
-    """Return whether most of the residual is gone where the candidate changes the spectrum most."""
+    """Return whether most of the residual is gone where the candidate changes the spectrum most.
+
+    And whether it has the form of the spectrum there: beside a loud tone that moves, a low-pass or
+    correlated noise takes most of the power away and describes none of it.
+    """
     after = view.with_parts(*candidate.parts)
     bands = band_scores(view)
     later = band_scores(after)
@@ -137,6 +144,9 @@ def removes(view: View, candidate: Candidate) -> bool:
     weight = change * np.sqrt(bands.count)
     own = weight > 0.5 * weight.max()
     if not own.any():
+        return False
+    known = own & (later.count > _COUNTED)
+    if known.any() and np.median(np.abs(np.log(later.ratio[known]))) > _MISSHAPEN:
         return False
     first = float(np.sqrt(np.mean(bands.z[own] ** 2)))
     second = float(np.sqrt(np.mean(later.z[own] ** 2)))

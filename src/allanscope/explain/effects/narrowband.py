@@ -59,6 +59,8 @@ _ROUNDS = 3
 _PENALTY = calibrated_penalty("narrowband")
 """Nats beyond half of those of as many independent frequencies as there are rows."""
 _RESOLVED = 0.05
+_NOTHING = 1e-12
+"""Share of the largest power that is none."""
 _FORBIDDEN = 1e15
 """Loss beyond the ends of the window."""
 _SHAPELY, _BROAD = 100.0, 500.0
@@ -319,7 +321,9 @@ def _window(view: View, beside: Beside, f0: float, width: float, shape: Shape) -
     stop = low + (high - low) // size * size
     f = grid.frequency[low:stop].reshape(-1, size).mean(axis=1)
     power = view.squares[low:stop].reshape(-1, size).mean(axis=1)
-    return _Window(f, power, beside(f), size, grid, shape)
+    # Far below a loud band a model without it may come to nothing.
+    background = np.maximum(beside(f), _NOTHING * power.max())
+    return _Window(f, power, background, size, grid, shape)
 
 
 def _gain(fit: Fitted) -> float:

@@ -304,7 +304,8 @@ def _path(view: View, amplitude: float, dwell_s: float, per_dwell: float) -> _Pa
     )
     size, rate = amplitude, min(0.4, block_s / dwell_s)
     parts = _parts(view, dwell_s / 2, f)
-    beneath_both = parts[1] / (parts[0] + parts[1] + parts[2])
+    whole = np.maximum(parts[0] + parts[1] + parts[2], np.finfo(np.float64).tiny)
+    beneath_both = parts[1] / whole
     total = parts[0] + parts[1]
     wiener = np.divide(parts[1], total, out=np.zeros_like(total), where=total > 0)
     slow = _smooth(level, beneath_both)

@@ -212,6 +212,7 @@ def interval(value: float, lower: float | None, upper: float | None) -> str:
 
     Digits that the data do not support are not printed: half the interval's width keeps one
     significant digit, or two when it begins with 1, 2 or 3 (the rule of the Particle Data Group).
+    Limits so far apart that this would round the lower one to nothing have digits of their own.
 
     Examples
     --------
@@ -219,6 +220,8 @@ def interval(value: float, lower: float | None, upper: float | None) -> str:
     '4.02 [3.98, 4.06]'
     >>> interval(812.4, 640.0, 1031.0)
     '810 [640, 1030]'
+    >>> interval(0.93, 0.0213, 32.9)
+    '0.93 [0.021, 33]'
     >>> interval(4.0217, None, None)
     '4.02'
     """
@@ -228,7 +231,9 @@ def interval(value: float, lower: float | None, upper: float | None) -> str:
         return f"{number(value)} [{number(lower)}, {number(upper)}]"
     decimals = _decimals(0.5 * (upper - lower))
     exponent = _exponent(max(abs(value), abs(lower), abs(upper)))
-    if -4 < exponent < 6:
+    if lower * upper > 0.0 and _blurred(min(abs(lower), abs(upper)), decimals):
+        centre, low, high = (number(x, 2) for x in (value, lower, upper))
+    elif -4 < exponent < 6:
         centre, low, high = (_fixed(x, decimals) for x in (value, lower, upper))
     else:
         digits = max(2, min(exponent + decimals + 1, 6))
@@ -241,8 +246,8 @@ def compact(value: float, lower: float | None, upper: float | None) -> str:
 
     Examples
     --------
-    >>> compact(4.0217, 3.9812, 4.0622), compact(4.3, 3.7, 5.0)
-    ('4.02 +-0.04', '4.3 +0.7/-0.6')
+    >>> compact(4.0217, 3.9812, 4.0622), compact(4.3, 3.7, 5.0), compact(0.93, 0.0213, 32.9)
+    ('4.02 +-0.04', '4.3 +0.7/-0.6', '0.93 [0.021, 33]')
     """
     if lower is None or upper is None or not math.isfinite(value + lower + upper):
         return number(value)
@@ -250,6 +255,8 @@ def compact(value: float, lower: float | None, upper: float | None) -> str:
     if upper <= lower or not -4 < exponent < 6:
         return number(value)
     decimals = _decimals(0.5 * (upper - lower))
+    if lower * upper > 0.0 and _blurred(min(abs(lower), abs(upper)), decimals):
+        return interval(value, lower, upper)
     below, above = _fixed(value - lower, decimals), _fixed(upper - value, decimals)
     errors = f"+-{above}" if below == above else f"+{above}/-{below}"
     return f"{_fixed(value, decimals)} {errors}"
@@ -373,6 +380,11 @@ def _decimals(uncertainty: float) -> int:
     """Decimals that a number with this uncertainty is printed with; negative: tens, hundreds."""
     first, _, power = f"{uncertainty:.2e}".partition("e")
     return (1 if float(first) < 3.55 else 0) - int(power)
+
+
+def _blurred(smallest: float, decimals: int) -> bool:
+    """Whether rounding to `decimals` moves the smaller limit by more than a fifth of itself."""
+    return abs(round(smallest, decimals) - smallest) > 0.2 * smallest
 
 
 def _exponent(value: float, digits: int = 2) -> int:

@@ -6,9 +6,11 @@ import pytest
 
 from allanscope.analysis import verdict
 from allanscope.explain import ResidualError
+from allanscope.noise import DatasheetVerdict
 from support.demo_analysis import demo_analysis
 
 UNKNOWN = ResidualError(*[float("nan")] * 5)
+NOT_KNOWN = DatasheetVerdict(3.8e-3, None, "dps/sqrt(Hz)", "not known yet", "")
 TOO_SHORT = "6 s are too short to look for effects: run at least 54 s longer"
 
 
@@ -80,15 +82,38 @@ def test_a_record_that_is_too_short_for_the_loop_says_how_much_longer(analysis):
         short, effects=(), before=UNKNOWN, after=UNKNOWN, explained=False, remarks=(TOO_SHORT,)
     )
     known = heads(changed(clean(analysis), explanation=short))
-    assert known["Effects not searched on all axes"].text == TOO_SHORT
-    assert known["Effects"].text == "not searched"
+    assert known["Effects not searched"].text == TOO_SHORT
+    assert "Effects not searched on all axes" not in known  # once is enough
     assert not any(head.startswith("Partly") for head in known)
 
 
 def test_a_run_that_was_not_looked_at_yet_is_not_called_free_of_effects(analysis):
     known = verdict(changed(clean(analysis), explanation=None))
-    assert known.lines[1].text == "not searched yet"
-    assert known.title == "Noise matches the datasheet; effects"
+    assert known.title == "Noise matches the datasheet; effects not searched yet"
+
+
+def constant(axis):
+    """Return an axis all of whose samples are equal."""
+    curve = axis.curves["oadev"]
+    flat = replace(axis, coefficients={}, datasheet={"density": NOT_KNOWN}, explanation=None)
+    return replace(flat, curves={"oadev": replace(curve, deviation=0.0 * curve.deviation)})
+
+
+def test_a_constant_axis_is_called_constant_and_asks_for_no_longer_recording(analysis):
+    good = clean(analysis)
+    some = verdict(replace(good, axes={**good.axes, "gy": constant(good.axes["gy"])}))
+    assert "gy constant" in some.lines[0].text
+    assert some.lines[2].head == "Keep recording"
+    assert "too short" not in some.lines[2].text
+    none = verdict(replace(good, axes={k: constant(axis) for k, axis in good.axes.items()}))
+    assert none.lines[0].text == (
+        "the gyroscope is constant: no noise to measure; "
+        "the accelerometer is constant: no noise to measure"
+    )
+    assert (none.lines[2].head, none.lines[2].text) == (
+        "Check the sensor",
+        "every axis is constant",
+    )
 
 
 def test_the_wait_is_that_of_the_slowest_axis(analysis):

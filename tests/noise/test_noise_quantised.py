@@ -37,7 +37,7 @@ def test_advice_helps_against_the_step_there_is(unit, step, words):
 
 
 def test_a_constant_axis_is_not_called_quiet():
-    assert advice("dps", 0.07, constant=True).startswith("the axis is constant: choose a smaller")
+    assert advice("dps", 0.07, constant=True).startswith("no noise to measure; choose a smaller")
     assert "raw counts" in advice("g", 1e-3, constant=True)
 
 

@@ -55,6 +55,14 @@ def test_an_interval_shows_only_digits_that_the_data_support():
     assert interval(1.5e-7, 1.1e-7, 1.9e-7) == "1.5e-7 [1.1e-7, 1.9e-7]"
     assert interval(5.0, math.nan, 7.0) == "5.00"
     assert interval(0.3, 0.0, 4.1) == "0.3 [0.0, 4.1]"
+    assert interval(0.3, -30.0, 31.0) == "0 [-30, 31]"
+
+
+@given(st.floats(1e-3, 1e3), st.floats(1.0, 1e4), st.floats(1.0, 1e4))
+def test_no_limit_is_rounded_to_nothing(value, below, above):
+    lower, upper = value / below, value * above
+    shown = interval(value, lower, upper).partition("[")[2].rstrip("]").split(", ")
+    assert [float(x) for x in shown] == pytest.approx([lower, upper], rel=0.21)
 
 
 def test_a_compact_value_shows_both_errors_when_they_differ():

@@ -61,7 +61,7 @@ def axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:
         step = state.info.scale[column] if state.counted else 0.0
         words = advice(unit, step, constant=True)
         held = "counts" if state.counted else unit
-        out.append(f"every sample is {state.lowest[column]:g} {held}: {words}")
+        out.append(f"constant at {state.lowest[column]:g} {held}: {words}")
     if state.saturated[column]:
         out.append(f"saturated: {state.saturated[column]} samples at the end of the range")
     return tuple(out)

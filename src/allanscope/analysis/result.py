@@ -222,6 +222,12 @@ class AxisAnalysis:
     explanation_as_of: AsOf | None = None
     comparison: Comparison | None = None
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether all samples are equal: every Allan deviation is 0, there is no noise."""
+        curve = self.curves.get("oadev")
+        return curve is not None and len(curve.tau) > 0 and not np.any(curve.deviation)
+
 
 @dataclass(frozen=True, slots=True)
 class Analysis:

@@ -143,6 +143,9 @@ def _noise_of(analysis: Analysis, unit: str) -> tuple[Grade, str] | None:
     known = {k: v for k, v in sheets.items() if v is not None and v.measured is not None}
     if not any(sheets.values()):
         return "note", _why_no_sheet(analysis.part)
+    constant = [name for name, axis in axes.items() if axis.is_constant]
+    if len(constant) == len(axes):
+        return "note", f"the {sensor} is constant: no noise to measure"
     if not known:
         return "note", f"white noise of the {sensor} not determined yet"
     first = next(iter(known.values()))
@@ -157,9 +160,10 @@ def _noise_of(analysis: Analysis, unit: str) -> tuple[Grade, str] | None:
         span = low if low == high else f"{low} to {high}"
     limits = dict.fromkeys(_number(v.limit, v) for v in (worse or known).values() if v.limit)
     text = f"{sensor} {span} {_reading(first)[1]} (datasheet {' or '.join(limits)})"
-    late = [name for name in axes if name not in known]
-    if late:
-        text += f", {' '.join(late)} not determined yet"
+    late = [name for name in axes if name not in known and name not in constant]
+    for names, why in ((constant, "constant"), (late, "not determined yet")):
+        if names:
+            text += f", {' '.join(names)} {why}"
     return ("bad" if worse else "good"), text
 
 
@@ -207,7 +211,9 @@ def _effect_line(analysis: Analysis) -> VerdictLine:
     looked = _looked(axes)
     open_axes = {name: one for name, one in looked.items() if searched(one)}
     if not open_axes:
-        return VerdictLine("note", "Effects", "not searched" if looked else "not searched yet")
+        why = dict.fromkeys(one.remarks[0] for one in looked.values() if one.remarks)
+        text = "; ".join(why) or "too early"
+        return VerdictLine("note", f"Effects not searched{'' if looked else ' yet'}", text)
     found = analysis.findings
     texts = [
         f"{finding_sentence(one, tuple(axes))}{source_text(one)}{share_text(one)}"
@@ -257,12 +263,15 @@ def _comparison_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
 
 
 def _search_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
-    """Return why the loop could not look at some axes."""
+    """Return why the loop could not look at some axes; of none, the verdict's own line says it."""
     reasons: dict[str, list[str]] = {}
-    for name, one in _looked(axes).items():
-        if not searched(one):
+    looked = _looked(axes)
+    for name, one in looked.items():
+        if not searched(one) and not axes[name].is_constant:
             for remark in one.remarks[:1]:
                 reasons.setdefault(remark, []).append(name)
+    if sum(map(len, reasons.values())) == len(looked):
+        return []
     return [
         VerdictLine("note", f"Effects not searched on {_named(names, axes)}", reason)
         for reason, names in reasons.items()
@@ -343,6 +352,9 @@ def _recording_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
         times = [(letter, wait_text(one)) for letter, one in waits.items()]
         parts = ", ".join(f"{letter} to ±20 % in about {wait}" for letter, wait in times)
         return VerdictLine("note", "Keep recording", parts)
+    if axes and all(axis.is_constant for axis in axes.values()):
+        return VerdictLine("bad", "Check the sensor", "every axis is constant")
+    axes = {name: axis for name, axis in axes.items() if not axis.is_constant}
     if not axes or not all(a.coefficients for a in axes.values()):
         return VerdictLine("note", "Keep recording", "too short for N, B and K of every axis")
     limits = [

@@ -203,18 +203,18 @@ def as_of_text(axes: Mapping[str, AxisAnalysis]) -> str:
 
 
 def best_text(axis: AxisAnalysis) -> str:
-    """Return the least deviation and where it is; ``>=`` while it may still fall."""
+    """Return the least deviation and its tau, and whether the curve is still falling there."""
     best = axis.best_averaging
-    if best is None:
+    if best is None or axis.is_constant:
         return "-"
     value = number(best.deviation * DEVIATION[axis.unit].factor)
-    return f"{value} at {'>= ' if best.at_end else ''}{duration(best.tau)}"
+    return f"{value} at {duration(best.tau)}{', still falling' if best.at_end else ''}"
 
 
 def density_verdict(axis: AxisAnalysis) -> str:
     """Return what the datasheet says of the noise density; ``-`` if it says nothing."""
     found = axis.datasheet.get("density")
-    return "-" if found is None else found.verdict
+    return "-" if found is None or axis.is_constant else found.verdict
 
 
 def losses_text(analysis: Analysis) -> str:

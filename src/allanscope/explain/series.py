@@ -311,7 +311,7 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
     measured = samples[~series.bridged]
     if n == 0 or np.all(samples == samples[0]):
         value = f" at {samples[0]:.6g}" if n else ""
-        return (f"the channel is constant{value}: it carries no noise to analyse",)
+        return (f"constant{value}: no noise to measure",)
     period = _period(samples)
     if period:
         return (

@@ -107,13 +107,16 @@ def advice(unit: str, step: float = 0.0, *, constant: bool = False) -> str:
 
     Examples
     --------
+    >>> advice("dps", 0.07, constant=True)
+    "no noise to measure; choose a smaller full scale, such as 125 or 250 dps, to see the sensor's
+    own noise"
     >>> advice("g", 1e-3)
     "the noise is below half a step of 1 mg, which is no step of the sensor: use a firmware that
     sends raw counts to see the sensor's own noise"
     """
     reading = LEVEL[unit]
     size = f" of {step * reading.factor:.4g} {reading.unit}" if step else ""
-    what = "the axis is constant" if constant else f"the noise is below half a step{size}"
+    what = "no noise to measure" if constant else f"the noise is below half a step{size}"
     scales = ACCEL_SCALES if unit == "g" else GYRO_SCALES
     full_scale = full_scale_of("ax" if unit == "g" else "gx", step) if step else None
     if step and full_scale is None:
@@ -124,4 +127,4 @@ def advice(unit: str, step: float = 0.0, *, constant: bool = False) -> str:
     else:
         smaller = [f"{scale:g}" for scale in sorted(scales) if not full_scale or scale < full_scale]
         remedy = f"choose a smaller full scale, such as {' or '.join(smaller[:2])} {unit},"
-    return f"{what}: {remedy} to see the sensor's own noise"
+    return f"{what}{';' if constant else ':'} {remedy} to see the sensor's own noise"

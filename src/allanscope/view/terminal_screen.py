@@ -450,10 +450,12 @@ def _joined(parts: Sequence[Text], width: int, style: str = "") -> Text:
 
 
 def _residual(axis: AxisAnalysis) -> str:
+    if axis.is_constant:
+        return "constant"
     if axis.explanation is None:
         return "-"
     if not searched(axis.explanation):
-        return "not searched, see below"
+        return "not searched"
     after = axis.explanation.after
     text = f"{number(after.rms_percent, 2)} (expected {number(after.expected_rms_percent, 2)})"
     return text if axis.explanation.explained else f"{text}, partly unexplained"

@@ -137,13 +137,11 @@ def export_data(one: ArgumentParser) -> None:
     one.add_argument("out", help="file to write: .csv, .parquet, .yaml or .m (MATLAB)")
     one.add_argument(
         "--layout",
-        default="kalibr",
         choices=["kalibr", "openvins", "orb-slam3", "vins", "ros", "axes"],
         help="format of the .yaml; axes: every axis by itself (default kalibr)",
     )
     one.add_argument(
         "--upper-limits",
-        default="refuse",
         choices=["include", "zero", "refuse"],
         help="undetected coefficients in a .yaml or .m: write the upper limit, write 0, or write "
         "no file and name them (default)",

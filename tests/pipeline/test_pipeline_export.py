@@ -77,6 +77,25 @@ def test_an_upper_limit_is_written_only_when_asked_for(log, tmp_path, capsys, na
     assert zero == 0.0
 
 
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("log-copy.csv", ["--layout", "vins"]),
+        ("log-copy.parquet", ["--layout", "kalibr"]),
+        ("imu.m", ["--layout", "kalibr"]),
+        ("bound.yaml", ["--bound", "--layout", "kalibr"]),
+        ("log-copy.csv", ["--upper-limits", "refuse"]),
+        ("bound.yaml", ["--bound", "--upper-limits", "zero"]),
+    ],
+)
+def test_a_choice_that_would_change_nothing_is_refused(log, tmp_path, capsys, name, options):
+    assert export(log, tmp_path / name, *options) == 2
+    said = capsys.readouterr().err
+    assert options[-2] in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / name).exists()
+
+
 def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(tmp_path, capsys):
     assert export("nothing.mcap", tmp_path / "no" / "imu.yaml") == 2
     assert "cannot write" in capsys.readouterr().err

@@ -87,10 +87,10 @@ def test_an_upper_limit_is_never_written_unasked(layout):
 def test_a_limit_stands_in_for_a_walk_that_was_not_detected_when_asked_to():
     text = kalibr_yaml(AXES, RATE, upper_limits="include")
     assert numbers(text)["gyroscope_random_walk"] == pytest.approx(3e-4 * DEGREE)
-    assert "# Not detected: K on gy; its upper limit was taken there." in text
+    assert "# Not detected: K on gy; the upper limit is given instead." in text
     text = kalibr_yaml(AXES, RATE, upper_limits="zero")
     assert numbers(text)["gyroscope_random_walk"] == pytest.approx(2e-4 * DEGREE)
-    assert "# Not detected: K on gy; 0 was taken there." in text
+    assert "# Not detected: K on gy; 0 is given instead." in text
 
 
 @pytest.mark.parametrize("choice", ["refuse", "include", "zero"])

@@ -170,8 +170,8 @@ def export_recording(
     out: Path,
     device: DeviceSettings,
     quiet: bool,
-    layout: str = "kalibr",
-    upper_limits: UpperLimits = "refuse",
+    layout: str | None = None,
+    upper_limits: UpperLimits | None = None,
     bound: bool = False,
 ) -> None:
     """Write samples as CSV or Parquet, or coefficients for Kalibr, ROS, VINS or MATLAB.
@@ -180,32 +180,36 @@ def export_recording(
 
     Parameters
     ----------
-    layout : {'kalibr', 'openvins', 'orb-slam3', 'vins', 'ros', 'axes'}
-        Whose .yaml; a .m is MATLAB's.
-    upper_limits : {'refuse', 'include', 'zero'}
-        What is written for a coefficient that was not detected.
+    layout : {'kalibr', 'openvins', 'orb-slam3', 'vins', 'ros', 'axes'}, optional
+        Whose .yaml, Kalibr's by default; a .m is MATLAB's.
+    upper_limits : {'refuse', 'include', 'zero'}, optional
+        What is written for a coefficient that was not detected; refused by default.
     bound : bool
         A model above the measured curves instead of the coefficients, as .yaml.
 
     Raises
     ------
     UsageError
-        When the ending of `out` is none of .csv, .parquet, .yaml and .m; of a bound, not .yaml.
+        When the ending of `out` is none of .csv, .parquet, .yaml and .m; of a bound, not .yaml;
+        or when the file has nothing to which a choice applies.
     InputError
         When there are no samples, a sensor is missing whose coefficients are asked for, or one
         would be written of which only an upper limit is known.
     """
-    if bound:
-        if out.suffix != ".yaml":
-            raise UsageError(f"{out}: a bound is written as .yaml")
-        layout = "bound"
-    if out.suffix in (".yaml", ".m"):
-        layout = "matlab" if out.suffix == ".m" else layout
-        _export_coefficients(source, out, device, quiet, layout, upper_limits)
-        return
+    if bound and out.suffix != ".yaml":
+        raise UsageError(f"{out}: a bound is written as .yaml")
     writers = {".csv": export_csv, ".parquet": export_parquet}
-    if out.suffix not in writers:
+    if out.suffix not in (*writers, ".yaml", ".m"):
         raise UsageError(f"{out}: name a file that ends in .csv, .parquet, .yaml or .m")
+    if layout and (bound or out.suffix != ".yaml"):
+        raise UsageError(f"{out}: --layout {layout} is a format of coefficients in a .yaml")
+    if upper_limits and (bound or out.suffix in writers):
+        what = "a bound" if bound else "samples"
+        raise UsageError(f"{out}: --upper-limits is for coefficients, and this file has {what}")
+    if out.suffix not in writers:
+        layout = "bound" if bound else "matlab" if out.suffix == ".m" else layout or "kalibr"
+        _export_coefficients(source, out, device, quiet, layout, upper_limits or "refuse")
+        return
     if source.is_dir() or is_recording(source):
         device = recorded_settings(Recording(source), device)
     decoding = Decoding(device.for_wire(), device.wire)

@@ -409,9 +409,9 @@ class _Chosen:
         if self._limited:
             what = ", ".join(f"{name} on {' '.join(on)}" for name, on in self._limited.items())
             if self._upper_limits == "refuse":
-                raise NotDetected(f"not detected, only limited from above: {what}")
-            number = "its upper limit" if self._upper_limits == "include" else "0"
-            remarks.append(f"Not detected: {what}; {number} was taken there.")
+                raise NotDetected(f"not detected, only an upper limit is known: {what}")
+            number = "the upper limit" if self._upper_limits == "include" else "0"
+            remarks.append(f"Not detected: {what}; {number} is given instead.")
         return "\n".join([*(f"{comment} {text}" for text in (*about, *remarks)), *lines, ""])
 
     def _number(self, found: Coefficient) -> float:

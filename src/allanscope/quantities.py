@@ -47,6 +47,7 @@ __all__ = [
     "measured",
     "number",
     "rate",
+    "rough",
     "size",
     "symbols",
 ]
@@ -313,13 +314,28 @@ def duration(seconds: float) -> str:
     if left >= 864000:
         left = 3600 * round(left / 3600)
     parts: list[str] = []
-    for unit, length in (("d", 86400), ("h", 3600), ("min", 60), ("s", 1)):
+    for unit, length in _UNITS:
         whole, left = divmod(left, length)
         if whole or parts:
             parts.append(f"{whole} {unit}" if whole else "")
         if len(parts) == 2:
             break
     return " ".join(part for part in parts if part)
+
+
+def rough(seconds: float) -> str:
+    """Return a duration that cannot be predicted better than in one unit.
+
+    >>> rough(630.0), rough(5500.0), rough(12100.0)
+    ('10 min', '92 min', '3.4 h')
+    """
+    unit, length = next((one for one in _UNITS if seconds >= 2 * one[1]), _UNITS[-1])
+    value = seconds / length
+    decimals = 1 if length > 60 and value < 10 else 0
+    return f"{number(round(value, decimals), 2).removesuffix('.0')} {unit}"
+
+
+_UNITS = (("d", 86400), ("h", 3600), ("min", 60), ("s", 1))
 
 
 def between(lower: float, upper: float) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allanscope.analysis import verdict
-from allanscope.analysis.experiments import another_rate, next_experiments
+from allanscope.analysis.experiments import another_rate, measurements, next_experiments
 from allanscope.analysis.line_families import fold
 from allanscope.explain import Effect, Parameter
 from allanscope.noise import Coefficient
@@ -69,15 +69,47 @@ def test_what_was_replicated_and_has_no_rival_is_settled():
     assert next_experiments(with_effects(gy=[found])) == ()
 
 
-def test_a_coefficient_that_was_not_detected_takes_twice_the_time_to_know_it():
+def test_a_coefficient_that_was_not_detected_takes_the_time_that_the_verdict_says():
     analysis = with_effects()
     axis = analysis.axes["gx"]
     open_one = Coefficient(1e-6, 0.0, 4e-6, "dps/sqrt(s)", detected=False, wait_s=1000.0)
     axis = replace(axis, coefficients={**axis.coefficients, "K": open_one})
-    (told,) = next_experiments(replace(analysis, axes={**analysis.axes, "gx": axis}))
-    assert told.duration_s == pytest.approx(2 * (analysis.duration_s + 1000.0))
+    analysis = replace(analysis, axes={**analysis.axes, "gx": axis})
+    (told,) = next_experiments(analysis)
+    assert told.duration_s == pytest.approx(analysis.duration_s + 1000.0)
+    assert told.action == "record about 17 min longer, 2.3 h in all"
+    line = verdict(analysis).lines[2]
+    assert f"{line.head}: {line.text}" == (
+        "Keep recording: K to ±20 % in about 17 min (2.3 h in all)"
+    )
     assert told.is_of_noise
     assert "K of 0.43 °/h/√h" in told.expectation
+
+
+def test_one_recording_decides_a_coefficient_of_all_axes():
+    analysis = with_effects()
+    axes = dict(analysis.axes)
+    for size, (name, axis) in enumerate(axes.items(), 1):
+        unit = f"{axis.unit}/sqrt(s)"
+        late = Coefficient(1e-6, 0.0, 4e-6 * size, unit, detected=False, wait_s=100.0 * size)
+        axes[name] = replace(axis, coefficients={**axis.coefficients, "K": late})
+    (told,) = next_experiments(replace(analysis, axes=axes))
+    assert told.question == "K of all axes, not detected"
+    assert told.duration_s == pytest.approx(analysis.duration_s + 100.0 * len(axes))
+    assert "°/h/√h and " in told.expectation
+
+
+def test_a_measurement_that_decides_more_comes_first():
+    analysis = with_effects(
+        gx=[once("gauss_markov", 9.9, {"random_telegraph": 1.0})],
+        gy=[once("step", 30.0, time=40.0)],
+        gz=[once("step", 30.0, time=120.0)],
+    )
+    first, *rest = measurements(next_experiments(analysis))
+    assert "second board" in first.action
+    assert len(first.decided) == 2
+    assert rest
+    assert "seen once and 1 more: record together" in verdict(analysis).lines[2].text
 
 
 def test_the_direction_of_a_coupling_is_settled_by_a_turn_of_the_board():

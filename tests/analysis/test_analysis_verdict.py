@@ -118,7 +118,7 @@ def test_a_constant_axis_is_called_constant_and_asks_for_no_longer_recording(ana
 
 def test_the_wait_is_that_of_the_slowest_axis(analysis):
     assert heads(analysis)["Keep recording"].text == (
-        "B to ±20 % in about 7 min, K to ±20 % in about 10 h"
+        "B to ±20 % in about 7 min, K to ±20 % in about 10 h (12 h in all)"
     )
     axis = analysis.axes["gx"]
     later = {**axis.coefficients, "B": replace(axis.coefficients["B"], wait_s=7210.0)}

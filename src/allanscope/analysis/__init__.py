@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     )
     from allanscope.analysis.comparison import Comparison, ReferenceCurve, read_reference
     from allanscope.analysis.direction import Direction, Motion
+    from allanscope.analysis.experiments import measurements
     from allanscope.analysis.finding_phrases import cause_phrase, finding_phrase, share_text
     from allanscope.analysis.findings import NAMELESS, Finding, findings_of, line_of
     from allanscope.analysis.line_origin import KnownSource, LineOrigin
@@ -131,6 +132,7 @@ __all__ = [
     "loop_input",
     "losses_phrase",
     "losses_text",
+    "measurements",
     "not_measured",
     "parameter_text",
     "rate_text",
@@ -202,6 +204,7 @@ __getattr__, __dir__ = lazily(
         "loop_input": "analyser",
         "losses_phrase": "wording",
         "losses_text": "wording",
+        "measurements": "experiments",
         "not_measured": "wording",
         "parameter_text": "wording",
         "rate_text": "wording",

@@ -8,22 +8,21 @@ evidence is to be expected of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from allanscope.analysis.line_families import fold
 from allanscope.labels import kind_name
-from allanscope.quantities import COEFFICIENTS, duration, number, symbols
+from allanscope.quantities import COEFFICIENTS, LETTERS, duration, number, rough, symbols
 
 if TYPE_CHECKING:
     from allanscope.analysis.findings import Finding
     from allanscope.analysis.result import Analysis
     from allanscope.explain import Effect
-    from allanscope.noise import Coefficient
 
-__all__ = ["Experiment", "another_rate", "next_experiments"]
+__all__ = ["Experiment", "Measurement", "another_rate", "measurements", "next_experiments"]
 
 SETTLED_NATS = 10.0
 """Evidence after which a question counts as settled: odds of 20 000 to 1."""
@@ -31,10 +30,8 @@ _SHORTEST_S = 600.0
 _APART = 4.0
 """Places of a line that are fewer resolutions apart than this are one."""
 _SHOWN = 3
-_DETECTED = 2.0
-"""Length of the run over that after which a coefficient would be known to 20 %: then it is detected
-or excluded, by `benchmarks/next_experiment.py`."""
 _KNOWN = 0.2
+"""Relative error of a coefficient that counts as known."""
 _WARMING = 5.0
 """Time constants after which a warm-up is over."""
 _TURN_S, _TURN_DPS, _TILT_G = 60.0, 30.0, 0.5
@@ -59,7 +56,7 @@ class Experiment:
     expectation : str
         What is to be seen by each of the rivals.
     duration_s : float
-        How long it takes.
+        How long it takes; where the record is to be continued, with what there is.
     gain_nats : float
         Log-likelihood that is to be expected between the rivals, of which one is true.
     rate_hz : float or None
@@ -78,9 +75,13 @@ class Experiment:
 
     @property
     def words(self) -> str:
-        """Action and expectation in a phrase."""
-        gain = nats(self.gain_nats)
-        return f"{self.action}: {self.expectation}; expected log-likelihood gain {gain}"
+        """Action and outcome in a phrase."""
+        return f"{self.action}: {self.outcome}"
+
+    @property
+    def outcome(self) -> str:
+        """What is to be seen, and how much evidence that is."""
+        return f"{self.expectation}; expected log-likelihood gain {nats(self.gain_nats)}"
 
 
 def nats(gain: float) -> str:
@@ -184,40 +185,91 @@ def _hz(value: float) -> str:
 
 
 def next_experiments(analysis: Analysis) -> tuple[Experiment, ...]:
-    """Return the measurements that would decide what a result leaves open, shortest first.
+    """Return the measurements that would decide what a result leaves open.
 
-    Open are a coefficient that was not detected, an effect of which another kind would do as well
-    or that happened once, a line without a source, and a coupling without a direction.
+    That which settles most for its time comes first. Open are a coefficient that was not detected,
+    an effect of which another kind would do as well or that happened once, a line without a source,
+    and a coupling without a direction.
     """
-    length_s = analysis.duration_s
     found = [one for finding in analysis.findings for one in _of_finding(finding, analysis)]
-    late = {}
-    for axis, one in analysis.axes.items():
-        for letter, known in one.coefficients.items():
-            to_do = _of_coefficient(letter, axis, one.unit, known, length_s)
-            if to_do is not None:
-                late[axis, letter] = to_do
-    return tuple(sorted([*found, *late.values()], key=lambda one: one.duration_s))
+    noise = [_of_coefficient(letter, analysis) for letter in LETTERS]
+    return tuple(sorted([*found, *filter(None, noise)], key=_worth, reverse=True))
 
 
-def _of_coefficient(
-    letter: str, axis: str, unit: str, known: Coefficient, length_s: float
-) -> Experiment | None:
-    """Return for how long to record until a coefficient is detected, or has a lower limit."""
-    if known.detected or known.wait_s is None or not known.upper > 0:
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """An action, and all that it decides, the most worthwhile first."""
+
+    action: str
+    decided: tuple[Experiment, ...]
+
+    @property
+    def decides(self) -> str:
+        """What it decides and what is to be seen, in a phrase."""
+        first, *others = self.decided
+        text = f"decides {first.question}: {first.outcome}"
+        return f"{text}; also {', '.join(one.question for one in others)}" if others else text
+
+
+def measurements(experiments: Iterable[Experiment]) -> list[Measurement]:
+    """Return each action with all that it decides; the most evidence for its time comes first.
+
+    Examples
+    --------
+    >>> line = Experiment("the source of a line", "record 10 min at 833 Hz", "", 600.0, 150.0)
+    >>> tilt = Experiment("the direction of a coupling", "tilt the board", "", 60.0, 420.0)
+    >>> [(one.action, len(one.decided)) for one in measurements([line, line, tilt])]
+    [('tilt the board', 1), ('record 10 min at 833 Hz', 2)]
+    """
+    by_action: dict[str, list[Experiment]] = {}
+    for one in experiments:
+        by_action.setdefault(one.action, []).append(one)
+    ordered = sorted(by_action.items(), key=lambda kv: sum(map(_worth, kv[1])), reverse=True)
+    return [Measurement(action, tuple(decided)) for action, decided in ordered]
+
+
+def _worth(one: Experiment) -> float:
+    """Return evidence per second; more than settles the question is worth nothing."""
+    return min(one.gain_nats, SETTLED_NATS) / max(one.duration_s, 1.0)
+
+
+def _of_coefficient(letter: str, analysis: Analysis) -> Experiment | None:
+    """Return for how long to record until a coefficient of all axes is known, or excluded."""
+    late = {
+        name: (axis.unit, known)
+        for name, axis in analysis.axes.items()
+        if (known := axis.coefficients.get(letter)) is not None
+        and known.wait_s is not None
+        and not known.detected
+        and known.upper > 0
+    }
+    if not late:
         return None
-    lasting_s = _DETECTED * (length_s + known.wait_s)
-    reading = COEFFICIENTS[unit, letter][0]
-    size = number(reading.factor * math.sqrt(known.value * known.upper), 2)
+    sizes: dict[str, list[float]] = {}
+    for unit, known in late.values():
+        sizes.setdefault(unit, []).append(math.sqrt(known.value * known.upper))
+    spans = []
+    for unit, here in sizes.items():
+        reading = COEFFICIENTS[unit, letter][0]
+        ends = dict.fromkeys(number(reading.factor * x, 2) for x in (min(here), max(here)))
+        spans.append(f"{' to '.join(ends)} {symbols(reading.unit)}")
+    total_s = analysis.duration_s + max(known.wait_s or 0.0 for _, known in late.values())
     return Experiment(
-        question=f"{letter} of {axis}, not detected",
-        action=f"record for {duration(lasting_s)} in all",
-        expectation=f"{letter} of {size} {symbols(reading.unit)} detected, or a limit below it",
-        duration_s=lasting_s,
+        question=f"{letter} of {_named(late, analysis)}, not detected",
+        action=_record_on(total_s, analysis.duration_s),
+        expectation=f"{letter} of {' and '.join(spans)} detected, or a limit below it",
+        duration_s=total_s,
         # A power that is known to 40 % is 1 / 0.4 standard errors from none.
-        gain_nats=0.5 * _DETECTED / (2 * _KNOWN) ** 2,
+        gain_nats=0.5 / (2 * _KNOWN) ** 2,
         is_of_noise=True,
     )
+
+
+def _record_on(total_s: float, length_s: float) -> str:
+    """Return for how much longer to record, and how long that is in all."""
+    if total_s <= length_s:
+        return f"record again for {duration(length_s)}"
+    return f"record about {rough(total_s - length_s)} longer, {rough(total_s)} in all"
 
 
 def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
@@ -225,7 +277,7 @@ def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
     if finding.origin is not None and finding.origin.experiment is not None:
         return [finding.origin.experiment]
     lead = finding.members[0]
-    effect, where = lead.effect, " ".join(finding.axes)
+    effect, where = lead.effect, _named(finding.axes, analysis)
     if effect.kind == "cross_coupling" and finding.leak is None and len(finding.members) > 1:
         return [_turned(effect, lead.axis, analysis)]
     gain = effect.evidence.get("gain_nats") or 0.0
@@ -239,6 +291,11 @@ def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
     if effect.equivalent:
         return [_longer(question, effect, gain, analysis.duration_s)]
     return [_beside(question, gain, analysis.duration_s)] if effect.kind in _ONCE else []
+
+
+def _named(names: Iterable[str], analysis: Analysis) -> str:
+    names = list(names)
+    return "all axes" if len(names) == len(analysis.axes) > 1 else " ".join(names)
 
 
 def _beside(question: str, gain: float, length_s: float) -> Experiment:
@@ -301,7 +358,7 @@ def _longer(question: str, effect: Effect, gain: float, length_s: float) -> Expe
     if {effect.kind, *effect.equivalent} <= _LINES:
         return Experiment(
             question,
-            f"record for {duration(3 * length_s)}",
+            _record_on(3 * length_s, length_s),
             "one bin of the spectrum if it is a line, several if it is noise in a band",
             3 * length_s,
             gain * 2,
@@ -310,7 +367,7 @@ def _longer(question: str, effect: Effect, gain: float, length_s: float) -> Expe
     lasting_s = length_s * max(1.0, SETTLED_NATS / margin)
     return Experiment(
         question,
-        f"record for {duration(lasting_s)}",
+        _record_on(lasting_s, length_s),
         "one of them is rejected",
         lasting_s,
         margin * lasting_s / length_s,

@@ -616,6 +616,4 @@ def _worded(
     if found.known:
         names = " or ".join(one.name for one in found.known)
         text += f"; agrees with {names} (expected by chance: {number(found.known[0].by_chance, 2)})"
-    if found.experiment is not None:
-        text += f"; to decide: {found.experiment.words}"
     return replace(found, words=text, brief=brief)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from allanscope.analysis.experiments import nats
+from allanscope.analysis.experiments import measurements
 from allanscope.analysis.finding_phrases import finding_sentence, share_text, source_text
 from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.wording import (
@@ -30,6 +30,7 @@ from allanscope.quantities import (
     SENSOR_NAMES,
     duration,
     number,
+    rough,
     symbols,
 )
 
@@ -321,7 +322,7 @@ def _loss_lines(analysis: Analysis) -> list[VerdictLine]:
 
 def _next_line(analysis: Analysis, losses: Iterable[VerdictLine]) -> VerdictLine:
     """Return what to do next: repair the link, keep recording, or nothing more."""
-    line = _with_experiment(_recording_line(analysis.axes), analysis)
+    line = _with_experiment(_recording_line(analysis.axes, analysis.duration_s), analysis)
     lost = next((one for one in losses if one.grade == "bad"), None)
     if lost is None:
         return line
@@ -330,18 +331,18 @@ def _next_line(analysis: Analysis, losses: Iterable[VerdictLine]) -> VerdictLine
 
 
 def _with_experiment(line: VerdictLine, analysis: Analysis) -> VerdictLine:
-    """Return the line with the shortest experiment that settles something beyond N, B and K."""
+    """Return the line with the measurement that settles most beyond N, B and K."""
     beyond = [one for one in analysis.experiments if not one.is_of_noise]
     if not beyond:
         return line
-    first = beyond[0]
-    evidence = nats(first.gain_nats)
-    text = f"to decide {first.question}: {first.action} (expected log-likelihood gain {evidence})"
+    first = measurements(beyond)[0]
+    more = f" and {len(first.decided) - 1} more" if len(first.decided) > 1 else ""
+    text = f"to decide {first.decided[0].question}{more}: {first.action}"
     return replace(line, text=f"{line.text}; {text}")
 
 
-def _recording_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
-    """Say how much longer to record until the last axis is known, letter by letter."""
+def _recording_line(axes: Mapping[str, AxisAnalysis], length_s: float) -> VerdictLine:
+    """Say how much longer to record until the last axis is known, letter by letter; and in all."""
     waits = {}
     for letter in MAIN_LETTERS:
         here = [a.coefficients[letter] for a in axes.values() if letter in a.coefficients]
@@ -351,7 +352,8 @@ def _recording_line(axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
     if waits:
         times = [(letter, wait_text(one)) for letter, one in waits.items()]
         parts = ", ".join(f"{letter} to ±20 % in about {wait}" for letter, wait in times)
-        return VerdictLine("note", "Keep recording", parts)
+        in_all = rough(length_s + max(one.wait_s or 0.0 for one in waits.values()))
+        return VerdictLine("note", "Keep recording", f"{parts} ({in_all} in all)")
     if axes and all(axis.is_constant for axis in axes.values()):
         return VerdictLine("bad", "Check the sensor", "every axis is constant")
     axes = {name: axis for name, axis in axes.items() if not axis.is_constant}

@@ -17,6 +17,7 @@ from allanscope.quantities import (
     measured,
     number,
     rate,
+    rough,
     symbols,
 )
 from allanscope.samples import Origin
@@ -43,7 +44,6 @@ __all__ = [
 
 _EXACT_S = 1e-6
 """No clock stamps arrivals better."""
-_UNITS = (("d", 86400), ("h", 3600), ("min", 60), ("s", 1))
 _SURE = 3.0
 """A drift of fewer standard deviations is not told."""
 
@@ -76,22 +76,12 @@ def coefficient_text(axis_unit: str, name: str, coefficient: Coefficient | None)
 def wait_text(coefficient: Coefficient | None) -> str:
     """Return how much longer to run until a coefficient is known; empty when it is, or unknown.
 
-    One unit: it cannot be predicted better.
-
     >>> wait_text(Coefficient(0.0, 0.0, 12.1e-6, "g", False, wait_s=630.0))
     '10 min'
-    >>> wait_text(Coefficient(0.0, 0.0, 12.1e-6, "g", False, wait_s=5500.0))
-    '92 min'
-    >>> wait_text(Coefficient(0.0, 0.0, 12.1e-6, "g", False, wait_s=12100.0))
-    '3.4 h'
     """
     if coefficient is None or coefficient.wait_s is None:
         return ""
-    wait_s = coefficient.wait_s
-    unit, length = next((one for one in _UNITS if wait_s >= 2 * one[1]), _UNITS[-1])
-    value = wait_s / length
-    decimals = 1 if length > 60 and value < 10 else 0
-    return f"{number(round(value, decimals), 2).removesuffix('.0')} {unit}"
+    return rough(coefficient.wait_s)
 
 
 def shares_text(explanation: AxisExplanation) -> str:

@@ -19,6 +19,7 @@ from allanscope.analysis import (
     Undisturbed,
     cause_phrase,
     finding_phrase,
+    measurements,
     searched,
     share_text,
     verdict,
@@ -51,6 +52,8 @@ __all__ = ["pictures", "render", "save_pictures", "template"]
 
 _LOBES = 6.0
 """Of the transfer functions on the page: more are only black."""
+_NEXT_SHOWN = 3
+"""Next measurements that are shown unfolded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +120,8 @@ def render(
                 for one in analysis.common
             ),
         ],
-        experiments=[axis_text.Fact(one.question, one.words) for one in analysis.experiments],
+        next_first=_next(analysis)[:_NEXT_SHOWN],
+        next_rest=_next(analysis)[_NEXT_SHOWN:],
         overlays=[
             {"name": sensor, "axes": names, "svg": svgs[f"{sensor}-overlay"]}
             for unit, sensor in SENSOR_NAMES.items()
@@ -172,6 +176,11 @@ def _chain(analysis: Analysis) -> list[ChainStep]:
     part = PARTS.get(analysis.part)
     rate_hz = analysis.rate.best_hz
     return processing_chain(part, rate_hz, scales or "whole counts", history, analysis.choices)
+
+
+def _next(analysis: Analysis) -> list[axis_text.Fact]:
+    """Return the next measurements, each with what it decides."""
+    return [axis_text.Fact(one.action, one.decides) for one in measurements(analysis.experiments)]
 
 
 def _with_cause(finding: Finding) -> str:

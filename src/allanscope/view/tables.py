@@ -19,6 +19,7 @@ from allanscope.analysis import (
     finding_phrase,
     gaps_text,
     losses_text,
+    measurements,
     rate_text,
     shares_text,
     verdict,
@@ -65,6 +66,7 @@ _KEY = (
     "with letters: its components. Grey: datasheet.*"
 )
 _BEHIND = 4
+_NEXT_SHOWN = 3
 
 
 def verdict_text(analysis: Analysis) -> str:
@@ -140,7 +142,7 @@ def findings_table(analysis: Analysis) -> str:
     lines += [
         f"- **{' '.join(one.axes)}** common at {markdown(one.words)}" for one in analysis.common
     ]
-    lines += [f"- to decide {markdown(f'{e.question}: {e.words}')}" for e in analysis.experiments]
+    lines += _next(analysis)
     events = "\n".join(f"- {markdown(event.words)}" for event in analysis.events)
     events = f"### Events\n\n{events}\n\n### Effects\n\n" if events else ""
     found = (
@@ -197,6 +199,16 @@ def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
         if key not in known and value
     ]
     return _table(("", "this run"), rows)
+
+
+def _next(analysis: Analysis) -> list[str]:
+    """Return the measurements that would decide most."""
+    known = measurements(analysis.experiments)
+    more = len(known) - _NEXT_SHOWN
+    return [
+        *(f"- next: **{markdown(m.action)}** {markdown(m.decides)}" for m in known[:_NEXT_SHOWN]),
+        *([f"- {more} more measurement{'s' * (more > 1)}: see the report"] if more > 0 else []),
+    ]
 
 
 def _remarks(analysis: Analysis) -> Iterable[str]:

@@ -158,6 +158,58 @@ def test_a_dataset_and_a_table_are_mappings_of_columns():
     assert table.axes["gx"].tolist() == [1.0, 2.0]
 
 
+class Column:
+    """What a Series of pandas or polars offers; that of polars has no index."""
+
+    def __init__(self, values, name=None, **more):
+        self.values, self.name = np.asarray(values), name
+        vars(self).update(more)
+
+    def __array__(self, dtype=None, copy=None):
+        return np.asarray(self.values, dtype)
+
+    def to_numpy(self):
+        return self.values
+
+
+DATES = np.array(["2026-01-01T12:00:00.00", "2026-01-01T12:00:00.01", "2026-01-01T12:00:00.02"])
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        Column(DATES.astype("M8[ns]")),
+        Column(np.array([5000, 5010, 5020], "m8[ms]"), "since the start"),
+        Column([0, 10, 20], "t[ms]"),
+        Column([0.0, 0.01, 0.02], "time"),
+    ],
+)
+def test_an_index_of_times_is_the_time(index):
+    class Frame(dict):
+        columns = property(list)
+
+    Frame.index = index
+    frame = columns_of_table(Frame({"gx": Column([1.0, 2.0, 3.0])}), None)
+    one = columns_of_table(Column([1.0, 2.0, 3.0], "gy[mdps]", index=index), None)
+    for table in (frame, one):
+        assert table.time_s.tolist() == pytest.approx([0.0, 0.01, 0.02])
+    assert dict(one.units) == {"gy": "mdps"}
+    with_time = columns_of_table(Frame({"t": [1.0, 2.0, 3.0], "gx": [1.0, 2.0, 3.0]}), None)
+    assert with_time.time_s.tolist() == [1.0, 2.0, 3.0]  # a column goes before the index
+
+
+def test_row_numbers_are_no_time():
+    one = columns_of_table(Column([1, 2], index=Column([0, 1])), None)
+    assert one.time_s is None
+    assert list(one.axes) == ["gx"]
+    assert list(columns_of_table(Column([1, 2], "left"), ["ay"]).axes) == ["ay"]
+
+
+def test_a_column_of_dates_is_the_time():
+    table = columns_of_table({"time": DATES.astype("M8[us]"), "gx": [1, 2, 3]}, None)
+    assert table.time_s.tolist() == pytest.approx([0.0, 0.01, 0.02])
+
+
 def test_a_table_gives_the_result_of_its_arrays():
     noise = np.random.default_rng(4).normal(0.0, 0.05, 600)
 

@@ -83,8 +83,9 @@ def analyse(
         arrays: .npz, .npy, .mat, Parquet; a bag of ROS 2); a `Recording`;
         an array of shape (n,) or (n, axes), integers or floats; or a mapping of column names to
         arrays of shape (n,): t, gx gy gz, ax ay az, temp, each alone or with its unit as in
-        ``"gx[mdps]"``. A table of pandas or polars, an ``.npz`` file, and an array or a dataset of
-        xarray will do as well; those of xarray with their coordinates and ``units``.
+        ``"gx[mdps]"``. A table or a column of pandas or polars, an ``.npz`` file, and an array or
+        a dataset of xarray will do as well: an index of times is the time, the name of a column
+        that of the axis; those of xarray come with their coordinates and ``units``.
     rate : float, optional
         Nominal sample rate in Hz. Needed where neither the stream nor a column t tells it, and
         above times that disagree with it.
@@ -122,7 +123,7 @@ def analyse(
     UsageError
         For a part, a full scale, a unit or a wire format that does not exist.
     InputError
-        When a file cannot be read or holds no samples.
+        When a file cannot be read or contains no samples.
 
     Examples
     --------
@@ -182,7 +183,7 @@ def analyse_columns(
         analyser.feed(event)
     state = analyser.state
     if state is None or not state.samples:
-        raise ValueError("the arrays hold no samples; nothing to analyse")
+        raise ValueError("the arrays contain no samples; nothing to analyse")
     known = {"wire": state.info.wire, **facts, "units": words_of(columns, state.info)}
     link = LinkStats(samples=state.samples, lost_samples=state.lost)
     return summarise(analyser, link, "full", known)
@@ -254,17 +255,17 @@ def _timing(times: NDArray[np.float64] | None, given: float | None) -> _Timing:
     first = times[:LOOKED_AT]
     if rows_come_in_bursts(first) or rows_come_unevenly(first):
         mean = _without_long_gaps(times, mean)
-        words = f"the times come in bursts, {mean:.4g} rows in a second on average"
+        words = f"the times come in bursts, {mean:.4g} rows per second on average"
         if given:
             words += f": they are not used, the rate is the given {given:g} Hz"
             return _Timing(False, given, long_gaps(times, given), (words,))
-        words += ", which is taken as the rate; single losses do not show"
+        words += ", which is used as the rate; single lost samples do not show"
         return _Timing(True, float(f"{mean:.4g}"), long_gaps(times, mean), (words,))
     period = period_of(cast("Any", first))
     shown = 1.0 / period if period else mean
     if given and shown and abs(shown / given - 1.0) > AGREES:
         words = (
-            f"the times show {shown:.4g} rows in a second and not the given {given:g} Hz: "
+            f"the times show {shown:.4g} rows per second and not the given {given:g} Hz: "
             "they are not used"
         )
         return _Timing(False, given, {}, (words,))
@@ -291,8 +292,8 @@ def _scale_remarks(columns: Columns, device: DeviceSettings) -> list[str]:
         if columns.unit(axis) == "lsb" and axis not in columns.scales
     }
     return [
-        f"counts of {sensor} without a full scale: taken as {AFTER_RESET[sensor]:g} "
-        + ("dps" if sensor == "gyro" else "g")
+        f"counts of {sensor} without a full scale: {AFTER_RESET[sensor]:g} "
+        f"{'dps' if sensor == 'gyro' else 'g'} assumed"
         for sensor in counted
         if given[sensor] is None
     ]

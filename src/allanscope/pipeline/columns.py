@@ -101,7 +101,7 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None, timed: bool = 
     assumed: tuple[str, ...] = ()
     if axes is None:
         axes = _usual_axes(values, timed)
-        assumed = (f"no names: {len(axes)} columns are taken as {' '.join(axes)}",)
+        assumed = (f"no names: {len(axes)} columns, assumed to be {' '.join(axes)}",)
         assumed = assumed if len(axes) > 1 else ()
     twice = [name for i, name in enumerate(axes) if name in axes[:i]]
     if twice:
@@ -153,9 +153,12 @@ def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
 def columns_of_table(data: Any, axes: Sequence[str] | None) -> Columns:
     """Return the columns of an array or of a table, which is told by what it offers.
 
-    A table of pandas or polars has ``columns``, a mapping and an ``.npz`` file ``keys``. A dataset
-    of xarray has ``data_vars``, an array of it ``coords``: the labels of its second dimension are
-    the names of the axes, a coordinate t or time is the time, the attribute ``units`` the unit.
+    A table of pandas or polars has ``columns``, a mapping and an ``.npz`` file ``keys``; a column
+    of such a table has a ``name``, which is that of the axis. An index of times, or one that is
+    called t or time, is the time where no column is. A dataset of xarray has ``data_vars``, an
+    array of it ``coords``: the labels of its second dimension are the names of the axes, a
+    coordinate t or time is the time, the attribute ``units`` the unit. Dates count in seconds since
+    the first.
 
     Raises
     ------
@@ -178,13 +181,47 @@ def columns_of_table(data: Any, axes: Sequence[str] | None) -> Columns:
         unit = str(data.attrs.get("units", ""))
         named = {_with_unit(name, unit): values for name, values in columns}
         return columns_of_mapping(dict(_times(data)) | named)
+    if hasattr(data, "name") and hasattr(data, "to_numpy"):  # a column of pandas or polars
+        given = (axes[0] if axes else data.name) or "gx"
+        return columns_of_mapping(_with_index(data, {str(given): _values(data)}))
     if hasattr(data, "columns"):
         chosen = axes or list(data.columns)
     elif hasattr(data, "keys"):
         chosen = axes or list(data.keys())
     else:
         return columns_of_array(data, axes)
-    return columns_of_mapping({str(name): np.asarray(data[name]) for name in chosen})
+    table = dict(_in_seconds(str(name), _values(data[name])) for name in chosen)
+    return columns_of_mapping(_with_index(data, table))
+
+
+def _values(column: Any) -> NDArray[Any]:
+    """Return the values of a column of any library; dates with a zone are in UTC."""
+    values = np.asarray(getattr(column, "values", column))
+    if values.dtype.kind == "O" and hasattr(column, "to_numpy"):  # a type of pandas with gaps
+        values = column.to_numpy(dtype=float, na_value=np.nan)
+    return values
+
+
+def _in_seconds(name: str, values: NDArray[Any]) -> tuple[str, NDArray[Any]]:
+    """Return a column of dates or durations as seconds since the first, another as it is."""
+    if values.dtype.kind not in "Mm":
+        return name, values
+    return f"{name.partition('[')[0]}[s]", (values - values[:1]) / np.timedelta64(1, "s")
+
+
+def _with_index(data: Any, table: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the columns, and the index of a table of pandas in front where it is the time."""
+    index = getattr(data, "index", None)
+    names = map(column_of, table)
+    if not hasattr(index, "values") or any(one and one.quantity == "time" for one in names):
+        return table
+    values = np.asarray(index.values)
+    named = column_of(str(index.name)) if index.name is not None else None
+    if values.dtype.kind in "Mm":
+        return dict([_in_seconds("t", values)]) | table
+    if named is not None and named.quantity == "time":
+        return {str(index.name): values} | table
+    return table
 
 
 def _labelled(name: str, array: Any) -> tuple[str, NDArray[Any]]:
@@ -196,10 +233,7 @@ def _times(data: Any) -> list[tuple[str, NDArray[Any]]]:
     """Return the time of an array or dataset of xarray; dates as seconds since the first."""
     for name in ("t", "time"):
         if name in data.coords:
-            values = data.coords[name].values
-            if values.dtype.kind == "M":
-                return [("t[s]", (values - values[0]) / np.timedelta64(1, "s"))]
-            return [_labelled(name, data.coords[name])]
+            return [_in_seconds(*_labelled(name, data.coords[name]))]
     return []
 
 
@@ -239,9 +273,10 @@ def with_guesses(columns: Columns) -> Columns:
         by_gravity = unit_by_gravity(rows) if sensor == "accel" else ""
         for axis in silent:
             units[axis] = by_gravity or columns.unit(axis)
-        words = " and ".join(dict.fromkeys(units[axis] for axis in silent))
+        names = dict.fromkeys(units[axis] for axis in silent)
+        words = " and ".join("counts (lsb)" if name == "lsb" else name for name in names)
         why = ", as gravity has that size" if by_gravity else ""
-        said.append(f"the unit of {sensor} is not said: taken as {words}{why}")
+        said.append(f"no unit of {sensor} is given: {words} assumed{why}")
     return replace(columns, units=units, assumed=tuple(said))
 
 

@@ -48,7 +48,7 @@ def live(one: ArgumentParser) -> None:
         "--baud",
         type=int,
         metavar="N",
-        help="line rate of a UART (default: 115200; 1843200 with --wire sdatalog)",
+        help="baud rate of a UART (default: 115200; 1843200 with --wire sdatalog)",
     )
     one.add_argument("--resume", metavar="DIR", help="continue an interrupted session")
     _duration_argument(one)
@@ -224,7 +224,7 @@ def fleet(one: ArgumentParser) -> None:
         type=_partition,
         default=(),
         metavar="COLUMN,...",
-        help="part the table into files by these columns: part, axis, sensor_unit, unit, firmware",
+        help="partition the table by these columns: part, axis, sensor_unit, unit, firmware",
     )
     _device_arguments(one)
 
@@ -375,7 +375,7 @@ def _sensor_arguments(
 
 def _device_arguments(one: ArgumentParser) -> None:
     group = _sensor_arguments(one, "input", "detected")
-    group.description = "what the data do not say themselves"
+    group.description = "what the data do not state"
     group.add_argument(
         "--unit",
         action="append",
@@ -570,8 +570,8 @@ def _figures_argument(one: _ActionsContainer) -> None:
 def _report_arguments(one: ArgumentParser) -> None:
     group = one.add_argument_group("report")
     _figures_argument(group)
-    group.add_argument("--title", default="", metavar="TEXT", help="title")
-    group.add_argument("--operator", default="", metavar="NAME", help="who measured")
+    group.add_argument("--title", default="", metavar="TEXT", help="title of the report")
+    group.add_argument("--operator", default="", metavar="NAME", help="name of the operator")
     group.add_argument(
         "--full", action="store_true", help="open all folded sections, also in print"
     )

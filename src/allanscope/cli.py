@@ -81,7 +81,7 @@ def analyse(options: Namespace) -> int:
         if name and name != "-":
             refuse_place(Path(name))
     if not options.report and (options.title or options.operator or options.full):
-        raise UsageError("--title, --operator and --full are of the report; add --report FILE")
+        raise UsageError("--title, --operator and --full need --report FILE")
     references = _references(options)
     analysis = analyse_input(
         Path(options.input), _device_settings(options), options.quiet, _curve_choices(options)
@@ -246,7 +246,7 @@ def report(options: Namespace) -> int:
 
 
 def together(options: Namespace) -> int:
-    """Separate what boards on one bench share from the noise of each; compare their lines."""
+    """Separate common from individual noise of boards on one bench; compare their lines."""
     from allanscope.atomic_write import refuse_place, write_text
     from allanscope.pipeline import analyse_together
 
@@ -308,7 +308,7 @@ def convert(options: Namespace) -> int:
 
 
 def stability(options: Namespace) -> int:
-    """Compute one quantity of the theory: MTIE, GCODEV, degrees of freedom, power laws, ..."""
+    """Compute one quantity: power-law fit, noise type, MTIE, GCODEV, degrees of freedom, ..."""
     from allanscope.pipeline import StabilityRequest, stability_table
 
     request = StabilityRequest(
@@ -339,7 +339,7 @@ def stability(options: Namespace) -> int:
 
 
 def chart(options: Namespace) -> int:
-    """Draw what estimators pass of a spectrum, or the way of a sample to the result."""
+    """Draw transfer functions of the estimators, slopes of the noise types, or the signal path."""
     from allanscope.pipeline import draw_chart
 
     draw_chart(options.name, Path(options.out), _device_settings(options))
@@ -357,7 +357,7 @@ def ports(options: Namespace) -> int:
 
 
 def doctor(options: Namespace) -> int:
-    """Say what is wrong with this machine, and the command that fixes it."""
+    """Check this machine, and print the command that fixes what is wrong."""
     from allanscope.pipeline import checks
 
     bad = False
@@ -439,6 +439,13 @@ def _help(top: ArgumentParser) -> int:
 
 class _Parser(ArgumentParser):
     """A parser that complains in one line; those of the commands are of the same class."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse what is not known here, so that the error names the command that was called."""
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return known, unknown
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the call and where to look, as every other error is said."""

@@ -101,7 +101,7 @@ def _read(path: Path) -> dict[str, Any]:
         example = _KEYS[key][1]
         types = (int, float) if isinstance(example, float) else type(example)
         if not isinstance(value, types) or isinstance(value, bool):
-            wanted = "a text in quotes" if isinstance(example, str) else "a number"
+            wanted = "a quoted text" if isinstance(example, str) else "a number"
             raise UsageError(f"{path}: {key} must be {wanted}, e.g. {example!r}")
     if "folder" in known:
         known["folder"] = str(Path(known["folder"]).expanduser())

@@ -142,7 +142,7 @@ def test_a_step_that_hides_the_noise_gets_no_praise():
         DSM, "gx", white(1e-3), rate_hz=104.0, full_scale=2000.0, rms=0.01, step_limited=True
     )
     assert {verdict.verdict for verdict in found.values()} == {"hidden by the step"}
-    assert "describe the rounding" in found["density"].explanation
+    assert "describe quantization" in found["density"].explanation
 
 
 def test_limits_are_in_the_unit_of_the_axis_and_say_what_white_noise_they_mean():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allanscope.analysis import verdict
-from allanscope.analysis.experiments import another_rate, measurements, next_experiments
+from allanscope.analysis.experiments import _turned, another_rate, measurements, next_experiments
 from allanscope.analysis.line_families import fold
 from allanscope.explain import Effect, Parameter
 from allanscope.noise import Coefficient
@@ -119,8 +119,22 @@ def test_the_direction_of_a_coupling_is_settled_by_a_turn_of_the_board():
 
     analysis = with_effects(gx=[leak("gy")], gy=[leak("gx")])
     (told,) = next_experiments(analysis)
-    assert "turn the board about" in told.action
+    assert "turn the board about its" in told.action
     assert told.gain_nats > 1000.0
+
+
+@pytest.mark.parametrize(
+    ("source", "unit", "how", "follows"),
+    [
+        ("gy", "g/dps", "turn the board about its y axis", "ax follows gy with 570 µg/dps"),
+        ("ay", "g/g", "tilt the board along its y axis", "ax follows ay with 0.057 %"),
+    ],
+)
+def test_what_is_moved_is_the_source_of_a_coupling(source, unit, how, follows):
+    numbers = {"source": Parameter(source), "slope": Parameter(5.7e-4, 5e-4, 6e-4, unit)}
+    told = _turned(Effect("cross_coupling", numbers), "ax", with_effects())
+    assert told.action.startswith(how)
+    assert told.expectation.startswith(follows)
 
 
 def test_the_shortest_comes_first_and_into_the_verdict():

@@ -88,7 +88,7 @@ def test_a_line_is_not_traced_by_a_clock_that_is_not_known_or_steady():
         assert found.source == "unknown"
         assert found.frequency_hz is None
         assert any(one == pytest.approx(150.0, abs=0.1) for one in found.candidates_hz)
-        assert "cannot be told" in found.words
+        assert "not determined" in found.words
 
 
 def test_without_a_clock_a_line_that_leaves_the_samples_is_known_not_to_be_of_their_clock():
@@ -357,7 +357,7 @@ def replace_rows(ticks, rows):
         ((208.3, 5.0), 46.0 * 208.3 / 104.0, "locked to the sensor's clock"),
         ((107.1, 5.0), 46.0, "external, at 46 Hz"),
         ((107.1, 5.0), fold(370.0, 107.1), "external, alias of 370 Hz"),
-        ((104.0, 5.0), 46.0, "cannot be told"),
+        ((104.0, 5.0), 46.0, "not determined"),
         ((107.1, 5.0), 20.0, ""),
     ],
 )

@@ -35,6 +35,16 @@ REPLACED = {
     "nothing was heard": "no samples received",
     "lost none": "Lost samples: none",
     "no samples lost": "Lost samples: none",
+    "arrivals ±": "arrival jitter 0.31 ms",
+    "taken as lsb": "counts (lsb) assumed",
+    "searched, see below": "not searched, with the reason once",
+    "was taken there": "the upper limit is given instead",
+    "only limited from above": "only an upper limit is known",
+    "carries no noise": "constant: no noise to measure",
+    "less than its search costs": "the log-likelihood gain is below the penalty",
+    "corrected for having been detected": "size corrected for selection bias",
+    "would have been found": "detection limits: line ..., step ...",
+    "% without a name": "% in unnamed effects",
 }
 """Phrases that readers stumbled over, and what is said instead."""
 

@@ -1,4 +1,4 @@
-"""Sizes near the limit, corrected for having been detected: unbiased, and their intervals hold."""
+"""Sizes near the limit, corrected for selection bias: unbiased, and their intervals hold."""
 
 from __future__ import annotations
 

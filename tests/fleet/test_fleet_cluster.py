@@ -160,5 +160,7 @@ def test_a_recording_that_takes_more_memory_than_a_worker_may_is_named_and_the_r
         with Client(cluster, set_as_default=False) as client:
             client.wait_for_workers(1)  # a cluster that is closed meanwhile may never end
     url = str(tmp_path / "lot" / "huge.mcap")
-    assert result.failures == {url: f"{url}: its worker died repeatedly; too little memory?"}
+    assert result.failures == {
+        url: f"{url}: its worker died repeatedly, perhaps for lack of memory"
+    }
     assert (result.done, result.left) == (2, 0)

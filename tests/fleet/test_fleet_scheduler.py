@@ -73,7 +73,7 @@ def test_a_scheduler_that_dies_is_one_line_and_what_is_done_is_kept(
     said = capsys.readouterr().err.splitlines()
     assert [line for line in said if line.startswith("allanscope")] == [
         f"allanscope: the Dask scheduler disconnected; {done} done, {COUNT - done} left: "
-        "the same command goes on"
+        "repeat the command to continue"
     ]
     assert pq.read_table(out / "lot.parquet").num_rows == 6 * done
     assert os.path.getsize(out / "lot.html") > 0

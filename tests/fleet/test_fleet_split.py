@@ -115,7 +115,7 @@ def test_what_cannot_be_read_fails_once(tmp_path: Path, board: Callable[..., Pat
     path = tmp_path / "empty.mcap"
     write_recording(path, [], {"wire": "native"})
     [place] = find_inputs([str(path)])
-    assert "holds no samples" in join(first_pass(place, DEVICE, 2), [None, None], DEVICE).error
+    assert "contains no samples" in join(first_pass(place, DEVICE, 2), [None, None], DEVICE).error
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")

@@ -61,7 +61,7 @@ LIVE = ("--view", "none", "--for", "2s", "--out", "session")
 def test_a_port_that_is_not_there(complaint):
     code, line = complaint("live", "/dev/ttyNothing7", *LIVE)
     assert code == 4
-    assert "there is no port /dev/ttyNothing7" in line
+    assert "no such port /dev/ttyNothing7" in line
     assert "allanscope ports" in line
     assert "live sim" in line
 
@@ -187,7 +187,7 @@ def test_cells_that_cannot_be_read_are_told_with_their_line(complaint, tmp_path)
     (tmp_path / "cells.csv").write_text(HEADER + "\n" + "0.1,0.2,n/a,0.4\n" * 20)
     code, line = complaint("analyse", "cells.csv", "--wire", "text")
     assert code == 3
-    assert "cells.csv holds no samples" in line
+    assert "cells.csv contains no samples" in line
     assert "line 3 is not a row of the table: '0.1,0.2,n/a,0.4'" in line
 
 
@@ -253,7 +253,7 @@ def test_a_session_is_never_overwritten(complaint, tmp_path):
     (tmp_path / "session" / "session.mcap").write_bytes(b"precious")
     code, line = complaint("live", "sim", *LIVE)
     assert code == 2
-    assert "holds a session already" in line
+    assert "already contains a session" in line
     assert (tmp_path / "session" / "session.mcap").read_bytes() == b"precious"
 
 
@@ -386,7 +386,7 @@ def test_what_a_table_did_not_say_stands_in_the_result(tmp_path):
     assert [line.head for line in verdict(result).details[:3]] == ["Assumed"] * 3
     assert result.to_dict()["assumptions"] == list(result.assumptions)
     assert not set(result.assumptions) & set(result.remarks)
-    for assumed in ("3 columns are taken as gx gy gz", "taken as lsb", "taken as 250 dps"):
+    for assumed in ("3 columns, assumed to be gx gy gz", "counts (lsb) assumed", "250 dps assumed"):
         assert assumed in said
 
 

@@ -122,7 +122,7 @@ def test_a_recording_without_samples_makes_no_table(tmp_path, capsys):
     night, table = tmp_path / "night.mcap", tmp_path / "night.csv"
     assert main(["simulate", str(night), "--quiet", "--hours", "1e-7"]) == 0
     assert main(["export", str(night), str(table), "--quiet"]) == 3
-    assert "holds no samples" in capsys.readouterr().err
+    assert "contains no samples" in capsys.readouterr().err
     assert not table.exists()
 
 

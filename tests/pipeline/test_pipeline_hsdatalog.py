@@ -195,7 +195,7 @@ def test_of_two_parts_the_one_asked_for(tmp_path):
         ({"usb_dps": None}, "usb_dps is None"),
         ({"usb_dps": 481}, "counters do not go up"),
         ({"data_type": "int32"}, "not three axes of int16"),
-        ({"samples_per_ts": 9999}, "holds no whole frame"),
+        ({"samples_per_ts": 9999}, "contains no whole frame"),
     ],
 )
 def test_what_does_not_fit_is_said(tmp_path, change, message):

@@ -81,7 +81,7 @@ def test_the_settings_are_shown_as_a_file_that_can_be_read_again(settings, capsy
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("part = 3", "part must be a text in quotes"),
+        ("part = 3", "part must be a quoted text"),
         ("rate = true", "rate must be a number"),
         ("ratte = 3", "unknown setting 'ratte'"),
         ('view = "fog"', "view is 'fog'; choose auto, window, web, none"),

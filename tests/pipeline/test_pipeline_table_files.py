@@ -31,21 +31,21 @@ ACCEL = RNG.normal(0, 0.01, (N, 3)) + np.array([0.0, 0.0, 9.81])
         (
             {"t": T, "gz": GYRO[:, 2], "az[m/s^2]": ACCEL[:, 2]},
             (),
-            "gyro is not said: taken as dps",
+            "no unit of gyro is given: dps assumed",
         ),
         ({"gyro_dps": GYRO, "acc_mps2": ACCEL, "rate": 100.0}, (), ""),
         ({"gyro": GYRO, "accel": ACCEL, "mag": GYRO}, ("--rate", "100"), "left out"),
-        ({"data": np.hstack([ACCEL, GYRO])}, ("--rate", "100"), "taken as ax ay az gx gy gz"),
-        ({"data": np.column_stack([T, GYRO, ACCEL])}, (), "taken as t gx gy gz ax ay az"),
+        ({"data": np.hstack([ACCEL, GYRO])}, ("--rate", "100"), "assumed to be ax ay az gx gy gz"),
+        ({"data": np.column_stack([T, GYRO, ACCEL])}, (), "assumed to be t gx gy gz ax ay az"),
         (
             {
                 "d": np.column_stack([GYRO[:, 2], T, ACCEL[:, 2]]),
                 "columns": np.array(["gz[dps]", "t[s]", "az"]),
             },
             (),
-            "accel is not said: taken as m/s2, as gravity has that size",
+            "no unit of accel is given: m/s2 assumed, as gravity has that size",
         ),
-        ({"t": T, "data": np.hstack([GYRO, ACCEL])}, (), "taken as gx gy gz ax ay az"),
+        ({"t": T, "data": np.hstack([GYRO, ACCEL])}, (), "assumed to be gx gy gz ax ay az"),
     ],
 )
 def test_arrays_of_numpy_are_analysed(tmp_path, arrays, options, assumed):

@@ -226,7 +226,7 @@ def test_a_file_that_is_cut_keeps_the_rest_and_recording_goes_on(tmp_path: Path,
     path = tmp_path / "session.mcap"
     os.truncate(path, left if left == 0 else path.stat().st_size + left)
     recorder.rx(noise(3))
-    wait_until(lambda: "bytes off session.mcap: recording goes on in" in recorder.alarm)
+    wait_until(lambda: "bytes off session.mcap: recording continues in" in recorder.alarm)
     recorder.rx(noise(4))
     recorder.close()
     assert numbers(tmp_path / "session-001.mcap") == [3, 4]

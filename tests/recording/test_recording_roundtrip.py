@@ -192,7 +192,7 @@ def test_the_reference_reader_accepts_the_file(session: Session) -> None:
 
 
 def test_a_folder_must_hold_exactly_one_session(session: Session, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no recording"):
+    with pytest.raises(InputError, match="contains no recording"):
         Recording(tmp_path)
     session(name="a.mcap")
     assert is_recording(tmp_path)

@@ -93,5 +93,5 @@ def test_a_killed_session_goes_on_as_one(plug_in: Plug, tmp_path: Path) -> None:
 
 
 def test_there_must_be_something_to_resume(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no recording"):
+    with pytest.raises(InputError, match="contains no recording"):
         watch_in_full("sim", None, 1.0, resume=tmp_path)

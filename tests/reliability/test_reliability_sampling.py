@@ -40,7 +40,7 @@ def test_a_sensor_that_is_slower_than_its_reader_repeats_rows(tmp_path: Path) ->
         fraction = effect.parameters["fraction"]
         assert fraction.lower < expected < fraction.upper
     (told,) = [remark for remark in analysis.remarks if "repeat" in remark]
-    assert told.startswith("2.8 % of the rows repeat the row before: 50.00 rows come in a second")
+    assert told.startswith("2.8 % of the rows repeat the row before: 50.00 rows arrive per second")
     assert "only about 48.6" in told
 
 
@@ -58,7 +58,7 @@ def test_a_rate_that_the_user_gave_is_above_times_that_disagree(tmp_path: Path) 
     assert analysis.rate.best_hz == 104.0
     assert analysis.rate.measured_hz is None
     (told,) = analysis.assumptions
-    assert told.startswith("the times show 50 rows in a second and not the given 104 Hz")
+    assert told.startswith("the times show 50 rows per second and not the given 104 Hz")
     assert not [remark for remark in analysis.remarks if "repeat" in remark]
 
 
@@ -66,7 +66,7 @@ def test_a_sensor_that_is_little_faster_than_its_reader_is_skipped(tmp_path: Pat
     """Set to 52 Hz and read 50 times a second: every 26th sample is never seen."""
     analysis = polled(tmp_path / "a.csv", 52.0, 50.0, 52.0)
     (told,) = [remark for remark in analysis.remarks if "rows come" in remark]
-    assert told.startswith("50.00 rows come in a second, in step with a timer of 20 ms")
+    assert told.startswith("50.00 rows arrive per second, in step with a timer of 20 ms")
     assert "about 3.8 % of the samples of a sensor set to 52.00 Hz are never sent (skipped)" in told
 
 

@@ -148,7 +148,7 @@ def test_an_empty_file_is_told_so(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_a_session_is_told_so(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no recording"):
+    with pytest.raises(InputError, match="contains no recording"):
         open_source(str(tmp_path))
     with pytest.raises(InputError, match="Is a directory"):
         FileSource(tmp_path)
@@ -162,7 +162,7 @@ def test_a_missing_file_is_no_missing_port(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["/dev/ttyACM77", "COM77", "/dev/cu.usbmodem77"])
 def test_a_missing_port_is_no_missing_file(name: str) -> None:
-    with pytest.raises(DeviceError, match="there is no port"):
+    with pytest.raises(DeviceError, match="no such port"):
         open_source(name)
 
 

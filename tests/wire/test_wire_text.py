@@ -241,9 +241,9 @@ def _remarks(events: list[Event]) -> list[str]:
 def test_what_was_assumed_is_said() -> None:
     remarks = _remarks(_decode("1,2,3\n" * 5))
     assert remarks == [
-        "no header: 3 columns are taken as gx gy gz",
-        "the text does not say the unit of gyro: taken as lsb",
-        "counts of gyro without a full scale: taken as 250 dps",
+        "no header: 3 columns, assumed to be gx gy gz",
+        "the text gives no unit of gyro: counts (lsb) assumed",
+        "counts of gyro without a full scale: 250 dps assumed",
     ]
     assert not _remarks(_decode("gx[dps],gy[dps],gz[dps]\n" + "1,2,3\n" * 5))
 
@@ -284,7 +284,7 @@ def test_a_row_that_no_sensor_can_have_measured_is_left_out() -> None:
 def test_a_time_without_a_unit_goes_by_its_steps(step: float, unit: str, seconds: float) -> None:
     rows = "".join(f"{step * i},0.5,0.5,0.5\n" for i in range(40))
     events = _decode("t,gx[dps],gy[dps],gz[dps]\n" + rows)
-    assert _remarks(events) == [f"the text does not say the unit of its time: taken as {unit}"]
+    assert _remarks(events) == [f"the text gives no unit of time: {unit} assumed"]
     block = next(event for event in events if isinstance(event, Block))
     assert np.diff(block.ticks.device_s) == pytest.approx(np.full(39, seconds))
 
@@ -633,8 +633,8 @@ G3 = "0.5,-0.25,0.125"
 @pytest.mark.parametrize(
     ("header", "row", "said"),
     [
-        ("gx[dps],gy[dps],gz[dps]", "{n}," + G3, "taken as a row number"),
-        ("gx[dps],gy[dps],gz[dps]", "{t:.2f}," + G3, "taken as the time"),
+        ("gx[dps],gy[dps],gz[dps]", "{n}," + G3, "assumed to be a row number"),
+        ("gx[dps],gy[dps],gz[dps]", "{t:.2f}," + G3, "assumed to be the time"),
         ("t[s],gx[dps],gy[dps],gz[dps]", "{t:.2f}," + G3 + ",7", "the last cell of each row"),
         ("t[s],gx[dps],gy[dps],gz[dps],temp", "{t:.2f}," + G3, "the last name is left out"),
         ("index,t[s],gx[dps],gy[dps],gz[dps]", "{t:.2f}," + G3, "the first name is left out"),
@@ -685,9 +685,9 @@ def test_an_accelerometer_is_known_by_gravity(unit: str, names: str) -> None:
     assert block.counts[0][info.axes.index("az")] == pytest.approx(1.0, rel=0.01)
     if names != "az":
         assert block.counts[0][:3].tolist() == [0.3, 0.02, -0.1]
-    assert any(f"accel: taken as {unit}" in remark for remark in _remarks(rest))
+    assert any(f"no unit of accel: {unit} assumed" in remark for remark in _remarks(rest))
     if not names:
-        assert any("taken as ax ay az gx gy gz" in remark for remark in _remarks(rest))
+        assert any("assumed to be ax ay az gx gy gz" in remark for remark in _remarks(rest))
 
 
 def test_three_columns_of_one_g_are_an_accelerometer() -> None:
@@ -712,7 +712,9 @@ def test_sensors_that_a_header_does_not_name_are_known_by_gravity(names: str, fi
     assert info.axes == BOTH
     assert block.counts[0].tolist() == gyro + accel
     order = "gx gy gz ax ay az" if first == "gyro" else "ax ay az gx gy gz"
-    assert any(f"columns are taken as {'t ' * bool(time)}{order}" in one for one in _remarks(rest))
+    assert any(
+        f"columns, assumed to be {'t ' * bool(time)}{order}" in one for one in _remarks(rest)
+    )
 
 
 @pytest.mark.parametrize("header", ["x,y,z,x,y", "x,z,y", "x,y,z,mx,my,mz", "t,id,x,y,z"])

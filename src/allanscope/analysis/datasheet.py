@@ -84,7 +84,7 @@ def _hidden(verdict: DatasheetVerdict) -> DatasheetVerdict:
     """Return a verdict that does not credit a sensor with noise that rounding has hidden."""
     if verdict.limit is None or verdict.measured is None:
         return verdict
-    words = "the noise is below half a step, so the figures describe the rounding, not the sensor"
+    words = "the noise is below half a step: the figures describe quantization, not the sensor"
     return replace(verdict, verdict="hidden by the step", explanation=words)
 
 

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 from allanscope.analysis.line_families import fold
 from allanscope.labels import kind_name
-from allanscope.quantities import COEFFICIENTS, LETTERS, duration, number, rough, symbols
+from allanscope.quantities import COEFFICIENTS, LETTERS, duration, measured, number, rough, symbols
+from allanscope.samples import unit_of
 
 if TYPE_CHECKING:
     from allanscope.analysis.findings import Finding
@@ -315,14 +316,20 @@ def _turned(effect: Effect, axis: str, analysis: Analysis) -> Experiment:
     slope = float(effect.parameters["slope"].value)
     one = analysis.axes[axis]
     noise = one.coefficients["N"].value if "N" in one.coefficients else 0.0
-    is_gyro = one.unit == "dps"
-    rms = _TURN_DPS if is_gyro else _TILT_G
+    is_turn = unit_of(source) == "dps"
+    rms = _TURN_DPS if is_turn else _TILT_G
     gain = 0.5 * (slope * rms / noise) ** 2 * _TURN_S / 2 if noise > 0 else SETTLED_NATS
-    how = f"turn the board about {source}" if is_gyro else f"tilt the board along {source}"
+    how = f"{'turn the board about' if is_turn else 'tilt the board along'} its {source[1]} axis"
+    share = f"{one.unit}/{unit_of(source)}"
+    follows = (
+        f"{number(100 * slope, 2)} %"
+        if one.unit == unit_of(source)
+        else measured(slope, unit=share)
+    )
     return Experiment(
         f"which of {source} and {axis} couples into the other",
         f"{how} by hand, back and forth, for {duration(_TURN_S)}",
-        f"{axis} follows by {number(100 * slope, 2)} % if {source} is the source",
+        f"{axis} follows {source} with {symbols(follows)} if {source} is the source",
         _TURN_S,
         gain,
     )

@@ -50,6 +50,8 @@ PHRASES = {
 """What is said of each kind; ``event`` is when it begins and ends."""
 
 _EVENTS = frozenset({"shock", "step", "excursion", "variance_change"})
+_COUNTED = _EVENTS | {"sinusoid", "drifting_line", "band_limit", "dead_zone", "warm_up"}
+"""Kinds of which there may be several."""
 _LEAST_SHARE = 0.01
 _SHARES = frozenset({"fraction", "relative", "share"})
 _SAME = frozenset({"dps/dps", "g/g"})
@@ -115,7 +117,7 @@ def finding_phrase(finding: Finding) -> str:
     else:
         text = _phrase([one for one in effects if _is_alike(one, lead)])
         others = [kind for kind in kinds if kind != lead.kind]
-    belongs = [kind_name(kind) for kind in others]
+    belongs = [_with_article(kind) for kind in others]
     if finding.harmonics:
         orders = _listed([str(order) for order in finding.harmonics])
         belongs.append(f"harmonic{'s' * (len(finding.harmonics) > 1)} {orders}")
@@ -123,6 +125,18 @@ def finding_phrase(finding: Finding) -> str:
         belongs[-1] += f" ({_listed([str(order) for order in finding.folded])} folded)"
     belongs += _mixed(finding.mixed)
     return f"{text}, with {_listed(belongs)}" if belongs else text
+
+
+def _with_article(kind: str) -> str:
+    """Return the name of a kind as one says it of one of them: "a line", "unexplained power".
+
+    >>> _with_article("sinusoid"), _with_article("excursion"), _with_article("narrowband")
+    ('a line', 'an excursion', 'narrow-band noise')
+    """
+    name = kind_name(kind)
+    if kind not in _COUNTED:
+        return name
+    return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
 
 
 def _mixed(mixed: Sequence[str]) -> list[str]:

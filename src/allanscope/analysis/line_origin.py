@@ -596,7 +596,7 @@ def _worded(
             text = f"external, alias of {true} Hz" if is_alias else f"external, at {true} Hz"
         case "external":
             brief = "external"
-            text = "external; true frequency cannot be told from this record"
+            text = "external; true frequency not determined by this record"
         case _:
             why = (
                 "the sample rate was not measured"
@@ -605,7 +605,7 @@ def _worded(
                 if ppm
                 else "no change of the sample rate was measured"
             )
-            text = f"internal or external cannot be told from this record ({why})"
+            text = f"whether it is internal or external is not determined by this record ({why})"
     if found.attenuation is not None and found.frequency_hz is not None:
         low, high = found.attenuation
         if found.frequency_hz > rate_hz / 2:

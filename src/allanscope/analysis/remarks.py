@@ -189,13 +189,13 @@ def sampling_remarks(
         made = rate.best_hz * (1.0 - repeated)
         out.append(
             f"{number(100 * repeated, 2)} % of the rows repeat the row before: "
-            f"{number(rate.best_hz, 4)} rows come in a second, but the sensor made only about "
+            f"{number(rate.best_hz, 4)} rows arrive per second, but the sensor made only about "
             f"{number(made, 4)} samples."
         )
     if rate.measured_hz is None or not rate.nominal_hz:
         return tuple(out)
     share = rate.measured_hz / rate.nominal_hz
-    rows = f"{number(rate.measured_hz, 4)} rows come in a second"
+    rows = f"{number(rate.measured_hz, 4)} rows arrive per second"
     if share < 1.0 - OSCILLATOR:
         out.append(
             f"{rows} of a sensor set to {number(rate.nominal_hz, 4)} Hz: the reader is slower than "
@@ -349,8 +349,8 @@ def disagreement(
         )
         read = number(reading.value * usual.factor)
         return symbols(
-            f"{letter} is {read} {usual.unit} from {_how(name, reading)} and {fitted} from the "
-            f"fit: {cause}"
+            f"{letter} is {read} {usual.unit} from {_how(name, reading)} but {fitted} from the "
+            f"fit; cause: {cause}"
         )
     return None
 
@@ -431,7 +431,7 @@ def _cause(name: str, more: bool, effects: tuple[Effect, ...]) -> str:
         if found is not None and not (kind == "band_limit" and more):
             return _phrase(found)
     other = next((effect for effect in known if effect.kind not in order), None)
-    return "not explained by the model" if other is None else _phrase(other)
+    return "not identified" if other is None else _phrase(other)
 
 
 def _is_coupled_little(known: Coefficient) -> bool:
@@ -462,19 +462,19 @@ def _phrase(effect: Effect) -> str:
 
 
 _PHRASES = {
-    "gauss_markov": "the rest is Gauss-Markov noise of {correlation_time} s",
-    "power_law": "the rest is noise of density f^-{exponent}",
-    "random_telegraph": "the rest is a telegraph signal with a dwell time of {dwell} s",
+    "gauss_markov": "Gauss-Markov noise with a correlation time of {correlation_time} s",
+    "power_law": "power-law noise, f^-{exponent}",
+    "random_telegraph": "a telegraph signal with a dwell time of {dwell} s",
     "band_limit": "a low-pass at {cutoff} Hz",
-    "cross_coupling": "a coupling from {source}",
+    "cross_coupling": "cross-coupling from {source}",
     "sinusoid": "a line at {frequency} Hz",
-    "narrowband": "noise in a band at {frequency} Hz",
-    "drifting_line": "a line that drifts around {frequency} Hz",
+    "narrowband": "narrow-band noise around {frequency} Hz",
+    "drifting_line": "a drifting line around {frequency} Hz",
     "outliers": "outliers",
     "repeated_samples": "repeated samples",
     "saturation": "saturation",
     "dead_zone": "a dead zone",
     "amplitude_coupling": "noise whose amplitude follows {source}",
-    "unexplained": "an unexplained part",
+    "unexplained": "an unexplained component",
 }
 """Effects as causes; others by the name of their kind."""

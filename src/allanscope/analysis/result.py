@@ -330,7 +330,7 @@ class Analysis:
     def uncertainty(self) -> dict[str, Any]:
         """How the uncertainties of the coefficients were obtained, and what is in them."""
         rate = self.rate
-        clock = "the sample rate, which was not measured: these parts are off by up to 5 %"
+        clock = "the sample rate, which was not measured: these parts deviate by up to 5 %"
         if rate.measured_hz is not None and rate.uncertainty_ppm is not None:
             clock = f"the sample rate, known to {rate.uncertainty_ppm:.2g} ppm"
         return {

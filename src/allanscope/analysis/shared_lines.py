@@ -189,7 +189,7 @@ def _decided(matches: Sequence[_Match], chance: float, rate_hz: float) -> Shared
         if all(one.true is not None for one in near):
             words = f"external, at {text}"
             return SharedLine(best.seen_hz, "external", None, None, None, left, 0.0, chance, words)
-        words = f"cannot be told from these two recordings: the sensor's clock, or {text}"
+        words = f"not determined by these two recordings: the sensor's clock, or {text}"
         return SharedLine(best.seen_hz, "unknown", None, None, None, left, 0.0, chance, words)
     if best.true is None:
         words = "locked to the sensor's clock"

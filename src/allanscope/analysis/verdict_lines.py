@@ -298,10 +298,9 @@ def _quiet_lines(analysis: Analysis) -> list[VerdictLine]:
     quiet = analysis.undisturbed
     if quiet is None:
         return []
-    many = len(analysis.events)
     text = (
-        f"{duration(quiet.begin_s)} to {duration(quiet.end_s)}, the longest stretch without an "
-        f"event ({many} in the run); its coefficients are beside those of the whole run"
+        f"{duration(quiet.begin_s)} to {duration(quiet.end_s)}, the longest stretch without shocks "
+        "and other events; its coefficients stand below those of the whole run"
     )
     return [VerdictLine("note", "Undisturbed", text)]
 
@@ -326,7 +325,9 @@ def _next_line(analysis: Analysis, losses: Iterable[VerdictLine]) -> VerdictLine
     lost = next((one for one in losses if one.grade == "bad"), None)
     if lost is None:
         return line
-    then = f"; {line.head[:1].lower()}{line.head[1:]}: {line.text}"
+    # A longer recording with such losses may be as useless.
+    useless = not any(axis.coefficients for axis in analysis.axes.values())
+    then = "" if useless else f"; {line.head[:1].lower()}{line.head[1:]}: {line.text}"
     return VerdictLine("bad", "Check the link", f"{lost.text} of the samples lost{then}")
 
 

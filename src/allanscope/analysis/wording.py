@@ -90,14 +90,14 @@ def shares_text(explanation: AxisExplanation) -> str:
     >>> from allanscope.explain import AxisExplanation, Shares
     >>> shares_text(AxisExplanation((), None, None, {}, {}, 0.0, 0.0, True,
     ...                             shares=Shares(80.0, 0.905, 0.075, 0.02)))
-    '90.5 % named, 7.5 % without a name, 2.0 % left'
+    '90.5 % in named effects, 7.5 % in unnamed ones, 2.0 % unexplained'
     """
     shares = explanation.shares
     if shares is None or not shares.excess_nats:
         return ""
     return (
-        f"{100 * shares.named:.1f} % named, {100 * shares.nameless:.1f} % without a name, "
-        f"{100 * shares.left:.1f} % left"
+        f"{100 * shares.named:.1f} % in named effects, {100 * shares.nameless:.1f} % in unnamed "
+        f"ones, {100 * shares.left:.1f} % unexplained"
     )
 
 
@@ -148,26 +148,27 @@ def rate_text(known: Rate) -> str:
 
 
 def clock_text(known: Rate) -> str:
-    """Return how even the samples come, and how the rate moves where that is beyond doubt.
+    """Return the jitter of the arrivals, and the drift of the rate where it is significant.
 
     The times of a file may be computed: then there is nothing to say of arrivals.
 
     >>> clock_text(Rate(104.0, 107.2, 3.0, residual_s=3.1e-4))
-    'arrivals ±0.31 ms'
+    'arrival jitter 0.31 ms'
     >>> clock_text(Rate(104.0, 107.2, 3.0, residual_s=3.1e-4, drift_ppm_per_h=-41.3,
     ...     drift_uncertainty_ppm_per_h=2.0, ppm_per_degc=20.2, ppm_per_degc_uncertainty=0.3))
-    'arrivals ±0.31 ms, -41 ppm/h, +20 ppm/°C'
+    'arrival jitter 0.31 ms, rate drift -41 ppm/h, +20 ppm/°C'
     """
     parts = []
     if known.residual_s is not None and known.residual_s > _EXACT_S:
-        parts.append(f"arrivals ±{number(1e3 * known.residual_s, 2)} ms")
+        parts.append(f"arrival jitter {number(1e3 * known.residual_s, 2)} ms")
     moves = (
         (known.drift_ppm_per_h, known.drift_uncertainty_ppm_per_h, "ppm/h"),
         (known.ppm_per_degc, known.ppm_per_degc_uncertainty, "ppm/°C"),
     )
     for value, sigma, unit in moves:
         if value is not None and sigma is not None and abs(value) > _SURE * sigma:
-            parts.append(f"{'+' if value > 0 else ''}{number(value, 2)} {unit}")
+            drift = "" if len(parts) > 1 or unit != "ppm/h" else "rate drift "
+            parts.append(f"{drift}{'+' if value > 0 else ''}{number(value, 2)} {unit}")
     return ", ".join(parts)
 
 

@@ -69,7 +69,7 @@ def _superfluous(view: View, verdict: Candidate) -> str:
         return "nothing would be left to fit"
     if within_shock(view, verdict):
         return "part of a shock"
-    return "the end of a loud tone" if is_remnant(view, verdict) else ""
+    return "the end of a strong tone" if is_remnant(view, verdict) else ""
 
 
 def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:

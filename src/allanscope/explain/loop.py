@@ -449,7 +449,6 @@ def _detection_limits(view: View) -> tuple[str, ...]:
     shape = np.sin(np.pi * k / 2) ** 2 / (2 * np.sin(np.pi * k / (2 * n))) ** 2 * 2 / n
     step = 6.3 / np.sqrt(np.sum(shape / spectrum.first(view.grid.low)))
     return (
-        f"in {duration(view.series.duration_s)} a line above {line:.2g} {view.unit} (at "
-        f"{view.grid.rate_hz / 8:.3g} Hz) or a step above {step:.2g} {view.unit} would have been "
-        "found",
+        f"detection limits in {duration(view.series.duration_s)}: line {line:.2g} {view.unit} (at "
+        f"{view.grid.rate_hz / 8:.3g} Hz), step {step:.2g} {view.unit}",
     )

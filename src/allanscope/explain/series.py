@@ -216,9 +216,9 @@ def series_of(record: Record) -> Series:
         If the record has no rows, or values that are not finite.
     """
     if record.values.ndim != 2 or len(record.values) == 0:
-        raise ValueError("the record holds no rows")
+        raise ValueError("the record contains no rows")
     if not np.all(np.isfinite(record.values)):
-        raise ValueError("the record holds values that are not finite")
+        raise ValueError("the record contains values that are not finite")
     remarks: list[str] = []
     row = np.round((record.start_s - record.start_s[0]) * record.rate_hz).astype(np.int64)
     if np.any(np.diff(row) < 1):
@@ -328,15 +328,15 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
                 "for effects; find where rows are lost (logger or link); a longer run is no help",
             )
         return (
-            f"too short to search for effects: {duration(series.duration_s)} of the "
-            f"{duration(needed)} needed; run at least {missing} longer",
+            f"too short: {duration(series.duration_s)} of the {duration(needed)} needed to search "
+            f"for effects; record at least {missing} longer",
         )
     if (
         np.unique(measured[:: max(1, n // 4096)]).size < 2
         or float(np.mean(np.diff(measured) != 0)) < 1e-3
     ):
         return (
-            "fewer than one sample in a thousand changes: the step hides the noise, "
+            "fewer than one sample in a thousand changes: quantization hides the noise; "
             "choose a smaller full scale",
         )
     return ()

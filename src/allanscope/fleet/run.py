@@ -40,7 +40,7 @@ TASKS_PER_WORKER = 3
 
 LOOK_AGAIN_S = 0.5
 
-_WORKERS_DIED = "its worker died repeatedly; too little memory?"
+_WORKERS_DIED = "its worker died repeatedly, perhaps for lack of memory"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ def run_fleet(settings: FleetSettings, device: DeviceSettings) -> FleetResult:
     if queue.is_deserted:
         raise DeviceError(
             f"the Dask scheduler disconnected; {len(result.keys)} done, {result.left} left: "
-            "the same command goes on"
+            "repeat the command to continue"
         )
     return result
 

@@ -98,7 +98,7 @@ def outcome_of(
         If it held no samples.
     """
     if analyser.state is None or not analyser.state.samples:
-        raise InputError(f"{place.url} holds no samples; nothing to analyse")
+        raise InputError(f"{place.url} contains no samples; nothing to analyse")
     facts = {"name": place.name, "path": place.url, "wire": decoding.wire, "sha256": sha256}
     analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
     circumstances = _circumstances(recording, analyser, analysis)

@@ -126,7 +126,7 @@ class Ordinates:
         if table.shape[1] < SHORTEST:
             raise ValueError(f"need at least {SHORTEST} contiguous rows, got {table.shape[1]}")
         if not np.all(np.isfinite(table)):
-            raise ValueError("the rows hold values that are not finite")
+            raise ValueError("the rows contain values that are not finite")
         n = int(prev_fast_len(table.shape[1], real=True))
         # Ordinate 0 is the mean; leaving it out removes that.
         raw = np.asarray(dct(table[:, :n], type=2, norm="ortho", axis=1))[:, 1:]

@@ -337,9 +337,9 @@ def _remarks(coefficients: Mapping[str, Coefficient], fit: Fit, coarse: str) -> 
     remarks = [coarse] if coarse else []
     if coefficients["Q"].detected:
         remarks.append(
-            "a Q was found: the density rises towards high frequencies, and N from the fit is its "
-            "level below; on a rate sensor that is nearly always vibration, aliasing or a filter, "
-            "and hardly ever quantization of an angle"
+            "Q detected: the density rises towards high frequencies, and N is its level below that "
+            "rise; in a rate sensor the cause is nearly always vibration, aliasing or a filter, "
+            "hardly ever quantization of an angle"
         )
     if not fit.converged:
         remarks.append("the fit did not converge: its values are the best found")

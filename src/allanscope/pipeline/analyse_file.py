@@ -55,7 +55,7 @@ def analyse_input(
     Raises
     ------
     InputError
-        When it cannot be read, or holds no samples, or too few for any curve.
+        When it cannot be read, or contains no samples, or too few for any curve.
     UsageError
         When its sample rate cannot be known from it and was not given.
     """
@@ -73,7 +73,7 @@ def analyse_input(
     analysed(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
     if analyser.state is None or not analyser.state.samples:
         why = analyser.errors[0] if analyser.errors else "nothing to analyse"
-        raise InputError(f"{path} holds no samples; {why}")
+        raise InputError(f"{path} contains no samples; {why}")
     _refuse_without_rate(path, analyser)
     facts["wire"] = decoding.wire
     if fingerprint is not None:

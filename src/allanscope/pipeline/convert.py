@@ -110,7 +110,7 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
     Raises
     ------
     InputError
-        When it holds no samples that could be read, or is a recording already.
+        When it contains no samples that could be read, or is a recording already.
     """
     if is_table_file(source):
         _import_table(source, out, device, quiet)
@@ -122,7 +122,7 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
     for _ in events_of(source, decoding, quiet, "reading"):
         pass
     if not decoding.stats.samples:
-        raise InputError(f"{source} holds no samples; nothing to import")
+        raise InputError(f"{source} contains no samples; nothing to import")
     facts = {**device.metadata(), "name": source.name, "wire": decoding.wire}
     file = FileSource(source)
 
@@ -215,7 +215,7 @@ def export_recording(
     decoding = Decoding(device.for_wire(), device.wire)
     rates = measured_rates(events_of(source, decoding, quiet, "measuring the rate"))
     if not decoding.stats.samples:
-        raise InputError(f"{source} holds no samples; nothing to export")
+        raise InputError(f"{source} contains no samples; nothing to export")
     again = Decoding(device.for_wire(), decoding.wire)
     events = at_rates(events_of(source, again, quiet, "exporting"), rates)
     written = writers[out.suffix](events, out)

@@ -281,7 +281,7 @@ class Decoding:
                 why = why_no_rows(sample)
                 said = f"{why}; it begins {excerpt(sample, 40)}" if why else found.excerpt
                 raise InputError(
-                    f"none of the formats {', '.join(formats())} fits the received bytes: {said}"
+                    f"none of the formats {', '.join(formats())} fits the data: {said}"
                 )
         self._choose(found.name)
         assert self._decoder is not None

@@ -86,7 +86,7 @@ def _ports() -> Iterator[Check]:
         yield Check(
             "note",
             "board",
-            f"no SensorTile and no ST-LINK; there is {there}",
+            f"no SensorTile and no ST-LINK; found: {there}",
             "plug the board in; without one: allanscope live sim",
         )
     for port in ports:
@@ -101,7 +101,7 @@ def _ports() -> Iterator[Check]:
 def _reading(rate_hz: float) -> Iterator[Check]:
     """Check for how long samples wait without loss, and whether the reader may go first."""
     if not 0.0 < rate_hz < 1e9:
-        raise UsageError(f"{rate_hz:g} Hz is no sample rate")
+        raise UsageError(f"{rate_hz:g} Hz is not a sample rate")
     if not sys.platform.startswith("linux"):
         yield Check("ok", "buffers", "not checked on this system")
         return

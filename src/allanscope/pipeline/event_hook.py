@@ -80,7 +80,7 @@ class EventHook:
             self._work.put_nowait(str(notice.fields["event"]))
         except queue.Full:
             self._left_out += 1
-            self.fail("events come faster than --on-event takes them; some were not passed on")
+            self.fail("events come faster than --on-event takes them; some were dropped")
 
     def close(self) -> None:
         """Let what waits be done, for a moment; end a command that still runs."""
@@ -96,7 +96,7 @@ class EventHook:
                 try:
                     pass_on(event)
                 except Exception as error:
-                    self.fail(f"an event could not be passed on: {error}")
+                    self.fail(f"an event could not be delivered: {error}")
 
     def _write(self, event: str) -> None:
         if self._pipe is None:

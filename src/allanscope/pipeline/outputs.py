@@ -230,11 +230,11 @@ def session_folder(path: Path) -> Path:
     Raises
     ------
     UsageError
-        When it cannot be made or holds a session already: nothing is ever overwritten.
+        When it cannot be made or already contains a session: nothing is ever overwritten.
     """
     if any(path.glob("session*.mcap")):
         raise UsageError(
-            f"{path} holds a session already; choose another folder, or --resume {path}"
+            f"{path} already contains a session; choose another folder, or --resume {path}"
         )
     return made_folder(path)
 

@@ -203,7 +203,7 @@ def run_replay(
     Raises
     ------
     InputError
-        When there is no recording, or it holds no samples.
+        When there is no recording, or it contains no samples.
     """
     if is_table_file(path):
         with TemporaryDirectory(prefix="allanscope-") as temporary:
@@ -235,7 +235,7 @@ def run_replay(
 
     def finished(analysis: Analysis) -> None:
         if not analysis.samples:
-            raise InputError(f"{path} holds no samples; nothing to replay")
+            raise InputError(f"{path} contains no samples; nothing to replay")
         done(analysis)
 
     stays = settings.view == "web" or sys.stdout.isatty()
@@ -388,7 +388,7 @@ def _run(
             return
         final = leaving.finish(final)
         if stays and viewer.serves_page and not stopped.is_set():
-            terminal.line("the page of the charts stays until Ctrl-C")
+            terminal.line("the charts stay available until Ctrl-C")
         terminal.close()
         done(final)
         while stays and viewer.serves_page and not stopped.wait(_LOOK_EVERY_S):

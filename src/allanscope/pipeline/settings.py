@@ -51,7 +51,7 @@ class DeviceSettings:
         if self.rate_hz is not None and not 0.0 < self.rate_hz < 1e6:
             raise UsageError(f"a sample rate of {self.rate_hz:g} Hz is not possible")
         if self.baud is not None and self.baud <= 0:
-            raise UsageError(f"a line rate of {self.baud} baud is not possible")
+            raise UsageError(f"a baud rate of {self.baud} is not possible")
         if self.gyro_fs is not None:
             part.gyro_scale(self.gyro_fs)
         if self.accel_fs is not None:

@@ -44,7 +44,7 @@ def simulate_recording(
         When the file exists, cannot be written, or the hours make no sense.
     """
     if not 0.0 < hours < 1e5:
-        raise UsageError(f"{hours:g} hours are not a possible length")
+        raise UsageError(f"{hours:g} hours is not a possible length")
     sensor = simulator(device, simulated, hours * 3600.0)
     wire = device.simulated_wire
     with progress(hours * 3600.0, "simulating", unit="s", quiet=quiet) as advance:

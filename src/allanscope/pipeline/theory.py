@@ -412,7 +412,7 @@ def _series_of(path: Path, request: StabilityRequest) -> _Series:
                 index += event.lost or 0
                 parts.append(np.array([np.nan]))
     if info is None or not parts:
-        raise InputError(f"{path} holds no samples")
+        raise InputError(f"{path} contains no samples")
     axis = info.axes[number]
     rate_hz = clock.rate().hz or info.nominal_hz  # measured, as that of an analysis
     return _Series(_longest(path, np.concatenate(parts)), rate_hz, unit_of(axis))

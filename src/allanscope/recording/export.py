@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from allanscope.atomic_write import atomic_write
 from allanscope.errors import InputError, UsageError
+from allanscope.quantities import count
 from allanscope.samples import Block, Event, Gap, StreamInfo, unit_of
 
 __all__ = ["ExportReport", "Table", "Unit", "export_csv", "export_parquet", "tables"]
@@ -50,7 +51,7 @@ class ExportReport:
     def __str__(self) -> str:
         """Return one line for the user."""
         gaps = f", {self.gaps} gaps ({self.unknown_gaps} of unknown length)" if self.gaps else ""
-        return f"{self.out}: {self.rows} samples{gaps}"
+        return f"Saved: {self.out}: {count(self.rows)} samples{gaps}"
 
 
 @dataclass(frozen=True, slots=True)

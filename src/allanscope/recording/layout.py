@@ -94,7 +94,7 @@ def first_segment(path: Path) -> Path:
         return path / "session.mcap"
     if len(firsts) != 1:
         what = "no recording" if not firsts else f"{len(firsts)} recordings; name one of them"
-        raise InputError(f"{path} holds {what}")
+        raise InputError(f"{path} contains {what}")
     return firsts[0]
 
 

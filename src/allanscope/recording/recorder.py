@@ -5,7 +5,7 @@ writer thread takes what has come and closes an MCAP chunk twice a second, which
 killed process loses, and every few seconds waits for the disk itself, which bounds what a power cut
 loses. When the disk is full, the session goes on in memory for a while and is written as soon as
 there is room again; beyond that, reads are dropped, counted, and their numbers left out so that a
-replay knows of the gap. `alarm` says all this in one line; monitoring goes on in every case.
+replay knows of the gap. `alarm` says all this in one line; monitoring continues in every case.
 """
 
 from __future__ import annotations
@@ -238,12 +238,12 @@ class Recorder:
 
     def _refusal(self, error: OSError) -> str:
         """Return one line that changes only when something new is to be said."""
-        state = "new data are kept in memory"
+        state = "new data are held in memory"
         if self.dropped_bytes:
             state = "memory is full; new data are lost"
         return (
             f"{self.path}: not recording ({error.strerror}): {state}; free some space, "
-            "monitoring goes on"
+            "monitoring continues"
         )
 
     def _remaining(self) -> str:

@@ -173,7 +173,7 @@ class SessionWriter:
             self._rotate(truncated=True)
             self.incident = (
                 f"another program has {'cut' if added < 0 else 'added'} {abs(added)} bytes "
-                f"{'off' if added < 0 else 'to'} {name}: recording goes on in {self.path.name}"
+                f"{'off' if added < 0 else 'to'} {name}: recording continues in {self.path.name}"
             )
 
     def discard(self) -> int:

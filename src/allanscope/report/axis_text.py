@@ -200,7 +200,7 @@ def axis_facts(axis: AxisAnalysis) -> list[Fact]:
             f"; the minimum lies {between(best.tau_lower, best.tau_upper)}"
         )
         if best.at_end:
-            text += "; the curve has not clearly risen from it, so a longer run may do better"
+            text += "; no clear rise beyond it: a longer recording may go lower"
         facts.append(Fact("best averaging", text))
     for name, found in axis.datasheet.items():
         words = symbols(found.explanation)
@@ -278,7 +278,7 @@ def _evidence(effect: Effect) -> str:
         parts.append(f"held-out test: {known['held_out_design']}")
     if effect.given_detection is not None:
         corrected = parameter_text(effect.given_detection)
-        parts.append(f"near the limit; size corrected for having been detected: {corrected}")
+        parts.append(f"near the detection limit; size corrected for selection bias: {corrected}")
     match known.get("replicated"):
         case True:
             parts.append("seen in independent parts of the recording")
@@ -433,10 +433,10 @@ def _angle_example(name: str, N: float, sheet: DatasheetVerdict | None) -> str:
     )
     if sheet is not None and sheet.limit is not None:
         text += (
-            " ST's design tip DT0064 takes the density itself for the angle random walk: so read, "
+            " ST's design tip DT0064 takes the density itself for the angle random walk: then "
             f"the datasheet's {number(1e3 * sheet.limit)} mdps/√Hz are "
             f"{number(60 * sheet.limit)} °/√h, and a final angle error of "
-            f"{number(60 * sheet.limit)}° after an hour; read as one-sided, "
+            f"{number(60 * sheet.limit)}° after an hour; as a one-sided density, "
             f"{number(60 * sheet.limit / math.sqrt(2))}°."
         )
     return text

@@ -141,7 +141,7 @@ def auto_port(comports: Comports | None = None) -> PortDescription:
     if ports and ports[0].kind:
         return ports[0]
     raise DeviceError(
-        f"no board found: looked for USB {ST:04x}:{SENSORTILE:04x} (SensorTile) and "
+        f"no board found; looked for USB {ST:04x}:{SENSORTILE:04x} (SensorTile) and "
         f"{ST:04x}:{'/'.join(f'{product:04x}' for product in ST_LINKS)} (ST-LINK); "
         f"{plugged_in(ports)}; name a port, or try: allanscope live sim"
     )

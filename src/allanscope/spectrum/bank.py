@@ -82,7 +82,7 @@ class SpectrumBank:
         if values.ndim != 2 or values.shape[1] != self.axes:
             raise ValueError(f"need samples of shape (n, {self.axes}), got {values.shape}")
         if values.dtype.kind == "f" and not np.all(np.isfinite(values)):
-            raise ValueError("the samples hold values that are not finite; mark a gap instead")
+            raise ValueError("the samples contain values that are not finite; mark a gap instead")
         size = max(_SLICE // self.axes, SEGMENT)
         for first in range(0, len(values), size):
             part = values[first : first + size]

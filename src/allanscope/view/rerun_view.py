@@ -301,7 +301,7 @@ class RerunView:
                 self.viewer.close()
         if worker.error is not None:
             self.failure = (
-                f"the charts are not complete: {type(worker.error).__name__}: {worker.error}"
+                f"the charts are incomplete: {type(worker.error).__name__}: {worker.error}"
             )
         for one in kept:
             self.failure = one.ended if one.failed else self.failure

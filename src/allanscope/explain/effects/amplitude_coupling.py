@@ -80,7 +80,7 @@ class AmplitudeCoupling(EffectKind):
     is_not_gaussian = True
     excluded_by = frozenset({"quantization", "random_telegraph", "variance_change"})
     confused_with: ClassVar[Mapping[str, str]] = {
-        "variance_change": "begins and ends at an instant, whatever the other axes do",
+        "variance_change": "begins and ends abruptly, whatever the other axes do",
         "cross_coupling": "adds the other axis itself",
     }
 

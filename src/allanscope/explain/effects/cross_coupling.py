@@ -63,7 +63,7 @@ class CrossCoupling(EffectKind):
     removed: bool
 
     kind = "cross_coupling"
-    meaning = "another axis leaks in, at all frequencies alike"
+    meaning = "another axis couples in, equally at all frequencies"
     sized_by = "slope"
     located_by = "source"
     needs = frozenset({"axes"})
@@ -78,7 +78,7 @@ class CrossCoupling(EffectKind):
         leak = f"{self.source.value} couples in with {self.slope.value:.3g} {self.slope.unit}"
         if not self.is_open:
             return leak
-        leak += "; the direction cannot be told from this recording"
+        leak += "; the direction is not determined by this recording"
         return leak if self.removed else f"{leak}, and it is removed from {self.source.value} only"
 
     @property

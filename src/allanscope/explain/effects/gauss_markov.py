@@ -66,7 +66,7 @@ class GaussMarkov(EffectKind):
     resembles_bend = True
     excluded_by = frozenset({"quantization"})
     confused_with: ClassVar[Mapping[str, str]] = {
-        "random_telegraph": "same spectrum; two levels instead of a bell",
+        "random_telegraph": "same spectrum; two levels instead of a Gaussian",
         "step": "happens once",
         "band_limit": "an excess at low frequencies against a deficit at high ones",
     }

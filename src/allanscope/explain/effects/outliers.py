@@ -48,7 +48,7 @@ class Outliers(EffectKind):
     stage = 1
     is_single = True
     confused_with: ClassVar[Mapping[str, str]] = {
-        "variance_change": "crowds in one stretch",
+        "variance_change": "is confined to one stretch",
         "unexplained": "heavy tails fill the range between, outliers leave it empty",
         "step": "stays",
     }

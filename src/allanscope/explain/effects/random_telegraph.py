@@ -83,7 +83,7 @@ class RandomTelegraph(EffectKind):
     is_not_gaussian = True
     excluded_by = frozenset({"gauss_markov", "quantization"})
     confused_with: ClassVar[Mapping[str, str]] = {
-        "gauss_markov": "same spectrum; two levels instead of a bell",
+        "gauss_markov": "same spectrum; two levels instead of a Gaussian",
         "step": "fewer than eight switches, or none in half of the record, are steps",
     }
 

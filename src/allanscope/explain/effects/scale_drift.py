@@ -67,7 +67,7 @@ class ScaleDrift(EffectKind):
     is_single = True
     excluded_by = frozenset({"quantization", "saturation"})
     confused_with: ClassVar[Mapping[str, str]] = {
-        "variance_change": "begins and ends at an instant",
+        "variance_change": "begins and ends abruptly",
         "gauss_markov": "its power comes and goes at low frequencies only",
         "unexplained": "a tone that grows is in one band",
     }

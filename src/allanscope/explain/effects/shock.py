@@ -54,7 +54,7 @@ class Shock(EffectKind):
     peak: Estimate
 
     kind = "shock"
-    meaning = "a knock that rings"
+    meaning = "a mechanical shock that rings"
     stage = 0
     located_by = "time"
     shared_by = "time"
@@ -63,7 +63,7 @@ class Shock(EffectKind):
     confused_with: ClassVar[Mapping[str, str]] = {
         "outliers": "last one sample each",
         "excursion": "stays away at one level",
-        "variance_change": "is a few times louder than the rest, not ten times",
+        "variance_change": "is a few times stronger than the rest, not ten times",
     }
 
     @property

@@ -64,7 +64,7 @@ def _judged(
     """Generate the candidates that pass every gate, best first, and note why others do not."""
     for candidate in _ranked(candidates):
         if not penalty_passed(view, candidate, path.spent):
-            path.note(move, candidate, "penalty: gains less than its search costs")
+            path.note(move, candidate, "penalty: the log-likelihood gain is below the penalty")
             return
         accepted, why = judge(view, candidate)
         if accepted is None:

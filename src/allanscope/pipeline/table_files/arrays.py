@@ -69,7 +69,7 @@ def _from_npz(path: Path) -> TableFile:
     with zipfile.ZipFile(path) as archive:
         members = [one for one in archive.infolist() if one.filename.endswith(".npy")]
         if not members:
-            raise ValueError("a ZIP archive that holds no arrays of NumPy")
+            raise ValueError("a ZIP archive that contains no arrays of NumPy")
         most = min(MOST_BYTES, most_unpacked(path.stat().st_size))
         if len(members) > MOST_MEMBERS or sum(one.file_size for one in members) > most:
             raise ValueError(f"more than {MOST_MEMBERS} arrays, or more than {most} bytes of them")

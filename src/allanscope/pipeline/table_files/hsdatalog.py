@@ -104,7 +104,7 @@ def _object(path: Path) -> Mapping[str, Any]:
     except RecursionError:
         found = None
     if not isinstance(found, dict):
-        raise ValueError(f"{path.name} holds no object")
+        raise ValueError(f"{path.name} contains no object")
     return found
 
 
@@ -150,7 +150,7 @@ def _sensor(
     frame = np.dtype([("counts", "<i2", (rows, 3)), ("time_s", "<f8")])
     count = len(data) // frame.itemsize
     if not count:
-        raise ValueError(f"{file.name} holds no whole frame of {rows} samples")
+        raise ValueError(f"{file.name} contains no whole frame of {rows} samples")
     frames = data[: count * frame.itemsize].view(frame)
     known = there[: count * frame.itemsize].reshape(count, frame.itemsize)
     sound = known[:, :-_TIME].reshape(count * rows, 6).all(axis=1)

@@ -94,7 +94,7 @@ _DECAYS = 4.6
 
 @effect(
     "shock",
-    "a knock that rings",
+    "a mechanical shock that rings",
     "signal",
     duration=Parameter("s", "until it has decayed to a few percent", above=0.0),
     peak=Parameter("axis", "signed"),

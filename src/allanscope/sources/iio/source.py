@@ -136,7 +136,7 @@ class IioSource:
         Raises
         ------
         DeviceError
-            When the driver has been gone for longer than the settings allow.
+            When the driver has been disconnected for longer than the settings allow.
         """
         with self._reading:
             if self._closing.is_set():
@@ -232,10 +232,10 @@ class IioSource:
             poll.register(buffer.fd, select.POLLIN)
         found = poll.poll(WAIT_MS)
         if any(what & (select.POLLERR | select.POLLNVAL) for _, what in found):
-            raise OSError(errno.ENODEV, "the driver is gone")
+            raise OSError(errno.ENODEV, "the driver was removed")
         ready = {fd for fd, what in found if what & select.POLLIN}
         if not ready and not all(one.device.node.exists() for one in self._buffers):
-            raise OSError(errno.ENODEV, "the driver is gone")
+            raise OSError(errno.ENODEV, "the driver was removed")
         came = sum(buffer.read() for buffer in self._buffers if buffer.fd in ready)
         if found and not ready:  # the other side is closed, and says so without end
             self._closing.wait(WAIT_MS * 1e-3)
@@ -368,7 +368,9 @@ class IioSource:
         except DeviceError as error:
             if now - lost_ns > self._settings.give_up_s * 1e9:
                 gone_s = self._settings.give_up_s
-                raise DeviceError(f"{self.name} has been gone for {gone_s:g} s: {error}") from error
+                raise DeviceError(
+                    f"{self.name} has been disconnected for {gone_s:g} s: {error}"
+                ) from error
             return Chunk(now)
         self._lost_ns = None
         return Chunk(now, event="reconnected")

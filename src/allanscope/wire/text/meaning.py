@@ -192,7 +192,7 @@ class TextMeaning:
         )
         why = ", because gravity is in the first three" if turned else ""
         count = len(self._table.columns)
-        return f"{self._by_position}: {count} columns are taken as {names}{why}"
+        return f"{self._by_position}: {count} columns, assumed to be {names}{why}"
 
     def _timing(self, rows: list[Row], columns: NDArray[np.intp], remarks: list[str]) -> _Timing:
         """Return what the times are good for: a rate that the user gave has the last word."""
@@ -208,13 +208,11 @@ class TextMeaning:
         whole = [row.device_s for row in scaled if np.isfinite(np.take(row.values, columns)).all()]
         mean = mean_rate(whole)
         if rows_come_in_bursts(whole) or (len(whole) > 4 * HELD and rows_come_unevenly(whole)):
-            words = f"the times come in bursts, {mean:.4g} rows in a second on average"
+            words = f"the times come in bursts, {mean:.4g} rows per second on average"
             if given:
                 remarks.append(f"{words}: they are not used, the rate is the given {given:g} Hz")
                 return _Timing(math.nan, given)
-            remarks.append(
-                f"{words}, which is taken as the rate; single losses do not show in them"
-            )
+            remarks.append(f"{words}, which is used as the rate; single lost samples do not show")
             farthest = _FARTHEST * float(np.diff([t for t in whole if math.isfinite(t)]).max())
             return _Timing(per_second, float(f"{mean:.4g}"), farthest)
         period = period_of(whole)
@@ -222,7 +220,7 @@ class TextMeaning:
         shown = 1.0 / period if period else mean if len(whole) > 4 * HELD else 0.0
         if given and shown and abs(shown / given - 1.0) > _AGREES:
             remarks.append(
-                f"the times show {shown:.4g} rows in a second and not the given {given:g} Hz: "
+                f"the times show {shown:.4g} rows per second and not the given {given:g} Hz: "
                 "they are not used"
             )
             return _Timing(math.nan, given)
@@ -238,7 +236,7 @@ class TextMeaning:
         if _whole(times) and len(steps):
             step = float(np.median(steps))
             unit = "ms" if step < _LONGEST_MS else "us" if step < 1e3 * _LONGEST_MS else "ns"
-        remarks.append(f"the text does not say the unit of its time: taken as {unit}")
+        remarks.append(f"the text gives no unit of time: {unit} assumed")
         return DIVISORS["time"][unit]
 
     def _units(self, axes: tuple[str, ...], values: Values, remarks: list[str]) -> list[str]:
@@ -256,14 +254,13 @@ class TextMeaning:
             by_gravity = unit_by_gravity(values) if sensor == "accel" else ""
             unit = by_gravity or ("lsb" if _whole(values) else _USUAL[sensor])
             why = ", as gravity has that size" if by_gravity else ""
-            remarks.append(
-                f"the text does not say the unit of {sensor}: taken as {_spelt(unit)}{why}"
-            )
+            words = "counts (lsb)" if unit == "lsb" else _spelt(unit)
+            remarks.append(f"the text gives no unit of {sensor}: {words} assumed{why}")
         full_scale = self._settings.gyro_fs if sensor == "gyro" else self._settings.accel_fs
         if unit == "lsb" and full_scale is None:
             name = "dps" if sensor == "gyro" else "g"
             remarks.append(
-                f"counts of {sensor} without a full scale: taken as {_AFTER_RESET[sensor]:g} {name}"
+                f"counts of {sensor} without a full scale: {_AFTER_RESET[sensor]:g} {name} assumed"
             )
         return unit
 

@@ -294,7 +294,7 @@ def realigned(columns: Columns, rows: Sequence[Sequence[str]]) -> tuple[Columns,
         first = _first_cell(columns, values[:, 0])
         choices = [
             ((*columns, None), "the last cell of each row is left out"),
-            ((first, *columns), f"the first cell of each row is taken as {_name(first)}"),
+            ((first, *columns), f"the first cell of each row is assumed to be {_name(first)}"),
         ]
     else:
         choices = [

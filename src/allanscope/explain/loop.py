@@ -440,7 +440,7 @@ def _missing(view: View) -> tuple[str, ...]:
 
 
 def _detection_limits(view: View) -> tuple[str, ...]:
-    """Return what could have hidden: the sizes of a line and a step that would have been found."""
+    """Return what could have hidden: the smallest line and step that would be detected."""
     spectrum = view.spectrum
     n = view.grid.n
     top = float(spectrum.at(np.array([view.grid.rate_hz / 8]))[0])

@@ -240,8 +240,9 @@ def report(options: Namespace) -> int:
         _curve_choices(options),
         **_heading(options),
     )
-    print(page)
-    _name_outputs(options, figures)
+    if options.quiet:  # the result of the command
+        print(page)
+    _name_outputs(options, str(page), figures)
     return ExitCode.DONE
 
 

@@ -67,7 +67,7 @@ def test_a_floor_from_which_the_curve_has_not_risen_is_not_called_falling(analys
     axis = analysis.axes["gx"]
     best = replace(axis.best_averaging, at_end=True)
     text = facts(axis_text.axis_facts(replace(axis, best_averaging=best)))["best averaging"]
-    assert text.endswith("the curve has not clearly risen from it, so a longer run may do better")
+    assert text.endswith("no clear rise beyond it: a longer recording may go lower")
 
 
 def test_the_datasheet_is_explained_as_print_sets_it():

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allanscope.analysis import coefficient_text, rate_text, wait_text
+from allanscope.analysis import best_text, coefficient_text, rate_text, wait_text
 from allanscope.noise import Coefficient
 from allanscope.samples import Gap
 from allanscope.sanitize import markdown, one_line
@@ -195,3 +195,14 @@ def test_a_flood_of_gaps_is_told_once_a_second():
         "gap (link): 27 samples lost",
         "gap (link): 27 samples lost; 99 more since the last",
     ]
+
+
+def test_a_minimum_from_which_the_curve_has_not_risen_says_so():
+    axis = demo_analysis(7300.0).axes["gx"]
+    for at_end in (True, False):
+        best = replace(axis.best_averaging, at_end=at_end)
+        told = best_text(replace(axis, best_averaging=best))
+        assert told.endswith(", no rise yet") == at_end
+    curve = axis.curves["oadev"]
+    constant = {"oadev": replace(curve, deviation=0.0 * curve.deviation)}
+    assert best_text(replace(axis, curves=constant)) == "-"

@@ -194,12 +194,12 @@ def as_of_text(axes: Mapping[str, AxisAnalysis]) -> str:
 
 
 def best_text(axis: AxisAnalysis) -> str:
-    """Return the least deviation and its tau, and whether the curve is still falling there."""
+    """Return the least deviation and its tau, and whether the curve has not risen beyond it."""
     best = axis.best_averaging
     if best is None or axis.is_constant:
         return "-"
     value = number(best.deviation * DEVIATION[axis.unit].factor)
-    return f"{value} at {duration(best.tau)}{', still falling' if best.at_end else ''}"
+    return f"{value} at {duration(best.tau)}{', no rise yet' if best.at_end else ''}"
 
 
 def density_verdict(axis: AxisAnalysis) -> str:

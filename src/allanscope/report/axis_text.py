@@ -233,10 +233,10 @@ def zero_g(analysis: Analysis) -> Fact | None:
         return None
     away = 1e3 * (math.hypot(*means) - 1.0)
     text = (
-        f"{number(away)} mg away from 1 g: offsets and scale errors of the three axes together, "
-        "which only several positions can tell apart"
+        f"the mean vector is {number(away)} mg away from 1 g: offset and scale errors of the three "
+        "axes together; several positions separate them"
     )
-    return Fact("zero-g level", f"length of the mean vector is {text}")
+    return Fact("zero-g level", text)
 
 
 def effect_words(effect: Effect) -> EffectText:
@@ -436,7 +436,7 @@ def _angle_example(name: str, N: float, sheet: DatasheetVerdict | None) -> str:
             " ST's design tip DT0064 takes the density itself for the angle random walk: then "
             f"the datasheet's {number(1e3 * sheet.limit)} mdps/√Hz are "
             f"{number(60 * sheet.limit)} °/√h, and a final angle error of "
-            f"{number(60 * sheet.limit)}° after an hour; as a one-sided density, "
+            f"{number(60 * sheet.limit)}° after an hour; read as one-sided, "
             f"{number(60 * sheet.limit / math.sqrt(2))}°."
         )
     return text

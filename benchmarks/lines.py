@@ -19,7 +19,7 @@ import numpy as np
 from figures import Figure
 
 from allanscope.analysis.line_origin import origin_of, wander_of
-from allanscope.analysis.shared_lines import SeenLines, lines_in_both
+from allanscope.analysis.shared_lines import RecordedLines, lines_in_both
 from allanscope.clock import Clock
 from allanscope.simulator import AxisTruth, Simulator, Truth
 
@@ -102,7 +102,7 @@ def two_records(seed: int, boards: bool) -> tuple[str, str, bool]:
         )
         _, clock, line = record(sensor)
         ppm = max(clock.rate().uncertainty_ppm or 0.0, CRYSTAL_PPM if boards else 0.0)
-        seen.append(SeenLines(clock.rate().hz, ppm, [line]))
+        seen.append(RecordedLines(clock.rate().hz, ppm, [line]))
     found = lines_in_both(*seen)
     if not found:
         return kind, "unknown", False

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from figures import Figure
-from lines import SeenLines, lines_in_both, record, truth
+from lines import RecordedLines, lines_in_both, record, truth
 
 from allanscope import analyse
 from allanscope.analysis.line_origin import origin_of
@@ -76,7 +76,7 @@ def line(seed: int) -> Iterator[bool]:
             rate=rate, seed=seed, run=number, truth=truth(at, 0.0, is_internal, 0.0), axes=("gx",)
         )
         values, clock, where = record(sensor)
-        seen.append(SeenLines(clock.rate().hz, clock.rate().uncertainty_ppm or 0.0, [where]))
+        seen.append(RecordedLines(clock.rate().hz, clock.rate().uncertainty_ppm or 0.0, [where]))
         if advised is None:
             numbers = np.arange(len(values), dtype=float)
             offered = PARTS["LSM6DSM"].rates_hz

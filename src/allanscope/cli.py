@@ -86,9 +86,9 @@ def analyse(options: Namespace) -> int:
     analysis = analyse_input(
         Path(options.input), _device_settings(options), options.quiet, _curve_choices(options)
     )
-    from allanscope.analysis import compared
+    from allanscope.analysis import with_comparison
 
-    analysis = compared(analysis, references)
+    analysis = with_comparison(analysis, references)
     # The numbers first: whatever drawing may run into, they are there.
     if options.json == "-":
         _print_json(analysis, True)
@@ -180,7 +180,7 @@ def recover(options: Namespace) -> int:
 def check(options: Namespace) -> int:
     """Compare a recording's coefficients with the limits of a specification."""
     from allanscope.atomic_write import refuse_place, write_text
-    from allanscope.pipeline import check_against, failure, to_json, to_junit
+    from allanscope.pipeline import check_against, check_failure, to_json, to_junit
 
     asked = Path(options.recording), Path(options.against)
     for name in (options.junit, options.json):
@@ -195,7 +195,7 @@ def check(options: Namespace) -> int:
         print("\n".join(str(verdict) for verdict in verdicts))
     if options.json and options.json != "-":
         write_text(Path(options.json), to_json(verdicts, *asked))
-    failed = failure(verdicts)
+    failed = check_failure(verdicts)
     if failed is not None:
         raise failed
     return ExitCode.DONE
@@ -359,10 +359,10 @@ def ports(options: Namespace) -> int:
 
 def doctor(options: Namespace) -> int:
     """Check this machine, and print the command that fixes what is wrong."""
-    from allanscope.pipeline import checks
+    from allanscope.pipeline import machine_checks
 
     bad = False
-    for one in checks(Path(options.folder), options.rate):
+    for one in machine_checks(Path(options.folder), options.rate):
         print(sanitize(str(one), keep="\n"), flush=True)
         bad = bad or one.grade == "bad"
     return ExitCode.CHECK_FAILED if bad else ExitCode.DONE

@@ -12,7 +12,7 @@ from allanscope.analysis import Analyser, AnalyserSettings, cause_phrase, summar
 from allanscope.analysis.direction import motion_of_burst, motion_of_line, motion_of_step
 from allanscope.analysis.line_families import fold
 from allanscope.analysis.line_origin import origin_of, reduced, wander_of
-from allanscope.analysis.shared_lines import SeenLines, lines_in_both
+from allanscope.analysis.shared_lines import RecordedLines, lines_in_both
 from allanscope.clock import Clock
 from allanscope.samples import Gap, Ticks
 from allanscope.simulator import AxisTruth, Simulator, Truth
@@ -362,16 +362,16 @@ def replace_rows(ticks, rows):
     ],
 )
 def test_two_rates_or_boards_decide(second, line, words):
-    one = SeenLines(104.0, 5.0, [(46.0, 45.9995, 46.0005)])
-    other = SeenLines(*second, [(line, line - 5e-4, line + 5e-4)])
+    one = RecordedLines(104.0, 5.0, [(46.0, 45.9995, 46.0005)])
+    other = RecordedLines(*second, [(line, line - 5e-4, line + 5e-4)])
     found = lines_in_both(one, other)
     assert bool(found) == bool(words)
     assert not found or found[0].words.startswith(words)
 
 
 def test_a_vague_line_agrees_with_anything_and_decides_nothing():
-    one = SeenLines(104.0, 5.0, [(46.0, 45.0, 47.0)])
-    assert lines_in_both(one, SeenLines(107.1, 5.0, [(20.0, 19.0, 21.0)])) == ()
+    one = RecordedLines(104.0, 5.0, [(46.0, 45.0, 47.0)])
+    assert lines_in_both(one, RecordedLines(107.1, 5.0, [(20.0, 19.0, 21.0)])) == ()
 
 
 def test_one_arrival_far_off_is_no_wander_of_the_clock():

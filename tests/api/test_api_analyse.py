@@ -205,7 +205,7 @@ def test_a_temperature_may_be_missing_for_a_while():
         (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx"]}, "1 axis names do not fit"),
         (small(6).reshape(2, 3), {"rate": 1.0, "axes": ["gx", "gx", "gy"]}, "gx appears twice"),
         (small(8).reshape(2, 2, 2), {"rate": 1.0}, r"not \(2, 2, 2\)"),
-        (small(0), {"rate": 1.0}, "hold no samples"),
+        (small(0), {"rate": 1.0}, "contain no samples"),
         ({"gx": [0.0, np.inf]}, {"rate": 1.0}, "sample 1 of gx is inf"),
         (np.ma.masked_greater(small(), 0.1), {"rate": 1.0}, "gx has masked samples"),
         ({"gx": ["a"]}, {"rate": 1.0}, "column gx must hold integers or floats"),

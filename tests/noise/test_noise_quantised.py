@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from allanscope.noise import advice, find_step, fit_array
+from allanscope.noise import find_step, fit_array, resolution_advice
 from allanscope.noise.quantised import on_lattice
 
 
@@ -32,13 +32,15 @@ def rounded(sigma, mean, n=20_000, seed=1):
     ],
 )
 def test_advice_helps_against_the_step_there_is(unit, step, words):
-    assert words in advice(unit, step)
-    assert advice(unit, step).endswith("the sensor's own noise")
+    assert words in resolution_advice(unit, step)
+    assert resolution_advice(unit, step).endswith("the sensor's own noise")
 
 
 def test_a_constant_axis_is_not_called_quiet():
-    assert advice("dps", 0.07, constant=True).startswith("no noise to measure; choose a smaller")
-    assert "raw counts" in advice("g", 1e-3, constant=True)
+    assert resolution_advice("dps", 0.07, constant=True).startswith(
+        "no noise to measure; choose a smaller"
+    )
+    assert "raw counts" in resolution_advice("g", 1e-3, constant=True)
 
 
 @pytest.mark.parametrize("mean", [0.0, 0.25, 0.5])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from allanscope.allan import AllanBank
-from allanscope.analysis import Analysis, ModelCurve, ReferenceCurve, compared
+from allanscope.analysis import Analysis, ModelCurve, ReferenceCurve, with_comparison
 from allanscope.quantities import DENSITY, DEVIATION
 from allanscope.view.chart import HEIGHT, WIDTH, Chart, Linear, Log
 from allanscope.view.chart_builder import ChartBuilder
@@ -146,7 +146,7 @@ def test_an_earlier_session_is_drawn_where_it_was_with_its_name(analysis):
     earlier = ReferenceCurve("first", gx.curves["oadev"].tau, 2.0 * gx.curves["oadev"].deviation)
     wall = Wall()
     charts = ChartBuilder(wall.log)
-    charts.paint(compared(analysis, {"gx": earlier}))
+    charts.paint(with_comparison(analysis, {"gx": earlier}))
     assert "/gy/allan/earlier" not in wall.drawings
     drawing = wall.drawings["/gx/allan/earlier"]
     assert [text for _, text, _ in drawing.words] == ["first"]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from allanscope.analysis.direction import Direction, Motion
     from allanscope.analysis.experiments import measurements
     from allanscope.analysis.finding_phrases import cause_phrase, finding_phrase, share_text
-    from allanscope.analysis.findings import NAMELESS, Finding, findings_of, line_of
+    from allanscope.analysis.findings import UNEXPLAINED, Finding, findings_of, line_of
     from allanscope.analysis.line_origin import KnownSource, LineOrigin
     from allanscope.analysis.result import (
         SCHEMA,
@@ -44,11 +44,11 @@ if TYPE_CHECKING:
         Reading,
         event_dict,
     )
-    from allanscope.analysis.shared_lines import SeenLines, SharedLine, lines_in_both
-    from allanscope.analysis.summary import Depth, compared, search_processes, summarise
+    from allanscope.analysis.shared_lines import RecordedLines, SharedLine, lines_in_both
+    from allanscope.analysis.summary import Depth, search_processes, summarise, with_comparison
     from allanscope.analysis.together import (
         Aligned,
-        Own,
+        IndividualNoise,
         Separation,
         aligned,
         separated,
@@ -59,8 +59,8 @@ if TYPE_CHECKING:
         Grade,
         Verdict,
         VerdictLine,
-        searched,
         verdict,
+        was_searched,
     )
     from allanscope.analysis.wording import (
         as_of_text,
@@ -74,16 +74,16 @@ if TYPE_CHECKING:
         gaps_text,
         losses_phrase,
         losses_text,
-        not_measured,
         parameter_text,
         rate_text,
         shares_text,
+        simulation_notice,
         wait_text,
     )
 
 __all__ = [
-    "NAMELESS",
     "SCHEMA",
+    "UNEXPLAINED",
     "Aligned",
     "Analyser",
     "AnalyserSettings",
@@ -95,17 +95,17 @@ __all__ = [
     "Direction",
     "Finding",
     "Grade",
+    "IndividualNoise",
     "KnownSource",
     "Level",
     "LineOrigin",
     "LoopInput",
     "ModelCurve",
     "Motion",
-    "Own",
     "Rate",
     "Reading",
+    "RecordedLines",
     "ReferenceCurve",
-    "SeenLines",
     "Separation",
     "SharedLine",
     "StreamState",
@@ -119,7 +119,6 @@ __all__ = [
     "clock_text",
     "coefficient_text",
     "coefficient_unit",
-    "compared",
     "density_verdict",
     "effect_brief",
     "effect_text",
@@ -133,19 +132,20 @@ __all__ = [
     "losses_phrase",
     "losses_text",
     "measurements",
-    "not_measured",
     "parameter_text",
     "rate_text",
     "read_reference",
     "search_processes",
-    "searched",
     "separated",
     "share_text",
     "shares_text",
+    "simulation_notice",
     "summarise",
     "units_apart",
     "verdict",
     "wait_text",
+    "was_searched",
+    "with_comparison",
 ]
 
 __getattr__, __dir__ = lazily(
@@ -154,12 +154,12 @@ __getattr__, __dir__ = lazily(
         "line_of": "findings",
         "lines_in_both": "shared_lines",
         "SharedLine": "shared_lines",
-        "SeenLines": "shared_lines",
+        "RecordedLines": "shared_lines",
         "separated": "together",
         "units_apart": "together",
         "aligned": "together",
         "Separation": "together",
-        "Own": "together",
+        "IndividualNoise": "together",
         "Aligned": "together",
         "Analyser": "analyser",
         "AnalyserSettings": "analyser",
@@ -169,7 +169,7 @@ __getattr__, __dir__ = lazily(
         "Comparison": "comparison",
         "Depth": "summary",
         "ReferenceCurve": "comparison",
-        "compared": "summary",
+        "with_comparison": "summary",
         "read_reference": "comparison",
         "Finding": "findings",
         "Grade": "verdict_lines",
@@ -181,7 +181,7 @@ __getattr__, __dir__ = lazily(
         "KnownSource": "line_origin",
         "LineOrigin": "line_origin",
         "cause_phrase": "finding_phrases",
-        "NAMELESS": "findings",
+        "UNEXPLAINED": "findings",
         "Rate": "result",
         "Reading": "result",
         "SCHEMA": "result",
@@ -205,12 +205,12 @@ __getattr__, __dir__ = lazily(
         "losses_phrase": "wording",
         "losses_text": "wording",
         "measurements": "experiments",
-        "not_measured": "wording",
+        "simulation_notice": "wording",
         "parameter_text": "wording",
         "rate_text": "wording",
         "shares_text": "wording",
         "Undisturbed": "undisturbed",
-        "searched": "verdict_lines",
+        "was_searched": "verdict_lines",
         "search_processes": "summary",
         "summarise": "summary",
         "verdict": "verdict_lines",

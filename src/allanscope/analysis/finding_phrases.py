@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
-from allanscope.analysis.findings import NAMELESS, Finding, event_times
+from allanscope.analysis.findings import UNEXPLAINED, Finding, event_times
 from allanscope.explain import Effect, Parameter
 from allanscope.labels import kind_name
 from allanscope.quantities import DEVIATION, LEVEL, duration, measured, number, symbols
@@ -158,7 +158,7 @@ def _mixed(mixed: Sequence[str]) -> list[str]:
 def _phrase(effects: Sequence[Effect]) -> str:
     """Return what is said of effects of one kind on several axes, the leading one first."""
     lead = effects[0]
-    if lead.kind == NAMELESS:
+    if lead.kind == UNEXPLAINED:
         return _own_words(lead)
     template = PHRASES.get(lead.kind)
     if template is None or not all(_is_known(name, lead) for name in _FIELD.findall(template)):
@@ -173,7 +173,7 @@ def _own_words(effect: Effect) -> str:
         return symbols(re.sub(r" \([^()]*\)$", "", words))
     ends = [effect.parameters.get(f"frequency_{end}") for end in ("low", "high")]
     low, high = (one and _frequency(one) for one in ends)
-    return f"unexplained power between {_span(low, high, ' and ')}" if low and high else NAMELESS
+    return f"unexplained power between {_span(low, high, ' and ')}" if low and high else UNEXPLAINED
 
 
 def _is_alike(effect: Effect, lead: Effect) -> bool:

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from allanscope.analysis.direction import Motion
     from allanscope.analysis.line_origin import LineOrigin
 
-__all__ = ["NAMELESS", "Finding", "Member", "event_times", "findings_of", "line_of"]
+__all__ = ["UNEXPLAINED", "Finding", "Member", "event_times", "findings_of", "line_of"]
 
-NAMELESS = "unexplained"
+UNEXPLAINED = "unexplained"
 """Kind of what was measured and located, and has no name."""
 
 _WIDER = 2.0
@@ -176,11 +176,11 @@ def _with_families(
 
 def _order(finding: Finding) -> tuple[bool, float, float]:
     share = 0.0 if math.isnan(finding.share) else finding.share
-    return finding.kind == NAMELESS, -share, -finding.gain_nats
+    return finding.kind == UNEXPLAINED, -share, -finding.gain_nats
 
 
 def _finding(members: list[Member], axes: list[str], excess: Mapping[str, float]) -> Finding:
-    members = sorted(members, key=lambda one: (one.effect.kind == NAMELESS, -_gain(one.effect)))
+    members = sorted(members, key=lambda one: (one.effect.kind == UNEXPLAINED, -_gain(one.effect)))
     lines = [one for one in members if _frequency(one.effect) is not None]
     orders: set[int] = set()
     if len(lines) == len(members):

@@ -27,7 +27,7 @@ from allanscope.analysis.result import AxisAnalysis, ModelCurve, Rate, Reading
 from allanscope.clock import DISAGREEMENT
 from allanscope.explain import Effect
 from allanscope.labels import kind_name
-from allanscope.noise import Coefficient, advice
+from allanscope.noise import Coefficient, resolution_advice
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES
 from allanscope.quantities import COEFFICIENTS, GRAVITY, duration, number, symbols
 from allanscope.samples import unit_of
@@ -59,7 +59,7 @@ def axis_remarks(state: StreamState, column: int) -> tuple[str, ...]:
     if state.samples and state.lowest[column] == state.highest[column]:
         unit = unit_of(state.info.axes[column])
         step = state.info.scale[column] if state.counted else 0.0
-        words = advice(unit, step, constant=True)
+        words = resolution_advice(unit, step, constant=True)
         held = "counts" if state.counted else unit
         out.append(f"constant at {state.lowest[column]:g} {held}: {words}")
     if state.saturated[column]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from allanscope.analysis.line_families import fold
 from allanscope.quantities import TWO_SIDED_95, number
 
-__all__ = ["SeenLines", "SharedLine", "lines_in_both"]
+__all__ = ["RecordedLines", "SharedLine", "lines_in_both"]
 
 _FOLDS = 12
 """Highest multiple of the sample rate about which a line is looked for."""
@@ -29,7 +29,7 @@ _CHANCE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class SeenLines:
+class RecordedLines:
     """The lines of one recording.
 
     Attributes
@@ -78,18 +78,18 @@ class SharedLine:
     words: str
 
 
-def lines_in_both(first: SeenLines, second: SeenLines) -> tuple[SharedLine, ...]:
+def lines_in_both(first: RecordedLines, second: RecordedLines) -> tuple[SharedLine, ...]:
     """Return the lines of the first recording that the second has as well.
 
     Parameters
     ----------
-    first, second : SeenLines
+    first, second : RecordedLines
         At rates that differ: two settings, or two boards.
 
     Examples
     --------
-    >>> slow = SeenLines(104.0, 5.0, [(46.0, 45.999, 46.001)])
-    >>> fast = SeenLines(208.3, 5.0, [(58.3, 58.299, 58.301)])
+    >>> slow = RecordedLines(104.0, 5.0, [(46.0, 45.999, 46.001)])
+    >>> fast = RecordedLines(208.3, 5.0, [(58.3, 58.299, 58.301)])
     >>> print(lines_in_both(slow, fast)[0].words)
     external, alias of 150 Hz
     """
@@ -130,8 +130,8 @@ class _Match:
 def _matches(
     line: tuple[float, float, float],
     other: tuple[float, float, float],
-    first: SeenLines,
-    second: SeenLines,
+    first: RecordedLines,
+    second: RecordedLines,
 ) -> list[_Match]:
     """Return the hypotheses that agree within the errors."""
     seen = line[0], other[0]
@@ -163,7 +163,7 @@ def _error(line: tuple[float, float, float]) -> float:
 
 
 def _by_chance(
-    line: tuple[float, float, float], turns: int, first: SeenLines, second: SeenLines
+    line: tuple[float, float, float], turns: int, first: RecordedLines, second: RecordedLines
 ) -> float:
     """Return how many agreements are to be expected of this hypothesis and of simpler ones."""
     ppm = 1e-6 * math.hypot(first.rate_ppm, second.rate_ppm)

@@ -54,7 +54,7 @@ from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
 from allanscope.worker_process import WorkerProcess
 
-__all__ = ["Depth", "compared", "search_processes", "summarise"]
+__all__ = ["Depth", "search_processes", "summarise", "with_comparison"]
 
 Depth = Literal["live", "full"]
 """``live`` is what a refresh can afford; ``full`` runs every estimator and closes the loop."""
@@ -151,7 +151,7 @@ def summarise(
         origin=state.info.origin,
         choices=settings.curves,
     )
-    found = compared(found, settings.references)
+    found = with_comparison(found, settings.references)
     if depth != "full":
         return found
     found = replace(found, traces=_traces(found, state, given))
@@ -167,7 +167,7 @@ def _dynamic(state: StreamState, rate_hz: float) -> DynamicDeviation | None:
     return found if found.deviation.size else None
 
 
-def compared(analysis: Analysis, references: Mapping[str, ReferenceCurve]) -> Analysis:
+def with_comparison(analysis: Analysis, references: Mapping[str, ReferenceCurve]) -> Analysis:
     """Return the result with each axis compared with its reference, as far as it has one."""
     axes = {
         name: replace(axis, comparison=compare_curve(axis.curves["oadev"], references[name]))

@@ -27,7 +27,7 @@ from allanscope.allan import deviation
 from allanscope.analysis.result import Analysis
 from allanscope.quantities import MAD_TO_SIGMA
 
-__all__ = ["Aligned", "Own", "Separation", "aligned", "separated", "units_apart"]
+__all__ = ["Aligned", "IndividualNoise", "Separation", "aligned", "separated", "units_apart"]
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class Aligned:
 
 
 @dataclass(frozen=True, slots=True)
-class Own:
+class IndividualNoise:
     """The Allan deviation of one board without what all boards share.
 
     Attributes
@@ -103,13 +103,13 @@ class Separation:
         Averaging times in s.
     common : ndarray, shape (k,)
         Allan deviation of what all share; NaN where it is lost in the noise.
-    own : tuple of Own
+    own : tuple of IndividualNoise
         Of each board; of two boards the same mean of both.
     """
 
     tau: Array
     common: Array
-    own: tuple[Own, ...]
+    own: tuple[IndividualNoise, ...]
 
     @property
     def is_individual(self) -> bool:
@@ -341,7 +341,7 @@ def separated(values: Array, rate_hz: float) -> Separation:
             ]
         ).reshape(-1, 2)
         curves.append(
-            Own(
+            IndividualNoise(
                 deviation=gains[i] * _root(own[i, known]),
                 lower=gains[i] * limits[:, 0],
                 upper=gains[i] * limits[:, 1],

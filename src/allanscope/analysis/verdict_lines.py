@@ -17,7 +17,7 @@ from allanscope.analysis.result import Analysis, AxisAnalysis
 from allanscope.analysis.wording import (
     effect_brief,
     losses_text,
-    not_measured,
+    simulation_notice,
     wait_text,
 )
 from allanscope.explain import AxisExplanation
@@ -34,7 +34,7 @@ from allanscope.quantities import (
     symbols,
 )
 
-__all__ = ["Grade", "Verdict", "VerdictLine", "searched", "verdict"]
+__all__ = ["Grade", "Verdict", "VerdictLine", "verdict", "was_searched"]
 
 Grade = Literal["good", "bad", "note"]
 
@@ -99,7 +99,7 @@ def verdict(analysis: Analysis) -> Verdict:
     if failed:
         title.append("the analysis of an axis failed")
     bad = any(line.grade == "bad" for line in (noise, effects, *losses, *failed))
-    simulated = not_measured(analysis.origin)
+    simulated = simulation_notice(analysis.origin)
     return Verdict(
         grade="bad" if bad else noise.grade,
         title="; ".join(f"{one[:1].lower()}{one[1:]}" if i else one for i, one in enumerate(title)),
@@ -109,7 +109,7 @@ def verdict(analysis: Analysis) -> Verdict:
     )
 
 
-def searched(explanation: AxisExplanation) -> bool:
+def was_searched(explanation: AxisExplanation) -> bool:
     """Return whether the loop could look at the axis at all; its remarks say why not."""
     return math.isfinite(explanation.before.chi2_per_dof)
 
@@ -210,10 +210,10 @@ def _effect_line(analysis: Analysis) -> VerdictLine:
     """Say what was found beyond the noise model, at most three, and whether that explains it."""
     axes = analysis.axes
     looked = _looked(axes)
-    open_axes = {name: one for name, one in looked.items() if searched(one)}
+    open_axes = {name: one for name, one in looked.items() if was_searched(one)}
     if not open_axes:
-        why = dict.fromkeys(one.remarks[0] for one in looked.values() if one.remarks)
-        text = "; ".join(why) or "too early"
+        reasons = dict.fromkeys(one.remarks[0] for one in looked.values() if one.remarks)
+        text = "; ".join(reasons) or "too early"
         return VerdictLine("note", f"Effects not searched{'' if looked else ' yet'}", text)
     found = analysis.findings
     texts = [
@@ -268,7 +268,7 @@ def _search_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     reasons: dict[str, list[str]] = {}
     looked = _looked(axes)
     for name, one in looked.items():
-        if not searched(one) and not axes[name].is_constant:
+        if not was_searched(one) and not axes[name].is_constant:
             for remark in one.remarks[:1]:
                 reasons.setdefault(remark, []).append(name)
     if sum(map(len, reasons.values())) == len(looked):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from allanscope.analysis.findings import NAMELESS
+from allanscope.analysis.findings import UNEXPLAINED
 from allanscope.analysis.result import Analysis, AxisAnalysis, Rate
 from allanscope.explain import AxisExplanation, Effect, Parameter
 from allanscope.labels import kind_name
@@ -34,10 +34,10 @@ __all__ = [
     "gaps_text",
     "losses_phrase",
     "losses_text",
-    "not_measured",
     "parameter_text",
     "rate_text",
     "shares_text",
+    "simulation_notice",
     "wait_text",
 ]
 
@@ -107,8 +107,8 @@ def effect_text(effect: Effect, intervals: bool = True) -> str:
     >>> effect_text(Effect("sinusoid", {"frequency": Parameter(50.02, 50.0, 50.04, "Hz")}))
     'line: frequency 50.020 [50.000, 50.040] Hz'
     """
-    if effect.kind == NAMELESS and effect.evidence.get("words"):
-        return symbols(f"{NAMELESS}: {effect.evidence['words']}")
+    if effect.kind == UNEXPLAINED and effect.evidence.get("words"):
+        return symbols(f"{UNEXPLAINED}: {effect.evidence['words']}")
     parameters = ", ".join(
         f"{name.replace('_', ' ')} {parameter_text(value, intervals)}"
         for name, value in effect.parameters.items()
@@ -234,12 +234,12 @@ def gaps_text(segments: int) -> str:
     return f"{gaps or 'no'} gap{'s' * (gaps != 1)}"
 
 
-def not_measured(origin: Origin) -> tuple[str, str] | None:
+def simulation_notice(origin: Origin) -> tuple[str, str] | None:
     """Return what stands above every result whose samples no part measured, and why; else None.
 
-    >>> not_measured("synthetic")
+    >>> simulation_notice("synthetic")
     ('Simulated data', 'a program computed the samples; no part was measured')
-    >>> not_measured("measured") is None
+    >>> simulation_notice("measured") is None
     True
     """
     match origin:

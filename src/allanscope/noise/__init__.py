@@ -43,7 +43,7 @@ if TYPE_CHECKING:
         model_of,
         power_laws_of,
     )
-    from allanscope.noise.quantised import advice, find_step
+    from allanscope.noise.quantised import find_step, resolution_advice
     from allanscope.noise.white_level import add_coupled, total_white
 
 __all__ = [
@@ -58,7 +58,6 @@ __all__ = [
     "NoiseModel",
     "Uncertainty",
     "add_coupled",
-    "advice",
     "bound_model",
     "deviation_covariance",
     "find_best_averaging",
@@ -72,6 +71,7 @@ __all__ = [
     "model_of",
     "power_laws_of",
     "relative_bounds",
+    "resolution_advice",
     "total_white",
     "wait_until",
 ]
@@ -91,7 +91,7 @@ __getattr__, __dir__ = lazily(
         "NoiseModel": "model",
         "Uncertainty": "coefficients",
         "add_coupled": "white_level",
-        "advice": "quantised",
+        "resolution_advice": "quantised",
         "deviation_covariance": "covariance",
         "find_best_averaging": "coefficients",
         "find_step": "quantised",

@@ -32,7 +32,7 @@ from allanscope.noise.grid import Ranges
 from allanscope.noise.likelihood import Fit, Likelihood
 from allanscope.noise.model import NoiseModel
 from allanscope.noise.part import Part as PartOfModel
-from allanscope.noise.quantised import LIMIT, advice, on_lattice
+from allanscope.noise.quantised import LIMIT, on_lattice, resolution_advice
 from allanscope.noise.remainder import with_remainder
 from allanscope.noise.selection import select, textbook
 from allanscope.noise.whiteness import Bands, whitened
@@ -297,7 +297,7 @@ def _fit(
         fit=fit,
         bands=whitened(evidence, fit.expected),
         step_limited=limited,
-        remarks=_remarks(coefficients, fit, advice(unit, lsb or 0.0) if limited else ""),
+        remarks=_remarks(coefficients, fit, resolution_advice(unit, lsb or 0.0) if limited else ""),
     )
 
 

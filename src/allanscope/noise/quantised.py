@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES, full_scale_of
 from allanscope.quantities import LEVEL
 
-__all__ = ["LIMIT", "advice", "find_step", "on_lattice"]
+__all__ = ["LIMIT", "find_step", "on_lattice", "resolution_advice"]
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def _some(values: Array) -> Array:
     return np.concatenate([block[: _LOOKED_AT // 16] for block in blocks])
 
 
-def advice(unit: str, step: float = 0.0, *, constant: bool = False) -> str:
+def resolution_advice(unit: str, step: float = 0.0, *, constant: bool = False) -> str:
     """Return what to do about a step that is too coarse, in one sentence.
 
     Parameters
@@ -107,10 +107,10 @@ def advice(unit: str, step: float = 0.0, *, constant: bool = False) -> str:
 
     Examples
     --------
-    >>> advice("dps", 0.07, constant=True)
+    >>> resolution_advice("dps", 0.07, constant=True)
     "no noise to measure; choose a smaller full scale, such as 125 or 250 dps, to see the sensor's
     own noise"
-    >>> advice("g", 1e-3)
+    >>> resolution_advice("g", 1e-3)
     "the noise is below half a step of 1 mg, which is no step of the sensor: use a firmware that
     sends raw counts to see the sensor's own noise"
     """

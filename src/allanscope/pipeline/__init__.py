@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from allanscope.pipeline.check import (
         Limits,
         check_against,
-        failure,
+        check_failure,
         read_limits,
         to_json,
         to_junit,
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
         Decoding,
     )
     from allanscope.pipeline.doctor import (
-        checks,
+        machine_checks,
     )
     from allanscope.pipeline.live_session import LiveSession, live
     from allanscope.pipeline.outputs import (
@@ -103,15 +103,15 @@ __all__ = [
     "analyse_input",
     "analyse_together",
     "check_against",
-    "checks",
+    "check_failure",
     "convert_table",
     "draw_chart",
     "export_recording",
-    "failure",
     "full_settings",
     "import_capture",
     "is_table_file",
     "live",
+    "machine_checks",
     "open_charts",
     "open_stream",
     "read_limits",
@@ -151,9 +151,9 @@ __getattr__, __dir__ = lazily(
         "analyse_together": "together",
         "Limits": "check",
         "check_against": "check",
-        "checks": "doctor",
+        "machine_checks": "doctor",
         "export_recording": "convert",
-        "failure": "check",
+        "check_failure": "check",
         "full_settings": "analyse_file",
         "import_capture": "convert",
         "is_table_file": "table_files",

@@ -34,8 +34,8 @@ __all__ = [
     "Limits",
     "Verdict",
     "check_against",
+    "check_failure",
     "compare",
-    "failure",
     "read_limits",
     "to_json",
     "to_junit",
@@ -125,7 +125,7 @@ def compare(analysis: Analysis, limits: Limits) -> list[Verdict]:
     ]
 
 
-def failure(verdicts: list[Verdict]) -> CheckFailed | None:
+def check_failure(verdicts: list[Verdict]) -> CheckFailed | None:
     """Return the error of a check that missed limits, None when all are met."""
     missed = [v for v in verdicts if not v.passed]
     if not missed:

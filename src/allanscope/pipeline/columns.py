@@ -211,7 +211,7 @@ def _in_seconds(name: str, values: NDArray[Any]) -> tuple[str, NDArray[Any]]:
 
 def _with_index(data: Any, table: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return the columns, and the index of a table of pandas in front where it is the time."""
-    index = getattr(data, "index", None)
+    index: Any = getattr(data, "index", None)
     names = map(column_of, table)
     if not hasattr(index, "values") or any(one and one.quantity == "time" for one in names):
         return table

@@ -20,7 +20,7 @@ from allanscope.quantities import duration
 from allanscope.sources import buffers, find_ports, may_run_in_real_time
 from allanscope.view import has_display
 
-__all__ = ["Check", "checks"]
+__all__ = ["Check", "machine_checks"]
 
 _ENOUGH_BYTES = 2_000_000_000
 """Two days at the highest rate, with the charts."""
@@ -58,7 +58,7 @@ class Check:
         return f"{line}\n      -> {self.remedy}" if self.remedy else line
 
 
-def checks(folder: Path, rate_hz: float) -> Iterator[Check]:
+def machine_checks(folder: Path, rate_hz: float) -> Iterator[Check]:
     """Yield what was seen of ports, viewer, compiled code and disk, one after the other.
 
     Parameters

@@ -25,8 +25,8 @@ from allanscope.analysis import (
     Analyser,
     AnalyserSettings,
     Analysis,
-    compared,
     search_processes,
+    with_comparison,
 )
 from allanscope.errors import AllanscopeError, DeviceError, InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input, recorded_facts, recorded_settings
@@ -268,7 +268,9 @@ def _analyser_settings(device: DeviceSettings, settings: SessionSettings) -> Ana
 def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettings) -> Analysis:
     """Return the result of a recording, without a screen: the fast way, on two cores."""
     curves = CurveChoices(window_s=settings.window_s)
-    final = compared(analyse_input(path, device, settings.quiet, curves), settings.references)
+    final = with_comparison(
+        analyse_input(path, device, settings.quiet, curves), settings.references
+    )
     terminal = TerminalView("quiet" if settings.quiet else "plain")
     terminal.snapshot(final)
     terminal.close()

@@ -19,7 +19,7 @@ import numpy as np
 from allanscope.analysis import (
     Aligned,
     Analysis,
-    SeenLines,
+    RecordedLines,
     Separation,
     SharedLine,
     line_of,
@@ -147,7 +147,7 @@ def analyse_together(paths: Sequence[Path], device: DeviceSettings, quiet: bool 
     return Together(names, clock, axes, lines, (*(remarks if unmeasured else []), *why))
 
 
-def _seen(one: Analysis) -> SeenLines | None:
+def _seen(one: Analysis) -> RecordedLines | None:
     """Return the lines of a result; None where its rate was not measured."""
     ppm = one.rate.uncertainty_ppm
     if ppm is None:
@@ -155,7 +155,7 @@ def _seen(one: Analysis) -> SeenLines | None:
     lines = [line_of(finding.members[0].effect) for finding in one.findings]
     by_device = _CRYSTAL_PPM if one.rate.source == "device" else 0.0
     found = [line[:3] for line in lines if line is not None]
-    return SeenLines(one.rate.best_hz, math.hypot(ppm, by_device), found)
+    return RecordedLines(one.rate.best_hz, math.hypot(ppm, by_device), found)
 
 
 def _table(axis: str, one: Separation) -> list[str]:

@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 from allanscope.allan import CurveChoices, DynamicDeviation, variance_name
 from allanscope.analysis import (
-    NAMELESS,
+    UNEXPLAINED,
     Analysis,
     AxisAnalysis,
     Level,
@@ -18,8 +18,8 @@ from allanscope.analysis import (
     gaps_text,
     losses_text,
     parameter_text,
-    searched,
     shares_text,
+    was_searched,
 )
 from allanscope.explain import AxisExplanation, Effect
 from allanscope.labels import EXCESS, HELD_OUT, MODEL_ERRORS, kind_name
@@ -242,11 +242,11 @@ def zero_g(analysis: Analysis) -> Fact | None:
 def effect_words(effect: Effect) -> EffectText:
     """Return one effect in words, with the evidence."""
     # What has no name says in its own words where it is; its parameters say less.
-    shown = {} if effect.kind == NAMELESS and effect.evidence.get("words") else effect.parameters
+    shown = {} if effect.kind == UNEXPLAINED and effect.evidence.get("words") else effect.parameters
     parameters = ", ".join(
         f"{name.replace('_', ' ')} {parameter_text(one)}" for name, one in shown.items()
     )
-    kind = effect.kind if effect.kind == NAMELESS else kind_name(effect.kind)
+    kind = effect.kind if effect.kind == UNEXPLAINED else kind_name(effect.kind)
     if len(effect.axes) > 1:
         kind += f" (the same on {' '.join(effect.axes)})"
     equivalent = ", ".join(map(kind_name, effect.equivalent))
@@ -313,7 +313,7 @@ def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
 
 def conclusion(explanation: AxisExplanation) -> list[str]:
     """Return the outcome of the loop on one axis, and its remarks."""
-    if not searched(explanation):
+    if not was_searched(explanation):
         return [f"Not searched: {remark}." for remark in explanation.remarks]
     last = (
         "The residual is consistent with sampling error."

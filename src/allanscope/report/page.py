@@ -20,9 +20,9 @@ from allanscope.analysis import (
     cause_phrase,
     finding_phrase,
     measurements,
-    searched,
     share_text,
     verdict,
+    was_searched,
 )
 from allanscope.parts import PARTS
 from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, duration, symbols
@@ -230,7 +230,7 @@ def _axis(name: str, axis: AxisAnalysis, svgs: Mapping[str, str], choices: Curve
         facts=axis_text.axis_facts(axis),
         looked=loop is not None,
         effects=[axis_text.effect_words(effect) for effect in loop.own_effects] if loop else [],
-        errors=axis_text.error_rows(loop) if loop and searched(loop) else [],
+        errors=axis_text.error_rows(loop) if loop and was_searched(loop) else [],
         conclusion=axis_text.conclusion(loop) if loop else [],
         search=axis_text.search_rows(loop) if loop else [],
         deviation_svg=svgs[f"{name}-deviation"],
@@ -321,7 +321,7 @@ def _of_axis(name: str, axis: AxisAnalysis, analysis: Analysis) -> dict[str, Pic
     found = {"deviation": deviation_picture(name, axis, choices)}
     if choices.kinds or choices.variance:
         found["estimators"] = estimators_picture(name, axis, choices)
-    if axis.explanation is not None and searched(axis.explanation):
+    if axis.explanation is not None and was_searched(axis.explanation):
         found["residual"] = residual_picture(name, axis)
     if axis.density is not None:
         found["density"] = density_picture(name, axis)

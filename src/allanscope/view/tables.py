@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from allanscope.analysis import (
-    NAMELESS,
+    UNEXPLAINED,
     Analysis,
     AxisAnalysis,
     Undisturbed,
@@ -135,7 +135,7 @@ def findings_table(analysis: Analysis) -> str:
                 f"    - **{one.axis}** {_mark(effect_text(one.effect))}" for one in finding.members
             ]
         words = first.effect.evidence.get("words")
-        if words and first.effect.kind != NAMELESS:
+        if words and first.effect.kind != UNEXPLAINED:
             lines.append(f"    - {markdown(words)}")
         if cause := cause_phrase(finding):
             lines.append(f"    - {markdown(cause)}")

@@ -19,7 +19,7 @@ from rich.live import Live
 from rich.segment import ControlType
 from rich.text import Text
 
-from allanscope.analysis import Analysis, not_measured
+from allanscope.analysis import Analysis, simulation_notice
 from allanscope.quantities import duration
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.sanitize import one_line
@@ -108,7 +108,7 @@ class TerminalView:
         rate = f"{info.nominal_hz:g} Hz" if info.nominal_hz else "rate unknown"
         facts = (info.part, info.wire, rate, " ".join(info.axes))
         self.line(f"receiving: {', '.join(fact for fact in facts if fact)}")
-        simulated = not_measured(info.origin)
+        simulated = simulation_notice(info.origin)
         if simulated is not None:
             self.line(": ".join(simulated), "error")
 

@@ -41,10 +41,10 @@ from allanscope.analysis import (
     coefficient_unit,
     density_verdict,
     losses_phrase,
-    not_measured,
     rate_text,
-    searched,
+    simulation_notice,
     verdict,
+    was_searched,
 )
 from allanscope.labels import DATASHEET, MINIMUM, MODEL_ERRORS
 from allanscope.noise import Coefficient
@@ -454,7 +454,7 @@ def _residual(axis: AxisAnalysis) -> str:
         return "constant"
     if axis.explanation is None:
         return "-"
-    if not searched(axis.explanation):
+    if not was_searched(axis.explanation):
         return "not searched"
     after = axis.explanation.after
     text = f"{number(after.rms_percent, 2)} (expected {number(after.expected_rms_percent, 2)})"
@@ -483,7 +483,7 @@ def status_line(analysis: Analysis) -> str:
         ]
         if known:
             parts.append(f"N {' '.join(known)} {symbols(reading.unit)}")
-    simulated = not_measured(analysis.origin)
+    simulated = simulation_notice(analysis.origin)
     if simulated is not None:
         parts.append(simulated[0].lower())
     return ", ".join(parts)

@@ -11,6 +11,7 @@ import pytest
 from allanscope import analyse
 from allanscope.analysis import finding_phrase, findings_of, verdict
 from allanscope.analysis.finding_phrases import PHRASES, finding_sentence
+from allanscope.analysis.findings import Finding, Member
 from allanscope.explain import Effect, Parameter
 from allanscope.explain.effects import KINDS, VOCABULARY
 from allanscope.report import render
@@ -194,6 +195,21 @@ def test_couplings_are_one_by_their_source_or_by_each_other():
 
     assert sizes({"gx": [leak("ax")], "gy": [leak("ax")], "gz": [leak("ay")]}) == [2, 1]
     assert sizes({"gx": [leak("gy")], "gy": [leak("gx")]}) == [2]
+
+
+@pytest.mark.parametrize(
+    ("sources", "said"),
+    [
+        ("ay", "cross-coupling from ay, 30 %"),
+        ("ay az", "cross-coupling from ay and az, 30 %"),
+        ("ay az gx", "mutual cross-coupling"),
+    ],
+)
+def test_many_couplings_are_one_word(sources, said):
+    slope = (0.3, 0.01, "g/g")
+    couplings = [effect("cross_coupling", "source", source=s, slope=slope) for s in sources.split()]
+    members = tuple(Member("ax", i, one) for i, one in enumerate(couplings))
+    assert finding_phrase(Finding("cross_coupling", ("ax",), members, 10.0)) == said
 
 
 def test_what_is_of_the_stream_is_no_finding_of_an_axis():

@@ -451,7 +451,7 @@ def test_the_page_tells_it_all_and_fetches_nothing(lot: Lot) -> None:
         "temperature (°C)",
     ):
         assert text in page
-    verdicts = ("not found again", "found again, of", "replicated")
+    verdicts = ("not found again", "found again with", "replicated")
     order = [page.index(f"<td>{text}") for text in verdicts]
     assert order == sorted(order)
     assert "&lt;b&gt;.mcap" in page

@@ -57,6 +57,8 @@ _SHARES = frozenset({"fraction", "relative", "share"})
 _SAME = frozenset({"dps/dps", "g/g"})
 """Units of a share of another axis of the same sensor."""
 _FIELD = re.compile(r"\{(\w+)\}")
+_FEW_SOURCES = 2
+"""Axes that couple into others and are still listed, with their slopes."""
 _LARGE = 100.0
 """Micro-g from which milli-g are read more easily."""
 
@@ -160,10 +162,16 @@ def _phrase(effects: Sequence[Effect]) -> str:
     lead = effects[0]
     if lead.kind == UNEXPLAINED:
         return _own_words(lead)
+    if lead.kind == "cross_coupling" and len(_sources(effects)) > _FEW_SOURCES:
+        return "mutual cross-coupling"
     template = PHRASES.get(lead.kind)
     if template is None or not all(_is_known(name, lead) for name in _FIELD.findall(template)):
         return lead.brief or kind_name(lead.kind)
     return _FIELD.sub(lambda field: _filled(field[1], effects), template)
+
+
+def _sources(effects: Sequence[Effect]) -> set[object]:
+    return {effect.parameters["source"].value for effect in effects}
 
 
 def _own_words(effect: Effect) -> str:

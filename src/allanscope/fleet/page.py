@@ -327,7 +327,7 @@ def _replicates(found: list[Replication]) -> dict[str, Any]:
 def _again(one: Replication) -> str:
     if not one.replicated:
         return "not found again"
-    return "replicated" if one.agree else "found again, of another size"
+    return "replicated" if one.agree else "found again with another size"
 
 
 def _drifts(lot: Lot) -> list[dict[str, Any]]:

@@ -86,7 +86,7 @@ def test_parts_are_named_and_names_do_not_overlap(analysis):
     crowded = replace(axis, model=replace(axis.model, components=parts))
     (ax,) = drawn(deviation_picture("gx", crowded))
     names = [text.get_text() for text in ax.texts]
-    assert {"N", "B", "rounding", "sinusoid"} == set(names), "K was not detected"
+    assert {"N", "B", "rounding", "line"} == set(names), "K was not detected"
     boxes = [text.get_window_extent() for text in ax.texts]
     assert not [1 for one, other in combinations(boxes, 2) if one.overlaps(other)]
     frame = ax.get_window_extent()

@@ -110,7 +110,7 @@ def test_the_model_is_drawn_with_its_parts_by_name(painted, analysis):
     assert {word: colour for _, word, colour in drawing.words} == {
         "N": MODEL,
         "B": MODEL,
-        "sinusoid": EFFECT,
+        "line": EFFECT,
     }
     assert not analysis.axes["gx"].coefficients["K"].detected, "hence it has no line"
     total = max(drawing.strips, key=len)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan import CurveChoices, Deviation, variance_name
 from allanscope.analysis import AxisAnalysis, ModelCurve
+from allanscope.labels import kind_name
 from allanscope.quantities import DEVIATION, duration, interval, number, symbols
 from allanscope.report.picture import (
     BEFORE,
@@ -252,7 +253,7 @@ def _model(ax: Axes, model: ModelCurve, factor: float) -> None:
         at = _place(ax, model, part, factor, name in _NOISE_TERMS, places)
         if at is not None:
             ax.annotate(
-                name.replace("_", " "),
+                kind_name(name),
                 (model.x[at], factor * part[at]),
                 (0, 3),
                 textcoords="offset points",

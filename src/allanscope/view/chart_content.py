@@ -206,7 +206,7 @@ def draw_model(chart: Chart, model: ModelCurve, reading: Reading) -> Drawing:
         drawing.dashes(chart.line(model.x, value), colour, width=1.4)
         at = _tag(chart, model.x, value, reading.factor * model.total, name in _NOISE_TERMS)
         if at is not None:
-            drawing.word(at, name.replace("_", " "), colour)
+            drawing.word(at, kind_name(name), colour)
     # Broad and pale, beneath the measured line: it shows beside the line wherever the two differ.
     drawing.line(chart.line(model.x, reading.factor * model.total), muted(MODEL), width=5.0)
     return drawing

@@ -206,7 +206,7 @@ def _next(analysis: Analysis) -> list[str]:
     known = measurements(analysis.experiments)
     more = len(known) - _NEXT_SHOWN
     return [
-        *(f"- next: **{markdown(m.action)}** {markdown(m.decides)}" for m in known[:_NEXT_SHOWN]),
+        *(f"- next: **{markdown(m.action)}**: {markdown(m.decides)}" for m in known[:_NEXT_SHOWN]),
         *([f"- {more} more measurement{'s' * (more > 1)}: see the report"] if more > 0 else []),
     ]
 

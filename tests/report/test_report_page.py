@@ -235,3 +235,8 @@ def test_the_chain_says_what_was_done_to_the_samples_of_this_run(analysis, page)
         np.testing.assert_allclose(passed, values, rtol=1e-3)
     assert f"decimates to {analysis.rate.best_hz:g} samples/s" in chain
     assert f"{len(analysis.record.values):,} samples" in chain
+
+
+def test_nothing_of_ours_is_a_character_that_cannot_be_shown(page):
+    assert "\ufffd" not in page
+    assert '<td class="limit">&lt; ' in page

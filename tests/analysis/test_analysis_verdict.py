@@ -146,6 +146,13 @@ def test_losses_count_against_a_run_when_they_are_many(analysis, lost, grade):
     assert known.grade == ("bad" if grade == "bad" else "good")
 
 
+def test_losses_that_leave_nothing_to_fit_ask_for_no_longer_recording(analysis):
+    lossy = replace(changed(clean(analysis), coefficients={}), lost_samples=1_000_000_000)
+    line = verdict(lossy).lines[2]
+    assert line.head == "Check the link"
+    assert "recording" not in line.text
+
+
 def test_why_there_is_no_verdict_against_a_datasheet_is_said(analysis):
     unknown = changed(analysis, datasheet={})
     for part, why in (

@@ -58,6 +58,13 @@ def port():
 LIVE = ("--view", "none", "--for", "2s", "--out", "session")
 
 
+def test_an_unknown_option_names_the_command_whose_help_has_the_others(complaint):
+    for call in (("analyse", "log.csv", "--frob"), ("live", "--frob", "sim")):
+        code, line = complaint(*call)
+        assert code == 2
+        assert line.endswith(f"unrecognized arguments: --frob; see allanscope {call[0]} --help\n")
+
+
 def test_a_port_that_is_not_there(complaint):
     code, line = complaint("live", "/dev/ttyNothing7", *LIVE)
     assert code == 4

@@ -113,7 +113,7 @@ def test_the_page_of_a_replay_stays_until_it_is_ended(recording, start, tmp_path
     process, found = start(*replay)
     assert (int(found[2]), int(found[3])) == (port, port + 1)
     said = iter(process.stdout.readline, "")
-    assert any("stays until Ctrl-C" in line for line in said)
+    assert any("stay available until Ctrl-C" in line for line in said)
     assert json.loads((tmp_path / "again" / "result.json").read_text("utf-8"))["samples"] > 0
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(2.0)

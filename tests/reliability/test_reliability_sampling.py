@@ -65,14 +65,14 @@ def test_a_rate_that_the_user_gave_is_above_times_that_disagree(tmp_path: Path) 
 def test_a_sensor_that_is_little_faster_than_its_reader_is_skipped(tmp_path: Path) -> None:
     """Set to 52 Hz and read 50 times a second: every 26th sample is never seen."""
     analysis = polled(tmp_path / "a.csv", 52.0, 50.0, 52.0)
-    (told,) = [remark for remark in analysis.remarks if "rows come" in remark]
+    (told,) = [remark for remark in analysis.remarks if "rows arrive" in remark]
     assert told.startswith("50.00 rows arrive per second, in step with a timer of 20 ms")
     assert "about 3.8 % of the samples of a sensor set to 52.00 Hz are never sent (skipped)" in told
 
 
 def test_an_oscillator_that_is_off_as_much_is_none_of_a_timer(tmp_path: Path) -> None:
     analysis = polled(tmp_path / "a.csv", 50.1, 50.1, 52.0)
-    assert not [remark for remark in analysis.remarks if "rows come" in remark]
+    assert not [remark for remark in analysis.remarks if "rows arrive" in remark]
 
 
 def test_stock_firmware_skips_and_says_so(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_stock_firmware_skips_and_says_so(tmp_path: Path) -> None:
     encoder.describe(StreamInfo(AXES, (4.375e-3,) * 3 + (0.061e-3,) * 3, 50.0))
     (tmp_path / "a.txt").write_bytes(encoder.encode(Block(0, counts, Ticks.none())))
     analysis = analyse_input(tmp_path / "a.txt", DeviceSettings(), quiet=True)
-    (told,) = [remark for remark in analysis.remarks if "rows come" in remark]
+    (told,) = [remark for remark in analysis.remarks if "rows arrive" in remark]
     assert "a rate that the sensor does not have" in told
 
 
@@ -104,4 +104,4 @@ def test_a_pace_is_called_a_timers_only_where_all_is_known() -> None:
 @pytest.mark.parametrize("sensor_hz", [50.0, 51.7])
 def test_a_reader_in_step_is_not_complained_about(tmp_path: Path, sensor_hz: float) -> None:
     analysis = polled(tmp_path / "a.csv", sensor_hz, sensor_hz, 50.0)
-    assert not [remark for remark in analysis.remarks if "rows come" in remark]
+    assert not [remark for remark in analysis.remarks if "rows arrive" in remark]

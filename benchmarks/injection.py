@@ -61,7 +61,7 @@ STEPS = 1.5
 """Least scatter of the differences in steps: noise within one step is another benchmark's."""
 NEAR_S, NEAR = 5.0, 0.05
 """Distance in time, and in frequency as a share, up to which two effects are at one place."""
-LIMITS = re.compile(r"a line above ([\d.e+-]+) .*? step above ([\d.e+-]+) ")
+LIMITS = re.compile(r"detection limits in .*: line ([\d.e+-]+) .*? step ([\d.e+-]+) ")
 QUICK = ("ism330dhcx-fan-off",)
 
 

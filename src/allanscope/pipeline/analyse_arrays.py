@@ -255,7 +255,7 @@ def _timing(times: NDArray[np.float64] | None, given: float | None) -> _Timing:
     first = times[:LOOKED_AT]
     if rows_come_in_bursts(first) or rows_come_unevenly(first):
         mean = _without_long_gaps(times, mean)
-        words = f"the times come in bursts, {mean:.4g} rows per second on average"
+        words = f"the times come unevenly or in bursts, {mean:.4g} rows per second on average"
         if given:
             words += f": they are not used, the rate is the given {given:g} Hz"
             return _Timing(False, given, long_gaps(times, given), (words,))

@@ -208,7 +208,7 @@ class TextMeaning:
         whole = [row.device_s for row in scaled if np.isfinite(np.take(row.values, columns)).all()]
         mean = mean_rate(whole)
         if rows_come_in_bursts(whole) or (len(whole) > 4 * HELD and rows_come_unevenly(whole)):
-            words = f"the times come in bursts, {mean:.4g} rows per second on average"
+            words = f"the times come unevenly or in bursts, {mean:.4g} rows per second on average"
             if given:
                 remarks.append(f"{words}: they are not used, the rate is the given {given:g} Hz")
                 return _Timing(math.nan, given)

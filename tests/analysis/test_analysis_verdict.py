@@ -64,6 +64,13 @@ def test_the_axes_that_miss_the_datasheet_are_named_first(analysis):
     )
 
 
+def test_noise_below_half_a_step_matches_no_datasheet(analysis):
+    hidden = DatasheetVerdict(3e-4, 4e-3, "dps/sqrt(Hz)", "hidden by the step", "")
+    first = verdict(changed(clean(analysis), datasheet={"density": hidden})).lines[0]
+    assert (first.grade, first.head) == ("note", "Noise not compared with a datasheet")
+    assert "the noise of the gyroscope is hidden by the step" in first.text
+
+
 def test_an_effect_is_told_once_for_all_axes_that_have_it(analysis):
     gyro = replace(analysis, axes={k: a for k, a in analysis.axes.items() if k[0] == "g"})
     told = heads(gyro)["Additional effects found"].text

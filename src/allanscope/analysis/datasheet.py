@@ -35,6 +35,10 @@ _DRIFT_HZ = 0.1
 """Frequency below which a movement is drift and not part of an rms noise."""
 
 
+HIDDEN = "hidden by the step"
+"""Verdict on an axis whose noise is below half a step of its values."""
+
+
 def compare(
     part: Part,
     axis: str,
@@ -85,7 +89,7 @@ def _hidden(verdict: DatasheetVerdict) -> DatasheetVerdict:
     if verdict.limit is None or verdict.measured is None:
         return verdict
     words = "the noise is below half a step: the figures describe quantization, not the sensor"
-    return replace(verdict, verdict="hidden by the step", explanation=words)
+    return replace(verdict, verdict=HIDDEN, explanation=words)
 
 
 def rms_of(density: Density) -> float | None:

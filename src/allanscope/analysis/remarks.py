@@ -470,6 +470,8 @@ _PHRASES = {
     "sinusoid": "a line at {frequency} Hz",
     "narrowband": "narrow-band noise around {frequency} Hz",
     "drifting_line": "a drifting line around {frequency} Hz",
+    "temperature": "the temperature",
+    "quantization": "the step of the values",
     "outliers": "outliers",
     "repeated_samples": "repeated samples",
     "saturation": "saturation",

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from allanscope.analysis.datasheet import HIDDEN
 from allanscope.analysis.experiments import measurements
 from allanscope.analysis.finding_phrases import finding_sentence, share_text, source_text
 from allanscope.analysis.result import Analysis, AxisAnalysis
@@ -140,18 +141,14 @@ def _noise_of(analysis: Analysis, unit: str) -> tuple[Grade, str] | None:
     if not axes:
         return None
     sensor = SENSOR_NAMES[unit]
-    sheets = {name: _sheet(axis) for name, axis in axes.items()}
-    known = {k: v for k, v in sheets.items() if v is not None and v.measured is not None}
-    if not any(sheets.values()):
-        return "note", _why_no_sheet(analysis.part)
+    sheets = {name: one for name, axis in axes.items() if (one := _sheet(axis)) is not None}
+    known = {name: one for name, one in sheets.items() if one.measured is not None}
     constant = [name for name, axis in axes.items() if axis.is_constant]
-    if len(constant) == len(axes):
-        return "note", f"the {sensor} is constant: no noise to measure"
-    if not known:
-        return "note", f"white noise of the {sensor} not determined yet"
+    if not sheets:
+        return "note", _why_no_sheet(analysis.part)
+    if why := _why_no_noise(sensor, known, len(constant) == len(axes)):
+        return "note", why
     first = next(iter(known.values()))
-    if any(one.limit is None for one in known.values()):
-        return "note", f"no noise value of the {sensor} in the datasheet"
     worse = {name: known[name] for name in known if known[name].verdict == "worse"}
     if worse:
         span = ", ".join(f"{k} {_number(v.measured or 0.0, v)}" for k, v in worse.items())
@@ -166,6 +163,19 @@ def _noise_of(analysis: Analysis, unit: str) -> tuple[Grade, str] | None:
         if names:
             text += f", {' '.join(names)} {why}"
     return ("bad" if worse else "good"), text
+
+
+def _why_no_noise(sensor: str, known: Mapping[str, DatasheetVerdict], is_constant: bool) -> str:
+    """Return why the noise of a sensor is not compared; empty where it is."""
+    if is_constant:
+        return f"the {sensor} is constant: no noise to measure"
+    if not known:
+        return f"white noise of the {sensor} not determined yet"
+    if any(one.limit is None for one in known.values()):
+        return f"no noise value of the {sensor} in the datasheet"
+    if all(one.verdict == HIDDEN for one in known.values()):
+        return f"the noise of the {sensor} is hidden by the step of its values"
+    return ""
 
 
 def _why_no_sheet(part: str) -> str:

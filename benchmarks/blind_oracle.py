@@ -48,7 +48,10 @@ class Errors:
 def errors_of(
     blind: generator.Blind, result: Explanation, truth: Truth, seed: int
 ) -> Errors | None:
-    """Return the errors on the axis of an effect; None where there is no such axis or kind."""
+    """Return the errors on the axis of an effect.
+
+    None where there is no such axis or kind, or nothing to search without the effect.
+    """
     if not truth.axis or truth.kind in OUTSIDE:
         return None
     used = len(result.cleaned[truth.axis])
@@ -63,6 +66,8 @@ def errors_of(
     if not hidden.any():
         return Errors(loop, oracle, oracle)
     known = _told(_without(blind, truth, hidden), truth, set())
+    if truth.axis not in known.models_after:  # values that hardly change
+        return None
     return Errors(loop, oracle, error(known, np.zeros(used)))
 
 

@@ -9,10 +9,14 @@ from scipy.signal import lfilter
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects.drifting_line import Cluster, DriftingLine, profile_of
+from allanscope.explain.effects.random_telegraph import _candidate as telegraph
 from allanscope.explain.effects.sinusoid import Sinusoid, sidebands
 from allanscope.explain.effects.unexplained import Unexplained
+from allanscope.explain.loop import _view as axis_view
 from allanscope.explain.moves.resolve_tones import _is_tail
+from allanscope.explain.series import series_of
 from allanscope.explain.stationarity import bartlett_z, constancy, sweeps
+from support.thinned import RATE, thinned
 
 
 def _noise_and(tone: np.ndarray) -> np.ndarray:
@@ -87,3 +91,21 @@ def test_what_is_beside_a_drifting_line_is_its_tail_where_it_is_faint(gain, low,
     power = Unexplained(Estimate(low, unit="Hz"), Estimate(high, unit="Hz"), "spectrum", "", {})
     part = Candidate(power, gain, excluded=((low, high),))
     assert _is_tail(part, [Candidate(line, 3500.0)]) == is_tail
+
+
+def test_loud_tones_that_beat_are_on_two_sides_too_but_hops_have_another_spectrum():
+    rng, rows = np.random.default_rng(16), 60_000
+
+    def phase(hz):
+        wander = 0.18 * lfilter([5e-4], [1, -0.9995], rng.normal(0, 30, rows))
+        return 2 * np.pi * np.cumsum(hz + wander) / RATE
+
+    one, other = phase(9.6), phase(9.96)
+    motors = np.sin(one) + 0.4 * np.sin(2 * one + 1) + 0.1 * np.sin(3 * one) + np.sin(other + 1)
+    hops = 2.0 * (np.cumsum(rng.random(rows) < 0.2) % 2) - 1.0
+    for signal, is_one in ((motors, False), (hops, True)):
+        record = thinned((rng.normal(0, 0.08, rows) + 0.18 * signal)[:, np.newaxis])
+        view = axis_view(series_of(record), "gx", None)
+        found = telegraph(view, 0.2, 0.0625)
+        assert found is not None
+        assert (found.effect.adequate(view, found) is not None) == is_one

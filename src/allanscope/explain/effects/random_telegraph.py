@@ -27,6 +27,7 @@ from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, ordinates_of
+from allanscope.explain.residual import removes
 from allanscope.explain.view import View
 from allanscope.noise.components import Flicker, RandomWalk, Rounding, White
 from allanscope.noise.components import GaussMarkov as CorrelatedNoise
@@ -129,12 +130,14 @@ class RandomTelegraph(EffectKind):
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
         """Refuse hops between neighbouring values every few rows: they are the converter's codes.
 
-        Noise behind a low-pass that hardly leaves two codes stays on each for some rows.
+        Noise behind a low-pass that hardly leaves two codes stays on each for some rows. And what
+        has not the spectrum of hops: a loud tone is on two sides too, longer or shorter as it
+        moves.
         """
         codes = 2 * self.amplitude.value / view.step if view.step > 0 else 0.0
         rows = self.dwell.value * view.grid.rate_hz
         is_code = 1 / _ONE_CODE < codes < _ONE_CODE and rows < _FEW_ROWS
-        return None if is_code else candidate
+        return None if is_code or not removes(view, candidate) else candidate
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut | None:
         """Judge the amplitude by interleaved blocks, on the path found in all of them."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
-from allanscope.explain.effects.unexplained import left_over, united
+from allanscope.explain.effects.unexplained import _bands, left_over, united
 from allanscope.explain.gates import judge
 from allanscope.explain.loop import _view
 from allanscope.explain.series import series_of
@@ -59,3 +61,17 @@ def test_nothing_gains_where_all_that_would_know_is_left_out(long_view):
     assert np.all(rest.scan.step(at) == 0)
     assert np.all(rest.scan.box(at[:-1], at[1:]) == 0)
     assert np.all(long_view.scan.step(at) > 0)
+
+
+def test_what_the_model_lacks_has_its_size(bench):
+    """Noise between 7 and 9 Hz: a twentieth of the power of the whole, added there."""
+    b = bench(503, 1000.0)
+    f = np.fft.rfftfreq(len(b.t), b.t[1])
+    spectrum = np.fft.rfft(b.rng.standard_normal(len(b.t))) * ((f > 7) & (f < 9))
+    added = np.fft.irfft(spectrum, len(b.t))
+    added *= 7e-3 / added.std()
+    view = _view(series_of(b.record(b.noise() + added)), "gx", None)
+    (found,) = _bands(view)
+    size = re.search(r"its rms is (\S+) dps", found.effect.words)
+    assert size is not None
+    assert float(size[1]) == pytest.approx(7e-3, rel=0.15)

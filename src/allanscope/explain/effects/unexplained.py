@@ -395,6 +395,11 @@ def _misfit(
         f"{percent:{'.2g' if percent < 99.5 else '.0f'}} % {side} power than the model between "
         f"{band[0]:.3g} and {band[1]:.3g} Hz (z = {z:.1f})"
     )
+    frequency = view.grid.frequency
+    inside = (frequency >= band[0]) & (frequency <= band[1]) & view.spectrum.kept
+    power = float((view.squares - view.spectrum.ordinates)[inside].sum()) / view.grid.n
+    if power > 0:
+        words += f"; its rms is {np.sqrt(power):.3g} {view.unit}"
     return left_over(view, band, gain, words, searched, z=z, excess=more)
 
 

@@ -84,6 +84,9 @@ class VarianceChange(EffectKind):
             return []
         white = view.innovations[: blocks * size].reshape(blocks, size)
         power = np.mean(np.minimum(white**2, _CAP), axis=1)
+        # Equal values by chance are no silence: what was rounded may have moved by a step.
+        rounding = view.step**2 / 12 / float(np.median(view.spectrum.ordinates))
+        power = np.maximum(power, min(rounding, 1.0) * np.median(power))
         found = _intervals(power, _freedom(power, size))
         if not found or not _at_all_frequencies(view, max(found), size):
             return []

@@ -66,6 +66,20 @@ def test_the_bridge_over_a_long_gap_is_no_excursion(seed):
         assert not {one.kind for one in found.effects} & {"excursion", "step", "variance_change"}
 
 
+def test_a_level_that_is_another_after_a_gap_has_jumped_once():
+    """A board that was off for a while: when the level changed nobody saw."""
+    rng = np.random.default_rng(21)
+    values = rng.normal(0, N * RATE**0.5, (ROWS, 1))
+    values[ROWS // 2 :] += 0.02
+    kept = np.ones(ROWS, bool)
+    kept[ROWS // 2 - 1000 : ROWS // 2 + 1000] = False
+    (step,) = explain(thinned(_rounded(values), kept, LSB)).axes["gx"].effects
+    assert step.kind == "step"
+    assert step.parameters["size"].value == pytest.approx(0.02, rel=0.2)
+    when = step.parameters["time"]
+    assert (when.lower, when.upper) == pytest.approx((110.0, 130.0), abs=0.5)
+
+
 def test_coarse_rows_are_not_taken_for_repeats():
     rng = np.random.default_rng(12)
     values = _rounded(rng.normal(0.3, 0.05, (ROWS, 3)), 0.061)

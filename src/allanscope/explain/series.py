@@ -24,7 +24,7 @@ from allanscope.history import Record
 from allanscope.lazy import once
 from allanscope.noise.grid import Grid, grid_of
 from allanscope.parts import full_scale_of
-from allanscope.quantities import CHI_SQUARE_MEDIAN, duration
+from allanscope.quantities import CHI_SQUARE_MEDIAN, MAD_TO_SIGMA, duration
 
 __all__ = [
     "LOUD",
@@ -40,7 +40,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _LEVEL = 100
-"""Rows on each side of a gap whose mean is taken as the level there."""
+"""Fewest rows on each side of a gap whose mean is taken as the level there."""
+_JUMPED, _FEWEST_MEANS = 6.0, 8
+"""Usual changes that a level hardly drifts by across a gap, and means from which they are known."""
 _MOST_BRIDGED = 0.1
 """With more long gaps than this share, the longest stretch without one is used instead."""
 _LONG = 1 << 14
@@ -117,6 +119,15 @@ class Series:
     def at_record(self, signal: Array) -> Array:
         """Return a signal on the grid at the rows of the record; beyond the grid it stays level."""
         return signal[np.clip(self.rows, 0, len(self) - 1)]
+
+    def gap_around(self, row: int) -> tuple[int, int]:
+        """Return the first filled row around one, and the first behind that is not; it itself."""
+        first = last = row
+        while first > 0 and self.bridged[first - 1]:
+            first -= 1
+        while last < len(self) and self.bridged[last]:
+            last += 1
+        return first, last
 
     def column(self, axis: str) -> int:
         """Return the column of an axis."""
@@ -271,6 +282,7 @@ def _bridge(values: Array, row: NDArray[np.int64], size: int) -> tuple[Array, ND
         return np.ascontiguousarray(values, np.float64), bridged
     grid = np.zeros((size, values.shape[1]))
     grid[row] = values
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     for gap in np.flatnonzero(np.diff(row) > 1):
         left, right = row[gap] + 1, row[gap + 1]
         # As long on both sides as the gap is: what lasts shorter tells nothing of its middle.
@@ -278,15 +290,29 @@ def _bridge(values: Array, row: NDArray[np.int64], size: int) -> tuple[Array, ND
         before = values[max(0, gap + 1 - beside) : gap + 1]
         after = values[gap + 1 : gap + 1 + beside]
         share = ((np.arange(left, right) - left + 0.5) / (right - left))[:, np.newaxis]
-        level = (1 - share) * before.mean(axis=0) + share * after.mean(axis=0)
+        first, last = before.mean(axis=0), after.mean(axis=0)
+        # A level drifts across; one that is another afterwards has jumped, once.
+        jumped = np.abs(last - first) > _JUMPED * _usual_change(total, beside)
+        level = first + np.where(jumped, share > 0.5, share) * (last - first)
         # Mirrored at the edges, noise keeps its colour, and in this sum its size.
         angle, shape = np.pi / 2 * share, (right - left, values.shape[1])
         grid[left:right] = (
             level
-            + np.cos(angle) * np.resize((before - before.mean(axis=0))[::-1], shape)
-            + np.sin(angle) * np.resize(after - after.mean(axis=0), shape)[::-1]
+            + np.cos(angle) * np.resize((before - first)[::-1], shape)
+            + np.sin(angle) * np.resize(after - last, shape)[::-1]
         )
     return grid, bridged
+
+
+def _usual_change(total: Array, rows: int) -> Array:
+    """Return the usual change of each axis between means over so many rows, from running sums.
+
+    Infinite where there are too few to tell.
+    """
+    means = np.diff(total[::rows], axis=0) / rows
+    if len(means) < _FEWEST_MEANS:
+        return np.full(total.shape[1], np.inf)
+    return np.asarray(np.median(np.abs(np.diff(means, axis=0)), axis=0) * MAD_TO_SIGMA)
 
 
 def _temperature(

@@ -129,10 +129,12 @@ class Step(PlacedSignal):
         reach, edge = int(max(20 * rate, 4 * grid.n / grid.low)), int(_EDGE_S * rate)
         tried = np.arange(max(edge, row - reach), min(grid.n - edge, row + reach))
         place = scan.place_of_step(tried)
+        # Where rows are missing it was at any time between those on both sides.
+        early, late = view.series.gap_around(place.best)
         time = Estimate(
             float(place.best / rate),
-            float((place.first - 1) / rate),  # after the last sample of the old level
-            float((place.last + 0.5) / rate),
+            float((min(place.first, early) - 1) / rate),  # after the last sample of the old level
+            float((max(place.last, late) + 0.5) / rate),
             "s",
         )
         return cls._at(view, time, shrinkage=place.shrinkage, scatter=place.scatter)

@@ -10,10 +10,11 @@ from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
 from allanscope.explain.effects.repeated_samples import RepeatedSamples
+from allanscope.explain.effects.variance_change import VarianceChange
 from allanscope.explain.loop import _view
 from allanscope.explain.series import series_of
 from allanscope.history import Record
-from allanscope.noise import find_step
+from allanscope.noise import find_step, total_white
 
 N = 30_000
 RATE = 100.0
@@ -129,3 +130,26 @@ def test_only_a_range_that_is_known_can_be_left(known: bool) -> None:
     record = replace(_record(values), axes=("az",), lsb=(step,))
     told = [r for r in explain(record).axes["az"].remarks if "saturated" in r]
     assert bool(told) is known
+
+
+def test_n_of_a_sensor_that_is_read_twice_is_that_of_its_samples():
+    """Read at 100 Hz, a sensor at 50 Hz of 5 mdps/sqrt(Hz)."""
+    rng = np.random.default_rng(31)
+    samples = _rounded(rng.normal(0, 5e-3 * 50**0.5, (N // 2, 1)), 1e-3)
+    record = _record(np.repeat(samples, 2, axis=0))
+    result = explain(record)
+    assert [one.kind for one in result.axes["gx"].effects] == ["repeated_samples"]
+    assert total_white(result.fits["gx"]).value == pytest.approx(5e-3, rel=0.02)
+
+
+def test_values_that_are_equal_by_chance_are_no_silence():
+    """At 10 Hz a second is ten rows: of noise as large as a step these are all equal now and then.
+
+    An hour of noise, in which it happens for two seconds.
+    """
+    rng = np.random.default_rng(32)
+    values = _rounded(rng.normal(0, 1e-3, (36_000, 1)), 1e-3)
+    values[20_000:20_020] = 0.0
+    record = replace(_record(values), rate_hz=10.0, start_s=np.arange(36_000) / 10.0)
+    view = _view(series_of(record), "gx", None)
+    assert not [c for c in VarianceChange.candidates(view) if c.excess > 0]

@@ -8,7 +8,8 @@ correlation time can tell it from white noise:
 
 .. math:: N^2 = N_\text{white}^2 + \sum 2 \sigma^2 T_c
 
-Longer processes are no part of it.
+Longer processes are no part of it. Where a reader takes each sample of the sensor several times,
+the white term is that of rows, and the density at 1 Hz as many times as large.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 from allanscope.noise.coefficients import Coefficient, CoefficientPart
 from allanscope.noise.components import GaussMarkov, RandomTelegraph
+from allanscope.noise.filters import HeldPattern
 from allanscope.quantities import TWO_SIDED_95
 
 if TYPE_CHECKING:
@@ -67,15 +69,20 @@ def total_white(fit: NoiseFit) -> Coefficient:
     white = fit.coefficients["N"]
     components = list(enumerate(fit.model.components))
     short = {i: tc for i, c in components if (tc := _short(c)) is not None and c.power > 0}
+    held = math.prod(
+        float(one.response(np.zeros(1), fit.model.dt)[0])
+        for one in fit.model.filters
+        if isinstance(one, HeldPattern)
+    )
     if not short:
-        return white
+        return white if held == 1.0 else _scaled(white, math.sqrt(held))
     weights = {i: 2 * tc for i, tc in short.items()}
-    weights |= {i: 1.0 for i, c in components if c.symbol == "N"}
+    weights |= {i: held for i, c in components if c.symbol == "N"}
     powers = {i: c.power for i, c in components if i in weights}
     total = sum(weights[i] * powers[i] for i in weights)
     # The published white term has no first-order bias; the maximum of the likelihood has.
     own = sum(weights[i] * powers[i] for i in weights if i not in short)
-    value = math.sqrt(total - own + white.value**2)
+    value = math.sqrt(total - own + held * white.value**2)
     half = TWO_SIDED_95 * _relative_error(fit.fit, weights, set(short)) / 2
     return replace(
         white,
@@ -84,6 +91,16 @@ def total_white(fit: NoiseFit) -> Coefficient:
         upper=value * math.exp(half),
         detected=True,
         wait_s=None,
+        white_alone=CoefficientPart.of(white),
+    )
+
+
+def _scaled(white: Coefficient, factor: float) -> Coefficient:
+    return replace(
+        white,
+        value=factor * white.value,
+        lower=factor * white.lower,
+        upper=factor * white.upper,
         white_alone=CoefficientPart.of(white),
     )
 

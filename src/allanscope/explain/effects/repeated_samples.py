@@ -40,6 +40,8 @@ _BEYOND = 1.05
 """Less excess over chance than this may come from rates of chance that change together."""
 _LONGEST_RUN, _RARE = 16, 1e-3
 """Rows in a row that are looked at, and the chance of such a run below which it changes nothing."""
+_MOSTLY = 0.05
+"""Relative excess of equal rows over repeats up to which the runs of these are seen in those."""
 _PATTERN = 0.2
 """Relative difference from chance of two repeats in a row from which they come in a pattern."""
 _FEW = 10.0
@@ -117,7 +119,7 @@ def _held(equal: NDArray[np.bool_], fraction: float) -> Filter:
         if chances[-1] < _RARE:
             break
         runs = runs[:-1] & repeat[j:]
-    seen = abs(chances[0] - fraction) < _RARE and len(chances) > 1
+    seen = abs(chances[0] - fraction) < max(_RARE, _MOSTLY * fraction) and len(chances) > 1
     independent = fraction**2
     by_counting = 3 * np.sqrt(independent / len(repeat))
     if seen and abs(chances[1] - independent) > _PATTERN * independent + by_counting:

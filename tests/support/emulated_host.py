@@ -44,6 +44,12 @@ class Host:
         replies = [e for e in self.events if isinstance(e, Notice) and e.kind == "reply"]
         return [reply.fields["result"] for reply in replies if reply.fields["sequence"] == seq]
 
+    def answered(self):
+        """Return the commands that the board has replied to."""
+        return {
+            e.fields["sequence"] for e in self.events if isinstance(e, Notice) and e.kind == "reply"
+        }
+
     def ask(self, kind, body=b""):
         """Send a command, again while no reply comes as the norm says, and return its result.
 

@@ -50,7 +50,7 @@ def test_what_computes_the_result_loads_before_the_run_is_over_and_is_ended(monk
 def test_a_port_that_is_not_there_is_told_before_anything_is_loaded(monkeypatch):
     monkeypatch.setattr(run, "load_rerun", lambda: pytest.fail("loaded in vain"))
     quiet = SessionSettings(quiet=True, view="none")
-    with pytest.raises(DeviceError, match="no port /dev/nowhere"):
+    with pytest.raises(DeviceError, match="no such port /dev/nowhere"):
         run.run_live("/dev/nowhere", DeviceSettings(), quiet, SimulatedSettings())
 
 

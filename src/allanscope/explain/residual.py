@@ -65,9 +65,9 @@ _SURELY = 1.645
 """Standard deviations that sampling alone exceeds in one record of twenty."""
 _CLASSES = 64
 """Classes of equal probability in which the distribution of the innovations is compared."""
-_MISSHAPEN, _COUNTED = 0.35, 32
+_MISSHAPEN, _COUNTED, _TWICE = 0.35, 32, 2.0
 """Logarithm of measured over model in the median band, of those with so many ordinates, from which
-a process has not the form of the spectrum."""
+a process has not the form of the spectrum; standard errors that are taken off it."""
 _NOTHING = 1.0
 """Nats below which there is no excess to be shared out."""
 
@@ -146,7 +146,8 @@ def removes(view: View, candidate: Candidate) -> bool:
     if not own.any():
         return False
     known = own & (later.count > _COUNTED)
-    if known.any() and np.median(np.abs(np.log(later.ratio[known]))) > _MISSHAPEN:
+    apart = np.abs(np.log(later.ratio[known])) - _TWICE * np.sqrt(2 / later.count[known])
+    if known.any() and np.median(apart) > _MISSHAPEN:
         return False
     first = float(np.sqrt(np.mean(bands.z[own] ** 2)))
     second = float(np.sqrt(np.mean(later.z[own] ** 2)))

@@ -39,6 +39,9 @@ Array = NDArray[np.float64]
 
 _BLOCKS = 16384
 _MOST_BLOCKS = 1 << 17
+_LEAST_DOUBT = 0.003
+"""Least relative error of the size: hops within blocks draw that of a long record down by half a
+per cent."""
 _TO_JUDGE, _TO_MEASURE = 12.0, 50.0
 """Blocks in a mean dwell. Few make the path probable; many miss no double switches, and tell when a
 hop was: half a block of doubt at each makes the hops seem smaller, the more so in flicker noise."""
@@ -200,7 +203,7 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     dwell = finer.dwell_s
     spread = TWO_SIDED_95 * _MISSED / np.sqrt(finer.switches)
     effect = RandomTelegraph(
-        Estimate.of(size, float(np.hypot(error, finer.doubt * size)), view.unit),
+        Estimate.of(size, float(np.hypot(error, max(finer.doubt, _LEAST_DOUBT) * size)), view.unit),
         Estimate(dwell, dwell * float(np.exp(-spread)), dwell * float(np.exp(spread)), "s"),
         path.switches,
         size,

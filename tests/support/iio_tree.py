@@ -100,8 +100,11 @@ class Driver:
                 self._try_open(number, nodes)
             on = [self._is_on(number) for number in self._streams]
             if len(nodes) == len(self._streams) and all(on):
-                for number, fd in nodes.items():
-                    os.write(fd, b"".join(self._streams[number][at : at + self._burst]))
+                try:
+                    for number, fd in nodes.items():
+                        os.write(fd, b"".join(self._streams[number][at : at + self._burst]))
+                except BrokenPipeError:  # the reader has gone
+                    break
                 at += self._burst
             time.sleep(self._pause_s)
         self._done.wait()

@@ -59,7 +59,7 @@ class Board:
         self.start()
 
     def start(self):
-        """Power on. QEMU leaves its symlink behind when it dies, so it is removed first."""
+        """Power on."""
         self.port.unlink(missing_ok=True)
         quiet = subprocess.DEVNULL
         self._process = subprocess.Popen(self._command, stdin=quiet, stdout=quiet, stderr=quiet)
@@ -78,7 +78,9 @@ class Board:
             time.sleep(0.02)
 
     def kill(self):
-        """Pull the plug."""
+        """Pull the plug. QEMU leaves a link behind, to a terminal that is soon somebody else's."""
+        if self.port.is_symlink():
+            self.port.unlink()
         self._process.kill()
         self._process.wait()
 

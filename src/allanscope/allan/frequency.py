@@ -264,10 +264,11 @@ def density_of_deviation(
 
     Notes
     -----
-    Power laws of sampled noise, |2 sin(pi f / rate)|^alpha, with levels none of which is negative,
-    by least squares of measured / fitted. Which, depends on what the deviation tells apart: white
-    PM, white FM, flicker FM and random walk for AVAR and THEO1; flicker PM too for MVAR, TVAR and
-    PVAR; flicker walk and random run, but not flicker PM, for HVAR. A drift has no density.
+    Power laws of sampled noise, ``|2 sin(pi f / rate)|^alpha``, with levels none of which is
+    negative, by least squares of measured / fitted. Which, depends on what the deviation tells
+    apart: white PM, white FM, flicker FM and random walk for AVAR and THEO1; flicker PM too for
+    MVAR, TVAR and PVAR; flicker walk and random run, but not flicker PM, for HVAR. A drift has no
+    density.
 
     Examples
     --------

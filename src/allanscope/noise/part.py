@@ -106,7 +106,7 @@ class Component(Part):
     is_noise : bool
         Whether it has a density: a ramp has none.
     is_steep : bool
-        Whether it is so steep that only HVAR has an expectation.
+        Whether it is so steep that only HVAR has an expectation: the others are infinite.
     amplitude_name, amplitude_index : str, int
         The number whose square the density is proportional to, and its position among the numbers;
         empty where there is none.
@@ -215,6 +215,8 @@ class Component(Part):
         return ()
 
     def _variance(self, kind: Kind, m: ArrayLike, dt: float) -> Array:
+        if self.is_steep and kind != "hvar":
+            return np.full(np.shape(m), np.inf)
         return estimator_variance(
             lambda w: self.density(w / (2 * np.pi * dt), dt) / (2 * dt),
             kind,

@@ -39,12 +39,3 @@ class FlickerWalk(Component):
         """Return F^2 dt^3 / (4 sin^3(pi f dt))."""
         sine = np.sin(np.pi * np.asarray(f, np.float64) * dt)
         return np.asarray(self.F**2 * (dt / sine) ** 3 / 4)
-
-    def avar(self, m: ArrayLike, dt: float) -> Array:
-        """Return infinity."""
-        del dt
-        return np.full(np.shape(m), np.inf)
-
-    def mvar(self, m: ArrayLike, dt: float) -> Array:
-        """Return infinity."""
-        return self.avar(m, dt)

@@ -39,12 +39,3 @@ class RandomRun(Component):
         """Return D^2 dt^4 / (8 sin^4(pi f dt))."""
         sine = np.sin(np.pi * np.asarray(f, np.float64) * dt)
         return np.asarray(self.D**2 * (dt / sine) ** 4 / 8)
-
-    def avar(self, m: ArrayLike, dt: float) -> Array:
-        """Return infinity."""
-        del dt
-        return np.full(np.shape(m), np.inf)
-
-    def mvar(self, m: ArrayLike, dt: float) -> Array:
-        """Return infinity."""
-        return self.avar(m, dt)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -104,6 +104,11 @@ class Coefficient:
         if not (self.detected and self.value > 0.0 and 0.0 < standard < math.inf):
             return None
         return Uncertainty(standard, 2.0 * standard, 2.0, 0.5 * (self.value / standard) ** 2)
+
+    def scaled(self, factor: float) -> Coefficient:
+        """Return it with value and limits times a factor."""
+        limits = {name: factor * getattr(self, name) for name in ("value", "lower", "upper")}
+        return replace(self, **limits)
 
 
 @dataclass(frozen=True, slots=True)

@@ -219,9 +219,7 @@ def _steep(
     found = _coefficients(letters, fit, duration, unit, shift=2)
     if "N" in found:
         # White noise has N / sqrt(dt) a sample, and that is the Q of its differences over dt.
-        factor, one = np.sqrt(dt), found["N"]
-        limits = {name: getattr(one, name) * factor for name in ("value", "lower", "upper")}
-        found["N"] = replace(one, **limits)
+        found["N"] = found["N"].scaled(np.sqrt(dt))
     return found
 
 

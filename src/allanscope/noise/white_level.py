@@ -75,7 +75,10 @@ def total_white(fit: NoiseFit) -> Coefficient:
         if isinstance(one, HeldPattern)
     )
     if not short:
-        return white if held == 1.0 else _scaled(white, math.sqrt(held))
+        if held == 1.0:
+            return white
+        alone = CoefficientPart.of(white)
+        return replace(white.scaled(math.sqrt(held)), white_alone=alone)
     weights = {i: 2 * tc for i, tc in short.items()}
     weights |= {i: held for i, c in components if c.symbol == "N"}
     powers = {i: c.power for i, c in components if i in weights}
@@ -91,16 +94,6 @@ def total_white(fit: NoiseFit) -> Coefficient:
         upper=value * math.exp(half),
         detected=True,
         wait_s=None,
-        white_alone=CoefficientPart.of(white),
-    )
-
-
-def _scaled(white: Coefficient, factor: float) -> Coefficient:
-    return replace(
-        white,
-        value=factor * white.value,
-        lower=factor * white.lower,
-        upper=factor * white.upper,
         white_alone=CoefficientPart.of(white),
     )
 

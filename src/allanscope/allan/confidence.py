@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.deviation import Deviation
-from allanscope.allan.estimators import Sums, estimator_named
+from allanscope.allan.estimators import Estimator, Sums, estimator_named
 from allanscope.allan.noise_type import NAMES, NoiseTypes, alpha_named, one_noise
 
 __all__ = [
@@ -119,8 +119,18 @@ def assemble(
         terms=sums.terms,
         noise=np.where(refused | (noise is None), "", _NAMES[2 - law]),
         level=level,
-        trusted=estimator.trusts(known, tau, n),
+        trusted=estimator.trusts(known, tau, n) & _is_covered(estimator, tau, pieces * length, n),
     )
+
+
+def _is_covered(
+    estimator: Estimator, tau: NDArray[np.float64], covered: NDArray[np.int64], n: int
+) -> NDArray[np.bool_]:
+    """Return whether the stretches that have a term at all are most of a run, or long themselves.
+
+    Between many gaps the last terms come from a few stretches: those are then the run.
+    """
+    return np.asarray((2 * covered >= n) | (tau <= estimator.trust_fraction * covered))
 
 
 def _stretches(sums: Sums) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

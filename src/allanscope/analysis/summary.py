@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -21,6 +22,7 @@ from allanscope.analysis.analyser import (
 )
 from allanscope.analysis.coherence import common_of
 from allanscope.analysis.comparison import ReferenceCurve, compare_curve
+from allanscope.analysis.curves_across_gaps import across_gaps
 from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.line_origin import wander_of
 from allanscope.analysis.model_curves import draw_models
@@ -62,6 +64,9 @@ Depth = Literal["live", "full"]
 LIVE_ROWS = 1 << 15
 """Rows that a refresh fits the noise to before the first search; the density knows what is above
 them, as in every long run."""
+
+MOST_LIVE_ROWS = 1 << 18
+"""Rows whose gaps a refresh bridges: a second or two."""
 
 WORTH_A_PROCESS = 30_000
 """Values of a record, all axes, whose search takes longer than a process to start."""
@@ -278,6 +283,8 @@ def _axes(
     processes = settings.processes if depth == "full" else 1
     with _workers(given, processes, ready) as workers:  # new ones load now
         curves = _curves(state, depth, rate_hz, settings.level, settings.curves)
+        most = MOST_LIVE_ROWS if depth == "live" else sys.maxsize
+        curves = across_gaps(curves, given.record, settings.curves, settings.level, most)
         if depth == "full":
             loop = _loop(given, workers)
     if loop is not None and depth == "live":

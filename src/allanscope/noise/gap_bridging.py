@@ -21,6 +21,7 @@ The draw has a fixed seed: the same record gives the same numbers. Filled rows h
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +32,7 @@ from scipy.ndimage import uniform_filter1d
 
 from allanscope.history import Record
 
-__all__ = ["bridge_gaps", "worth_of"]
+__all__ = ["bridge_gaps", "steps_of", "worth_of"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -47,9 +48,9 @@ _LEVEL, _SCALE = 401, 257
 """Rows over which the level and the size of the noise are taken."""
 _CHANCE = 2.0
 """Scatter of the size over that of white noise, which slow noise makes."""
-_ROUNDS = 8
-"""Of fitting and filling. Each takes off most of what the round before was wrong by, as little of
-the series is filled."""
+_ROUNDS, _LEFT = 8, 1e-7
+"""Most rounds of fitting and filling, and what they may leave: each takes off as much of what the
+round before was wrong by as of the series was measured."""
 _RIDGE = 1e-9
 """Relative to the variance: keeps a series of lines alone from being predicted exactly."""
 
@@ -82,11 +83,7 @@ def bridge_gaps(record: Record) -> Record:
     """
     if len(record.values) < _FEWEST or not np.all(np.isfinite(record.values)):
         return record
-    steps = np.diff(np.round((record.start_s - record.start_s[0]) * record.rate_hz)).astype(
-        np.int64
-    )
-    longest = max(1, min(_LONGEST_ROWS, int(_LONGEST_S * record.rate_hz)))
-    short = (steps > 1) & (steps <= longest + 1)
+    steps, short = steps_of(record)
     lost = int((steps[short] - 1).sum())
     if not lost or lost > _MOST * (len(record.values) + lost):
         return record
@@ -114,6 +111,15 @@ def bridge_gaps(record: Record) -> Record:
     )
 
 
+def steps_of(record: Record) -> tuple[Rows, NDArray[np.bool_]]:
+    """Return the time from each row to the next in rows, and which are short gaps."""
+    steps = np.diff(np.round((record.start_s - record.start_s[0]) * record.rate_hz)).astype(
+        np.int64
+    )
+    longest = max(1, min(_LONGEST_ROWS, int(_LONGEST_S * record.rate_hz)))
+    return steps, (steps > 1) & (steps <= longest + 1)
+
+
 def worth_of(record: Record) -> float:
     """Return the degrees of freedom of the rows, as a share of how many they are.
 
@@ -137,7 +143,8 @@ def _filled(values: Array, gaps: Rows, missing: NDArray[np.bool_]) -> Array:
     rest = np.where(moving & (size > 0), rest / np.where(size > 0, size, 1.0), 0.0)
     standard = np.random.default_rng(0).standard_normal((len(gaps), values.shape[1]))
     columns = np.flatnonzero(moving)
-    for _ in range(_ROUNDS):
+    share = float(missing.mean())
+    for _ in range(min(_ROUNDS, math.ceil(math.log(_LEFT) / math.log(share)))):
         models = [_Autoregression.of(rest[:, column]) for column in columns]
         draws = standard[:, columns] @ _root_of_correlation(rest[:, columns], models, ~missing)
         for model, column, draw in zip(models, columns, draws.T, strict=True):

@@ -36,7 +36,6 @@ _WORTH = 0.5
 _FEWEST_ROWS = 32
 """Shortest averaging time in rows that are means themselves: as in `allanscope.allan.curves`."""
 _COLUMNS = tuple(one.name for one in fields(Deviation) if one.name not in ("kind", "level"))
-_COLUMNS = tuple(one.name for one in fields(Deviation) if one.name not in ("kind", "level"))
 
 
 def across_gaps(

@@ -40,8 +40,9 @@ from allanscope.samples import Block
 
 __all__ = ["AllanBank", "pack_state"]
 
-_SLICE = 1 << 12
-"""Samples converted to float64 at a time: the second-level cache holds them, and the heap."""
+_SLICE = 1 << 15
+"""Samples converted to float64 at a time: so many that the calls between the loops do not count,
+so few that a cache of two megabytes holds them."""
 _FORMAT = "allanscope bank"
 _VERSION = 2
 
@@ -189,7 +190,7 @@ class AllanBank:
             self._cascade.extend(piece)
             self._archive.extend(piece)
             if borders is not None:
-                borders.collect(self._cascade)
+                borders.collect_when_due(self._cascade)
             start += size
 
     def gap(self, lost: int = 0) -> None:

@@ -38,8 +38,11 @@ SHORTEST = 64
 """Samples."""
 MOST_LEVELS = 48
 SLOTS = 128
-"""Marks that wait on a rung: its terms and batches span 80 borders, and a slice has 32."""
+"""Marks that wait on a rung: its terms and batches span 80 borders, a slice has 32, and up to 15
+have been noted but not fetched."""
 AT_A_TIME = 32
+FETCHED_TOGETHER = 16
+"""Borders: to fetch what a rung has noted costs as much for many of them as for one."""
 FEWEST_TERMS = 2
 _OADEV = COLUMNS.index("oadev")
 
@@ -118,6 +121,7 @@ class Borders:
         self._lost = 0
         self._places = np.zeros((MOST_BORDERS, 2), np.int64)  # samples taken, and with those lost
         self._used = 0
+        self._unfetched = 0  # borders set since the last fetch
         self._squares = np.zeros((MOST_BORDERS, axes, 0, 2))
         self._terms = np.zeros((MOST_BORDERS, 0, 2), np.int64)
         self._rows = np.zeros((MOST_LEVELS, SLOTS), np.int64)  # of the marks of each rung
@@ -176,6 +180,7 @@ class Borders:
         longest = self.step * self.in_window << doublings
         self._mark(cascade, 0, min((longest // 64).bit_length(), MOST_LEVELS), mark, row)
         self._used += 1
+        self._unfetched += 1
         self._next += 1
 
     def _mark(self, cascade: Cascade, first: int, stop: int, mark: int, row: int) -> None:
@@ -195,8 +200,14 @@ class Borders:
         ended = np.maximum(entries - 2 * cascade.lags[taus] + 1, 0)
         self._terms[row, taus, 0] = cascade.counts[taus, 0, _OADEV] + ended
 
+    def collect_when_due(self, cascade: Cascade) -> None:
+        """Fetch what has been noted, if there may be much of it."""
+        if self._unfetched >= FETCHED_TOGETHER:
+            self.collect(cascade)
+
     def collect(self, cascade: Cascade) -> None:
         """Fetch what has been noted."""
+        self._unfetched = 0
         noted = cascade.marks == NOTED
         for level in np.flatnonzero(noted.any(axis=1)):
             slots = np.flatnonzero(noted[level])

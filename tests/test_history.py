@@ -1,5 +1,7 @@
 """The bounded memory of a run keeps means, times and segments right whatever happens to it."""
 
+import copy
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -124,3 +126,18 @@ def test_coarsened_rows_are_means_within_their_segments():
         )
     assert (thinned.temperature_c == 25.0).all()
     assert whole.coarsened(len(whole.values)) is whole
+
+
+def test_a_copy_goes_on_as_the_history_that_it_was_made_of():
+    data = np.random.default_rng(3).integers(-900, 900, (70_000, 2)).astype(np.int16)
+    history = History(2, rows=1 << 16)
+    history.update(data[:40_000])
+    other = copy.deepcopy(history)
+    assert len(other._sums) == 40_000
+    for one in (history, other):
+        one.update(data[40_000:])
+    first, second = (one.record(10.0, ("gx", "gy"), (1.0, 1.0)) for one in (history, other))
+    assert first.stride == 2
+    np.testing.assert_array_equal(first.values, second.values)
+    np.testing.assert_array_equal(first.start_s, second.start_s)
+    np.testing.assert_array_equal(first.segments, second.segments)

@@ -56,6 +56,10 @@ _halved = kernel(
 )
 """Join rows (sums, temperature, position, segment) of a segment in pairs; return how many."""
 
+_FIRST_ROWS = 1 << 14
+"""Rows that there is room for at first: most runs that are tried are short."""
+_TABLE = ("_sums", "_temperature", "_position", "_segment")
+
 
 @dataclass(frozen=True, slots=True)
 class Record:
@@ -172,10 +176,11 @@ class History:
         self.axes = axes
         self.rows = rows
         self.stride = 1
-        self._sums = np.zeros((min(rows, 1 << 14), axes))
-        self._temperature = np.full(self._sums.shape[0], np.nan)
-        self._position = np.zeros(self._sums.shape[0], np.int64)
-        self._segment = np.zeros(self._sums.shape[0], np.int64)
+        first = min(rows, _FIRST_ROWS)
+        self._sums = np.empty((first, axes))
+        self._temperature = np.empty(first)
+        self._position = np.empty(first, np.int64)
+        self._segment = np.empty(first, np.int64)
         self._used = 0
         self._part = np.zeros(axes + 3)
         """The row that is not complete, of `_filled` samples so far: see `_rows_of`."""
@@ -259,15 +264,17 @@ class History:
         self._filled = have % self.stride
 
     def _grow(self, needed: int) -> None:
-        have = len(self._sums)
-        if needed <= have:
-            return
-        size = min(self.rows, max(needed, 4 * have))
-        for name in ("_sums", "_temperature", "_position", "_segment"):
-            old = getattr(self, name)
-            new = np.zeros((size, *old.shape[1:]), old.dtype)
-            new[:have] = old
-            setattr(self, name, new)
+        """Make room for all rows there ever are: memory that is not written to takes no place."""
+        if needed > len(self._sums):
+            for name in _TABLE:
+                old = getattr(self, name)
+                new = np.empty((self.rows, *old.shape[1:]), old.dtype)
+                new[: self._used] = old[: self._used]
+                setattr(self, name, new)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs: no rows that are not in use."""
+        return vars(self) | {name: getattr(self, name)[: self._used] for name in _TABLE}
 
     def _halve(self) -> None:
         """Average neighbours of one segment in pairs; a row without a neighbour is given up."""
@@ -280,7 +287,7 @@ class History:
             self._part[:] = *self._sums[last], *known
             self._filled = self.stride
             self._next = int(self._position[last])
-        table = self._sums, self._temperature, self._position, self._segment
+        table = [getattr(self, name) for name in _TABLE]
         self._used = _halved(*table, self._used, self.axes)
         self.stride *= 2
 

@@ -62,6 +62,7 @@ class Assembler:
         self.repeats = 0
         self._stats = stats
         self._descriptor: Descriptor | None = None
+        self._described_by: tuple[bytes, int] | None = None
         self._waiting = _Waiting()
         self._ticking = _Ticking()
         self._next_seq: int | None = None
@@ -204,6 +205,9 @@ class Assembler:
             )
 
     def _described(self, body: bytes, epoch: int) -> Iterator[Event]:
+        if (body, epoch) == self._described_by:  # devices repeat it every second
+            self._stats.frames += 1
+            return
         known = descriptor.read(body, epoch)
         if known is None:
             self._stats.unknown += 1
@@ -212,7 +216,7 @@ class Assembler:
         self._stats.frames += 1
         if known == self._descriptor:
             return
-        self._descriptor = known
+        self._descriptor, self._described_by = known, (body, epoch)
         self._next_index = self._last_frame = None
         self._ticking = _Ticking()
         if self._delivered and self._gap_due is None:

@@ -10,6 +10,7 @@ from allanscope.allan.cascade import Cascade
 from allanscope.allan.estimators import REGISTRY
 from allanscope.allan.estimators.theo1 import thinned_theo1_variance
 from allanscope.allan.shard import ALIGNED, BLOCK, Shard
+from allanscope.clock import Clock
 from allanscope.explain.effects.random_telegraph import posterior
 from allanscope.explain.stationarity import demodulate
 from allanscope.history import History
@@ -144,6 +145,15 @@ def watches() -> None:
                 watch.rows(RNG.normal(0.0, 20.0, (n, axes)).astype(dtype))
 
 
+def clocks() -> None:
+    clock = Clock(nominal_hz=104.0)
+    for n in (0, 1, 3, 9000):
+        offset = np.arange(n)
+        seen = np.where(RNG.random(n) < 0.1, np.nan, offset / 103.0 + RNG.exponential(1e-3, n))
+        clock.update(0, Ticks(offset, offset / 104.0, seen, np.full(n, np.nan)))
+        clock.rate()
+
+
 if __name__ == "__main__":
     for part in (
         sums,
@@ -156,6 +166,7 @@ if __name__ == "__main__":
         covariances,
         series,
         watches,
+        clocks,
     ):
         part()
     print("done")

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.clock.rate import DISAGREEMENT, SHORTEST_PERIOD_S, LineFit, RateFit, fit_line
+from allanscope.compiled import Pointer, kernel
 from allanscope.samples import Gap, StreamInfo, Ticks
 
 __all__ = ["Clock", "Envelope"]
@@ -53,6 +54,13 @@ LONGEST_PAUSE_S = 20e-3
 
 SETTLED_ROWS = 16
 """With more rows than this, the window that is still filling up is left out of the fit."""
+
+_earliest_of_windows = kernel(
+    "earliest_of_windows",
+    *(Pointer(np.int64, 1), Pointer(np.float64, 1), Pointer(np.int64, 1), int, int, float, float),
+    Pointer(np.int64, 1, written=True),
+    returns=int,
+)
 
 
 class Clock:
@@ -303,12 +311,7 @@ class Envelope:
         time_s: NDArray[np.float64],
         temperature_c: NDArray[np.float64],
     ) -> None:
-        window = np.floor(time_s / self._window_s)
-        delay = (time_s - time_s[0]) - (index - index[0]) * self._period_s
-        starts = np.flatnonzero(np.diff(window, prepend=np.nan) != 0.0)
-        least = np.minimum.reduceat(delay, starts)
-        at_least = np.flatnonzero(delay == np.repeat(least, np.diff(starts, append=len(delay))))
-        best = at_least[np.searchsorted(at_least, starts)]
+        best = self._earliest(index, time_s, np.zeros_like(index), from_first=True)
         taken = 0
         while taken < len(best):
             if self._used == ROWS:
@@ -343,19 +346,29 @@ class Envelope:
     def _join(self) -> None:
         """Join rows of the same window and segment."""
         rows = slice(0, self._used)
-        window = np.floor(self._time_s[rows] / self._window_s)
-        segment = self._segment[rows]
-        first = (np.diff(window, prepend=np.nan) != 0.0) | (np.diff(segment, prepend=-1) != 0)
-        starts = np.flatnonzero(first)
-        if len(starts) == self._used:
-            return
-        origin = np.repeat(starts, np.diff(starts, append=self._used))
-        delay = (self._time_s[rows] - self._time_s[origin]) - self._period_s * (
-            self._index[rows] - self._index[origin]
+        found = (self._index[rows], self._time_s[rows], self._segment[rows])
+        best = self._earliest(*found, from_first=False)
+        if len(best) < self._used:
+            self._keep_rows(best)
+
+    def _earliest(
+        self,
+        index: NDArray[np.int64],
+        time_s: NDArray[np.float64],
+        segment: NDArray[np.int64],
+        *,
+        from_first: bool,
+    ) -> NDArray[np.int64]:
+        """Return the row with the shortest delay of each window and segment, the first of several.
+
+        Delays count from the first row, or in each window from its own.
+        """
+        best = np.empty(len(index), np.int64)
+        many = _earliest_of_windows(
+            *(index, time_s, segment, len(index), from_first),
+            *(self._window_s, self._period_s, best),
         )
-        least = np.minimum.reduceat(delay, starts)
-        at_least = np.flatnonzero(delay == least[np.cumsum(first) - 1])
-        self._keep_rows(at_least[np.searchsorted(at_least, starts)])
+        return best[:many]
 
     def _keep_rows(self, rows: NDArray[np.int64]) -> None:
         for table in (self._index, self._time_s, self._segment, self._temperature_c):

@@ -2,6 +2,7 @@
 
 #include "amplitudes.c"
 #include "cascade.c"
+#include "clock.c"
 #include "covariance.c"
 #include "estimators.c"
 #include "history.c"

@@ -13,7 +13,7 @@ enum {
     LONGEST_LAG = 63,
     NARROW = 23170, /* eight squares of it fit in 32 bits */
     AT_ONCE = 8,
-    MOST_GATHERED = 1280, /* of every lag up to the longest: 256 / k + 1, and three before */
+    MOST_GATHERED = 1296, /* of every lag up to the longest: 256 / k + 1, and three before; a register */
     AT_MOST = 4 /* registers of squares that are added in 32 bits: two of each lane's */
 };
 #define LARGEST_SUM ((int64_t)1 << 53)
@@ -155,9 +155,15 @@ static inline __m256i with_narrow(__m256i sums, __m256i narrow) {
 }
 
 static inline int64_t total_of(__m256i sums) {
-    int64_t lane[LANES];
-    _mm256_storeu_si256((__m256i *)lane, sums);
-    return (lane[0] + lane[1]) + (lane[2] + lane[3]);
+    __m128i two = _mm_add_epi64(_mm256_castsi256_si128(sums), _mm256_extracti128_si256(sums, 1));
+    return _mm_cvtsi128_si64(_mm_add_epi64(two, _mm_unpackhi_epi64(two, two)));
+}
+
+/* The largest of sixteen numbers without a sign. */
+static inline int64_t most_narrow(__m256i v) {
+    __m128i eight = _mm_max_epu16(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
+    __m128i rest = _mm_minpos_epu16(_mm_xor_si128(eight, _mm_set1_epi16(-1)));
+    return 0xFFFF - (_mm_cvtsi128_si32(rest) & 0xFFFF);
 }
 
 /* w, d and h, with either width of entries. */
@@ -193,54 +199,93 @@ static void squares_of_phase(const whole *own, int64_t k, int is_narrow, int64_t
     found[0] = total_of(ww), found[1] = total_of(dd), found[2] = total_of(hh);
 }
 
-/* e and 2 r, with either width of entries: `y` is z, on rung 0 with the last phase. */
-#define SUM_TERMS(load, y, z, q, add, subtract, multiply)                                        \
-    __m256i inner = subtract(load(y, 1), load(y, 2));                                            \
-    __m256i e = subtract(subtract(load(y, 0), load(y, 3)), add(inner, add(inner, inner)));       \
-    __m256i q1 = load(q, 1), bend = subtract(subtract(load(q, 0), q1), subtract(q1, load(q, 2)));\
-    __m256i r = subtract(multiply(m, subtract(load(z, 0), load(z, 2))), bend);
-
-/* Squares of e and of 2 r. */
-static void squares_of_sums(const whole *own, int64_t k, int is_narrow, int64_t *found) {
-    __m256i ee = _mm256_setzero_si256(), rr = ee;
 #define LOAD(p, lags) _mm256_loadu_si256((const __m256i *)((p) + j - (lags)*k))
-    if (is_narrow) {
+
+/* e, with either width of entries: `y` is z, on rung 0 with the last phase. */
+#define E_TERMS(y, add, subtract)                                                                \
+    __m256i inner = subtract(LOAD(y, 1), LOAD(y, 2));                                            \
+    __m256i e = subtract(subtract(LOAD(y, 0), LOAD(y, 3)), add(inner, add(inner, inner)));
+
+/* Squares of e in 16 bits; `most` receives the largest size that is found in them. */
+static int64_t squares_of_narrow_e(const whole *own, int64_t k, int64_t *most) {
+    __m256i ee = _mm256_setzero_si256(), sizes = ee;
+    for (int64_t j = BATCH; j < ENTRIES;) {
+        __m256i sum = _mm256_setzero_si256();
+        for (int i = 0; i < AT_MOST; i++, j += 2 * AT_ONCE) {
+            E_TERMS(own->with_x_low, _mm256_add_epi16, _mm256_sub_epi16)
+            sum = _mm256_add_epi32(sum, _mm256_madd_epi16(e, e));
+            sizes = _mm256_max_epu16(sizes, _mm256_abs_epi16(e));
+        }
+        ee = with_narrow(ee, sum);
+    }
+    *most = most_narrow(sizes);
+    return total_of(ee);
+}
+
+/* Squares of e. Most fit in 16 bits far beyond what bounds promise. On rung 0 that can be seen: from
+   one term to the next e moves by h. Where the first is right, and no size exceeds NARROW, a term
+   that is not would have come from its neighbour in a step of 2^16 - 2 NARROW or more. */
+static int64_t squares_of_e(const whole *own, int64_t k, double h_most) {
+    const int32_t *y = own->with_x + BATCH;
+    double bound = 2.0 * (double)k * (double)k * own->curve;
+    int64_t most, inner = (int64_t)y[-k] - y[-2 * k];
+    int32_t first = (int32_t)(uint32_t)((int64_t)y[0] - y[-3 * k] - 3 * inner);
+    int continues = own->stride == 1 && h_most < 65536.0 - 2.0 * NARROW && first <= NARROW && first >= -NARROW;
+    if (bound <= NARROW || continues) {
+        int64_t narrow = squares_of_narrow_e(own, k, &most);
+        if (bound <= NARROW || most <= NARROW) return narrow;
+    }
+    __m256i ee = _mm256_setzero_si256();
+    for (int64_t j = BATCH; j < ENTRIES; j += AT_ONCE) {
+        E_TERMS(own->with_x, _mm256_add_epi32, _mm256_sub_epi32)
+        ee = with_squares(ee, e);
+    }
+    return total_of(ee);
+}
+
+/* 2 r, with either width of entries. */
+#define R_TERMS(z, q, subtract, multiply)                                                        \
+    __m256i q1 = LOAD(q, 1), bend = subtract(subtract(LOAD(q, 0), q1), subtract(q1, LOAD(q, 2)));\
+    __m256i r = subtract(multiply(m, subtract(LOAD(z, 0), LOAD(z, 2))), bend);
+
+/* Squares of 2 r. */
+static int64_t squares_of_r(const whole *own, int64_t k) {
+    double lag = (double)k;
+    __m256i rr = _mm256_setzero_si256();
+    if (own->bend * lag * lag * lag <= NARROW) {
         __m256i m = _mm256_set1_epi16((int16_t)(k * own->stride));
         for (int64_t j = BATCH; j < ENTRIES;) {
-            __m256i e_s = _mm256_setzero_si256(), r_s = e_s;
+            __m256i sum = _mm256_setzero_si256();
             for (int i = 0; i < AT_MOST; i++, j += 2 * AT_ONCE) {
-                SUM_TERMS(LOAD, own->with_x_low, own->z_low, own->q_low, _mm256_add_epi16,
-                          _mm256_sub_epi16, _mm256_mullo_epi16)
-                e_s = _mm256_add_epi32(e_s, _mm256_madd_epi16(e, e));
-                r_s = _mm256_add_epi32(r_s, _mm256_madd_epi16(r, r));
+                R_TERMS(own->z_low, own->q_low, _mm256_sub_epi16, _mm256_mullo_epi16)
+                sum = _mm256_add_epi32(sum, _mm256_madd_epi16(r, r));
             }
-            ee = with_narrow(ee, e_s), rr = with_narrow(rr, r_s);
+            rr = with_narrow(rr, sum);
         }
     } else {
         __m256i m = _mm256_set1_epi32((int32_t)(k * own->stride));
         for (int64_t j = BATCH; j < ENTRIES; j += AT_ONCE) {
-            SUM_TERMS(LOAD, own->with_x, own->z, own->q, _mm256_add_epi32, _mm256_sub_epi32,
-                      _mm256_mullo_epi32)
-            ee = with_squares(ee, e), rr = with_squares(rr, r);
+            R_TERMS(own->z, own->q, _mm256_sub_epi32, _mm256_mullo_epi32)
+            rr = with_squares(rr, r);
         }
     }
+    return total_of(rr);
+}
 #undef LOAD
-    found[0] = total_of(ee), found[1] = total_of(rr);
+
+/* Bound of w of a lag; those of d and h are twice and four times as large. */
+static inline double largest_rise(const whole *own, int64_t k) {
+    double rise = (double)k * own->steepest;
+    return rise < own->range ? rise : own->range;
 }
 
 /* Whether w, d and h of a lag fit in 16 bits. */
-static inline int is_narrow(const whole *own, int64_t k) {
-    double rise = (double)k * own->steepest;
-    return 4.0 * (rise < own->range ? rise : own->range) <= NARROW;
-}
+static inline int is_narrow(const whole *own, int64_t k) { return 4.0 * largest_rise(own, k) <= NARROW; }
 
 /* Add the overlapping terms that end in the new entries; return 0, having added nothing, where
    doubles would round. */
 static int whole_overlap(const whole *own, int64_t k, double *total) {
-    int64_t phase[3], sums[2];
-    double lag = (double)k, bend = own->bend * lag * lag * lag;
-    double most = 2.0 * lag * lag * own->curve;
-    squares_of_sums(own, k, (bend > most ? bend : most) <= NARROW, sums);
+    int64_t phase[3], sums[2] = {squares_of_e(own, k, 4.0 * largest_rise(own, k)), squares_of_r(own, k)};
     if (sums[0] >= LARGEST_SUM || sums[1] >= LARGEST_SUM) return 0;
     squares_of_phase(own, k, is_narrow(own, k), phase);
     total[OSTDEV_MOMENTS] += (double)BATCH;
@@ -268,32 +313,27 @@ static int64_t gather_apart(const whole *own, int64_t first, int64_t k, int16_t 
     return n;
 }
 
-/* Add the terms that end at n entries that were gathered. */
-static void whole_apart(const int16_t *room, int64_t n, double *total) {
+/* Add the terms that end at n entries that were gathered, in which the phase rose by `rise`. Where they
+   fill no register the rest of it holds anything, and is masked. */
+static void whole_apart(const int16_t *room, int64_t n, int64_t rise, double *total) {
+    static const int16_t ones[4 * AT_ONCE] = {-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
     __m256i ww = _mm256_setzero_si256(), dd = ww, hh = ww;
-    int64_t j = 3, rise = 0, squares[3];
-#define LOAD(lags) _mm256_loadu_si256((const __m256i *)(room + j - (lags)))
-    for (; j + 2 * AT_ONCE <= n + 3; j += 2 * AT_ONCE) {
+#define LOAD(lags) _mm256_loadu_si256((const __m256i *)(room + j + 3 - (lags)))
+    for (int64_t j = 0; j < n; j += 2 * AT_ONCE) {
+        int64_t missing = 2 * AT_ONCE - least(n - j, 2 * AT_ONCE);
+        __m256i mask = _mm256_loadu_si256((const __m256i *)(ones + missing));
         PHASE_TERMS(LOAD, _mm256_sub_epi16)
+        w = _mm256_and_si256(w, mask), d = _mm256_and_si256(d, mask), h = _mm256_and_si256(h, mask);
         ww = with_narrow(ww, _mm256_madd_epi16(w, w));
         dd = with_narrow(dd, _mm256_madd_epi16(d, d));
         hh = with_narrow(hh, _mm256_madd_epi16(h, h));
     }
 #undef LOAD
-    squares[0] = total_of(ww), squares[1] = total_of(dd), squares[2] = total_of(hh);
-    int64_t before = (int16_t)(room[j - 1] - room[j - 2]);
-    int64_t last_d = before - (int16_t)(room[j - 2] - room[j - 3]);
-    for (; j < n + 3; j++) {
-        int64_t w = (int16_t)(room[j] - room[j - 1]), d = w - before, h = d - last_d;
-        squares[0] += w * w, squares[1] += d * d, squares[2] += h * h;
-        before = w, last_d = d;
-    }
-    for (j = 3; j < n + 3; j++) rise += (int16_t)(room[j] - room[j - 1]);
     total[STDEV_MOMENTS] += (double)n;
     total[STDEV_MOMENTS + 1] += (double)rise;
-    total[STDEV] += (double)squares[0];
-    total[ADEV] += (double)squares[1];
-    total[HDEV] += (double)squares[2];
+    total[STDEV] += (double)total_of(ww);
+    total[ADEV] += (double)total_of(dd);
+    total[HDEV] += (double)total_of(hh);
 }
 
 /* Add all terms that end in the new entries of a full rung, of which `before` came before; bit t of
@@ -303,20 +343,22 @@ static void spend_whole(
     uint64_t *overlapping, uint64_t *apart) {
     whole own;
     int16_t rooms[MOST_GATHERED];
-    int64_t gathered[LONGEST_LAG], used = 0;
+    int64_t gathered[LONGEST_LAG], rises[LONGEST_LAG], used = 0;
     if (!to_whole(rung, stride, lags[count - 1], &own)) return;
     for (int64_t t = 0; t < count; t++)
         if (whole_overlap(&own, lags[t], sums + t * WIDTH)) *overlapping |= (uint64_t)1 << t;
     *apart = *overlapping & (lags[0] == 1);
     /* All are gathered before the first is read: a register waits for what was stored in pieces. */
     for (int64_t t = lags[0] == 1; t < count && is_narrow(&own, lags[t]); t++) {
-        gathered[t] = gather_apart(&own, BATCH - 1 + lags[t] - before % lags[t], lags[t], rooms + used);
+        int64_t k = lags[t], start = BATCH - 1 + k - before % k;
+        gathered[t] = gather_apart(&own, start, k, rooms + used);
+        rises[t] = gathered[t] ? (int64_t)own.x[start + (gathered[t] - 1) * k] - own.x[start - k] : 0;
         used += gathered[t] + 3;
         *apart |= (uint64_t)1 << t;
     }
     const int16_t *room = rooms;
     for (int64_t t = lags[0] == 1; t < count && *apart >> t & 1; t++) {
-        whole_apart(room, gathered[t], sums + t * WIDTH);
+        whole_apart(room, gathered[t], rises[t], sums + t * WIDTH);
         room += gathered[t] + 3;
     }
 }

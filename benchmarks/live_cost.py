@@ -33,7 +33,7 @@ from figures import Figure, written
 from allanscope.analysis import Analyser
 from allanscope.pipeline import Decoding
 from allanscope.pipeline.outputs import made_folder
-from allanscope.pipeline.process import give_large_blocks_back
+from allanscope.pipeline.process import configure_malloc
 from allanscope.pipeline.refreshing import IN_VIEWER, UNWATCHED, LoopProcess, RefreshPolicy
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
@@ -151,7 +151,7 @@ def run(
     port: str, seconds: float, folder: Path, policy: RefreshPolicy = UNWATCHED
 ) -> dict[str, Any]:
     """Watch a port for some seconds and return what it cost."""
-    give_large_blocks_back()
+    configure_malloc()
     load_rerun()
     watch, source = Watch(), Timed(open_source(port))
     recorder = Recorder(folder, {"name": "benchmark"})

@@ -16,7 +16,8 @@ from allanscope.wire.native.table import FrameTable, table_of
 
 __all__ = ["NativeDecoder"]
 
-_SLICE = 1 << 20
+_SLICE = 1 << 22
+"""Bytes read at a time: a piece of a replay, without a copy."""
 
 
 class NativeDecoder:

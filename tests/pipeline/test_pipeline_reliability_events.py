@@ -106,3 +106,24 @@ def test_what_breaks_a_link_is_told_by_the_numbers_or_not_at_all(event: str) -> 
     assert [(gap.reason, gap.lost) for gap in found] == [
         ("disconnected" if event == "disconnected" else "file", 7)
     ]
+
+
+@pytest.mark.parametrize("lost", [0, 7])
+def test_a_full_buffer_costs_no_more_than_the_numbers_say(lost: int) -> None:
+    """Half a frame before it and half behind it are one, where nothing was thrown away."""
+    encoder, sensor = format_named("native").encoder(), Simulator(rate=104.0)
+    decoding = Decoding(WireSettings(), "native")
+    first = encoder.describe(sensor.info) + encoder.encode(sensor.read(30))
+    decoding.feed(Chunk(SECOND, first[:-20]))
+    sensor.read(lost)
+    rest = first[-20:] + encoder.encode(sensor.read(30))
+    found = gaps(decoding.feed(Chunk(2 * SECOND, rest, "overrun")) + decoding.finish())
+    assert [(gap.reason, gap.lost) for gap in found] == ([("device", 7)] if lost else [])
+
+
+def test_a_full_buffer_ends_a_row_that_has_no_number() -> None:
+    decoding = Decoding(WireSettings(rate_hz=100.0), "text")
+    rows = b"".join(b"%d,1,2,3\n" % i for i in range(40))
+    decoding.feed(Chunk(SECOND, rows + b"40,1,"))
+    found = gaps(decoding.feed(Chunk(2 * SECOND, b",2,9\n" + rows, "overrun")) + decoding.finish())
+    assert [gap.reason for gap in found] == ["link"]

@@ -318,6 +318,9 @@ class Decoding:
             return []
         if chunk.event == "disconnected":
             return self._decoder.interrupt("disconnected")
+        if chunk.event == "overrun":
+            # Nothing need be missing, and numbers tell what is: half a frame may go on.
+            return [] if self._numbered else self._decoder.interrupt("link")
         if chunk.event == "hole":
             return self._decoder.interrupt("file")
         if chunk.event == "stalled":

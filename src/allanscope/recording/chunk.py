@@ -7,16 +7,19 @@ from typing import Literal
 
 __all__ = ["Chunk", "LinkEvent"]
 
-LinkEvent = Literal["", "disconnected", "reconnected", "stalled", "resumed", "hole", "mark", "end"]
+LinkEvent = Literal[
+    "", "disconnected", "reconnected", "stalled", "resumed", "overrun", "hole", "mark", "end"
+]
 """What can happen to a link, or beside it.
 
 disconnected, reconnected
     The port disconnected; the same device came back.
 stalled, resumed
     A streaming device sent nothing although the port is open; it sends again.
+overrun
+    The buffer of the port was full when it was opened: bytes may be missing behind what it held.
 hole
-    Bytes are missing here: they were never written (disk full), the file is damaged, or the buffer
-    of the port was full when it was opened.
+    Bytes are missing here: they were never written (disk full), or the file is damaged.
 mark
     The user set a mark; only a recording brings one.
 end

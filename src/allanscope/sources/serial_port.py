@@ -189,7 +189,7 @@ class SerialSource:
         else:
             pause_s = self._pace.after(len(data), now - self._heard_ns)
             self._pause_s = self._pace.unevenly(pause_s)
-        event: LinkEvent = "resumed" if self._stalled else "hole" if self._overrun else ""
+        event: LinkEvent = "resumed" if self._stalled else "overrun" if self._overrun else ""
         self._overrun = False
         if self._waited is not None:
             self._waited += len(data)

@@ -231,3 +231,39 @@ def test_flipped_bits_are_read_or_refused(tmp_path):
             continue
         assert found.columns.time_s is not None
         assert (np.diff(found.columns.time_s) > 0).all()
+
+
+OF_ST = Path(__file__).with_name("hsdatalog_of_st")
+"""Two of ST's own acquisitions over USB, of a SensorTile.box PRO and a STWIN, as ST published them.
+
+Folders ``20240916_15_27_31`` and ``20240916_15_21_49`` of STMicroelectronics/stdatalog_examples at
+4ca4e1f, without what is no gyroscope or accelerometer.
+"""
+
+
+@pytest.mark.parametrize(
+    ("part", "rows", "per_frame", "rate_hz"),
+    [("lsm6dsv16x", 2040, 120, 123.0633), ("ism330dhcx", 1352, 104, 107.7814)],
+)
+def test_what_sts_own_firmware_wrote_is_read_to_the_count(part, rows, per_frame, rate_hz):
+    """The packets are taken apart here once more: 4 bytes of counter, then frames and a time."""
+    (config,) = json.loads((OF_ST / part / "device_config.json").read_text())["devices"]
+    status = {name: one for item in config["components"] for name, one in item.items()}
+    found = table_of_file(OF_ST / part)
+    assert (found.part, found.columns.assumed) == (part.upper(), ())
+    for kind, axes in (("gyro", ("gx", "gy", "gz")), ("acc", ("ax", "ay", "az"))):
+        said = status[f"{part}_{kind}"]
+        assert said["samples_per_ts"] == per_frame
+        raw, size = (OF_ST / part / f"{part}_{kind}.dat").read_bytes(), 4 + said["usb_dps"]
+        stream = b"".join(raw[at + 4 : at + size] for at in range(0, len(raw), size))
+        form = np.dtype([("counts", "<i2", (per_frame, 3)), ("last_s", "<f8")])
+        frames = np.frombuffer(stream[: len(stream) // form.itemsize * form.itemsize], form)
+        counts = frames["counts"].reshape(-1, 3)
+        assert len(counts) == rows
+        read = np.stack([found.columns.axes[axis] for axis in axes], axis=1)
+        assert np.array_equal(read, counts)
+        assert found.columns.scales[axes[0]] == pytest.approx(said["sensitivity"], rel=1e-6)
+        last = found.columns.time_s[per_frame - 1 :: per_frame]
+        assert np.abs(last - frames["last_s"]).max() < 0.5e-3
+    measured = (rows - 1) / np.ptp(found.columns.time_s)
+    assert measured == pytest.approx(rate_hz, rel=1e-4)

@@ -95,6 +95,9 @@ class Part:
         dps and g per count at each full scale, ascending.
     beyond : bool
         True for a part beyond the three that the program is made for.
+    second_hand : bool
+        True where `source` is one that quotes the datasheet: figures that nobody here has seen in
+        it. A verdict says so.
     """
 
     name: str
@@ -113,6 +116,7 @@ class Part:
     gyro_scales: Mapping[float, float] = field(default_factory=lambda: GYRO_SCALES)
     accel_scales: Mapping[float, float] = field(default_factory=lambda: ACCEL_SCALES)
     beyond: bool = False
+    second_hand: bool = False
 
     def gyro_scale(self, full_scale_dps: float) -> float:
         """Return dps per count; UsageError for a full scale that the part does not have."""
@@ -199,6 +203,7 @@ def _hardly_published(
         source=source,
         gyro_scales=_WIDE_GYRO_SCALES,
         beyond=True,
+        second_hand=source != _UNPUBLISHED,
     )
 
 
@@ -280,6 +285,7 @@ PARTS: Mapping[str, Part] = {
         source="ISM330DHCX datasheet DS13012 Rev 6, as quoted in public course notes",
         gyro_scales=_WIDE_GYRO_SCALES,
         beyond=True,
+        second_hand=True,
     ),
     **{
         part.name: part

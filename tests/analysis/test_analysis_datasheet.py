@@ -110,6 +110,16 @@ def test_parts_beyond_the_three_have_scales_and_a_source_and_are_marked():
         PARTS["LSM6DSM"].gyro_scale(4000.0)
 
 
+def test_a_verdict_by_figures_at_second_hand_says_that_nobody_verified_them():
+    quoted = {name for name, part in PARTS.items() if part.second_hand}
+    assert quoted == {"ISM330DHCX", "LSM6DSV"}
+    for name, part in PARTS.items():
+        if part.gyro_density is not None:
+            verdict = compare(part, "gx", white(4e-3), rate_hz=104.0, full_scale=250.0)["density"]
+            said = f"not verified in the datasheet: {part.source}" in verdict.explanation
+            assert said == (name in quoted)
+
+
 @pytest.mark.parametrize(
     ("rate_hz", "modes"),
     [(12.5, {"density", "rms"}), (208.0, {"density", "rms"}), (416.0, {"density"})],

@@ -149,6 +149,8 @@ def _density(
         f" {factor * limit:.3g} typical ({part.name}, one-sided); N itself, which DT0064 takes for"
         f" the density, is {factor * measured / _ROOT_TWO:.3g}"
     )
+    if part.second_hand:
+        explanation += f"; not verified in the datasheet: {part.source}"
     if base == "dps":
         explanation += (
             f"; final angle error = ARW sqrt(time): {details['arw_deg_per_sqrt_hour']:.3g} deg"

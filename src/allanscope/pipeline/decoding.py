@@ -61,6 +61,9 @@ ENOUGH = 0.5
 SECONDS_WITHOUT_SAMPLES = 3.0
 """Bytes that come for so long without a sample are worth a line."""
 
+_REASONS = {"disconnected": "disconnected", "overrun": "link", "hole": "file"}
+"""Why samples are missing around what happened to the link."""
+
 
 class Decoding:
     """Turn the chunks of one source into events.
@@ -316,13 +319,10 @@ class Decoding:
             self._send_start()
         if self._decoder is None:
             return []
-        if chunk.event == "disconnected":
-            return self._decoder.interrupt("disconnected")
-        if chunk.event == "overrun":
-            # Nothing need be missing, and numbers tell what is: half a frame may go on.
-            return [] if self._numbered else self._decoder.interrupt("link")
-        if chunk.event == "hole":
-            return self._decoder.interrupt("file")
+        if chunk.event == "overrun" and self._numbered:
+            return []  # nothing need be missing, and numbers tell what is: half a frame may go on
+        if chunk.event in _REASONS:
+            return self._decoder.interrupt(_REASONS[chunk.event])
         if chunk.event == "stalled":
             # A board that restarted without leaving the bus may wait to be told to start.
             self._send_start()

@@ -50,7 +50,7 @@ def live(one: ArgumentParser) -> None:
         metavar="N",
         help="baud rate of a UART (default: 115200; 1843200 with --wire sdatalog)",
     )
-    one.add_argument("--resume", metavar="DIR", help="continue an interrupted session")
+    one.add_argument("--resume", metavar="DIR", help="continue an interrupted session, at its port")
     _duration_argument(one)
     _session_arguments(one)
     _device_arguments(one)

@@ -61,7 +61,10 @@ def test_each_signal_ends_a_session_as_its_time_would(plug_in: Plug, tmp_path: P
 
 
 def test_a_killed_session_goes_on_as_one(plug_in: Plug, tmp_path: Path) -> None:
-    """The result after a resumption is that of one pass over all that was ever recorded."""
+    """The result after a resumption is that of one pass over all that was ever recorded.
+
+    The port need not be named again: it is where the session had it.
+    """
     device = plug_in(QUICK)
     with sessions(device.url, tmp_path, 1) as child:
         assert child.stdout is not None
@@ -69,7 +72,7 @@ def test_a_killed_session_goes_on_as_one(plug_in: Plug, tmp_path: Path) -> None:
         child.kill()
     folder = tmp_path / "S0"
     (before,) = survey(folder)
-    analysis = watch_in_full(device.url, None, 2.5, resume=folder)
+    analysis = watch_in_full("auto", None, 2.5, resume=folder)
     (ledger,) = device.ledgers()
     assert sorted(path.name for path in folder.iterdir()) == [
         *LEFT[:2], "session-001.mcap", "session-before-001.rrd", *LEFT[2:]

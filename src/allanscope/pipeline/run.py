@@ -85,6 +85,7 @@ def run_live(
     past = None if resume is None else Recording(resume)  # before it gets another file
     if past is not None:
         device = recorded_settings(past, device)
+        port = _recorded_port(past) if port == "auto" else port
     require_port(port)
     configure_malloc()
     load_rerun()  # before the port is opened: a board does not wait
@@ -98,6 +99,14 @@ def run_live(
             discard_session(opened.folder)
         raise
     return analysis
+
+
+def _recorded_port(past: Recording) -> str:
+    """Return where a session had its device; ``auto`` where there is no such port any more."""
+    name, port = past.metadata.get("name", ""), past.metadata.get("port", "")
+    if name == "sim":
+        return name
+    return port if port and Path(port).exists() else "auto"
 
 
 class OpenSession(NamedTuple):

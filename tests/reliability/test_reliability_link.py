@@ -110,6 +110,7 @@ def test_a_port_that_speaks_something_else_is_one_clear_line_and_kept(
         os.close(near)
         os.close(far)
     assert "\n" not in str(caught.value)
+    assert str(caught.value).endswith("; at a UART, check --baud")
     assert b"\x80\x9f\xc3(" in next(Recording(tmp_path / "S").buffers()).data
 
 

@@ -283,8 +283,9 @@ class Decoding:
             if found.name is None:
                 why = why_no_rows(sample)
                 said = f"{why}; it begins {excerpt(sample, 40)}" if why else found.excerpt
+                hint = "" if why or self._write is None else "; at a UART, check --baud"
                 raise InputError(
-                    f"none of the formats {', '.join(formats())} fits the data: {said}"
+                    f"none of the formats {', '.join(formats())} fits the data: {said}{hint}"
                 )
         self._choose(found.name)
         assert self._decoder is not None

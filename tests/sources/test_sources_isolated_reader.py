@@ -179,7 +179,7 @@ def test_a_reader_that_is_killed_is_replaced_by_a_thread_and_a_gap_is_told(
     eventually(lambda: apart.read() and not _link(apart).alone)
     device.say(b"after")
     chunks = read_until(apart, lambda chunk: bool(chunk.data))
-    assert (chunks[-1].data, chunks[-1].event) == (b"after", "hole")
+    assert (chunks[-1].data, chunks[-1].event) == (b"after", "overrun")
     ended = "a thread of the measuring process, because its process has ended"
     assert apart.reader == f"{ended}; no low-latency mode"
 

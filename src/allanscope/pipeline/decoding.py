@@ -91,7 +91,8 @@ class Decoding:
         self._unsniffed: list[Chunk] = []
         self._unsniffed_bytes = 0
         self.reconnects = 0
-        self._numbered = True
+        self._numbered = True  # or timed
+        self._counts_frames = False
         self._watchdog = SampleWatchdog()
         self._begin()
         if wire:
@@ -216,6 +217,7 @@ class Decoding:
         for at, event in enumerate(events):
             if isinstance(event, StreamInfo):
                 self._numbered = event.numbered or event.time_resolution_s > 0.0
+                self._counts_frames = event.numbered
                 events[at] = replace(event, origin=event.origin or self._settings.origin)
         if self._decoder is None or self._format is None:
             return
@@ -320,7 +322,7 @@ class Decoding:
             self._send_start()
         if self._decoder is None:
             return []
-        if chunk.event == "overrun" and self._numbered:
+        if chunk.event == "overrun" and self._counts_frames:
             return []  # nothing need be missing, and numbers tell what is: half a frame may go on
         if chunk.event in _REASONS:
             return self._decoder.interrupt(_REASONS[chunk.event])

@@ -17,7 +17,8 @@ disconnected, reconnected
 stalled, resumed
     A streaming device sent nothing although the port is open; it sends again.
 overrun
-    The buffer of the port was full when it was opened: bytes may be missing behind what it held.
+    Bytes may be missing here: the buffer of the port was full when it was opened, or the process
+    that read it was killed.
 hole
     Bytes are missing here: they were never written (disk full), or the file is damaged.
 mark

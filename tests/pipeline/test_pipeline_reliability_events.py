@@ -131,3 +131,25 @@ def test_a_full_buffer_ends_a_row_that_has_no_number() -> None:
     assert [gap.reason for gap in gaps(events)] == ["link"]
     taken = 39 + 30  # the first row that a port gives may be half of one
     assert sum(len(event) for event in events if isinstance(event, Block)) == taken
+
+
+def test_a_silent_board_is_started_after_debris_that_fits_no_format() -> None:
+    """Noise of a plug comes before a board that waits; it is asked as if it had just come."""
+    sent: list[bytes] = []
+    decoding = Decoding(WireSettings(), write=sent.append)
+    noise = bytes(range(1, 250, 7))
+    decoding.feed(Chunk(SECOND, noise))
+    for tenth in range(11, 40):
+        decoding.feed(Chunk(tenth * SECOND // 10))
+    assert sent == []  # slow text may go on
+    (notice,) = decoding.feed(Chunk(4 * SECOND, b"", "stalled"))
+    assert isinstance(notice, Notice)
+    assert "fits no format" in notice.text
+    for tenth in range(41, 60):
+        decoding.feed(Chunk(tenth * SECOND // 10))
+    assert len(sent) > 3
+    encoder, sensor = format_named("native").encoder(), Simulator(rate=104.0)
+    frames = encoder.describe(sensor.info) + encoder.encode(sensor.read(60))
+    events = decoding.feed(Chunk(6 * SECOND, frames, "resumed")) + decoding.finish()
+    assert decoding.wire == "native"
+    assert sum(len(event) for event in events if isinstance(event, Block)) == 60

@@ -140,6 +140,14 @@ def test_a_board_that_streams_already_is_asked_what_it_sends() -> None:
     assert sum(len(one) for one in events if isinstance(one, Block)) == 55
 
 
+def test_a_board_answers_behind_half_a_packet_that_it_sent_before() -> None:
+    answer = header(5 | 63 << 8 | 127 << 14 | 127 << 21)
+    assert sniff(sample(1, 0.5, (1, -2, 3))[:12] + answer).name == "sdatalog"
+    decoder = format_named("sdatalog").decoder(WireSettings())
+    decoder.feed(sample(1, 0.5, (1, -2, 3))[:12] + answer, 0.0)
+    assert answers(decoder) == [packets.ping()]
+
+
 def test_halves_of_a_sample_are_paired_by_their_times(fed: Callable[..., list[Event]]) -> None:
     """Where one half is lost the other is given up, and the next sample has its own two halves."""
     decoder = format_named("sdatalog").decoder(WireSettings())

@@ -321,7 +321,7 @@ class Decoding:
             self.reconnects += 1
             self._send_start()
         if self._decoder is None:
-            return []
+            return self._begin_again(chunk.host_ns) if chunk.event == "stalled" else []
         if chunk.event == "overrun" and self._counts_frames:
             return []  # nothing need be missing, and numbers tell what is: half a frame may go on
         if chunk.event in _REASONS:
@@ -335,6 +335,14 @@ class Decoding:
             missing = [] if self._numbered else self._decoder.interrupt("stalled")
             return [*missing, Notice("text", "data from the device again", OURS)]
         return []
+
+    def _begin_again(self, now_ns: int) -> list[Event]:
+        """Take what came before a silence for debris of a board that waits to be started."""
+        debris = b"".join(chunk.data for chunk in self._unsniffed)
+        self._unsniffed.clear()
+        self._begin()
+        self._opened_ns = now_ns
+        return [Notice("error", f"silence after what fits no format: {excerpt(debris)}", OURS)]
 
     def _send_start(self, alone: bool | None = None) -> None:
         """Tell the device to start; where its format is not known, in those that are spoken alone.

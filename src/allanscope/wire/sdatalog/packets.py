@@ -167,6 +167,9 @@ class Unpacker:
                 at += 1
                 continue
             if len(self._held) - at < _HEADER + length:
+                if self._held.endswith(beacon()):  # of a board that was reset in the middle
+                    yield _packet(beacon())
+                    at = len(self._held)
                 break
             packet = _packet(bytes(self._held[at : at + _HEADER + length]))
             self._in_step, self._joining = True, 0

@@ -19,7 +19,8 @@ once both compute the same.
 
 Other people's packages load what they do not use. SciPy takes every name of numpy, and so loads a
 front end for Fortran compilers, a framework for tests, and what those import: half of the time that
-`scipy.special` takes, and memory. `defer_unused` leaves these unloaded until somebody uses them.
+`scipy.special` takes, and memory; for one of its optimisers it loads triangulations and rotations.
+`defer_unused` leaves these unloaded until somebody uses them.
 """
 
 from __future__ import annotations
@@ -27,12 +28,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 from typing import Any, Generic, TypeVar, overload
 
 __all__ = ["defer_unused", "lazily", "once"]
 
-_UNUSED = ("numpy.f2py", "numpy.testing")
+_UNUSED = frozenset({"numpy.f2py", "numpy.testing", "scipy.spatial"})
 
 _Owner = TypeVar("_Owner")
 _Value = TypeVar("_Value")
@@ -111,37 +113,25 @@ class once(Generic[_Owner, _Value]):  # noqa: N801 - reads as `property` does
 
 
 def defer_unused() -> None:
-    """See to it that SciPy, when it is imported, loads no parts of numpy that nobody uses.
+    """See to it that SciPy, when it is imported, loads nothing that nobody uses.
 
     For a process of our own: to a program that imports allanscope nothing is done.
     """
     if "scipy" not in sys.modules:
-        sys.meta_path.insert(0, _BeforeSciPy())
+        sys.meta_path.insert(0, _Deferred())
 
 
-class _BeforeSciPy:
-    """Waits for the import of SciPy, and finds nothing itself."""
+class _Deferred:
+    """Finds modules that load themselves when one of their names is asked for."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> None:
-        if fullname == "scipy" and self in sys.meta_path:
-            sys.meta_path.remove(self)
-            for name in _UNUSED:
-                _defer(name)
+    ) -> ModuleSpec | None:
+        if fullname not in _UNUSED:
+            return None
+        from importlib.util import LazyLoader
 
-
-def _defer(name: str) -> None:
-    """Let a module load itself when one of its names is asked for."""
-    import importlib.util
-
-    package, _, own = name.rpartition(".")
-    spec = None if name in sys.modules else importlib.util.find_spec(name)
-    if spec is None or spec.loader is None:
-        return
-    loader = importlib.util.LazyLoader(spec.loader)
-    spec.loader = loader
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    loader.exec_module(module)
-    setattr(sys.modules[package], own, module)
+        spec = PathFinder.find_spec(fullname, path, target)
+        if spec is not None and spec.loader is not None:
+            spec.loader = LazyLoader(spec.loader)
+        return spec

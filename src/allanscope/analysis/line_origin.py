@@ -22,6 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
+from scipy.fft import fft, ifft, next_fast_len
 from scipy.special import chdtrc
 
 from allanscope.analysis.experiments import Experiment, another_rate
@@ -293,8 +294,8 @@ class LineSums:
 
     def _gains_of_pieces(self, beta: float) -> Array:
         turned = self.sums * np.exp(-2j * np.pi * beta * self.late_s)
-        power = np.abs(np.fft.fft(turned, _PADDING * self.sums.shape[1], axis=1)) ** 2
-        return np.asarray(power[:, self.near(beta)] / self.level[:, None])
+        power = np.abs(_transform_at(turned, self.near(beta), _PADDING * turned.shape[1])) ** 2
+        return np.asarray(power / self.level[:, None])
 
     def offset(self, beta: float) -> tuple[float, float]:
         """Return how far the line is from where it was looked for, and the standard error.
@@ -340,6 +341,31 @@ class LineSums:
         if not freedom:
             return 0.0, 1.0
         return math.sqrt(total / weights), float(chdtrc(freedom, square))
+
+
+def _transform_at(
+    x: NDArray[np.complex128], bins: NDArray[np.int64], size: int
+) -> NDArray[np.complex128]:
+    """Return some neighbouring bins of the transforms of rows that are padded to a size.
+
+    As a convolution with a chirp (Bluestein, IEEE Trans. Audio Electroacoust. 18, 1970, p. 451):
+    where the size has a large prime factor, as most have, several times as quick as all bins are.
+
+    Examples
+    --------
+    >>> x, bins = np.random.default_rng(1).normal(size=(1, 643)) + 0j, np.r_[0:10, -9:0]
+    >>> np.allclose(_transform_at(x, bins, 4 * 643), np.fft.fft(x, 4 * 643)[:, bins])
+    True
+    """
+    m, low, high = x.shape[1], int(bins.min()), int(bins.max())
+
+    def chirp(j: NDArray[np.int64]) -> NDArray[np.complex128]:
+        return np.exp(-1j * np.pi / size * (j * j % (2 * size)))  # small angles are exact
+
+    apart = np.arange(low - m + 1, high + 1)
+    length = next_fast_len(len(apart))
+    spectrum = fft(x * chirp(np.arange(m)), length) * fft(chirp(apart).conj(), length)
+    return np.asarray(chirp(bins) * ifft(spectrum)[:, bins - low + m - 1])
 
 
 def origin_of(

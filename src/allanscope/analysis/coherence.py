@@ -147,8 +147,8 @@ def _whitened(values: Array) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]
     """Return the spectrum of an axis made white, and the bins that are no lines."""
     n = len(values)
     x = np.linspace(-1.0, 1.0, n)
-    taper = np.hanning(n)
-    spectrum = np.asarray(rfft((values - np.polyval(np.polyfit(x, values, 1), x)) * taper))
+    centred = values - values.mean()
+    spectrum = np.asarray(rfft((centred - (x @ centred) / (x @ x) * x) * np.hanning(n)))
     power = np.abs(spectrum) ** 2
     steps = max(1, int(_SMOOTHED * math.log2(len(power) / 4)))
     edges = np.unique(np.r_[1, np.geomspace(4, len(power), steps).astype(int)])

@@ -127,7 +127,7 @@ def excess_kurtosis(view: View) -> tuple[float, float]:
 def excess_skewness(view: View) -> tuple[float, float]:
     """Skewness of the innovations, 0 for a Gaussian, and its standard error."""
     white = view.innovations - view.innovations.mean()
-    skewness = float(np.mean(white**3)) / float(np.mean(white**2)) ** 1.5
+    skewness = float(np.mean(white * white**2)) / float(np.mean(white**2)) ** 1.5
     return skewness, float(np.sqrt(6 / len(white)))
 
 

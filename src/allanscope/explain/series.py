@@ -252,7 +252,7 @@ def series_of(record: Record) -> Series:
     whole = _transformable(size)
     return Series(
         axes=record.axes,
-        values=grid[:whole],
+        values=np.asfortranarray(grid[:whole]),  # a search takes one axis at a time
         rate_hz=record.rate_hz,
         stride=record.stride,
         lsb=record.lsb,

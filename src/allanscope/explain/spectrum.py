@@ -82,6 +82,8 @@ class Spectrum:
 
     def first(self, m: int) -> Array:
         """Variances of the first m ordinates."""
+        if m > self.grid.low:
+            return self.ordinates[:m]
         frequency = self.grid.frequency[:m]
         return self._sum(self.model, lambda c: self.grid.first(c, m), frequency)
 

@@ -121,19 +121,13 @@ class Grid:
         return _response(self, low_pass)
 
     def first(self, component: Component, m: int) -> Array:
-        """Return the mean squares of the first m ordinates."""
-        if m > self.low:
-            return component.power * self.exact(component.with_power(1.0), m)
+        """Return the mean squares of the first m ordinates, of those kept one by one."""
         return component.power * _first(self, component.with_power(1.0))[:m]
 
     def at(self, component: Component, frequency: Array) -> Array:
         """Return the mean square of an ordinate at any frequency in Hz."""
         k = frequency * (2 * self.n / self.rate_hz)
         return component.ordinates(k, self.n, self.dt, self.stride)
-
-    def exact(self, component: Component, m: int) -> Array:
-        """Return the same, computed afresh."""
-        return component.ordinates(np.arange(1.0, m + 1), self.n, self.dt, self.stride)
 
     @once
     def nodes(self) -> Array:
@@ -210,7 +204,7 @@ def _response(grid: Grid, low_pass: Filter) -> Array:
 
 @lru_cache(maxsize=64)
 def _first(grid: Grid, unit: Component) -> Array:
-    return grid.exact(unit, grid.low)
+    return unit.ordinates(np.arange(1.0, grid.low + 1), grid.n, grid.dt, grid.stride)
 
 
 @lru_cache(maxsize=4)

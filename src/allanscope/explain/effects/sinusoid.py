@@ -251,11 +251,11 @@ def _fast_lines(view: View) -> list[float]:
     power = np.abs(rfft(view.data - view.data.mean(), size)) ** 2 / n
     frequency = np.arange(len(power)) * rate / size
     lowest = int(_SLOW_CYCLES * size / n) + 1
-    open_ = minimum_filter1d(view.spectrum.kept, 2 * _MARGIN + 1)
-    inside = open_[np.clip((frequency * 2 * n / rate).astype(int) - 1, 0, n - 2)]
+    ordinate = np.clip((frequency[lowest:] * 2 * n / rate).astype(int) - 1, 0, n - 2)
+    inside = minimum_filter1d(view.spectrum.kept, 2 * _MARGIN + 1)[ordinate]
     # A resonance in the model is narrower than the blocks of the running level.
-    level = np.maximum(running_level(power, lowest), view.spectrum.at(frequency[lowest:]))
-    ratio = np.where(inside[lowest:], power[lowest:] / level, 0.0)
+    level = np.maximum(running_level(power, lowest), view.spectrum.ordinates[ordinate])
+    ratio = np.where(inside, power[lowest:] / level, 0.0)
     found = []
     for _ in range(_PROPOSALS):
         best = int(np.argmax(ratio))

@@ -76,10 +76,11 @@ class Excursion(PlacedSignal):
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Scan all instants for a ladder of durations."""
-        found = [(rows, cls._at(view, *rows)) for rows in _boxes(view)]
-        if not found:
+        boxes = _boxes(view)
+        if not boxes:
             return []
-        rows, best = max(found, key=lambda one: one[1].gain)
+        rows = max(boxes, key=lambda rows: joint_fit(view, _column(view, *rows)).gain)
+        best = cls._at(view, *rows)
         uneven = local_power_ratio(view.data, view.grid.rate_hz, *rows)
         best = replace(best, gain=best.gain / uneven)
         return [(cls._near(view, *rows) or best) if best.excess > 0 else best]

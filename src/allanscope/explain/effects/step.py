@@ -79,16 +79,17 @@ class Step(PlacedSignal):
         if len(at) == 0:
             return []
         statistic = view.scan.step(at)
-        found: list[tuple[int, Candidate]] = []
+        found: list[tuple[float, int]] = []
         for _ in range(_PROPOSALS):
             k = int(np.argmax(statistic))
             if statistic[k] <= 1.0:
                 break
-            found.append((int(at[k]), cls._at(view, Estimate.exact(at[k] / rate, "s"))))
+            found.append((joint_fit(view, _column(view, int(at[k]))).gain, int(at[k])))
             statistic[np.abs(at - at[k]) < max(edge, n // 100)] = 0.0
         if not found:
             return []
-        start, best = max(found, key=lambda one: one[1].gain)
+        start = max(found, key=lambda one: one[0])[1]
+        best = cls._at(view, Estimate.exact(start / rate, "s"))
         if _is_hop(view, best.effect):
             return []
         best = replace(best, gain=best.gain / local_power_ratio(view.data, rate, start, start))
@@ -108,7 +109,7 @@ class Step(PlacedSignal):
 
     def columns(self, view: View) -> Array:
         """Return the ordinates of the jump."""
-        return step_ordinates(view.grid, self._row(view), view.grid.low)[np.newaxis]
+        return _column(view, self._row(view))
 
     def _row(self, view: View) -> int:
         return round(self.time.value * view.grid.rate_hz)
@@ -124,8 +125,7 @@ class Step(PlacedSignal):
     def _near(cls, view: View, row: int) -> Candidate:
         """Fit a jump at the most likely row near one, under the noise of the joint fit."""
         grid, rate = view.grid, view.grid.rate_hz
-        column = step_ordinates(grid, row, grid.low)[np.newaxis]
-        scan = StepScan(grid, view.ordinates, joint_fit(view, column).spectrum)
+        scan = StepScan(grid, view.ordinates, joint_fit(view, _column(view, row)).spectrum)
         reach, edge = int(max(20 * rate, 4 * grid.n / grid.low)), int(_EDGE_S * rate)
         tried = np.arange(max(edge, row - reach), min(grid.n - edge, row + reach))
         place = scan.place_of_step(tried)
@@ -138,6 +138,10 @@ class Step(PlacedSignal):
             "s",
         )
         return cls._at(view, time, shrinkage=place.shrinkage, scatter=place.scatter)
+
+
+def _column(view: View, row: int) -> Array:
+    return step_ordinates(view.grid, row, view.grid.low)[np.newaxis]
 
 
 def _is_hop(view: View, found: EffectKind) -> bool:

@@ -36,6 +36,7 @@ __all__ = [
     "Wander",
     "origin_of",
     "reduced",
+    "straightened",
     "wander_of",
 ]
 
@@ -471,6 +472,19 @@ def origin_of(
     return _worded(found, seen, rate_hz, rate_ppm, amplitude[2] if amplitude else "")
 
 
+def straightened(values: Array) -> Array:
+    """Return rows of one axis, shape (n,), without the straight line that fits them best.
+
+    Examples
+    --------
+    >>> straightened(np.array([1.0, 2.0, 6.0])).round(6)
+    array([ 0.5, -1. ,  0.5])
+    """
+    x = np.linspace(-1.0, 1.0, len(values))
+    centred = values - values.mean()
+    return np.asarray(centred - (x @ centred) / (x @ x) * x)
+
+
 def reduced(
     values: Array,
     numbers: Array,
@@ -489,10 +503,9 @@ def reduced(
     # Blocks of equal time, so that a gap is a block that holds little.
     place = np.minimum((blocks * (numbers - numbers[0]) / length).astype(np.int64), blocks - 1)
     turn = np.exp(-2j * np.pi * np.remainder(seen / rate_hz * numbers, 1.0))
-    x = np.linspace(-1.0, 1.0, n)
     sums = np.empty((values.shape[1], blocks), np.complex128)
     for row, column in zip(sums, values.T, strict=True):
-        mixed = (column - np.polyval(np.polyfit(x, column, 1), x)) * turn
+        mixed = straightened(column) * turn
         row[:] = np.bincount(place, mixed.real, blocks) + 1j * np.bincount(
             place, mixed.imag, blocks
         )

@@ -145,7 +145,7 @@ def common_of(record: Record, findings: Sequence[Finding] = ()) -> tuple[Common,
 
 def _whitened(values: Array) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
     """Return the spectrum of an axis made white, and the bins that are no lines."""
-    spectrum = np.asarray(rfft(straightened(values) * np.hanning(len(values))))
+    spectrum = np.asarray(rfft(straightened(values) * np.hanning(len(values))), np.complex128)
     power = np.abs(spectrum) ** 2
     steps = max(1, int(_SMOOTHED * math.log2(len(power) / 4)))
     edges = np.unique(np.r_[1, np.geomspace(4, len(power), steps).astype(int)])

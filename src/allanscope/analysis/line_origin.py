@@ -361,12 +361,13 @@ def _transform_at(
     m, low, high = x.shape[1], int(bins.min()), int(bins.max())
 
     def chirp(j: NDArray[np.int64]) -> NDArray[np.complex128]:
-        return np.exp(-1j * np.pi / size * (j * j % (2 * size)))  # small angles are exact
+        # Small angles are exact.
+        return np.asarray(np.exp(-1j * np.pi / size * (j * j % (2 * size))), np.complex128)
 
     apart = np.arange(low - m + 1, high + 1)
     length = next_fast_len(len(apart))
     spectrum = fft(x * chirp(np.arange(m)), length) * fft(chirp(apart).conj(), length)
-    return np.asarray(chirp(bins) * ifft(spectrum)[:, bins - low + m - 1])
+    return np.asarray(chirp(bins) * ifft(spectrum)[:, bins - low + m - 1], np.complex128)
 
 
 def origin_of(

@@ -141,7 +141,7 @@ class Step(PlacedSignal):
 
 
 def _column(view: View, row: int) -> Array:
-    return step_ordinates(view.grid, row, view.grid.low)[np.newaxis]
+    return np.asarray(step_ordinates(view.grid, row, view.grid.low)[np.newaxis])
 
 
 def _is_hop(view: View, found: EffectKind) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import suppress
@@ -445,12 +446,33 @@ class _Parser(ArgumentParser):
         """Refuse what is not known here, so that the error names the command that was called."""
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+            meant = _did_you_mean(unknown[0], list(self._option_string_actions))
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{meant}")
         return known, unknown
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong with the call and where to look, as every other error is said."""
+        wrong = _INVALID_CHOICE.fullmatch(message)
+        if wrong:
+            what, value, choices = wrong.groups()
+            names = re.findall(r"[\w-]+", choices)
+            meant = _did_you_mean(value, names) or f"; choose one of {', '.join(names)}"
+            message = f"unknown {what.lower()} {value!r}{meant}"
         self.exit(ExitCode.USAGE, f"allanscope: {sanitize(message)}; see {self.prog} --help\n")
+
+
+_INVALID_CHOICE = re.compile(
+    r"argument (\S+): invalid choice: '(.*)'(?:, maybe .*)? \(choose from (.*)\)", re.S
+)
+"""What argparse says of a value that is none of the choices, in every version of Python."""
+
+
+def _did_you_mean(value: str, names: list[str]) -> str:
+    """Return the end of a message that names what is most like a value, if anything is."""
+    import difflib
+
+    like = difflib.get_close_matches(value.split("=", maxsplit=1)[0], names, 1, 0.8)
+    return f"; did you mean {like[0]}?" if like else ""
 
 
 class _Version(argparse.Action):

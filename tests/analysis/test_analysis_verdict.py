@@ -163,7 +163,7 @@ def test_losses_that_leave_nothing_to_fit_ask_for_no_longer_recording(analysis):
 def test_why_there_is_no_verdict_against_a_datasheet_is_said(analysis):
     unknown = changed(analysis, datasheet={})
     for part, why in (
-        ("", "the part is not known (part, --part)"),
+        ("", "the part is unknown (--part)"),
         ("LSM6DSM", "full scale"),
         ("LSM9DS1", "LSM9DS1"),
     ):

@@ -178,3 +178,14 @@ def test_names_with_brackets_are_names(tmp_path):
     for named in (there.parent, there, tmp_path / "lot*"):
         pattern = f"{named}/*.mcap" if "*" in named.name else str(named)
         assert [Path(one.url) for one in find_inputs([pattern])] == [there]
+
+
+def test_a_text_file_is_a_recording_of_a_fleet(tmp_path: Path) -> None:
+    rows = np.random.default_rng(3).normal(0.0, 0.04, (300, 1))
+    path = tmp_path / "unit.csv"
+    np.savetxt(path, rows, "%.5f", header="gx[dps]", comments="")
+    (place,) = find_inputs([str(path)])
+    device = DeviceSettings(rate_hz=104.0)
+    outcome = analyse_recording(place, device)
+    assert not outcome.error
+    assert fingerprint_recording(place, device).sha256 == outcome.sha256

@@ -65,6 +65,19 @@ def test_an_unknown_option_names_the_command_whose_help_has_the_others(complaint
         assert line.endswith(f"unrecognized arguments: --frob; see allanscope {call[0]} --help\n")
 
 
+def test_a_mistyped_word_is_answered_with_the_one_that_was_meant(complaint):
+    for call, meant in (
+        (("analyze", "log.csv"), "unknown command 'analyze'; did you mean analyse?; see"),
+        (("analyse", "log.csv", "--partt", "x"), "--partt x; did you mean --part?; see"),
+        (("live", "--view", "windw"), "unknown --view 'windw'; did you mean window?; see"),
+        (("completion", "tcsh"), "unknown shell 'tcsh'; choose one of bash, zsh, fish; see"),
+        (("frobnicate",), "unknown command 'frobnicate'; choose one of live, replay,"),
+    ):
+        code, line = complaint(*call)
+        assert code == 2
+        assert meant in line
+
+
 def test_a_port_that_is_not_there(complaint):
     code, line = complaint("live", "/dev/ttyNothing7", *LIVE)
     assert code == 4

@@ -161,3 +161,11 @@ def test_the_chain_has_the_variances_of_the_design_tip_where_it_takes_them():
     assert depths == [depths[0], depths[0] + 1, depths[0] + 2]
     assert taken["MAVAR"].name == "M(m)"
     assert taken["MAVAR"].depth == taken["OHVAR"].depth
+
+
+def test_a_table_that_begins_at_zero_is_no_density(tmp_path, capsys):
+    path = tmp_path / "own.csv"
+    path.write_text("t,gz\n0.0,0.1\n0.01,0.2\n")
+    call = ["convert", str(path), str(tmp_path / "o"), "--from", "S_y", "--to", "adev"]
+    assert main(call) == 3
+    assert "0 in the first column" in capsys.readouterr().err

@@ -185,7 +185,7 @@ def test_recovery_saves_what_can_be_read_and_says_what_cannot(
     assert report.lost_s == pytest.approx(1.1 + 0.9)
     last = records[-2].offset + records[-2].length + INDEX_BYTES
     assert [one.length for one in report.damage] == [records[6].length, torn - last]
-    assert "lost 10 reads" in str(report)
+    assert "Lost: 10 reads" in str(report)
 
 
 def test_recovery_of_a_sound_recording_says_that_nothing_was_lost(
@@ -193,7 +193,7 @@ def test_recovery_of_a_sound_recording_says_that_nothing_was_lost(
 ) -> None:
     path, _ = session(SECONDS)
     report = recover(path, tmp_path / "saved.mcap")
-    assert str(report).endswith("bytes; nothing was lost")
+    assert str(report).endswith("bytes; lost: none")
 
 
 def test_recovery_keeps_commands_remarks_and_link_events(tmp_path: Path) -> None:

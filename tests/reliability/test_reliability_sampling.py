@@ -58,7 +58,7 @@ def test_a_rate_that_the_user_gave_is_above_times_that_disagree(tmp_path: Path) 
     assert analysis.rate.best_hz == 104.0
     assert analysis.rate.measured_hz is None
     (told,) = analysis.assumptions
-    assert told.startswith("the times show 50 rows per second and not the given 104 Hz")
+    assert told.startswith("the times show 50 rows per second, not the given 104 Hz")
     assert not [remark for remark in analysis.remarks if "repeat" in remark]
 
 

@@ -180,10 +180,10 @@ def _why_no_noise(sensor: str, known: Mapping[str, DatasheetVerdict], is_constan
 
 def _why_no_sheet(part: str) -> str:
     if not part:
-        return "the part is not known (part, --part)"
+        return "the part is unknown (--part)"
     if part not in PARTS:
         return f"there is no datasheet entry for {part}"
-    return "the datasheet's noise depends on the full scale, which is not known"
+    return "its noise in the datasheet depends on the full scale, which is unknown"
 
 
 def _sheet(axis: AxisAnalysis) -> DatasheetVerdict | None:

@@ -350,12 +350,12 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
         if series.gaps >= _MANY_GAPS:
             return (
                 f"rows are missing throughout: {series.gaps:,} gaps; the longest stretch without "
-                f"one is {duration(series.duration_s)} of the {duration(needed)} needed to search "
-                "for effects; find where rows are lost (logger or link); a longer run is no help",
+                f"one is {duration(series.duration_s)} of the {duration(needed)} needed to search; "
+                "find where rows are lost (logger or link): a longer run does not help",
             )
         return (
-            f"too short: {duration(series.duration_s)} of the {duration(needed)} needed to search "
-            f"for effects; record at least {missing} longer",
+            f"too short: {duration(series.duration_s)} of the {duration(needed)} needed to search; "
+            f"record at least {missing} longer",
         )
     if (
         np.unique(measured[:: max(1, n // 4096)]).size < 2

@@ -25,7 +25,7 @@ from allanscope.pipeline import (
     is_table_file,
     recorded_settings,
 )
-from allanscope.recording import Fingerprint, Recording
+from allanscope.recording import Fingerprint, Recording, is_recording
 
 __all__ = [
     "PIECE_BYTES",
@@ -63,13 +63,20 @@ def analyse_recording(place: RecordingInput, device: DeviceSettings) -> Outcome:
 def _opened(place: RecordingInput, device: DeviceSettings) -> Iterator[Recording]:
     """Give a recording; one is made of what only `import` reads."""
     path = place.open_path()
-    if not isinstance(path, Path) or not is_table_file(path):
+    if not isinstance(path, Path) or not _is_imported(path):
         yield Recording(path)
         return
     with TemporaryDirectory(prefix="allanscope-") as folder:
         imported = Path(folder) / f"{place.name}.mcap"
         import_capture(path, imported, device, quiet=True)
         yield Recording(imported)
+
+
+def _is_imported(path: Path) -> bool:
+    """Return whether a file of this machine is no recording, damaged or not, but has samples."""
+    if is_table_file(path):
+        return True
+    return path.is_file() and path.suffix != ".mcap" and not is_recording(path)
 
 
 def fingerprint_recording(place: RecordingInput, device: DeviceSettings) -> Outcome:

@@ -257,7 +257,7 @@ def _timing(times: NDArray[np.float64] | None, given: float | None) -> _Timing:
         mean = _without_long_gaps(times, mean)
         words = f"the times come unevenly or in bursts, {mean:.4g} rows per second on average"
         if given:
-            words += f": they are not used, the rate is the given {given:g} Hz"
+            words += f"; they are ignored, the rate is the given {given:g} Hz"
             return _Timing(False, given, long_gaps(times, given), (words,))
         words += ", which is used as the rate; single lost samples do not show"
         return _Timing(True, float(f"{mean:.4g}"), long_gaps(times, mean), (words,))
@@ -265,8 +265,8 @@ def _timing(times: NDArray[np.float64] | None, given: float | None) -> _Timing:
     shown = 1.0 / period if period else mean
     if given and shown and abs(shown / given - 1.0) > AGREES:
         words = (
-            f"the times show {shown:.4g} rows per second and not the given {given:g} Hz: "
-            "they are not used"
+            f"the times show {shown:.4g} rows per second, not the given {given:g} Hz; "
+            "they are ignored"
         )
         return _Timing(False, given, {}, (words,))
     return _Timing(True, given or _rate_of(times), gaps)

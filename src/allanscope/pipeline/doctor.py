@@ -108,16 +108,15 @@ def _reading(rate_hz: float) -> Iterator[Check]:
     per_s = rate_hz * _SAMPLE_BYTES
     held = buffers()
     in_system_s = held["the system"] / per_s
-    then = ", then ".join(
-        f"{who} {duration(size / per_s)}"
+    then = ", ".join(
+        f"{duration(size / per_s)} in {who}"
         for who, size in (("the reader", held["the reader"]), ("the measuring process", LIVE_ROOM))
     )
     yield Check(
         "ok" if in_system_s > _ENOUGH_S else "note",
         "buffers",
-        f"at {rate_hz:g} Hz ({per_s / 1e3:.0f} kB/s, native format, six axes) the system holds "
-        f"{1e3 * in_system_s:.0f} ms before the reader, then "
-        f"{then}",
+        f"samples can wait {1e3 * in_system_s:.0f} ms in the system, {then} "
+        f"(at {rate_hz:g} Hz, {per_s / 1e3:.0f} kB/s: native format, six axes)",
         "" if in_system_s > _ENOUGH_S else "a lower rate, if samples are lost beside other work",
     )
     if may_run_in_real_time():
@@ -156,7 +155,7 @@ def _modem_manager(processes: Path = Path("/proc")) -> Check | None:
                 )
         except (OSError, ValueError):
             continue
-    return Check("ok", "ModemManager", "does not run")
+    return Check("ok", "ModemManager", "not running")
 
 
 def _viewer() -> Check:

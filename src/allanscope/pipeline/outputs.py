@@ -362,7 +362,9 @@ def charts_of(source: str) -> str:
     if path.is_dir():
         path /= "session.rrd"
     if not path.exists():
-        raise InputError(f"there is no {path}; allanscope replay draws the charts of a recording")
+        raise InputError(
+            f"{path} does not exist; allanscope replay draws the charts of a recording"
+        )
     if path.suffix != ".rrd":
         raise InputError(
             f"{path} is not an .rrd file; allanscope replay draws the charts of a recording"

@@ -100,7 +100,7 @@ def _damage_of(source: Source) -> list[Event]:
     if not found:
         return []
     worst = max(found, key=lambda damage: damage.length)
-    text = f"part of the recording cannot be read: {worst}"
+    text = f"damaged: {worst}"
     if len(found) > 1:
         text += f", and {len(found) - 1} more places; allanscope recover names them"
     return [Notice("error", text, {"host": 1})]

@@ -48,6 +48,10 @@ __all__ = ["Audience", "Ledger", "NoticeQueue", "Session"]
 SPACE_FIRST_NS, SPACE_EVERY_NS = 10_000_000_000, 60_000_000_000
 """When the room on the disk is first told, and how often."""
 
+_SETTLED_S = 1.0
+"""After the first bytes it is said who reads the port: by then the process that reads it has taken
+over from the thread that began."""
+
 
 class Audience(Protocol):
     """Whoever watches a session: the viewer, the terminal. No method may block."""
@@ -254,14 +258,17 @@ class Session:
         """Move chunks from the source to the ledger and the queue; the reader thread."""
         most_s = math.inf if self._duration_s is None else self._duration_s
         deadline, received, who = time.monotonic() + most_s, False, ""
+        settled = math.inf
         try:
             while not self._stop.is_set():
                 chunk = self.source.read()
-                if chunk.data and self.source.reader != who:
+                now = time.monotonic()
+                if chunk.data and not received:
+                    deadline, received = now + most_s, True
+                    settled = now + _SETTLED_S
+                if chunk.data and now >= settled and self.source.reader != who:
                     who = self.source.reader
                     self._notices.put(Notice("text", f"the port is read by {who}", {"host": 1}))
-                if chunk.data and not received:
-                    deadline, received = time.monotonic() + most_s, True
                 if self.ledger is not None and (chunk.data or chunk.event):
                     self.ledger.rx(chunk)
                 if chunk.event == "end":

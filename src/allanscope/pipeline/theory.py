@@ -147,6 +147,11 @@ def _table(path: Path) -> tuple[Floats, Floats]:
     if len(rows) < 2:
         raise InputError(f"{path}: a table needs two rows of numbers or more")
     x, y = np.array(rows).T
+    if x.min() <= 0.0:
+        raise InputError(
+            f"{path}: {x.min():g} in the first column: frequencies in Hz, or averaging times in s, "
+            "are above 0"
+        )
     order = np.argsort(x)
     return x[order], y[order]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from allanscope.atomic_write import atomic_write
 from allanscope.errors import InputError, UsageError
+from allanscope.quantities import count
 from allanscope.recording.layout import RX, TOPICS
 from allanscope.recording.outline import TRUNCATED, Damage
 from allanscope.recording.reader import Recording
@@ -46,12 +47,18 @@ class RecoveryReport:
     damage: list[Damage] = field(default_factory=list)
 
     def __str__(self) -> str:
-        saved = f"{self.out}: saved {self.reads} reads, {self.bytes} bytes"
+        saved = f"Saved: {self.out}: {count(self.reads)} reads, {count(self.bytes)} bytes"
         if not self.lost_reads and not self.damage:
-            return f"{saved}; nothing was lost"
-        lost = f"lost {self.lost_reads} reads in at most {self.lost_s:.3f} s between them"
-        unreadable = f"{sum(one.length for one in self.damage)} bytes of the file not readable"
-        return "\n".join([saved, f"{lost}; {unreadable}", *(f"  {one}" for one in self.damage)])
+            return f"{saved}; lost: none"
+        unreadable = count(sum(one.length for one in self.damage))
+        return "\n".join(
+            [
+                saved,
+                f"Lost: {count(self.lost_reads)} reads between them, at most {self.lost_s:.3f} s",
+                f"Unreadable: {unreadable} bytes",
+                *(f"  {one}" for one in self.damage),
+            ]
+        )
 
 
 def recover(

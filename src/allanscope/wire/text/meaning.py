@@ -200,7 +200,7 @@ class TextMeaning:
         given = self._settings.rate_hz
         if given and _goes_back(rows):
             remarks.append(
-                "the times go back from row to row: they are not used, "
+                "the times go back from row to row; they are ignored, "
                 f"the rate is the given {given:g} Hz"
             )
             return _Timing(math.nan, given)
@@ -210,7 +210,7 @@ class TextMeaning:
         if rows_come_in_bursts(whole) or (len(whole) > 4 * HELD and rows_come_unevenly(whole)):
             words = f"the times come unevenly or in bursts, {mean:.4g} rows per second on average"
             if given:
-                remarks.append(f"{words}: they are not used, the rate is the given {given:g} Hz")
+                remarks.append(f"{words}; they are ignored, the rate is the given {given:g} Hz")
                 return _Timing(math.nan, given)
             remarks.append(f"{words}, which is used as the rate; single lost samples do not show")
             farthest = _FARTHEST * float(np.diff([t for t in whole if math.isfinite(t)]).max())
@@ -220,8 +220,8 @@ class TextMeaning:
         shown = 1.0 / period if period else mean if len(whole) > 4 * HELD else 0.0
         if given and shown and abs(shown / given - 1.0) > _AGREES:
             remarks.append(
-                f"the times show {shown:.4g} rows per second and not the given {given:g} Hz: "
-                "they are not used"
+                f"the times show {shown:.4g} rows per second, not the given {given:g} Hz; "
+                "they are ignored"
             )
             return _Timing(math.nan, given)
         return _Timing(per_second, nominal_rate(scaled))

@@ -424,6 +424,16 @@ def test_a_question_mark_explains_the_keys():
         assert all(len(row) <= 80 for row in terminal.screen().rows)
 
 
+def test_the_keys_are_explained_in_full_in_a_narrow_terminal():
+    with Terminal(CURVES, 60, 40) as terminal:
+        terminal.read_until("? help")
+        terminal.type("?")
+        terminal.read_until("=  stable")
+        rows = [row.strip() for row in terminal.screen().rows]
+        assert "c  curves: both sensors, one of them, none" in rows
+        assert "95 % intervals, < upper limit" in rows
+
+
 def test_a_terminal_that_is_made_narrower_gets_a_clean_page():
     with Terminal(CURVES, 120, 48) as terminal:
         terminal.read_until("m mark")

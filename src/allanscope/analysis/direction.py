@@ -327,7 +327,7 @@ def _kind(
 def _words(found: Sequence[Direction], kind: str, arm: float | None) -> str:
     parts = []
     for one in found:
-        vector = ", ".join(f"{component:.2f}" for component in one.vector)
+        vector = ", ".join(f"{component:z.2f}" for component in one.vector)
         what = {"gyro": "rotation about", "accel": "acceleration along"}[one.sensor]
         parts.append(f"{what} ({vector}) ±{number(one.error_deg, 2)}°")
     if kind and len(found) == 1:

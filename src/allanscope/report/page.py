@@ -275,7 +275,7 @@ def _quiet_cells(name: str, unit: str, quiet: Undisturbed | None) -> list[str]:
         return []
     known = quiet.axes[name]
     cells = (coefficient_table.coefficient_cell(known.get(k), k, unit) for k in MAIN_LETTERS)
-    when = f"undisturbed, {duration(quiet.begin_s)} to {duration(quiet.end_s)}"
+    when = f"{duration(quiet.begin_s)} to {duration(quiet.end_s)}"
     return [*cells, when]
 
 

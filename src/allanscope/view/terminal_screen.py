@@ -18,6 +18,7 @@ plain lines.
 from __future__ import annotations
 
 import io
+import re
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
@@ -192,9 +193,10 @@ _DETAILS_BESIDE_CHART = 4
 _HELP = (
     "m  set a mark in the recording        c  curves: both sensors, one of them, none",
     "q  end the run and write the report   ?  this help, or the details again",
-    "N  white noise, B  bias instability, K  rate random walk; 95 % intervals, < upper limit",
+    "N  white noise, B  bias instability, K  rate random walk   95 % intervals, < upper limit",
     "↑ ↓  changed since half of the run, =  stable",
 )
+"""Their columns stand below each other where they do not fit."""
 
 _BETWEEN = "   "
 """What separates the parts of a line: its last parts are left out where it does not fit."""
@@ -260,7 +262,7 @@ class Screen:
         charts = [] if options.ascii_only else self._charts(width, room)
         room = max(2, room - len(charts))
         if self._explain_keys:
-            details = [Text(line, no_wrap=True, overflow="ellipsis") for line in _HELP]
+            details = [Text(part) for line in _HELP for part in _columns(line, width)]
         else:
             details = _details(known.details, room, width, most)
         below: list[Text | Table] = [Text(), laws] if laws.row_count else []
@@ -436,6 +438,11 @@ def _folded(text: Text, width: int, most: int) -> list[Text]:
         rows = [*rows[: most - 1], Text(" ").join(rows[most - 1 :])]
         rows[-1].truncate(width, overflow="ellipsis")
     return rows
+
+
+def _columns(line: str, width: int) -> list[str]:
+    """Return a line, or the columns of one that is too wide."""
+    return [line] if len(line) <= width else re.split(" {3,}", line)
 
 
 def _joined(parts: Sequence[Text], width: int, style: str = "") -> Text:

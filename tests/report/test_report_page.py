@@ -185,9 +185,16 @@ def test_the_mouse_reads_the_values_that_the_result_has(analysis, page):
     svg = axis[: axis.index("</svg>")]
     told = re.findall(r'<g class="at">.*?<text [^>]*>(.*?)</text></g>', svg)
     assert 0.8 * len(curve.tau) < len(told) <= len(curve.tau)
-    number = re.match(r"τ .*?: gx ([\d.]+) \[", told[0])[1]
+    when, value, model = re.findall("<tspan [^>]*>(.*?)</tspan>", told[0])
+    assert re.match(r"τ .*, mdps", when)
+    number = re.match(r"gx ([\d.]+) \[", value)[1]
     assert float(number) == pytest.approx(1e3 * curve.deviation[0], rel=0.01)
-    assert "; model " in told[0]
+    assert model.startswith("model ")
+
+
+def test_what_the_mouse_reads_of_three_axes_fits_the_chart(page):
+    lines = re.findall(r"<tspan [^>]*>(.*?)</tspan>", page)
+    assert max(map(len, lines)) < 40, "9 points in a frame of 4.16 inches hold some 60"
 
 
 def test_the_numbers_behind_a_figure_can_be_saved(analysis, page):

@@ -94,7 +94,7 @@ def deviation_picture(
             return said
         model = factor * _at(axis.model, axis.curves["oadev"].tau)
         return [
-            (tau, f"{text}; model {number(value)}")
+            (tau, f"{text}\nmodel {number(value)}")
             for (tau, text), value in zip(said, model, strict=True)
         ]
 
@@ -300,7 +300,7 @@ def _overlay_readout(axes: Mapping[str, AxisAnalysis]) -> list[tuple[float, str]
             text = interval(factor * value, factor * low, factor * high)
             said.setdefault(float(tau), []).append(f"{name} {text}")
     unit = symbols(DEVIATION[next(iter(axes.values())).unit].unit) if axes else ""
-    return [(tau, f"τ {duration(tau)}: {', '.join(here)} {unit}") for tau, here in said.items()]
+    return [(tau, "\n".join([f"τ {duration(tau)}, {unit}", *here])) for tau, here in said.items()]
 
 
 def _columns(curve: Deviation, models: Mapping[str, ModelCurve | None]) -> Mapping[str, ArrayLike]:

@@ -56,6 +56,8 @@ _POINTS_PER_INCH = 72
 _MARGINS = {"left": 0.72, "bottom": 0.48, "right": 0.12, "top": 0.1}
 """In inches, so that every picture has its frame in the same place, and none has to be laid out."""
 _READOUT_DIGITS = 6
+_LINE_POINTS = 11.0
+"""From line to line of what is read with the mouse."""
 
 _STYLE: Any = {
     "svg.fonttype": "none",
@@ -181,10 +183,21 @@ def _readout(figure: Figure, readout: Sequence[tuple[float, str]]) -> str:
         f'<g class="at"><rect x="{first:.1f}" y="{top:.1f}" width="{last - first:.1f}" '
         f'height="{bottom - top:.1f}" fill="none" pointer-events="all"/>'
         f'<path d="M{x:.1f} {top:.1f}V{bottom:.1f}" stroke="currentColor" stroke-width=".6"/>'
-        f'<text x="{left + 6:.1f}" y="{bottom - 6:.1f}" font-size="9">{escape(text)}</text></g>'
+        f"{_lines(text, left + 6.0, bottom - 6.0)}</g>"
         for x, first, last, (_, text) in zip(at, edges, edges[1:], inside, strict=False)
         if left <= x <= right and last > first
     )
+
+
+def _lines(text: str, x: float, bottom: float) -> str:
+    """Return the lines of a text, the last one at the bottom."""
+    lines = text.split("\n")
+    top = bottom - _LINE_POINTS * (len(lines) - 1)
+    rows = (
+        f'<tspan x="{x:.1f}" y="{top + _LINE_POINTS * k:.1f}">{escape(line)}</tspan>'
+        for k, line in enumerate(lines)
+    )
+    return f'<text font-size="9">{"".join(rows)}</text>'
 
 
 def _cell(value: object) -> str:

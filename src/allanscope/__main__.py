@@ -59,10 +59,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return ExitCode.STOPPED
     except BrokenPipeError:
         # The reader of our output (head, less) has gone: nothing is left to say to it.
-        _forget_what_is_not_taken()
+        _discard_unwritable_output()
         return ExitCode.DONE
     except Exception as error:
-        _forget_what_is_not_taken()
+        _discard_unwritable_output()
         if arguments.debug:
             raise
         return _unexpected(error, words[0])
@@ -72,16 +72,16 @@ def _not_parsed(error: UsageError | BrokenPipeError) -> int:
     if isinstance(error, UsageError):
         complain(error)
         return int(error.exit_code)
-    _forget_what_is_not_taken()  # what was asked for, such as --version, had no reader any more
+    _discard_unwritable_output()  # what was asked for, such as --version, had no reader any more
     return ExitCode.DONE
 
 
 def _unexpected(error: Exception, command: str) -> int:
     """Print an internal error, or which package is not installed; return the exit code."""
     if isinstance(error, ModuleNotFoundError):
-        from allanscope.missing_package import what_is_missing
+        from allanscope.missing_package import missing_package_message
 
-        missing = what_is_missing(error, command)
+        missing = missing_package_message(error, command)
         if missing is not None:
             complain(missing)
             return ExitCode.USAGE
@@ -90,7 +90,7 @@ def _unexpected(error: Exception, command: str) -> int:
     return ExitCode.UNEXPECTED
 
 
-def _forget_what_is_not_taken() -> None:
+def _discard_unwritable_output() -> None:
     """Let what standard output does not take go nowhere: Python would try again at its end."""
     try:
         sys.stdout.flush()

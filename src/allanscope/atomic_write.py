@@ -11,10 +11,10 @@ from pathlib import Path
 
 from allanscope.errors import UsageError
 
-__all__ = ["atomic_write", "refuse_place", "replaced_folder", "write_text"]
+__all__ = ["atomic_folder", "atomic_write", "require_writable", "write_text"]
 
 
-def refuse_place(path: Path) -> None:
+def require_writable(path: Path) -> None:
     """Say before long work is begun that its result could not be written there.
 
     Raises
@@ -76,7 +76,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 @contextmanager
-def replaced_folder(path: Path) -> Iterator[Path]:
+def atomic_folder(path: Path) -> Iterator[Path]:
     """Yield a folder beside `path`, which takes its place, whatever was there, when all went well.
 
     Raises

@@ -75,12 +75,12 @@ def open_view(options: Namespace) -> int:
 
 def analyse(options: Namespace) -> int:
     """Analyse a complete recording, raw capture or text file."""
-    from allanscope.atomic_write import refuse_place
+    from allanscope.atomic_write import require_writable
     from allanscope.pipeline import analyse_input, write_json, write_report, write_table
 
     for name in (options.report, options.json, options.table):
         if name and name != "-":
-            refuse_place(Path(name))
+            require_writable(Path(name))
     if not options.report and (options.title or options.operator or options.full):
         raise UsageError("--title, --operator and --full need --report FILE")
     references = _references(options)
@@ -180,13 +180,13 @@ def recover(options: Namespace) -> int:
 
 def check(options: Namespace) -> int:
     """Compare a recording's coefficients with the limits of a specification."""
-    from allanscope.atomic_write import refuse_place, write_text
+    from allanscope.atomic_write import require_writable, write_text
     from allanscope.pipeline import check_against, check_failure, to_json, to_junit
 
     asked = Path(options.recording), Path(options.against)
     for name in (options.junit, options.json):
         if name and name != "-":
-            refuse_place(Path(name))
+            require_writable(Path(name))
     verdicts = check_against(*asked, _device_settings(options))
     if options.junit:
         write_text(Path(options.junit), to_junit(verdicts, *asked))
@@ -204,12 +204,12 @@ def check(options: Namespace) -> int:
 
 def verify(options: Namespace) -> int:
     """Compare what this machine computes with certified values."""
-    from allanscope.atomic_write import refuse_place, write_text
+    from allanscope.atomic_write import require_writable, write_text
     from allanscope.errors import CheckFailed
     from allanscope.verify import table_lines, to_json, verify
 
     if options.json and options.json != "-":
-        refuse_place(Path(options.json))
+        require_writable(Path(options.json))
 
     def report(name: str) -> None:
         if not options.quiet:
@@ -249,11 +249,11 @@ def report(options: Namespace) -> int:
 
 def together(options: Namespace) -> int:
     """Separate common from individual noise of boards on one bench; compare their lines."""
-    from allanscope.atomic_write import refuse_place, write_text
+    from allanscope.atomic_write import require_writable, write_text
     from allanscope.pipeline import analyse_together
 
     if options.json and options.json != "-":
-        refuse_place(Path(options.json))
+        require_writable(Path(options.json))
     paths = [Path(path) for path in options.recordings]
     found = analyse_together(paths, _device_settings(options), options.quiet)
     if options.json == "-":

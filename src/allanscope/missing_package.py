@@ -6,13 +6,13 @@ import re
 import sys
 from importlib.metadata import PackageNotFoundError, requires
 
-__all__ = ["what_is_missing"]
+__all__ = ["missing_package_message"]
 
 _DISTRIBUTION = {"PIL": "pillow", "rerun": "rerun-sdk", "serial": "pyserial", "yaml": "pyyaml"}
 """Names of modules that differ from those of the packages which bring them."""
 
 
-def what_is_missing(error: ModuleNotFoundError, command: str) -> str | None:
+def missing_package_message(error: ModuleNotFoundError, command: str) -> str | None:
     """Return a line for a package that is not installed, None for a module of our own.
 
     Parameters
@@ -24,7 +24,8 @@ def what_is_missing(error: ModuleNotFoundError, command: str) -> str | None:
 
     Examples
     --------
-    >>> print(what_is_missing(ModuleNotFoundError("No module named 'zarr'", name="zarr"), "fleet"))
+    >>> error = ModuleNotFoundError("No module named 'zarr'", name="zarr")
+    >>> print(missing_package_message(error, "fleet"))
     fleet needs the package zarr, which is not installed: python -m pip install zarr
     """
     module = (error.name or "").partition(".")[0]

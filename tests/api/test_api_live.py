@@ -12,6 +12,7 @@ def test_the_result_grows_and_the_end_leaves_the_files_of_a_session(tmp_path):
         early = session.wait(1.0)
         assert early.samples > 0
         assert "running" in session._repr_html_()
+        assert repr(session).startswith("<LiveSession sim: running, ")
         session.mark("door")
     final = session.result
     assert final.samples > early.samples

@@ -80,7 +80,7 @@ class CurveChoices:
     --------
     >>> CurveChoices(kinds=("hdev",), taus="decade").kinds_of_arrays
     ('hdev', 'oadev')
-    >>> CurveChoices(taus="octave").taken_from_samples
+    >>> CurveChoices(taus="octave").needs_samples
     False
     """
 
@@ -125,7 +125,7 @@ class CurveChoices:
             raise ValueError(f"averaging times must be positive numbers of seconds: {self.taus}")
 
     @property
-    def taken_from_samples(self) -> bool:
+    def needs_samples(self) -> bool:
         """Whether the samples themselves are needed: no bank has these averaging times."""
         return self.taus not in ("", "octave")
 

@@ -51,8 +51,8 @@ if TYPE_CHECKING:
         IndividualNoise,
         Separation,
         aligned,
+        separate_units,
         separated,
-        units_apart,
     )
     from allanscope.analysis.undisturbed import Undisturbed
     from allanscope.analysis.verdict_lines import (
@@ -136,12 +136,12 @@ __all__ = [
     "rate_text",
     "read_reference",
     "search_processes",
+    "separate_units",
     "separated",
     "share_text",
     "shares_text",
     "simulation_notice",
     "summarise",
-    "units_apart",
     "verdict",
     "wait_text",
     "was_searched",
@@ -156,7 +156,7 @@ __getattr__, __dir__ = lazily(
         "SharedLine": "shared_lines",
         "RecordedLines": "shared_lines",
         "separated": "together",
-        "units_apart": "together",
+        "separate_units": "together",
         "aligned": "together",
         "Separation": "together",
         "IndividualNoise": "together",

@@ -167,7 +167,7 @@ class Analyser:
                 asked.per_octave,
                 asked.history_rows,
                 asked.buffered_rows,
-                keep_samples=asked.curves.taken_from_samples,
+                keep_samples=asked.curves.needs_samples,
                 window_s=asked.curves.window_s if asked.over_time else None,
             )
         else:

@@ -348,7 +348,7 @@ def _with_noise_of_now(loop: Explanation, given: LoopInput) -> Explanation:
 def _curves(
     state: StreamState, depth: Depth, rate_hz: float, level: float, choices: CurveChoices
 ) -> dict[str, dict[str, Deviation]]:
-    if depth == "full" and choices.taken_from_samples:
+    if depth == "full" and choices.needs_samples:
         return _curves_of_samples(state, rate_hz, level, choices)
     out: dict[str, dict[str, Deviation]] = {name: {} for name in state.info.axes}
     state.bank.scale = np.asarray(state.info.scale)

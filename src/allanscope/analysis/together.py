@@ -27,7 +27,7 @@ from allanscope.allan import deviation
 from allanscope.analysis.result import Analysis
 from allanscope.quantities import MAD_TO_SIGMA
 
-__all__ = ["Aligned", "IndividualNoise", "Separation", "aligned", "separated", "units_apart"]
+__all__ = ["Aligned", "IndividualNoise", "Separation", "aligned", "separate_units", "separated"]
 
 Array = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ class Separation:
         return len(self.own) > 2
 
 
-def units_apart(
+def separate_units(
     results: Sequence[Analysis], names: Sequence[str]
 ) -> tuple[Aligned | None, dict[str, Separation], list[str]]:
     """Return results of one bench on one clock, each axis separated, and what must be said of it.

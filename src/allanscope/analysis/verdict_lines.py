@@ -89,7 +89,7 @@ def verdict(analysis: Analysis) -> Verdict:
         *failed,
         *_comparison_lines(analysis.axes),
         *losses,
-        *_quiet_lines(analysis),
+        *_undisturbed_lines(analysis),
         *_search_lines(analysis.axes),
         *_stream_lines(analysis),
         *_remark_lines(analysis),
@@ -219,7 +219,7 @@ def _failure_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
 def _effect_line(analysis: Analysis) -> VerdictLine:
     """Say what was found beyond the noise model, at most three, and whether that explains it."""
     axes = analysis.axes
-    looked = _looked(axes)
+    looked = _searched_axes(axes)
     open_axes = {name: one for name, one in looked.items() if was_searched(one)}
     if not open_axes:
         reasons = dict.fromkeys(one.remarks[0] for one in looked.values() if one.remarks)
@@ -252,7 +252,7 @@ def _whole(line: VerdictLine, axes: Mapping[str, AxisAnalysis]) -> VerdictLine:
     return replace(line, grade="bad", text=f"{line.text}; {text}")
 
 
-def _looked(axes: Mapping[str, AxisAnalysis]) -> dict[str, AxisExplanation]:
+def _searched_axes(axes: Mapping[str, AxisAnalysis]) -> dict[str, AxisExplanation]:
     return {
         name: axis.explanation
         for name, axis in axes.items()
@@ -276,7 +276,7 @@ def _comparison_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
 def _search_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
     """Return why the loop could not look at some axes; of none, the verdict's own line says it."""
     reasons: dict[str, list[str]] = {}
-    looked = _looked(axes)
+    looked = _searched_axes(axes)
     for name, one in looked.items():
         if not was_searched(one) and not axes[name].is_constant:
             for remark in one.remarks[:1]:
@@ -303,7 +303,7 @@ def _named(names: Iterable[str], axes: Mapping[str, AxisAnalysis]) -> str:
 # --- what is missing ----------------------------------------------------------------------------
 
 
-def _quiet_lines(analysis: Analysis) -> list[VerdictLine]:
+def _undisturbed_lines(analysis: Analysis) -> list[VerdictLine]:
     """Say which stretch of the run is undisturbed; its coefficients stand in the tables."""
     quiet = analysis.undisturbed
     if quiet is None:

@@ -18,7 +18,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.atomic_write import atomic_write, replaced_folder
+from allanscope.atomic_write import atomic_folder, atomic_write
 from allanscope.errors import UsageError
 from allanscope.quantities import LETTERS
 from allanscope.samples import AXES
@@ -385,7 +385,7 @@ def write_table(
                 write(group)
                 written += len(group)
         return written
-    with replaced_folder(path) as folder, ExitStack() as opened:
+    with atomic_folder(path) as folder, ExitStack() as opened:
         writers: dict[Path, Callable[[list[Mapping[str, Any]]], None]] = {}
         fields = [one for one in schema() if one.name not in partition]
         for group in _groups(rows):

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from allanscope.atomic_write import replaced_folder
+from allanscope.atomic_write import atomic_folder
 from allanscope.errors import InputError, UsageError
 from allanscope.fleet.inputs import RemotePath
 from allanscope.fleet.lot import Lot, rows_of, write_table
@@ -66,7 +66,7 @@ def write_lot(
         result.acceptance = accept(lot, limits) if limits else None
         with (
             progress(float(STAGES), "report", unit="parts", quiet=settings.quiet) as advance,
-            replaced_folder(here / "units") as pages,
+            atomic_folder(here / "units") as pages,
         ):
             page = render_lot(
                 lot,

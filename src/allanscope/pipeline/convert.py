@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from allanscope import __version__
-from allanscope.atomic_write import refuse_place, write_text
+from allanscope.atomic_write import require_writable, write_text
 from allanscope.clock import Clock
 from allanscope.errors import InputError, UsageError
 from allanscope.noise import Coefficient
@@ -233,7 +233,7 @@ def _export_coefficients(
 ) -> None:
     from allanscope.pipeline.exports import CONTENTS, LAYOUTS, NotDetected, bound_yaml
 
-    refuse_place(out)
+    require_writable(out)
     curves = {}
     stored = stored_result(source) if layout != "bound" and device == DeviceSettings() else None
     origin = source / "result.json" if stored else source

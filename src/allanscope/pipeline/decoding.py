@@ -150,7 +150,7 @@ class Decoding:
             self._first_byte_ns = self._first_byte_ns or chunk.host_ns
             found = self._decoder.feed(chunk.data, _seconds(chunk))
             self._refuse_without_samples(chunk.host_ns)
-            self._look_at(found)
+            self._complete_events(found)
             return events + found + self._watch(found, np.array([chunk.host_ns]))
         return events + self._listen(chunk)
 
@@ -182,7 +182,7 @@ class Decoding:
             data = buffer.data[begin:] if begin else buffer.data
             found = feed_chunks(self._decoder, data, ends[taken:] - begin, host_s)
             self._refuse_without_samples(int(host_ns[0]))
-            self._look_at(found)
+            self._complete_events(found)
             events += found + self._watch(found, host_ns)
         return events
 
@@ -212,7 +212,7 @@ class Decoding:
             for message in self._format.stop():
                 self._write(message)
 
-    def _look_at(self, events: list[Event]) -> None:
+    def _complete_events(self, events: list[Event]) -> None:
         """Note whether samples are numbered or timed; ask the device for what the decoder needs."""
         for at, event in enumerate(events):
             if isinstance(event, StreamInfo):
@@ -295,7 +295,7 @@ class Decoding:
         for chunk in self._unsniffed:
             events += self._decoder.feed(chunk.data, _seconds(chunk))
         self._unsniffed.clear()
-        self._look_at(events)
+        self._complete_events(events)
         return events
 
     def _wake_if_silent(self, now_ns: int) -> list[Event]:

@@ -119,6 +119,13 @@ class LiveSession:
         with suppress(Exception):  # the error of the block is the one to be told
             self.close()
 
+    def __repr__(self) -> str:
+        """Return what is measured, and for how long it has been."""
+        newest = self._final or self._audience.newest
+        state = "ended" if self._ended.is_set() else "running"
+        length = duration(newest.duration_s) if newest is not None else "no result yet"
+        return f"<LiveSession {self._session.source.name}: {state}, {length}>"
+
     def _repr_html_(self) -> str:
         newest = self._final or self._audience.newest
         if newest is None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from allanscope.atomic_write import refuse_place, write_text
+from allanscope.atomic_write import require_writable, write_text
 from allanscope.errors import DeviceError, InputError, UsageError
 from allanscope.pipeline.process import stopped_by_signals
 from allanscope.pipeline.settings import ViewMode
@@ -277,7 +277,7 @@ def report_sessions(
     """Write the report of one session, or one that compares several; return its path."""
     from allanscope.pipeline.analyse_file import analyse_input
 
-    refuse_place(out)
+    require_writable(out)
     sessions = {
         name: analyse_input(path, device, quiet, curves)
         for name, path in zip(short_names(paths), paths, strict=True)

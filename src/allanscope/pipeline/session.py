@@ -300,7 +300,7 @@ class Session:
             return []
         rate_hz = state.clock.rate().hz or state.info.nominal_hz or 1.0
         notices = []
-        for what, event in state.watch.news(rate_hz):
+        for what, event in state.watch.changes(rate_hz):
             told = json.dumps({"news": what, **event_dict(event)}, allow_nan=False)
             text = event.words if what == "found" else f"over: {event.words}"
             notices.append(Notice("event", text, {"host": 1, "news": what, "event": told}))

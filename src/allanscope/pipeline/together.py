@@ -24,7 +24,7 @@ from allanscope.analysis import (
     SharedLine,
     line_of,
     lines_in_both,
-    units_apart,
+    separate_units,
 )
 from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input
@@ -141,7 +141,7 @@ def analyse_together(paths: Sequence[Path], device: DeviceSettings, quiet: bool 
     unmeasured = [name for name, one in zip(names, seen, strict=True) if one is None]
     remarks = [f"sample rate not measured, lines not compared: {', '.join(unmeasured)}"]
     try:
-        clock, axes, why = units_apart(results, names)
+        clock, axes, why = separate_units(results, names)
     except ValueError as error:
         raise InputError(str(error)) from None
     return Together(names, clock, axes, lines, (*(remarks if unmeasured else []), *why))

@@ -72,7 +72,7 @@ def processing_chain(
     low_pass = f"low-pass at {' or '.join(f'{hz:.3g}' for hz in cutoffs)} Hz"
     starts = f"every start below m = {_DENSE}, {lags_of_level(1, 1)[0]} or more in tau above"
     archive = f"at most {ROWS:,} rows, joined in pairs when full"
-    if choices.taken_from_samples:
+    if choices.needs_samples:
         starts, archive = "every start", "every sample"
     third = "½ (DT0064)" if choices.hadamard == "dt0064" else "⅙ (DT0064: ½)"
     return [

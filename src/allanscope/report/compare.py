@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
-from allanscope.analysis import Analysis, AxisAnalysis, Separation, units_apart, verdict
+from allanscope.analysis import Analysis, AxisAnalysis, Separation, separate_units, verdict
 from allanscope.quantities import (
     COEFFICIENTS,
     DEVIATION,
@@ -57,7 +57,7 @@ def render_comparison(
             for name, one in sessions.items()
         ],
         axes=[_axis(name, sessions, svgs) for name in _axes(sessions)],
-        apart=_apart(sessions),
+        apart=_separation_tables(sessions),
         footer=f"allanscope {next(iter(sessions.values())).version}",
     )
 
@@ -73,15 +73,15 @@ def comparing_pictures(sessions: Mapping[str, Analysis]) -> dict[str, Picture]:
     return found
 
 
-def _apart(sessions: Mapping[str, Analysis]) -> list[StabilityTable]:
+def _separation_tables(sessions: Mapping[str, Analysis]) -> list[StabilityTable]:
     """Return what three units or more share that were recorded at once, and what each has alone."""
     if len(sessions) < _HAT or not _overlap(sessions.values()):
         return []
     try:
-        _, axes, _ = units_apart(list(sessions.values()), list(sessions))
+        _, axes, _ = separate_units(list(sessions.values()), list(sessions))
     except ValueError:  # no samples, or copies of one recording
         return []
-    return [_apart_table(name, one, sessions) for name, one in axes.items() if one.tau.size]
+    return [_separation_table(name, one, sessions) for name, one in axes.items() if one.tau.size]
 
 
 def _overlap(sessions: Iterable[Analysis]) -> bool:
@@ -94,7 +94,9 @@ def _overlap(sessions: Iterable[Analysis]) -> bool:
         return False
 
 
-def _apart_table(axis: str, one: Separation, sessions: Mapping[str, Analysis]) -> StabilityTable:
+def _separation_table(
+    axis: str, one: Separation, sessions: Mapping[str, Analysis]
+) -> StabilityTable:
     reading = DEVIATION[unit_of(axis)]
     rows = []
     for i in range(0, one.tau.size, 2):

@@ -255,7 +255,7 @@ def _summary(axes: Mapping[str, AxisAnalysis], quiet: Undisturbed | None) -> lis
             rows = [
                 {
                     "name": name,
-                    "quiet": _quiet_cells(name, unit, quiet),
+                    "quiet": _undisturbed_cells(name, unit, quiet),
                     "cells": [
                         *(
                             coefficient_table.coefficient_cell(a.coefficients.get(k), k, unit)
@@ -270,7 +270,7 @@ def _summary(axes: Mapping[str, AxisAnalysis], quiet: Undisturbed | None) -> lis
     return tables
 
 
-def _quiet_cells(name: str, unit: str, quiet: Undisturbed | None) -> list[str]:
+def _undisturbed_cells(name: str, unit: str, quiet: Undisturbed | None) -> list[str]:
     if quiet is None or name not in quiet.axes:
         return []
     known = quiet.axes[name]

@@ -335,7 +335,7 @@ class Screen:
                 table.add_row(*self._row(name, axis, wide))
                 quiet = self._analysis.undisturbed
                 if quiet is not None and name in quiet.axes:
-                    table.add_row(*self._quiet_row(axis.unit, quiet.axes[name]))
+                    table.add_row(*self._undisturbed_row(axis.unit, quiet.axes[name]))
         return table
 
     def _power_laws(self, wide: bool) -> Table:
@@ -368,7 +368,7 @@ class Screen:
             cells += [Text(best_text(axis)), Text(density_verdict(axis)), Text(_residual(axis))]
         return cells
 
-    def _quiet_row(self, unit: str, known: Mapping[str, Coefficient]) -> list[Text]:
+    def _undisturbed_row(self, unit: str, known: Mapping[str, Coefficient]) -> list[Text]:
         """Return the coefficients of the longest undisturbed stretch, below those of the whole."""
         cells = [coefficient_text(unit, letter, known.get(letter)) for letter in MAIN_LETTERS]
         return [Text(cell, style="dim") for cell in ("undisturbed", *cells)]

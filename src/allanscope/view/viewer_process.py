@@ -48,7 +48,7 @@ __all__ = [
     "has_display",
     "optimise",
     "policy",
-    "port_taken",
+    "port_in_use",
     "require_free_port",
     "rerun_binary",
     "without_links",
@@ -94,7 +94,7 @@ class WebPage:
         try:
             self._server = ThreadingHTTPServer((LOOPBACK, port), Handler)
         except OSError as error:
-            raise port_taken(port, error) from None
+            raise port_in_use(port, error) from None
         self.port = int(self._server.server_address[1])
         threading.Thread(target=self._server.serve_forever, name="web-page", daemon=True).start()
 
@@ -104,7 +104,7 @@ class WebPage:
         self._server.server_close()
 
 
-def port_taken(port: int, error: OSError) -> UsageError:
+def port_in_use(port: int, error: OSError) -> UsageError:
     """Return what to raise when a port of the user's choice cannot be bound."""
     return UsageError(
         f"port {port} of {LOOPBACK} is not available: {error.strerror}; choose another --port"
@@ -244,7 +244,7 @@ def require_free_port(port: int) -> None:
         try:
             probe.bind((LOOPBACK, port))
         except OSError as error:
-            raise port_taken(port, error) from None
+            raise port_in_use(port, error) from None
 
 
 def has_display() -> bool:

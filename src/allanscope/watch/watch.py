@@ -173,7 +173,7 @@ class Watch:
         due = (one for one in spans if after < one.found <= self._position - settled)
         return min(due, key=lambda one: one.found, default=None)
 
-    def news(self, rate_hz: float) -> Iterator[tuple[str, Event]]:
+    def changes(self, rate_hz: float) -> Iterator[tuple[str, Event]]:
         """Yield what was found or has gone since this was last asked for."""
         fresh, self.tracks.fresh = self.tracks.fresh, []
         for what in ("found", "gone"):

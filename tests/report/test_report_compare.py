@@ -10,7 +10,7 @@ import pytest
 from allanscope import analyse
 from allanscope.noise import Coefficient
 from allanscope.report import comparing_pictures, render_comparison
-from allanscope.report.compare import _apart
+from allanscope.report.compare import _separation_tables
 from support.report_session import two_axes
 
 N = {"one": 2.8e-3, "two": 3.0e-3, "<three>": 3.2e-3}
@@ -93,7 +93,7 @@ def test_three_units_recorded_at_once_are_told_apart(bench):
     """The hat of three: what each has alone is its white noise, sigma / sqrt(m)."""
     units = begun(bench, 1, 1, 1)
     assert "<summary>Recorded together" in render_comparison(units)
-    (table,) = _apart(units)
+    (table,) = _separation_tables(units)
     assert table.heads == ["τ, s", "all share", "A alone", "B alone", "C alone"]
     assert len(table.rows) >= 3
     for row in table.rows:
@@ -109,7 +109,7 @@ def test_three_units_recorded_at_once_are_told_apart(bench):
 
 def test_units_that_were_not_recorded_at_once_are_not_told_apart(bench):
     units = begun(bench, 1, 2, 3)
-    assert not _apart(units)
+    assert not _separation_tables(units)
     assert "Recorded together" not in render_comparison(units)
-    assert not _apart(dict(list(begun(bench, 1, 1, 1).items())[:2]))
-    assert not _apart(bench)  # arrays do not say when they began
+    assert not _separation_tables(dict(list(begun(bench, 1, 1, 1).items())[:2]))
+    assert not _separation_tables(bench)  # arrays do not say when they began

@@ -1,4 +1,4 @@
-"""The Allan deviation over time is, in each window, that of a bank that took the window alone."""
+"""The Allan deviation over time is, in each window, that of a cascade of the window alone."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ def largest_difference(
         alone = AllanBank(RATE, axes=x.shape[1])
         inside = [end for end in ends if first < end < last]
         fed(alone, np.split(x[first:last], np.array(inside, np.int64) - first))
-        wanted = alone.deviation("oadev")
-        at = np.flatnonzero((wanted.terms[0] >= 2) & (wanted.tau <= curves.tau[-1] + 1e-9))
+        wanted = alone._cascade.settled().variances("oadev")
+        at = np.flatnonzero((wanted.terms[0] >= 2) & (wanted.m / RATE <= curves.tau[-1] + 1e-9))
         m = np.rint(curves.tau * RATE).astype(np.int64)
         here = np.searchsorted(m, wanted.m[at])
         np.testing.assert_array_equal(curves.terms[w, here], wanted.terms[0, at])
         assert np.count_nonzero(curves.terms[w]) == len(at)
-        ratio = curves.deviation[:, w, here] / wanted.deviation[:, at]
+        ratio = curves.deviation[:, w, here] / np.sqrt(wanted.variance[:, at])
         worst = max(worst, float(np.abs(ratio - 1.0).max()))
     return worst
 

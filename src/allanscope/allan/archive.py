@@ -184,13 +184,13 @@ class Archive:
 
     def picked(self, axis: int) -> list[Floats]:
         """Return the phase of each segment at the borders of its rows, in data x samples."""
-        return [np.append(0.0, np.cumsum(u)) for u, _ in self._segments(axis)]
+        return [np.append(0.0, np.cumsum(u)) for u, _ in self.segments(axis)]
 
     def averaged(self, axis: int) -> list[Floats]:
         """Return the phase of each segment averaged over each row; exact phase at stride 1."""
         if self.stride == 1:
             return self.picked(axis)
-        return [np.cumsum(u) - u + v / self.stride for u, v in self._segments(axis)]
+        return [np.cumsum(u) - u + v / self.stride for u, v in self.segments(axis)]
 
     def drift(self) -> Floats:
         """Return the slope of a straight line through the rates, per sample, shape (axes,).
@@ -200,7 +200,7 @@ class Archive:
         slopes = np.zeros(self.axes)
         for axis in range(self.axes):
             product = square = 0.0
-            for u, _ in self._segments(axis):
+            for u, _ in self.segments(axis):
                 time = self.stride * (np.arange(u.size) - (u.size - 1) / 2)
                 product += float(time @ u) / self.stride
                 square += float(time @ time)
@@ -241,7 +241,8 @@ class Archive:
         """Return the rows as loops take them."""
         return self.rows, self.rows.shape[2], self.used, self.part, self.filled, self.stride
 
-    def _segments(self, axis: int) -> list[Floats]:
+    def segments(self, axis: int) -> list[Floats]:
+        """Return the rows (u, v) of each segment, shape (2, rows)."""
         return np.split(self.sums[axis], self.starts[1:], axis=1)
 
 

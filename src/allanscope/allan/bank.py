@@ -2,7 +2,8 @@
 
 Samples go to two places. The cascade keeps sums of squared differences for all that can be
 streamed: STDEV OSTDEV ADEV OADEV MDEV TDEV HDEV OHDEV TOTDEV PDEV. The archive keeps the run in at
-most 8192 rows for the rest: MTOT TTOT HTOT THEO1 TheoBR TheoH, which are evaluated when asked::
+most 8192 rows for the rest: MTOT TTOT HTOT THEO1 TheoBR TheoH, which are evaluated when asked, and
+for the longest tau of the others, where it has more terms (`long_taus`)::
 
     update ──┬─▶ cascade   sums per tau ───────┐
              └─▶ archive   rows of block sums ─┴─▶ deviation(kind)
@@ -84,9 +85,10 @@ class AllanBank:
 
     Notes
     -----
-    Terms are exact (full overlap, as in allantools) for m < 64 and start at every 2^L-th sample for
-    32 * 2^L <= m < 64 * 2^L above. The modified totals and the Theo family are exact up to 4096
-    samples; see `allanscope.allan.curves` for what comes after.
+    Terms are exact (full overlap, as in allantools) for m < 64 and in runs of up to 8192 samples.
+    In longer ones they start at every 2^L-th sample for 32 * 2^L <= m < 64 * 2^L, beyond a 128th of
+    the run at every 4096th to 8192nd part of it. The modified totals and the Theo family are exact
+    up to 4096 samples; see `allanscope.allan.curves` for what comes after.
 
     Samples of float64 are summed in doubles: their relative error is about 1e-16 times
     (distance from the anchor / deviation). Integer samples have none below 2^53, wherever the
@@ -275,8 +277,8 @@ class AllanBank:
         Returns
         -------
         DynamicDeviation
-            Each value is that of a bank that took the samples of the window alone. No windows
-            while the run is shorter than one.
+            Each value has the terms of a cascade that took the samples of the window alone: beyond
+            m = 64 fewer than `deviation` has. No windows while the run is shorter than one.
 
         Raises
         ------

@@ -34,6 +34,7 @@ from allanscope.allan.estimators.htotdev import htot_variance
 from allanscope.allan.estimators.mtotdev import mtot_variance
 from allanscope.allan.estimators.theo1 import thinned_theo1_variance
 from allanscope.allan.kernels import COLUMNS
+from allanscope.allan.long_taus import KINDS, with_rows
 from allanscope.allan.noise_type import (
     NoiseTypes,
     identify,
@@ -123,7 +124,8 @@ class Curves:
     def _evaluate(self, kind: str) -> Sums:
         estimator = estimator_named(kind)
         if kind in COLUMNS:
-            return self._cascade.variances(kind)
+            sums = self._cascade.variances(kind)
+            return with_rows(kind, sums, self._archive) if kind in KINDS else sums
         if estimator.derived_from:
             parent = self.sums(estimator.derived_from)
             return replace(parent, variance=parent.variance * estimator.factor(parent.m))

@@ -11,8 +11,8 @@ are exactly the terms that lie within. The cascade notes A and K at each border 
 eighth of a window; a window is the difference of two. Where a run grows beyond the room for its
 borders, every second one is given up, and windows that were not asked for by their length double.
 
-Terms are those of the bank: above m = 64 they start at every 2^L-th sample of their segment. A
-border lies where those of a bank that took the window alone would start as well.
+Terms are those of the cascade: above m = 64 they start at every 2^L-th sample of their segment. A
+border lies where those of a cascade that took the window alone would start as well.
 """
 
 from __future__ import annotations

@@ -71,8 +71,9 @@ def deviation(
         What the data are. Rates taken for phase are the commonest mistake: the curve then falls by
         one power of tau more.
     exact : bool
-        False to go through `AllanBank`, whose terms are thinned at long tau: faster by far for long
-        records, and to a fraction of the limits the same. Needs octave-wise taus.
+        False to go through `AllanBank`, whose terms are thinned at long tau of runs of more than
+        8192 samples: faster by far, and to a fraction of the limits the same. Needs octave-wise
+        taus.
     level : float
         Two-sided confidence of the limits.
     bias_corrected : bool or 'all'

@@ -9,6 +9,7 @@ mean.
     python benchmarks/interval_coverage.py
     python benchmarks/interval_coverage.py --write     docs/explanation/coverage.md, half an hour
     python benchmarks/interval_coverage.py --write --store FILE     goes on where it was stopped
+    python benchmarks/interval_coverage.py --write --store FILE --stored    other cells as they were
     python benchmarks/interval_coverage.py --samples 8192 --runs 300 --stream
     python benchmarks/interval_coverage.py --alphas 0 --beside -2 --knee 16
 
@@ -185,6 +186,8 @@ def measured(
                 if kind in options.kinds
             }
             continue
+        if options.stored:
+            continue
         own = [] if beside is None else [beside + 9, knee]
         rng = np.random.default_rng([options.seed, alpha + 9, *own])
         parts = {alpha: power_law(alpha, samples, runs, rng)}
@@ -243,6 +246,7 @@ def summary(rows: Rows) -> tuple[int, float, float, list[str]]:
 
 def published(options: argparse.Namespace) -> list[Part]:
     """Return what the page shows: one noise in runs of every length, two in the first of them."""
+    before = kept() if options.stored else {}
     parts = [
         (samples, runs, 0, measured(options, samples, 100 if options.quick else runs))
         for samples, runs in LENGTHS.items()
@@ -253,7 +257,25 @@ def published(options: argparse.Namespace) -> list[Part]:
         for alpha, beside in BESIDE:
             together |= measured(options, first, runs, beside, knee, [alpha])
         parts.append((first, runs, knee, together))
-    return parts
+    return [
+        (samples, runs, knee, overlaid(before.get((samples, knee), {}), rows))
+        for samples, runs, knee, rows in parts
+    ]
+
+
+def kept() -> dict[tuple[int, int], Rows]:
+    """Return the published cells, by samples and knee."""
+    found: dict[tuple[int, int], Rows] = {}
+    for line in PAGE.with_suffix(".csv").read_text(encoding="utf-8").splitlines()[1:]:
+        samples, noise, knee, kind, m, _, held = line.split(",")
+        rows = found.setdefault((int(samples), int(knee or 0)), {})
+        rows.setdefault(noise, {}).setdefault(kind, {})[int(m)] = float(held)
+    return found
+
+
+def overlaid(before: Rows, rows: Rows) -> Rows:
+    """Return all rows of estimators, those measured anew in place of those before."""
+    return {noise: before.get(noise, {}) | rows.get(noise, {}) for noise in (before or rows) | rows}
 
 
 def page(parts: list[Part], options: argparse.Namespace) -> str:
@@ -366,6 +388,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="all of the page of the docs")
     parser.add_argument("--quick", action="store_true", help="a hundred runs")
     parser.add_argument("--store", type=Path, help="keep what is measured; do not repeat what is")
+    parser.add_argument("--stored", action="store_true", help="measure nothing beyond the store")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     runs = 100 if options.quick else options.runs

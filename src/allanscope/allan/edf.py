@@ -51,6 +51,7 @@ __all__ = [
     "calibrated_scale",
     "difference_autocovariance",
     "difference_edf",
+    "difference_overlap",
     "phase_autocovariance",
     "sampled_autocovariance",
     "small_factor_loss",
@@ -82,7 +83,7 @@ class LagSums:
     edge : ndarray, shape (b + 1,)
         Lags up to which (exclusive) the sums reach, in strides.
     squares, moments : ndarray, shape (b + 1,)
-        Sums of rho_j^2 and of j rho_j^2 over 1 <= j < edge.
+        Sums of rho_j^2 and of j rho_j^2 over 1 <= j < edge; of two noises, of their product.
     """
 
     edge: Floats
@@ -91,17 +92,24 @@ class LagSums:
 
     def edf(self, terms: float) -> float:
         """Return the degrees of freedom of a mean of `terms` squares; 0.0 for none."""
-        if terms < 1:
-            return 0.0
+        return 1.0 / self.inverse(terms) if terms >= 1 else 0.0
+
+    def inverse(self, terms: float) -> float:
+        """Return 1 / edf of one noise, for `terms` >= 1; of two it may be negative."""
         if terms >= self.edge[-1]:
             squares, moments = self.squares[-1], self.moments[-1]
         else:
             squares = np.interp(terms, self.edge, self.squares)
             moments = np.interp(terms, self.edge, self.moments)
-        return float(terms / (1.0 + 2.0 * (squares - moments / terms)))
+        return float((1.0 + 2.0 * (squares - moments / terms)) / terms)
 
 
-def sum_lags(rho: Callable[[Floats], Floats], span: float, reach: float) -> LagSums:
+def sum_lags(
+    rho: Callable[[Floats], Floats],
+    span: float,
+    reach: float,
+    other: Callable[[Floats], Floats] | None = None,
+) -> LagSums:
     """Sum the squares of an autocorrelation over all lags up to `reach` tau.
 
     Parameters
@@ -112,6 +120,8 @@ def sum_lags(rho: Callable[[Floats], Floats], span: float, reach: float) -> LagS
         Lags in one tau: m / stride.
     reach : float
         Lag in units of tau beyond which nothing counts.
+    other : callable, optional
+        Autocorrelation of another noise, with which it is multiplied instead.
 
     Notes
     -----
@@ -134,7 +144,7 @@ def sum_lags(rho: Callable[[Floats], Floats], span: float, reach: float) -> LagS
         edge = edge[(edge >= 1) & (edge <= count + 1)]
     width = np.diff(edge)
     centre = edge[:-1] + (width - 1) / 2
-    square = width * rho(centre / span) ** 2
+    square = width * rho(centre / span) * (other or rho)(centre / span)
     squares, moments = square.cumsum(), (centre * square).cumsum()
     return LagSums(edge, np.append(0.0, squares), np.append(0.0, moments))
 
@@ -190,6 +200,74 @@ def difference_edf(
     return edf
 
 
+def difference_overlap(
+    alpha: int,
+    beta: int,
+    m: ArrayLike,
+    n: ArrayLike,
+    stride: ArrayLike,
+    order: int,
+    *,
+    modified: bool = False,
+) -> Floats:
+    """Return what a pair of noises adds to 1 / edf of their sum, over the product of their shares.
+
+    Of a sum of independent noises the autocorrelation is the mean of theirs by their shares ``p``
+    of the variance, so ``1/edf = sum_ij p_i p_j c_ij`` with
+
+        c_ij = sum_{|k| < M} (1 - |k|/M) rho_i(k) rho_j(k) / M
+
+    which is 1 / edf of one noise for i = j. White noise and a random run, whose terms are
+    correlated with opposite signs, scatter less together than either alone.
+
+    Parameters
+    ----------
+    alpha, beta : int
+        Power laws of the rate.
+    m, n, stride, order, modified
+        As for `difference_edf`.
+
+    Examples
+    --------
+    >>> both = [[difference_overlap(a, b, 64, 1024, 1, 3) for b in (0, -4)] for a in (0, -4)]
+    >>> alone = 1.0 / difference_edf([0, -4], 64, 1024, 1, 3)
+    >>> (np.diag(both) / alone).round(6).tolist(), round(float(1.0 / np.mean(both)))
+    ([1.0, 1.0], 20)
+    """
+    m, n, stride = np.broadcast_arrays(m, n, stride)
+    length = m * order + (m if modified else 1)
+    terms = np.maximum(1 + (n + 1 - length) // stride, 1)
+    found = np.empty(m.shape)
+    pair = max(alpha, beta), min(alpha, beta)
+    for i in np.ndindex(m.shape):
+        step = float(stride[i])
+        averaged = modified and m[i] > 1
+
+        def summed(factor: float, count: float, step: float = step, mean: bool = averaged) -> float:
+            span = factor / step
+            widths = (_filter_width(a, int(factor), span, mean) for a in pair)
+            lags = _shared_lags(*pair, span, *widths, order, not mean)
+            return lags.inverse(count) * count
+
+        factor, count = float(m[i]), float(terms[i])
+        found[i] = _by_neighbours(summed, factor, step, count, straight=True) / count
+    return found
+
+
+@lru_cache(maxsize=8192)
+def _shared_lags(
+    alpha: int, beta: int, span: float, width: float, other: float, order: int, sampled: bool
+) -> LagSums:
+    def correlation(law: int, wide: float) -> Callable[[Floats], Floats]:
+        def covariance(lag: Floats) -> Floats:
+            return difference_autocovariance(lag, wide, law, order, sampled=sampled)
+
+        power = covariance(np.zeros(1))[0]
+        return lambda lag: covariance(lag) / power
+
+    return sum_lags(correlation(alpha, width), span, order + 1, correlation(beta, other))
+
+
 def _summed(
     alpha: int, stride: float, order: int, averaged: bool, discrete: bool, m: float, terms: float
 ) -> float:
@@ -200,12 +278,18 @@ def _summed(
 
 
 def _by_neighbours(
-    summed: Callable[[float, float], float], m: float, stride: float, terms: float
+    summed: Callable[[float, float], float],
+    m: float,
+    stride: float,
+    terms: float,
+    *,
+    straight: bool = False,
 ) -> float:
     """Return `summed` at m and so many terms; beyond `_SUMMED_ALONE` from two neighbours of m.
 
     With as many terms in a tau the degrees of freedom hardly depend on m, or (white PM) grow as it
-    does: a straight line in the logarithms. Every m of a record of 10^5 samples would take minutes.
+    does: a straight line in the logarithms, or with `straight` in that of m alone. Every m of a
+    record of 10^5 samples would take minutes.
     """
     if stride != 1.0 or m <= _SUMMED_ALONE or terms < _FEW_TERMS:
         return summed(m, terms)
@@ -215,6 +299,8 @@ def _by_neighbours(
         return summed(m, terms)
     first, last = (summed(at, terms * at / m) for at in (low, high))
     share = np.log(m / low) / np.log(high / low)
+    if straight:
+        return float((1.0 - share) * first + share * last)
     return float(first ** (1.0 - share) * last**share)
 
 

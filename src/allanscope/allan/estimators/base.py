@@ -22,7 +22,12 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from allanscope.allan.edf import calibrated_scale, difference_autocovariance, difference_edf
+from allanscope.allan.edf import (
+    calibrated_scale,
+    difference_autocovariance,
+    difference_edf,
+    difference_overlap,
+)
 from allanscope.allan.noise_type import ALPHAS, Family, NoiseTypes, lagged_phase
 from allanscope.compiled import Pointer, kernel
 
@@ -237,7 +242,8 @@ class Estimator(ABC):
         -----
         Expectations add up; degrees of freedom as in `_pooled`.
         """
-        shares = noise.shares(self.family, self.tau(m, int(np.max(n))))
+        tau = self.tau(m, int(np.max(n)))
+        shares = noise.shares(self.family, tau)
         present = [i for i in range(len(ALPHAS)) if shares[..., i].any()]
         known = [max(ALPHAS[i], self.lowest_alpha) for i in present]
         share = shares[..., present]
@@ -247,20 +253,86 @@ class Estimator(ABC):
         # Raw THEO1 is its own expectation, and has of each noise what its bias says.
         weight = share * np.where(ratio == 1.0, left, ratio)
         raw = weight / weight.sum(axis=-1, keepdims=True)
-        return _pooled(edf, raw), (share * ratio).sum(axis=-1), (share * left).sum(axis=-1)
+        at = np.maximum(tau.round().astype(np.int64), 1)
+        alike = _likeness(self.family, known, edf, raw, at, n, stride)
+        return _pooled(edf, raw, alike), (share * ratio).sum(axis=-1), (share * left).sum(axis=-1)
 
 
-def _pooled(edf: NDArray[np.float64], share: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pooled(
+    edf: NDArray[np.float64], share: NDArray[np.float64], alike: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the degrees of freedom of a sum of noises, each with a share of it, both (..., j).
 
-    Variances of a variance add up with the products of all pairs. What two power laws have in
-    common lies between the geometric mean of their degrees of freedom (spectra of one shape) and
-    the larger of them (one a spike in the other): between these.
+    Variances of a variance add up with the products of all pairs, of which each counts as much as
+    its noises are `alike`, shape (..., j, j): see `_likeness`.
     """
-    one, other = edf[..., :, np.newaxis], edf[..., np.newaxis, :]
-    common = np.maximum(one, other) ** 0.75 * np.minimum(one, other) ** 0.25
-    scatter: NDArray[np.float64] = np.einsum("...i,...j,...ij->...", share, share, 1.0 / common)
-    return 1.0 / scatter
+    scatter = share / np.sqrt(edf)
+    return np.asarray(1.0 / np.einsum("...i,...j,...ij->...", scatter, scatter, alike))
+
+
+def _likeness(
+    family: Family,
+    alphas: list[int],
+    edf: NDArray[np.float64],
+    share: NDArray[np.float64],
+    m: NDArray[np.int64],
+    n: NDArray[np.int64],
+    stride: ArrayLike,
+) -> NDArray[np.float64]:
+    """Return how much of their scatter the terms of two noises have in common, shape (..., j, j).
+
+    ``c_ij / sqrt(c_ii c_jj)`` of `difference_overlap`: exactly, of the plain overlapping variance
+    of the family; totals and the Theo family see the same noises through windows much like its own.
+    Flicker PM and white FM have nearly 1, white FM and a random run a third.
+
+    Beside phase noise the share of a slower one is badly known, and its scatter many times as
+    large: there no pair counts less than the fourth root of the ratio of their degrees of freedom.
+
+    Parameters
+    ----------
+    family : {'avar', 'mvar', 'hvar'}
+        Variance.
+    alphas : list of int, length j
+        Power laws.
+    edf : ndarray, shape (k, j)
+        Degrees of freedom of each.
+    share : ndarray, shape (k, j) or (axes, k, j)
+        Their shares; of pairs with next to none nothing is asked.
+    m, n, stride : ndarray of int64, shape (k,)
+        As in `Sums`, m at tau; beyond a quarter of the run that at a quarter.
+    """
+    order, modified = (3 if family == "hvar" else 2), family == "mvar"
+    step = np.broadcast_to(np.asarray(stride, np.int64), m.shape)
+    near = np.where(m > _EVERY_FACTOR, np.exp2(np.round(_PER_OCTAVE * np.log2(m)) / _PER_OCTAVE), m)
+    near = np.maximum(np.minimum(near.round().astype(np.int64), n // 4), 1)
+    step = np.where(step >= m, near, np.minimum(step, near))
+    alike = np.ones((*share.shape, len(alphas)))
+    for i, one in enumerate(alphas):
+        for j, other in enumerate(alphas[:i]):
+            counts = share[..., i] * share[..., j] > _SMALL_SHARES
+            at = counts.reshape(-1, m.size).any(axis=0)
+            at &= n >= _FEWEST_LONG
+            if not at.any():
+                continue
+            common, first, second = (
+                difference_overlap(a, b, near[at], n[at], step[at], order, modified=modified)
+                for a, b in ((one, other), (one, one), (other, other))
+            )
+            together = common / np.sqrt(first * second)
+            if max(one, other) > 0:
+                ratio = edf[at, i] / edf[at, j]
+                together = np.maximum(together, np.minimum(ratio, 1.0 / ratio) ** 0.25)
+            every = np.ones(m.size)
+            every[at] = together
+            alike[..., i, j] = alike[..., j, i] = np.where(counts, every, 1.0)
+    return alike
+
+
+_EVERY_FACTOR, _PER_OCTAVE = 32, 8
+"""What noises have in common changes slowly with m: beyond 32 it is that of the nearest of eight in
+an octave."""
+_SMALL_SHARES = 1e-3
+_FEWEST_LONG = 16
 
 
 REGISTRY: dict[str, Estimator] = {}
@@ -394,12 +466,13 @@ class AverageEstimator(Estimator):
         units = [_unit_spread(k, whole, step) for k, step in zip(m.tolist(), steps, strict=True)]
         share = noise.shares_of(np.stack(units), m.size)
         edf = np.ones((*share.shape[:-1], len(ALPHAS)))
+        alphas = [max(alpha, self.lowest_alpha) for alpha in ALPHAS]
         for i, alpha in enumerate(ALPHAS):
             if share[..., i].any():
-                known = max(alpha, self.lowest_alpha)
                 unequal = _UNEQUAL if alpha < 0 else 1.0
-                edf[..., i] = unequal * np.maximum(self.edf(known, m, n, stride), 1.0)
-        pooled = _pooled(edf, share)
+                edf[..., i] = unequal * np.maximum(self.edf(alphas[i], m, n, stride), 1.0)
+        each = edf.reshape(-1, *edf.shape[-2:])[0]  # the same on every axis
+        pooled = _pooled(edf, share, _likeness(self.family, alphas, each, share, m, n, stride))
         return pooled, np.ones(pooled.shape), np.ones(pooled.shape)
 
     def trusts(self, noise: NoiseTypes, tau: ArrayLike, n: int) -> NDArray[np.bool_]:

@@ -5,7 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from allanscope import Analysis, InputError, Recording, Simulator, UsageError, analyse
+from allanscope import (
+    Analysis,
+    CurveChoices,
+    InputError,
+    Recording,
+    Simulator,
+    UsageError,
+    analyse,
+)
 from allanscope.__main__ import main
 from allanscope.allan import deviation
 from allanscope.allan.estimators import REGISTRY
@@ -261,3 +269,25 @@ def test_a_result_and_a_curve_are_one_line_at_the_prompt():
     assert repr(result) == "<Analysis arrays: gx, 3000 samples>"
     curve = deviation(np.arange(10.0) ** 2, 2.0, taus=[0.5, 1.0])
     assert repr(curve) == "<Deviation oadev: 2 averaging times, 0.5 to 1 s>"
+
+
+def test_nan_in_an_array_is_a_lost_sample(tmp_path, capsys):
+    """In memory, in a file on the command line, on one axis of several: the curve of an array."""
+    noise = np.random.default_rng(5).normal(size=(4000, 3))
+    noise[[0, 700, 701, 2900], 1] = np.nan
+    lost = noise.copy()
+    lost[[0, 700, 701, 2900]] = np.nan
+    result = analyse(noise, rate=100.0, curves=CurveChoices(kinds=("oadev",), taus="octave"))
+    assert "4 rows have NaN, taken as lost samples" in result.assumptions
+    for column, axis in enumerate(("gx", "gy", "gz")):
+        found = result.axes[axis].curves["oadev"]
+        exact = deviation(lost[1:, column], 100.0, "oadev", [float(t) for t in found.tau])
+        np.testing.assert_array_equal(found.terms, exact.terms)
+        np.testing.assert_allclose(found.deviation, exact.deviation, rtol=1e-8)
+    np.save(tmp_path / "gaps.npy", noise)
+    assert main(["analyse", str(tmp_path / "gaps.npy"), "--rate", "100"]) == 0
+    assert "Lost samples: 3" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="all 20 rows have NaN"):
+        analyse(np.full(20, np.nan), rate=100.0)
+    with pytest.raises(ValueError, match=r"sample 1 of gx is inf \(one of 1 not finite\)"):
+        analyse(np.array([np.nan, np.inf, 1.0]), rate=100.0)

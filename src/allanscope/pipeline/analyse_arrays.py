@@ -201,8 +201,8 @@ def words_of(columns: Columns, info: StreamInfo) -> str:
 def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Event]:
     """Yield what a decoder would yield of these samples.
 
-    Integers without a unit are counts, floats dps and g. Where the times leave a period out there
-    is a Gap.
+    Integers without a unit are counts, floats dps and g. Where the times leave a period out, or
+    rows without times had NaN, there is a Gap.
 
     Raises
     ------
@@ -211,13 +211,13 @@ def events_of_columns(columns: Columns, device: DeviceSettings) -> Iterator[Even
         nor the times tell.
     """
     timing = _timing(columns.time_s, device.rate_hz)
+    gaps = timing.gaps if columns.lost == {} else columns.lost
     columns = replace(columns, time_s=columns.time_s if timing.used else None)
     info, counts = _described(columns, device, timing.hz)
     yield info
     for remark in (*columns.assumed, *_scale_remarks(columns, device), *timing.remarks):
         yield Notice("text", remark, {"host": 1, "assumed": 1})
     n = len(next(iter(columns.axes.values())))
-    gaps = timing.gaps
     bounds = [0, *gaps, n]
     index = 0
     for start, stop in pairwise(bounds):

@@ -51,6 +51,8 @@ class Columns:
         Axis to its scale in dps or g per count, where the source of the counts told it.
     assumed : tuple of str
         What the source did not say and was assumed of it.
+    lost : mapping
+        Rows that are missing before a row, by its number: where there were NaN and no times.
     """
 
     axes: Mapping[str, NDArray[Any]]
@@ -59,6 +61,7 @@ class Columns:
     temperature_c: NDArray[np.float64] | None = None
     scales: Mapping[str, float] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
+    lost: Mapping[int, int] = field(default_factory=dict)
 
     def unit(self, axis: str) -> str:
         """Return the unit of an axis; without one integers are counts, floats dps or g."""
@@ -109,7 +112,7 @@ def columns_of_array(data: ArrayLike, axes: Sequence[str] | None, timed: bool = 
     if len(axes) != values.shape[1]:
         raise ValueError(f"{len(axes)} axis names do not fit an array of shape {values.shape}")
     columns = columns_of_mapping(dict(zip(axes, values.T, strict=True)))
-    return replace(columns, assumed=assumed)
+    return replace(columns, assumed=assumed + columns.assumed)
 
 
 def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
@@ -135,18 +138,47 @@ def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
         plain = AXES[column.axis] if column.axis >= 0 else column.quantity
         if plain in found:
             raise ValueError(f"column {name!r} comes twice")
-        found[plain] = (column, _column(str(name), values, column.quantity == "temperature"))
+        found[plain] = (column, _column(str(name), values, column.quantity))
     axes = {axis: found[axis][1] for axis in AXES if axis in found}
     if not axes:
         raise ValueError(f"no axis among the columns {list(data)}; axes are {' '.join(AXES)}")
     lengths = {len(values) for _, values in found.values()}
     if len(lengths) > 1:
         raise ValueError(f"columns differ in length: {sorted(lengths)}")
-    return Columns(
-        axes,
-        {axis: found[axis][0].unit for axis in axes},
-        _converted(found.get("time"), "s"),
-        _converted(found.get("temperature"), "degc"),
+    return _without_missing(
+        Columns(
+            axes,
+            {axis: found[axis][0].unit for axis in axes},
+            _converted(found.get("time"), "s"),
+            _converted(found.get("temperature"), "degc"),
+        )
+    )
+
+
+def _without_missing(columns: Columns) -> Columns:
+    """Return the rows in which every axis has a number; NaN is a lost sample."""
+    missing = np.zeros(len(next(iter(columns.axes.values()))), np.bool_)
+    for values in columns.axes.values():
+        if values.dtype.kind == "f":
+            missing |= np.isnan(values)
+    count = int(missing.sum())
+    if count == 0:
+        return columns
+    if count == missing.size:
+        raise ValueError(f"all {count} rows have NaN: there is no sample")
+    kept = np.flatnonzero(~missing)
+    before = np.diff(kept) - 1
+    places = np.flatnonzero(before)
+    lost = dict(zip((places + 1).tolist(), before[places].tolist(), strict=True))
+    time_s, temperature_c = columns.time_s, columns.temperature_c
+    rows = "row has" if count == 1 else "rows have"
+    return replace(
+        columns,
+        axes={axis: values[kept] for axis, values in columns.axes.items()},
+        time_s=None if time_s is None else time_s[kept],
+        temperature_c=None if temperature_c is None else temperature_c[kept],
+        assumed=(*columns.assumed, f"{count} {rows} NaN, taken as lost samples"),
+        lost=lost if time_s is None else {},
     )
 
 
@@ -315,7 +347,7 @@ def quantity_of(name: str) -> Quantity:
     return cast("Quantity", name)
 
 
-def _column(name: str, values: ArrayLike, gaps_allowed: bool) -> NDArray[Any]:
+def _column(name: str, values: ArrayLike, quantity: str) -> NDArray[Any]:
     if np.ma.is_masked(values):
         raise ValueError(
             f"{name} has masked samples; "
@@ -328,8 +360,9 @@ def _column(name: str, values: ArrayLike, gaps_allowed: bool) -> NDArray[Any]:
         raise ValueError(f"column {name} must hold integers or floats, got {column.dtype}")
     if column.dtype.kind == "f":
         column = column.astype(np.float64)
-        bad = np.flatnonzero(~np.isfinite(column))
-        if bad.size and not gaps_allowed:
+        sound = np.isfinite(column) if quantity == "time" else ~np.isinf(column)
+        bad = np.flatnonzero(~sound)
+        if bad.size and quantity != "temperature":
             raise ValueError(
                 f"sample {bad[0]} of {name} is {column[bad[0]]} (one of {bad.size} not finite); "
                 "leave such rows out and give the times of the others as a column t"

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     )
     from allanscope.allan.confidence import chi_square_limits, degrees_of_freedom
     from allanscope.allan.dynamic import DynamicDeviation
-    from allanscope.allan.edf import difference_edf
+    from allanscope.allan.edf import difference_edf, difference_overlap
     from allanscope.allan.estimators import variance_name
     from allanscope.allan.frequency import (
         density_of_deviation,
@@ -72,6 +72,7 @@ __all__ = [
     "deviation",
     "deviation_of_density",
     "difference_edf",
+    "difference_overlap",
     "factors_at",
     "factors_of",
     "gcodev",
@@ -109,6 +110,7 @@ __getattr__, __dir__ = lazily(
         "deviation": "oneshot",
         "deviation_of_density": "frequency",
         "difference_edf": "edf",
+        "difference_overlap": "edf",
         "gcodev": "clock_statistics",
         "factors_at": "frequency",
         "factors_of": "oneshot",

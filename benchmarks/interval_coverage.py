@@ -281,6 +281,8 @@ def overlaid(before: Rows, rows: Rows) -> Rows:
 def page(parts: list[Part], options: argparse.Namespace) -> str:
     """Return the published page: a line for each study, and the extremes of each estimator."""
     text = HEAD.format(seed=options.seed)
+    if options.stored:
+        text += AGAIN.format(cells=sum(_cells(rows) for rows in stored(options).values()))
     for samples, runs, knee, rows in parts:
         if not knee:
             text += LINE.format(samples=samples, runs=runs, **told(rows, runs))
@@ -294,6 +296,10 @@ def page(parts: list[Part], options: argparse.Namespace) -> str:
         f"| `{kind}` | {extremes(one, kind)} | {extremes(two, kind)} |\n" for kind in options.kinds
     )
     return text + EXTREMES + "".join(line for line in lines if " to " in line)
+
+
+def _cells(kinds: dict[str, dict[str, float]]) -> int:
+    return sum(len(row) for row in kinds.values())
 
 
 def told(rows: Rows, runs: int) -> dict[str, object]:
@@ -346,6 +352,11 @@ type the program identifies. Records are arrays, of which every term is used
 between, to the end of the trusted range), is in [coverage.csv](coverage.csv).
 
 """
+AGAIN = """\
+{cells} cells, of TOTDEV, TheoBR, TheoH and most plain deviations where noises meet, were measured
+again with degrees of freedom of mixed noises; the others are those of limits before that.
+
+"""
 LINE = """\
 - {samples} samples, {runs} records, standard error {error:.2f} %: {cells} cells, from {low:.1f} to
   {high:.1f} %. Outside 93 to 97 %: {outside}; by more than two standard errors: {sure}.
@@ -364,7 +375,7 @@ MEETING = """
 ## Where two noises meet
 
 Two noises of one level (AVAR; HVAR with FWFM, RRFM) at one window, {runs} records of 1024 samples.
-Trusted cells hold less often than with one noise: of the slower one the record shows little.
+Limits hold less often than with one noise, or more: of the slower one the record shows little.
 
 """
 EXTREMES = """

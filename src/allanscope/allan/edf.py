@@ -241,7 +241,7 @@ def difference_overlap(
     pair = max(alpha, beta), min(alpha, beta)
     for i in np.ndindex(m.shape):
         step = float(stride[i])
-        averaged = modified and m[i] > 1
+        averaged = modified and int(m[i]) > 1
 
         def summed(factor: float, count: float, step: float = step, mean: bool = averaged) -> float:
             span = factor / step

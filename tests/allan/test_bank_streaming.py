@@ -79,8 +79,8 @@ def test_no_term_spans_a_gap(n, cuts):
     together = bank_of(segments)
     alone = [bank_of([segment]) for segment in segments]
     for kind in ("adev", "oadev", "hdev", "ohdev", "mdev", "pdev", "totdev"):
-        whole = together._settled_curves().sums(kind)
-        parts = [bank._settled_curves().sums(kind) for bank in alone]
+        whole = together._cascade.settled().variances(kind)
+        parts = [bank._cascade.settled().variances(kind) for bank in alone]
         for t, m in enumerate(whole.m):
             found = [(part, np.flatnonzero(part.m == m)[0]) for part in parts if m in part.m]
             terms = sum(part.terms[:, at] for part, at in found)
@@ -94,18 +94,18 @@ def test_no_term_spans_a_gap(n, cuts):
 def test_the_standard_deviation_pools_all_segments_about_one_mean(n, cuts):
     segments = pieces(samples(n), cuts)
     for kind, step in (("ostdev", 1), ("stdev", None)):
-        curve = bank_of(segments).deviation(kind)
-        for t, m in enumerate(curve.m.tolist()):
+        sums = bank_of(segments)._cascade.settled().variances(kind)
+        for t, m in enumerate(sums.m.tolist()):
             every = 2 ** max(m.bit_length() - 6, 0) if step else m
             w = []
             for segment in segments:
                 x = np.concatenate([np.zeros((1, 2)), segment.cumsum(axis=0, dtype=float)])
                 w.append((x[m:] - x[:-m])[::every] / m if len(x) > m else x[:0])
             w = np.concatenate(w)
-            assert curve.terms[0, t] == len(w)
+            assert sums.terms[0, t] == len(w)
             if len(w) > 1:
                 np.testing.assert_allclose(
-                    curve.deviation[:, t], w.std(axis=0, ddof=1), rtol=1e-9, atol=1e-9
+                    np.sqrt(sums.variance[:, t]), w.std(axis=0, ddof=1), rtol=1e-9, atol=1e-9
                 )
 
 

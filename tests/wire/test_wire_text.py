@@ -69,6 +69,13 @@ CASES = [
         HALF + ONE_G,
     ),
     Case(
+        "degrees per hour, as of navigation grade",
+        "gx[deg/h],gy[deg/hr],gz[°/h]\n" + "1800,-900,450\n" * 3,
+        {},
+        GYRO,
+        HALF,
+    ),
+    Case(
         "a header with spaces, rows with tabs, as a vehicle log has it",
         "A_X [mg] A_Y [mg] A_Z [mg] G_X [dps] G_Y [dps] G_Z [dps] \n"
         + "0\t-500.0\t1000\t0.5\t-0.25\t0.125\n" * 3,

@@ -93,9 +93,10 @@ def analyse(
         Name of each column of an array; without it one is gx, three the gyro, six both sensors;
         where gravity is in the first three these are the accelerometer.
     units : mapping or str, optional
-        Unit by axis (``gx``), by sensor (``gyro``, ``accel``) or of all: dps mdps rad/s, g mg
-        m/s^2, lsb. Without it integers are counts, floats dps and g; an accelerometer that reads
-        9.81 or 1000 at rest is in m/s^2 or mg. `Analysis.assumptions` says so.
+        Unit by axis (``gx``), by sensor (``gyro``, ``accel``) or of all: dps mdps deg/h rad/s
+        mrad/s, g mg m/s^2, lsb. Without it integers are counts, floats dps and g; an
+        accelerometer that reads 9.81 or 1000 at rest is in m/s^2 or mg. `Analysis.assumptions`
+        says so.
     part : str
         LSM6DS3H, LSM6DSL or LSM6DSM: whose datasheet the noise is compared with.
     gyro_fs, accel_fs : float, optional

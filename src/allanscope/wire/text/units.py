@@ -32,7 +32,10 @@ __all__ = [
 Quantity = Literal["gyro", "accel", "time", "temperature"]
 
 DIVISORS: Mapping[Quantity, Mapping[str, float]] = {
-    "gyro": {"dps": 1.0, "deg/s": 1.0, "mdps": 1e3, "rad/s": math.radians(1.0), "lsb": 1.0},
+    "gyro": {
+        **{"dps": 1.0, "deg/s": 1.0, "mdps": 1e3, "deg/h": 3600.0},
+        **{"rad/s": math.radians(1.0), "mrad/s": 1e3 * math.radians(1.0), "lsb": 1.0},
+    },
     "accel": {"g": 1.0, "mg": 1e3, "ug": 1e6, "m/s2": GRAVITY, "mps2": GRAVITY, "lsb": 1.0},
     "time": {"s": 1.0, "sec": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9},
     "temperature": {"degc": 1.0, "c": 1.0},
@@ -51,6 +54,7 @@ _INVERSE_SECONDS = re.compile(r"[\s.]*s(?:ec)?\s*\^?[({]?\s*-\s*([12])[)}]?")
 _OTHER_SPELLINGS = {
     **dict.fromkeys(("rad/sec", "radian/s", "radians/s", "rads", "radps"), "rad/s"),
     **dict.fromkeys(("deg/sec", "degree/s", "degrees/s", "degps"), "deg/s"),
+    **dict.fromkeys(("deg/hr", "deg/hour", "degree/h", "degrees/hour", "dph"), "deg/h"),
     **dict.fromkeys(("m/s/s", "m/sec2", "ms2"), "m/s2"),
     **dict.fromkeys(("seconds", "second"), "s"),
     **dict.fromkeys(("count", "counts", "raw", "digit", "digits"), "lsb"),
@@ -83,6 +87,8 @@ def unit_of_text(text: str) -> str:
 
     >>> [unit_of_text(unit) for unit in ("µs", "m/s^2", "°C", "DPS", "m/s²")]
     ['us', 'm/s2', 'degc', 'dps', 'm/s2']
+    >>> [unit_of_text(unit) for unit in ("°/h", "deg/hr")]
+    ['deg/h', 'deg/h']
     >>> [unit_of_text(unit) for unit in ("rad s^-1", "m s^-2", "rad/sec", "rads", "m/s/s")]
     ['rad/s', 'm/s2', 'rad/s', 'rad/s', 'm/s2']
     """

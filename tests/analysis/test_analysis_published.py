@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
+from scipy.signal import butter, iirpeak, lfilter, sosfilt
 
 from allanscope import analyse
 from allanscope.analysis.remarks import disagreement
@@ -109,6 +109,40 @@ def test_a_long_process_is_no_part_of_n():
     assert found.lower < 4e-3 < found.upper
     assert found.white_alone is None
     assert axis.readings["N"].lower < 4e-3 < axis.readings["N"].upper
+
+
+def test_what_a_broad_resonance_has_at_1_hz_is_part_of_n():
+    """An oscillator of 12 Hz, shaken by noise, follows slow noise as a spring does."""
+    rng = np.random.default_rng(21)
+    radius, turn, drive = np.exp(-np.pi * 8 / RATE), 2 * np.pi * 11.3 / RATE, 5e-3
+    poles = [1, -2 * radius * np.cos(turn), radius**2]
+    shaken = lfilter([sum(poles)], poles, white(rng, drive))
+    axis = analyse({"gx": white(rng, 4e-3) + shaken}, RATE).axes["gx"]
+    assert [effect.kind for effect in axis.explanation.effects] == ["narrowband"]
+    found = axis.coefficients["N"]
+    assert found.lower < np.hypot(4e-3, drive) < found.upper
+    assert found.upper / found.lower < 1.05
+    assert found.white_alone.value == pytest.approx(4e-3, rel=0.1)
+    assert axis.remarks == ()
+
+
+def test_two_resonances_on_a_table_leave_n_and_no_power_law():
+    """60 ug/sqrt(Hz) behind a low-pass; peaks of 23 and 31 Hz, their flanks no slope of noise."""
+    rng = np.random.default_rng(1007)
+    finer, n = 1664.0, 300 * 1664
+
+    def peak(frequency, quality, sigma):
+        shaken = lfilter(*iirpeak(frequency, quality, fs=finer), rng.normal(size=n))
+        return sigma * shaken / shaken.std()
+
+    noise = rng.normal(0, 60e-6 * finer**0.5, n)
+    noise = sosfilt(butter(2, 40, fs=finer, output="sos"), noise)
+    sampled = (noise + peak(23.0, 6.0, 5e-4) + peak(31.0, 8.0, 2.8e-4))[::16]
+    axis = analyse({"ax": np.round(sampled / 61e-6) * 61e-6}, 104.0).axes["ax"]
+    kinds = [effect.kind for effect in axis.explanation.effects]
+    assert kinds.count("narrowband") == 2
+    assert "power_law" not in kinds
+    assert axis.coefficients["N"].value == pytest.approx(60e-6, rel=0.04)
 
 
 def test_n_has_what_another_axis_brings(coupled):

@@ -4,9 +4,10 @@ The white term of a model is not what people read as N. A low-pass leaves the de
 corner as it is, and there the white term is that density. A Gauss-Markov process, or a telegraph
 signal, of a correlation time well below :math:`1 / (2 \pi\,1\,\mathrm{Hz})` is flat there as well,
 of the two-sided density :math:`2 \sigma^2 T_c`, and nothing that averages over more than its
-correlation time can tell it from white noise:
+correlation time can tell it from white noise. So is what a broad resonance far above 1 Hz has below
+itself, the response of a spring to what is slow:
 
-.. math:: N^2 = N_\text{white}^2 + \sum 2 \sigma^2 T_c
+.. math:: N^2 = N_\text{white}^2 + \sum 2 \sigma^2 T_c + \sum S_\text{band}(0)
 
 Longer processes are no part of it. Where a reader takes each sample of the sensor several times,
 the white term is that of rows, and the density at 1 Hz as many times as large.
@@ -23,21 +24,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.noise.coefficients import Coefficient, CoefficientPart
-from allanscope.noise.components import GaussMarkov, RandomTelegraph
+from allanscope.noise.components import GaussMarkov, Narrowband, RandomTelegraph
 from allanscope.noise.filters import HeldPattern
+from allanscope.noise.part import Component
 from allanscope.quantities import TWO_SIDED_95
 
 if TYPE_CHECKING:
     from allanscope.noise.fit import NoiseFit
     from allanscope.noise.likelihood import Fit
+    from allanscope.noise.model import Free, NoiseModel
 
-__all__ = ["SHORT_S", "add_coupled", "short_processes", "total_white"]
+__all__ = ["SHORT_S", "add_coupled", "total_white"]
 
 Array = NDArray[np.float64]
 
 SHORT_S = 0.08
 """Longest correlation time in s of a process that counts as white: half of 1 / (2 pi 1 Hz). Its
 density at 1 Hz is 80 % of that at zero."""
+_FLAT = 0.8
+"""The same of a band: at least this ratio of its densities at 0 and 1 Hz, whichever is larger."""
+_NOTED = 0.02
+"""Share of N^2 below which nobody sees what a band adds to it."""
+_DIFFERENCE = 1e-3
+"""Of the logarithm of a number, in derivatives."""
 
 
 def correlation_time(component: object) -> float | None:
@@ -55,11 +64,6 @@ def correlation_time(component: object) -> float | None:
             return None
 
 
-def short_processes(fit: NoiseFit) -> tuple[float, ...]:
-    """Return the correlation times in s of the processes that are part of N."""
-    return tuple(tc for c in fit.model if (tc := _short(c)) is not None and c.power > 0)
-
-
 def total_white(fit: NoiseFit) -> Coefficient:
     """Return N of a fit, with the white term alone beside it where there is more to it.
 
@@ -68,25 +72,28 @@ def total_white(fit: NoiseFit) -> Coefficient:
     """
     white = fit.coefficients["N"]
     components = list(enumerate(fit.model.components))
-    short = {i: tc for i, c in components if (tc := _short(c)) is not None and c.power > 0}
     held = math.prod(
         float(one.response(np.zeros(1), fit.model.dt)[0])
         for one in fit.model.filters
         if isinstance(one, HeldPattern)
     )
-    if not short:
+    flat = {i: _level(c, fit.model.dt) for i, c in components if _is_flat(c, fit.model.dt)}
+    least = _NOTED * held * white.value**2
+    flat = {
+        i: level
+        for i, level in flat.items()
+        if level > (least if isinstance(fit.model.components[i], Narrowband) else 0.0)
+    }
+    if not flat:
         if held == 1.0:
             return white
         alone = CoefficientPart.of(white)
         return replace(white.scaled(math.sqrt(held)), white_alone=alone)
-    weights = {i: 2 * tc for i, tc in short.items()}
+    weights = {i: level / fit.model.components[i].power for i, level in flat.items()}
     weights |= {i: held for i, c in components if c.symbol == "N"}
-    powers = {i: c.power for i, c in components if i in weights}
-    total = sum(weights[i] * powers[i] for i in weights)
     # The published white term has no first-order bias; the maximum of the likelihood has.
-    own = sum(weights[i] * powers[i] for i in weights if i not in short)
-    value = math.sqrt(total - own + held * white.value**2)
-    half = TWO_SIDED_95 * _relative_error(fit.fit, weights, set(short)) / 2
+    value = math.sqrt(sum(flat.values()) + held * white.value**2)
+    half = TWO_SIDED_95 * _relative_error(fit.fit, weights, set(flat)) / 2
     return replace(
         white,
         value=value,
@@ -132,10 +139,23 @@ def add_coupled(
     )
 
 
-def _short(component: object) -> float | None:
-    """Return the correlation time of a process that is part of N, None for everything else."""
+def _is_flat(component: Component, dt: float) -> bool:
+    """Return whether a process is white at 1 Hz and below."""
     tc = correlation_time(component)
-    return tc if tc is not None and tc <= SHORT_S else None
+    if tc is not None:
+        return tc <= SHORT_S
+    if not isinstance(component, Narrowband) or component.power <= 0:
+        return False
+    zero, one = component.density(np.array([0.0, 1.0]), dt)
+    return bool(_FLAT * max(zero, one) <= min(zero, one))
+
+
+def _level(component: Component, dt: float) -> float:
+    """Return the two-sided density of a process at 0 Hz."""
+    tc = correlation_time(component)
+    if tc is not None:
+        return 2 * tc * component.power
+    return float(component.density(np.zeros(1), dt)[0]) / 2
 
 
 def _variance(one: Coefficient) -> float:
@@ -143,8 +163,18 @@ def _variance(one: Coefficient) -> float:
     return ((one.upper**2 - one.lower**2) / (2 * TWO_SIDED_95)) ** 2
 
 
-def _relative_error(fit: Fit, weights: Mapping[int, float], short: set[int]) -> float:
-    """Return the relative standard error of a weighted sum of powers, correlation times free.
+def _by_shape(model: NoiseModel, free: Free) -> float:
+    """Return the derivative of the flat level of a component by the logarithm of a shape."""
+    value = model.number(free)
+    up, down = (
+        model.with_numbers([free], [value * math.exp(h)]).components[free.part]
+        for h in (_DIFFERENCE, -_DIFFERENCE)
+    )
+    return (_level(up, model.dt) - _level(down, model.dt)) / (2 * _DIFFERENCE)
+
+
+def _relative_error(fit: Fit, weights: Mapping[int, float], flat: set[int]) -> float:
+    """Return the relative standard error of a weighted sum of powers, shapes free.
 
     The powers themselves are the numbers, not their logarithms: that of one at zero is as certain
     as any other.
@@ -159,8 +189,7 @@ def _relative_error(fit: Fit, weights: Mapping[int, float], short: set[int]) -> 
     slopes = fit.derivatives(shapes).T
     for free, slope in zip(shapes, slopes, strict=True):
         columns.append(slope)
-        of_short = free.part in short
-        gradient.append(weights[free.part] * model.components[free.part].power if of_short else 0.0)
+        gradient.append(_by_shape(model, free) if free.part in flat else 0.0)
     basis, direction = np.array(columns), np.array(gradient)
     relative = basis / fit.expected * np.sqrt(data.dof / 2)
     scale = np.sqrt(np.maximum(np.sum(relative**2, axis=1), 1e-300))

@@ -31,6 +31,9 @@ _BANK = np.array([0.25, 0.4, 0.6, 0.75, 1.25, 1.4, 1.6, 1.75])
 _PRICE = float(np.log(len(_BANK)))
 _WORTH_A_LOOK = 6.0
 """Nats below which nothing is compared with it."""
+_LEAST = 0.15
+"""Exponent below which it is white noise that something else bends, and N would vanish with it."""
+_AT_THE_END = 1.05
 _CLEARLY = 5.0
 """Nats by which one correlation time must explain less."""
 
@@ -76,7 +79,7 @@ class PowerLaw(EffectKind):
         best = int(np.argmax(gains))
         if gains[best] < _WORTH_A_LOOK:
             return []
-        ends = _BANK[max(0, best - 1)], _BANK[min(len(_BANK) - 1, best + 1)]
+        ends = _BANK[best - 1] if best else _LEAST, _BANK[min(len(_BANK) - 1, best + 1)]
         found = _candidate(view, *ends)
         bent = max((c.gain for c in GaussMarkov.candidates(view)), default=0.0)
         return [found] if found.gain > bent + _CLEARLY else []
@@ -86,7 +89,9 @@ class PowerLaw(EffectKind):
         return _candidate(view, self.exponent.value - 0.2, self.exponent.value + 0.2)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Return whether it removes its part of the residual and is there all along."""
+        """Return whether it slopes, removes its part of the residual and is there all along."""
+        if self.exponent.value < _AT_THE_END * _LEAST or (self.exponent.lower or 0.0) <= 0:
+            return None
         return lasting(view, candidate, UNSTEADY)
 
     def is_same(self, other: Self, grid: Grid) -> bool:
@@ -97,7 +102,7 @@ class PowerLaw(EffectKind):
 
 def _candidate(view: View, low: float, high: float) -> Candidate:
     _, shape = Process.quantities
-    low, high = max(low, shape.lower), min(high, shape.upper)
+    low, high = max(low, _LEAST), min(max(high, 2 * _LEAST), shape.upper)
     found = minimize_scalar(
         lambda a: -view.loglik_with(Process(1.0, float(a))),
         bounds=(low, high), method="bounded", options={"xatol": 2e-3},
@@ -114,5 +119,6 @@ def _candidate(view: View, low: float, high: float) -> Candidate:
             f"{view.unit}/sqrt(Hz)",
         ),
     )
-    gain = fit.loglik - view.spectrum.loglik
+    ended = exponent < _AT_THE_END * _LEAST
+    gain = 0.0 if ended else fit.loglik - view.spectrum.loglik
     return Candidate(effect, gain, _PRICE, parts=(Process(1.0, exponent),))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import butter, lfilter
+from scipy.signal import butter, freqz, lfilter
 
 from allanscope.explain import explain
 
@@ -77,6 +77,24 @@ def test_a_filter_keeps_its_name_even_where_the_noise_is_louder_for_a_while(benc
         columns = [loud * lfilter(*butter(order, 2 * cutoff / RATE), b.noise()) for _ in range(4)]
         found += explain(b.record(*columns, lsb=1e-4)).axes.values()
     assert sum("band_limit" in names(axis) for axis in found) >= TONES - 1
+
+
+def test_an_average_in_the_sensor_is_a_low_pass_and_nothing_else(bench):
+    """Two averages of ten samples, one behind the other, of which every fifth is read."""
+    window = np.convolve(np.ones(10), np.ones(10)) / 100
+    f, passed = freqz(window, worN=20_000, fs=5 * RATE)
+    truth = float(f[np.argmax(np.abs(passed) ** 2 < 0.5)])
+    for seed in SEEDS[:2]:
+        b = bench(seed)
+        fast = b.rng.normal(0, SIGMA * np.sqrt(5), 5 * len(b.t) + len(window) - 1)
+        result = explain(b.record(np.convolve(fast, window, "valid")[::5], lsb=1e-5))
+        found = result.axes["gx"]
+        assert names(found) == ["band_limit"]
+        cutoff = found.effects[0].parameters["cutoff"]
+        assert cutoff.value == pytest.approx(truth, rel=0.005)
+        assert cutoff.upper / cutoff.lower < 1.01
+        white = result.fits["gx"].coefficients["N"].value
+        assert white == pytest.approx(SIGMA / np.sqrt(RATE), rel=0.02)
 
 
 def test_gauss_markov_noise_beside_a_loud_stretch_keeps_its_name(bench):

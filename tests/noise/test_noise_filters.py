@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy.signal import butter, freqz, lfilter
+from scipy.signal import butter, freqz, lfilter, welch
 
 from allanscope.noise import NoiseModel
 from allanscope.noise.components import Flicker, GaussMarkov, RandomWalk, Rounding, White
 from allanscope.noise.filters import (
     AnalogueLowPass,
+    Averaging,
     Butterworth,
     HeldPattern,
     HeldSamples,
@@ -17,7 +18,10 @@ from allanscope.noise.filters import (
 DT = 0.01
 POLE = np.exp(-2 * np.pi * 20.0 * DT)
 TAPS = {OnePole(20.0): ([1 - POLE], [1.0, -POLE]), Butterworth(20.0, 2.0): butter(2, 0.4)}
-LOW_PASSES = [OnePole(20.0), Butterworth(20.0, 3.0), AnalogueLowPass(20.0, 1.5)]
+LOW_PASSES = [
+    *(OnePole(20.0), Butterworth(20.0, 3.0), AnalogueLowPass(20.0, 1.5)),
+    Averaging(20.0, 2.0),
+]
 
 
 @pytest.mark.parametrize("low_pass", TAPS, ids=str)
@@ -37,7 +41,23 @@ def test_a_low_pass_is_one_at_zero_and_falls(low_pass):
 
 @pytest.mark.parametrize("low_pass", LOW_PASSES[1:], ids=str)
 def test_half_the_power_passes_at_the_cutoff(low_pass):
-    assert low_pass.response(np.array([20.0]), DT) == pytest.approx(0.5)
+    # A hundredth of what an average passes comes from beyond Nyquist.
+    assert low_pass.response(np.array([20.0]), DT) == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize(("taps", "every", "times"), [(10, 5, 2), (12, 12, 1), (16, 5, 3)])
+def test_an_average_is_that_of_a_decimating_converter(rng, taps, every, times):
+    """White noise, averaged over `taps` fine samples so many times, of which each n-th is kept."""
+    window = np.ones(taps) / taps
+    samples = rng.standard_normal(2_000_000)
+    for _ in range(times):
+        samples = np.convolve(samples, window, "valid")
+    kept = samples[::every]
+    f, measured = welch(kept, 1 / DT, nperseg=64, detrend=False)
+    span = taps * DT / every
+    half = {1: 0.442946, 2: 0.318920, 3: 0.261938}[times]
+    expected = Averaging(half / span, float(times)).response(f[1:-1], DT)
+    np.testing.assert_allclose(measured[1:-1] * every / DT / 2, expected, rtol=0.05, atol=2e-3)
 
 
 def test_a_low_pass_acts_on_the_sensor_and_holding_on_its_white_noise():

@@ -2,9 +2,10 @@ r"""A low-pass: the sensor's own filter, or one behind it, cuts the top of the b
 
 Spotted as a deficit towards Nyquist by Whittle likelihood. The order is not known, so a family is
 fitted, :math:`|H|^2 = 1 / (1 + (g(f)/g(f_c))^{2p})`, with g = sin (one pole in the sampled data, or
-an analog one aliased), tan (Butterworth by the bilinear transform) and f itself, p free. For one
-pole the cutoff is that of its time constant, which may lie beyond Nyquist; otherwise it is where
-the response is down by 3 dB. It enters the model as a factor on the white noise.
+an analog one aliased), tan (Butterworth by the bilinear transform) and f itself, p free; where the
+deficit is so large that its form can be told, an average as well (`noise.filters.low_pass`). For
+one pole the cutoff is that of its time constant, which may lie beyond Nyquist; otherwise it is
+where the response is down by 3 dB. It enters the model as a factor on the white noise.
 """
 
 from __future__ import annotations
@@ -24,14 +25,15 @@ from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.residual import removes
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
-from allanscope.noise.filters import AnalogueLowPass, Butterworth, LowPass, OnePole
+from allanscope.noise.filters import AnalogueLowPass, Averaging, Butterworth, LowPass, OnePole
 from allanscope.noise.selection import LOW_PASS_PENALTY
 from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
 
-_STEP = 0.01
-"""Of ln cutoff and ln order, in which the likelihood is a parabola."""
+_STEPS = (0.01, 0.001, 0.0001)
+"""Of ln cutoff and ln order, over which the likelihood is a parabola: the first that is within the
+error. Where the deficit is deep, zeros of the response move through the top of the band."""
 _UNKNOWN = 10.0
 """Standard error of ln cutoff beyond which nothing is known."""
 _BURSTS = 1e-3
@@ -39,6 +41,8 @@ _BURSTS = 1e-3
 _ORDERS = (1.0, 12.0)
 """Of a filter whose response decays: its powers begin with f^2. Below 1 it would lower the density
 far below the cutoff, and raise N in return."""
+_SHAPELY = 300.0
+"""Gain in nats from which an average can be told from the others."""
 _CUTOFFS = (0.02, 0.05, 0.1, 0.18, 0.28, 0.38, 0.46, 0.7)
 """Cutoffs tried first, as shares of the rate."""
 
@@ -71,6 +75,7 @@ _FAMILIES = (
     _Family(Butterworth, 2.0, 0.499),
     _Family(AnalogueLowPass, 1.0, 2.0),
 )
+_AVERAGING = _Family(Averaging, 2.0, 0.499)
 
 
 @dataclass(frozen=True)
@@ -119,21 +124,24 @@ class BandLimit(EffectKind):
 
 def _best(view: View, cutoffs: list[float]) -> Candidate:
     """Fit every family from the most promising of the cutoffs and take the most likely."""
-    best: tuple[float, LowPass] | None = None
-    for family in _FAMILIES:
-        losses = [family.loss(view, point) for point in family.starts(cutoffs)]
-        first = family.starts(cutoffs)[int(np.argmin(losses))]
-        simplex = np.vstack([first, first + 0.15 * np.eye(len(first))])
-        found = minimize(
-            partial(family.loss, view), first, method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 120},
-        )  # fmt: skip
-        # An order that is free must earn its place.
-        value = float(found.fun) + (1.0 if family.order is not None else 0.0)
-        if best is None or value < best[0]:
-            best = (value, family.at(found.x))
-    assert best is not None
-    return _candidate(view, best[1])
+    fitted = [_fitted(view, family, cutoffs) for family in _FAMILIES]
+    loss, found = min(fitted, key=lambda one: one[0])
+    if -loss - view.spectrum.loglik > _SHAPELY:
+        other, averaging = _fitted(view, _AVERAGING, [found.cutoff])
+        found = averaging if other < loss else found
+    return _candidate(view, found)
+
+
+def _fitted(view: View, family: _Family, cutoffs: list[float]) -> tuple[float, LowPass]:
+    """Return the likeliest of a family, and what it loses; an order that is free costs a nat."""
+    losses = [family.loss(view, point) for point in family.starts(cutoffs)]
+    first = family.starts(cutoffs)[int(np.argmin(losses))]
+    simplex = np.vstack([first, first + 0.15 * np.eye(len(first))])
+    found = minimize(
+        partial(family.loss, view), first, method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 120},
+    )  # fmt: skip
+    return float(found.fun) + (1.0 if family.order is not None else 0.0), family.at(found.x)
 
 
 def _candidate(view: View, low_pass: LowPass) -> Candidate:
@@ -156,4 +164,8 @@ def _error(view: View, low_pass: LowPass) -> float:
         return -view.loglik_with(low_pass.with_values(np.exp(point).tolist()))
 
     point = np.log(low_pass.values)
-    return float(min(errors_at(loss, point, np.full(len(point), _STEP))[0], _UNKNOWN))
+    for step in _STEPS if -loss(point) - view.spectrum.loglik > _SHAPELY else _STEPS[:1]:
+        error = float(errors_at(loss, point, np.full(len(point), step))[0])
+        if error > step:
+            break
+    return min(error, _UNKNOWN)

@@ -6,6 +6,7 @@ symbol                  class                       numbers              acts on
 band_limit              OnePole                     cutoff               N, B and K
 band_limit              Butterworth                 cutoff, order        N, B and K
 band_limit              AnalogueLowPass             cutoff, order        N, B and K
+band_limit              Averaging                   cutoff, order        N, B and K
 repeated_samples        HeldSamples                 fraction             N
 repeated_samples        HeldPattern                 none: counted        N
 remainder               Remainder                   none: smooth         all but lines
@@ -18,12 +19,19 @@ from allanscope.noise.filters.held_samples import (
     combined_response,
     made_white_share,
 )
-from allanscope.noise.filters.low_pass import AnalogueLowPass, Butterworth, LowPass, OnePole
+from allanscope.noise.filters.low_pass import (
+    AnalogueLowPass,
+    Averaging,
+    Butterworth,
+    LowPass,
+    OnePole,
+)
 from allanscope.noise.filters.remainder import Remainder
 from allanscope.noise.part import Filter
 
 __all__ = [
     "AnalogueLowPass",
+    "Averaging",
     "Butterworth",
     "Filter",
     "HeldPattern",

@@ -1,26 +1,32 @@
 r"""A low-pass: the sensor's own filter, or one behind it.
 
 :math:`|H|^2 = 1 / (1 + (g(f) / g(f_c))^{2p})` with g = sin (one pole in the sampled data, or an
-analogue one aliased), tan (Butterworth by the bilinear transform) and f itself. All are 1 at zero
+analogue one aliased), tan (Butterworth by the bilinear transform) and f itself; or that of an
+average over a time T, repeated p times, :math:`|\sin(\pi f T) / (\pi f T)|^{2p}` with its aliases:
+the sinc or CIC filter of a converter, the boxcar or Bartlett window of a part. All are 1 at zero
 frequency, so that N stays what long averages show.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from allanscope.noise.part import Filter, Quantity
 
-__all__ = ["AnalogueLowPass", "Butterworth", "LowPass", "OnePole"]
+__all__ = ["AnalogueLowPass", "Averaging", "Butterworth", "LowPass", "OnePole"]
 
 Array = NDArray[np.float64]
 
 _CUTOFF = Quantity("cutoff", "Hz", "shape", 1e-6, 1e7)
 _ORDER = Quantity("order", "", "shape", 0.1, 20.0)
+_ALIASES = np.arange(-8, 9)[:, np.newaxis]
+"""Multiples of the rate from which an average leaves something in the band."""
 _TOP = 0.499
 """Highest cutoff of a digital filter, as a share of the rate."""
 
@@ -78,3 +84,31 @@ class AnalogueLowPass(LowPass):
         """Return 1 / (1 + (f / fc)^(2 order))."""
         del dt
         return np.asarray(1 / (1 + (f / self.cutoff) ** (2 * self.order)))
+
+
+@dataclass(frozen=True)
+class Averaging(LowPass):
+    """An average over a time, repeated `order` times, sampled: what it leaves beyond is folded."""
+
+    order: float = 2.0
+    quantities: ClassVar[tuple[Quantity, ...]] = (_CUTOFF, _ORDER)
+
+    @property
+    def span_s(self) -> float:
+        """The time that each average takes; its first zero lies at the inverse."""
+        return _half_power(self.order) / self.cutoff
+
+    def response(self, f: Array, dt: float) -> Array:
+        """Return the sum of sinc(f T)^(2 order) over f and its aliases, 1 at zero."""
+
+        def folded(at: Array) -> Array:
+            passed = np.abs(np.sinc((at + _ALIASES / dt) * self.span_s))
+            return np.asarray((passed ** (2 * self.order)).sum(axis=0))
+
+        return np.asarray(folded(np.asarray(f, np.float64)) / folded(np.zeros(1)))
+
+
+@lru_cache(maxsize=64)
+def _half_power(order: float) -> float:
+    """Return x at which sinc(x)^(2 order) is one half."""
+    return float(brentq(lambda x: np.sinc(x) - 0.5 ** (1 / (2 * order)), 1e-6, 1.0))

@@ -312,9 +312,11 @@ def test_what_the_coefficients_make_together_is_no_disagreement():
     assert disagreement("dps", known, {"B": reading(2 * at_9s, tau_s=9.0)}) is not None
 
 
-def test_rounding_is_in_the_reading():
+def test_rounding_is_in_the_reading_and_the_cause():
     read = {"N": reading(np.hypot(1e-3, 2e-3), **DENSITY)}
-    assert disagreement("dps", coefficients(), read, rounding=2e-3) is None
+    assert disagreement("dps", coefficients(), read, rounding=2e-3).endswith(
+        "from the fit; cause: the step of the values"
+    )
     assert disagreement("dps", coefficients(), read) is not None
 
 

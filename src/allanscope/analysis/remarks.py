@@ -325,14 +325,18 @@ def disagreement(
     effects : iterable of Effect
         What was accepted on the axis, from which the cause is taken.
     rounding : float
-        White noise per sqrt(Hz) that is rounding, which a reading cannot tell from N.
+        White noise per sqrt(Hz) that is rounding, which a reading cannot tell from N: it is the
+        cause where N alone would disagree, and forgiven of every other reading.
     model : ModelCurve, optional
         What each effect adds to the curve that was read.
     """
     for name, reading in readings.items():
         letter = name[:1]
         known = coefficients.get(letter)
-        if known is None or _agree(name, coefficients, reading, rounding):
+        if known is None:
+            continue
+        rounded = _agree(name, coefficients, reading, rounding)
+        if rounded and (name != "N" or _agree(name, coefficients, reading, 0.0)):
             continue
         near = tuple(
             one
@@ -343,6 +347,7 @@ def disagreement(
         cause = _largest(name, reading, near, model) or _cause(
             name, reading.value > known.value, near
         )
+        cause = _PHRASES["quantization"] if rounded else cause
         usual = COEFFICIENTS[unit, letter][0]
         fitted = (
             usual.limit(known.upper) if not known.detected else number(known.value * usual.factor)

@@ -1,8 +1,9 @@
 """Records that hide one effect of known size, for `rank_calibration.py`; one method a kind.
 
 The size of an effect is d', the square root of twice the log-likelihood ratio of one who knows the
-noise and what to look for; of a process, one who lets N, B and K take up what they can. Sizes are
-even in their logarithm, from well below to well above what can be found.
+noise and what to look for, over the best N, B and K without it (`ideal.py`). Sizes are even in
+their logarithm, from well below to well above what can be found, before N, B and K have taken up
+what they can.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from blind_noise import (
     draw_noise,
     information,
     lorentzian,
+    ordinate_density,
     spectral_scale,
 )
+from ideal import best_nats, nats_of_process, nats_of_signal, ordinates, size_of
 from injection_effects import Injector
 from scipy.fft import idct
 from scipy.signal import lfilter
@@ -106,11 +109,16 @@ class Hider:
 
     def scale(self, shape: Array) -> float:
         """Return the factor that makes a signal of size d' of a shape."""
-        return self.d / float(np.sqrt(information(shape, self.noise, self.rate)))
+        size = self.d / float(np.sqrt(information(shape, self.noise, self.rate)))
+        self.d = size_of(nats_of_signal(size * shape, self.noise, self.rate))
+        return size
 
     def process(self, density: Callable[[Array], Array]) -> float:
         """Return the factor that makes a process of size d' of a density."""
-        return spectral_scale(density, self.noise, self.n, self.rate, self.d**2 / 2)
+        factor = spectral_scale(density, self.noise, self.n, self.rate, self.d**2 / 2)
+        extra = factor * density(ordinates(self.n, self.rate))
+        self.d = size_of(nats_of_process(extra, self.noise, self.rate))
+        return factor
 
     def hidden(self, kind: str, truth: dict[str, float], signal: Array, **more) -> Hidden:
         """Return a signal in the noise of one axis."""
@@ -248,17 +256,20 @@ class Hider:
         return self.hidden("narrowband", truth, path, places={"frequency": max(2 * width, 0.1)})
 
     def power_law(self) -> Hidden:
+        """Draw a slope, and a density at 1 Hz beside that of the white noise.
+
+        In few rows N, B and K imitate any size of it: it takes a longer record.
+        """
+        self.__init__(self.rng, self.rate, 5 * SECONDS)
         exponent = float(
             self.rng.choice([self.rng.uniform(0.3, 0.75), self.rng.uniform(1.25, 1.7)])
         )
-
-        def density(f: Array) -> Array:
-            return self.rate * (self.rate / np.pi * np.sin(np.pi * f / self.rate)) ** -exponent
-
-        power = self.process(density)
-        f = np.arange(1, self.n) * self.rate / (2 * self.n)
-        ordinates = self.rng.normal(size=self.n - 1) * np.sqrt(power * density(f))
-        path = idct(np.concatenate([[0.0], ordinates]), norm="ortho")
+        f = ordinates(self.n, self.rate)
+        power = self.between(0.03, 30.0) * self.noise.n**2
+        density = self.rate * (self.rate / np.pi * np.sin(np.pi * f / self.rate)) ** -exponent
+        self.d = size_of(nats_of_process(power * density, self.noise, self.rate))
+        path = self.rng.normal(size=self.n - 1) * np.sqrt(power * density)
+        path = idct(np.concatenate([[0.0], path]), norm="ortho")
         truth = {"exponent": exponent, "density": float(np.sqrt(power))}
         return self.hidden("power_law", truth, path)
 
@@ -267,11 +278,12 @@ class Hider:
         cutoff = self.rate * self.between(0.05, 1.2)
         keep = float(np.exp(-2 * np.pi * cutoff / self.rate))
         rows = lfilter([1 - keep], [1, -keep], self.base() - self.noise.offset)[200:]
-        f = np.arange(1, self.n) * self.rate / (2 * self.n)
+        f = ordinates(len(rows), self.rate)
         angle = 2 * np.pi * f / self.rate
         gain = (1 - keep) ** 2 / (1 - 2 * keep * np.cos(angle) + keep**2)
-        level = np.exp(np.mean(np.log(gain)))
-        self.d = float(np.sqrt(np.sum(gain / level - 1 - np.log(gain / level))))
+        rounding = LSB**2 / 12  # it comes after the filter
+        passed = gain * (ordinate_density(self.noise, f, self.rate) - rounding) + rounding
+        self.d = size_of(best_nats(passed, np.zeros(len(f)), self.noise, self.rate))
         return Hidden("band_limit", self.d, {"cutoff": cutoff}, rows[:, np.newaxis], self.rate)
 
     def variance_change(self) -> Hidden:

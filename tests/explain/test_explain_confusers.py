@@ -221,6 +221,28 @@ def test_axes_that_are_shaken_together_do_not_follow_each_other(bench, seed):
         assert "amplitude_coupling" not in found
 
 
+def test_noise_that_follows_another_axis_does_so_more_than_once(bench):
+    """One event that shakes both axes tells nothing, though it shakes one of them most."""
+    b = bench(724, 600.0)
+    blocks = np.repeat(np.exp(b.rng.normal(0, 0.6, 120)), len(b.t) // 120)
+    once = np.where((b.t > 60) & (b.t < 72), 4.0, 1.0)
+    for motion, follows in ((blocks, True), (once, False)):
+        power = motion**2 / np.mean(motion**2)
+        axis = np.sqrt(0.92 + 0.08 * power) * b.noise()
+        found = kinds(explain(b.record(axis, motion * b.noise())))["gx"]
+        assert ("amplitude_coupling" in found) == follows
+
+
+def test_a_low_pass_far_below_nyquist_is_no_correlated_noise(bench):
+    """Behind it the rounding is all that is white: the two have the same spectrum then."""
+    b = bench(725)
+    keep = float(np.exp(-2 * np.pi * 0.07))
+    rows = lfilter([1 - keep], [1, -keep], b.noise())
+    (effect,) = explain(b.record(rows)).axes["gx"].effects
+    assert effect.kind == "band_limit"
+    assert 3.2 < effect.parameters["cutoff"].value < 4.1  # 0.07 of 52 Hz
+
+
 def test_the_floor_beside_a_loud_tone_that_moves_is_seldom_taken_for_a_stop_band():
     """A motor sixty times as loud as the noise: below its harmonics there is power, above none."""
     rng, rows = np.random.default_rng([1, 13]), 60_000

@@ -44,8 +44,8 @@ _SOURCE = 2.0
 shakes at the same times are alike."""
 _CLEARLY = 5.0
 """Nats by which intervals of another level must explain less."""
-_SURELY = 2.0
-"""Held-out gain in standard errors."""
+_ELSEWHERE = 3.0
+"""Nats that are gained away from the stretch that gains most, at the least."""
 _MOST = 0.999
 _STEP = 0.01
 
@@ -144,21 +144,33 @@ class AmplitudeCoupling(EffectKind):
         return next(iter(self.propose(view)), replace(candidate, signal=None))
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Return it where a part of the noise surely does not follow, and not one burst decides."""
-        held, most = self.hold_out(view, candidate), self.share.upper
-        surely = held.nats > _SURELY * held.error
-        return candidate if surely and most is not None and most < 1 else None
+        """Return it where a part of the noise surely does not follow, and not one event decides.
+
+        Of one event that shakes both axes nothing can be told: without the stretch that gains most,
+        and those beside it, the noise must follow as well.
+        """
+        power, freedom, _ = _power(view)
+        q, most = self._source(view), self.share.upper
+        stretch = _stretches(len(power))
+        gained = np.bincount(stretch, _gains(power, freedom, q, self.share.value))
+        away = np.abs(stretch - int(np.argmax(gained))) > 1
+        _, elsewhere = _fit(power[away], freedom, q[away])
+        follows = elsewhere > _ELSEWHERE and most is not None and most < 1
+        return candidate if follows else None
+
+    def _source(self, view: View) -> Array:
+        """Return the mean squares of the blocks of what it follows."""
+        return next(
+            q
+            for source, level, q in _sources(view, _block_rows(view))
+            if source == self.source.value and level == self.of_the_level
+        )
 
     def hold_out(self, view: View, candidate: Candidate) -> HeldOut:
         """Fit every second stretch of the record, and judge by those between."""
         del candidate
-        power, freedom, size = _power(view)
-        q = next(
-            q
-            for source, level, q in _sources(view, size)
-            if source == self.source.value and level == self.of_the_level
-        )
-        stretch = np.arange(len(power)) * _STRETCHES // len(power)
+        power, freedom, _ = _power(view)
+        q, stretch = self._source(view), _stretches(len(power))
         gained = np.zeros(len(power))
         for fold in (0, 1):
             train = stretch % 2 == fold
@@ -177,9 +189,18 @@ class AmplitudeCoupling(EffectKind):
         )
 
 
+def _block_rows(view: View) -> int:
+    return max(_FEWEST_ROWS, int(_BLOCK_S * view.grid.rate_hz))
+
+
+def _stretches(blocks: int) -> NDArray[np.int64]:
+    """Return the stretch in which each block is."""
+    return np.arange(blocks) * _STRETCHES // blocks
+
+
 def _power(view: View) -> tuple[Array, float, int]:
     """Return the mean squares of blocks of the whitened data, their freedom, and rows in one."""
-    size = max(_FEWEST_ROWS, int(_BLOCK_S * view.grid.rate_hz))
+    size = _block_rows(view)
     blocks = view.grid.n // size
     if blocks < _FEWEST:
         return np.empty(0), 0.0, size

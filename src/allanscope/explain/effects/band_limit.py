@@ -11,7 +11,7 @@ where the response is down by 3 dB. It enters the model as a factor on the white
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -43,6 +43,10 @@ _ORDERS = (1.0, 12.0)
 far below the cutoff, and raise N in return."""
 _SHAPELY = 300.0
 """Gain in nats from which an average can be told from the others."""
+_AS_WELL = 3.0
+"""Nats within which two descriptions do as well."""
+_LITTLE = 0.3
+"""Of the N before the filter, below which no white noise is left."""
 _CUTOFFS = (0.02, 0.05, 0.1, 0.18, 0.28, 0.38, 0.46, 0.7)
 """Cutoffs tried first, as shares of the rate."""
 
@@ -120,6 +124,24 @@ class BandLimit(EffectKind):
         if removes(view, candidate) and bartlett_z_of(view, candidate) <= most:
             return candidate
         return None
+
+
+def low_pass_instead(view: View, process: Candidate) -> Candidate | None:
+    """Return the low-pass that a process is which leaves no white noise beside it; None else.
+
+    Noise that bends down and white noise behind a filter have the same spectrum where no white
+    noise is left to lie flat above the bend: the process has then one number more for nothing. A
+    sensor always has white noise, so it is the filter that is named, and the process its rival.
+    """
+    left = view.spectrum_with(*process.parts).model.value("N")
+    for found in BandLimit.candidates(view):
+        white = view.spectrum_with(*found.parts).model.value("N")
+        if found.gain > process.gain - _AS_WELL and left < _LITTLE * white:
+            low_pass = found.effect.adequate(view, found)
+            if low_pass is not None:
+                rivals = {**low_pass.rivals, process.kind: process.gain}
+                return replace(low_pass, rivals=rivals)
+    return None
 
 
 def _best(view: View, cutoffs: list[float]) -> Candidate:

@@ -27,6 +27,7 @@ from scipy.optimize import minimize_scalar
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, is_alike
+from allanscope.explain.effects.band_limit import low_pass_instead
 from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.regression import reach_at_95
 from allanscope.explain.spectrum import Spectrum
@@ -102,8 +103,11 @@ class GaussMarkov(EffectKind):
         return _candidate(view, tc / 2, tc * 2)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Return whether it removes its part of the residual and is there all along."""
-        return lasting(view, candidate, UNSTEADY)
+        """Return it where it removes its part of the residual and is there all along.
+
+        Where it leaves no white noise it is a low-pass.
+        """
+        return low_pass_instead(view, candidate) or lasting(view, candidate, UNSTEADY)
 
 
 def _shortest(view: View) -> float:

@@ -4,8 +4,8 @@ Traps with times that are not evenly distributed, surfaces, a reference that age
 case of many. N, B and K together imitate it, over a decade or two to a few per cent, which is why
 it is looked for beside all three: what it must gain is what they lose. Spotted by the Whittle
 likelihood profiled over the exponent. A single process of one correlation time bends within a
-decade where this goes straight on, and must do clearly worse. The coefficients stay those of what
-is left beside it, so B or K may vanish with it.
+decade where this goes straight on, and must do worse: if by little, it is named beside it. The
+coefficients stay those of what is left beside it, so B or K may vanish with it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from scipy.optimize import minimize_scalar
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind
+from allanscope.explain.effects.band_limit import low_pass_instead
 from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.effects.unexplained import lasting
 from allanscope.explain.stationarity import UNSTEADY
@@ -34,8 +35,6 @@ _WORTH_A_LOOK = 6.0
 _LEAST = 0.15
 """Exponent below which it is white noise that something else bends, and N would vanish with it."""
 _AT_THE_END = 1.05
-_CLEARLY = 5.0
-"""Nats by which one correlation time must explain less."""
 
 
 @dataclass(frozen=True)
@@ -82,14 +81,20 @@ class PowerLaw(EffectKind):
         ends = _BANK[best - 1] if best else _LEAST, _BANK[min(len(_BANK) - 1, best + 1)]
         found = _candidate(view, *ends)
         bent = max((c.gain for c in GaussMarkov.candidates(view)), default=0.0)
-        return [found] if found.gain > bent + _CLEARLY else []
+        return [found] if found.gain > bent else []
 
     def refine(self, view: View) -> Candidate:
         """Estimate exponent and size again."""
         return _candidate(view, self.exponent.value - 0.2, self.exponent.value + 0.2)
 
     def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
-        """Return whether it slopes, removes its part of the residual and is there all along."""
+        """Return it where it slopes, removes its part of the residual and is there all along.
+
+        Where it leaves no white noise it is a low-pass.
+        """
+        low_pass = low_pass_instead(view, candidate)
+        if low_pass is not None:
+            return low_pass
         if self.exponent.value < _AT_THE_END * _LEAST or (self.exponent.lower or 0.0) <= 0:
             return None
         return lasting(view, candidate, UNSTEADY)

@@ -225,10 +225,10 @@ def test_noise_that_follows_another_axis_does_so_more_than_once(bench):
     """One event that shakes both axes tells nothing, though it shakes one of them most."""
     b = bench(724, 600.0)
     blocks = np.repeat(np.exp(b.rng.normal(0, 0.6, 120)), len(b.t) // 120)
-    once = np.where((b.t > 60) & (b.t < 72), 4.0, 1.0)
-    for motion, follows in ((blocks, True), (once, False)):
+    once = 1 + 6 * np.exp(-0.5 * ((b.t - 200) / 12) ** 2)
+    for motion, share, follows in ((blocks, 0.08, True), (once, 0.3, False)):
         power = motion**2 / np.mean(motion**2)
-        axis = np.sqrt(0.92 + 0.08 * power) * b.noise()
+        axis = np.sqrt(1 - share + share * power) * b.noise()
         found = kinds(explain(b.record(axis, motion * b.noise())))["gx"]
         assert ("amplitude_coupling" in found) == follows
 

@@ -806,7 +806,7 @@ def test_a_given_rate_is_above_times_that_disagree(times: str, used: bool) -> No
     assert isinstance(info, StreamInfo)
     assert info.nominal_hz == 100.0
     assert info.device_clock is used
-    assert any("not used" in remark for remark in _remarks(rest)) is not used
+    assert any("ignored" in remark for remark in _remarks(rest)) is not used
     (block,) = [event for event in rest if isinstance(event, Block)]
     assert bool(len(block.ticks.offset)) is used
 

@@ -52,7 +52,7 @@ def with_rows(kind: str, sums: Sums, archive: Archive) -> Sums:
     estimator = estimator_named(kind)
     enough = sums.terms.min(axis=0, initial=np.iinfo(np.int64).max) >= estimator.min_terms
     fine = np.flatnonzero((sums.stride > archive.stride) & enough)
-    broken = kind == "ostdev" and len(archive.starts) > 1
+    broken = kind == "ostdev" and np.count_nonzero(np.diff([*archive.starts, archive.used])) > 1
     if fine.size == 0 or broken or sums.segments is None or sums.covered is None:
         return sums
     variance, terms = sums.variance.copy(), sums.terms.copy()

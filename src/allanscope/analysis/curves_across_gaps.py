@@ -79,7 +79,7 @@ def across_gaps(
     (0.03, 5.12)
     >>> at = int(long.m.searchsorted(64))  # the truth is 1 / 8
     >>> [float(part[at].round(3)) for part in (long.lower, long.deviation, long.upper)]
-    [0.105, 0.119, 0.137]
+    [0.105, 0.119, 0.138]
     """
     bridged = _bridged(record, most_rows)
     if bridged is None:

@@ -45,6 +45,8 @@ _FLAT = 0.8
 """The same of a band: at least this ratio of its densities at 0 and 1 Hz, whichever is larger."""
 _NOTED = 0.02
 """Share of N^2 below which nobody sees what a band adds to it."""
+_UNKNOWN = 1.0
+"""Half the width of the interval of ln N from which a level below the bands is not known."""
 _DIFFERENCE = 1e-3
 """Of the logarithm of a number, in derivatives."""
 
@@ -84,16 +86,18 @@ def total_white(fit: NoiseFit) -> Coefficient:
         for i, level in flat.items()
         if level > (least if isinstance(fit.model.components[i], Narrowband) else 0.0)
     }
+    processes = {i: n for i, n in flat.items() if not isinstance(components[i][1], Narrowband)}
+    half = TWO_SIDED_95 * _half_error(fit, flat, held)
+    if half > _UNKNOWN and len(processes) < len(flat):
+        # What lies below the bands is not known: it is no part of what is said of N.
+        flat, half = processes, TWO_SIDED_95 * _half_error(fit, processes, held)
     if not flat:
         if held == 1.0:
             return white
         alone = CoefficientPart.of(white)
         return replace(white.scaled(math.sqrt(held)), white_alone=alone)
-    weights = {i: level / fit.model.components[i].power for i, level in flat.items()}
-    weights |= {i: held for i, c in components if c.symbol == "N"}
     # The published white term has no first-order bias; the maximum of the likelihood has.
     value = math.sqrt(sum(flat.values()) + held * white.value**2)
-    half = TWO_SIDED_95 * _relative_error(fit.fit, weights, set(flat)) / 2
     return replace(
         white,
         value=value,
@@ -103,6 +107,16 @@ def total_white(fit: NoiseFit) -> Coefficient:
         wait_s=None,
         white_alone=CoefficientPart.of(white),
     )
+
+
+def _half_error(fit: NoiseFit, flat: Mapping[int, float], held: float) -> float:
+    """Return the standard error of ln N where flat levels are part of it; 0 without any."""
+    if not flat:
+        return 0.0
+    components = fit.model.components
+    weights = {i: level / components[i].power for i, level in flat.items()}
+    weights |= {i: held for i, c in enumerate(components) if c.symbol == "N"}
+    return _relative_error(fit.fit, weights, set(flat)) / 2
 
 
 def add_coupled(

@@ -213,7 +213,7 @@ def difference_overlap(
     """Return what a pair of noises adds to 1 / edf of their sum, over the product of their shares.
 
     Of a sum of independent noises the autocorrelation is the mean of theirs by their shares ``p``
-    of the variance, so ``1/edf = sum_ij p_i p_j c_ij`` with
+    of the variance, so ``1/edf = sum_ij p_i p_j c_ij`` with::
 
         c_ij = sum_{|k| < M} (1 - |k|/M) rho_i(k) rho_j(k) / M
 

@@ -109,7 +109,7 @@ def test_a_measurement_that_decides_more_comes_first():
     assert "second board" in first.action
     assert len(first.decided) == 2
     assert rest
-    assert "seen once and 1 more: record together" in verdict(analysis).lines[2].text
+    assert "(seen once) and 1 more: record together" in verdict(analysis).lines[2].text
 
 
 def test_the_direction_of_a_coupling_is_settled_by_a_turn_of_the_board():

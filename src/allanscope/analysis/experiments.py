@@ -286,7 +286,7 @@ def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
     if not gain > 0 or not (effect.equivalent or is_once):
         return []
     names = [kind_name(one) for one in (effect.kind, *effect.equivalent)]
-    question = f"{' or '.join(names)} on {where}" + ("" if effect.equivalent else ", seen once")
+    question = f"{' or '.join(names)} on {where}" + ("" if effect.equivalent else " (seen once)")
     if {effect.kind, *effect.equivalent} & _THERMAL:
         return [_warmed(question, effect, gain, analysis.duration_s)]
     if effect.equivalent:

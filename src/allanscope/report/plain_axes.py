@@ -25,7 +25,7 @@ _GRID_ORDER = 1.5
 """Above filled areas, below lines."""
 _NAME_BELOW = 0.26
 """Distance in inches of the name of a horizontal axis from the frame."""
-_DIGIT_INCHES, _BESIDE_DIGITS, _MOST_BESIDE = 0.07, 0.1, 0.62
+_DIGIT_INCHES, _BESIDE_DIGITS, _MOST_BESIDE = 0.08, 0.1, 0.62
 """Width of a digit; distance of the name of a vertical axis from its labels, and from the frame."""
 
 

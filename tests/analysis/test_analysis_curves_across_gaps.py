@@ -139,3 +139,11 @@ def test_a_result_with_lost_samples_reads_its_minimum_off_the_whole_curve():
     # sqrt(2 N K / sqrt(3)) with N = 0.05 and K = 0.01732
     assert best.lower < 0.0316 < best.upper
     assert curve.tau[-1] > 600
+
+
+def test_averaging_times_that_were_asked_for_stay_those():
+    rng = np.random.default_rng(8)
+    kept = rng.random(6000) > 0.01
+    data = {"t": np.flatnonzero(kept) / RATE_HZ, "gx": rng.standard_normal(6000)[kept]}
+    result = analyse(data, curves=CurveChoices(kinds=("oadev",), taus=(0.01, 0.1)))
+    assert result.axes["gx"].curves["oadev"].m.tolist() == [1, 10]

@@ -282,9 +282,7 @@ def _axes(
     loop = known
     processes = settings.processes if depth == "full" else 1
     with _workers(given, processes, ready) as workers:  # new ones load now
-        curves = _curves(state, depth, rate_hz, settings.level, settings.curves)
-        most = MOST_LIVE_ROWS if depth == "live" else sys.maxsize
-        curves = across_gaps(curves, given.record, settings.curves, settings.level, most)
+        curves = _curves(state, given.record, depth, rate_hz, settings.level, settings.curves)
         if depth == "full":
             loop = _loop(given, workers)
     if loop is not None and depth == "live":
@@ -346,7 +344,12 @@ def _with_noise_of_now(loop: Explanation, given: LoopInput) -> Explanation:
 
 
 def _curves(
-    state: StreamState, depth: Depth, rate_hz: float, level: float, choices: CurveChoices
+    state: StreamState,
+    record: Record,
+    depth: Depth,
+    rate_hz: float,
+    level: float,
+    choices: CurveChoices,
 ) -> dict[str, dict[str, Deviation]]:
     if depth == "full" and choices.needs_samples:
         return _curves_of_samples(state, rate_hz, level, choices)
@@ -358,7 +361,8 @@ def _curves(
             curve = both.axis(column)
             if len(curve.tau):
                 out[name][kind] = curve
-    return out
+    most = MOST_LIVE_ROWS if depth == "live" else sys.maxsize
+    return across_gaps(out, record, choices, level, most)
 
 
 def _curves_of_samples(

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["Deviation", "data_frame"]
+__all__ = ["POINT_COLUMNS", "Deviation", "data_frame"]
+
+POINT_COLUMNS = ("tau", "m", "deviation", "lower", "upper", "edf", "terms", "noise", "trusted")
+"""What a `Deviation` says of each averaging time."""
 
 _MOST_ROWS = 60
 """Averaging times that a notebook shows."""
@@ -191,12 +194,11 @@ class Deviation:
         )
 
     def _columns(self) -> dict[str, NDArray[Any]]:
-        names = ("tau", "m", "deviation", "lower", "upper", "edf", "terms", "noise", "trusted")
         if self.deviation.ndim == 1:
-            return {name: getattr(self, name) for name in names}
+            return {name: getattr(self, name) for name in POINT_COLUMNS}
         parts = [self.axis(number) for number in range(len(self.deviation))]
         axis = np.repeat(np.arange(len(parts)), [len(one.tau) for one in parts])
-        columns = {n: np.concatenate([getattr(one, n) for one in parts]) for n in names}
+        columns = {n: np.concatenate([getattr(one, n) for one in parts]) for n in POINT_COLUMNS}
         return {"axis": axis, **columns}
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from allanscope.allan import AllanBank
 from allanscope.allan.choices import CurveChoices
-from allanscope.allan.deviation import Deviation
+from allanscope.allan.deviation import POINT_COLUMNS, Deviation
 from allanscope.history import Record
 from allanscope.noise.gap_bridging import bridge_gaps, steps_of, worth_of
 
@@ -35,7 +35,6 @@ _WORTH = 0.5
 """Part of the degrees of freedom below which the terms between gaps are given up."""
 _FEWEST_ROWS = 32
 """Shortest averaging time in rows that are means themselves: as in `allanscope.allan.curves`."""
-_COLUMNS = tuple(one.name for one in fields(Deviation) if one.name not in ("kind", "level"))
 
 
 def across_gaps(
@@ -183,11 +182,11 @@ def _joined(between: Deviation, across: Deviation) -> Deviation:
     start = across.m[few.index(True)]
     parts = _part(between, between.m < start), _part(across, across.m >= start)
     joined: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in POINT_COLUMNS
     }
     return replace(between, **joined)
 
 
 def _part(curve: Deviation, keep: NDArray[np.bool_]) -> Deviation:
-    kept: dict[str, Any] = {name: getattr(curve, name)[keep] for name in _COLUMNS}
+    kept: dict[str, Any] = {name: getattr(curve, name)[keep] for name in POINT_COLUMNS}
     return replace(curve, **kept)

@@ -73,22 +73,20 @@ def total_white(fit: NoiseFit) -> Coefficient:
     white noise and process can hardly be told apart, their sum is known all the same.
     """
     white = fit.coefficients["N"]
-    components = list(enumerate(fit.model.components))
+    components, dt = fit.model.components, fit.model.dt
     held = math.prod(
-        float(one.response(np.zeros(1), fit.model.dt)[0])
+        float(one.response(np.zeros(1), dt)[0])
         for one in fit.model.filters
         if isinstance(one, HeldPattern)
     )
-    flat = {i: _level(c, fit.model.dt) for i, c in components if _is_flat(c, fit.model.dt)}
-    least = _NOTED * held * white.value**2
-    flat = {
-        i: level
-        for i, level in flat.items()
-        if level > (least if isinstance(fit.model.components[i], Narrowband) else 0.0)
-    }
-    processes = {i: n for i, n in flat.items() if not isinstance(components[i][1], Narrowband)}
+    levels = {i: _level(c, dt) for i, c in enumerate(components) if _is_flat(c, dt)}
+    noted = _NOTED * held * white.value**2
+    are_bands = {i: isinstance(components[i], Narrowband) for i in levels}
+    processes = {i: n for i, n in levels.items() if not are_bands[i] and n > 0}
+    bands = {i: n for i, n in levels.items() if are_bands[i] and n > noted}
+    flat = processes | bands
     half = TWO_SIDED_95 * _half_error(fit, flat, held)
-    if half > _UNKNOWN and len(processes) < len(flat):
+    if bands and half > _UNKNOWN:
         # What lies below the bands is not known: it is no part of what is said of N.
         flat, half = processes, TWO_SIDED_95 * _half_error(fit, processes, held)
     if not flat:

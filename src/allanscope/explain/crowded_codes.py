@@ -40,6 +40,7 @@ _EXPECTED = 20.0
 _CROSSED = 0.02
 """Part of a code that the one beyond it holds at least: the noise spreads, and does not hop."""
 _MOST_MISSING = 2
+"""Missing codes that are named one by one: of more, it is the samples that lie apart."""
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ __all__ = [
 _VAGUE = 5.0
 """Standard error of a logarithm beyond which its interval grows no more."""
 _LONGEST = 200
+"""Characters of an error message that a line has room for."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,8 @@ from allanscope.explain.view import View
 __all__ = ["adequate", "growth", "is_measured", "judge", "judge_members", "owed", "penalty_passed"]
 
 _RECURRING, _SMALL = 0.25, 30.0
+"""Share of the gain of a process, beyond so many nats, that must be gained again on held-out
+data."""
 _SAME = 1.02
 """Ratio up to which two errors are the same."""
 _LEAST_CHI2, _LEAST_Z = 2.0, 4.0

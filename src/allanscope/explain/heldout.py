@@ -37,12 +37,15 @@ __all__ = ["halves", "interleaved", "interleaved_signal"]
 Array = NDArray[np.float64]
 
 _BLOCK_S = 1.0
+"""Length of the blocks that are fitted and judged in turn."""
 _ERROR_BLOCKS_S = (0.0, 0.1, 1.0)
 """Blocks in which the data are compared with a signal; the shortest are single rows."""
 _LEAST_FREE = 0.2
 """Part of a block that the fit has not taken, at the least: of less, nothing can be told."""
 _PARTS = 4
+"""Parts of a record that must agree on an effect which has to replicate."""
 _FOLDS = 2
+"""Folds of the blocks: each is judged with what the other says."""
 
 
 def interleaved(

@@ -32,9 +32,13 @@ _SEEN_IN = "streaming spectrum"
 Array = NDArray[np.float64]
 
 _LEAST_BANDS = 8
+"""Bands above the rows from which their level and a filter can be told."""
 _LINE_Z = 6.0
+"""Sigma from which a band holds a line: a few hundred of a clean record do not reach it."""
 _NEXT_Z = 4.0
+"""Sigma from which a band beside it belongs to it."""
 _TURNS = 3
+"""Times that the filter is fitted without the bands that stand out above it."""
 _MOST_AVERAGES = 1e5
 """A band's weight is that of so many averages at most: no filter is the model to a part in 300."""
 _NARROW = 3

@@ -44,7 +44,9 @@ T = TypeVar("T")
 A = TypeVar("A")
 
 _NOTHING = ResidualError(*[float("nan")] * 5)
+"""Of an axis that was not searched."""
 _ACCEPTED_P = 0.01
+"""Least p-value of the residual of an axis that counts as explained."""
 _TOLERANCE = 1e-4
 """Relative difference that counts as equal even where both intervals are narrower."""
 

@@ -40,9 +40,11 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _ROUNDS = 8
+"""Most turns of amplitudes and noise."""
 _STEPS, _FARTHEST = 12, 30.0
 """Most turns of the search for the end of an interval, and its end in standard errors."""
 _TURNS = 12
+"""Most turns of a joint regression of several effects."""
 _SETTLED = 3e-3
 """Largest relative change of a time constant in the last turn."""
 

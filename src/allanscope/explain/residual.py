@@ -60,7 +60,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _BANDS = 60
+"""Bands of the whitened spectrum, equally wide in log f, whose worst is reported."""
 _PER_OCTAVE = 2
+"""Averaging times an octave at which the curve is compared with the model."""
 _SURELY = 1.645
 """Standard deviations that sampling alone exceeds in one record of twenty."""
 _CLASSES = 64

@@ -59,6 +59,7 @@ rounding's power, as a share of its own, and where nothing was rounded."""
 _HALF_AN_OCTAVE = 17
 """Bins over which the power of the temperature is averaged."""
 SHORTEST_ROWS = 2048
+"""Fewest rows that are searched."""
 SHORTEST_S = 10.0
 """Effects are held out in blocks of a second: of fewer than ten, nothing can be told."""
 _MANY_GAPS = 10
@@ -66,7 +67,9 @@ _MANY_GAPS = 10
 _LONGEST_PERIOD = 256
 """Rows after which a pattern may begin anew: noise never does."""
 _FULL_SCALE = 32767
+"""Largest number of a 16-bit sample."""
 _AT_THE_RAIL = 1e-4
+"""Share of samples at full scale from which an axis is saturated."""
 
 
 @dataclass(frozen=True)

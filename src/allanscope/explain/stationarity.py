@@ -47,7 +47,10 @@ _LADDER = (4, 8, 16, 32)
 _FIRST, _FEWEST, _CELLS = 1, 2, 12
 """First ordinate of a part, ordinates of a cell and most cells."""
 _MARGIN, _ROUNDING = 3, 0.1
+"""Ordinates beside a range that was cut out into which its edge leaks; and the share of the power
+that rounding may have where a process is looked at."""
 _BURSTS = 0.5
+"""Share of the power that comes in bursts from which a frequency is theirs."""
 _DRIFT = 0.05
 """Share of the band below which a filter does nothing."""
 _COUPLED = (1.0, 2 * 4 / 9, 2 / 36)
@@ -60,6 +63,7 @@ _COUNTS = 0.25
 """Process over the noise beside it from which a frequency counts, if it comes so far."""
 
 _PARTS = 16
+"""Parts of the time in which a line or band must be the same."""
 _FEWEST_CYCLES = 8.0
 """Fewer waves cannot show that they are alike: the noise beside them is of another level."""
 _IN_ORDER = 0.85

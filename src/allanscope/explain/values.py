@@ -30,6 +30,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _WINDOWS = 48
+"""Places of a record at which equal neighbours are counted."""
 _PARTS = (0.5, 0.0, -0.25)
 """Beside the smallest distance of two codes, what their step may be: each of them is rounded."""
 _OFF = 5e-3
@@ -37,11 +38,13 @@ _OFF = 5e-3
 LAGS = 24
 """Distances that are looked at: what neighbours show must be more than any of them does."""
 _FAR_SIGMAS = 3.0
+"""Standard deviations that no other distance reaches where one row repeats another."""
 _FEWEST_EQUAL = 3
 """Equal rows that tell of a dependence; one or two of them are nothing but chance."""
 _ALIKE = 2.0
 """Scatter over that of counting which the correlation of the noise may make."""
 _MOVING = 0.9
+"""Share of equal neighbours below which an axis moves at all."""
 
 
 def step_of(samples: Array, lsb: float) -> float:

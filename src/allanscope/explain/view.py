@@ -24,6 +24,7 @@ from allanscope.samples import unit_of
 __all__ = ["Clock", "View"]
 
 _TEXTBOOK = (White(1.0), Flicker(1.0), RandomWalk(1.0))
+"""N, B and K, with sizes that the fit replaces."""
 
 Array = NDArray[np.float64]
 

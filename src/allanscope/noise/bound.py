@@ -29,11 +29,14 @@ __all__ = ["Bound", "bound_model"]
 Array = NDArray[np.float64]
 
 SHORTEST_S, LONGEST_S = 1.0, 1000.0
+"""Averaging times over which a bound is to hold."""
 QUANTILE = 0.84
 """Of the ratio of two variances, at each averaging time by itself; see `benchmarks/bound.py`."""
 
 _TIMES = 24
+"""Correlation times tried for the Gauss-Markov part."""
 _FEWEST_EDF = 5.0
+"""Degrees of freedom from which a point of the curve is used."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,6 +48,7 @@ _LONG = 64
 _STEPS = 16
 """Lags per shortest of the long windows."""
 _PER_DECADE = 80
+"""Frequencies a decade on which spectra are integrated."""
 _RESOLVED = 35.0
 """m w beyond which the frequency grid does not resolve the oscillation and takes its mean."""
 LONGEST = 3
@@ -91,6 +92,7 @@ _FAMILIES = {
     "ohdev": Family(3, 1, 1 / 6, 3),
     "mdev": Family(3, 2, 1 / 2, 3),
 }
+"""Differences of which each variance is made."""
 
 
 def family_of(kind: str) -> Family:

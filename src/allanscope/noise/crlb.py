@@ -22,6 +22,7 @@ __all__ = ["relative_bounds", "wait_until"]
 Array = NDArray[np.float64]
 
 _LONGEST_FACTOR = 4096.0
+"""Times the present length beyond which a wait is not said."""
 
 
 def relative_bounds(

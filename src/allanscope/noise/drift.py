@@ -28,6 +28,7 @@ __all__ = ["Drift", "fit_drift", "ramp_pattern"]
 Array = NDArray[np.float64]
 
 _ROUNDS = 4
+"""Times that ramp and noise are found from each other."""
 _LEAST_VARIANCE = 1e-200
 """Far below that of any noise, and what is divided by it is still finite."""
 _FIRST = 4096

@@ -43,12 +43,19 @@ _NORMAL = 0.03
 _KNOWN = 0.2
 """Relative standard deviation at which a coefficient counts as known."""
 _STEPS = 40
+"""Most steps of Newton's method."""
 _DIFFERENCE = 1e-3
+"""Of the logarithm of an amplitude, over which a derivative is taken."""
 _LONGEST = 0.7
+"""Longest step of a logarithm: a factor of two."""
 _GAIN = 1e-6
+"""Nats below which a step has gained nothing."""
 _RIDGE = 1e-12
+"""Added to a correlation matrix, so that two coefficients that cannot be told apart have one."""
 _LOOKS = 12
+"""Most evaluations for one end of an interval."""
 _CLOSE = 0.02
+"""Distance of the root of the loss from its target that counts as reached."""
 
 
 class Estimates:

@@ -44,6 +44,7 @@ _MOST = 0.25
 _FEWEST = 64
 """Rows from which a spectrum can be told."""
 _ORDER, _ROWS_PER_COEFFICIENT = 64, 20
+"""Coefficients of the autoregressive model of the noise, and rows that each of them needs."""
 _LEVEL, _SCALE = 401, 257
 """Rows over which the level and the size of the noise are taken."""
 _CHANCE = 2.0

@@ -27,15 +27,20 @@ Ranges = tuple[tuple[float, float], ...]
 _LOW = 8192
 """Ordinates kept one by one for slow regressors: what is slow has no power beyond."""
 _SINGLE, _BINS_PER_OCTAVE = 128, 32
+"""Ordinates that are taken one by one, and bins an octave above them."""
 _SIMPSON = np.array([1, 4, 2, 4, 1]) / 12
+"""Weights of two panels of Simpson's rule."""
 _GAUSS_NODES = np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
 _GAUSS_WEIGHTS = np.array([5, 8, 5]) / 18
+"""Three nodes of Gauss and Legendre on [-1, 1], with weights whose sum is 1."""
 _RESOLVED = 16.0
 """Least width of a band in ordinates: those within twice that are taken one by one."""
 _FARTHEST = 1e8
 """Distance from a band, in bandwidths, up to which it is cut finer than the bins are."""
 _TOP_NODES = 4096
+"""Nodes from half of the Nyquist frequency on, where filters bend the density."""
 _FINEST_NODES = 64
+"""Nodes just below the Nyquist frequency, where a zero may lie."""
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 _DIFFERENCE = 1e-3
 """Of the logarithm of a shape, for derivatives."""
 _SIMPLEX = 0.15
+"""First step of a search, in logarithms of the shapes."""
 _NATS = 1e-4
 """Gain below which a search for shapes ends."""
 

@@ -66,6 +66,7 @@ _BY_ALPHA: Mapping[int, tuple[str, Callable[[float], Component]]] = {
     -3: ("F", FlickerWalk),
     -4: ("D", RandomRun),
 }
+"""Exponent of the density, as f^alpha, to coefficient and component."""
 _REPLACED = (*(name for name, _ in _BY_ALPHA.values()), "R", "power_law")
 _UNITS = {
     **{"Q": "{}*s", "P": "{}*s", "N": "{}/sqrt(Hz)", "B": "{}", "K": "{}/sqrt(s)"},

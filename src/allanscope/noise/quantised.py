@@ -24,9 +24,11 @@ LIMIT = 0.5
 _OFF = 0.01
 """Distance from a lattice, in steps, that numbers printed with few digits may have."""
 _LOOKED_AT = 1 << 16
+"""Samples from which the lattice is read."""
 _FEWEST = 4
 """Fewest samples a value that make a lattice of printed numbers."""
 _TURNS = 3
+"""Most times that the step is found again from the samples that lie on its lattice."""
 _PRINTED = 0.3
 """Distance from the lattice, in steps, that printing to few digits may leave."""
 

@@ -47,6 +47,7 @@ _SIZES = np.geomspace(0.005, 3.0, 11)
 _LENGTHS, _LEVELS = (0.2, 0.4, 0.8, 1.6), np.geomspace(0.01, 1.0, 7)
 """Lengths in octaves over which s bends, and standard deviations of its level, that are tried."""
 _LOCAL_LENGTHS = (0.1, *_LENGTHS)
+"""The same where the size is not the same everywhere."""
 _AROUND, _LEAST_LOCAL, _LOCAL_ROUNDS = 0.4, 0.1, 2
 """Octaves over which the size of s is averaged, its least relative size, and rounds."""
 _TO_ZERO = 0.3
@@ -57,7 +58,9 @@ _GAIN = 3.0
 _SHORT = 0.2
 """Part of the Nyquist frequency below which N is read."""
 _ROUNDS = 3
+"""Times that the correction and the rest of the model are found from each other."""
 _STEPS = 30
+"""Most steps of Newton's method for the correction."""
 
 
 @dataclass(frozen=True)

@@ -32,14 +32,17 @@ Kind = Literal["avar", "mvar", "hvar"]
 
 _POWER = {"avar": 4, "mvar": 6, "hvar": 6}
 _SCALE = {"avar": 2.0, "mvar": 2.0, "hvar": 8.0 / 3.0}
+"""Power of the sine, and scale, of each response."""
 _MEAN = {4: 3.0 / 8.0, 6: 5.0 / 16.0}
 """Mean of sin^4 and sin^6 over a period."""
 _RESOLVED = 24
 """Periods of the response that are integrated one by one; beyond, its mean is used."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Of Gauss and Legendre, exact to the fifteenth degree."""
 _SINGLE = 8
 """Aliases on each side that are taken one by one; those beyond are taken in groups."""
 _GROWTH = 1.5
+"""Factor by which groups of aliases grow."""
 
 
 def response(kind: Kind, w: Array, m: float, *, mean: bool = False) -> Array:

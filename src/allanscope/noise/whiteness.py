@@ -20,6 +20,7 @@ __all__ = ["Bands", "whitened"]
 Array = NDArray[np.float64]
 
 _PER_DECADE = 10
+"""Bands a decade."""
 _FEWEST = 6.0
 """Degrees of freedom that a band must have."""
 

@@ -37,6 +37,7 @@ _BLOCK_S, _FEWEST_ROWS, _FEWEST = 0.5, 16, 64
 _CAP = 20.0
 """Squares over their mean are cut here, so that one sample cannot make a block loud."""
 _STRETCHES = 24
+"""Stretches of the record, every second of which is held out."""
 _MOVES = 4.0
 """Relative variance of the blocks of a source, over that of white noise."""
 _SOURCE = 2.0
@@ -47,7 +48,9 @@ _CLEARLY = 5.0
 _ELSEWHERE = 3.0
 """Nats that are gained away from the stretch that gains most, at the least."""
 _MOST = 0.999
+"""Largest share of its power that may follow: at 1 the likelihood is singular."""
 _STEP = 0.01
+"""Of the share, over which the curvature of the likelihood is taken."""
 
 
 @dataclass(frozen=True)

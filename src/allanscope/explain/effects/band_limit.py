@@ -79,7 +79,10 @@ _FAMILIES = (
     _Family(Butterworth, 2.0, 0.499),
     _Family(AnalogueLowPass, 1.0, 2.0),
 )
+"""Filters of sensors, with the order and the highest cutoff (as a share of the rate) they start
+from."""
 _AVERAGING = _Family(Averaging, 2.0, 0.499)
+"""Tried only where one of them was found: its zeros lie where their slope ends."""
 
 
 @dataclass(frozen=True)

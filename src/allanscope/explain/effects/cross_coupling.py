@@ -44,6 +44,7 @@ _SLOW_HZ = 0.1
 _FIRST = 8
 """First ordinate: within four waves a record, any two drifts are alike."""
 _BANDS = 10
+"""Bands, equally wide in log f, in each of which the ratio of two axes must be the same."""
 _IN_QUADRATURE, _TURNED_P = 0.1, 1e-4
 """Part of the gain that the quadrature may have, as filters that differ turn the phase a little,
 and the chance of what is more than none."""

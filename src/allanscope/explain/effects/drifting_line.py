@@ -62,6 +62,7 @@ _SURELY = 3.0
 _BLOCK = 0.25
 """Length of a block times the bandwidth."""
 _PARTS = 10
+"""Blocks, and parts of the surroundings, from which the scatter of a quantity is taken."""
 
 
 @dataclass(frozen=True)

@@ -29,13 +29,16 @@ Array = NDArray[np.float64]
 Span = tuple[int, int]
 
 _SHORTEST_S = 5.0
+"""A shorter one is a shock or an outlier."""
 _LONGEST = 0.12
 """Longest duration that is scanned, as a share of the record: beyond, its edges are found first
 (`moves.fold`)."""
 _PROPOSALS = 2
+"""Of the highest in the scan, that are fitted in full."""
 _PENALTY, _PENALTY_S = calibrated_penalty("excursion"), 1200.0
 """Nats that noise hardly gains by chance in so many seconds."""
 _TURNS = 3
+"""Most times that both edges are moved in turn."""
 _BRIDGED = 0.5
 """Share of its rows that may be filling."""
 

@@ -39,6 +39,7 @@ from allanscope.noise.grid import Grid
 Array = NDArray[np.float64]
 
 _PER_DECADE = 5
+"""Correlation times tried a decade: half a step off, the likelihood has lost next to nothing."""
 _TELLING = 25.0
 """Ratio of the process to the noise within a dwell above which two levels would be seen."""
 _SHORTEST, _AT_THE_END = 1.5, 1.05

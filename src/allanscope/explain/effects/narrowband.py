@@ -52,13 +52,17 @@ Beside = Callable[[Array], Array]
 _WIDEST = 0.5
 """Widest run of ordinates looked at, as a share of its frequency."""
 _SUB_BINS = 400
+"""Bins in a window: the sums of ordinates between them lose nothing of a band that is resolved."""
 _PARTS = 256
 """Of a record, whose powers tell how uneven its noise is."""
 _FINEST_HZ = 1e-8
+"""Narrowest band: below it is a constant line."""
 _ROUNDS = 3
+"""Times that window and band are found from each other."""
 _PENALTY = calibrated_penalty("narrowband")
 """Nats beyond half of those of as many independent frequencies as there are rows."""
 _RESOLVED = 0.05
+"""Width over frequency below which bins are as wide as the band."""
 _NOTHING = 1e-12
 """Share of the largest power that is none."""
 _FORBIDDEN = 1e15
@@ -76,6 +80,7 @@ _TOO_EVEN, _MISSHAPEN, _MISSED = 5.0, 6.0, 0.02
 """Sigma of the envelope; sigma and share of the gain of what a band leaves: beyond all three it is
 a tone whose frequency moves."""
 _SUB_BANDS = 64
+"""Parts of the surroundings of a band in which its form is compared."""
 _SPLITTABLE = 60.0
 """Independent powers from which the form of a band can show that it is two."""
 _APART = (0.3, 0.8)

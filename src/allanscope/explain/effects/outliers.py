@@ -27,7 +27,9 @@ Array = NDArray[np.float64]
 _NEIGHBOURS = 25
 """Samples on each side that give the level."""
 _BLOCK = 1024
+"""Samples over which the scale of the noise is taken."""
 _BULK = 3.5
+"""Sigma from which a sample is far out, of which a Gaussian has one in 2000."""
 _OWN = 0.6
 """Share of its distance from the mean around it that a sample must be away from both its sides."""
 _MOST = 0.02

@@ -29,12 +29,14 @@ from allanscope.noise.components import PowerLaw as Process
 from allanscope.noise.grid import Grid
 
 _BANK = np.array([0.25, 0.4, 0.6, 0.75, 1.25, 1.4, 1.6, 1.75])
+"""Exponents tried: those between the textbook's 0, 1 and 2."""
 _PRICE = float(np.log(len(_BANK)))
 _WORTH_A_LOOK = 6.0
 """Nats below which nothing is compared with it."""
 _LEAST = 0.15
 """Exponent below which it is white noise that something else bends, and N would vanish with it."""
 _AT_THE_END = 1.05
+"""Factor on the least exponent within which a fit has run into it."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from allanscope.explain.view import View
 _ENOUGH = 0.5
 """Noise in steps above which rounding is white to a tenth of a per cent."""
 _KNOWN_TO = 1e-3
+"""Relative error of a step that is seen: the scale factor of the conversion is printed so well."""
 
 
 @dataclass(frozen=True)

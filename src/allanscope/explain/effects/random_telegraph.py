@@ -38,7 +38,9 @@ from allanscope.quantities import TWO_SIDED_95
 Array = NDArray[np.float64]
 
 _BLOCKS = 16384
+"""Blocks that a record is cut into at the least, where it has as many rows."""
 _MOST_BLOCKS = 1 << 17
+"""Most blocks of one path: a longer record shows its hops in a stretch."""
 _LEAST_DOUBT = 0.003
 """Least relative error of the size: hops within blocks draw that of a long record down by half a
 per cent."""
@@ -46,9 +48,11 @@ _TO_JUDGE, _TO_MEASURE = 12.0, 50.0
 """Blocks in a mean dwell. Few make the path probable; many miss no double switches, and tell when a
 hop was: half a block of doubt at each makes the hops seem smaller, the more so in flicker noise."""
 _SETTLED = 3e-3
+"""Relative change of the switching rate at which its iteration ends."""
 _MISSED = 1.2
 """Factor on the error of the dwell for switches that noise hides."""
 _ROUNDS = 40
+"""Most turns of that iteration (expectation and maximisation)."""
 _HARMONICS = 20.0
 """Band in units of one over the dwell that holds all but a per cent of the power of the hops."""
 _LEAST = 1e-6

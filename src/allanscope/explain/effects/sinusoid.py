@@ -43,9 +43,11 @@ from allanscope.quantities import CHI_SQUARE_MEDIAN
 Array = NDArray[np.float64]
 
 _FEWEST_CYCLES = 3.0
+"""Of fewer waves, nothing tells a line from a drift."""
 _SLOW_CYCLES = 40.0
 """Below this many cycles per record the level around a line must come from the model."""
 _PROPOSALS = 3
+"""Highest peaks that are fitted in full."""
 _MARGIN = 8
 """Ordinates beside an excluded range into which what was excluded leaks."""
 _BLOCK = 1024

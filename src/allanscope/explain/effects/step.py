@@ -31,6 +31,7 @@ NEAR_S = 5.0
 """Distance in time up to which two jumps are the same."""
 
 _PROPOSALS = 3
+"""Highest changes in the scan that are fitted in full, each without those before it."""
 _PENALTY, _PENALTY_S = calibrated_penalty("step"), 1200.0
 """Nats that noise hardly gains by chance in so many seconds."""
 _HOPS = 3.0

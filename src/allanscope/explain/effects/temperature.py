@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 _SHORTEST_S, _LONGEST = 10.0, 0.2
 """Lags that are looked for; the longest as a share of the record: beyond, it is a drift."""
 _BANK = 10
+"""Lags tried, equally far apart in their logarithm; each is paid for."""
 _LAG_PRICE = float(np.log(_BANK / ALPHA))
 _CURVE_PRICE = float(-np.log(ALPHA))
 _STEP = 0.05

@@ -30,13 +30,17 @@ from allanscope.explain.view import View
 Array = NDArray[np.float64]
 
 _BLOCK_S = 0.5
+"""Length of a block, whose power is one number."""
 _MOST = 40
+"""Most stretches of one record."""
 _QUARTERS = 4
+"""Quarters of the band in each of which the power must have changed."""
 _LEFT = 0.2
 """Least share of a quarter of the band that must not have been cut out of the fit."""
 _CAP = 20.0
 """Squares are cut here, so that one sample cannot make a stretch."""
 _LONGEST = 0.5
+"""Longest stretch as a share of the record: beyond, the rest is the one that changed."""
 _REACH = 22.0
 """Blocks beside a border among which it is looked for, times the squared contrast of a block: twice
 as far as it is off in one of twenty."""

@@ -32,9 +32,11 @@ from allanscope.noise.grid import Grid
 Array = NDArray[np.float64]
 
 _SHORTEST_S = 5.0
+"""Shortest time constant: what is faster is no matter of heat."""
 _LONGEST = 0.6
 """Longest time constant, as a share of the record."""
 _BANK = 14
+"""Time constants tried, equally far apart in their logarithm; each is paid for."""
 _STEP = 0.02
 """Of ln tau, over which derivatives are taken."""
 _LEAP = 0.4

@@ -31,6 +31,7 @@ __all__ = ["add", "add_beside", "add_bundle", "add_pair", "proposals", "with_riv
 _GOOD_PART = 0.3
 """Share of a band's gain that a line may have which is all there is to the band."""
 _SIMILAR = 3.0
+"""Nats within which two kinds explain equally well."""
 
 
 def proposals(view: View, kinds: Iterable[type[EffectKind]], path: SearchPath) -> list[Candidate]:
@@ -164,6 +165,7 @@ def add_beside(
 
 
 _MOST = 6
+"""Most effects of a bundle."""
 _HOPELESS, _NEARLY = 30.0, 8.0
 """Nats that may be missing for a bundle to be continued, and to be fitted in earnest."""
 _PROMISING = 5.0

@@ -15,6 +15,7 @@ from allanscope.explain.view import View
 __all__ = ["replace_drift"]
 
 _CLEARLY = 5.0
+"""Nats by which a drift without a name must be better, and a named one to take its place again."""
 _UNFINISHED = 0.3
 """Share of the gain of the named effects that a polynomial may still find behind them."""
 _FEW_WAVES = 4.0

@@ -21,7 +21,6 @@ _ENDS = np.array(
     ]
 )
 """E[d_k^2] over the spectrum at k = 0, 1, 2, ... in the limit of a long record."""
-_EULER = 0.5772156649015329
 
 
 @dataclass(frozen=True)
@@ -94,5 +93,5 @@ def _sum_covariance(m: Array) -> Array:
     The generalised covariance of the running sum is 2 B^2 / pi g(|m|). Summed twice by parts:
     g = (m^2 - 1/4) h / 2 - (m^2 - 1) / 8 - m (m - 1) / 4 with h = h_(m - 1).
     """
-    h = 0.5 * (digamma(m - 0.5) + _EULER) + np.log(2.0)
+    h = 0.5 * (digamma(m - 0.5) + np.euler_gamma) + np.log(2.0)
     return np.asarray((m**2 - 0.25) * h / 2 - (m**2 - 1) / 8 - m * (m - 1) / 4)

@@ -25,6 +25,7 @@ from allanscope.noise.transfer import Kind, response
 __all__ = ["LineProfile"]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Of Gauss and Legendre, exact to the fifteenth degree."""
 _AVERAGED = 1.0
 """Periods of a response within a sub-band from which its mean is used."""
 

@@ -34,6 +34,7 @@ _MANY = 1e4
 _ORDERS, _TABULATED = 16, 0.05
 """Ordinates, and steps of the exponent, of the table of what the ends of a record make of them."""
 _CYCLES, _PER_CYCLE = 400, 100
+"""Periods of the response that are summed, and points in each."""
 
 
 @dataclass(frozen=True)

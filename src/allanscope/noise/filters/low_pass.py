@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 _CUTOFF = Quantity("cutoff", "Hz", "shape", 1e-6, 1e7)
 _ORDER = Quantity("order", "", "shape", 0.1, 20.0)
+"""Ranges of cutoff and order: those of any sensor."""
 _ALIASES = np.arange(-8, 9)[:, np.newaxis]
 """Multiples of the rate from which an average leaves something in the band."""
 _TOP = 0.499

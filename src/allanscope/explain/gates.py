@@ -19,12 +19,19 @@ import numpy as np
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import ResidualError
-from allanscope.explain.effects.shock import within_shock
-from allanscope.explain.effects.temperature import Temperature
-from allanscope.explain.effects.unexplained import covered, is_remnant, leaves_too_little
+from allanscope.explain.effects import KINDS
 from allanscope.explain.view import View
 
-__all__ = ["adequate", "growth", "is_measured", "judge", "judge_members", "owed", "penalty_passed"]
+__all__ = [
+    "adequate",
+    "growth",
+    "is_measured",
+    "judge",
+    "judge_members",
+    "owed",
+    "penalty_passed",
+    "refused",
+]
 
 _RECURRING, _SMALL = 0.25, 30.0
 """Share of the gain of a process, beyond so many nats, that must be gained again on held-out
@@ -34,8 +41,6 @@ _SAME = 1.02
 _LEAST_CHI2, _LEAST_Z = 2.0, 4.0
 """Chi-square per degree of freedom, and z of the worst of so many bands, up to which an error may
 be sampling."""
-_AS_WELL = 0.9
-"""Share of the gain: the temperature is known less well than the level."""
 
 
 def penalty_passed(view: View, candidate: Candidate, spent: float) -> bool:
@@ -64,14 +69,18 @@ def judge(view: View, candidate: Candidate) -> tuple[Candidate | None, str]:
 
 
 def _superfluous(view: View, verdict: Candidate) -> str:
-    """Return why what was accepted already leaves it no place; empty where it does."""
-    if covered(view, verdict):
+    """Return why what was accepted already leaves a verdict no place; empty where it does."""
+    if not verdict.effect.is_resolved(view):
         return "the range is explained already"
-    if leaves_too_little(view, verdict):
+    if view.leaves_too_little(verdict):
         return "nothing would be left to fit"
-    if within_shock(view, verdict):
-        return "part of a shock"
-    return "the end of a strong tone" if is_remnant(view, verdict) else ""
+    return refused(view, verdict)
+
+
+def refused(view: View, candidate: Candidate) -> str:
+    """Return why an effect that was accepted leaves a candidate no place; empty where none does."""
+    reasons = (c.effect.refuses(view, c, candidate) for c in view.accepted)
+    return next(filter(None, reasons), "")
 
 
 def judge_members(view: View, members: tuple[Candidate, ...]) -> View | None:
@@ -101,11 +110,9 @@ def adequate(view: View, candidate: Candidate) -> Candidate | None:
     """Return the candidate, `unexplained` in its place, or None."""
     if not is_measured(candidate) or not candidate.effect.is_resolved(view):
         return None
-    if candidate.effect.resembles_bend:
-        curve = _bent_by_temperature(view, candidate)
-        if curve is not None:
-            return curve
-    return candidate.effect.adequate(view, candidate)
+    others = (kind.instead_of(view, candidate) for kind in KINDS.values())
+    better = next((one for one in others if one is not None), None)
+    return better or candidate.effect.adequate(view, candidate)
 
 
 def is_measured(candidate: Candidate) -> bool:
@@ -119,21 +126,6 @@ def is_measured(candidate: Candidate) -> bool:
         p.lower is not None and p.upper is not None and p.lower < p.upper < np.inf
         for p in effect.parameters.values()
     )
-
-
-def _bent_by_temperature(view: View, candidate: Candidate) -> Candidate | None:
-    """Return what follows the temperature in a curve, where that explains as much; else None.
-
-    A room that swings around the turning point of a parabola makes the level swing twice as fast,
-    at constant amplitude: a line, if one looks at the level alone.
-    """
-    if view.series.thermal is None or view.drifts:
-        return None
-    found = next(iter(Temperature.candidates(view)), None)
-    if found is None or not isinstance(found.effect, Temperature) or found.excess <= 0:
-        return None
-    bent = found.effect.curvature is not None
-    return found if bent and found.gain > _AS_WELL * candidate.gain else None
 
 
 def growth(before: ResidualError, after: ResidualError) -> tuple[float, str]:

@@ -28,6 +28,8 @@ _TEXTBOOK = (White(1.0), Flicker(1.0), RandomWalk(1.0))
 
 Array = NDArray[np.float64]
 
+_LEAST_KEPT = 0.1
+"""Share of the ordinates that must stay in the fit: of none, no noise can be told."""
 _MANY = 400
 """Ordinates in a bin whose mean is known to a few per cent."""
 _TRUSTED = 0.9
@@ -210,6 +212,11 @@ class View:
     def without_range(self, low: float, high: float) -> View:
         """Return the view with a range of frequencies left out of the fit."""
         return replace(self, excluded=(*self.excluded, (low, high)))
+
+    def leaves_too_little(self, candidate: Candidate) -> bool:
+        """Return whether next to nothing is left to fit once its ranges are left out too."""
+        kept = self.grid.kept((*self.excluded, *candidate.excluded))
+        return bool(candidate.excluded) and float(kept.mean()) < _LEAST_KEPT
 
     def accept(self, candidate: Candidate) -> View:
         """Return the view with one more effect."""

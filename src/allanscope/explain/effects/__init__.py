@@ -270,6 +270,17 @@ class EffectKind(ABC):
         del view
         return True
 
+    def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
+        """Return why a candidate has no place beside this one, `known`; empty where it has."""
+        del view, known, other
+        return ""
+
+    @classmethod
+    def instead_of(cls, view: View, candidate: Candidate) -> Candidate | None:
+        """Return one of this kind that another only looks like; None where there is none."""
+        del view, candidate
+        return None
+
     def holds(self, other: EffectKind) -> bool:
         """Return whether another effect, if it is there, may be all that there is to this one."""
         del other

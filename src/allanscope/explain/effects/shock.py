@@ -90,25 +90,15 @@ class Shock(EffectKind):
             and not any(first < shaken.stop and shaken.first < stop for first, stop in known)
         ]
 
-
-def within_shock(view: View, candidate: Candidate) -> bool:
-    """Return whether a change of the level is a piece of a shock that was accepted.
-
-    What is left of a shock is one step at most, and no excursion.
-    """
-    times = _ends(candidate.effect)
-    if not times:
-        return False
-    for known in view.accepted:
-        if isinstance(known.effect, Shock):
-            first, stop = (row / view.grid.rate_hz for row in _extent(known.effect, view))
-            first, stop = first - _MARGIN_S, stop + _MARGIN_S
-            if all(first <= time <= stop for time in times) and (
-                len(times) > 1
-                or any(first <= t <= stop for c in view.accepted for t in _ends(c.effect))
-            ):
-                return True
-    return False
+    def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
+        """Refuse changes of the level within it: what is left of a shock is one step at most."""
+        del known
+        times = _ends(other.effect)
+        first, stop = (row / view.grid.rate_hz for row in _extent(self, view))
+        first, stop = first - _MARGIN_S, stop + _MARGIN_S
+        is_within = bool(times) and all(first <= time <= stop for time in times)
+        has_one = any(first <= t <= stop for c in view.accepted for t in _ends(c.effect))
+        return "part of a shock" if is_within and (len(times) > 1 or has_one) else ""
 
 
 def _ends(effect: EffectKind) -> list[float]:

@@ -43,6 +43,9 @@ _STEP = 0.05
 """Of ln lag, over which derivatives are taken."""
 _LEAP = 0.4
 """Most that ln lag moves in one step of a joint regression."""
+_AS_WELL = 0.9
+"""Share of the gain of a line from which a curve takes its place: the temperature is known less
+well than the level."""
 _FINER = 2
 """Times on which the temperature is followed, for every ordinate it has: its square has twice as
 many."""
@@ -109,6 +112,21 @@ class Temperature(EffectKind):
         unit = Estimate(1.0, unit=f"{view.unit}/degC")
         plain = cls(unit, None, None, float(np.ptp(thermal)), float(np.mean(measured)))
         return [plain.extended(view)]
+
+    @classmethod
+    def instead_of(cls, view: View, candidate: Candidate) -> Candidate | None:
+        """Return the level in a curve over the temperature, where that explains as much.
+
+        A room that swings around the turning point of a parabola makes the level swing twice as
+        fast, at constant amplitude: a line, if one looks at the level alone.
+        """
+        if not candidate.effect.resembles_bend or view.series.thermal is None or view.drifts:
+            return None
+        found = next(iter(cls.candidates(view)), None)
+        if found is None or found.excess <= 0 or found.gain <= _AS_WELL * candidate.gain:
+            return None
+        bent = isinstance(found.effect, cls) and found.effect.curvature is not None
+        return found if bent else None
 
     def refine(self, view: View) -> Candidate:
         """Estimate it again, with what has become visible of its lag and its curve."""

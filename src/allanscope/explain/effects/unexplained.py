@@ -53,8 +53,6 @@ _GAP = 100
 """Ordinates between which two loud ones belong to one tone: the sidebands of what is modulated."""
 _MOST = 0.4
 """Share of the spectrum beyond which what is cut out has no end."""
-_LEAST_KEPT = 0.1
-"""Share of the ordinates that must stay in the fit: of none, no noise can be told."""
 _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
 _OF_THE_MEDIAN = 1.06
@@ -126,6 +124,28 @@ class Unexplained(EffectKind):
     def is_tone(self) -> bool:
         """Whether it is a tone that changes, or several."""
         return self.domain == "spectrum" and not self.is_misfit
+
+    def is_resolved(self, view: View) -> bool:
+        """Return whether its range has not been cut out of the fit already."""
+        if self.domain != "spectrum":
+            return True
+        unit = view.grid.rate_hz / (2 * view.grid.n)
+        low, high = (round(f / unit) for f in _limits(self))
+        return bool(view.spectrum.kept[max(0, low - 1) : max(1, high)].any())
+
+    def refuses(self, view: View, known: Candidate, other: Candidate) -> str:
+        """Refuse what a loud tone or a large drift leaves of itself in the level.
+
+        Cutting frequencies out does not cut where the record begins and ends in the middle of a
+        wave, and what describes a drift without a name describes it to some per cent of its gain.
+        """
+        distance_s = other.effect.from_end_s(view)
+        if distance_s is None:
+            return ""
+        if self.is_unnamed_drift:
+            return "left of a drift" if other.gain < _OF_A_DRIFT * known.gain else ""
+        is_near = self.domain == "spectrum" and distance_s * self.frequency_low.value < _WAVES
+        return "the end of a strong tone" if is_near and other.gain < _REMNANT * known.gain else ""
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
@@ -304,7 +324,7 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
         searched = near.log_alternatives + candidate.log_alternatives
         words = _CHANGES.format(low, high)
         union = left_over(rest, (low, high), gain, words, searched)
-        if leaves_too_little(rest, union):
+        if rest.leaves_too_little(union):
             break
         view, candidate = rest, union
     return view, candidate
@@ -314,41 +334,6 @@ def beside(view: View, frequency: float) -> bool:
     """Return whether a tone lies so near to one that has no name that it will be part of it."""
     unit = view.grid.rate_hz / (2 * view.grid.n)
     return _touched(view, frequency - unit, frequency + unit, _GAP * unit) is not None
-
-
-def covered(view: View, candidate: Candidate) -> bool:
-    """Return whether a range without a name has been cut out of the fit already."""
-    effect = candidate.effect
-    if not isinstance(effect, Unexplained) or effect.domain != "spectrum":
-        return False
-    unit = view.grid.rate_hz / (2 * view.grid.n)
-    low, high = (round(f / unit) for f in _limits(effect))
-    return not view.spectrum.kept[max(0, low - 1) : max(1, high)].any()
-
-
-def leaves_too_little(view: View, candidate: Candidate) -> bool:
-    """Return whether next to nothing is left to fit once a candidate's ranges are cut out too."""
-    kept = view.grid.kept((*view.excluded, *candidate.excluded))
-    return bool(candidate.excluded) and float(kept.mean()) < _LEAST_KEPT
-
-
-def is_remnant(view: View, candidate: Candidate) -> bool:
-    """Return whether a change of the level is what a loud tone or a large drift leaves of itself.
-
-    Cutting frequencies out does not cut where the record begins and ends in the middle of a wave,
-    and what describes a drift without a name describes it to some per cent of its gain.
-    """
-    distance_s = candidate.effect.from_end_s(view)
-    if distance_s is None:
-        return False
-    return any(
-        candidate.gain < _OF_A_DRIFT * known.gain
-        if one.is_unnamed_drift
-        else one.domain == "spectrum"
-        and distance_s * one.frequency_low.value < _WAVES
-        and candidate.gain < _REMNANT * known.gain
-        for known, one in _known(view)
-    )
 
 
 def _limits(effect: Unexplained) -> tuple[float, float]:

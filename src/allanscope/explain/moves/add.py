@@ -18,9 +18,8 @@ from dataclasses import replace
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effects import KINDS, EffectKind
-from allanscope.explain.effects.shock import within_shock
-from allanscope.explain.effects.unexplained import is_remnant, united
-from allanscope.explain.gates import judge, judge_members, owed, penalty_passed
+from allanscope.explain.effects.unexplained import united
+from allanscope.explain.gates import judge, judge_members, owed, penalty_passed, refused
 from allanscope.explain.moves import SearchPath
 from allanscope.explain.moves.refit import refit
 from allanscope.explain.regression import refit_jointly
@@ -182,11 +181,7 @@ def add_bundle(
     for _ in range(_MOST):
         if trial is not view:
             candidates = proposals(trial, slow, path)
-        own = [
-            c
-            for c in candidates
-            if c.effect.is_slow and not is_remnant(trial, c) and not within_shock(trial, c)
-        ]
+        own = [c for c in candidates if c.effect.is_slow and not refused(trial, c)]
         promising = [c for c in own if c.gain > _PROMISING]
         if not promising:
             return None

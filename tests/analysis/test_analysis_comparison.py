@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import allanscope
-from allanscope.analysis import ReferenceCurve, read_reference
+from allanscope.analysis import ReferenceCurve, read_reference, verdict, with_comparison
 from allanscope.analysis.comparison import compare_curve
 from allanscope.errors import InputError
 
@@ -102,3 +102,46 @@ def test_what_is_no_curve_is_refused_in_one_line(tmp_path, text, why):
     assert "\n" not in str(caught.value)
     with pytest.raises(InputError, match="cannot compare"):
         read_reference(tmp_path / "missing")
+
+
+def compared(**masks):
+    """Return the verdict on three axes of 0.05 dps white noise against a mask."""
+    record = np.random.default_rng(6).normal(0.0, 0.05, (5000, 3))
+    tau = np.array([0.01, 1.0])
+    references = {
+        axis: ReferenceCurve("mask.csv", factor * tau, height * np.array([0.05, 0.005]))
+        for axis, (factor, height) in masks.items()
+    }
+    return verdict(with_comparison(allanscope.analyse(record, rate=RATE), references))
+
+
+def test_the_verdict_says_pass_above_what_to_do_next():
+    found = compared(gx=(1, 1.2), gy=(1, 1.2), gz=(1, 1.2))
+    assert [line.head for line in found.lines][2] == "PASS against mask.csv"
+    assert found.lines[2].text == "no axis higher at τ = 0.010 s to 0.90 s"
+    assert found.lines[2].grade == "good"
+    assert found.lines[3].head == "Keep recording"
+    assert "mask.csv" not in found.title
+
+
+def test_the_verdict_says_fail_and_names_axes_ratio_and_times():
+    found = compared(gx=(1, 0.5), gy=(1, 1.2))
+    assert found.lines[2].head == "FAIL against mask.csv"
+    higher, passed, late = found.lines[2].text.split("; ")
+    assert higher.startswith("gx up to 2.")
+    assert higher.endswith("at τ = 0.010 s to 0.90 s")
+    assert (passed, late) == ("gy not higher", "gz not compared")
+    assert found.grade == found.lines[2].grade == "bad"
+    assert found.title.endswith("; higher than mask.csv")
+
+
+def test_axes_that_are_higher_at_the_same_times_share_a_phrase():
+    found = compared(gx=(1, 0.5), gy=(1, 0.25), gz=(1, 0.5))
+    assert found.lines[2].text.startswith("all axes up to 4.")
+    assert ";" not in found.lines[2].text
+
+
+def test_a_reference_without_common_averaging_times_is_no_pass():
+    found = compared(gx=(1e4, 1.0))
+    assert (found.lines[2].grade, found.lines[2].head) == ("note", "Not compared with mask.csv")
+    assert len(compared().lines) == 3, "nothing is said of a reference that was not named"

@@ -152,7 +152,7 @@ def test_a_curve_is_compared_with_an_earlier_session_and_with_a_mask(text, tmp_p
     mask = tmp_path / "mask.csv"
     mask.write_text("tau,gyro\n0.01,0.06\n1,0.006\n")
     assert main(["analyse", str(text), "--rate", "100", "--compare", str(mask)]) == 0
-    assert "Compared with mask.csv: gx not higher" in capsys.readouterr().out
+    assert "PASS against mask.csv: no axis higher at τ = " in capsys.readouterr().out
     assert main(["analyse", str(text), "--rate", "100", "--compare", "nowhere"]) == 3
     assert "cannot compare with nowhere" in capsys.readouterr().err
 

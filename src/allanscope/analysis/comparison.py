@@ -83,13 +83,17 @@ class Comparison:
         return self.higher is None
 
     @property
+    def span(self) -> str:
+        """Averaging times at which it is higher; of a curve that passes, those compared."""
+        first, last = (duration(tau) for tau in self.higher or self.tau)
+        return first if first == last else f"{first} to {last}"
+
+    @property
     def words(self) -> str:
         """One phrase on it, without the name of the axis."""
-        first, last = (duration(tau) for tau in self.higher or self.tau)
-        span = first if first == last else f"{first} to {last}"
         if self.higher is None:
-            return f"not higher at τ = {span}"
-        return f"up to {number(self.ratio)} times higher at τ = {span}"
+            return f"PASS: not higher at τ = {self.span}"
+        return f"FAIL: up to {number(self.ratio)} times higher at τ = {self.span}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as it stands in the JSON."""
@@ -112,7 +116,7 @@ def compare_curve(curve: Deviation, reference: ReferenceCurve) -> Comparison | N
     >>> curve = allanscope.deviation(rng.normal(size=10_000), 100.0, "oadev")
     >>> mask = ReferenceCurve("mask.csv", np.array([0.01, 10.0]), np.array([0.9, 0.0285]))
     >>> compare_curve(curve, mask).words
-    'up to 1.11 times higher at τ = 0.010 s to 0.16 s'
+    'FAIL: up to 1.11 times higher at τ = 0.010 s to 0.16 s'
     """
     both = (
         curve.trusted

@@ -268,6 +268,9 @@ class Analysis:
         What findings were traced to, by axis and index of the leading effect.
     common : tuple of Common
         Ranges of frequencies in which axes are coherent, from low to high.
+    reference : str
+        Name of the earlier session, or of the mask, with which the axes are compared; empty when
+        none was named.
     """
 
     input: Mapping[str, str]
@@ -295,6 +298,7 @@ class Analysis:
     choices: CurveChoices = field(default_factory=CurveChoices)
     traces: Mapping[tuple[str, int], Trace] = field(default_factory=dict)
     common: tuple[Common, ...] = ()
+    reference: str = ""
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -175,12 +175,13 @@ def _dynamic(state: StreamState, rate_hz: float) -> DynamicDeviation | None:
 def with_comparison(analysis: Analysis, references: Mapping[str, ReferenceCurve]) -> Analysis:
     """Return the result with each axis compared with its reference, as far as it has one."""
     axes = {
-        name: replace(axis, comparison=compare_curve(axis.curves["oadev"], references[name]))
-        if name in references and "oadev" in axis.curves
-        else axis
-        for name, axis in analysis.axes.items()
+        axis: replace(one, comparison=compare_curve(one.curves["oadev"], references[axis]))
+        if axis in references and "oadev" in one.curves
+        else one
+        for axis, one in analysis.axes.items()
     }
-    return replace(analysis, axes=axes)
+    name = next((one.name for one in references.values()), "")
+    return replace(analysis, axes=axes, reference=name)
 
 
 def _traces(found: Analysis, state: StreamState, given: LoopInput) -> dict[tuple[str, int], Trace]:

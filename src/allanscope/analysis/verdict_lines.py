@@ -65,7 +65,8 @@ class Verdict:
     title : str
         One phrase.
     lines : tuple of VerdictLine
-        Of a session: the noise, the effects, what to do next.
+        Of a session: the noise, the effects, what to do next; before the last of them whether the
+        curves pass the reference, if one was named.
     details : tuple of VerdictLine
         What else must be known, the most important first: assumptions, failures, losses, remarks.
     banner : str
@@ -84,10 +85,10 @@ def verdict(analysis: Analysis) -> Verdict:
     noise, effects = _noise_line(analysis), _whole(_effect_line(analysis), analysis.axes)
     losses = _loss_lines(analysis)
     failed = _failure_lines(analysis.axes)
+    compared = _comparison_lines(analysis)
     details = (
         *(VerdictLine("note", "Assumed", text) for text in analysis.assumptions),
         *failed,
-        *_comparison_lines(analysis.axes),
         *losses,
         *_undisturbed_lines(analysis),
         *_search_lines(analysis.axes),
@@ -99,12 +100,14 @@ def verdict(analysis: Analysis) -> Verdict:
         title.append("samples were lost")
     if failed:
         title.append("the analysis of an axis failed")
-    bad = any(line.grade == "bad" for line in (noise, effects, *losses, *failed))
+    if any(line.grade == "bad" for line in compared):
+        title.append(f"higher than {analysis.reference}")
+    bad = any(line.grade == "bad" for line in (noise, effects, *compared, *losses, *failed))
     simulated = simulation_notice(analysis.origin)
     return Verdict(
         grade="bad" if bad else noise.grade,
         title="; ".join(f"{one[:1].lower()}{one[1:]}" if i else one for i, one in enumerate(title)),
-        lines=(noise, effects, _next_line(analysis, losses)),
+        lines=(noise, effects, *compared, _next_line(analysis, losses)),
         details=details,
         banner=": ".join(simulated) if simulated else "",
     )
@@ -260,17 +263,39 @@ def _searched_axes(axes: Mapping[str, AxisAnalysis]) -> dict[str, AxisExplanatio
     }
 
 
-def _comparison_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:
-    """Return how the curves compare with those of an earlier session, or with a mask."""
-    known = {name: axis.comparison for name, axis in axes.items() if axis.comparison}
-    higher = [f"{name} {one.words}" for name, one in known.items() if not one.passed]
-    if not known:
+def _comparison_lines(analysis: Analysis) -> list[VerdictLine]:
+    """Return whether the curves pass an earlier session, or a mask; of none where none was named.
+
+    Axes that are higher are named with the largest ratio and the averaging times; those that are
+    higher in the same range share a phrase.
+    """
+    if not analysis.reference:
         return []
-    head = f"Compared with {next(iter(known.values())).reference.name}"
-    if higher:
-        return [VerdictLine("bad", head, "; ".join(higher))]
-    named = _named(known, axes)
-    return [VerdictLine("good", head, f"{named} not higher")]
+    axes = analysis.axes
+    known = {name: axis.comparison for name, axis in axes.items() if axis.comparison}
+    if not known:
+        text = "no axis with a curve at the averaging times of the reference"
+        return [VerdictLine("note", f"Not compared with {analysis.reference}", text)]
+    higher: dict[str, dict[str, float]] = {}
+    for name, one in known.items():
+        if not one.passed:
+            higher.setdefault(one.span, {})[name] = one.ratio
+    passed = [name for name, one in known.items() if one.passed]
+    late = [name for name, axis in axes.items() if name not in known and not axis.is_constant]
+    texts = [
+        f"{_named(ratios, axes)} up to {number(max(ratios.values()))} times higher at τ = {span}"
+        for span, ratios in higher.items()
+    ]
+    if not higher:
+        named = "no axis" if len(passed) == len(axes) else f"{_named(passed, axes)} not"
+        texts.append(f"{named} higher at τ = {known[passed[0]].span}")
+    elif passed:
+        texts.append(f"{_named(passed, axes)} not higher")
+    if late:
+        texts.append(f"{_named(late, axes)} not compared")
+    grade: Grade = "bad" if higher else "good"
+    head = f"{'FAIL' if higher else 'PASS'} against {analysis.reference}"
+    return [VerdictLine(grade, head, "; ".join(texts))]
 
 
 def _search_lines(axes: Mapping[str, AxisAnalysis]) -> list[VerdictLine]:

@@ -46,6 +46,7 @@ __all__ = [
     "limit",
     "measured",
     "number",
+    "power_of_ten",
     "rate",
     "rough",
     "size",
@@ -206,6 +207,22 @@ def number(value: float | None, digits: int = 3) -> str:
             mantissa = mantissa.rstrip("0").rstrip(".")
         return f"{mantissa}e{int(power)}"
     return _fixed(value, digits - 1 - exponent)
+
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def power_of_ten(power: int) -> str:
+    """Return 0.1, 1, 10, 100 as such, and 10 with an exponent beyond.
+
+    Examples
+    --------
+    >>> power_of_ten(-1), power_of_ten(-8)
+    ('0.1', '10⁻⁸')
+    """
+    if -1 <= power <= 2:
+        return f"{10.0**power:g}"
+    return f"10{str(power).translate(_SUPERSCRIPT)}"
 
 
 def interval(value: float, lower: float | None, upper: float | None) -> str:

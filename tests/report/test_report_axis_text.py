@@ -90,7 +90,7 @@ def test_the_zero_g_level_is_what_the_length_of_the_mean_tells(analysis):
     axis = analysis.axes["ax"]
     axes = {name: replace(axis, level=Level(value, None, "g")) for name, value in level.items()}
     away = 1e3 * (math.hypot(*level.values()) - 1)
-    assert f"{away:.2f} mg away from 1 g" in axis_text.zero_g(replace(analysis, axes=axes)).text
+    assert f"{away:.2f} mg longer than 1 g" in axis_text.zero_g(replace(analysis, axes=axes)).text
     assert axis_text.zero_g(analysis) is None, "one axis cannot tell"
 
 

@@ -1,6 +1,8 @@
 """The page in a browser: light, dark, and printed."""
 
 import re
+import shutil
+import subprocess
 from importlib.resources import files
 
 import numpy as np
@@ -70,3 +72,14 @@ def test_six_axes_are_printed_on_eight_pages(tmp_path):
     path.write_text(render(axes), encoding="utf-8")
     pages = len(re.findall(rb"/Type\s*/Page\b", pdf_of(path, tmp_path)))
     assert 4 <= pages <= 8
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="needs pdftotext (poppler-utils)")
+def test_the_overlay_of_all_axes_is_printed_on_page_one(tmp_path):
+    path = tmp_path / "six.html"
+    path.write_text(render(demo_analysis(7300.0)), encoding="utf-8")
+    (tmp_path / "six.pdf").write_bytes(pdf_of(path, tmp_path))
+    command = ["pdftotext", "-l", "1", str(tmp_path / "six.pdf"), "-"]
+    first = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "Accelerometer: overlapping Allan deviations" in " ".join(first.split())
+    assert "averaging time" in first, "the charts themselves"

@@ -11,8 +11,10 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+from allanscope.analysis import ReferenceCurve
+from allanscope.analysis.comparison import compare_curve
 from allanscope.report import MEASURED, MODEL, Picture, pictures, save_pictures
-from allanscope.report.curve_pictures import compare_picture, deviation_picture
+from allanscope.report.curve_pictures import compare_picture, deviation_picture, overlay_picture
 from allanscope.report.data_pictures import lag_picture
 
 
@@ -180,3 +182,27 @@ def test_a_picture_is_drawn_only_when_it_is_wanted():
         raise AssertionError
 
     Picture(fail)
+
+
+def test_no_picture_is_typeset(gallery, monkeypatch):
+    """Mathtext takes as long as all else in a chart; powers of ten are plain text."""
+
+    def refuse(*_, **__):
+        raise AssertionError("typeset as mathtext")
+
+    monkeypatch.setattr("matplotlib.mathtext.MathTextParser.parse", refuse)
+    texts = [picture.svg() for picture in gallery.values()]
+    assert any("10⁻⁸" in text for text in texts)
+
+
+def test_a_mask_is_drawn_once_over_all_axes_of_a_sensor(analysis):
+    gx = analysis.axes["gx"]
+    mask = ReferenceCurve(
+        "mask.csv", gx.curves["oadev"].tau, np.full(len(gx.curves["oadev"].tau), 0.1)
+    )
+    known = replace(gx, comparison=compare_curve(gx.curves["oadev"], mask))
+    (ax,) = drawn(overlay_picture({"gx": known, "gy": known}, "dps"))
+    np.testing.assert_allclose(line(ax, "mask.csv").get_ydata(), 100.0)
+    assert sum(np.allclose(one.get_ydata(), 100.0) for one in ax.get_lines()) == 1
+    (plain,) = drawn(overlay_picture({"gx": gx}, "dps"))
+    assert not any(one.get_label() == "mask.csv" for one in plain.get_lines())

@@ -338,10 +338,10 @@ class Analysis:
         if rate.measured_hz is not None and rate.uncertainty_ppm is not None:
             clock = f"the sample rate, known to {rate.uncertainty_ppm:.2g} ppm"
         return {
-            "method": "half the 95 % interval of the likelihood over 1.96 is the standard "
-            "uncertainty, twice that the expanded one (k = 2); degrees of freedom 1 / (2 u^2) of "
-            "the relative standard uncertainty u; where the interval is not symmetric it is the "
-            "better statement",
+            "method": "expanded uncertainty (k = 2), twice the standard uncertainty; that is half "
+            "the 95 % interval of the likelihood, divided by 1.96. Degrees of freedom: 1 / (2 u^2) "
+            "with the relative standard uncertainty u. Where the interval is not symmetric, prefer "
+            "the interval",
             "included": [
                 "sampling error of the noise over this run",
                 "the other coefficients and the shape of filters, which are fitted together",

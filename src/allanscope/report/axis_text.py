@@ -173,10 +173,16 @@ def subtitle(analysis: Analysis, operator: str) -> str:
         _rate_of(known),
         duration(analysis.duration_s),
         f"{axes} {'axis' if axes == 1 else 'axes'}",
-        analysis.input.get("started", "").partition(".")[0].replace("T", " "),
+        _started(analysis.input.get("started", "")),
         operator and f"measured by {operator}",
     )
     return ", ".join(filter(None, facts))
+
+
+def _started(text: str) -> str:
+    """Return an ISO time to the second, as people write it."""
+    moment, _, rest = text.partition(".")
+    return f"{moment.replace('T', ' ')}{' UTC' if rest.endswith('+00:00') else ''}"
 
 
 def sheet_cell(axis: AxisAnalysis) -> str:
@@ -233,8 +239,8 @@ def zero_g(analysis: Analysis) -> Fact | None:
         return None
     away = 1e3 * (math.hypot(*means) - 1.0)
     text = (
-        f"the mean vector is {number(away)} mg away from 1 g: offset and scale errors of the three "
-        "axes together; several positions separate them"
+        f"the mean vector is {number(abs(away))} mg {'longer' if away > 0 else 'shorter'} than "
+        "1 g: offset and scale errors of the three axes together, which other positions separate"
     )
     return Fact("zero-g level", text)
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from allanscope.allan import CurveChoices, Deviation, variance_name
 from allanscope.analysis import AxisAnalysis, ModelCurve
 from allanscope.labels import kind_name
-from allanscope.quantities import DEVIATION, duration, interval, number, symbols
+from allanscope.quantities import DEVIATION, duration, interval, number, power_of_ten, symbols
 from allanscope.report.picture import (
     BEFORE,
     COMPONENT,
@@ -80,11 +80,8 @@ def deviation_picture(
             _model(ax, model, factor)
         if line is not None:
             ax.plot(curve.tau, line, "-.", c=DATASHEET, lw=1.3, label="datasheet")
-        if axis.comparison is not None and not squared:
-            earlier = axis.comparison.reference
-            shown = (earlier.tau >= curve.tau[0] / 2) & (earlier.tau <= curve.tau[-1] * 2)
-            kept, label = factor * earlier.deviation[shown], _label(earlier.name)
-            ax.plot(earlier.tau[shown], kept, "-", c=BEFORE, lw=1.3, label=label)
+        if not squared:
+            _references(ax, {name: axis}, factor)
         ax.legend(loc="upper right")
 
     def readout() -> list[tuple[float, str]]:
@@ -120,6 +117,7 @@ def overlay_picture(axes: Mapping[str, AxisAnalysis], unit: str) -> Picture:
             tau = first.curves["oadev"].tau
             line = factor * sheet.white_limit / np.sqrt(tau)
             ax.plot(tau, line, "-.", c=DATASHEET, lw=1.3, label="datasheet")
+        _references(ax, axes, factor)
         _scale(ax, unit)
         ax.legend(loc="upper right")
 
@@ -132,6 +130,21 @@ def overlay_picture(axes: Mapping[str, AxisAnalysis], unit: str) -> Picture:
         }
 
     return Picture(draw, 5.0, 3.6, columns=columns, readout=lambda: _overlay_readout(axes))
+
+
+def _references(ax: Axes, axes: Mapping[str, AxisAnalysis], factor: float) -> None:
+    """Draw what the axes are compared with: a mask of the whole sensor once, all named once."""
+    drawn: list[tuple[float, ...]] = []
+    for axis in axes.values():
+        if axis.comparison is None:
+            continue
+        curve, other = axis.curves["oadev"], axis.comparison.reference
+        shown = (other.tau >= curve.tau[0] / 2) & (other.tau <= curve.tau[-1] * 2)
+        heights = factor * other.deviation[shown]
+        if tuple(heights) not in drawn:
+            label = None if drawn else _label(other.name)
+            ax.plot(other.tau[shown], heights, "-", c=BEFORE, lw=1.3, label=label)
+            drawn.append(tuple(heights))
 
 
 def estimators_picture(name: str, axis: AxisAnalysis, choices: CurveChoices) -> Picture:
@@ -227,10 +240,16 @@ def scale_loglog(ax: Axes, xlabel: str, ylabel: str) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     for axis in (ax.xaxis, ax.yaxis):
-        # Plain numbers: typesetting powers of ten takes half of the time of drawing.
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        # Plain text: typesetting powers of ten takes half of the time of drawing.
+        axis.set_major_formatter(FuncFormatter(_major_label))
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
         axis.set_minor_formatter(FuncFormatter(partial(_minor_label, axis)))
+
+
+def _major_label(value: float, _: int | None) -> str:
+    """Return the label of a decade, as a power of ten where the number would be long."""
+    text = f"{value:g}"
+    return power_of_ten(round(np.log10(value))) if "e" in text else text
 
 
 def _minor_label(axis: Axis, value: float, _: int | None) -> str:

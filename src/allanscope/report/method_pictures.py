@@ -60,10 +60,8 @@ def transfer_picture(highest: float = 32.0, points: int = 4000) -> Picture:
             label = ", ".join(names) + (" (over τ²)" if names[0] == "TVAR" else "")
             panels[i % 2].plot(cycles, passed, c=colour, lw=1.1, label=label)
         for ax in panels:
-            ax.set_xscale("log")
-            ax.set_yscale("log")
             ax.set_ylim(1e-8, 6.0)
-            ax.set_xlabel("frequency × averaging time f τ")
+            scale_loglog(ax, "frequency × averaging time f τ", "")
             ax.legend(loc="lower left", fontsize="small")
         panels[0].text(0.98, 0.95, "|H(f)|²", ha="right", transform=panels[0].transAxes)
 

@@ -19,6 +19,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from allanscope.quantities import power_of_ten
+
 __all__ = [
     "HEIGHT",
     "MARGIN",
@@ -36,8 +38,6 @@ __all__ = [
 
 Tick = tuple[float, str]
 """A position between 0 and 1, and its label; an empty label makes a minor tick."""
-
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 WIDTH = 1000.0
 HEIGHT = 660.0
@@ -117,7 +117,7 @@ class Log:
         step = math.ceil((self.high - self.low) / 9)
         ticks: list[Tick] = []
         for power in range(self.low, self.high + 1):
-            label = _power_of_ten(power) if (power - self.low) % step == 0 else ""
+            label = power_of_ten(power) if (power - self.low) % step == 0 else ""
             ticks.append((self._share(power), label))
             if power < self.high and step == 1:
                 ticks += [(self._share(power + math.log10(k)), "") for k in range(2, 10)]
@@ -179,13 +179,6 @@ class InUnits:
     def ticks(self) -> list[Tick]:
         """Return a tick every step."""
         return self.scale.ticks()
-
-
-def _power_of_ten(power: int) -> str:
-    """Return 0.1, 1, 10, 100 as such, and 10 with an exponent beyond."""
-    if -1 <= power <= 2:
-        return f"{10.0**power:g}"
-    return f"10{str(power).translate(_SUPERSCRIPT)}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     if "" in words:
         # As a path it would stand for the present folder.
-        parser().error("an argument is empty, as when a variable of the shell is not set")
+        parser().error("an argument is empty (a shell variable that is not set?)")
     top = parser()
     try:
         if words and words[0] in WITH_SETTINGS:

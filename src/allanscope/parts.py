@@ -174,7 +174,7 @@ def _scale(table: Mapping[float, float], full_scale: float, sensor: str, unit: s
 _RATES = (12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1660.0, 3330.0, 6660.0)
 _RATES_OF_TODAY = (7.5, 15.0, 30.0, 60.0, 120.0, 240.0, 480.0, 960.0, 1920.0, 3840.0, 7680.0)
 _ACCEL_RMS = {2.0: 1.8e-3, 4.0: 2.0e-3, 8.0: 2.4e-3, 16.0: 3.0e-3}
-_UNPUBLISHED = "not published in any document we could read"
+_UNPUBLISHED = "not published"
 
 
 def _hardly_published(

@@ -218,7 +218,7 @@ def test_a_temperature_may_be_missing_for_a_while():
         (np.ma.masked_greater(small(), 0.1), {"rate": 1.0}, "gx has masked samples"),
         ({"gx": ["a"]}, {"rate": 1.0}, "column gx must hold integers or floats"),
         ({"gx": [1.0], "gy": [1.0, 2.0]}, {"rate": 1.0}, r"columns differ in length: \[1, 2\]"),
-        ({"gx": [1.0], "gx[dps]": [1.0]}, {"rate": 1.0}, r"'gx\[dps\]' comes twice"),
+        ({"gx": [1.0], "gx[dps]": [1.0]}, {"rate": 1.0}, r"'gx\[dps\]' appears twice"),
         ({"t": [1.0]}, {"rate": 1.0}, "no axis among the columns"),
         ({"speed": [1.0]}, {"rate": 1.0}, "column 'speed' is unknown"),
         ({"gx": [1.0, 2, 3], "t": [0.0, 2, 1]}, {"rate": 1.0}, "times must go up"),

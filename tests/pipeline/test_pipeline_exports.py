@@ -256,7 +256,7 @@ def test_a_bound_lies_above_the_curve_and_covers_what_was_not_seen(tmp_path, cap
     assert main(["export", str(log), str(out), "--bound", "--rate", f"{hz:g}"]) == 0
     assert "2 axes" in capsys.readouterr().out
     text = out.read_text()
-    assert "What rest cannot tell about flight" in text
+    assert "Not in this bound, as a record at rest does not show them" in text
     found = [float(x) for x in re.findall(r"noise_density: (\S+)", text)]
     # White noise of unit variance at 10 Hz; the bound is above, by as much as it says at most.
     assert 0.95 < found[0] / (DEGREE / np.sqrt(hz)) < 1.3

@@ -100,7 +100,7 @@ def test_every_count_comes_back(tmp_path, interface, older):
     assert found.columns.time_s is not None
     expected = OFFSET + np.arange(PER_FRAME * FRAMES) / RATE
     assert np.abs(found.columns.time_s - expected).max() < 1e-9
-    said = ("a gyroscope's sensitivity of 8.75 is taken for mdps, not dps",)
+    said = ("a gyroscope's sensitivity of 8.75 is assumed to be in mdps, not dps",)
     assert found.columns.assumed == (said if older else ())
 
 
@@ -162,7 +162,7 @@ def test_an_accelerometer_of_another_rate_is_left_out_and_said(tmp_path):
     (path / "lsm6dsl_acc.dat").write_bytes(b"".join(packets(COUNTS["acc"], 480, late_s=0.4 / RATE)))
     found = table_of_file(path)
     assert list(found.columns.axes) == ["gx", "gy", "gz"]
-    assert "the accelerometer is left out" in found.columns.assumed[0]
+    assert "the accelerometer is ignored" in found.columns.assumed[0]
 
 
 def test_a_lost_first_packet_shifts_nothing(tmp_path):
@@ -180,7 +180,7 @@ def test_of_two_parts_the_one_asked_for(tmp_path):
     found = table_of_file(path)
     assert len(found.columns.axes) == 6
     assert found.part == "ISM330DHCX"
-    assert "the part is ism330dhcx; --stream takes another: iis2dh" in found.columns.assumed[0]
+    assert "the part is ism330dhcx; --stream selects another: iis2dh" in found.columns.assumed[0]
     assert list(table_of_file(path, "iis2dh").columns.axes) == ["ax", "ay", "az"]
     with pytest.raises(InputError, match="no sensor lis2; there is ism330dhcx iis2dh"):
         table_of_file(path, "lis2")
@@ -193,7 +193,7 @@ def test_of_two_parts_the_one_asked_for(tmp_path):
         ({"samples_per_ts": 10**12}, "samples_per_ts is"),
         ({"sensitivity": "x"}, "sensitivity is 'x'"),
         ({"usb_dps": None}, "usb_dps is None"),
-        ({"usb_dps": 481}, "counters do not go up"),
+        ({"usb_dps": 481}, "counters do not increase"),
         ({"data_type": "int32"}, "not three axes of int16"),
         ({"samples_per_ts": 9999}, "contains no whole frame"),
     ],

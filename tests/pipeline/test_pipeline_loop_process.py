@@ -109,7 +109,7 @@ def test_the_error_of_a_clock_is_one_finding_and_explains_no_axis():
     ]
     assert verdict(result).lines[1].head == "No additional effects"
     assert [text for _, text in ChangeLog().update(result) if "clock" in text] == [
-        "found clock 4.00 % fast"
+        "found: clock 4.00 % fast"
     ]
     said = result.to_dict()
     assert [one["kind"] for one in said["effects"]] == ["clock_error"]

@@ -109,7 +109,7 @@ def test_messages_without_times_of_their_own_get_those_of_the_bag(tmp_path, kind
     columns = table_of_file(write(tmp_path / "a", said)).columns
     assert columns.time_s is not None
     assert columns.time_s[2] == pytest.approx(2 / RATE + 4e-3)  # the one that was written late
-    assert "carry no times of their own" in columns.assumed[0]
+    assert "have no time stamps" in columns.assumed[0]
 
 
 @pytest.mark.parametrize("kind", ["mcap", "db3"])
@@ -135,7 +135,7 @@ def test_of_two_sensors_the_one_with_more_messages_or_the_one_asked_for(tmp_path
     path = (bags.write_mcap if kind == "mcap" else bags.write_sqlite)(tmp_path / f"a.{kind}", both)
     gyro, _, said = read(path)
     assert np.array_equal(gyro, GYRO)
-    assert "the topic is /imu/data; --stream takes another: /other/imu" in said[0]
+    assert "the topic is /imu/data; --stream selects another: /other/imu" in said[0]
     assert np.array_equal(read(path, "/other/imu")[0], GYRO[::2] + 1.0)
     with pytest.raises(InputError, match="no Imu topic /nowhere; there is /imu/data /other/imu"):
         table_of_file(path, "/nowhere")

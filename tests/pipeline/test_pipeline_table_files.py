@@ -203,12 +203,12 @@ def test_matlab_files_of_version_4_are_analysed(tmp_path, order):
 @pytest.mark.parametrize(
     ("at", "value", "message"),
     [
-        (4, 2**31 - 1, "cut short"),
-        (8, 2**31 - 1, "cut short"),
+        (4, 2**31 - 1, "truncated"),
+        (8, 2**31 - 1, "truncated"),
         (24 + 5 + 9600, -5, "a matrix that is none"),
         (0, 2, "sparse"),
-        (None, 30, "cut short"),
-        (None, 5, "cut short"),
+        (None, 30, "truncated"),
+        (None, 5, "truncated"),
     ],
 )
 def test_nothing_that_a_matlab_file_of_version_4_claims_is_believed(tmp_path, at, value, message):

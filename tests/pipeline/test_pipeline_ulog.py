@@ -89,7 +89,7 @@ def test_a_gyroscope_and_the_accelerometer_of_its_number(tmp_path):
     axes, values, said = rows(path)
     assert axes == ["gx", "gy", "gz", "ax", "ay", "az"]
     assert np.array_equal(values, np.hstack([GYRO, ACCEL]))
-    assert said == ("the topic is sensor_gyro 1; --stream takes another: sensor_gyro 0",)
+    assert said == ("the topic is sensor_gyro 1; --stream selects another: sensor_gyro 0",)
     axes, values, _ = rows(path, "sensor_gyro")
     assert axes == ["gx", "gy", "gz"]
     assert np.array_equal(values, GYRO[:100])
@@ -103,7 +103,7 @@ def test_an_accelerometer_of_other_times_is_left_out(tmp_path):
     ]
     axes, _, said = rows(write(tmp_path / "a.ulg", formats, topics))
     assert axes == ["gx", "gy", "gz"]
-    assert "sensor_accel 0 is left out: its rows are of other times" in said
+    assert "sensor_accel 0 is ignored: its rows have other times" in said
 
 
 def test_what_cannot_be_read_is_said(tmp_path, monkeypatch):

@@ -110,7 +110,7 @@ def test_a_session_on_a_full_disk_ends_with_its_summary_and_what_is_left_is_read
     assert "Traceback" not in ran.stderr
     assert "\ngx " in ran.stdout, "the summary"
     assert "not recording (No space left on device)" in ran.stdout
-    assert "no charts are kept" in ran.stderr
+    assert "charts are not saved" in ran.stderr
     (written,) = elsewhere.glob("allanscope-*/result.json")
     assert f"result.json is in {written.parent}" in ran.stderr
     seen = json.loads(written.read_text())["samples"]

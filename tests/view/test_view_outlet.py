@@ -70,7 +70,7 @@ def test_the_file_ends_when_the_disk_gets_full_and_the_recording_goes_on(
     recorder.close()
     view.close(demo_analysis(12.0))
     assert file.stat().st_size == ended_at
-    (line,) = [line for line in said if "leaves the disk to the recording" in line]
+    (line,) = [line for line in said if "stops to spare the recording" in line]
     assert "allanscope replay draws them" in line
     assert view.failure in line
     assert read_back(file)["/gx/allan/oadev"][-1].elapsed_s == 3.0
@@ -87,7 +87,7 @@ def test_a_disk_without_room_gets_no_file_of_charts(disk: Callable[[int], Path])
     view.close()
     assert list(folder.iterdir()) == []
     assert said == [view.failure]
-    assert "MB are free, which are left to the recording" in view.failure
+    assert "MB are reserved for the recording" in view.failure
     assert view.promise("abc", None) == ""
 
 

@@ -26,7 +26,7 @@ SILENT = """
 import time
 import allanscope.view.progress_bar as module
 module._SILENT_FOR_S = 0.0
-with module.progress(None, "closing the loop", stream=sys.stdout):
+with module.progress(None, "searching for effects", stream=sys.stdout):
     time.sleep(0.7)
 print("done")
 """
@@ -93,7 +93,7 @@ def test_the_pace_of_a_recording_is_a_multiple_of_real_time(monkeypatch):
 def test_a_job_that_says_nothing_meanwhile_still_shows_a_bar():
     with Terminal(SILENT, 80, 24) as terminal:
         assert terminal.finish() == 0, terminal.process.stderr.read()
-        assert "closing the loop" in terminal.raw
+        assert "searching for effects" in terminal.raw
         assert "/s" not in terminal.raw
         assert terminal.screen().text.strip() == "done"
 
@@ -149,7 +149,7 @@ def test_a_notebook_shows_a_bar_that_is_gone_at_the_end(monkeypatch):
     assert "&lt;b&gt;" in half
     assert "B/s" in half
     assert end == ""
-    with progress(None, "closing the loop", quiet=True):
+    with progress(None, "searching for effects", quiet=True):
         assert len(output.shown) == 3
 
 

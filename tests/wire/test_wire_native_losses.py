@@ -194,7 +194,7 @@ def test_data_of_another_epoch_is_never_scaled_by_the_old_descriptor(
     assert decoder.stats.samples == 90
     assert events[-1] == Notice(
         "error",
-        "90 samples were dropped: the stream never said what its counts mean",
+        "90 samples were dropped: the stream has no descriptor of its counts",
         {"samples": 90},
     )
     assert lost_descriptor

@@ -88,7 +88,7 @@ def run_remarks(analyser: Analyser, state: StreamState, rate: Rate) -> tuple[str
     if rate.source == "device" and apart_ppm is not None and abs(apart_ppm) > least_ppm:
         out.append(
             f"The clocks of the device and the computer differ by {number(abs(apart_ppm), 2)} ppm, "
-            "as if the computer read late; the rate is taken from the device's clock."
+            "perhaps because the computer reads late; the rate is that of the device's clock."
         )
     return (*out, *dict.fromkeys(analyser.errors[-5:]))
 

@@ -369,7 +369,7 @@ def _limits(lot: Lot, one: AverageLimits) -> dict[str, Any]:
     }
 
 
-ORDERS = ("unit", "runs", "lost samples", "N of gyros", "N of accelerometers", "stands out")
+ORDERS = ("unit", "runs", "lost samples", "N of gyros", "N of accelerometers", "outlier")
 """By what the table of units can be sorted. The page has no script: each row has its place in every
 order, and a button chooses which one the browser lays the rows out by."""
 

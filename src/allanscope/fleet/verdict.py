@@ -354,7 +354,7 @@ def _rack_lines(shared: list[SharedEffect], units: int) -> list[VerdictLine]:
             "note",
             "shared",
             f"{one.kind.replace('_', ' ')} at {number(one.frequency_hz, 5)} Hz on "
-            f"{len(one.units)} of {units} units: it comes from the bench, not from them",
+            f"{len(one.units)} of {units} units: from the bench, not from the units",
         )
         for one in shared
         if one.of_rack

@@ -80,7 +80,7 @@ def analyse_input(
         facts["sha256"] = fingerprint.hexdigest()
     from allanscope.analysis import summarise  # half of all that is loaded
 
-    with progress(None, "closing the loop", quiet=quiet):
+    with progress(None, "searching for effects", quiet=quiet):
         analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
     return _with_a_curve(path, analysis)
 
@@ -147,7 +147,7 @@ def _analyse_table(
         raise UsageError(f"{path} has no times that tell its sample rate; give --rate HZ")
     try:
         columns = with_units(found.columns, dict(device.units))
-        with progress(None, "closing the loop", quiet=quiet):
+        with progress(None, "searching for effects", quiet=quiet):
             analysis = analyse_columns(columns, device, {**facts, "wire": found.kind}, curves)
     except UsageError:
         raise

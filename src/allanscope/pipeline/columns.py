@@ -137,7 +137,7 @@ def columns_of_mapping(data: Mapping[str, ArrayLike]) -> Columns:
             raise ValueError(f"column {name!r} is unknown; names are t {' '.join(AXES)} temp")
         plain = AXES[column.axis] if column.axis >= 0 else column.quantity
         if plain in found:
-            raise ValueError(f"column {name!r} comes twice")
+            raise ValueError(f"column {name!r} appears twice")
         found[plain] = (column, _column(str(name), values, column.quantity))
     axes = {axis: found[axis][1] for axis in AXES if axis in found}
     if not axes:

@@ -342,7 +342,7 @@ class Decoding:
         self._unsniffed.clear()
         self._begin()
         self._opened_ns = now_ns
-        return [Notice("error", f"silence after what fits no format: {excerpt(debris)}", OURS)]
+        return [Notice("error", f"silence after bytes that fit no format: {excerpt(debris)}", OURS)]
 
     def _send_start(self, alone: bool | None = None) -> None:
         """Tell the device to start; where its format is not known, in those that are spoken alone.

@@ -273,10 +273,10 @@ def bound_yaml(curves: Mapping[str, Deviation], *, source: str = "") -> str:
         "A bound on the noise of an IMU at rest, set by allanscope." + _of(source),
         "White noise, a first-order Gauss-Markov process and a random walk, for each axis: the",
         "variance of the integrated signal that they predict is above that of another such record",
-        "at 95 % of the averaging times between those that stand below. inflation is the mean",
-        "ratio of the bound's Allan deviation to the measured one: inflate no further.",
-        "What rest cannot tell about flight: errors of scale factor and alignment, sensitivity to",
-        "acceleration and vibration, and temperatures that did not occur are not in this bound.",
+        "at 95 % of the averaging times between from and to. inflation is the mean ratio of the",
+        "bound's Allan deviation to the measured one: inflate no further.",
+        "Not in this bound, as a record at rest does not show them: errors of scale factor and",
+        "alignment, sensitivity to acceleration and vibration, and other temperatures.",
     ]
     lines = []
     for axis, curve in curves.items():

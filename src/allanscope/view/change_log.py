@@ -70,8 +70,8 @@ class ChangeLog:
         gone = {key: text for key, text in self._effects.items() if key not in found}
         self._effects = found
         return [
-            *(("warn", f"{axes}found {text}") for axes, text in _together(new)),
-            *(("info", f"{axes}no longer found {text}") for axes, text in _together(gone)),
+            *(("warn", f"{axes}found: {text}") for axes, text in _together(new)),
+            *(("info", f"{axes}no longer found: {text}") for axes, text in _together(gone)),
         ]
 
     def _new_values(self, analysis: Analysis) -> list[Entry]:

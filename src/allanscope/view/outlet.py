@@ -184,7 +184,7 @@ class FileOutlet(Outlet):
         if free - size <= LEAST_FREE_BYTES:
             return
         if size > _LARGE_FILE:
-            self._say(f"making {self.path.name} smaller, this takes a moment")
+            self._say(f"compacting {self.path.name} ...")
         self._rewriting = threading.Thread(target=optimise, args=(self.path,), name="rewrite-rrd")
         self._rewriting.start()
 
@@ -204,14 +204,14 @@ class FileOutlet(Outlet):
         if size > MOST_BYTES:
             self._end(f"{name} has reached {MOST_BYTES >> 20} MB", failed=False)
         elif free < LEAST_FREE_BYTES or size > free / LARGEST_SHARE:
-            self._end(f"{name} leaves the disk to the recording: {free / 1e6:.0f} MB are free")
+            self._end(f"{name} stops to spare the recording: {free / 1e6:.0f} MB are free")
         else:
             return
         with suppress(Exception):
             self.canvas.close()
 
     def _end(self, why: str, failed: bool = True) -> None:
-        self.ended, self.failed = f"{why}; charts are no longer kept", failed
+        self.ended, self.failed = f"{why}; charts are no longer saved", failed
         self._say(f"{self.ended}; allanscope replay draws them from the recording")
 
 
@@ -220,7 +220,7 @@ def refusal(file: Path) -> str:
     free = shutil.disk_usage(file.parent).free
     if free >= LEAST_FREE_BYTES:
         return ""
-    return f"no charts are kept: {free / 1e6:.0f} MB are free, which are left to the recording"
+    return f"charts are not saved: the last {free / 1e6:.0f} MB are reserved for the recording"
 
 
 def expected_bytes(seconds: float, axes: Sequence[str]) -> float:

@@ -58,8 +58,8 @@ class Excursion(PlacedSignal):
     is_piecewise = True
     excluded_by = frozenset({"random_telegraph", "gauss_markov"})
     confused_with: ClassVar[Mapping[str, str]] = {
-        "step": "does not come back",
-        "random_telegraph": "leaves again and again by the same amount",
+        "step": "does not return",
+        "random_telegraph": "switches repeatedly by the same amount",
         "outliers": "last one sample",
     }
 

@@ -62,7 +62,7 @@ class Shock(EffectKind):
     is_not_gaussian = False
     confused_with: ClassVar[Mapping[str, str]] = {
         "outliers": "last one sample each",
-        "excursion": "stays away at one level",
+        "excursion": "stays at another level",
         "variance_change": "is a few times stronger than the rest, not ten times",
     }
 
@@ -71,7 +71,7 @@ class Shock(EffectKind):
         """What it is, in a phrase."""
         return (
             f"a shock of up to {self.peak.value:.3g} {self.peak.unit} at {self.time.value:.1f} s "
-            f"for {self.duration.value:.2g} s, taken out"
+            f"for {self.duration.value:.2g} s, removed"
         )
 
     def is_same(self, other: Self, grid: Grid) -> bool:

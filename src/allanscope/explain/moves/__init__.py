@@ -89,7 +89,7 @@ class SearchPath:
         return (
             f"the search was stopped ({', '.join(self.stopped)}) after {self.acceptances} effects "
             f"had been tried and {self.evaluations} fits: no set of effects describes this axis, "
-            "and what is named may be pieces of something else"
+            "and the named ones may be fragments of another"
         )
 
     def note(self, move: str, candidate: Candidate, outcome: str) -> None:

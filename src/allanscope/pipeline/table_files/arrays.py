@@ -96,10 +96,10 @@ def _array(file: IO[bytes], size: int) -> NDArray[Any] | None:
         return None
     count = math.prod(shape)
     if min(shape, default=0) < 0 or count * dtype.itemsize > min(size, MOST_BYTES):
-        raise ValueError(f"an array of shape {shape} is said to be there, the file is too short")
+        raise ValueError(f"the file is too short for its array of shape {shape}")
     data = file.read(count * dtype.itemsize)
     if len(data) < count * dtype.itemsize:
-        raise ValueError(f"an array of shape {shape} is cut off")
+        raise ValueError(f"an array of shape {shape} is truncated")
     flat = np.frombuffer(data, dtype)
     return flat.reshape(shape, order="F" if fortran else "C")
 

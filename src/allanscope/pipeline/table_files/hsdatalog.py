@@ -69,7 +69,7 @@ def read(path: Path, stream: str = "") -> TableFile:
     )
     said: list[str] = []
     if others := [one for one in parts if one != chosen]:
-        said.append(f"the part is {chosen}; --stream takes another: {' '.join(others)}")
+        said.append(f"the part is {chosen}; --stream selects another: {' '.join(others)}")
     found = {
         kind: _sensor(path / f"{chosen}_{kind}.dat", kind, status, interface == 0, said)
         for kind, status in sorted(parts[chosen].items(), reverse=True)  # the gyroscope first
@@ -78,7 +78,7 @@ def read(path: Path, stream: str = "") -> TableFile:
         pair = _together(found["gyro"], found["acc"])
         if pair is None:
             del found["acc"]
-            said.append("the accelerometer is left out: its rows are of other times")
+            said.append("the accelerometer is ignored: its rows have other times")
         else:
             found["gyro"], found["acc"] = pair
     axes, scales = {}, {}
@@ -143,7 +143,7 @@ def _sensor(
     rows = int(_number(status, "samples_per_ts", 1, 1e6))
     scale = float(f"{_number(status, 'sensitivity', 1e-9, 1e3):.6g}")  # a float32 in the file
     if kind == "gyro" and scale > _LARGEST_DPS:
-        said.append(f"a gyroscope's sensitivity of {scale:g} is taken for mdps, not dps")
+        said.append(f"a gyroscope's sensitivity of {scale:g} is assumed to be in mdps, not dps")
         scale = float(f"{scale / 1000.0:.6g}")
     size = int(_number(status, "sd_dps" if on_card else "usb_dps", 8, 1e7))
     data, there = _joined(file.read_bytes(), size if on_card else size + _COUNTER)
@@ -170,7 +170,7 @@ def _joined(raw: bytes, packet: int) -> tuple[NDArray[np.uint8], NDArray[np.bool
         ends += [len(piece) for piece in pieces]
     begins = ends - [len(piece) for piece in pieces]
     if not len(ends) or begins[0] < 0 or (begins[1:] < ends[:-1]).any() or ends[-1] > MOST_BYTES:
-        raise ValueError("packets whose counters do not go up as they should")
+        raise ValueError("packet counters do not increase as they should")
     data, there = np.zeros(int(ends[-1]), np.uint8), np.zeros(int(ends[-1]), np.bool_)
     for piece, begin, end in zip(pieces, begins.tolist(), ends.tolist(), strict=True):
         data[begin:end], there[begin:end] = piece, True
@@ -181,7 +181,7 @@ def _times(ends: NDArray[np.float64], begin: float, rows: int) -> NDArray[np.flo
     """Return the time of each row: even steps from one time of a frame to the next."""
     known = np.flatnonzero(np.isfinite(ends))
     if len(known) == 0 or (np.diff(ends[known]) <= 0.0).any() or ends[known[0]] <= begin:
-        raise ValueError("the times of the frames do not go up")
+        raise ValueError("the times of the frames do not increase")
     at = np.concatenate([[0], (known + 1) * rows - 1])
     there = np.concatenate([[begin], ends[known]])
     return np.asarray(np.interp(np.arange(len(ends) * rows), at, there), np.float64)

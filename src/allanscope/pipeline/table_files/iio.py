@@ -76,7 +76,7 @@ def read(path: Path, stream: str = "") -> TableFile:
     )
     said = []
     if others := [one for one in parts if one != chosen]:
-        said.append(f"the part is {chosen}; --stream takes another: {' '.join(others)}")
+        said.append(f"the part is {chosen}; --stream selects another: {' '.join(others)}")
     part = chosen.upper() if chosen.upper() in PARTS else ""
     devices = sorted(parts[chosen], key=lambda one: "gx" not in one.layout.axes)
     found = [_samples(one) for one in devices]

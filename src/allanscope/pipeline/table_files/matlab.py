@@ -91,7 +91,7 @@ def _refuse_claims(path: Path) -> None:
     with path.open("rb") as file:
         while head := file.read(MATLAB_4_BYTES):
             if len(head) < MATLAB_4_BYTES:
-                raise ValueError("a .mat of version 4 that is cut short")
+                raise ValueError("a truncated .mat of version 4")
             header = matlab_4_header(head)
             if header is None:
                 raise ValueError("a .mat of version 4 with a matrix that is none")
@@ -101,7 +101,7 @@ def _refuse_claims(path: Path) -> None:
             size = header.name_bytes + numbers * _WIDTHS[header.kind // 10]
             left -= MATLAB_4_BYTES + size
             if left < 0:
-                raise ValueError("a .mat of version 4 that is cut short")
+                raise ValueError("a truncated .mat of version 4")
             number += 1
             if number > MOST_MEMBERS:
                 raise ValueError(f"more than {MOST_MEMBERS} arrays")

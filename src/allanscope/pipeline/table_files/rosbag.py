@@ -212,7 +212,7 @@ class _Bag:
         said = list(self.remarks)
         left = [topic.name for topic in there if topic is not chosen]
         if left:
-            said.append(f"the topic is {chosen.name}; --stream takes another: {_listed(left)}")
+            said.append(f"the topic is {chosen.name}; --stream selects another: {_listed(left)}")
         return _columns(chosen, said)
 
 
@@ -230,12 +230,12 @@ def _columns(topic: _Topic, said: list[str]) -> Columns:
         values[:, start : start + len(piece)] = piece.T
         start += len(piece)
     if len(times) > 1 and (np.ptp(times) == 0 or (np.diff(times) == 0).mean() > 0.5):
-        said.append("the messages carry no times of their own: those of the bag are taken")
+        said.append("the messages have no time stamps: the times of the bag are used")
         times = logged
     if (np.diff(times) < 0).any():
         order = np.argsort(times, kind="stable")
         times, values = times[order], values[:, order]
-        said.append("messages that lie out of order are put in the order of their times")
+        said.append("messages out of order are sorted by time")
     measured = [topic.gyro] * 3 + [topic.accel] * 3
     for first in (0, 3):
         if not values[first : first + 3].any():
@@ -275,7 +275,7 @@ def _read_sqlite(file: Path, bag: _Bag) -> None:
                 if topic is not None:
                     _read_rows(base, number, topic)
     except sqlite3.Error as error:
-        bag.remarks.append(f"{file.name} is damaged ({error}): what can be read of it is taken")
+        bag.remarks.append(f"{file.name} is damaged ({error}): only what can be read is used")
 
 
 def _read_rows(base: sqlite3.Connection, number: int, topic: _Topic) -> None:

@@ -75,9 +75,9 @@ def read(path: Path, stream: str = "") -> TableFile:
             axes = {name: values[mine] for name, values in axes.items()}
             axes |= {name: values[theirs] for name, values in other_axes.items()}
         else:
-            said.append(f"{partner} is left out: its rows are of other times")
+            said.append(f"{partner} is ignored: its rows have other times")
     if others:
-        said[0] += f"; --stream takes another: {', '.join(others)}"
+        said[0] += f"; --stream selects another: {', '.join(others)}"
     units = {axis: "rad/s" if axis[0] == "g" else "m/s2" for axis in axes}
     time_s = (times - times[:1]).astype(np.float64) * 1e-9
     remarks = tuple(said if others or len(said) > 1 else ())

@@ -102,7 +102,7 @@ class Assembler:
         return [
             Notice(
                 "error",
-                f"{samples} samples were dropped: the stream never said what its counts mean",
+                f"{samples} samples were dropped: the stream has no descriptor of its counts",
                 {"samples": samples},
             )
         ]
@@ -211,7 +211,7 @@ class Assembler:
         known = descriptor.read(body, epoch)
         if known is None:
             self._stats.unknown += 1
-            yield Notice("error", "a descriptor could not be understood and was skipped")
+            yield Notice("error", "an invalid descriptor was skipped")
             return
         self._stats.frames += 1
         if known == self._descriptor:

@@ -242,7 +242,7 @@ class SDatalogDecoder:
         self._asked = True
         self._conversation.ask_for_status()
         wanted: dict[str, int | float | str] = {"host": 1, "wanted": "descriptor"}
-        return [Notice("text", "samples of a board that has not described itself", wanted)]
+        return [Notice("text", "samples before the description of the board", wanted)]
 
     def _other(self, packet: Packet) -> list[Event]:
         whole = self._conversation.feed(packet)

@@ -290,7 +290,7 @@ def test_what_has_a_name_comes_before_what_has_none():
         ("lighter tails than a Gaussian (excess kurtosis -0.12)", "lighter tails than a Gaussian"),
         (
             "5.4 % more power than the model between 15 and 30 Hz (z = 7.1); held-out "
-            "log-likelihood gain 12.0 +- 4.0",
+            "log-likelihood gain 12.0 ± 4.0",
             "5.4 % more power than the model between 15 and 30 Hz",
         ),
         ("", "unexplained power between 15 and 30 Hz"),

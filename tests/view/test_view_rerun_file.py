@@ -180,7 +180,7 @@ def test_the_log_tells_of_gaps_remarks_and_findings_in_printable_text(session):
     assert "gap (link): 4 000 samples lost" in lines
     assert "device error: the sensor\ufffd[2J overran" in lines
     assert "a line of the program" in lines
-    assert any(line.startswith("gx gy: found: line") for line in lines)
+    assert any(line.startswith("found on gx gy: line") for line in lines)
     levels = {
         row.values["TextLog:text"][0]: row.values["TextLog:level"][0] for row in session["/log"]
     }

@@ -244,7 +244,7 @@ def test_through_a_pipe_there_is_a_line_a_minute_and_every_event():
     ]
     assert status == ["1.0 s", "1 min 1 s", "2 min 1 s"]
     assert any(line.startswith("gx  2.9") for line in lines), "a summary at the end"
-    assert sum("gx gy: found: line" in line for line in lines) == 1
+    assert sum("found on gx gy: line" in line for line in lines) == 1
     assert any(line.endswith("gap (device): length unknown") for line in lines)
     assert any(line.endswith("mark: fan off") for line in lines)
     assert any(line.endswith("device: sensor overran") for line in lines)

@@ -113,7 +113,7 @@ def test_the_diary_tells_every_thing_once(analysis):
     log = ChangeLog()
     first = log.update(analysis)
     assert ("warn", "the device dropped 1998 samples once") in first
-    assert sum(text.startswith("gx gy: found: line") for _, text in first) == 1
+    assert sum(text.startswith("found on gx gy: line") for _, text in first) == 1
     assert any(text.startswith("gx: N = 2.900 [2.874, 2.926] mdps/√Hz") for _, text in first)
     assert log.update(analysis) == []
     assert log.update(demo_analysis(7400.0)) == [], "better known is no news"
@@ -149,7 +149,7 @@ def test_the_diary_tells_when_an_effect_is_gone_and_when_it_is_back(analysis):
     without = replace(gx, explanation=replace(gx.explanation, effects=()))
     gone = log.update(replace(analysis, axes={**analysis.axes, "gx": without}))
     assert [text.partition(" [")[0] for _, text in gone] == [
-        "gx: no longer found: line: frequency 49.980"
+        "no longer found on gx: line: frequency 49.980"
     ]
     assert len(log.update(analysis)) == 1
 

@@ -210,7 +210,7 @@ def _words(candidate: Candidate) -> str:
         )
     if candidate.held_out is not None:
         words += (
-            f"; held-out log-likelihood gain {candidate.held_out.nats:.1f} +- "
+            f"; held-out log-likelihood gain {candidate.held_out.nats:.1f} ± "
             f"{candidate.held_out.error:.1f}"
         )
     return words

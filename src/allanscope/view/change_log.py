@@ -70,8 +70,8 @@ class ChangeLog:
         gone = {key: text for key, text in self._effects.items() if key not in found}
         self._effects = found
         return [
-            *(("warn", f"{axes}found: {text}") for axes, text in _together(new)),
-            *(("info", f"{axes}no longer found: {text}") for axes, text in _together(gone)),
+            *(("warn", f"found{on}: {text}") for on, text in _together(new)),
+            *(("info", f"no longer found{on}: {text}") for on, text in _together(gone)),
         ]
 
     def _new_values(self, analysis: Analysis) -> list[Entry]:
@@ -108,13 +108,13 @@ class ChangeLog:
 
 
 def _together(effects: Mapping[tuple[str, str], str]) -> Iterator[tuple[str, str]]:
-    """Yield what is said of effects after all axes of which it is said, if it is not the stream."""
+    """Yield the axes of each effect, as `` on gx gy``, and its text; no axes for the stream."""
     axes: dict[str, list[str]] = {}
     for (axis, _), text in effects.items():
         axes.setdefault(text, []).append(axis)
     for text, names in axes.items():
         of = " ".join(name for name in names if name)
-        yield f"{of}: " if of else "", text
+        yield f" on {of}" if of else "", text
 
 
 @dataclass(slots=True)

@@ -15,6 +15,7 @@ from allanscope.analysis import (
     coefficient_text,
     coefficient_unit,
     density_verdict,
+    effect_brief,
     effect_text,
     finding_phrase,
     gaps_text,
@@ -124,7 +125,7 @@ def axis_table(name: str, axis: AxisAnalysis) -> str:
 
 def findings_table(analysis: Analysis) -> str:
     """Return what the textbook model lacks: each disturbance with its axes, and its effects."""
-    lines = [f"- {_mark(effect_text(effect))}" for effect in analysis.effects]
+    lines = [f"- {markdown(effect_brief(effect))}" for effect in analysis.effects]
     for finding in analysis.findings:
         first = finding.members[0]
         if len(finding.members) == 1:

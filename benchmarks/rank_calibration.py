@@ -10,7 +10,7 @@ Saeilynoja, Buerkner and Vehtari (arXiv 2103.10522).
 
 Draws are kept in a store, a small table for each study, which every run extends up to `--draws`
 lines: it can be stopped at any time. Without the option the store is shown as it is, and `--page`
-writes the tables and pictures of docs/explanation/calibration.md from it.
+writes the table and the picture of docs/explanation/calibration.md from it.
 """
 
 from __future__ import annotations
@@ -155,9 +155,9 @@ def ranked(studies: dict[str, Study]) -> Iterator[tuple[str, str, Array]]:
                 yield name, parameter, known
 
 
-def page_table(studies: dict[str, Study]) -> str:
+def table(studies: dict[str, Study]) -> list[list[object]]:
     """Return a row for each study: draws, how many were named right, and each parameter."""
-    lines = ["| drawn | draws | named right | distances |", "|---|---|---|---|"]
+    rows: list[list[object]] = [["drawn", "draws", "named right", "distances"]]
     for name, study in studies.items():
         cells = []
         for parameter, ranks in study.ranks.items():
@@ -168,22 +168,18 @@ def page_table(studies: dict[str, Study]) -> str:
             elif len(known) >= FEWEST:
                 distance = outside(known)
                 text = f"{label}{distance:.2f} ({len(known)})"
-                cells.append(f"**{text}**" if distance > 1 else text)
+                cells.append(f"{text} *" if distance > 1 else text)
             elif len(known):
                 cells.append(f"{label}({len(known)})")
         right = int(np.sum(study.found == 2))
-        lines.append(
-            f"| {name.replace('_', ' ')} | {len(study.found)} | {right} | {', '.join(cells)} |"
-        )
-    return "\n".join(lines)
+        rows.append([name.replace("_", " "), len(study.found), right, ", ".join(cells)])
+    return rows
 
 
-def put_into(page: Path, mark: str, text: str) -> None:
-    """Replace what stands between two marks of a page."""
-    content = page.read_text(encoding="utf-8")
-    begin, end = f"<!-- {mark} -->\n", f"<!-- end of {mark} -->"
-    before, rest = content.split(begin)
-    page.write_text(f"{before}{begin}{text}\n{end}{rest.split(end)[1]}", encoding="utf-8")
+def write_table(path: Path, rows: list[list[object]]) -> None:
+    """Write a table of the documentation, which the site puts into its page (docs/conf.py)."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
 
 
 def picture(studies: dict[str, Study], path: Path) -> None:
@@ -250,7 +246,7 @@ def main() -> None:
     if options.page:
         if any(True for _ in ranked(studies)):
             picture(studies, DOCS / "figures" / "rank_calibration.png")
-        put_into(DOCS / "explanation" / "calibration.md", "ranks", page_table(studies))
+        write_table(DOCS / "explanation" / "ranks.csv", table(studies))
     written(figures, options.json, cpu_seconds=time.process_time() - started)
 
 

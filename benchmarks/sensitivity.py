@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from blind_noise import Array
 from figures import Figure, written
-from rank_calibration import DOCS, STORE, Study, put_into, stored
+from rank_calibration import DOCS, STORE, Study, stored, write_table
 from rank_effects import STUDIES
 from scipy.optimize import minimize
 
@@ -83,22 +83,17 @@ def sensitivity(study: Study) -> Sensitivity | None:
     )
 
 
-def page_table(known: dict[str, Sensitivity]) -> str:
+def table(known: dict[str, Sensitivity]) -> list[list[object]]:
     """Return a row for each kind."""
-    lines = [
-        "| kind | draws | half found | half named right | ideal | loss |",
-        "|---|---|---|---|---|---|",
+    rows: list[list[object]] = [
+        ["kind", "draws", "half found", "half named right", "ideal", "loss"],
     ]
     for name, one in known.items():
         (found, f_error), (named, n_error) = one.found, one.named
-        loss, error = one.loss, n_error / one.ideal
-        text = f"{loss:.2f} ± {error:.2f}"
-        text = f"**{text}**" if loss > GOAL else text
-        lines.append(
-            f"| {name.replace('_', ' ')} | {one.draws} | {found:.1f} ± {f_error:.1f} "
-            f"| {named:.1f} ± {n_error:.1f} | {one.ideal:.1f} | {text} |"
-        )
-    return "\n".join(lines)
+        loss = f"{one.loss:.2f} ± {n_error / one.ideal:.2f}{' *' if one.loss > GOAL else ''}"
+        sizes = f"{found:.1f} ± {f_error:.1f}", f"{named:.1f} ± {n_error:.1f}", f"{one.ideal:.1f}"
+        rows.append([name.replace("_", " "), one.draws, *sizes, loss])
+    return rows
 
 
 def picture(studies: dict[str, Study], known: dict[str, Sensitivity], path: Path) -> None:
@@ -151,10 +146,7 @@ def main() -> None:
     known = {name: own for name, one in studies.items() if (own := sensitivity(one)) is not None}
     if options.page and known:
         picture(studies, known, DOCS / "figures" / "sensitivity.png")
-        text = "![Found and named right by size](../figures/sensitivity.png)\n\n" + page_table(
-            known
-        )
-        put_into(DOCS / "explanation" / "sensitivity.md", "sensitivity", text)
+        write_table(DOCS / "explanation" / "sensitivity.csv", table(known))
     figures = [
         Figure(f"d' of half named, {name}", one.named[0], "sd", GOAL * one.ideal, bound=one.ideal)
         for name, one in known.items()

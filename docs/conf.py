@@ -41,6 +41,8 @@ COLUMNS = {
     "to look up": "Look up",
     "to understand": "Understand",
 }
+TABLE = re.compile(r"<!-- table: (\S+\.csv) -->")
+TABLE_HERE = r"```{csv-table}\n:file: \1\n:header-rows: 1\n```"
 LINK = re.compile(r"\[([^\]]+)\]\(([^)#\s]+\.md)\)")
 
 
@@ -81,7 +83,7 @@ def _commands() -> Any:
 
 
 def _add_contents(app: Any, page: str, source: list[str]) -> None:
-    source[0] = _downloads(page, source[0])
+    source[0] = TABLE.sub(TABLE_HERE, _downloads(page, source[0]))
     if page == root_doc:
         source[0] += contents(source[0])
     elif page == "reference/commands":

@@ -38,7 +38,7 @@ from allanscope.fleet import FleetResult, FleetSettings, run_fleet
 from allanscope.fleet.cluster import local_cluster
 from allanscope.fleet.inputs import find_inputs
 from allanscope.fleet.lot import Lot, rows_of, write_table
-from allanscope.fleet.outcome import unpacked
+from allanscope.fleet.outcome import result_of_bytes
 from allanscope.fleet.page import render_lot
 from allanscope.fleet.worker_tasks import analyse_recording
 from allanscope.pipeline import DeviceSettings, SimulatedSettings, simulate_recording
@@ -171,7 +171,7 @@ def made_up_lot(folder: Path, count: int) -> list[Figure]:
     path = folder / "one.mcap"
     simulate_recording(path, 0.05, DEVICE, SimulatedSettings(seed=1), quiet=True)
     [place] = find_inputs([str(path)])
-    kept = unpacked(analyse_recording(place, ASKED).result)
+    kept = result_of_bytes(analyse_recording(place, ASKED).result)
     rng = np.random.default_rng(1)
 
     def rows(many: int) -> Iterator[dict[str, Any]]:

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from figures import Figure
 
-from allanscope.analysis.line_origin import origin_of, wander_of
+from allanscope.analysis.line_origin import clock_wander_of, origin_of
 from allanscope.analysis.shared_lines import RecordedLines, lines_in_both
 from allanscope.clock import Clock
 from allanscope.simulator import AxisTruth, Simulator, Truth
@@ -76,7 +76,7 @@ def one_record(seed: int, ppm: float) -> tuple[str, str, bool]:
         np.arange(len(values), dtype=float),
         rate.hz,
         line,
-        wander_of(clock.arrivals()),
+        clock_wander_of(clock.arrivals()),
         rate_ppm=rate.uncertainty_ppm,
     )
     return kind, found.source, _right(found.frequency_hz, true_hz)

@@ -76,7 +76,7 @@ def stages(path: Path) -> dict[str, float]:
 
 def whole(path: Path) -> dict[str, float]:
     """Analyse a recording and return processor and wall time of the sums and of the rest."""
-    row_tools.Behind().do(row_tools.WORTH_IT, lambda: None)  # threads are there
+    row_tools.BackgroundTask().do(row_tools.WORTH_IT, lambda: None)  # threads are there
     decoding = Decoding(WireSettings())
     analyser = Analyser(AnalyserSettings(history_rows=FULL_ROWS, buffered_rows=FULL_BUFFERED))
     marks = [(time.process_time(), time.monotonic())]

@@ -9,7 +9,7 @@ import pytest
 
 from allanscope.allan import AllanBank
 from allanscope.analysis import Analyser, AnalyserSettings, StreamState, summarise, summary
-from allanscope.analysis.rows import WORTH_IT, Behind, RowBuffer
+from allanscope.analysis.rows import WORTH_IT, BackgroundTask, RowBuffer
 from allanscope.noise import fit_noise
 from allanscope.pipeline import Decoding
 from allanscope.recording import Chunk, Recording, write_recording
@@ -124,7 +124,7 @@ def test_a_recording_is_decoded_by_the_buffer_and_not_by_the_read(tmp_path, monk
 
 def test_a_second_thread_is_used_for_large_pieces_only():
     def thread_of(rows):
-        names, behind = [], Behind()
+        names, behind = [], BackgroundTask()
         behind.do(rows, lambda: names.append(threading.current_thread().name))
         behind.wait()
         return names[0]
@@ -134,7 +134,7 @@ def test_a_second_thread_is_used_for_large_pieces_only():
 
 
 def test_work_that_lags_behind_is_done_in_order_and_its_error_is_raised():
-    behind, order = Behind(), []
+    behind, order = BackgroundTask(), []
     may_end = threading.Event()
 
     def first():

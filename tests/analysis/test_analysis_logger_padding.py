@@ -100,4 +100,4 @@ def test_what_waits_comes_back_when_the_record_goes_on():
     pieces = [rows[:350], rows[350:400], rows[400:]]
     passed = [counts.copy() for piece in pieces for counts, _ in padding.feed(piece, None)]
     assert np.array_equal(np.concatenate(passed), rows)
-    assert not padding.is_left_out
+    assert not padding.is_padding

@@ -11,7 +11,7 @@ import pytest
 from allanscope.analysis import Analyser, AnalyserSettings, cause_phrase, summarise, verdict
 from allanscope.analysis.direction import motion_of_burst, motion_of_line, motion_of_step
 from allanscope.analysis.line_families import fold
-from allanscope.analysis.line_origin import origin_of, reduced, wander_of
+from allanscope.analysis.line_origin import clock_wander_of, origin_of, reduced
 from allanscope.analysis.shared_lines import RecordedLines, lines_in_both
 from allanscope.clock import Clock
 from allanscope.samples import Gap, Ticks
@@ -46,7 +46,7 @@ def traced(true_hz, seed, *, minutes=10.0, has_clock=True, **wanted):
     frequency = np.fft.rfftfreq(4 * len(values), 1 / rate.hz)
     seen = frequency[frequency > 1][np.argmax(power[frequency > 1])]
     half = 0.2 / (60 * minutes)
-    wander = wander_of(clock.arrivals()) if has_clock else None
+    wander = clock_wander_of(clock.arrivals()) if has_clock else None
     numbers = np.arange(len(values), dtype=float)
     return origin_of(
         values, numbers, rate.hz, (seen, seen - half, seen + half), wander,
@@ -297,7 +297,7 @@ def test_the_true_amplitude_is_that_before_the_low_pass():
     seen = fold(150.0, clock.rate().hz)
     found = origin_of(
         block.counts.astype(float), np.arange(len(block), dtype=float), clock.rate().hz,
-        (seen, seen - 3e-4, seen + 3e-4), wander_of(clock.arrivals()),
+        (seen, seen - 3e-4, seen + 3e-4), clock_wander_of(clock.arrivals()),
         cutoff_hz=33.0, amplitude=(0.019, 0.021, "dps"),
     )  # fmt: skip
     low, high = found.amplitude
@@ -327,7 +327,7 @@ def test_gaps_of_unknown_length_leave_the_phase_of_each_piece(true_hz, locked, s
         clock.gap(Gap("restarted", None))
     numbers, times, segments = clock.arrivals()
     assert len(np.unique(segments)) == 3
-    wander = wander_of((numbers, times, segments))
+    wander = clock_wander_of((numbers, times, segments))
     assert wander.relative_ppm == pytest.approx(100.0, rel=0.1)
     seen = (
         fold(true_hz, clock.rate().hz)
@@ -379,8 +379,8 @@ def test_one_arrival_far_off_is_no_wander_of_the_clock():
     n = np.arange(180) * 400
     time_s = n / 104.0 + 1e-5 * np.random.default_rng(2).normal(size=n.size)
     time_s[-1] -= 0.02
-    assert wander_of((n, time_s, np.zeros(n.size, np.int64))) is None
+    assert clock_wander_of((n, time_s, np.zeros(n.size, np.int64))) is None
     wandering = time_s + 5e-4 * np.sin(n / n[-1] * 2 * np.pi)
-    found = wander_of((n, wandering, np.zeros(n.size, np.int64)))
+    found = clock_wander_of((n, wandering, np.zeros(n.size, np.int64)))
     assert found is not None
     assert found.relative_ppm < 50

@@ -24,7 +24,7 @@ from allanscope.fleet.pictures import (
 )
 from allanscope.fleet.repeats import UnitEstimates, log_sigma, spread_of, unit_estimates
 from allanscope.fleet.typical_value import typical_of
-from allanscope.fleet.verdict import average_limits, findings, lot_verdict, reservations
+from allanscope.fleet.verdict import average_limits, findings, lot_verdict, run_remarks
 
 Floats = NDArray[np.float64]
 
@@ -391,7 +391,7 @@ def test_the_odd_unit_is_named_with_its_reason(lot: Lot) -> None:
 
 
 def test_what_a_single_run_says_does_not_set_a_unit_apart(lot: Lot) -> None:
-    assert [(one.unit, one.axis, one.reason) for one in reservations(lot)] == [
+    assert [(one.unit, one.axis, one.reason) for one in run_remarks(lot)] == [
         ("unit-00", "gx", "noise density above the datasheet's, in 1 of 3 runs"),
         ("unit-00", "gx", "the model does not explain all of the data, in 1 of 3 runs"),
     ]

@@ -55,7 +55,7 @@ def in_parts(events: list[Event], bounds: list[int]) -> tuple[AllanBank, Spectru
         partial.finish(last=stop == len(events))
         partials.append(partial)
         feed([tail], events[first:stop])
-    assert tail.rows_of_half_a_stretch() > 8192
+    assert tail.rows_of_half_segment() > 8192
     bank = AllanBank(1.0, 1, anchor=tail.anchor)
     spectrum = SpectrumBank(1.0, 1, anchor=tail.anchor)
     for partial in partials:

@@ -14,13 +14,13 @@ from allanscope.errors import UsageError
 from allanscope.fleet import FleetResult, FleetSettings
 from allanscope.fleet.inputs import RecordingInput
 from allanscope.fleet.lot_files import write_lot
-from allanscope.fleet.outcome import Outcome, packed, result_key, unpacked
+from allanscope.fleet.outcome import Outcome, compressed_result, result_key, result_of_bytes
 from allanscope.fleet.store import Store, put_file, result_folder, staged
 from allanscope.pipeline import DeviceSettings
 
 DEVICE = DeviceSettings()
 PLACE = RecordingInput("/lot/a.mcap", 100, "yesterday")
-DONE = Outcome(PLACE.url, "ab" * 32, ("a.mcap",), packed({"x": 1}))
+DONE = Outcome(PLACE.url, "ab" * 32, ("a.mcap",), compressed_result({"x": 1}))
 
 
 @pytest.fixture
@@ -116,11 +116,11 @@ def test_a_full_disk_is_not_taken_for_a_scheduler_that_went_away(
 
 def test_packing_is_reproducible_and_refuses_what_is_no_result() -> None:
     result: dict[str, Any] = {"b": [1.5, None], "a": "µ"}
-    assert unpacked(packed(result)) == result
-    assert packed(result) == packed(result)
-    for bad in (b"", b"rot", packed(result)[:-3]):
+    assert result_of_bytes(compressed_result(result)) == result
+    assert compressed_result(result) == compressed_result(result)
+    for bad in (b"", b"rot", compressed_result(result)[:-3]):
         with pytest.raises(ValueError, match="damaged"):
-            unpacked(bad)
+            result_of_bytes(bad)
 
 
 def test_without_the_extra_one_line_says_what_to_install(

@@ -105,8 +105,8 @@ def samples(until_s, described=True):
     """Yield a device that streams for so long, in real time."""
     encoder = NativeEncoder()
     for number in range(int(until_s * RATE / FRAME)):
-        greeting = encoder.describe(INFO) if described and number % 10 == 0 else b""
-        yield (number + 1) * FRAME / RATE, greeting + frame(encoder, number)
+        start_messages = encoder.describe(INFO) if described and number % 10 == 0 else b""
+        yield (number + 1) * FRAME / RATE, start_messages + frame(encoder, number)
 
 
 def garbage(from_s, until_s):

@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 
-from allanscope.simulator import Simulator, greeting
+from allanscope.simulator import Simulator, start_messages
 from allanscope.wire import format_named, formats
 
 FORMATS = tuple(formats())
@@ -17,7 +17,7 @@ def real_stream(name: str) -> bytes:
     """Return a second of what a device of this format sends."""
     encoder = format_named(name).encoder()
     sensor = Simulator(rate=104.0, seed=2)
-    data = greeting(format_named(name), encoder, sensor.info)
+    data = start_messages(format_named(name), encoder, sensor.info)
     data += b"".join(encoder.encode(sensor.read(8)) for _ in range(13))
     return data + encoder.status(104, 104, 0, 1.0)
 

@@ -31,7 +31,7 @@ from allanscope.allan.cascade import Cascade
 from allanscope.allan.confidence import BiasCorrection, HadamardFactor, assemble
 from allanscope.allan.curves import Curves, samples_to_value
 from allanscope.allan.deviation import Deviation
-from allanscope.allan.dynamic import SLOTS, Borders, DynamicDeviation
+from allanscope.allan.dynamic import SLOTS, DynamicDeviation, WindowBorders
 from allanscope.allan.estimators import Sums, estimator_named
 from allanscope.allan.kernels import columns
 from allanscope.allan.noise_type import NoiseTypes, alpha_named, one_noise
@@ -141,7 +141,7 @@ class AllanBank:
                 f"a window has a length in s, or 0 to grow with the run; got {window!r}"
             )
         self._cascade = Cascade(axes, per_octave, 0 if window is None else SLOTS)
-        self._borders = None if window is None else Borders(axes, self.rate, window)
+        self._borders = None if window is None else WindowBorders(axes, self.rate, window)
         self._archive = Archive(axes)
         self._curves: Curves | None = None
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from allanscope.allan.cascade import Cascade
 from allanscope.allan.kernels import COLUMNS, FREE, NOTED
 
-__all__ = ["SLOTS", "Borders", "DynamicDeviation"]
+__all__ = ["SLOTS", "DynamicDeviation", "WindowBorders"]
 
 Floats = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ class DynamicDeviation:
             return np.asarray(np.where(usual > 0.0, own / usual, np.nan))
 
 
-class Borders:
+class WindowBorders:
     """The borders of windows, and what the cascade has noted there.
 
     Parameters
@@ -137,9 +137,9 @@ class Borders:
         """Bytes held."""
         return self._places.nbytes + self._squares.nbytes + self._terms.nbytes
 
-    def copy(self) -> Borders:
+    def copy(self) -> WindowBorders:
         """Return an independent copy."""
-        copy = Borders.__new__(Borders)
+        copy = WindowBorders.__new__(WindowBorders)
         copy.__dict__.update(self.__dict__)
         for name in ("_places", "_squares", "_terms", "_rows", "_waiting"):
             setattr(copy, name, getattr(self, name).copy())

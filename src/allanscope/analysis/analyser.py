@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from allanscope.allan import AllanBank, CurveChoices
 from allanscope.analysis.comparison import ReferenceCurve
 from allanscope.analysis.logger_padding import Padding
-from allanscope.analysis.rows import BUFFERED, Behind, RowBuffer, lowest_and_highest
+from allanscope.analysis.rows import BUFFERED, BackgroundTask, RowBuffer, lowest_and_highest
 from allanscope.clock import Clock
 from allanscope.errors import UsageError
 from allanscope.history import History, Record
@@ -272,7 +272,7 @@ class StreamState:
         self.watch = Watch(info)
         self.watch_failure = ""
         self._buffer = RowBuffer(buffered_rows)
-        self._deviations = Behind()
+        self._deviations = BackgroundTask()
 
     def block(self, block: Block) -> None:
         """Take a run of samples."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.fft import rfft
 
 from allanscope.analysis.findings import Finding, line_of
-from allanscope.analysis.line_origin import reduced, straightened
+from allanscope.analysis.line_origin import reduced, without_trend
 from allanscope.history import Record
 from allanscope.labels import kind_name
 from allanscope.quantities import number
@@ -145,7 +145,7 @@ def common_of(record: Record, findings: Sequence[Finding] = ()) -> tuple[Common,
 
 def _whitened(values: Array) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
     """Return the spectrum of an axis made white, and the bins that are no lines."""
-    spectrum = np.asarray(rfft(straightened(values) * np.hanning(len(values))), np.complex128)
+    spectrum = np.asarray(rfft(without_trend(values) * np.hanning(len(values))), np.complex128)
     power = np.abs(spectrum) ** 2
     steps = max(1, int(_SMOOTHED * math.log2(len(power) / 4)))
     edges = np.unique(np.r_[1, np.geomspace(4, len(power), steps).astype(int)])

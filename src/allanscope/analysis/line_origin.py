@@ -30,14 +30,14 @@ from allanscope.analysis.line_families import fold
 from allanscope.quantities import DEVIATION, MAD_TO_SIGMA, TWO_SIDED_95, number, symbols
 
 __all__ = [
+    "ClockWander",
     "KnownSource",
     "LineOrigin",
     "LineSums",
-    "Wander",
+    "clock_wander_of",
     "origin_of",
     "reduced",
-    "straightened",
-    "wander_of",
+    "without_trend",
 ]
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ _FRACTIONS = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Wander:
+class ClockWander:
     """How far a sensor's clock is from a steady one.
 
     Attributes
@@ -176,7 +176,7 @@ class LineOrigin:
     experiment: Experiment | None = None
 
 
-def wander_of(arrivals: Arrivals | None) -> Wander | None:
+def clock_wander_of(arrivals: Arrivals | None) -> ClockWander | None:
     """Return how a clock wandered; None where that is not known better than not at all.
 
     Parameters
@@ -214,7 +214,9 @@ def wander_of(arrivals: Arrivals | None) -> Wander | None:
     if not relative_ppm < _LARGEST_PPM:
         return None
     error_s = max(sigma, 1e-9) * math.sqrt((len(best) + len(origins)) / int(keep.sum()))
-    return Wander(best, 0.0, last - first, relative_ppm, (last - first) / (2.0 * mean), error_s)
+    return ClockWander(
+        best, 0.0, last - first, relative_ppm, (last - first) / (2.0 * mean), error_s
+    )
 
 
 def _among_neighbours(x: Array, y: Array, starts: Array) -> NDArray[np.bool_]:
@@ -375,7 +377,7 @@ def origin_of(
     numbers: Array,
     rate_hz: float,
     frequency: tuple[float, float, float],
-    wander: Wander | None = None,
+    wander: ClockWander | None = None,
     *,
     width_hz: float = 0.0,
     rate_ppm: float | None = None,
@@ -396,7 +398,7 @@ def origin_of(
         True sample rate, or what is taken for it.
     frequency : (float, float, float)
         Of the line as it is seen, with its interval, in Hz.
-    wander : Wander, optional
+    wander : ClockWander, optional
         Of the sensor's clock.
     width_hz : float
         Bandwidth within which the line drifts.
@@ -473,12 +475,12 @@ def origin_of(
     return _worded(found, seen, rate_hz, rate_ppm, amplitude[2] if amplitude else "")
 
 
-def straightened(values: Array) -> Array:
+def without_trend(values: Array) -> Array:
     """Return rows of one axis, shape (n,), without the straight line that fits them best.
 
     Examples
     --------
-    >>> straightened(np.array([1.0, 2.0, 6.0])).round(6)
+    >>> without_trend(np.array([1.0, 2.0, 6.0])).round(6)
     array([ 0.5, -1. ,  0.5])
     """
     x = np.linspace(-1.0, 1.0, len(values))
@@ -492,7 +494,7 @@ def reduced(
     rate_hz: float,
     seen: float,
     width_hz: float,
-    wander: Wander | None,
+    wander: ClockWander | None,
     pieces: NDArray[np.int64] | None = None,
 ) -> LineSums | None:
     """Return the sums of a line; None where the record is too short for any phase."""
@@ -506,7 +508,7 @@ def reduced(
     turn = np.exp(-2j * np.pi * np.remainder(seen / rate_hz * numbers, 1.0))
     sums = np.empty((values.shape[1], blocks), np.complex128)
     for row, column in zip(sums, values.T, strict=True):
-        mixed = straightened(column) * turn
+        mixed = without_trend(column) * turn
         row[:] = np.bincount(place, mixed.real, blocks) + 1j * np.bincount(
             place, mixed.imag, blocks
         )

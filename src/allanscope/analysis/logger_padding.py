@@ -104,7 +104,7 @@ class Padding:
         return self._begun and _is_padding(self.trailing, self._before)
 
     @property
-    def is_left_out(self) -> bool:
+    def is_padding(self) -> bool:
         """Whether any rows of the record are left out."""
         return self.leading > 0 or self.is_trailing
 

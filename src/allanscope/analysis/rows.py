@@ -4,8 +4,8 @@ Every call into the sums costs some tens of microseconds whatever it brings, and
 three rows at a time. What arrives in small pieces is therefore copied to a buffer and handed on
 when that is full; what is large already passes by untouched. The sums of a stream do not depend on
 each other, and nearly all of their time is spent in compiled code that releases the interpreter's
-lock: those that take longest run in a thread of their own, one piece `Behind`: neither waits
-for the other as long as there is work. None of this changes a result.
+lock: those that take longest run in a thread of their own, one piece behind (`BackgroundTask`):
+neither waits for the other as long as there is work. None of this changes a result.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BUFFERED", "WORTH_IT", "Behind", "RowBuffer", "lowest_and_highest"]
+__all__ = ["BUFFERED", "WORTH_IT", "BackgroundTask", "RowBuffer", "lowest_and_highest"]
 
 BUFFERED = 1 << 13
 """Rows that a live run buffers: 1.2 s at 6.66 kHz. A refresh takes them out early, from a copy."""
@@ -96,17 +96,17 @@ class RowBuffer:
             self._temperature_c = np.empty(self._size)
 
 
-class Behind:
+class BackgroundTask:
     """Work that lags behind its owner by one piece, in another thread where that pays.
 
     Pieces are done in order. An error in one is raised where the next is handed in, or at `wait`.
 
     Examples
     --------
-    >>> behind, done = Behind(), []
-    >>> behind.do(WORTH_IT, lambda: done.append("one"))
-    >>> behind.do(3, lambda: done.append("two"))
-    >>> behind.wait()
+    >>> task, done = BackgroundTask(), []
+    >>> task.do(WORTH_IT, lambda: done.append("one"))
+    >>> task.do(3, lambda: done.append("two"))
+    >>> task.wait()
     >>> done
     ['one', 'two']
     """

@@ -24,7 +24,7 @@ from allanscope.analysis.coherence import common_of
 from allanscope.analysis.comparison import ReferenceCurve, compare_curve
 from allanscope.analysis.curves_across_gaps import across_gaps
 from allanscope.analysis.datasheet import compare, rms_of
-from allanscope.analysis.line_origin import wander_of
+from allanscope.analysis.line_origin import clock_wander_of
 from allanscope.analysis.model_curves import draw_models
 from allanscope.analysis.published import published
 from allanscope.analysis.readings import density_of, read_axis
@@ -189,7 +189,7 @@ def _traces(found: Analysis, state: StreamState, given: LoopInput) -> dict[tuple
     return trace_findings(
         found.findings,
         given.record,
-        wander_of(state.clock.arrivals()),
+        clock_wander_of(state.clock.arrivals()),
         rate_ppm=found.rate.uncertainty_ppm,
         part=found.part,
         is_whole=not state.unknown_losses,

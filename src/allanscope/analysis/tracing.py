@@ -16,7 +16,7 @@ from allanscope.analysis.direction import (
     motion_of_step,
 )
 from allanscope.analysis.findings import Finding, event_times, line_of
-from allanscope.analysis.line_origin import LineOrigin, Wander, origin_of, reduced
+from allanscope.analysis.line_origin import ClockWander, LineOrigin, origin_of, reduced
 from allanscope.explain import Effect
 from allanscope.history import Record
 from allanscope.parts import PARTS
@@ -49,7 +49,7 @@ class Trace:
 def trace_findings(
     findings: Sequence[Finding],
     record: Record,
-    wander: Wander | None,
+    wander: ClockWander | None,
     *,
     rate_ppm: float | None,
     part: str = "",
@@ -64,7 +64,7 @@ def trace_findings(
         Of one run.
     record : Record
         Its rows.
-    wander : Wander or None
+    wander : ClockWander or None
         Of its clock.
     rate_ppm : float or None
         Standard error of the sample rate; None where it was not measured.

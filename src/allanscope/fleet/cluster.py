@@ -208,7 +208,7 @@ class WorkerPool:
         self._given[future.key] = frozenset(self._allowed)
         return future
 
-    def orphaned(self, futures: Iterable[Future]) -> list[Future]:
+    def without_worker(self, futures: Iterable[Future]) -> list[Future]:
         """Return the tasks whose workers are all gone."""
         return [
             future

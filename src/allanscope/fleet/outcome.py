@@ -13,7 +13,7 @@ from typing import Any
 from allanscope.pipeline import DeviceSettings
 from allanscope.quantities import count, number
 
-__all__ = ["Loss", "Outcome", "loss_of", "packed", "result_key", "unpacked"]
+__all__ = ["Loss", "Outcome", "compressed_result", "loss_of", "result_key", "result_of_bytes"]
 
 FORMAT = 1
 """Raised when what is kept of a recording changes, so that results of old are not taken for new."""
@@ -32,7 +32,7 @@ class Outcome:
     files : tuple of str
         Names of the files that make it up.
     result : bytes
-        The result as compressed JSON (see `packed`); empty without one.
+        The result as compressed JSON (see `compressed_result`); empty without one.
     error : str
         One line, for a recording without a result.
     version : str
@@ -68,14 +68,14 @@ def result_key(sha256: str, device: DeviceSettings) -> str:
     return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
 
 
-def packed(result: dict[str, Any]) -> bytes:
+def compressed_result(result: dict[str, Any]) -> bytes:
     """Return a result as compressed JSON; the same result gives the same bytes."""
     text = json.dumps(result, allow_nan=False, separators=(",", ":"))
     return gzip.compress(text.encode(), compresslevel=6, mtime=0)
 
 
-def unpacked(data: bytes) -> dict[str, Any]:
-    """Return what `packed` packed.
+def result_of_bytes(data: bytes) -> dict[str, Any]:
+    """Return the result that `compressed_result` has compressed.
 
     Raises
     ------

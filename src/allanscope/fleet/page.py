@@ -38,7 +38,7 @@ from allanscope.fleet.verdict import (
     average_limits,
     findings,
     lot_verdict,
-    reservations,
+    run_remarks,
 )
 from allanscope.labels import kind_name
 from allanscope.quantities import (
@@ -129,7 +129,7 @@ def render_lot(
         other_name=other_name,
         differences=[_difference(lot, one) for one in compared],
         limits=done([_limits(lot, one) for one in average_limits(lot)]),
-        reservations=reservations(lot)[:MOST_ROWS],
+        run_remarks=run_remarks(lot)[:MOST_ROWS],
         shared=[_shared(one, len(units)) for one in shared[:MOST_ROWS]],
         replicates=done(_replicates(replications(lot, effects))),
         drifts=done(_drifts(lot)),

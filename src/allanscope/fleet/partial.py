@@ -200,7 +200,7 @@ class TailBuffer:
         joined = np.concatenate(parts) if parts else self._held
         return joined[len(joined) - wanted :].copy()
 
-    def rows_of_half_a_stretch(self) -> int:
+    def rows_of_half_segment(self) -> int:
         """Return how many rows the archive of one pass would have at half the stride of ours."""
         return self._rows + self.taken // (BLOCK // 2)
 

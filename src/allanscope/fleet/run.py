@@ -185,7 +185,7 @@ def _requeue_orphaned(
     orphaned: Counter[str],
 ) -> None:
     """Take back what was given to workers that are gone; one that outlives none has failed."""
-    for future in pool.orphaned(running):
+    for future in pool.without_worker(running):
         place = running.pop(future)
         future.cancel()
         orphaned[place.url] += 1

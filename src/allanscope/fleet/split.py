@@ -229,7 +229,7 @@ def _is_splittable(analyser: Analyser) -> bool:
 
     It needs one configuration, rows as long as ours, and no padding that only one pass leaves out.
     """
-    if len(analyser.configurations) != 1 or analyser.configurations[0].padding.is_left_out:
+    if len(analyser.configurations) != 1 or analyser.configurations[0].padding.is_padding:
         return False
     tail = cast(TailBuffer, analyser.configurations[0].bank)
-    return tail.rows_of_half_a_stretch() > ROWS
+    return tail.rows_of_half_segment() > ROWS

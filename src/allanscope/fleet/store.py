@@ -27,7 +27,7 @@ from typing import Any, TextIO
 from allanscope.atomic_write import atomic_write
 from allanscope.errors import UsageError
 from allanscope.fleet.inputs import RecordingInput, RemotePath, is_of_this_machine
-from allanscope.fleet.outcome import Outcome, result_key, unpacked
+from allanscope.fleet.outcome import Outcome, result_key, result_of_bytes
 from allanscope.pipeline import DeviceSettings
 
 __all__ = ["Folder", "RemoteIndex", "Store", "put_file", "result_folder", "staged"]
@@ -132,7 +132,7 @@ class Store:
         ValueError
             If it is damaged.
         """
-        return unpacked(self.path(key).read_bytes())
+        return result_of_bytes(self.path(key).read_bytes())
 
     def forget(self, key: str) -> None:
         """Take a result away, so that it is asked for again."""

@@ -35,7 +35,7 @@ __all__ = [
     "levels_of_units",
     "lot_verdict",
     "rates_of_units",
-    "reservations",
+    "run_remarks",
 ]
 
 Values = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]
@@ -254,8 +254,8 @@ def _of_units(
     return mean, error, names
 
 
-def reservations(lot: Lot) -> list[Finding]:
-    """Return what single runs have against a unit, which need not set it apart from the others.
+def run_remarks(lot: Lot) -> list[Finding]:
+    """Return remarks on single runs of a unit, which need not set it apart from the others.
 
     Each axis of each run is held against its model at 1 %. Of a hundred good ones one is refused,
     so here it takes a probability that the whole lot reaches once in a hundred times.

@@ -16,7 +16,7 @@ from typing import Any
 from allanscope.analysis import Analyser, Analysis, summarise
 from allanscope.errors import AllanscopeError, InputError
 from allanscope.fleet.inputs import RecordingInput
-from allanscope.fleet.outcome import Outcome, packed
+from allanscope.fleet.outcome import Outcome, compressed_result
 from allanscope.pipeline import (
     Decoding,
     DeviceSettings,
@@ -113,7 +113,7 @@ def outcome_of(
         place.url,
         sha256,
         tuple(file.name for file in recording.files),
-        packed({"circumstances": circumstances, "analysis": analysis.to_dict()}),
+        compressed_result({"circumstances": circumstances, "analysis": analysis.to_dict()}),
     )
 
 

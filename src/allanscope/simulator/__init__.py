@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from allanscope.simulator.effect_spec import EffectSpec, effect_help, parse_effect
     from allanscope.simulator.faults import FaultSpec, fault_help, parse_fault
     from allanscope.simulator.firmware import Firmware
-    from allanscope.simulator.record import greeting, simulate_blocks
+    from allanscope.simulator.record import simulate_blocks, start_messages
     from allanscope.simulator.simulator import Simulator
     from allanscope.simulator.transmitter import Ledger, Loss
     from allanscope.simulator.truth import AxisTruth, TemperatureTruth, Truth
@@ -46,12 +46,12 @@ __all__ = [
     "Truth",
     "effect_help",
     "fault_help",
-    "greeting",
     "parse_effect",
     "parse_fault",
     "run_device",
     "run_emulated",
     "simulate_blocks",
+    "start_messages",
 ]
 
 __getattr__, __dir__ = lazily(
@@ -70,7 +70,7 @@ __getattr__, __dir__ = lazily(
         "Truth": "truth",
         "effect_help": "effect_spec",
         "fault_help": "faults",
-        "greeting": "record",
+        "start_messages": "record",
         "parse_effect": "effect_spec",
         "parse_fault": "faults",
         "run_device": "device",

@@ -14,7 +14,7 @@ from allanscope.simulator.noise import stream
 from allanscope.simulator.simulator import Simulator
 from allanscope.wire import Encoder, WireFormat, WireSettings, answers, format_named
 
-__all__ = ["greeting", "simulate_blocks"]
+__all__ = ["simulate_blocks", "start_messages"]
 
 READ_S = 0.05
 """A host reads what has come this often."""
@@ -75,7 +75,7 @@ def simulate_blocks(
     a_second = frame * max(1, round(rate / frame))
     total = int(hours * 3600.0 * rate)
     reads = _Reads(start_ns, stream(seed, "host"))
-    yield reads.time_ns(0.0), greeting(format_named(wire), encoder, info)
+    yield reads.time_ns(0.0), start_messages(format_named(wire), encoder, info)
     while sensor.index < total:
         block = sensor.read(min(a_second, total - sensor.index))
         yield from reads.of_block(encoder.encode(block), block, frame, rate)
@@ -85,7 +85,7 @@ def simulate_blocks(
             yield reads.time_ns(count / rate), status
 
 
-def greeting(wire: WireFormat, device: Encoder, info: StreamInfo) -> bytes:
+def start_messages(wire: WireFormat, device: Encoder, info: StreamInfo) -> bytes:
     """Return all that a device says before its first sample to a host that starts it."""
     host, received = wire.decoder(WireSettings()), device.describe(info)
     if not device.silent_until_started:

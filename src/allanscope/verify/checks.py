@@ -264,14 +264,14 @@ def _stream(rows: int) -> tuple[StreamInfo, Block]:
 
 def _wire() -> Iterator[Value]:
     """Send samples over every format, and over a native stream with damaged bytes."""
-    from allanscope.simulator import greeting
+    from allanscope.simulator import start_messages
     from allanscope.wire import WireSettings, format_named, formats
 
     info, block = _stream(1200)
     settings = WireSettings(part="LSM6DSM")
     for name in formats():
         encoder, decoder = format_named(name).encoder(), format_named(name).decoder(settings)
-        data = greeting(format_named(name), encoder, info) + encoder.encode(block)
+        data = start_messages(format_named(name), encoder, info) + encoder.encode(block)
         seen, rows = _received(decoder.feed(data, 1.0) + decoder.finish())
         yield _value(f"samples over {name}", len(block), len(rows))
         expected = np.round(block.counts * np.array(info.scale) / 1e-3, 6)

@@ -1,7 +1,7 @@
 """Packets of the SDATALOG link to events.
 
 Samples of one sensor are cut out of its packets, and samples of both sensors are paired from those
-of each (`Halves`).
+of each (`SensorPairing`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from allanscope.wire.rows import Rows
 from allanscope.wire.sdatalog.conversation import Conversation, Sensor, Status
 from allanscope.wire.sdatalog.packets import BINARY, CUSTOM, Packet, Unpacker
 
-__all__ = ["Frames", "Halves", "SDatalogDecoder", "single"]
+__all__ = ["HSDatalogFrames", "SDatalogDecoder", "SensorPairing", "sample_of_packet"]
 
 _SINGLE = struct.Struct("<d3h")
 _COUNTER = 4
@@ -40,7 +40,7 @@ Half = tuple[float, Triple]
 """Time in s, and what one sensor measured then."""
 
 
-def single(content: bytes) -> list[Half] | None:
+def sample_of_packet(content: bytes) -> list[Half] | None:
     """Return the sample of a packet with one: a time and three counts; None for anything else."""
     if len(content) != _SINGLE.size:
         return None
@@ -48,7 +48,7 @@ def single(content: bytes) -> list[Half] | None:
     return [(time_s, (x, y, z))] if 0.0 <= time_s < _LATEST_S else None
 
 
-class Frames:
+class HSDatalogFrames:
     """The samples of one sensor in binary data of HSDatalog.
 
     A packet is a counter of bytes, up to its end, and a piece of a stream of frames: `rows` samples
@@ -107,7 +107,7 @@ class Frames:
         return [(last_s - step * i, (x, y, z)) for i, (x, y, z) in zip(ago, counts, strict=True)]
 
 
-class Halves:
+class SensorPairing:
     """Samples of a gyroscope and of an accelerometer to rows of six values.
 
     Those of one time belong together. One without its partner is given up: the time of the next row
@@ -175,8 +175,8 @@ class SDatalogDecoder:
         self._rows = Rows(self.stats, self._decide)
         self._told: Status | None = None
         self._sensors: dict[int, Sensor] = {}
-        self._frames: dict[int, Frames] = {}
-        self._halves = Halves((), math.inf)
+        self._frames: dict[int, HSDatalogFrames] = {}
+        self._halves = SensorPairing((), math.inf)
         self._epoch = 0
         self._asked = False
 
@@ -221,7 +221,7 @@ class SDatalogDecoder:
             self.stats.unknown += 1
             return []
         if packet.kind == CUSTOM:
-            halves = single(packet.content)
+            halves = sample_of_packet(packet.content)
         else:
             frames = self._frames.get(packet.channel)
             halves = frames.feed(packet.content) if frames else None
@@ -268,8 +268,10 @@ class SDatalogDecoder:
         sensors = self._sensors.values()
         rate_hz = max((one.rate_hz for one in sensors), default=0.0)
         period_s = 1.0 / rate_hz if rate_hz else math.inf
-        self._halves = Halves(tuple(one.kind for one in sensors), period_s)
-        self._frames = {one.channel: Frames(one.rows, period_s) for one in sensors if one.rows}
+        self._halves = SensorPairing(tuple(one.kind for one in sensors), period_s)
+        self._frames = {
+            one.channel: HSDatalogFrames(one.rows, period_s) for one in sensors if one.rows
+        }
 
     def _decide(self, rows: list[Row]) -> Meaning | None:
         sensors = {one.kind: one for one in self._sensors.values()}

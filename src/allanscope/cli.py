@@ -451,7 +451,7 @@ class _Parser(ArgumentParser):
         return known, unknown
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong with the call and where to look, as every other error is said."""
+        """Print what is wrong with the call and where to look, like every other error."""
         wrong = _INVALID_CHOICE.fullmatch(message)
         if wrong:
             what, value, choices = wrong.groups()

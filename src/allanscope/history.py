@@ -116,7 +116,7 @@ class Record:
         """Return the means of 2, 4, 8 ... rows each, so many that at most `most` of them are left.
 
         As in a History, no row spans a gap, and rows at the end of a segment that fill no new one
-        are given up.
+        are dropped.
 
         Examples
         --------

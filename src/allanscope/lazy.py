@@ -113,7 +113,7 @@ class once(Generic[_Owner, _Value]):  # noqa: N801 - reads as `property` does
 
 
 def defer_unused() -> None:
-    """See to it that SciPy, when it is imported, loads nothing that nobody uses.
+    """Keep SciPy from loading modules that are never used.
 
     For a process of our own: to a program that imports allanscope nothing is done.
     """

@@ -96,7 +96,7 @@ class Part:
     beyond : bool
         True for a part beyond the three that the program is made for.
     second_hand : bool
-        True where `source` is one that quotes the datasheet: figures that nobody here has seen in
+        True where `source` is one that quotes the datasheet: figures that were not verified in
         it. A verdict says so.
     """
 

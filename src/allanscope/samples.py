@@ -193,7 +193,7 @@ class Gap:
     reason : str
         Why, in the words of `GapReason`.
     lost : int or None
-        Samples that are missing, to the sample; None when nothing tells.
+        Number of missing samples; None when unknown.
     """
 
     reason: GapReason

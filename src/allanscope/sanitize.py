@@ -143,7 +143,7 @@ def excerpt(data: bytes, limit: int = 160) -> str:
     Parameters
     ----------
     data : bytes
-        The sample; where it begins like a common kind of file, that is said as well.
+        The sample; where it begins like a common kind of file, its name follows.
     limit : int
         Longest text to return, in characters, without the kind.
 

@@ -9,7 +9,7 @@ there it may be thinned: a row is a stretch of `stride` samples, summed (u) and 
 from which the phase at its start (`picked`) and averaged over it (`averaged`) follow exactly. When
 the rows are used up neighbours are joined, ``u = u1 + u2, v = v1 + v2 + s2 u1``, and the stride
 doubles. Up to 8192 samples the stride is 1 and nothing is lost. No row spans a gap; what is left of
-a segment after its last full row is given up.
+a segment after its last full row is dropped.
 """
 
 from __future__ import annotations

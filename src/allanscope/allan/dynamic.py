@@ -9,7 +9,7 @@ squares of all terms that end by a moment, and K that of the terms that reach ac
 
 are exactly the terms that lie within. The cascade notes A and K at each border (`kernels`), one in
 eighth of a window; a window is the difference of two. Where a run grows beyond the room for its
-borders, every second one is given up, and windows that were not asked for by their length double.
+borders, every second one is dropped, and windows that were not asked for by their length double.
 
 Terms are those of the cascade: above m = 64 they start at every 2^L-th sample of their segment. A
 border lies where those of a cascade that took the window alone would start as well.

@@ -254,7 +254,7 @@ def density_of_deviation(
     kind : str
         Estimator, as in `deviation_of_density`.
     rate : float, optional
-        Samples per second; by default the shortest tau is taken for that of one sample (of two
+        Samples per second; by default the shortest tau is assumed to be that of one sample (of two
         for THEO1).
 
     Raises

@@ -68,7 +68,7 @@ def deviation(
         value is an error. For the Theo family m is the even window, and the tau that comes back is
         0.75 m / rate.
     data_kind : {'rate', 'phase'}
-        What the data are. Rates taken for phase are the commonest mistake: the curve then falls by
+        What the data are. Rates treated as phase are the commonest mistake: the curve then falls by
         one power of tau more.
     exact : bool
         False to go through `AllanBank`, whose terms are thinned at long tau of runs of more than

@@ -32,7 +32,7 @@ __all__ = ["across_gaps"]
 Curves = Mapping[str, Mapping[str, Deviation]]
 
 _WORTH = 0.5
-"""Part of the degrees of freedom below which the terms between gaps are given up."""
+"""Part of the degrees of freedom below which the terms between gaps are dropped."""
 _FEWEST_ROWS = 32
 """Shortest averaging time in rows that are means themselves: as in `allanscope.allan.curves`."""
 

@@ -139,11 +139,11 @@ class LineOrigin:
         ``internal`` goes with the sensor's own clock, ``external`` keeps its true frequency while
         that clock wanders, ``free-running`` does not keep phase with it.
     frequency_hz, lower_hz, upper_hz : float or None
-        True frequency with its 95 % interval; None where it cannot be told.
+        True frequency with its 95 % interval; None if not determined.
     candidates_hz : tuple of float
         True frequencies that remain, the lowest first, of those that would be seen where it is.
     margin_nats : float
-        Log-likelihood by which the source was told from the next; 0 where it was not.
+        Log-likelihood margin over the next candidate; 0 if not determined.
     wander_ppm : float or None
         Change of the sample rate over the record; None where it was not measured.
     known : tuple of KnownSource
@@ -395,7 +395,7 @@ def origin_of(
     numbers : ndarray, shape (n,)
         Numbers of the samples that the rows are centred on.
     rate_hz : float
-        True sample rate, or what is taken for it.
+        True sample rate, or the best estimate of it.
     frequency : (float, float, float)
         Of the line as it is seen, with its interval, in Hz.
     wander : ClockWander, optional

@@ -62,7 +62,7 @@ def draw_models(
     rate_hz : float
         Samples per second.
     coefficients : mapping
-        Those that are told of this axis.
+        Those of this axis.
     """
     before = loop.models_before.get(axis) if loop else None
     after = loop.models_after.get(axis) if loop else None

@@ -63,7 +63,7 @@ class Rate:
     residual_s, span_s : float or None
         Standard deviation of the arrivals about the line, and the time that they span.
     steps : int
-        Times at which the delay changed for good without a loss having been told.
+        Times of lasting changes of the delay without a reported loss.
     drift_ppm_per_h, drift_uncertainty_ppm_per_h : float or None
         Change of the rate in an hour.
     ppm_per_degc, ppm_per_degc_uncertainty : float or None

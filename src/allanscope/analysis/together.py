@@ -61,7 +61,7 @@ class Aligned:
     drift_ppm : tuple of float
         Correction of the measured rate of each.
     is_common : bool
-        Whether all share a motion: otherwise nothing tells how they lie in time.
+        Whether all share a motion, without which they cannot be aligned in time.
     """
 
     values: Array
@@ -134,7 +134,7 @@ def separate_units(
     clock : Aligned or None
         None where they have no axis in common.
     axes : dict of str to Separation
-        Empty where nothing tells how they lie in time.
+        Empty if they cannot be aligned in time.
     remarks : list of str
 
     Raises

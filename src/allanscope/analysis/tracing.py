@@ -56,7 +56,7 @@ def trace_findings(
     is_whole: bool = True,
     effects: Mapping[str, Sequence[Effect]] | None = None,
 ) -> dict[tuple[str, int], Trace]:
-    """Return what can be told of each finding, by axis and index of its leading effect.
+    """Return the trace of each finding, by axis and index of its leading effect.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class Verdict:
     details : tuple of VerdictLine
         What else must be known, the most important first: assumptions, failures, losses, remarks.
     banner : str
-        What must stand above everything else, in red; empty for samples that a part measured.
+        Notice above everything else, in red; empty for samples that a part measured.
     """
 
     grade: Grade

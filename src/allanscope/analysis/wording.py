@@ -220,7 +220,7 @@ def losses_text(analysis: Analysis) -> str:
 
 
 def losses_phrase(analysis: Analysis) -> str:
-    """Return what is missing, as it is said beside the number of samples."""
+    """Return the losses, as printed beside the number of samples."""
     return f"lost samples: {losses_text(analysis)}"
 
 
@@ -235,7 +235,7 @@ def gaps_text(segments: int) -> str:
 
 
 def simulation_notice(origin: Origin) -> tuple[str, str] | None:
-    """Return what stands above every result whose samples no part measured, and why; else None.
+    """Return the notice above every result whose samples no part measured, and why; else None.
 
     >>> simulation_notice("synthetic")
     ('Simulated data', 'a program computed the samples; no part was measured')

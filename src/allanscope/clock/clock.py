@@ -124,7 +124,7 @@ class Clock:
             self._device.cut()
 
     def restart(self, nominal_hz: float | None = None) -> None:
-        """Forget everything, because the device has been told to run at another rate."""
+        """Forget everything, because the device was set to another rate."""
         if nominal_hz is not None:
             self.nominal_hz = nominal_hz
         self._host = Envelope(USB_FRAME_S, self.nominal_hz, polled=True)

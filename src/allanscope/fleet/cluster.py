@@ -3,7 +3,7 @@
 All of it is Dask's. Of the workers, recordings are given to those with this version of allanscope:
 a result is kept under the version of whoever started the fleet, so it must be made by that. Workers
 are asked when they are first seen, and one with another version gets nothing as long as it is
-there. What it was given in the moment before that is thrown away and done again.
+there. What it was given in the moment before that is discarded and done again.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def local_cluster(
     """Give a cluster of this machine, which listens on the loopback interface only.
 
     Its workers are processes with one thread each, because much of an analysis holds the
-    interpreter's lock; one for each core if not told otherwise.
+    interpreter's lock; one for each core by default.
 
     Parameters
     ----------

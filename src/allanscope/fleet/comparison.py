@@ -5,7 +5,7 @@ of units; a unit that stands out in its own lot is left out. Errors are those of
 units, so what is compared are the lots and not their boards. With few units each mean has Student's
 t distribution, and their difference that of Welch. Probabilities are adjusted for all that is
 compared (Holm, Scandinavian Journal of Statistics 6, 1979): one lot in a hundred that is like the
-other is said to differ in anything.
+other is reported to differ in anything.
 """
 
 from __future__ import annotations

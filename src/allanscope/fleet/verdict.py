@@ -257,7 +257,7 @@ def _of_units(
 def run_remarks(lot: Lot) -> list[Finding]:
     """Return remarks on single runs of a unit, which need not set it apart from the others.
 
-    Each axis of each run is held against its model at 1 %. Of a hundred good ones one is refused,
+    Each axis of each run is tested against its model at 1 %. Of a hundred good ones one is refused,
     so here it takes a probability that the whole lot reaches once in a hundred times.
     """
     noisy = "noise density above the datasheet's"

@@ -1,6 +1,6 @@
 """`analyse` for Python: whatever holds samples, to the end, as the command of that name does.
 
-Arrays become a stream: a StreamInfo, Blocks and Gaps, as if a decoder had told of them. That way
+Arrays become a stream: a StreamInfo, Blocks and Gaps, as if from a decoder. That way
 everything that is done with a device is done with arrays too: the same sums, fit and closed loop.
 """
 
@@ -87,7 +87,7 @@ def analyse(
         a dataset of xarray will do as well: an index of times is the time, the name of a column
         that of the axis; those of xarray come with their coordinates and ``units``.
     rate : float, optional
-        Nominal sample rate in Hz. Needed where neither the stream nor a column t tells it, and
+        Nominal sample rate in Hz. Needed where neither the stream nor a column t gives it, and
         above times that disagree with it.
     axes : sequence of str, optional
         Name of each column of an array; without it one is gx, three the gyro, six both sensors;

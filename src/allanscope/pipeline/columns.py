@@ -48,7 +48,7 @@ class Columns:
     time_s, temperature_c : ndarray of float64, shape (n,), or None
         Time and temperature of each row.
     scales : mapping
-        Axis to its scale in dps or g per count, where the source of the counts told it.
+        Axis to its scale in dps or g per count, where the source of the counts states it.
     assumed : tuple of str
         What the source did not say and was assumed of it.
     lost : mapping
@@ -183,7 +183,7 @@ def _without_missing(columns: Columns) -> Columns:
 
 
 def columns_of_table(data: Any, axes: Sequence[str] | None) -> Columns:
-    """Return the columns of an array or of a table, which is told by what it offers.
+    """Return the columns of an array or of a table, recognised by its interface.
 
     A table of pandas or polars has ``columns``, a mapping and an ``.npz`` file ``keys``; a column
     of such a table has a ``name``, which is that of the axis. An index of times, or one that is

@@ -100,7 +100,7 @@ def write_report(
     figures : Path, optional
         Folder that gets every picture as SVG and as PNG.
     title, operator : str
-        What stands above the page, and who measured.
+        Title of the page, and name of the operator.
     full : bool
         Open what is folded otherwise, so that it is printed as well.
     """

@@ -127,7 +127,7 @@ class Extent:
     Attributes
     ----------
     total : float or None
-        None where it cannot be told before the end, as of a compressed file.
+        None where it is not known before the end, as of a compressed file.
     unit : {'s', 'B'}
         What it is counted in.
     """

@@ -458,7 +458,7 @@ def _end_input(session: Session, hook: EventHook, recorder: Recorder | None) -> 
 
 
 def close_recorder(recorder: Recorder, session: Session) -> None:
-    """End the recording of a session, which is told what is missing of it."""
+    """End the recording of a session, and report to it what is missing."""
     recorder.describe(wire=session.decoding.wire)
     recorder.close()
     if recorder.failure:

@@ -113,9 +113,9 @@ class Session:
     input_facts : callable
         Returns what the result says about where the samples came from.
     notices : NoticeQueue, optional
-        Notices of other threads, told before the next chunk is taken.
+        Notices of other threads, reported before the next chunk.
     earlier : iterable of Event
-        What the session held before it was cut off: taken first, shown to nobody, while the
+        What the session held before it was interrupted: processed first, not shown, while the
         source is already read and recorded.
     policy : RefreshPolicy
         How often the result is computed, which depends on who looks.

@@ -67,7 +67,7 @@ class Table:
     values : ndarray, shape (n, axes)
         Counts, or dps and g.
     temperature_c : ndarray, shape (n,) or None
-        Held from the last time it was told; None in an export without temperature.
+        The last one received; None in an export without temperature.
     """
 
     info: StreamInfo

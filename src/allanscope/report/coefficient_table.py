@@ -123,7 +123,7 @@ def coefficient_cell(one: Coefficient | None, name: str, unit: str) -> str:
 
 
 def white_facts(axis: AxisAnalysis) -> Iterable[tuple[str, str]]:
-    """Say what N is made of, and what the deviation at 1 s would be taken for."""
+    """Return the parts of N, and N as read from the deviation at 1 s."""
     usual = COEFFICIENTS[axis.unit, "N"][0]
     unit = symbols(usual.unit)
     known = axis.coefficients.get("N")

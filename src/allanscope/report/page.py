@@ -99,7 +99,7 @@ def render(
     drawn : mapping, optional
         Its pictures, where somebody has them already.
     title, operator : str
-        What stands above the page, by default part and name; and who measured.
+        Title of the page, by default part and name; and name of the operator.
     full : bool
         Open what is folded otherwise, so that it is printed as well.
     """

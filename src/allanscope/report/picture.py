@@ -4,7 +4,7 @@ Colours and order are the same in every picture. On the page, text stays text, s
 searched, and takes the page's own ink, so that one picture serves the light and the dark page. A
 file has black ink on white.
 
-On the page a chart tells its numbers: where the mouse points, the values there are written into the
+On the page a chart shows its numbers: the values where the mouse points are written into the
 chart, without any script; and a link below it holds the numbers as CSV.
 """
 
@@ -95,7 +95,7 @@ class Picture:
     columns : callable, optional
         Returns the numbers behind it, by the names of their columns.
     readout : callable, optional
-        Returns for places on the horizontal axis of its first chart what is said there.
+        Returns the text shown at places on the horizontal axis of its first chart.
     fixed : bool
         Whether the usual margins do; else matplotlib finds them, which takes as long as drawing.
     """

@@ -1,7 +1,7 @@
 """Ticks, grid and labels of a chart, drawn as a few lines and texts.
 
 matplotlib makes an object of each tick, with two marks, a grid line and two labels, and lays all of
-them out in each drawing: two thirds of the time of a chart of lines. Where nobody zooms or moves,
+them out in each drawing: two thirds of the time of a chart of lines. Without zooming and moving,
 its locators and formatters say where the ticks are and what stands there, and a few paths do.
 """
 

@@ -66,9 +66,9 @@ FAULT_KINDS: Mapping[str, FaultKind] = {
     "byte_loss": FaultKind(
         "bytes are lost, beginning inside a frame", "bytes", {**_ON_BYTES, "length": _LENGTH}
     ),
-    "byte_repeat": FaultKind("one byte of a frame comes twice", "bytes", _ON_BYTES),
+    "byte_repeat": FaultKind("one byte of a frame is sent twice", "bytes", _ON_BYTES),
     "garbage": FaultKind(
-        "random bytes come in the middle of a frame",
+        "random bytes are inserted in a frame",
         "bytes",
         {**_ON_BYTES, "length": Parameter("1", "bytes", 32.0, above=0.0, most=65536.0)},
     ),
@@ -78,7 +78,7 @@ FAULT_KINDS: Mapping[str, FaultKind] = {
         {**_OF_DEVICE, "seconds": _SECONDS},
     ),
     "unplug": FaultKind(
-        "the cable is pulled, and put back later",
+        "the cable is unplugged, and plugged in again",
         "device",
         {**_OF_DEVICE, "seconds": _SECONDS},
     ),

@@ -51,7 +51,7 @@ class TcpPort:
     """One listening socket, one host at a time.
 
     What a connection that closed had not read yet cannot be known, so `forget` and `unplug`
-    return 0: losses on hang-up are told to the sample only on a pty.
+    return 0: losses on hang-up are exact to the sample only on a pty.
     """
 
     def __init__(self) -> None:

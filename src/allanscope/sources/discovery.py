@@ -86,7 +86,7 @@ class PortDescription:
     def is_same_device(self, other: PortDescription) -> bool:
         """Return whether the other port is this device, plugged in again perhaps.
 
-        Devices without a serial number are told apart by the socket they are plugged into.
+        Devices without a serial number are distinguished by the socket they are plugged into.
         """
         if self.vendor is None or (self.vendor, self.product) != (other.vendor, other.product):
             return False
@@ -163,7 +163,7 @@ def plugged_in(ports: list[PortDescription]) -> str:
     """Return what is there, for an error message."""
     if not ports:
         return "no serial port was found"
-    return "there is " + ", ".join(port.device for port in ports)
+    return "found: " + ", ".join(port.device for port in ports)
 
 
 def _order(port: PortDescription) -> tuple[int, str, list[tuple[int, str]]]:

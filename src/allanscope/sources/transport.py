@@ -4,7 +4,7 @@ pyserial's own `read` is not used where it can be avoided: a `read(n)` that has 
 asked for when the device disconnects throws that half away, and a socket's `in_waiting` only says
 whether there is anything. What a link must do is: give what is there, as soon as it is there.
 
-Why a port cannot be opened is told in one line that says what to do about it (`open_error`).
+Why a port cannot be opened is one line that says what to do about it (`open_error`).
 """
 
 from __future__ import annotations

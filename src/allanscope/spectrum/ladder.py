@@ -191,7 +191,7 @@ class Ladder:
             decimator.clear()
 
     def merge(self, other: Ladder) -> None:
-        """Add what another ladder has averaged; what was unfinished here is given up."""
+        """Add what another ladder has averaged; what was unfinished here is dropped."""
         self.clear()
         self.grow(len(other.levels))
         for mine, theirs in zip(self.levels, other.levels, strict=False):

@@ -1,6 +1,6 @@
 """Shows a session while it runs: charts in the Rerun viewer, numbers in the terminal.
 
-Both are audiences of the pipeline: they are told what happens and never answer, never block, and
+Both are listeners of the pipeline: they receive what happens and never answer, never block, and
 whatever becomes of them, the measurement goes on::
 
                      ┌ TerminalView   one screen, or a line a minute when piped

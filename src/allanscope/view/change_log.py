@@ -2,8 +2,8 @@
 
 `ChangeLog` reports changes since the last result: an effect found, an effect gone, a coefficient
 known. A remark is the same one while its words are; its numbers may change with every result (how
-many samples were saturated so far), and are only told again when one of them has grown to ten times
-what was told. The exact number of the moment is in the result and in the report.
+many samples were saturated so far), and are reported again only when one of them has grown to
+ten times what was reported. The exact number of the moment is in the result and in the report.
 
 `Trends` compares a coefficient with what it was when the run was half as long. `GapThrottle` says
 one line where a bad link has hundreds of gaps in a second.

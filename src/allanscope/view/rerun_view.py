@@ -215,7 +215,7 @@ class RerunView:
             self._submit(self._draw_rows, once="rows")
 
     def gap(self, gap: Gap) -> None:
-        """Take a gap. Gaps within a second of each other are told as one."""
+        """Take a gap. Gaps within a second of each other are reported as one."""
         if self._worker is None:
             return
         text = self._gaps.update(gap, self._decimator.elapsed_s)
@@ -254,12 +254,12 @@ class RerunView:
             self._submit(self._draw_latest, once="result")
 
     def flush(self, timeout_s: float = 10.0) -> bool:
-        """Hand all that was told so far to the server and to the file; see `settle`."""
+        """Pass everything so far to the server and to the file; see `settle`."""
         self._task(lambda canvas: canvas.flush())
         return self.settle(timeout_s)
 
     def settle(self, timeout_s: float = 10.0) -> bool:
-        """Wait until all that was told so far is drawn; return False when that takes longer."""
+        """Wait until everything so far is drawn; return False when that takes longer."""
         return self._worker is None or self._worker.settle(timeout_s)
 
     def close(

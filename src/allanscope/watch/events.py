@@ -1,4 +1,4 @@
-"""What is told of a change: an event with its occurrences, in physical units."""
+"""What is reported of a change: an event with its occurrences, in physical units."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ class Tracks:
     all : list of Track
         In the order in which they were found.
     fresh : list of (Track, str)
-        What is to be told, and not yet fetched: found, or gone.
+        Events to report, not yet fetched: begun, or ended.
     """
 
     all: list[Track] = field(default_factory=list)

@@ -42,7 +42,7 @@ class LinkStats:
     crc_errors : int
         Frames whose checksum was wrong.
     resyncs : int
-        Times that bytes had to be thrown away to find the next frame.
+        Resynchronisations: bytes discarded to find the next frame.
     unknown : int
         Sound frames of a type that this version does not know.
     suspect : int
@@ -146,7 +146,7 @@ class Encoder(Protocol):
         """Return what the device sends to say what follows; empty when the format has none."""
 
     def encode(self, block: Block) -> bytes:
-        """Return the frames of a block. Block.index may jump: that is how losses are told."""
+        """Return the frames of a block. Block.index may jump: that is how losses are reported."""
 
     def status(self, produced: int, sent: int, dropped: int, uptime_s: float) -> bytes:
         """Return the periodic status; empty when the format has none."""

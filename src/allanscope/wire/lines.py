@@ -22,7 +22,7 @@ class Lines:
     Attributes
     ----------
     dropped : int
-        Lines that were longer than 4096 bytes and were thrown away.
+        Lines that were longer than 4096 bytes and were discarded.
     number : int
         Number of the line that was yielded last, as an editor counts: empty ones too.
     """

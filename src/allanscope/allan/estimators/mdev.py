@@ -1,4 +1,4 @@
-"""MDEV: the modified Allan deviation, which tells white from flicker phase noise."""
+"""MDEV: the modified Allan deviation, which distinguishes white from flicker phase noise."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What an effect is told once, when it is set up for one axis.
+    """What an effect gets when it is set up for one axis.
 
     Attributes
     ----------

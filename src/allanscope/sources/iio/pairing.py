@@ -64,7 +64,7 @@ class Numbering:
         Raises
         ------
         ValueError
-            If the times go back: nothing tells what is missing.
+            If the times go back: losses are unknown.
         """
         if not len(times):
             return []

@@ -94,7 +94,7 @@ class Assembler:
         self._refused_version = False
 
     def finish(self) -> list[Event]:
-        """Say how much could not be understood for want of a descriptor."""
+        """Report how much could not be decoded without a descriptor."""
         samples = self._waiting.samples
         self._waiting.release()
         if not samples:

@@ -57,7 +57,7 @@ class Descriptor:
     Attributes
     ----------
     info : StreamInfo
-        What the rest of the program is told.
+        What the rest of the program receives.
     columns : tuple of int
         Which of the six columns of a frame are delivered.
     valid : int

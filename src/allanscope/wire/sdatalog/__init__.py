@@ -7,7 +7,7 @@
       └───────────────────────┘
 
 A board is silent until it is connected to and told to start (`conversation`). Samples are counts
-with a time each; they have neither number nor check, so losses are told by the times.
+with a time each; they have neither number nor check, so losses are counted from the times.
 """
 
 from __future__ import annotations

@@ -110,8 +110,8 @@ class HSDatalogFrames:
 class SensorPairing:
     """Samples of a gyroscope and of an accelerometer to rows of six values.
 
-    Those of one time belong together. One without its partner is given up: the time of the next row
-    tells that it is missing.
+    Those of one time belong together. One without its partner is dropped: the time of the next row
+    shows that it is missing.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class SDatalogDecoder:
     """Bytes of a board with SDATALOG firmware to events, and to what it must be answered.
 
     A packet of a sensor is one sample with its time, in seconds since the start by the crystal of
-    the board, or a piece of HSDatalog's binary data. What is lost is told by these times: packets
+    the board, or a piece of HSDatalog's binary data. Losses are counted from these times: packets
     have no number, and a board that is busy sending leaves a sample out without a word.
 
     Parameters
@@ -197,7 +197,7 @@ class SDatalogDecoder:
         return events + self._rows.events()
 
     def answers(self) -> list[bytes]:
-        """Return what the board must be told now, each in a single write."""
+        """Return the commands to send now, each in a single write."""
         return self._conversation.answers()
 
     def interrupt(self, reason: str) -> list[Event]:

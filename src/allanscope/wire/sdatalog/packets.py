@@ -138,8 +138,8 @@ class Unpacker:
     Attributes
     ----------
     resyncs : int
-        Times that bytes were thrown away to find the next header. What may be the tail of a packet
-        at the start is not counted.
+        Resynchronisations: bytes discarded to find the next header. What may be the tail of a
+        packet at the start is not counted.
     """
 
     def __init__(self) -> None:
@@ -153,7 +153,7 @@ class Unpacker:
         self._joining = _LONGEST
 
     def feed(self, data: bytes) -> Iterator[Packet | None]:
-        """Yield the packets that the bytes complete, None where something was thrown away."""
+        """Yield the packets that the bytes complete, None where something was discarded."""
         self._held += data
         at = 0
         while len(self._held) - at >= _HEADER:

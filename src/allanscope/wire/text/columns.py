@@ -157,7 +157,7 @@ def columns_without_sensor(cells: Sequence[str], bare: Quantity = "gyro") -> Col
     """Return the columns of a header that names axes and no sensor, None for another one.
 
     Such a header has x, y and z once or twice, with a digit perhaps, a time before them or not, and
-    a temperature behind. Which sensor is which is told by their place, as without a header.
+    a temperature behind. Sensors are identified by their place, as without a header.
 
     Examples
     --------
@@ -212,7 +212,7 @@ def with_units_below(columns: Columns, cells: Sequence[str]) -> Columns | None:
 
 
 def unnamed(count: int) -> Columns | None:
-    """Return what columns without a header are taken for, by their number.
+    """Return the assumed meaning of columns without a header, by their number.
 
     Three are a gyroscope, six a gyroscope and an accelerometer; one more is a time before them,
     and an eighth a temperature behind.

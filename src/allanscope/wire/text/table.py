@@ -94,7 +94,7 @@ class Table:
     Parameters
     ----------
     columns : Columns
-        What the header says, or what is taken for granted without one.
+        What the header says, or the assumptions without one.
     time_unit : str
         Unit of the time where the user gave one; empty to go by the header.
 

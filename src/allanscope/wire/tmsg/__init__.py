@@ -5,7 +5,7 @@
     bytes ─▶ messages ─▶ pairing of sensors ─▶ milli (mdps, mg to counts) ─▶ rows (losses, Blocks)
 
 A board is silent until `messages.start` wakes it. Messages have an 8-bit sum and no number: losses
-are told by the time stamps. Here are both ends, the decoder and a simulated board with ST's
+are counted from the time stamps. Here are both ends, the decoder and a simulated board with ST's
 DataLogExtended firmware; `messages` has the messages themselves.
 """
 

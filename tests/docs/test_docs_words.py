@@ -45,6 +45,12 @@ REPLACED = {
     "corrected for having been detected": "size corrected for selection bias",
     "would have been found": "detection limits: line ..., step ...",
     "% without a name": "% in unnamed effects",
+    "single runs have against": "remarks on single runs",
+    "as if the computer read late": "perhaps because the computer reads late",
+    "what rest cannot tell": "not in this bound, as a record at rest does not show them",
+    "takes another:": "selects another:",
+    "never said what": "no descriptor of its counts",
+    "are no longer kept": "charts are no longer saved",
 }
 """Phrases that readers stumbled over, and what is said instead."""
 

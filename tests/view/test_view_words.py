@@ -206,3 +206,10 @@ def test_a_minimum_from_which_the_curve_has_not_risen_says_so():
     curve = axis.curves["oadev"]
     constant = {"oadev": replace(curve, deviation=0.0 * curve.deviation)}
     assert best_text(replace(axis, curves=constant)) == "-"
+
+
+def test_a_remark_of_several_axes_is_listed_once(analysis):
+    axes = {name: replace(axis, remarks=("saturated",)) for name, axis in analysis.axes.items()}
+    text = findings_table(replace(analysis, axes=axes))
+    assert text.count("saturated") == 1
+    assert f"- {' '.join(axes)}: saturated" in text

@@ -213,12 +213,15 @@ def _next(analysis: Analysis) -> list[str]:
 
 
 def _remarks(analysis: Analysis) -> Iterable[str]:
+    """Yield the remarks, each once, after the axes of which it is made."""
     yield from (f"assumed: {remark}" for remark in analysis.assumptions)
     yield from analysis.remarks
+    axes: dict[str, list[str]] = {}
     for name, axis in analysis.axes.items():
-        yield from (f"{name}: {remark}" for remark in axis.remarks)
-        if axis.explanation is not None:
-            yield from (f"{name}: {remark}" for remark in axis.explanation.remarks)
+        beyond = axis.explanation.remarks if axis.explanation is not None else ()
+        for remark in (*axis.remarks, *beyond):
+            axes.setdefault(remark, []).append(name)
+    yield from (f"{' '.join(names)}: {remark}" for remark, names in axes.items())
 
 
 def _sensor_table(unit: str, axes: Mapping[str, AxisAnalysis], quiet: Undisturbed | None) -> str:

@@ -5,8 +5,8 @@
     bytes ─▶ lines ─▶ records ─▶ milli (mdps, mg to counts) ─▶ rows (losses, Blocks)
 
 It has no number, no checksum and no scale: losses are counted from the time stamps, and the
-counts of the gyroscope are recovered from its integer mdps. Every generation prints the same things in other
-words::
+counts of the gyroscope are recovered from its integer mdps. Every generation prints the same things
+in other words::
 
     V2.0, V2.2   TimeStamp: 1234 / Acc_X: 1, Acc_Y: 2, Acc_Z :3 / Gyro_X:4, ... / Press:.., Temp:..
     V1.1         TimeStamp: 12:34:56.78 / ACC_X: 1, ACC_Y: 2, ACC_Z: 3 / GYR_X: 4, ... / TEMP: 24.5

@@ -247,3 +247,10 @@ def test_the_chain_says_what_was_done_to_the_samples_of_this_run(analysis, page)
 def test_nothing_of_ours_is_a_character_that_cannot_be_shown(page):
     assert "\ufffd" not in page
     assert '<td class="limit">&lt; ' in page
+
+
+def test_the_verdict_is_followed_by_the_table_and_the_charts_of_all_axes(page):
+    order = [
+        page.index(text) for text in ('class="verdict', "<caption>", 'class="overlay"', "<dl>")
+    ]
+    assert order == sorted(order)

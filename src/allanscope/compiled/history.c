@@ -19,22 +19,49 @@ static inline double mean_of(const double *known) {
     return known[2] > 0.0 ? known[0] + known[1] / known[2] : NAN;
 }
 
+/* Add rows of all axes, one after another in memory, to the sums of the axes. */
+static void add_rows_int16(const int16_t *rows, int64_t n, int64_t axes, double *sums) {
+    enum { AXES_AT_ONCE = 8, EXACT = 1 << 15 };
+    typedef int16_t eight_narrow __attribute__((vector_size(16), aligned(2), may_alias));
+    typedef int32_t eight_wide __attribute__((vector_size(32), aligned(4), may_alias));
+    const int16_t *end = rows + n * axes;
+    for (int64_t first = 0; first < axes; first += AXES_AT_ONCE) {
+        int64_t many = least(AXES_AT_ONCE, axes - first);
+        for (int64_t done = 0; done < n; done += EXACT) { /* so many that no sum leaves 32 bits */
+            const int16_t *own = rows + done * axes + first;
+            eight_wide sum = {0};
+            for (int64_t i = 0; i < least(EXACT, n - done); i++, own += axes) {
+                eight_narrow row = {0};
+                if (own + AXES_AT_ONCE <= end) row = *(const eight_narrow *)own;
+                else memcpy(&row, own, (size_t)many * sizeof *own);
+                sum += __builtin_convertvector(row, eight_wide);
+            }
+            for (int64_t a = 0; a < many; a++) sums[first + a] += (double)sum[a];
+        }
+    }
+}
+
+static void add_rows_float64(const double *rows, int64_t n, int64_t axes, double *sums) {
+    for (int64_t i = 0; i < n; i++, rows += axes)
+        for (int64_t axis = 0; axis < axes; axis++) sums[axis] += rows[axis];
+}
+
 /* Sum each `stride` of n samples (rows of all axes) up in the rows that follow. `part` is the row
    that is not complete, of which `filled` samples are here: sums of the axes, then what is known of
    the temperature. There may be no temperatures at all. */
-#define ROWS(name, type, total)                                                                  \
+#define ROWS(name, type, add)                                                                    \
     KERNEL(void, name)                                                                           \
     (const type *samples, int64_t n, const double *temperature_c, int64_t temperatures,          \
      int64_t axes, int64_t stride, double *part, int64_t filled, double *sums, double *means) {  \
         double *known = part + axes;                                                             \
+        if (stride == 1) { /* each a sum of its own, which begins at 0.0 */                      \
+            for (int64_t i = 0; i < n * axes; i++) sums[i] = 0.0 + (double)samples[i];           \
+            for (int64_t i = 0; i < n; i++) means[i] = temperatures ? temperature_c[i] + 0.0 : NAN;\
+            return;                                                                              \
+        }                                                                                        \
         for (int64_t done = 0; done < n;) {                                                      \
             int64_t size = least(stride - filled, n - done);                                     \
-            for (int64_t axis = 0; axis < axes; axis++) {                                        \
-                const type *own = samples + done * axes + axis;                                  \
-                total sum = (total)part[axis];                                                   \
-                for (int64_t j = 0; j < size; j++) sum += own[j * axes];                         \
-                part[axis] = (double)sum;                                                        \
-            }                                                                                    \
+            add(samples + done * axes, size, axes, part);                                        \
             if (temperatures) add_temperatures(known, temperature_c + done, size);               \
             done += size, filled += size;                                                        \
             if (filled < stride) continue;                                                       \
@@ -45,8 +72,8 @@ static inline double mean_of(const double *known) {
         }                                                                                        \
     }
 
-ROWS(history_rows_int16, int16_t, int64_t)
-ROWS(history_rows_float64, double, double)
+ROWS(history_rows_int16, int16_t, add_rows_int16)
+ROWS(history_rows_float64, double, add_rows_float64)
 
 /* Join neighbouring rows of one segment in pairs, in place; a row without a neighbour is given up.
    Return how many there are. */

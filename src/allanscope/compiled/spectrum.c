@@ -174,7 +174,21 @@ KERNEL(void, narrow_columns_of_int16)
     }
 }
 
-enum { TAPS = 48, FACTOR = 4, TOGETHER = 256, PHASE = TOGETHER + TAPS / FACTOR };
+enum { TAPS = 48, FACTOR = 4, OUTPUTS = 64, TOGETHER = 256, PHASE = TOGETHER + TAPS / FACTOR };
+
+/* Sixteen outputs, in as many registers as they take. */
+typedef float outputs __attribute__((vector_size(64), aligned(4), may_alias));
+
+/* Filter `OUTPUTS` outputs: each is one sum, in the order of the taps, of numbers that lie side by
+   side for all of them. */
+static inline void filtered(const float (*phases)[PHASE], const float *taps, float *out) {
+    outputs sums[OUTPUTS / 16] = {{0.0f}};
+    for (int j = 0; j < TAPS; j++) {
+        const float *own = phases[j % FACTOR] + j / FACTOR;
+        for (int i = 0; i < OUTPUTS / 16; i++) sums[i] += taps[j] * *(const outputs *)(own + 16 * i);
+    }
+    for (int i = 0; i < OUTPUTS / 16; i++) *(outputs *)(out + 16 * i) = sums[i];
+}
 
 /* Low-pass the samples of every axis, p and then n, and keep `count` outputs, one from every fourth.
    Samples are parted by their number modulo 4 first: then neighbouring outputs take neighbouring
@@ -182,7 +196,7 @@ enum { TAPS = 48, FACTOR = 4, TOGETHER = 256, PHASE = TOGETHER + TAPS / FACTOR }
 KERNEL(void, decimate)
 (const float *restrict before, const float *restrict samples, const float *restrict taps, int64_t axes,
  int64_t p, int64_t n, int64_t count, float *restrict out) {
-    float phases[FACTOR][PHASE], sums[TOGETHER];
+    float phases[FACTOR][PHASE] = {{0.0f}}, sums[TOGETHER];
     for (int64_t axis = 0; axis < axes; axis++, before += p, samples += n, out += count) {
         const pieces all = {before, samples, p};
         for (int64_t done = 0; done < count; done += TOGETHER) {
@@ -192,13 +206,9 @@ KERNEL(void, decimate)
                 for (int k = 0; k < FACTOR; k++) phases[k][i] = sample_at(all, here + FACTOR * i + k);
             for (; i < wanted; i++)
                 for (int k = 0; k < FACTOR; k++) phases[k][i] = samples[here - p + FACTOR * i + k];
-            for (int64_t i = 0; i < size; i++) sums[i] = 0.0f;
-            for (int j = 0; j < TAPS; j += FACTOR) {
-                const float *p0 = phases[0] + j / FACTOR, *p1 = phases[1] + j / FACTOR;
-                const float *p2 = phases[2] + j / FACTOR, *p3 = phases[3] + j / FACTOR;
-                float t0 = taps[j], t1 = taps[j + 1], t2 = taps[j + 2], t3 = taps[j + 3];
-                for (int64_t i = 0; i < size; i++)
-                    sums[i] = sums[i] + t0 * p0[i] + t1 * p1[i] + t2 * p2[i] + t3 * p3[i];
+            for (i = 0; i < size; i += OUTPUTS) {
+                const float(*own)[PHASE] = (const float(*)[PHASE])(phases[0] + i);
+                filtered(own, taps, sums + i);
             }
             memcpy(out + done, sums, (size_t)size * sizeof(float));
         }

@@ -3,14 +3,15 @@
 #include "kernels.h"
 
 enum { BATCH = 256, HEAD = 128, WIDTH = 21, ENTRIES = 2 * BATCH };
-enum { LONGEST_TERM = 2 * 63, NOTED = -2 };
+enum { LONGEST_TERM = 2 * 63, NOTED = -2, MOST_LEVELS = 64 };
 enum { OSTDEV, OADEV, OHDEV, MDEV, PDEV, STDEV, ADEV, HDEV, TOTDEV, OSTDEV_MOMENTS, STDEV_MOMENTS = 15 };
 
 /* `Ladder` of allan/kernels.py, as kernels receive it. */
 #define LADDER                                                                                   \
     double *rungs, double *heads, const int64_t *lags, const int64_t *first, double *sums,       \
         double *offsets, int64_t *marks, double *marked, int64_t axes, int64_t levels, int64_t slots
-#define THE_LADDER {rungs, heads, lags, first, sums, offsets, marks, marked, axes, levels, slots}
+#define THE_LADDER                                                                               \
+    ladder_of(rungs, heads, lags, first, sums, offsets, marks, marked, axes, levels, slots)
 
 typedef struct {
     double *rungs, *heads;
@@ -19,7 +20,20 @@ typedef struct {
     int64_t *marks;
     double *marked;
     int64_t axes, levels, slots;
+    int64_t due[MOST_LEVELS]; /* the first mark that waits on each level */
 } ladder;
+
+static void find_due(ladder *l, int64_t level) {
+    l->due[level] = INT64_MAX;
+    for (const int64_t *mark = l->marks + level * l->slots, *end = mark + l->slots; mark < end; mark++)
+        if (*mark >= 0) l->due[level] = least(*mark, l->due[level]);
+}
+
+static ladder ladder_of(LADDER) {
+    ladder all = {rungs, heads, lags, first, sums, offsets, marks, marked, axes, levels, slots, {0}};
+    for (int64_t level = 0; level < levels; level++) find_due(&all, level);
+    return all;
+}
 
 /* Entries x, z, q of a rung, ENTRIES each. */
 static double *rung_of(const ladder *l, int64_t axis, int64_t level) {
@@ -82,7 +96,7 @@ static void put_back(const ladder *l, int64_t axis, int64_t level) {
 }
 
 KERNEL(void, cascade_put_all_back)(LADDER) {
-    const ladder all = THE_LADDER, *l = &all;
+    ladder all = THE_LADDER, *l = &all;
     for (int64_t axis = 0; axis < axes; axis++)
         for (int64_t level = 0; level < levels; level++) put_back(l, axis, level);
 }
@@ -259,20 +273,23 @@ static double squares_between(const double *rung, int64_t before, int64_t from, 
     return sum_of(sums);
 }
 
+/* Entries that a rung has had when the last term of a mark has come. */
+static int64_t done_at(int64_t mark, int64_t level) {
+    return ((mark - 1) >> level) + 1 + LONGEST_TERM;
+}
+
 /* Note for each mark of a rung, a number of samples, the squares of all terms that end there or
    before, and of those that reach across it with their number: `allan/dynamic.py`. It is done when
    the last of these has come, and `spend` has not yet taken them. */
-static void note_marks(
-    const ladder *l, int64_t axis, int64_t level, int64_t before, int64_t new, int is_end) {
+static void note_marks(ladder *l, int64_t axis, int64_t level, int64_t before, int64_t new, int is_end) {
     const double *rung = rung_of(l, axis, level);
     int64_t *marks = l->marks + level * l->slots, now = before + new;
+    if (l->due[level] == INT64_MAX || (!is_end && done_at(l->due[level], level) > now)) return;
     for (int64_t slot = 0; slot < l->slots; slot++) {
-        int64_t mark = marks[slot], here = mark >> level;
-        int64_t next = (mark + ((int64_t)1 << level) - 1) >> level;
-        if (mark < 0 || next + LONGEST_TERM <= before) continue;
-        if (!is_end && next + LONGEST_TERM > now) continue;
+        int64_t mark = marks[slot], here = mark >> level, done = done_at(mark, level);
+        if (mark < 0 || done <= before || (!is_end && done > now)) continue;
         for (int64_t t = l->first[level]; t < l->first[level + 1]; t++) {
-            int64_t k = l->lags[t], last = least(next + 2 * k - 1, now);
+            int64_t k = l->lags[t], last = least(done - LONGEST_TERM + 2 * k - 1, now);
             double *found = l->marked + ((axis * l->first[l->levels] + t) * l->slots + slot) * 3;
             double spent = sums_of(l, axis, t)[OADEV];
             found[0] = here < before ? spent - squares_between(rung, before, here, before, k)
@@ -282,6 +299,7 @@ static void note_marks(
         }
         if (axis == l->axes - 1) marks[slot] = NOTED;
     }
+    if (axis == l->axes - 1) find_due(l, level);
 }
 
 /* Add all terms that end in the `new` entries of a rung that has spent `before` of them. */
@@ -329,30 +347,21 @@ static void take_in(
     }
 }
 
-/* Carry every second of the new entries of a rung to the next. */
+/* Carry every second of the new entries of a rung to the next: there it is a stretch of time on from
+   the last entry before. */
 static void promote(const ladder *l, int64_t axis, int64_t level, int64_t before, int64_t new) {
-    const double *lx = rung_of(l, axis, level), *lz = lx + ENTRIES, *lq = lz + ENTRIES;
+    const double *lx = rung_of(l, axis, level) + BATCH + 1, *lz = lx + ENTRIES, *lq = lz + ENTRIES;
     if (before == 0) *offset_of(l, axis, level + 1) = *offset_of(l, axis, level);
-    double s = ldexp(1.0, (int)level + 1), half = 0.5 * s * s;
-    double more_x = 0.0, more_z = 0.0, more_q = 0.0;
-    with_offset(
-        &more_x, &more_z, &more_q, 1, 1, s, *offset_of(l, axis, level) - *offset_of(l, axis, level + 1));
-    /* What each pair contributes by itself: here no sum waits for the one before. */
-    double own_x[BATCH / 2], own_z[BATCH / 2], own_q[BATCH / 2];
+    double stride = ldexp(1.0, (int)level + 1);
+    double more = *offset_of(l, axis, level) - *offset_of(l, axis, level + 1);
+    double *restrict xs = rung_of(l, axis, level + 1) + BATCH + (before / 2) % BATCH;
+    double *restrict zs = xs + ENTRIES, *restrict qs = zs + ENTRIES;
+    const double x = xs[-1], z = zs[-1], q = qs[-1];
     for (int32_t j = 0; j < (int32_t)new / 2; j++) {
-        const int32_t a = BATCH - 1 + 2 * j, b = a + 2;
-        own_q[j] = (lq[b] - lq[a] - s * lz[a] - half * lx[a]) + more_q;
-        own_z[j] = lz[b] - lz[a] - s * lx[a] + more_z;
-        own_x[j] = lx[b] - lx[a] + more_x;
-    }
-    double *xs = rung_of(l, axis, level + 1) + BATCH + (before / 2) % BATCH;
-    double *zs = xs + ENTRIES, *qs = zs + ENTRIES;
-    double x = xs[-1], z = zs[-1], q = qs[-1];
-    for (int64_t j = 0; j < new / 2; j++) {
-        q += s * z + half * x + own_q[j];
-        z += s * x + own_z[j];
-        x += own_x[j];
-        xs[j] = x, zs[j] = z, qs[j] = q;
+        double s = (double)(j + 1) * stride, path = s * (s - 1.0);
+        xs[j] = lx[2 * j] + (x + more * s);
+        zs[j] = lz[2 * j] + (z + s * x + more * (0.5 * path));
+        qs[j] = lq[2 * j] + (q + s * z + 0.5 * s * s * x + more * (path * (2.0 * s - 1.0) / 12.0));
     }
 }
 
@@ -381,7 +390,7 @@ static void count_from_mean(const ladder *l, int64_t axis, int64_t level, double
 }
 
 /* Spend the full batch of a rung, its number `batches`, and those that it fills above. */
-static void spend_batches(const ladder *l, int64_t axis, int64_t level, int64_t batches) {
+static void spend_batches(ladder *l, int64_t axis, int64_t level, int64_t batches) {
     for (int full = 1; full; level++, batches /= 2) {
         int64_t before = (batches - 1) * BATCH;
         note_marks(l, axis, level, before, BATCH, 0);
@@ -397,7 +406,7 @@ static void spend_batches(const ladder *l, int64_t axis, int64_t level, int64_t 
 
 /* Take in n samples of every axis, less the anchor, after `taken` of this segment. */
 KERNEL(void, cascade_advance)(const double *samples, int64_t n, int64_t taken, LADDER) {
-    const ladder all = THE_LADDER, *l = &all;
+    ladder all = THE_LADDER, *l = &all;
     for (int64_t axis = 0; axis < axes; axis++) {
         for (int64_t done = 0, count = taken; done < n;) {
             int64_t at = BATCH + count % BATCH, size = least(ENTRIES - at, n - done);
@@ -434,7 +443,7 @@ static double reflected(const double *head, const double *tail, int64_t entries,
 
 /* Add the terms of half-filled rungs and TOTDEV's reflected ends: the segment ends here. */
 KERNEL(void, cascade_settle)(int64_t taken, LADDER) {
-    const ladder all = THE_LADDER, *l = &all;
+    ladder all = THE_LADDER, *l = &all;
     for (int64_t axis = 0; axis < axes; axis++) {
         for (int64_t level = 0; level < levels; level++) {
             int64_t entries = taken >> level, new = entries % BATCH, before = entries - new;
@@ -457,7 +466,7 @@ KERNEL(void, cascade_settle)(int64_t taken, LADDER) {
    them up; `taken` blocks of the segment came before. */
 KERNEL(void, cascade_hand_up)
 (const double *block_sums, int64_t k, int64_t level, int64_t taken, LADDER) {
-    const ladder all = THE_LADDER, *l = &all;
+    ladder all = THE_LADDER, *l = &all;
     double s = ldexp(1.0, (int)level), half = 0.5 * s * s;
     for (int64_t axis = 0; axis < axes; axis++) {
         const double *blocks = block_sums + axis * k * 3;

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from allanscope.allan.kernels import rows_of
 from allanscope.compiled import Pointer, kernel
 
 __all__ = ["ROWS", "Archive"]
@@ -53,7 +54,7 @@ class Archive:
     Examples
     --------
     >>> archive = Archive(axes=1, rows=4)
-    >>> archive.extend(np.arange(10.0)[np.newaxis])
+    >>> archive.extend(np.arange(10.0)[:, np.newaxis])
     >>> archive.stride, archive.sums.tolist()
     (4, [[[6.0, 22.0], [4.0, 28.0]]])
     >>> [phase.tolist() for phase in archive.picked(0)]
@@ -74,20 +75,22 @@ class Archive:
         """The rows in use, (u, v), shape (axes, 2, used)."""
         return self.rows[:, :, : self.used]
 
-    def extend(self, samples: Floats) -> None:
-        """Take in the next samples, shape (axes, n), less the anchor of each axis."""
-        samples = np.ascontiguousarray(samples, np.float64)
+    def extend(self, samples: NDArray[Any], anchor: Floats | None = None) -> None:
+        """Take in the next samples, shape (n, axes), which lie above the anchor of each axis."""
+        samples = rows_of(samples)
+        zero = np.zeros(self.axes) if anchor is None else anchor
+        summarise = _summarise[samples.dtype.name]
         done = 0
-        while done < samples.shape[1]:
+        while done < len(samples):
             # One sample less than completes a row for which there is no room.
             room = (self.rows.shape[2] - self.used + 1) * self.stride - 1 - self.filled
             if room == 0:
                 self.thin()
                 continue
-            size = min(room, samples.shape[1] - done)
-            _summarise(samples, *samples.shape, done, size, *self._rows())
-            done += size
-            full, self.filled = divmod(self.filled + size, self.stride)
+            piece = samples[done : done + room]
+            summarise(piece, zero, self.axes, len(piece), *self._rows())
+            done += len(piece)
+            full, self.filled = divmod(self.filled + len(piece), self.stride)
             self.used += full
 
     def join(self, block_sums: Floats, length: int) -> None:
@@ -255,7 +258,13 @@ def _joined(first: Floats, second: Floats, count: int) -> Floats:
 
 _ROWS = (Pointer(np.float64, 3, written=True), int, int)
 _PART = (Pointer(np.float64, 2, written=True), int, int)
-_summarise = kernel("archive_summarise", Pointer(np.float64, 2), *(int,) * 4, *_ROWS, *_PART)
-"""Fill rows from samples, shape (axes, n), a slice of them."""
+_summarise = {
+    name: kernel(
+        *(f"archive_summarise_{name}", Pointer(kind, 2), Pointer(np.float64, 1), int, int),
+        *(*_ROWS, *_PART),
+    )
+    for name, kind in (("int16", np.int16), ("float64", np.float64))
+}
+"""Fill rows from samples, shape (n, axes)."""
 _add_block_sums = kernel("archive_add_blocks", Pointer(np.float64, 3), *(int,) * 6, *_ROWS, *_PART)
 """Fill rows from sums (u, v, ...) of blocks; their length divides `stride` and `filled`."""

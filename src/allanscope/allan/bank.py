@@ -33,7 +33,7 @@ from allanscope.allan.curves import Curves, samples_to_value
 from allanscope.allan.deviation import Deviation
 from allanscope.allan.dynamic import SLOTS, DynamicDeviation, WindowBorders
 from allanscope.allan.estimators import Sums, estimator_named
-from allanscope.allan.kernels import columns
+from allanscope.allan.kernels import rows_of
 from allanscope.allan.noise_type import NoiseTypes, alpha_named, one_noise
 from allanscope.allan.phase import LARGEST, checked_samples, positive_rate
 from allanscope.allan.shard import BLOCK, Shard
@@ -185,12 +185,12 @@ class AllanBank:
         borders, start = self._borders, 0
         while start < len(data):
             size = _SLICE if borders is None else min(_SLICE, borders.most_samples)
-            piece = columns(data[start : start + size], self._anchor)
+            piece = rows_of(data[start : start + size])
             if borders is not None:
-                self._cascade.make_room(piece.shape[1])
-                borders.plan(self._cascade, piece.shape[1])
-            self._cascade.extend(piece)
-            self._archive.extend(piece)
+                self._cascade.make_room(len(piece))
+                borders.plan(self._cascade, len(piece))
+            self._cascade.extend(piece, self._anchor)
+            self._archive.extend(piece, self._anchor)
             if borders is not None:
                 borders.collect_when_due(self._cascade)
             start += size

@@ -78,7 +78,7 @@ class Cascade:
     OAVAR of the rates 0 1 3 2 at m = 1 is half the mean square difference, of 1 4 1:
 
     >>> cascade = Cascade(axes=1, per_octave=1)
-    >>> cascade.extend(np.array([[0.0, 1.0, 3.0, 2.0]]))
+    >>> cascade.extend(np.array([[0.0], [1.0], [3.0], [2.0]]))
     >>> oadev = cascade.settled().variances("oadev")
     >>> oadev.m.tolist(), oadev.variance.tolist(), oadev.terms.tolist()
     ([1, 2], [[1.0, 2.0]], [[3, 1]])
@@ -155,13 +155,13 @@ class Cascade:
         entries = _entries_with(kind, wanted, k, first=level == 0)
         return max((entries << level) - self.taken, 0)
 
-    def extend(self, samples: NDArray[np.float64]) -> None:
-        """Take in the next samples, shape (axes, n), less the anchor of each axis."""
-        taken = self.taken + samples.shape[1]
-        self.make_room(samples.shape[1])
-        advance(samples, self.taken, self.ladder())
-        self.samples += samples.shape[1]
-        self.taken = taken
+    def extend(self, samples: NDArray[Any], anchor: NDArray[np.float64] | None = None) -> None:
+        """Take in the next samples, shape (n, axes), which lie above the anchor of each axis."""
+        n = len(samples)
+        self.make_room(n)
+        advance(samples, np.zeros(self.axes) if anchor is None else anchor, self.taken, self.ladder())
+        self.samples += n
+        self.taken += n
 
     def make_room(self, samples: int) -> None:
         """Add the rungs that so many samples more need, before the one below hands up to them."""

@@ -71,10 +71,10 @@ __all__ = [
     "WIDTH",
     "Ladder",
     "advance",
-    "columns",
     "hand_up",
     "offset_near",
     "put_all_back",
+    "rows_of",
     "settle",
 ]
 
@@ -147,42 +147,38 @@ _LADDER = (
     Pointer(np.float64, 4, written=True),
     *(int, int, int),
 )
-_advance = kernel("cascade_advance", Pointer(np.float64, 2), int, int, *_LADDER)
+_ROWS = {"int16": Pointer(np.int16, 2), "float64": Pointer(np.float64, 2)}
+_advance = {
+    name: kernel(f"cascade_advance_{name}", rows, Pointer(np.float64, 1), int, int, *_LADDER)
+    for name, rows in _ROWS.items()
+}
 _settle = kernel("cascade_settle", int, *_LADDER)
 _put_all_back = kernel("cascade_put_all_back", *_LADDER)
 _hand_up = kernel("cascade_hand_up", Pointer(np.float64, 3), int, int, int, *_LADDER)
-_columns_of_int16 = kernel(
-    "columns_of_int16",
-    *(Pointer(np.int16, 2), Pointer(np.float64, 1), int, int),
-    Pointer(np.float64, 2, written=True),
-)
 
 
-def columns(samples: NDArray[Any], anchor: Floats) -> Floats:
-    """Return samples of shape (n, axes) less the anchor of each axis, shape (axes, n)."""
-    if samples.dtype != np.int16:
-        less: Floats = np.subtract(samples.T, anchor[:, np.newaxis], order="C")
-        return less
-    own = np.ascontiguousarray(samples)
-    found = np.empty(own.shape[::-1])
-    _columns_of_int16(own, anchor, *found.shape, found)
-    return found
+def rows_of(samples: NDArray[Any]) -> NDArray[Any]:
+    """Return samples of shape (n, axes) as loops take them: int16, all others as float64."""
+    return np.ascontiguousarray(samples, samples.dtype if samples.dtype == np.int16 else np.float64)
 
 
-def advance(samples: Floats, taken: int, ladder: Ladder) -> None:
+def advance(samples: NDArray[Any], anchor: Floats, taken: int, ladder: Ladder) -> None:
     """Take in the next samples of every axis.
 
     Parameters
     ----------
-    samples : ndarray, shape (axes, n)
-        Samples, less the anchor.
+    samples : ndarray, shape (n, axes)
+        Samples.
+    anchor : ndarray, shape (axes,)
+        Subtracted from every sample.
     taken : int
         Samples of this segment that came before.
     ladder : Ladder
         Changed in place.
     """
-    own = np.ascontiguousarray(samples, np.float64)
-    _advance(own, own.shape[1], taken, *_checked(ladder, len(own)))
+    own = rows_of(samples)
+    n, axes = own.shape
+    _advance[own.dtype.name](own, anchor, n, taken, *_checked(ladder, axes))
 
 
 def settle(taken: int, ladder: Ladder) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.allan.cascade import Cascade
-from allanscope.allan.kernels import BATCH, advance, columns, offset_near
+from allanscope.allan.kernels import BATCH, advance, offset_near
 from allanscope.compiled import Pointer, kernel
 
 __all__ = ["ALIGNED", "BLOCK", "LEVELS", "Shard"]
@@ -109,30 +109,30 @@ class Shard:
                 f"a shard takes multiples of {ALIGNED} samples of {self.cascade.axes} axes, "
                 f"got shape {samples.shape}"
             )
-        for slice_ in self._advance(samples):
-            self._block_sums.append(_block_sums_of(slice_))
-
-    def _advance(self, samples: NDArray[np.generic]) -> list[NDArray[np.float64]]:
-        """Feed the low rungs; return the samples less the anchor, shape (axes, n) each."""
-        low = self.cascade
-        ladder = low.ladder()
-        taken = []
+        self._advance(samples)
         for begin in range(0, len(samples), _SLICE):
-            one = columns(samples[begin : begin + _SLICE], self.anchor)
-            advance(one, self.end, ladder)
-            self.end += one.shape[1]
-            taken.append(one)
-        return taken
+            self._block_sums.append(_block_sums_of(samples[begin : begin + _SLICE], self.anchor))
+
+    def _advance(self, samples: NDArray[np.generic]) -> None:
+        """Feed the low rungs."""
+        ladder = self.cascade.ladder()
+        for begin in range(0, len(samples), _SLICE):
+            piece = samples[begin : begin + _SLICE]
+            advance(piece, self.anchor, self.end, ladder)
+            self.end += len(piece)
 
 
 _block_sums = kernel(
-    "block_sums", Pointer(np.float64, 2), int, int, int, Pointer(np.float64, 3, written=True)
+    *("block_sums", Pointer(np.float64, 2), Pointer(np.float64, 1), int, int, int),
+    Pointer(np.float64, 3, written=True),
 )
 
 
-def _block_sums_of(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+def _block_sums_of(
+    samples: NDArray[np.generic], anchor: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return (X, Z, Q) of each block of every axis, shape (axes, n // BLOCK, 3)."""
-    axes, n = samples.shape
+    n, axes = samples.shape
     found = np.empty((axes, n // BLOCK, 3))
-    _block_sums(samples, axes, n, BLOCK, found)
+    _block_sums(np.ascontiguousarray(samples, np.float64), anchor, axes, n, BLOCK, found)
     return found

@@ -2,6 +2,10 @@
 
 #include "kernels.h"
 
+#if defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
 enum { BATCH = 256, HEAD = 128, WIDTH = 21, ENTRIES = 2 * BATCH };
 enum { LONGEST_TERM = 2 * 63, NOTED = -2, MOST_LEVELS = 64 };
 enum { OSTDEV, OADEV, OHDEV, MDEV, PDEV, STDEV, ADEV, HDEV, TOTDEV, OSTDEV_MOMENTS, STDEV_MOMENTS = 15 };
@@ -334,18 +338,83 @@ static void spend(const ladder *l, int64_t axis, int64_t level, int64_t before, 
     }
 }
 
-/* Sum samples up on rung 0, from entry `at` on. */
-static void take_in(
-    double *restrict rung, int64_t at, const double *restrict samples, int64_t n, double offset) {
-    double *xs = rung + at, *zs = xs + ENTRIES, *qs = zs + ENTRIES;
-    double x = xs[-1], z = zs[-1], q = qs[-1];
-    for (int64_t j = 0; j < n; j++) {
-        q += z + 0.5 * x;
-        z += x;
-        x += samples[j] - offset;
-        xs[j] = x, zs[j] = z, qs[j] = q;
-    }
+enum { GROUP = 2 * LANES, ROWS_AT_ONCE = 32 };
+
+typedef int16_t four_narrow __attribute__((vector_size(8), aligned(2), may_alias));
+typedef int32_t four_wide __attribute__((vector_size(16), aligned(4), may_alias));
+
+static inline lanes four_of_int16(const int16_t *p) {
+    four_wide wide = __builtin_convertvector(*(const four_narrow *)p, four_wide);
+    return __builtin_convertvector(wide, lanes);
 }
+
+static inline lanes four_of_float64(const double *p) { return *(const lanes *)p; }
+
+/* Part n rows of four, every second of `rows`, into columns. */
+static inline void part_rows(const lanes *rows, int64_t n, double *const *columns, int64_t at) {
+    int64_t i = 0;
+#if defined(__AVX2__)
+    for (; i + LANES <= n; i += LANES) {
+        __m256d r0 = (__m256d)rows[2 * i], r1 = (__m256d)rows[2 * i + 2];
+        __m256d r2 = (__m256d)rows[2 * i + 4], r3 = (__m256d)rows[2 * i + 6];
+        __m256d a = _mm256_unpacklo_pd(r0, r1), b = _mm256_unpackhi_pd(r0, r1);
+        __m256d c = _mm256_unpacklo_pd(r2, r3), d = _mm256_unpackhi_pd(r2, r3);
+        _mm256_storeu_pd(columns[0] + at + i, _mm256_permute2f128_pd(a, c, 0x20));
+        _mm256_storeu_pd(columns[1] + at + i, _mm256_permute2f128_pd(b, d, 0x20));
+        _mm256_storeu_pd(columns[2] + at + i, _mm256_permute2f128_pd(a, c, 0x31));
+        _mm256_storeu_pd(columns[3] + at + i, _mm256_permute2f128_pd(b, d, 0x31));
+    }
+#endif
+    for (; i < n; i++)
+        for (int a = 0; a < LANES; a++) columns[a][at + i] = rows[2 * i][a];
+}
+
+/* Sum rows of all axes up on rung 0, from entry `at` on, for `many` axes from `first` on: in one axis
+   the sums wait for each other, so axes lie side by side. Rows end at `end`, behind which nothing may
+   be read. */
+#define TAKE_IN(name, type, four)                                                                \
+    static void name(                                                                            \
+        const ladder *l, int64_t first, int64_t many, int64_t at, const type *rows,              \
+        const type *end, int64_t n, const double *anchor) {                                      \
+        lanes from[5][2] = {{{0.0}}}; /* x, z, q, anchor, offset */                              \
+        double *xs[GROUP], *zs[GROUP], *qs[GROUP], none[BATCH];                                  \
+        for (int64_t a = 0; a < GROUP; a++) {                                                    \
+            int64_t h = a / LANES, lane = a % LANES;                                             \
+            xs[a] = zs[a] = qs[a] = none;                                                        \
+            if (a >= many) continue;                                                             \
+            xs[a] = rung_of(l, first + a, 0) + at, zs[a] = xs[a] + ENTRIES, qs[a] = zs[a] + ENTRIES;\
+            from[0][h][lane] = xs[a][-1], from[1][h][lane] = zs[a][-1], from[2][h][lane] = qs[a][-1];\
+            from[3][h][lane] = anchor[first + a], from[4][h][lane] = *offset_of(l, first + a, 0);\
+        }                                                                                        \
+        lanes x0 = from[0][0], x1 = from[0][1], z0 = from[1][0], z1 = from[1][1];                \
+        lanes q0 = from[2][0], q1 = from[2][1];                                                  \
+        for (int64_t done = 0; done < n; done += ROWS_AT_ONCE) {                                 \
+            int64_t size = least(ROWS_AT_ONCE, n - done);                                        \
+            lanes x_rows[2 * ROWS_AT_ONCE], z_rows[2 * ROWS_AT_ONCE], q_rows[2 * ROWS_AT_ONCE];  \
+            for (int64_t i = 0; i < size; i++) {                                                 \
+                const type *own = rows + (done + i) * l->axes + first;                           \
+                type last[GROUP] = {0};                                                          \
+                if (own + GROUP > end) {                                                         \
+                    memcpy(last, own, (size_t)many * sizeof *own);                               \
+                    own = last;                                                                  \
+                }                                                                                \
+                q0 += z0 + 0.5 * x0, q1 += z1 + 0.5 * x1;                                        \
+                z0 += x0, z1 += x1;                                                              \
+                x0 += (four(own) - from[3][0]) - from[4][0];                                     \
+                x1 += (four(own + LANES) - from[3][1]) - from[4][1];                             \
+                x_rows[2 * i] = x0, z_rows[2 * i] = z0, q_rows[2 * i] = q0;                      \
+                x_rows[2 * i + 1] = x1, z_rows[2 * i + 1] = z1, q_rows[2 * i + 1] = q1;          \
+            }                                                                                    \
+            for (int h = 0; LANES * h < many; h++) {                                             \
+                part_rows(x_rows + h, size, xs + LANES * h, done);                               \
+                part_rows(z_rows + h, size, zs + LANES * h, done);                               \
+                part_rows(q_rows + h, size, qs + LANES * h, done);                               \
+            }                                                                                    \
+        }                                                                                        \
+    }
+
+TAKE_IN(take_in_int16, int16_t, four_of_int16)
+TAKE_IN(take_in_float64, double, four_of_float64)
 
 /* Carry every second of the new entries of a rung to the next: there it is a stretch of time on from
    the last entry before. */
@@ -404,19 +473,26 @@ static void spend_batches(ladder *l, int64_t axis, int64_t level, int64_t batche
     }
 }
 
-/* Take in n samples of every axis, less the anchor, after `taken` of this segment. */
-KERNEL(void, cascade_advance)(const double *samples, int64_t n, int64_t taken, LADDER) {
-    ladder all = THE_LADDER, *l = &all;
-    for (int64_t axis = 0; axis < axes; axis++) {
-        for (int64_t done = 0, count = taken; done < n;) {
-            int64_t at = BATCH + count % BATCH, size = least(ENTRIES - at, n - done);
-            take_in(rung_of(l, axis, 0), at, samples + axis * n + done, size, *offset_of(l, axis, 0));
-            done += size;
-            count += size;
-            if (count % BATCH == 0) spend_batches(l, axis, 0, count / BATCH);
-        }
+/* Take in n rows of samples of all axes, less the anchor of each, after `taken` of this segment. */
+#define ADVANCE(name, type, take_in)                                                             \
+    KERNEL(void, name)                                                                           \
+    (const type *rows, const double *anchor, int64_t n, int64_t taken, LADDER) {                 \
+        ladder all = THE_LADDER, *l = &all;                                                      \
+        for (int64_t group = 0; group < axes; group += GROUP) {                                  \
+            int64_t many = least(GROUP, axes - group);                                           \
+            for (int64_t done = 0, count = taken; done < n;) {                                   \
+                int64_t at = BATCH + count % BATCH, size = least(ENTRIES - at, n - done);        \
+                take_in(l, group, many, at, rows + done * axes, rows + n * axes, size, anchor);  \
+                done += size;                                                                    \
+                count += size;                                                                   \
+                for (int64_t a = 0; a < many && count % BATCH == 0; a++)                         \
+                    spend_batches(l, group + a, 0, count / BATCH);                               \
+            }                                                                                    \
+        }                                                                                        \
     }
-}
+
+ADVANCE(cascade_advance_int16, int16_t, take_in_int16)
+ADVANCE(cascade_advance_float64, double, take_in_float64)
 
 /* The squares that TOTDEV has beyond OADEV: those that reach past an end. Beyond it the record goes
    on as its own image turned by 180 degrees about the last point, x[-j] = 2 x[0] - x[j] (Howe
@@ -495,72 +571,70 @@ KERNEL(void, cascade_hand_up)
     }
 }
 
-/* (X, Z, Q) of each `length` of n samples of every axis. */
+/* (X, Z, Q) of each `length` of n rows of samples of all axes, less the anchor of each. */
 KERNEL(void, block_sums)
-(const double *samples, int64_t axes, int64_t n, int64_t length, double *found) {
+(const double *samples, const double *anchor, int64_t axes, int64_t n, int64_t length, double *found) {
     for (int64_t axis = 0; axis < axes; axis++) {
-        const double *own = samples + axis * n;
+        const double *own = samples + axis, zero = anchor[axis];
         for (int64_t i = 0; i < n / length; i++, found += 3) {
             double x = 0.0, z = 0.0, q = 0.0;
             for (int64_t j = i * length; j < (i + 1) * length; j++) {
                 q += z + 0.5 * x;
                 z += x;
-                x += own[j];
+                x += own[j * axes] - zero;
             }
             found[0] = x, found[1] = z, found[2] = q;
         }
     }
 }
 
-/* The samples of each axis, less its anchor, one after another; `rows` has those of a moment together. */
-KERNEL(void, columns_of_int16)
-(const int16_t *rows, const double *anchor, int64_t axes, int64_t n, double *columns) {
-    enum { AT_ONCE_READ = 64 };
-    for (int64_t done = 0; done < n; done += AT_ONCE_READ) {
-        int64_t size = least(AT_ONCE_READ, n - done);
-        for (int64_t axis = 0; axis < axes; axis++) {
-            const int16_t *own = rows + done * axes + axis;
-            double *column = columns + axis * n + done;
-            for (int64_t j = 0; j < size; j++) column[j] = (double)own[j * axes] - anchor[axis];
-        }
+/* Fill rows (u, v) of the archive from `size` rows of samples of all axes, less the anchor of each:
+   `allan/archive.py`. The samples end at `end`, behind which nothing may be read. */
+#define SUMMARISE(name, type, four)                                                              \
+    KERNEL(void, name)                                                                           \
+    (const type *samples, const double *anchor, int64_t axes, int64_t size, double *rows,        \
+     int64_t room, int64_t used, double *part, int64_t filled, int64_t stride) {                 \
+        const type *end = samples + size * axes;                                                 \
+        for (int64_t first = 0; first < axes; first += GROUP) {                                  \
+            int64_t many = least(GROUP, axes - first), count = filled, row = used;               \
+            lanes from[3][2] = {{{0.0}}}; /* u, v, anchor */                                     \
+            for (int64_t a = 0; a < many; a++) {                                                 \
+                const double *own = part + 2 * (first + a);                                      \
+                from[0][a / LANES][a % LANES] = own[0], from[1][a / LANES][a % LANES] = own[1];  \
+                from[2][a / LANES][a % LANES] = anchor[first + a];                               \
+            }                                                                                    \
+            lanes u0 = from[0][0], u1 = from[0][1], v0 = from[1][0], v1 = from[1][1];            \
+            for (int64_t i = 0; i <= size; i++) {                                                \
+                if (count == stride || i == size) {                                              \
+                    from[0][0] = u0, from[0][1] = u1, from[1][0] = v0, from[1][1] = v1;          \
+                    for (int64_t a = 0; a < many; a++) {                                         \
+                        double *own = part + 2 * (first + a);                                    \
+                        double *to = rows + 2 * (first + a) * room + row;                        \
+                        own[0] = from[0][a / LANES][a % LANES];                                  \
+                        own[1] = from[1][a / LANES][a % LANES];                                  \
+                        if (count < stride) continue;                                            \
+                        to[0] = own[0], to[room] = own[1];                                       \
+                        own[0] = own[1] = 0.0;                                                   \
+                    }                                                                            \
+                    if (i == size) break;                                                        \
+                    u0 = u1 = v0 = v1 = (lanes){0.0};                                            \
+                    count = 0, row++;                                                            \
+                }                                                                                \
+                const type *own = samples + i * axes + first;                                    \
+                type last[GROUP] = {0};                                                          \
+                if (own + GROUP > end) {                                                         \
+                    memcpy(last, own, (size_t)many * sizeof *own);                               \
+                    own = last;                                                                  \
+                }                                                                                \
+                v0 += u0, v1 += u1;                                                              \
+                u0 += four(own) - from[2][0], u1 += four(own + LANES) - from[2][1];              \
+                count++;                                                                         \
+            }                                                                                    \
+        }                                                                                        \
     }
-}
 
-/* Fill rows (u, v) of `group` axes from `size` samples each: the sums of one axis wait for each other,
-   those of several do not. */
-static inline __attribute__((always_inline)) void summarise(
-    const int64_t group, const double *samples, int64_t width, int64_t size, double *rows, int64_t room,
-    double *part, int64_t filled, int64_t stride) {
-    double us[3], vs[3];
-    for (int64_t g = 0; g < group; g++) us[g] = part[2 * g], vs[g] = part[2 * g + 1];
-    for (int64_t j = 0, used = 0; j < size; used++) {
-        int64_t stop = least(size, j + stride - filled);
-        filled += stop - j;
-        for (; j < stop; j++)
-            for (int64_t g = 0; g < group; g++) {
-                vs[g] += us[g];
-                us[g] += samples[g * width + j];
-            }
-        if (filled < stride) break;
-        for (int64_t g = 0; g < group; g++) {
-            rows[2 * g * room + used] = us[g], rows[(2 * g + 1) * room + used] = vs[g];
-            us[g] = vs[g] = 0.0;
-        }
-        filled = 0;
-    }
-    for (int64_t g = 0; g < group; g++) part[2 * g] = us[g], part[2 * g + 1] = vs[g];
-}
-
-/* Fill rows (u, v) from `size` samples of every axis, from number `done` on: `allan/archive.py`. */
-KERNEL(void, archive_summarise)
-(const double *samples, int64_t axes, int64_t width, int64_t done, int64_t size, double *rows,
- int64_t room, int64_t used, double *part, int64_t filled, int64_t stride) {
-    samples += done, rows += used;
-    for (; axes >= 3; axes -= 3, samples += 3 * width, rows += 6 * room, part += 6)
-        summarise(3, samples, width, size, rows, room, part, filled, stride);
-    for (; axes > 0; axes--, samples += width, rows += 2 * room, part += 2)
-        summarise(1, samples, width, size, rows, room, part, filled, stride);
-}
+SUMMARISE(archive_summarise_int16, int16_t, four_of_int16)
+SUMMARISE(archive_summarise_float64, double, four_of_float64)
 
 /* Fill rows from sums (u, v, ...) of `size` blocks of `length` samples, `columns` numbers each. */
 KERNEL(void, archive_add_blocks)

@@ -7,6 +7,7 @@
 #endif
 
 enum { BATCH = 256, HEAD = 128, WIDTH = 21, ENTRIES = 2 * BATCH };
+enum { GROUP = 2 * LANES, ROWS_AT_ONCE = 32 };
 enum { LONGEST_TERM = 2 * 63, NOTED = -2, MOST_LEVELS = 64 };
 enum { OSTDEV, OADEV, OHDEV, MDEV, PDEV, STDEV, ADEV, HDEV, TOTDEV, OSTDEV_MOMENTS, STDEV_MOMENTS = 15 };
 
@@ -17,6 +18,12 @@ enum { OSTDEV, OADEV, OHDEV, MDEV, PDEV, STDEV, ADEV, HDEV, TOTDEV, OSTDEV_MOMEN
 #define THE_LADDER                                                                               \
     ladder_of(rungs, heads, lags, first, sums, offsets, marks, marked, axes, levels, slots)
 
+/* The largest step of x, second difference of z, and rest of the steps of q, of the new entries of a
+   rung; a step below zero where that is not known. */
+typedef struct {
+    double step, curve, rest;
+} sizes;
+
 typedef struct {
     double *rungs, *heads;
     const int64_t *lags, *first;
@@ -24,7 +31,8 @@ typedef struct {
     int64_t *marks;
     double *marked;
     int64_t axes, levels, slots;
-    int64_t due[MOST_LEVELS]; /* the first mark that waits on each level */
+    int64_t due[MOST_LEVELS];    /* the first mark that waits on each level */
+    sizes (*known)[MOST_LEVELS]; /* of the last batch, of a group of axes; or nothing */
 } ladder;
 
 static void find_due(ladder *l, int64_t level) {
@@ -34,9 +42,14 @@ static void find_due(ladder *l, int64_t level) {
 }
 
 static ladder ladder_of(LADDER) {
-    ladder all = {rungs, heads, lags, first, sums, offsets, marks, marked, axes, levels, slots, {0}};
+    ladder all = {rungs, heads, lags, first, sums, offsets, marks, marked, axes, levels, slots, {0}, NULL};
     for (int64_t level = 0; level < levels; level++) find_due(&all, level);
     return all;
+}
+
+/* Forget the sizes of a rung: it counts from another offset. */
+static void forget_sizes(const ladder *l, int64_t axis, int64_t level) {
+    if (l->known != NULL) l->known[axis % GROUP][level].step = -1.0;
 }
 
 /* Entries x, z, q of a rung, ENTRIES each. */
@@ -322,10 +335,11 @@ static void spend(const ladder *l, int64_t axis, int64_t level, int64_t before, 
         memcpy(head_of(l, axis, level), rung + BATCH - 1, HEAD * sizeof(double));
     }
     uint64_t overlapping = 0, apart = 0; /* what whole numbers have done, by lag */
+    sizes unknown = {-1.0, 0.0, 0.0}, *known = l->known ? &l->known[axis % GROUP][level] : &unknown;
     if (before > 0 && new == BATCH)
         spend_whole(
-            rung, before, (int64_t)1 << level, l->lags + l->first[level],
-            l->first[level + 1] - l->first[level], sums_of(l, axis, l->first[level]), &overlapping, &apart);
+            rung, before, (int64_t)1 << level, l->lags + l->first[level], l->first[level + 1] - l->first[level],
+            known, sums_of(l, axis, l->first[level]), &overlapping, &apart);
     for (int64_t t = l->first[level]; t < l->first[level + 1]; t++, overlapping >>= 1, apart >>= 1) {
         int64_t k = l->lags[t], start = overlapping & 1 ? stop : BATCH;
         double *total = sums_of(l, axis, t);
@@ -337,8 +351,6 @@ static void spend(const ladder *l, int64_t axis, int64_t level, int64_t before, 
         if (!(apart & 1)) no_overlap(rung, before, stop, k, total);
     }
 }
-
-enum { GROUP = 2 * LANES, ROWS_AT_ONCE = 32 };
 
 typedef int16_t four_narrow __attribute__((vector_size(8), aligned(2), may_alias));
 typedef int32_t four_wide __attribute__((vector_size(16), aligned(4), may_alias));
@@ -456,6 +468,7 @@ static void count_from_mean(const ladder *l, int64_t axis, int64_t level, double
     with_offset(
         rung, rung + ENTRIES, rung + 2 * ENTRIES, BATCH, 1 - BATCH, stride, old - offset);
     *offset_of(l, axis, level) = offset;
+    forget_sizes(l, axis, level);
 }
 
 /* Spend the full batch of a rung, its number `batches`, and those that it fills above. */
@@ -478,8 +491,11 @@ static void spend_batches(ladder *l, int64_t axis, int64_t level, int64_t batche
     KERNEL(void, name)                                                                           \
     (const type *rows, const double *anchor, int64_t n, int64_t taken, LADDER) {                 \
         ladder all = THE_LADDER, *l = &all;                                                      \
+        sizes known[GROUP][MOST_LEVELS];                                                         \
+        l->known = known;                                                                        \
         for (int64_t group = 0; group < axes; group += GROUP) {                                  \
             int64_t many = least(GROUP, axes - group);                                           \
+            for (int64_t i = 0; i < many * levels; i++) forget_sizes(l, i / levels, i % levels); \
             for (int64_t done = 0, count = taken; done < n;) {                                   \
                 int64_t at = BATCH + count % BATCH, size = least(ENTRIES - at, n - done);        \
                 take_in(l, group, many, at, rows + done * axes, rows + n * axes, size, anchor);  \

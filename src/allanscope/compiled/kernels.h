@@ -51,4 +51,6 @@ static inline double dot(const double *a, const double *b, int64_t n) {
 
 static inline int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
 
+static inline double larger(double a, double b) { return b > a ? b : a; }
+
 #endif

@@ -2,8 +2,6 @@
 
 #include "kernels.h"
 
-static double larger(double a, double b) { return b > a ? b : a; }
-
 /* What n data say about a signal that hops between +size and -size: `random_telegraph.py`.
    `scalars` receives ln p(data), ln p(data, path) and the expected number of switches; `room` has
    5 n values and `came_from` 2 n. */

@@ -19,6 +19,7 @@ enum {
 #define LARGEST_SUM ((int64_t)1 << 53)
 #define WHOLE 6755399441055744.0 /* 1.5 x 2^52: a sum with it has no digits after the point */
 #define MOST_BEND 1.8e8          /* 256 squares of it fit in 63 bits */
+#define MOST_DISTANCE 1e15       /* twice it is below 2^51 */
 
 typedef struct {
     int32_t x[ENTRIES], z[ENTRIES], q[ENTRIES]; /* modulo 2^32; q twice, because it has halves */
@@ -70,56 +71,61 @@ static inline double most_of(__m256d v) {
     return most;
 }
 
-/* The largest step of entries that are whole numbers; infinity where one is not. */
-static double steepest_whole(const double *x) {
-    const __m256d shift = _mm256_set1_pd(WHOLE);
-    __m256d steps = _mm256_setzero_pd(), fractions = steps;
-    for (int64_t j = 0; j < ENTRIES; j += LANES) {
-        __m256d here = _mm256_loadu_pd(x + j), whole_part = _mm256_sub_pd(_mm256_add_pd(here, shift), shift);
+/* What entries from number `from` on say of their sizes, of a rung of any stride. */
+static sizes sizes_of(const double *x, double stride, int64_t from, int64_t stop) {
+    const double *z = x + ENTRIES, *q = z + ENTRIES;
+    const __m256d shift = _mm256_set1_pd(WHOLE), half = _mm256_set1_pd(0.5 * stride);
+    __m256d steps = _mm256_setzero_pd(), fractions = steps, curves = steps, rests = steps;
+    for (int64_t j = from; j < stop; j += LANES) {
+        int64_t i = least(j, stop - LANES);
+        __m256d here = _mm256_loadu_pd(x + i), whole_part = _mm256_sub_pd(_mm256_add_pd(here, shift), shift);
         fractions = with_sizes(fractions, _mm256_sub_pd(whole_part, here));
-        if (j > 0) steps = with_sizes(steps, _mm256_sub_pd(here, _mm256_loadu_pd(x + j - 1)));
-    }
-    for (int j = 1; j < LANES; j++) steps = with_sizes(steps, _mm256_set1_pd(x[j] - x[j - 1]));
-    return most_of(fractions) == 0.0 ? most_of(steps) : HUGE_VAL;
-}
-
-/* Bounds for the lags up to k of a rung above the lowest. With z'' for the second differences of z,
-   and f for what the steps of q have beyond the trapezoids under z,
-
-       |e| <= 2 k^2 max |z''|,    |2 r| <= s k^3 / 3 max |z''| + 4 k max |f|. */
-static void bound_sums(const double *z, const double *q, double stride, whole *to) {
-    const __m256d half = _mm256_set1_pd(0.5 * stride);
-    __m256d curves = _mm256_setzero_pd(), rests = curves, sizes = curves;
-    for (int64_t j = 2; j < ENTRIES; j += LANES) {
-        int64_t i = least(j, ENTRIES - LANES);
+        steps = with_sizes(steps, _mm256_sub_pd(here, _mm256_loadu_pd(x + i - 1)));
+        if (stride == 1.0) continue;
         __m256d z0 = _mm256_loadu_pd(z + i), z1 = _mm256_loadu_pd(z + i - 1), q0 = _mm256_loadu_pd(q + i);
         __m256d before = _mm256_sub_pd(z1, _mm256_loadu_pd(z + i - 2));
         curves = with_sizes(curves, _mm256_sub_pd(_mm256_sub_pd(z0, z1), before));
         __m256d area = _mm256_mul_pd(half, _mm256_add_pd(z0, z1));
         rests = with_sizes(rests, _mm256_sub_pd(_mm256_sub_pd(q0, _mm256_loadu_pd(q + i - 1)), area));
-        sizes = with_sizes(with_sizes(sizes, z0), q0);
     }
-    to->curve = most_of(sizes) < 1e15 ? most_of(curves) + 1.0 : HUGE_VAL;
-    to->bend = stride / 3.0 * to->curve + 4.0 * (most_of(rests) + 1.0);
+    double step = most_of(fractions) == 0.0 ? most_of(steps) : HUGE_VAL;
+    return (sizes){step, most_of(curves), most_of(rests)};
 }
 
 /* Take a full rung that begins no segment as whole numbers, for lags up to k; return 0 where they are
-   none, or where a term might not fit. */
-static int to_whole(const double *rung, int64_t stride, int64_t k, whole *to) {
+   none, or where a term might not fit. `known` is what the history was found to be when it was new: a
+   frame that moves changes nothing of it. It receives what is new.
+
+   With z'' for the second differences of z, and f for what the steps of q have beyond the trapezoids
+   under z, above the lowest rung
+
+       |e| <= 2 k^2 max |z''|,    |2 r| <= s k^3 / 3 max |z''| + 4 k max |f|. */
+static int to_whole(const double *rung, int64_t stride, int64_t k, sizes *known, whole *to) {
     const double *x = rung, *z = x + ENTRIES, *q = z + ENTRIES;
-    double longest = (double)k;
-    to->steepest = to->curve = steepest_whole(x), to->bend = to->steepest / 3.0, to->stride = stride;
-    if (to->bend * longest * longest * longest > MOST_BEND) return 0;
-    if (stride > 1) bound_sums(z, q, (double)stride, to);
-    if (to->bend * longest * longest * longest > MOST_BEND) return 0;
-    __m256i least_x = _mm256_setzero_si256(), most_x = least_x;
-    for (int64_t j = 0; j < ENTRIES; j += 2 * AT_ONCE) {
+    const int64_t oldest = (BATCH - 3 * k) & ~(int64_t)(2 * AT_ONCE - 1);
+    sizes old = known->step < 0.0 ? sizes_of(x, (double)stride, oldest + 2, BATCH) : *known;
+    sizes new = sizes_of(x, (double)stride, BATCH, ENTRIES);
+    *known = new;
+    to->steepest = larger(old.step, new.step), to->stride = stride;
+    if (stride == 1) {
+        to->curve = to->steepest, to->bend = to->steepest / 3.0;
+    } else {
+        to->curve = larger(old.curve, new.curve) + 1.0;
+        to->bend = (double)stride / 3.0 * to->curve + 4.0 * (larger(old.rest, new.rest) + 1.0);
+    }
+    double longest = (double)k, most_bend = larger(to->bend, to->steepest / 3.0);
+    if (!(most_bend * longest * longest * longest <= MOST_BEND)) return 0;
+    __m256i least_x = _mm256_set1_epi32(INT32_MAX), most_x = _mm256_set1_epi32(INT32_MIN);
+    __m256d far = _mm256_setzero_pd();
+    for (int64_t j = oldest; j < ENTRIES; j += 2 * AT_ONCE) {
         __m256i xs[2], zs[2], qs[2], ys[2];
         for (int i = 0; i < 2; i++) {
             int64_t at = j + i * AT_ONCE;
+            __m256d z_0 = _mm256_loadu_pd(z + at), z_1 = _mm256_loadu_pd(z + at + LANES);
             __m256d q_0 = _mm256_loadu_pd(q + at), q_1 = _mm256_loadu_pd(q + at + LANES);
+            far = with_sizes(with_sizes(with_sizes(with_sizes(far, z_0), z_1), q_0), q_1);
             xs[i] = low_bits(_mm256_loadu_pd(x + at), _mm256_loadu_pd(x + at + LANES));
-            zs[i] = low_bits(_mm256_loadu_pd(z + at), _mm256_loadu_pd(z + at + LANES));
+            zs[i] = low_bits(z_0, z_1);
             qs[i] = low_bits(_mm256_add_pd(q_0, q_0), _mm256_add_pd(q_1, q_1));
             ys[i] = stride == 1 ? _mm256_add_epi32(zs[i], xs[i]) : zs[i];
             least_x = _mm256_min_epi32(least_x, xs[i]), most_x = _mm256_max_epi32(most_x, xs[i]);
@@ -131,6 +137,7 @@ static int to_whole(const double *rung, int64_t stride, int64_t k, whole *to) {
         keep_low(xs[0], xs[1], to->x_low + j), keep_low(zs[0], zs[1], to->z_low + j);
         keep_low(qs[0], qs[1], to->q_low + j), keep_low(ys[0], ys[1], to->with_x_low + j);
     }
+    if (!(most_of(far) < MOST_DISTANCE)) return 0;
     int32_t rise = 0;
     for (int64_t k = 1; k <= LONGEST_LAG; k++) {
         rise += to->x[ENTRIES - k] - to->x[BATCH - k];
@@ -339,12 +346,12 @@ static void whole_apart(const int16_t *room, int64_t n, int64_t rise, double *to
 /* Add all terms that end in the new entries of a full rung, of which `before` came before; bit t of
    the masks tells that those of lag t are there, overlapping or apart. */
 static void spend_whole(
-    const double *rung, int64_t before, int64_t stride, const int64_t *lags, int64_t count, double *sums,
-    uint64_t *overlapping, uint64_t *apart) {
+    const double *rung, int64_t before, int64_t stride, const int64_t *lags, int64_t count, sizes *known,
+    double *sums, uint64_t *overlapping, uint64_t *apart) {
     whole own;
     int16_t rooms[MOST_GATHERED];
     int64_t gathered[LONGEST_LAG], rises[LONGEST_LAG], used = 0;
-    if (!to_whole(rung, stride, lags[count - 1], &own)) return;
+    if (!to_whole(rung, stride, lags[count - 1], known, &own)) return;
     for (int64_t t = 0; t < count; t++)
         if (whole_overlap(&own, lags[t], sums + t * WIDTH)) *overlapping |= (uint64_t)1 << t;
     *apart = *overlapping & (lags[0] == 1);
@@ -366,9 +373,9 @@ static void spend_whole(
 #else /* Doubles give the same bits. */
 
 static void spend_whole(
-    const double *rung, int64_t before, int64_t stride, const int64_t *lags, int64_t count, double *sums,
-    uint64_t *overlapping, uint64_t *apart) {
-    (void)rung, (void)before, (void)stride, (void)lags, (void)count, (void)sums, (void)overlapping, (void)apart;
+    const double *rung, int64_t before, int64_t stride, const int64_t *lags, int64_t count, sizes *known,
+    double *sums, uint64_t *overlapping, uint64_t *apart) {
+    (void)rung, (void)before, (void)stride, (void)lags, (void)count, (void)known, (void)sums, (void)overlapping, (void)apart;
 }
 
 #endif

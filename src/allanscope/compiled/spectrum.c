@@ -6,7 +6,7 @@
 #include <immintrin.h>
 #endif
 
-enum { SEGMENT = 2048, WAYS = 8, BINS = SEGMENT / 2 + 1 };
+enum { SEGMENT = 2048, QUARTER = SEGMENT / 4, WAYS = 8, BINS = SEGMENT / 2 + 1 };
 
 /* The same sample of eight segments. */
 typedef float ways __attribute__((vector_size(32), aligned(4), may_alias));
@@ -59,17 +59,23 @@ static inline void quarters(
     }
 }
 
-static inline void halves(const ways *a, ways *to, const float *turn) {
+static inline ways square(ways re, ways im, float norm) {
+    re *= norm, im *= norm;
+    return re * re + im * im;
+}
+
+/* The last pass, and the squares of each bin: of the real part of the first and of the last. */
+static inline void squares_of_halves(const ways *a, ways *bins, const float *turn) {
     enum { WIDTH_OF_HALF = SEGMENT / 2, LAST = WIDTH_OF_HALF - 1 };
+    const float norm = (float)(1.0 / sqrt((double)SEGMENT));
     const ways *b = a + WIDTH_OF_HALF;
-    ways *p = to, *q = to + WIDTH_OF_HALF;
-    p[0] = a[0] + b[0], q[LAST] = a[0] - b[0];
-    q[0] = -b[LAST], p[LAST] = a[LAST];
+    ways mean = (a[0] + b[0]) * norm, end = (a[0] - b[0]) * norm;
+    bins[0] = mean * mean, bins[WIDTH_OF_HALF] = end * end;
+    bins[WIDTH_OF_HALF / 2] = square(a[LAST], -b[LAST], norm);
     for (int64_t i = 2; i < WIDTH_OF_HALF; i += 2) {
-        int64_t j = WIDTH_OF_HALF - i;
         pair two = turned_by((pair){b[i - 1], b[i]}, turn, i / 2);
-        p[i - 1] = a[i - 1] + two.re, q[j - 1] = a[i - 1] - two.re;
-        p[i] = two.im + a[i], q[j] = two.im - a[i];
+        bins[i / 2] = square(a[i - 1] + two.re, two.im + a[i], norm);
+        bins[WIDTH_OF_HALF - i / 2] = square(a[i - 1] - two.re, two.im - a[i], norm);
     }
 }
 
@@ -118,7 +124,6 @@ static inline ways eight_at(pieces of, int64_t i) {
 KERNEL(void, periodograms)
 (const float *before, const float *samples, int64_t axes, int64_t p, int64_t n, int64_t segments,
  int64_t hop, const float *window, const float *turn, float *room, double *power) {
-    const float norm = (float)(1.0 / sqrt((double)SEGMENT));
     ways *a = (ways *)room, *b = a + SEGMENT;
     for (int64_t first = 0; first < axes * segments; first += WAYS) {
         int64_t many = least(WAYS, axes * segments - first);
@@ -129,29 +134,26 @@ KERNEL(void, periodograms)
             from[w] = (pieces){before + axis * p, samples + axis * n, p};
             start[w] = one % segments * hop;
         }
-        for (int64_t i = 0; i < SEGMENT; i += WAYS) {
-            ways rows[WAYS];
-            for (int w = 0; w < WAYS; w++) rows[w] = eight_at(from[w], start[w] + i) * *(const ways *)(window + i);
-            transpose(rows, a + i);
+        /* The first pass takes quarters of a segment as they come. */
+        for (int64_t i = 0; i < QUARTER; i += WAYS) {
+            ways of_quarters[4 * WAYS];
+            for (int k = 0; k < 4; k++) {
+                ways rows[WAYS];
+                int64_t at = k * QUARTER + i;
+                for (int w = 0; w < WAYS; w++)
+                    rows[w] = eight_at(from[w], start[w] + at) * *(const ways *)(window + at);
+                transpose(rows, of_quarters + k * WAYS);
+            }
+            quarters(of_quarters, b + 4 * i, 1, WAYS, turn);
         }
-        quarters(a, b, 1, 512, turn);
         quarters(b, a, 4, 128, turn);
         quarters(a, b, 16, 32, turn);
         quarters(b, a, 64, 8, turn);
         quarters(a, b, 256, 2, turn);
-        halves(b, a, turn);
-        /* Squares of each bin: the real part of the first, pairs, the real part of the last. */
-        for (int64_t k = 0; k < BINS; k++) {
-            ways re = a[k ? 2 * k - 1 : 0] * norm, squares = re * re;
-            if (0 < k && k < BINS - 1) {
-                ways im = a[2 * k] * norm;
-                squares += im * im;
-            }
-            b[k] = squares;
-        }
+        squares_of_halves(b, a, turn);
         for (int64_t k = 0; k < BINS; k += WAYS) {
             ways bins[WAYS];
-            transpose(b + k, bins);
+            transpose(a + k, bins);
             for (int64_t w = 0; w < many; w++) {
                 double *own = power + (first + w) / segments * BINS + k;
                 for (int64_t i = 0; i < least(WAYS, BINS - k); i++) own[i] += (double)bins[w][i];

@@ -123,7 +123,7 @@ static int to_whole(const double *rung, int64_t stride, int64_t k, sizes *known,
             int64_t at = j + i * AT_ONCE;
             __m256d z_0 = _mm256_loadu_pd(z + at), z_1 = _mm256_loadu_pd(z + at + LANES);
             __m256d q_0 = _mm256_loadu_pd(q + at), q_1 = _mm256_loadu_pd(q + at + LANES);
-            far = with_sizes(with_sizes(with_sizes(with_sizes(far, z_0), z_1), q_0), q_1);
+            if (stride > 1) far = with_sizes(with_sizes(with_sizes(with_sizes(far, z_0), z_1), q_0), q_1);
             xs[i] = low_bits(_mm256_loadu_pd(x + at), _mm256_loadu_pd(x + at + LANES));
             zs[i] = low_bits(z_0, z_1);
             qs[i] = low_bits(_mm256_add_pd(q_0, q_0), _mm256_add_pd(q_1, q_1));

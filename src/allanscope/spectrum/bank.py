@@ -16,9 +16,9 @@ from allanscope.spectrum.shard import SpectrumShard
 __all__ = ["SpectrumBank"]
 
 _FORMAT = "allanscope spectrum 1"
-_SLICE = 6 << 15
+_SLICE = 6 << 16
 """Numbers taken at a time: so many that the calls between the loops do not count, so few that a
-cache of a megabyte holds them."""
+cache of two megabytes holds them."""
 _READ_TO = 0.3
 """Part of its rate up to which a decimated level is read: flat and free of aliases."""
 _FIRST_BIN = 3

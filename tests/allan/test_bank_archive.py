@@ -27,7 +27,7 @@ def archive_of(parts, block=None):
         if i:
             archive.gap()
         for start in range(0, part.shape[1], block or max(part.shape[1], 1)):
-            archive.extend(part[:, start : start + block] if block else part)
+            archive.extend(part[:, start : start + block].T if block else part.T)
     return archive
 
 

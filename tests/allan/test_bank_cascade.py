@@ -184,7 +184,7 @@ def test_sums_of_whole_numbers_are_exact(sigma: float, level: int) -> None:
     """In 16 bits, in 32 and in doubles, by the size of the numbers and of the lag."""
     counts = np.rint(np.random.default_rng(8).normal(0.0, sigma, 6000)).astype(np.int64)
     cascade = Cascade(axes=1, per_octave=4)
-    cascade.extend(counts[np.newaxis].astype(np.float64))
+    cascade.extend(counts[:, np.newaxis])
     settled = cascade.settled()
     x = np.append(0, counts.cumsum())
     z = np.append(0, x.cumsum())

@@ -28,17 +28,17 @@ RNG = np.random.default_rng(20)
 
 
 def sums() -> None:
-    for axes, per_octave in ((1, 1), (3, 4)):
+    for axes, per_octave in ((1, 1), (3, 4), (11, 1)):
         for sizes in ((0,), (1,), (31, 1), (255, 1, 1), (5000, 0, 20_000)):
             cascade, archive = Cascade(axes, per_octave), Archive(axes, rows=64)
             for n in sizes:
-                samples = RNG.normal(size=(axes, n))
-                cascade.extend(samples)
-                archive.extend(samples)
+                for samples in (RNG.normal(size=(n, axes)), np.ones((n, axes), np.int16)):
+                    cascade.extend(samples)
+                    archive.extend(samples)
             cascade.settled().variances("totdev")
     for most in (1.0, 1e3, 1e5, 1e9):
         cascade = Cascade(2, 16)
-        cascade.extend(np.rint(RNG.normal(0.0, most, (2, 5000))))
+        cascade.extend(np.rint(RNG.normal(0.0, most, (5000, 2))))
         cascade.settled()
     for window in (0.0, 3.0):
         bank = AllanBank(100.0, axes=2, window=window)

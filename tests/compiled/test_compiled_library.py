@@ -93,9 +93,11 @@ def test_a_ladder_whose_arrays_do_not_fit_together_is_refused() -> None:
     cascade = Cascade(axes=2, per_octave=1)
     cascade.offsets = np.zeros((2, 2))
     with pytest.raises(ValueError, match="are inconsistent"):
-        cascade.extend(np.zeros((2, 5)))
+        cascade.extend(np.zeros((5, 2)))
     with pytest.raises(ValueError, match="are inconsistent"):
-        Cascade(axes=2, per_octave=1).extend(np.zeros((3, 5)))
+        Cascade(axes=2, per_octave=1).extend(np.zeros((5, 3)))
+    with pytest.raises(ValueError, match="are inconsistent"):
+        Cascade(axes=2, per_octave=1).extend(np.zeros((5, 2)), anchor=np.zeros(1))
 
 
 def results() -> list[NDArray[Any]]:

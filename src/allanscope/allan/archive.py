@@ -79,6 +79,8 @@ class Archive:
         """Take in the next samples, shape (n, axes), which lie above the anchor of each axis."""
         samples = rows_of(samples)
         zero = np.zeros(self.axes) if anchor is None else anchor
+        if not samples.shape[1:] == zero.shape == (self.axes,):
+            raise ValueError(f"{self.axes} axes take as many columns, got {samples.shape}")
         summarise = _summarise[samples.dtype.name]
         done = 0
         while done < len(samples):

@@ -30,8 +30,8 @@ So every rung counts from its own recent origin, and its numbers stay small howe
 
     q += s z + s^2/2 x + Q,     z += s x + Z,     x += X
 
-where (X, Z, Q) are what the stretch alone contributes. That step carries two entries of a rung into
-one of the next. Nor does it care about an offset of the rate, except for w, which has m times the
+where (X, Z, Q) are what the stretch alone contributes. That step carries entries of a rung to the
+next: each is a stretch on from the last that is there. Nor does it care about an offset of the rate, except for w, which has m times the
 offset more. So every rung also takes a mean off the samples, its `offset`, found anew whenever the
 segment has doubled, and wherever the first sample lay the numbers are as small as the noise allows:
 
@@ -47,7 +47,8 @@ full, then the new half becomes the history. Batches start at fixed sample numbe
 stream is cut into blocks the same additions happen in the same order: results are identical to the
 last bit. `settle` does the same for half-filled rungs, at the end of a segment.
 
-Squares are summed in four lanes, as vector registers need it, in an order that is the same on every
+Samples come in rows of all axes, which are summed up side by side: the sums of one axis wait for
+each other. Squares are summed in four lanes, as vector registers need it, in an order that is the same on every
 processor. The loops are `compiled/cascade.c`; where samples are whole numbers, as counts are, most
 terms are those of `compiled/whole.c`, which have the same bits.
 """
@@ -178,7 +179,7 @@ def advance(samples: NDArray[Any], anchor: Floats, taken: int, ladder: Ladder) -
     """
     own = rows_of(samples)
     n, axes = own.shape
-    _advance[own.dtype.name](own, anchor, n, taken, *_checked(ladder, axes))
+    _advance[own.dtype.name](own, anchor, n, taken, *_checked(ladder, axes, *anchor.shape))
 
 
 def settle(taken: int, ladder: Ladder) -> None:
@@ -220,7 +221,7 @@ def hand_up(block_sums: Floats, level: int, taken: int, ladder: Ladder) -> None:
     _hand_up(own, blocks, level, taken, *_checked(ladder, axes))
 
 
-def _checked(ladder: Ladder, axes: int | None = None) -> tuple[Any, ...]:
+def _checked(ladder: Ladder, *axes: int) -> tuple[Any, ...]:
     """Return a ladder as loops take it; ValueError where its arrays do not fit together."""
     rows, levels = ladder.rungs.shape[:2]
     taus, slots = int(ladder.first[-1]), ladder.marks.shape[1]
@@ -233,7 +234,7 @@ def _checked(ladder: Ladder, axes: int | None = None) -> tuple[Any, ...]:
         or ladder.offsets.shape != (rows, levels)
         or ladder.marks.shape != (levels, slots)
         or ladder.marked.shape != (rows, taus, slots, 3)
-        or axes not in (None, rows)
+        or any(one != rows for one in axes)
     ):
         raise ValueError("the arrays of a ladder are inconsistent")
     return *ladder, rows, levels, slots

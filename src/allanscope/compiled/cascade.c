@@ -7,8 +7,8 @@
 #endif
 
 enum { BATCH = 256, HEAD = 128, WIDTH = 21, ENTRIES = 2 * BATCH };
-enum { GROUP = 2 * LANES, ROWS_AT_ONCE = 32 };
-enum { LONGEST_TERM = 2 * 63, NOTED = -2, MOST_LEVELS = 64 };
+enum { GROUP = 2 * LANES };
+enum { LONGEST_TERM = 2 * 63, NOTED = -2, MOST_LEVELS = 64, CUBED = 8 };
 enum { OSTDEV, OADEV, OHDEV, MDEV, PDEV, STDEV, ADEV, HDEV, TOTDEV, OSTDEV_MOMENTS, STDEV_MOMENTS = 15 };
 
 /* `Ladder` of allan/kernels.py, as kernels receive it. */
@@ -33,6 +33,7 @@ typedef struct {
     int64_t axes, levels, slots;
     int64_t due[MOST_LEVELS];    /* the first mark that waits on each level */
     sizes (*known)[MOST_LEVELS]; /* of the last batch, of a group of axes; or nothing */
+    double (*cubes)[BATCH / 2];  /* of `promote`, where it has been on a level; or nothing */
 } ladder;
 
 static void find_due(ladder *l, int64_t level) {
@@ -42,7 +43,7 @@ static void find_due(ladder *l, int64_t level) {
 }
 
 static ladder ladder_of(LADDER) {
-    ladder all = {rungs, heads, lags, first, sums, offsets, marks, marked, axes, levels, slots, {0}, NULL};
+    ladder all = {rungs, heads, lags, first, sums, offsets, marks, marked, axes, levels, slots, {0}, NULL, NULL};
     for (int64_t level = 0; level < levels; level++) find_due(&all, level);
     return all;
 }
@@ -352,81 +353,111 @@ static void spend(const ladder *l, int64_t axis, int64_t level, int64_t before, 
     }
 }
 
-typedef int16_t four_narrow __attribute__((vector_size(8), aligned(2), may_alias));
-typedef int32_t four_wide __attribute__((vector_size(16), aligned(4), may_alias));
-
 static inline lanes four_of_int16(const int16_t *p) {
-    four_wide wide = __builtin_convertvector(*(const four_narrow *)p, four_wide);
-    return __builtin_convertvector(wide, lanes);
+#if defined(__AVX2__)
+    return (lanes)_mm256_cvtepi32_pd(_mm_cvtepi16_epi32(_mm_loadl_epi64((const __m128i *)p)));
+#else
+    return (lanes){(double)p[0], (double)p[1], (double)p[2], (double)p[3]};
+#endif
 }
 
 static inline lanes four_of_float64(const double *p) { return *(const lanes *)p; }
 
-/* Part n rows of four, every second of `rows`, into columns. */
-static inline void part_rows(const lanes *rows, int64_t n, double *const *columns, int64_t at) {
-    int64_t i = 0;
+/* Store four rows as columns. */
+static inline void store_columns(const lanes *rows, double *const *columns, int64_t at) {
 #if defined(__AVX2__)
-    for (; i + LANES <= n; i += LANES) {
-        __m256d r0 = (__m256d)rows[2 * i], r1 = (__m256d)rows[2 * i + 2];
-        __m256d r2 = (__m256d)rows[2 * i + 4], r3 = (__m256d)rows[2 * i + 6];
-        __m256d a = _mm256_unpacklo_pd(r0, r1), b = _mm256_unpackhi_pd(r0, r1);
-        __m256d c = _mm256_unpacklo_pd(r2, r3), d = _mm256_unpackhi_pd(r2, r3);
-        _mm256_storeu_pd(columns[0] + at + i, _mm256_permute2f128_pd(a, c, 0x20));
-        _mm256_storeu_pd(columns[1] + at + i, _mm256_permute2f128_pd(b, d, 0x20));
-        _mm256_storeu_pd(columns[2] + at + i, _mm256_permute2f128_pd(a, c, 0x31));
-        _mm256_storeu_pd(columns[3] + at + i, _mm256_permute2f128_pd(b, d, 0x31));
-    }
+    __m256d r0 = (__m256d)rows[0], r1 = (__m256d)rows[1], r2 = (__m256d)rows[2], r3 = (__m256d)rows[3];
+    __m256d a = _mm256_unpacklo_pd(r0, r1), b = _mm256_unpackhi_pd(r0, r1);
+    __m256d c = _mm256_unpacklo_pd(r2, r3), d = _mm256_unpackhi_pd(r2, r3);
+    _mm256_storeu_pd(columns[0] + at, _mm256_permute2f128_pd(a, c, 0x20));
+    _mm256_storeu_pd(columns[1] + at, _mm256_permute2f128_pd(b, d, 0x20));
+    _mm256_storeu_pd(columns[2] + at, _mm256_permute2f128_pd(a, c, 0x31));
+    _mm256_storeu_pd(columns[3] + at, _mm256_permute2f128_pd(b, d, 0x31));
+#else
+    for (int i = 0; i < LANES; i++)
+        for (int a = 0; a < LANES; a++) columns[a][at + i] = rows[i][a];
 #endif
-    for (; i < n; i++)
-        for (int a = 0; a < LANES; a++) columns[a][at + i] = rows[2 * i][a];
 }
 
-/* Sum rows of all axes up on rung 0, from entry `at` on, for `many` axes from `first` on: in one axis
-   the sums wait for each other, so axes lie side by side. Rows end at `end`, behind which nothing may
-   be read. */
+/* Sum rows of all axes up on rung 0, from entry `at` on, for up to four axes from `first` on: in one
+   axis the sums wait for each other, so axes lie side by side. The samples end at `end`, behind which
+   nothing may be read. Sums are put down some at a time: entries of all axes compete for the same
+   places in a cache. */
 #define TAKE_IN(name, type, four)                                                                \
     static void name(                                                                            \
-        const ladder *l, int64_t first, int64_t many, int64_t at, const type *rows,              \
-        const type *end, int64_t n, const double *anchor) {                                      \
-        lanes from[5][2] = {{{0.0}}}; /* x, z, q, anchor, offset */                              \
-        double *xs[GROUP], *zs[GROUP], *qs[GROUP], none[BATCH];                                  \
-        for (int64_t a = 0; a < GROUP; a++) {                                                    \
-            int64_t h = a / LANES, lane = a % LANES;                                             \
-            xs[a] = zs[a] = qs[a] = none;                                                        \
+        const ladder *l, int64_t first, int64_t at, const type *rows, const type *end,           \
+        int64_t n, const double *anchor) {                                                       \
+        enum { X, Z, Q, SUMS, SOME = 64, APART = SOME + 8 };                                     \
+        const int64_t axes = l->axes, many = least(LANES, axes - first);                         \
+        lanes x = {0.0}, z = x, q = x, zero = x, offset = x;                                     \
+        double *to[LANES] = {NULL}, sums[SUMS][LANES][APART], *columns[SUMS][LANES];             \
+        for (int64_t a = 0; a < LANES; a++) {                                                    \
+            for (int sum = X; sum < SUMS; sum++) columns[sum][a] = sums[sum][a];                 \
             if (a >= many) continue;                                                             \
-            xs[a] = rung_of(l, first + a, 0) + at, zs[a] = xs[a] + ENTRIES, qs[a] = zs[a] + ENTRIES;\
-            from[0][h][lane] = xs[a][-1], from[1][h][lane] = zs[a][-1], from[2][h][lane] = qs[a][-1];\
-            from[3][h][lane] = anchor[first + a], from[4][h][lane] = *offset_of(l, first + a, 0);\
+            to[a] = rung_of(l, first + a, 0) + at;                                               \
+            x[a] = to[a][-1], z[a] = to[a][ENTRIES - 1], q[a] = to[a][2 * ENTRIES - 1];          \
+            zero[a] = anchor[first + a], offset[a] = *offset_of(l, first + a, 0);                \
         }                                                                                        \
-        lanes x0 = from[0][0], x1 = from[0][1], z0 = from[1][0], z1 = from[1][1];                \
-        lanes q0 = from[2][0], q1 = from[2][1];                                                  \
-        for (int64_t done = 0; done < n; done += ROWS_AT_ONCE) {                                 \
-            int64_t size = least(ROWS_AT_ONCE, n - done);                                        \
-            lanes x_rows[2 * ROWS_AT_ONCE], z_rows[2 * ROWS_AT_ONCE], q_rows[2 * ROWS_AT_ONCE];  \
-            for (int64_t i = 0; i < size; i++) {                                                 \
-                const type *own = rows + (done + i) * l->axes + first;                           \
-                type last[GROUP] = {0};                                                          \
-                if (own + GROUP > end) {                                                         \
-                    memcpy(last, own, (size_t)many * sizeof *own);                               \
-                    own = last;                                                                  \
+        for (int64_t done = 0; done < n; done += SOME) {                                         \
+            const type *own = rows + done * axes + first;                                        \
+            int64_t size = least(SOME, n - done), i = 0;                                         \
+            lanes x_rows[LANES], z_rows[LANES], q_rows[LANES];                                   \
+            for (; i + LANES <= size && own + (LANES - 1) * axes + LANES <= end; i += LANES) {   \
+                for (int k = 0; k < LANES; k++, own += axes) {                                   \
+                    q += z + 0.5 * x, z += x, x += (four(own) - zero) - offset;                  \
+                    x_rows[k] = x, z_rows[k] = z, q_rows[k] = q;                                 \
                 }                                                                                \
-                q0 += z0 + 0.5 * x0, q1 += z1 + 0.5 * x1;                                        \
-                z0 += x0, z1 += x1;                                                              \
-                x0 += (four(own) - from[3][0]) - from[4][0];                                     \
-                x1 += (four(own + LANES) - from[3][1]) - from[4][1];                             \
-                x_rows[2 * i] = x0, z_rows[2 * i] = z0, q_rows[2 * i] = q0;                      \
-                x_rows[2 * i + 1] = x1, z_rows[2 * i + 1] = z1, q_rows[2 * i + 1] = q1;          \
+                store_columns(x_rows, columns[X], i);                                            \
+                store_columns(z_rows, columns[Z], i);                                            \
+                store_columns(q_rows, columns[Q], i);                                            \
             }                                                                                    \
-            for (int h = 0; LANES * h < many; h++) {                                             \
-                part_rows(x_rows + h, size, xs + LANES * h, done);                               \
-                part_rows(z_rows + h, size, zs + LANES * h, done);                               \
-                part_rows(q_rows + h, size, qs + LANES * h, done);                               \
+            for (; i < size; i++, own += axes) {                                                 \
+                type last[LANES] = {0};                                                          \
+                memcpy(last, own, (size_t)many * sizeof *own);                                   \
+                q += z + 0.5 * x, z += x, x += (four(last) - zero) - offset;                     \
+                for (int64_t a = 0; a < many; a++)                                               \
+                    sums[X][a][i] = x[a], sums[Z][a][i] = z[a], sums[Q][a][i] = q[a];            \
             }                                                                                    \
+            for (int64_t a = 0; a < many; a++)                                                   \
+                for (int sum = X; sum < SUMS; sum++) {                                           \
+                    double *here = to[a] + sum * ENTRIES + done;                                 \
+                    if (size == SOME) memcpy(here, sums[sum][a], SOME * sizeof(double));         \
+                    else for (i = 0; i < size; i++) here[i] = sums[sum][a][i];                   \
+                }                                                                                \
         }                                                                                        \
     }
 
 TAKE_IN(take_in_int16, int16_t, four_of_int16)
 TAKE_IN(take_in_float64, double, four_of_float64)
+
+/* Every second of 2 n entries, as they are seen from where a body was at x, z, q `stride` before the
+   first of them, and whose samples are `more`. Numbers are of 32 bits: of 64 AVX2 makes no doubles. */
+
+static inline void carry_x(
+    const double *restrict from, int32_t n, double stride, double x, double more, double *restrict to) {
+    for (int32_t j = 0; j < n; j++) {
+        double s = (double)(j + 1) * stride;
+        to[j] = from[2 * j] + (x + more * s);
+    }
+}
+
+static inline void carry_z(
+    const double *restrict from, int32_t n, double stride, double x, double z, double more,
+    double *restrict to) {
+    for (int32_t j = 0; j < n; j++) {
+        double s = (double)(j + 1) * stride;
+        to[j] = from[2 * j] + (z + s * x + more * (0.5 * (s * (s - 1.0))));
+    }
+}
+
+static inline void carry_q(
+    const double *restrict from, int32_t n, double stride, double x, double z, double q, double more,
+    const double *restrict cubes, double *restrict to) {
+    for (int32_t j = 0; j < n; j++) {
+        double s = (double)(j + 1) * stride;
+        to[j] = from[2 * j] + (q + s * z + 0.5 * s * s * x + more * cubes[j]);
+    }
+}
 
 /* Carry every second of the new entries of a rung to the next: there it is a stretch of time on from
    the last entry before. */
@@ -435,15 +466,17 @@ static void promote(const ladder *l, int64_t axis, int64_t level, int64_t before
     if (before == 0) *offset_of(l, axis, level + 1) = *offset_of(l, axis, level);
     double stride = ldexp(1.0, (int)level + 1);
     double more = *offset_of(l, axis, level) - *offset_of(l, axis, level + 1);
-    double *restrict xs = rung_of(l, axis, level + 1) + BATCH + (before / 2) % BATCH;
-    double *restrict zs = xs + ENTRIES, *restrict qs = zs + ENTRIES;
-    const double x = xs[-1], z = zs[-1], q = qs[-1];
-    for (int32_t j = 0; j < (int32_t)new / 2; j++) {
-        double s = (double)(j + 1) * stride, path = s * (s - 1.0);
-        xs[j] = lx[2 * j] + (x + more * s);
-        zs[j] = lz[2 * j] + (z + s * x + more * (0.5 * path));
-        qs[j] = lq[2 * j] + (q + s * z + 0.5 * s * s * x + more * (path * (2.0 * s - 1.0) / 12.0));
-    }
+    double *xs = rung_of(l, axis, level + 1) + BATCH + (before / 2) % BATCH;
+    double *zs = xs + ENTRIES, *qs = zs + ENTRIES;
+    double own[BATCH / 2] = {0.0}, *cubes = l->cubes && level < CUBED ? l->cubes[level] : own;
+    if (cubes[BATCH / 2 - 1] == 0.0)
+        for (int32_t j = 0; j < BATCH / 2; j++) {
+            double s = (double)(j + 1) * stride;
+            cubes[j] = s * (s - 1.0) * (2.0 * s - 1.0) / 12.0;
+        }
+    carry_x(lx, (int32_t)new / 2, stride, xs[-1], more, xs);
+    carry_z(lz, (int32_t)new / 2, stride, xs[-1], zs[-1], more, zs);
+    carry_q(lq, (int32_t)new / 2, stride, xs[-1], zs[-1], qs[-1], more, cubes, qs);
 }
 
 /* Move the new half to the history, in a frame with its origin at the last entry; return the rise
@@ -492,13 +525,15 @@ static void spend_batches(ladder *l, int64_t axis, int64_t level, int64_t batche
     (const type *rows, const double *anchor, int64_t n, int64_t taken, LADDER) {                 \
         ladder all = THE_LADDER, *l = &all;                                                      \
         sizes known[GROUP][MOST_LEVELS];                                                         \
-        l->known = known;                                                                        \
+        double cubes[CUBED][BATCH / 2] = {{0.0}};                                                \
+        l->known = known, l->cubes = cubes;                                                      \
         for (int64_t group = 0; group < axes; group += GROUP) {                                  \
             int64_t many = least(GROUP, axes - group);                                           \
             for (int64_t i = 0; i < many * levels; i++) forget_sizes(l, i / levels, i % levels); \
             for (int64_t done = 0, count = taken; done < n;) {                                   \
                 int64_t at = BATCH + count % BATCH, size = least(ENTRIES - at, n - done);        \
-                take_in(l, group, many, at, rows + done * axes, rows + n * axes, size, anchor);  \
+                for (int64_t a = 0; a < many; a += LANES)                                        \
+                    take_in(l, group + a, at, rows + done * axes, rows + n * axes, size, anchor);\
                 done += size;                                                                    \
                 count += size;                                                                   \
                 for (int64_t a = 0; a < many && count % BATCH == 0; a++)                         \

@@ -108,6 +108,23 @@ KERNEL(int64_t, watch_rows_float64)
     return far_off(summed, reach, n, groups, axes);
 }
 
+/* What the sums of n rows say: levels (groups, 8), and a spread that moves by one over `memory` of what
+   it is off, by little of what is much more than it was; `reach` is `times` the spread. The anchor of
+   the next rows lies at the mean, which was there before outliers were replaced. */
+KERNEL(void, watch_levels)
+(int64_t groups, int64_t n, int64_t is_early, int64_t memory, double times, double *summed, double *mean,
+ double *anchor, double *spread, double *level, double *reach) {
+    for (int64_t i = 0; i < groups * AXES; i++) {
+        double total = summed[i] / (double)n, square = summed[groups * AXES + i] / (double)n;
+        double calm = sqrt(larger(square - total * total, 0.0)), most = 1.5 * spread[i];
+        if (!is_early && calm > most) calm = most;
+        spread[i] += (calm - spread[i]) / (double)memory;
+        reach[i] = times * spread[i];
+        level[i] = anchor[i] + total;
+        anchor[i] = rint(anchor[i] + mean[i]);
+    }
+}
+
 /* --- spectrum -------------------------------------------------------------------------------- */
 
 static inline wave plus(wave a, wave b) { return (wave){a.re + b.re, a.im + b.im}; }
@@ -386,10 +403,10 @@ judged(double difference, const look *a, const rules *is, double white, double o
     return tail_of(*deviate, less_of(dof + lent, tails));
 }
 
-/* Take the values of block `at` (channels). `found` (channels, 4) receives window, deviate and nats
+/* Take the values of block `at` (channels) and return how many alarms there are. `found` (channels, 4) receives window, deviate and nats
    of an alarm, and by how much these exceed the limit, which is not above zero where there is none.
    `room` has (windows, channels). */
-KERNEL(void, scan_block)
+KERNEL(int64_t, scan_block)
 (const double *values, int64_t channels, int64_t at, int64_t many, double log_weight,
  const int64_t *windows, const double *constants, const double *log_alpha, const int64_t *start,
  double *sums, double *raw, double *square, double *fourth, double *looks, double *pending,
@@ -464,4 +481,7 @@ KERNEL(void, scan_block)
             looks[i] = seen;
         }
     }
+    int64_t alarms = 0;
+    for (int64_t c = 0; c < channels; c++) alarms += found[4 * c + 3] > 0.0;
+    return alarms;
 }

@@ -88,7 +88,7 @@ class RareCounts:
         old = self._recent[slot]
         found: list[Burst] = []
         ended: list[Burst] = []
-        if not (self.open or counts.any() or old.any()):
+        if not (self.open or any(counts.tolist()) or any(old.tolist())):  # numpy takes longer
             if self.blocks >= WINDOWS[-1]:
                 self._exposure += 1.0
             return found, ended

@@ -107,7 +107,7 @@ class Lines:
         self.blocks = 0
         self._axes = axes
         penalty = math.log(bins) - log_alpha
-        self._limits = (penalty - np.log(SHARES) - OVERSHOOT)[:, np.newaxis]
+        self._limits = penalty - np.log(SHARES) - OVERSHOOT
         shape = groups_of(axes), bins, LANES
         self._spread = np.ones(shape, np.float32)
         self._sums = np.zeros((len(SHARES), *shape), np.float32)
@@ -139,9 +139,12 @@ class Lines:
         self._fixed.call(
             _lines, groups, bins, gain, self.blocks, is_on, ratio, scale, held, *limits
         )
-        over = self._tops.reshape(len(SHARES), -1) - self._limits + log_weight(self.blocks)
-        if not is_on or float(over.max()) < 0.0:
+        if not is_on:
             return []
+        weight, tops = log_weight(self.blocks), self._tops.reshape(len(SHARES), -1)
+        if all(max(row) - limit + weight < 0.0 for row, limit in zip(tops.tolist(), self._limits, strict=True)):
+            return []
+        over = tops - self._limits[:, np.newaxis] + weight
         alarms: dict[int, LineAlarm] = {}
         for number, axis in np.argwhere(over >= 0.0):
             if axis < self._axes:

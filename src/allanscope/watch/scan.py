@@ -90,6 +90,7 @@ _scan = kernel(
     *(Pointer(np.float64, 1), int, int, int, float, Pointer(np.int64, 2)),
     *(Pointer(np.float64, 1), Pointer(np.float64, 2), Pointer(np.int64, 1)),
     *(_State, _State, _State, _State, _State, Pointer(np.float64, 3, written=True), _State, _State),
+    returns=int,
 )
 _log_tail = kernel("log_tail", float, float, returns=float)
 
@@ -138,9 +139,9 @@ class Scan:
             self._anchor = values.copy()
         weight = log_weight(self.blocks + 1)
         values = values - self._anchor
-        self._fixed.call(_scan, values, len(values), self.blocks, len(_LOOKS), weight)
+        alarms = self._fixed.call(_scan, values, len(values), self.blocks, len(_LOOKS), weight)
         self.blocks += 1
-        if not self._found[:, 3].any():
+        if not alarms:
             return []
         return [
             Alarm(int(channel), int(window), float(deviate), float(nats))

@@ -50,6 +50,11 @@ _repeats = kernel(
 _rows = (Pointer(np.float64, 2), Pointer(np.float64, 2), _Floats, _Doubles)
 _rows_int16 = kernel("watch_rows_int16", Pointer(np.int16, 2), int, int, *_rows, returns=int)
 _rows_float64 = kernel("watch_rows_float64", Pointer(np.float64, 2), int, int, *_rows, returns=int)
+_levels = kernel(
+    "watch_levels",
+    *(int, int, int, int, float, _Doubles),
+    *(Pointer(np.float64, 2, written=True) for _ in range(5)),
+)
 _spectrum = kernel(
     "watch_spectrum",
     *(int, int, int, int, int, int, float, float, Pointer(np.int32, 3)),
@@ -140,7 +145,7 @@ class Summariser:
         self._ratio = np.zeros(shape, np.float32)
         self._bands = np.zeros((groups, 2, many, LANES), np.float32)
         self._spread = np.zeros((groups, LANES))
-        self._anchor = np.zeros((groups, LANES))
+        self._anchor, self._mean, self._level, self._reach = np.zeros((4, groups, LANES))
         self._x = np.zeros((groups, rows, LANES), np.float32)
         self._summed = np.zeros((4, groups, LANES))
         self._noise = np.zeros((groups, LANES))
@@ -148,8 +153,11 @@ class Summariser:
         self._blocks = 0
         self._last_row: NDArray[np.uint8] | None = None
         plan, room = _transform(self.length // 2), np.zeros((self.length, LANES), np.float32)
-        self._of_rows = Fixed(self._anchor, self._x, self._summed)
-        self._of_wide_rows = Fixed(self._anchor, self._x, self._summed)
+        self._of_rows = Fixed(self._reach, self._anchor, self._x, self._summed)
+        self._of_wide_rows = Fixed(self._reach, self._anchor, self._x, self._summed)
+        self._of_levels = Fixed(
+            *(self._summed, self._mean, self._anchor, self._spread, self._level, self._reach)
+        )
         self._of_spectrum = Fixed(
             *(plan.radices, plan.turns, plan.halves, self._edges),
             *(self._x, room, self.power, self._ratio, self._bands),
@@ -178,21 +186,18 @@ class Summariser:
             block = block.astype(np.float64)
         if self._blocks == 0:
             self._anchor.ravel()[: self._axes] = np.rint(block[0])
-        reach = 0.8 * OUTLYING * self._spread
-        if block.dtype == np.int16:
-            wide = self._of_rows.call(_rows_int16, block, *block.shape, reach)
-        else:
-            wide = self._of_wide_rows.call(_rows_float64, block, *block.shape, reach)
-        mean = self._summed[0] / self.rows
+        by_type = (self._of_rows, _rows_int16), (self._of_wide_rows, _rows_float64)
+        fixed, loop = by_type[block.dtype != np.int16]
+        wide, early = fixed.call(loop, block, *block.shape), self._blocks < FIRST_BLOCKS
+        np.divide(self._summed[0], self.rows, out=self._mean)
         outliers = np.zeros(self._axes, np.int64)
-        if wide or self._blocks < FIRST_BLOCKS:
-            self._replace_outliers(outliers, mean, reach)
-        total, square = self._summed[:2] / self.rows
-        self._follow_spread(np.sqrt(np.maximum(square - total**2, 0.0)))
-        level = (self._anchor + total).ravel()[: self._axes]
+        if wide or early:
+            self._replace_outliers(outliers, self._mean, self._reach)
+        memory = min(self._blocks + 1, MEMORY)
+        self._of_levels.call(_levels, len(self._x), self.rows, early, memory, 0.8 * OUTLYING)
+        level = self._level.ravel()[: self._axes].copy()
         self._transformed(held, other)
         noise = self._noise.ravel()[: self._axes].copy()
-        np.rint(self._anchor + mean, out=self._anchor)
         self._blocks += 1
         return BlockSummary(level, noise, self._ratio, self._scale, outliers, repeats)
 
@@ -225,11 +230,6 @@ class Summariser:
                 summed[1] += float(np.sum(middle**2 - far**2))
                 row[where] = middle
                 found[axis] = count
-
-    def _follow_spread(self, spread: NDArray[np.float64]) -> None:
-        early = self._blocks < FIRST_BLOCKS
-        calm = spread if early else np.minimum(spread, 1.5 * self._spread)
-        self._spread += (calm - self._spread) / min(self._blocks + 1, MEMORY)
 
     def _transformed(self, held: NDArray[np.int32], other: NDArray[np.bool_]) -> None:
         """Find the ratio of each bin to its reference, and what the noise is.

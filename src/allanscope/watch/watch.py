@@ -192,15 +192,12 @@ class Watch:
         known = self._summarise.update(block, self._held, self._other_noise)
         lost, self._lost = self._lost, 0
         self.blocks += 1
-        counts = np.concatenate([known.outliers, [known.repeats, lost]])
-        series = np.concatenate(
-            [
-                known.level,
-                known.noise,
-                [2.0 * math.sqrt(known.repeats + 0.375)],
-                [self._clock.log_duration(self._position)],
-            ]
-        )
+        axes = self._axes
+        counts, series = np.empty(axes + 2, np.int64), np.empty(2 * axes + 2)
+        counts[:axes], counts[axes], counts[axes + 1] = known.outliers, known.repeats, lost
+        series[:axes], series[axes : 2 * axes] = known.level, known.noise
+        series[-2] = 2.0 * math.sqrt(known.repeats + 0.375)
+        series[-1] = self._clock.log_duration(self._position)
         self._bursts(*self._rare.update(counts))
         alarms = self._scan.update(series)
         self._follow_lines(known)

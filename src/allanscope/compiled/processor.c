@@ -19,14 +19,14 @@ EXPORT const char *sources(void) { return TEXT_OF(SOURCES); }
 
 static int has(uint32_t word, uint32_t bits) { return (word & bits) == bits; }
 
-/* 3 for x86-64-v3 (AVX2, FMA, BMI, and a system that saves the wide registers), 4 for x86-64-v4
-   (AVX-512), else 1. */
+/* 3 for x86-64-v3 (AVX2, FMA, BMI, and a system that saves the wide registers) and PCLMULQDQ, 4 for
+   x86-64-v4 (AVX-512) and that, else 1. */
 EXPORT int processor_level(void) {
     uint32_t a, b, c, d, low, high;
     if (!__get_cpuid(1, &a, &b, &c, &d)) return 1;
-    /* FMA, CX16, SSSE3, SSE4.1, SSE4.2, MOVBE, POPCNT, OSXSAVE, AVX, F16C */
-    if (!has(c, 1u << 12 | 1u << 13 | 1u << 9 | 1u << 19 | 1u << 20 | 1u << 22 | 1u << 23 | 1u << 27
-                    | 1u << 28 | 1u << 29))
+    /* PCLMULQDQ, FMA, CX16, SSSE3, SSE4.1, SSE4.2, MOVBE, POPCNT, OSXSAVE, AVX, F16C */
+    if (!has(c, 1u << 1 | 1u << 12 | 1u << 13 | 1u << 9 | 1u << 19 | 1u << 20 | 1u << 22 | 1u << 23
+                    | 1u << 27 | 1u << 28 | 1u << 29))
         return 1;
     __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
     if (!has(low, 6u)) return 1;

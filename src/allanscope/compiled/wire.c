@@ -18,8 +18,8 @@ static uint32_t word_at(const uint8_t *bytes) {
            | (uint32_t)bytes[3] << 24;
 }
 
-static uint32_t crc32(const uint8_t *data, int64_t size, const uint32_t (*table)[256]) {
-    uint32_t crc = 0xFFFFFFFFu;
+/* Go on with a CRC-32, by eight bytes at a time. */
+static uint32_t crc_with(uint32_t crc, const uint8_t *data, int64_t size, const uint32_t (*table)[256]) {
     int64_t whole = size & ~(int64_t)7;
     for (int64_t i = 0; i < whole; i += 8) {
         uint32_t low = crc ^ word_at(data + i), high = word_at(data + i + 4);
@@ -28,7 +28,42 @@ static uint32_t crc32(const uint8_t *data, int64_t size, const uint32_t (*table)
               ^ table[1][high >> 16 & 0xFF] ^ table[0][high >> 24];
     }
     for (int64_t i = whole; i < size; i++) crc = crc >> 8 ^ table[0][(crc ^ data[i]) & 0xFF];
-    return crc ^ 0xFFFFFFFFu;
+    return crc;
+}
+
+#if defined(__AVX2__)
+#include <immintrin.h>
+
+/* Replace the first blocks of 16 bytes by one that has the same remainder, by products without carries
+   with x^160 and x^96 modulo the polynomial (Gopal et al., "Fast CRC computation for generic polynomials
+   using PCLMULQDQ", Intel 2009); `folded` receives it. Return how many bytes it stands for. Every
+   processor with AVX2 that `processor.c` takes has the instruction. */
+__attribute__((target("pclmul"))) static int64_t
+fold(uint32_t crc, const uint8_t *data, int64_t size, uint8_t *folded) {
+    const __m128i powers = _mm_set_epi64x(0x0ccaa009e, 0x1751997d0);
+    __m128i rest = _mm_xor_si128(_mm_loadu_si128((const __m128i *)data), _mm_cvtsi32_si128((int32_t)crc));
+    int64_t i = 16;
+    for (; i + 16 <= size; i += 16) {
+        __m128i low = _mm_clmulepi64_si128(rest, powers, 0x00);
+        __m128i high = _mm_clmulepi64_si128(rest, powers, 0x11);
+        rest = _mm_xor_si128(_mm_xor_si128(low, high), _mm_loadu_si128((const __m128i *)(data + i)));
+    }
+    _mm_storeu_si128((__m128i *)folded, rest);
+    return i;
+}
+#endif
+
+static uint32_t crc32(const uint8_t *data, int64_t size, const uint32_t (*table)[256]) {
+    uint32_t crc = 0xFFFFFFFFu;
+#if defined(__AVX2__)
+    if (size >= 32) {
+        uint8_t folded[16];
+        int64_t done = fold(crc, data, size, folded);
+        crc = crc_with(0, folded, sizeof folded, table);
+        data += done, size -= done;
+    }
+#endif
+    return crc_with(crc, data, size, table) ^ 0xFFFFFFFFu;
 }
 
 /* Write the frame that starts at `data` and return how far off its final zero is, or -1. */

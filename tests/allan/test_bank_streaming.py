@@ -193,6 +193,25 @@ def test_axes_do_not_know_of_each_other(n, cuts):
             np.testing.assert_array_equal(curve.noise[axis], single.noise[0])
 
 
+@pytest.mark.parametrize("integer", [True, False])
+@pytest.mark.parametrize("axes", [1, 3, 4, 5, 8, 11])
+def test_an_axis_has_the_same_bits_whatever_lies_beside_it(axes, integer):
+    """Axes are summed up in registers of four; the last row of an array ends what may be read."""
+    data = samples(9000, axes, seed=3, integer=integer)
+    together = bank_of([data[:3001], data[3001:]], axes)
+    for axis in range(axes):
+        alone = bank_of([data[:3001, axis : axis + 1], data[3001:, axis : axis + 1]], axes=1)
+        for kind in ("oadev", "mdev", "pdev", "stdev", "totdev", "ttotdev"):
+            curve, single = together.deviation(kind), alone.deviation(kind)
+            np.testing.assert_array_equal(curve.deviation[axis], single.deviation[0])
+
+
+def test_counts_have_the_same_bits_whatever_their_type(assert_identical):
+    data = samples(9000, seed=4)
+    for kind in (np.int32, np.float64):
+        assert_identical(bank_of([data]), bank_of([data.astype(kind)]))
+
+
 def test_the_noise_type_is_told_from_the_streamed_sums():
     rng = np.random.default_rng(4)
     white = rng.normal(size=(20_000, 1))

@@ -159,7 +159,9 @@ class Cascade:
         """Take in the next samples, shape (n, axes), which lie above the anchor of each axis."""
         n = len(samples)
         self.make_room(n)
-        advance(samples, np.zeros(self.axes) if anchor is None else anchor, self.taken, self.ladder())
+        advance(
+            samples, np.zeros(self.axes) if anchor is None else anchor, self.taken, self.ladder()
+        )
         self.samples += n
         self.taken += n
 

@@ -31,9 +31,10 @@ So every rung counts from its own recent origin, and its numbers stay small howe
     q += s z + s^2/2 x + Q,     z += s x + Z,     x += X
 
 where (X, Z, Q) are what the stretch alone contributes. That step carries entries of a rung to the
-next: each is a stretch on from the last that is there. Nor does it care about an offset of the rate, except for w, which has m times the
-offset more. So every rung also takes a mean off the samples, its `offset`, found anew whenever the
-segment has doubled, and wherever the first sample lay the numbers are as small as the noise allows:
+next: each is a stretch on from the last that is there. Nor does it care about an offset of the
+rate, except for w, which has m times the offset more. So every rung also takes a mean off the
+samples, its `offset`, found anew whenever the segment has doubled, and wherever the first sample
+lay the numbers are as small as the noise allows:
 
     x += a s,     z += a s (s - 1) / 2,     q += a (s - 1) s (2 s - 1) / 12
 
@@ -48,9 +49,9 @@ stream is cut into blocks the same additions happen in the same order: results a
 last bit. `settle` does the same for half-filled rungs, at the end of a segment.
 
 Samples come in rows of all axes, which are summed up side by side: the sums of one axis wait for
-each other. Squares are summed in four lanes, as vector registers need it, in an order that is the same on every
-processor. The loops are `compiled/cascade.c`; where samples are whole numbers, as counts are, most
-terms are those of `compiled/whole.c`, which have the same bits.
+each other. Squares are summed in four lanes, as vector registers need it, in an order that is the
+same on every processor. The loops are `compiled/cascade.c`; where samples are whole numbers, as
+counts are, most terms are those of `compiled/whole.c`, which have the same bits.
 """
 
 from __future__ import annotations

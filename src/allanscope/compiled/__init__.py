@@ -96,7 +96,7 @@ class Pointer:
         return ctypes.c_void_p(array.ctypes.data)
 
 
-_first_byte = ctypes.c_char.from_buffer
+_first_byte: Callable[[Any], ctypes.c_char] = ctypes.c_char.from_buffer
 
 
 class Fixed:

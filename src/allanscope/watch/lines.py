@@ -142,7 +142,10 @@ class Lines:
         if not is_on:
             return []
         weight, tops = log_weight(self.blocks), self._tops.reshape(len(SHARES), -1)
-        if all(max(row) - limit + weight < 0.0 for row, limit in zip(tops.tolist(), self._limits, strict=True)):
+        if all(
+            max(row) - limit + weight < 0.0
+            for row, limit in zip(tops.tolist(), self._limits, strict=True)
+        ):
             return []
         over = tops - self._limits[:, np.newaxis] + weight
         alarms: dict[int, LineAlarm] = {}

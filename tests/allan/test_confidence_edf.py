@@ -401,6 +401,34 @@ def test_noises_of_one_level_have_the_degrees_of_freedom_of_their_sum(
     assert mixed[0] == pytest.approx(simulated_by(estimator, runs, m), rel=0.08)
 
 
+def test_one_ratio_multiplies_the_noises_as_theo1_passes_them(power_law):
+    """Of a random walk THEO1 passes half as much as of white noise: of 1500, within 12 %."""
+    estimator, n, m = REGISTRY["theobr"], 512, 192
+    tau = estimator.tau([m], n)
+    unit = unit_variance("avar", tau)[:, 0]
+    levels = np.array([0.0, 0.0, 0.5 / unit[2], 0.0, 0.5 / unit[4]])
+    runs = 0.0
+    for alpha, seed in ((0, 51), (-2, 52)):
+        part = power_law(alpha, n, 1500, seed=seed)
+        size = np.mean([REGISTRY["oadev"].exact(np.append(0, x.cumsum()), 16)[0] for x in part])
+        now = levels[2 - alpha] * unit_variance("avar", [16])[2 - alpha, 0]
+        runs = runs + part * np.sqrt(now / size)
+    noise = NoiseTypes(np.array([-2]), levels)
+    mixed = estimator.of_mixture(noise, np.array([m]), np.array([n]), 1)[0]
+    assert mixed[0] == pytest.approx(simulated_by(estimator, runs, m), rel=0.12)
+
+
+def test_phase_noise_in_theobr_is_not_trusted():
+    """A tenth of AVAR in white phase noise is more than half of THEO1."""
+    tau = np.array([48.0])
+    unit = unit_variance("avar", tau)[:, 0]
+    shares = {0.0: True, 0.005: True, 0.1: False}
+    for share, trusted in shares.items():
+        levels = np.array([share / unit[0], 0.0, (1 - share) / unit[2], 0.0, 0.0])
+        noise = NoiseTypes(np.array([0]), levels)
+        assert REGISTRY["theobr"].trusts(noise, tau, 512).tolist() == [trusted]
+
+
 def test_a_pair_of_one_noise_is_that_noise():
     for order in (2, 3):
         for m, stride in ((1, 1), (20, 4), (900, 1)):

@@ -189,7 +189,7 @@ def test_trust_ends_at_a_part_of_the_run(kind, part):
 
 
 def test_the_theo_family_is_trusted_to_three_quarters_when_its_bias_is_removed():
-    m = [16, 26, 28, 132, 134, 500, 1000]
+    m = [16, 38, 40, 132, 134, 500, 1000]
     curve = assemble("theobr", sums(np.ones(7), m=m), 4.0)
     assert curve.tau[-2:].tolist() == [93.75, 187.5]
     assert curve.trusted.tolist() == [False, False, True, True, True, True, True]

@@ -221,6 +221,14 @@ class Estimator(ABC):
         """Return raw / true variance as well as it is known; the limits allow for it."""
         return np.ones(np.broadcast_shapes(np.shape(alpha), np.shape(m), np.shape(n)))
 
+    def passed(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+        """Return raw / true variance of one noise, up to what all noises of a record share.
+
+        Raw THEO1 is its own expectation, and passes of each noise what its bias says.
+        """
+        expected = self.expectation(alpha, m, n)
+        return np.where(expected == 1.0, self.uncorrected_bias(alpha, m, n), expected)
+
     def of_mixture(
         self, noise: NoiseTypes, m: NDArray[np.int64], n: NDArray[np.int64], stride: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -250,8 +258,7 @@ class Estimator(ABC):
         edf = np.stack([np.maximum(self.edf(a, m, n, stride), 1.0) for a in known], axis=-1)
         ratio = np.stack([self.expectation(a, m, n) for a in known], axis=-1)
         left = np.stack([self.uncorrected_bias(a, m, n) for a in known], axis=-1)
-        # Raw THEO1 is its own expectation, and has of each noise what its bias says.
-        weight = share * np.where(ratio == 1.0, left, ratio)
+        weight = share * np.stack([self.passed(a, m, n) for a in known], axis=-1)
         raw = weight / weight.sum(axis=-1, keepdims=True)
         at = np.maximum(tau.round().astype(np.int64), 1)
         alike = _likeness(self.family, known, edf, raw, at, n, stride)

@@ -21,8 +21,10 @@ Ints = NDArray[np.int64]
 _RATIO_EDF = 150.0
 """Degrees of freedom of the ratio: 110 to 330 for FM noise, by simulation, at any run length."""
 
-_SHORTEST = 0.02
+_SHORTEST = 0.03
 """Part of the run from which on limits hold where noises meet."""
+_PHASE_NOISES, _LITTLE = (2, 1), 0.1
+"""Their alpha, and what THEO1 may have of them, in parts of the variance that it is to tell."""
 _MOST_RATIOS = 256
 _FEW_RATIOS = 64
 """Tau of which the expected ratio is the mean."""
@@ -74,18 +76,25 @@ class TheoBR(Theo1):
     ) -> NDArray[np.float64]:
         """Return the degrees of freedom by simulation, the scatter of the ratio included.
 
-        In windows shorter than those of simulation it is taken as independent of THEO1.
+        In windows shorter than those of simulation it is taken as independent of THEO1; and in
+        phase noise, which alone has a ratio that scatters less, but beside a slower noise has not.
         """
         apart = 1.0 / (1.0 / super().edf(alpha, m, n, stride) + 1.0 / _RATIO_EDF)
-        return calibrated_edf("theobr", alpha, m, n, apart)
+        simulated = calibrated_edf("theobr", alpha, m, n, apart)
+        return np.where(np.asarray(alpha) > 0, np.minimum(simulated, apart), simulated)
 
     def trusts(self, noise: NoiseTypes, tau: ArrayLike, n: int) -> NDArray[np.bool_]:
         """Return whether the limits hold: not in phase noise, whose bias no one ratio removes.
 
         Nor at short tau, where the ratio is that of other noise than there is: 80 to 99 %.
         """
-        long = np.asarray(tau) >= _SHORTEST * n
-        return super().trusts(noise, tau, n) & long & (noise.alpha <= 0)
+        times = np.asarray(tau, np.float64)
+        share = noise.shares(self.family, times)
+        window = np.maximum(times / self.tau_factor, 1.0)
+        each = [self.passed(alpha, window, n) for alpha in _PHASE_NOISES]
+        fast = sum(share[..., i] * each[i] for i in range(len(each)))
+        slow = (noise.alpha <= 0) & (fast <= _LITTLE)
+        return super().trusts(noise, tau, n) & (times >= _SHORTEST * n) & slow
 
     def uncorrected_bias(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
         """Return 1: the record itself has removed the bias."""
@@ -99,6 +108,10 @@ class TheoBR(Theo1):
         mean_power = (end ** (1 - c) - 9.0 ** (1 - c)) / ((1 - c) * (end - 9.0))
         ratio: NDArray[np.float64] = (a + b * mean_power) / (a + b / (0.75 * m) ** c)
         return ratio
+
+    def passed(self, alpha: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
+        """Return what THEO1 passes of one noise: the ratio multiplies all noises of a record."""
+        return REGISTRY["theo1"].uncorrected_bias(alpha, m, n)
 
     def of_mixture(
         self, noise: NoiseTypes, m: Ints, n: Ints, stride: ArrayLike

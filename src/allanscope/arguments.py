@@ -445,7 +445,7 @@ def _curve_arguments(one: ArgumentParser) -> None:
         default="",
         metavar="LETTERS",
         help="fit these together: Q P (phase noise) N B K F (flicker walk) D (random run), or auto "
-        "(N, B, K and those identified)",
+        "(N, B, K and those the likelihood asks for)",
     )
 
 

@@ -52,6 +52,25 @@ def test_intervals_hold_the_truth(levels, letters):
         assert abs(np.median(ratios) - 1) < 0.15, (name, np.median(ratios))
 
 
+@pytest.mark.parametrize(
+    ("levels", "letters"),
+    [
+        ({"N": 0.01, "F": 1e-3}, "NBKF"),
+        ({"N": 0.01, "D": 1e-4}, "NBKD"),
+        ({"N": 0.01, "P": 0.01}, "PNBK"),
+        ({"N": 0.01, "B": 0.005, "K": 0.002}, "NBK"),
+    ],
+)
+def test_the_fit_chooses_the_letters(levels, letters):
+    """Half an hour: none of the nulls, and of a flicker walk one in ten looks like a random run."""
+    found = [
+        "".join(fit_power_laws(mixed(seed, RATE, 18_000, **levels), RATE, "auto"))
+        for seed in range(60, 72)
+    ]
+    assert found.count(letters) >= 10
+    assert letters != "NBK" or set(found) == {"NBK"}
+
+
 @pytest.mark.parametrize("letter", ["F", "D"])
 def test_white_noise_of_the_ends_of_a_record_is_not_taken_for_a_spectrum(letter):
     """At 104 Hz two samples of white noise outweigh a flicker walk at all low frequencies.

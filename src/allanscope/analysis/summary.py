@@ -47,7 +47,6 @@ from allanscope.noise import (
     NoiseFit,
     find_best_averaging,
     fit_noise,
-    letters_for,
     power_laws_of,
 )
 from allanscope.parts import PARTS, full_scale_of
@@ -461,8 +460,6 @@ def _axis(
     # Where gaps leave the stream no density, that of the bridged rows is read.
     measured = density if len(density.frequency) or fit is None else density_of(fit.evidence)
     readings = read_axis(measured, curve, unit_of(name))
-    if power_laws == "auto":
-        power_laws = letters_for(curve.noise[curve.trusted].tolist() if curve is not None else ())
     searched = AsOf(loop.length_s, loop.samples) if loop and explanation else None
     model = fit.model if fit else None
     own = fit.coefficients if fit else {}
@@ -496,7 +493,7 @@ def _axis(
         density_model=drawn.density,
         explanation=explanation,
         readings=readings,
-        power_laws=power_laws_of(record, name, power_laws, fit) if fit and power_laws else {},
+        power_laws=_power_laws(record, name, power_laws, fit, loop),
         coefficients_as_of=as_of if coefficients else None,
         explanation_as_of=searched,
         remarks=(
@@ -505,6 +502,17 @@ def _axis(
             *((apart,) if apart else ()),
         ),
     )
+
+
+def _power_laws(
+    record: Record, name: str, letters: str, fit: NoiseFit | None, loop: Explanation | None
+) -> dict[str, Coefficient]:
+    if not letters or fit is None:
+        return {}
+    found = list(loop.signals.get(name, {}).values()) if loop else []
+    # A search of a longer record looks at means of its rows.
+    known = [signal for signal in found if len(signal) == len(record.values)]
+    return power_laws_of(record, name, letters, fit, sum(known) if known else 0.0)
 
 
 def _fit(record: Record, name: str, density: Density, part: str) -> NoiseFit | None:

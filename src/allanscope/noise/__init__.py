@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from allanscope.noise.power_laws import (
         POWER_LAWS,
         fit_power_laws,
-        letters_for,
         model_of,
         power_laws_of,
     )
@@ -67,7 +66,6 @@ __all__ = [
     "fit_noise",
     "fit_power_laws",
     "gls_chi2",
-    "letters_for",
     "model_of",
     "power_laws_of",
     "relative_bounds",
@@ -100,7 +98,6 @@ __getattr__, __dir__ = lazily(
         "fit_noise": "fit",
         "fit_power_laws": "power_laws",
         "gls_chi2": "curve_fit",
-        "letters_for": "power_laws",
         "model_of": "power_laws",
         "power_laws_of": "power_laws",
         "relative_bounds": "crlb",

@@ -18,13 +18,14 @@ two draws are no spectrum.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allanscope.allan import LETTERS, alpha_named
+from allanscope.allan import LETTERS
 from allanscope.history import Record
 from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import (
@@ -46,12 +47,16 @@ from allanscope.noise.model import NoiseModel
 from allanscope.noise.part import Array, Component
 from allanscope.samples import unit_of
 
-__all__ = ["POWER_LAWS", "fit_power_laws", "letters_for", "model_of", "power_laws_of"]
+__all__ = ["POWER_LAWS", "fit_power_laws", "model_of", "power_laws_of"]
 
 POWER_LAWS = {letter: alpha for alpha, letter in LETTERS.items()}
 """Letter of each power law to alpha of S(f) ~ f^alpha."""
 
 _USUAL = "NBK"
+_FAST, _SLOW = "QP", "FD"
+"""Tried beside the usual ones."""
+_PRICE = math.log(1e3) + math.log(len(_FAST + _SLOW))
+"""Log-likelihood gain that a letter must bring: odds of 1 in 1000, for each that is tried."""
 _ROUNDS = 2
 """So often the ends are found again with the model that their removal gave."""
 _SHARE = 0.1
@@ -86,7 +91,8 @@ def fit_power_laws(
     rate : float
         Samples per second.
     noises : str
-        Letters of ``QPNBKFD``; with F or D, no Q and no P: nothing bears both out.
+        Letters of ``QPNBKFD``; with F or D, no Q and no P: nothing bears both out. ``"auto"``: N,
+        B, K and those without which the likelihood is too poor for chance.
     unit : str
         Of the values.
 
@@ -113,15 +119,17 @@ def fit_power_laws(
     if samples.ndim != 1 or samples.size < 17 or not np.isfinite(samples).all():
         raise ValueError("need a row of 17 or more finite values")
     dt, duration = 1.0 / rate, samples.size / rate
-    if _is_steep(letters):
-        evidence = evidence_of([np.diff(samples)[np.newaxis] * rate], dt)
-        return _steep(letters, evidence, dt, duration, unit)
-    return _fitted(
-        letters, NoiseModel((), dt), evidence_of([samples[np.newaxis]], dt), duration, unit
-    )
+
+    def differences() -> list[Evidence]:
+        return evidence_of([np.diff(samples)[np.newaxis] * rate], dt)
+
+    evidence = evidence_of([samples[np.newaxis]], dt)
+    return _either(letters, NoiseModel((), dt), evidence, differences, duration, unit)
 
 
-def power_laws_of(record: Record, axis: str, noises: str, fit: NoiseFit) -> dict[str, Coefficient]:
+def power_laws_of(
+    record: Record, axis: str, noises: str, fit: NoiseFit, signal: ArrayLike = 0.0
+) -> dict[str, Coefficient]:
     """Return the coefficients of the power laws that are named, of an axis of a run.
 
     Parameters
@@ -135,6 +143,8 @@ def power_laws_of(record: Record, axis: str, noises: str, fit: NoiseFit) -> dict
     fit : NoiseFit
         Of this axis: its evidence is fitted again, beside its effects and behind its filters. With
         F or D the differences of the rows are, up to a tenth of their rate.
+    signal : array_like, shape (n,)
+        What the effects add to the rows, steps and slow signals among them.
 
     Raises
     ------
@@ -144,17 +154,17 @@ def power_laws_of(record: Record, axis: str, noises: str, fit: NoiseFit) -> dict
     letters, unit = _checked(noises), unit_of(axis)
     row_s = 1.0 / record.rate_hz
     duration = len(record.values) * row_s
-    if _is_steep(letters):
-        values = record.values[:, record.axes.index(axis)]
+
+    def differences() -> list[Evidence]:
+        values = record.values[:, record.axes.index(axis)] - signal
         stretches = stretches_of(values, [(int(a), int(b) - 1) for a, b in record.segments])
         steps = [np.diff(table, axis=1) / row_s for table in stretches]
-        high = ((_SHARE / row_s, np.inf),)
-        evidence = [part.without(high) for part in evidence_of(steps, row_s)]
-        return _steep(letters, evidence, row_s, duration, unit)
+        return [part.without(((_SHARE / row_s, np.inf),)) for part in evidence_of(steps, row_s)]
+
     others = tuple(c for c in fit.model if c.symbol not in _REPLACED)
     filters = tuple(f for f in fit.model.filters if not isinstance(f, Remainder))
     beside = NoiseModel(others, fit.model.dt, filters)
-    return _fitted(letters, beside, fit.evidence, duration, unit)
+    return _either(letters, beside, fit.evidence, differences, duration, unit)
 
 
 def model_of(text: str, dt: float) -> NoiseModel:
@@ -185,22 +195,55 @@ def model_of(text: str, dt: float) -> NoiseModel:
     return NoiseModel(tuple(parts), dt)
 
 
-def letters_for(labels: Iterable[str]) -> str:
-    """Return the letters to fit where these noise types were identified: N, B, K and theirs.
+def _either(
+    letters: str,
+    beside: NoiseModel,
+    evidence: Sequence[Evidence],
+    differences: Callable[[], Sequence[Evidence]],
+    duration: float,
+    unit: str,
+) -> dict[str, Coefficient]:
+    """Fit the samples or, with F or D, their differences; ``auto`` finds what they ask for."""
+    dt = beside.dt
+    if letters == "auto":
+        fast, gain = _asked_for(_FAST, beside, evidence)
+        slow, more = _asked_for(_SLOW, NoiseModel((), dt), differences(), shift=2)
+        letters = "".join(x for x in POWER_LAWS if x in _USUAL + (slow if more > gain else fast))
+    if _is_steep(letters):
+        return _steep(letters, differences(), dt, duration, unit)
+    return _fitted(letters, beside, evidence, duration, unit)
 
-    Examples
-    --------
-    >>> letters_for(["FPM", "FPM", "WFM", ""]), letters_for(["WFM", "RRFM", "FWFM"])
-    ('PNBK', 'NBKFD')
+
+def _asked_for(
+    tried: str, beside: NoiseModel, evidence: Sequence[Evidence], shift: int = 0
+) -> tuple[str, float]:
+    """Return the letters without which N, B and K are too poor, and the gain of the first.
+
+    All are compared on the same evidence: of differences that without the ends of the record, which
+    the model with every letter finds.
     """
-    seen = {LETTERS[alpha_named(label)] for label in labels if label}
-    steep = seen & set("FD")
-    wanted = seen | set(_USUAL) if not steep else (seen | set(_USUAL)) - set("QP")
-    return "".join(letter for letter in POWER_LAWS if letter in wanted)
+    if shift:
+        evidence = _inner(_parts(_USUAL + tried, shift), beside, evidence)[1]
+
+    def gained(letters: str) -> float:
+        parts = _parts(_USUAL + letters, shift)
+        if shift:
+            parts["N"] = _InnerDifferences(1.0)
+        return _maximum(parts, beside, evidence).loglik
+
+    base, found, first = gained(""), "", 0.0
+    while left := [letter for letter in tried if letter not in found]:
+        best, letter = max((gained(found + letter) - base, letter) for letter in left)
+        if best <= _PRICE:
+            break
+        base, found, first = base + best, found + letter, first or best
+    return found, first
 
 
 def _checked(noises: str) -> str:
     """Return the letters, each once; ValueError for what cannot be fitted."""
+    if noises == "auto":
+        return noises
     if not noises or set(noises) - set(POWER_LAWS):
         raise ValueError(f"noises must be letters of {''.join(POWER_LAWS)}, got {noises!r}")
     if _is_steep(noises) and set(noises) & set("QP"):
@@ -237,13 +280,21 @@ def _parts(letters: str, shift: int = 0) -> dict[str, Component]:
 
 def _fit(parts: Mapping[str, Component], beside: NoiseModel, evidence: Sequence[Evidence]) -> Fit:
     """Return the maximum; of differences of white noise without those of the ends."""
-    found = _maximum(parts, beside, evidence)
+    return _inner(parts, beside, evidence)[0]
+
+
+def _inner(
+    parts: Mapping[str, Component], beside: NoiseModel, evidence: Sequence[Evidence]
+) -> tuple[Fit, Sequence[Evidence]]:
+    """Return the maximum and the evidence without the ends, where there are any."""
+    found, without = _maximum(parts, beside, evidence), evidence
     for letter, part in parts.items():
         if isinstance(part, AngleQuantization):
             inner = {**parts, letter: _InnerDifferences(1.0)}
             for _ in range(_ROUNDS):
-                found = _maximum(inner, beside, _without_ends(evidence, found))
-    return found
+                without = _without_ends(evidence, found)
+                found = _maximum(inner, beside, without)
+    return found, without
 
 
 def _maximum(

@@ -25,7 +25,6 @@ from allanscope.allan import (
     factors_at,
     factors_of,
     gcodev,
-    identify_noise,
     mtie,
     phase_to_rate_density,
     rate_to_phase_density,
@@ -35,7 +34,7 @@ from allanscope.allan import (
 from allanscope.atomic_write import write_text
 from allanscope.clock import Clock
 from allanscope.errors import InputError, UsageError
-from allanscope.noise import deviation_covariance, fit_power_laws, letters_for, model_of
+from allanscope.noise import deviation_covariance, fit_power_laws, model_of
 from allanscope.parts import part_named
 from allanscope.pipeline.analyse_file import FULL_ROWS, recorded_settings
 from allanscope.pipeline.decoding import Decoding
@@ -272,10 +271,7 @@ Columns = Mapping[str, list[Any]]
 
 
 def _fit(request: StabilityRequest, one: _Series) -> Columns:
-    letters = request.letters
-    if letters == "auto":
-        letters = letters_for(identify_noise(one.rates, one.rate_hz)[1].tolist())
-    found = fit_power_laws(one.rates, one.rate_hz, letters, unit=one.unit)
+    found = fit_power_laws(one.rates, one.rate_hz, request.letters, unit=one.unit)
     names = ("value", "lower", "upper", "unit")
     columns = {name: [getattr(c, name) for c in found.values()] for name in names}
     detected = [int(c.detected) for c in found.values()]

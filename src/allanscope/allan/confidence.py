@@ -65,10 +65,10 @@ def assemble(
         Label at each tau, which chooses the customary bias, and levels, on which degrees of freedom
         and expectations rest. Without it the limits are those of white FM and the noise is ``""``.
     bias_corrected : bool or 'all'
-        Divide MTOT, TTOT and HTOT by their published bias; with ``"all"`` TOTDEV and THEO1 too,
-        which programs show raw. The limits are for the truth in any case: where the value is known
-        to lie off it, its two tails are shared out so that they enclose it all the same (those of
-        raw THEO1 are for its own expectation).
+        Divide MTOT, TTOT and HTOT by their published bias, and TOTDEV of a run with gaps; with
+        ``"all"`` every TOTDEV and THEO1 too, which programs show raw. The limits are for the truth
+        in any case: where the value is known to lie off it, its two tails are shared out so that
+        they enclose it all the same (those of raw THEO1 are for its own expectation).
     hadamard_factor : {'sp1065', 'dt0064'}
         1/6 or 1/2 in front of the squared third difference: the latter makes hdev, ohdev and
         htotdev sqrt(3) larger.
@@ -102,6 +102,9 @@ def assemble(
         correction, expectation = correction * left, np.where(left == 1.0, expectation, left)
     elif not isinstance(bias_corrected, bool | np.bool_):
         raise ValueError(f"unknown bias_corrected {bias_corrected!r}; choose True, False or 'all'")
+    elif bias_corrected and estimator.reflects and np.any(pieces > 1):
+        # Between gaps the bias is that of the stretches, while the value scatters as in the run.
+        correction = correction * left
     deviation, unbiased = np.sqrt(raw / correction), np.sqrt(raw / expectation)
     # The squares of several stretches are many, and add up to a chi-square.
     scale = 1.0 + (estimator.limit_scale(known, m, length) - 1.0) / pieces
@@ -119,18 +122,26 @@ def assemble(
         terms=sums.terms,
         noise=np.where(refused | (noise is None), "", _NAMES[2 - law]),
         level=level,
-        trusted=estimator.trusts(known, tau, n) & _is_covered(estimator, tau, pieces * length, n),
+        trusted=estimator.trusts(known, tau, n) & _is_covered(estimator, tau, pieces, length, n),
     )
 
 
 def _is_covered(
-    estimator: Estimator, tau: NDArray[np.float64], covered: NDArray[np.int64], n: int
+    estimator: Estimator,
+    tau: NDArray[np.float64],
+    pieces: NDArray[np.int64],
+    length: NDArray[np.int64],
+    n: int,
 ) -> NDArray[np.bool_]:
     """Return whether the stretches that have a term at all are most of a run, or long themselves.
 
-    Between many gaps the last terms come from a few stretches: those are then the run.
+    Between many gaps the last terms come from a few stretches: those are then the run. Where each
+    stretch is reflected, each is.
     """
-    return np.asarray((2 * covered >= n) | (tau <= estimator.trust_fraction * covered))
+    covered = pieces * length
+    enough = (2 * covered >= n) | (tau <= estimator.trust_fraction * covered)
+    run = length if estimator.reflects else n
+    return np.asarray(enough & (tau <= estimator.trust_fraction * run))
 
 
 def _stretches(sums: Sums) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

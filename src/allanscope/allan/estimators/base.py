@@ -106,6 +106,9 @@ class Estimator(ABC):
         True when the variance has a factor of 1/6 that DT0064 gives as 1/2.
     family : {'avar', 'mvar', 'hvar'}
         Variance that it is an estimate of: it says how much each of several noises has in it.
+    reflects : bool
+        True when each unbroken stretch is reflected at its ends, for a bias that is the larger the
+        shorter the stretch.
     calibrated_as : str
         Estimator whose limits are calibrated by simulation; ``""`` for its own name.
     derived_from : str
@@ -122,6 +125,7 @@ class Estimator(ABC):
     time: ClassVar[bool] = False
     hadamard: ClassVar[bool] = False
     family: ClassVar[Family] = "avar"
+    reflects: ClassVar[bool] = False
     calibrated_as: ClassVar[str] = ""
     derived_from: ClassVar[str] = ""
 

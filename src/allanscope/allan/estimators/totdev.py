@@ -30,7 +30,8 @@ class Totdev(Estimator):
 
     Notes
     -----
-    The value is raw, as in all programs. Its expectation is ``1 - a tau/T`` of AVAR, with a = 0,
+    The value is raw, as in all programs (but not between gaps, where each stretch is reflected and
+    all are together as wrong as one). Its expectation is ``1 - a tau/T`` of AVAR, with a = 0,
     0.48, 0.75 for white, flicker and random-walk FM; the limits allow for that. Degrees of freedom
     are ``b T/tau - c`` (SP 1065 table 7). Nothing is published for phase noise: for white PM
     a = -4/3, for flicker PM -0.8 to -1.1, growing with m, and the degrees of freedom are those of
@@ -54,6 +55,7 @@ class Totdev(Estimator):
     name: ClassVar[str] = "totdev"
     variance_name: ClassVar[str] = "TOTVAR"
     trust_fraction: ClassVar[float] = 0.5
+    reflects: ClassVar[bool] = True
 
     def exact(self, phase: NDArray[np.float64], m: int) -> tuple[float, int]:
         """Return variance and number of terms."""

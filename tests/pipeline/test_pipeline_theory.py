@@ -126,7 +126,10 @@ def test_the_chart_of_slopes_says_what_saturates(tmp_path):
 def test_the_chain_says_what_the_program_works_with():
     steps = chain_steps(DeviceSettings(part="LSM6DSM", rate_hz=208.0, gyro_fs=250.0))
     text = " ".join(f"{step.name} {step.what} {step.numbers}" for step in steps)
-    facts = ("66.6 Hz", "208 samples/s", "8.75 mdps at 250 dps", f"{ROWS:,} rows", "32 or more")
+    facts = (
+        *("66.6 Hz", "208 samples/s", "8.75 mdps at 250 dps", f"{ROWS:,} rows", "32 or more"),
+        *("from 1/128 of the run", "fills short gaps", "τ longer than between gaps"),
+    )
     for fact in facts:
         assert fact in text, fact
 
@@ -147,6 +150,8 @@ def test_the_chain_follows_what_was_chosen_of_the_curves():
     text = str(processing_chain(None, 100.0, "1 mdps", "all", chosen))
     assert "every start'" in text
     assert "every sample'" in text
+    assert "1/128" not in text
+    assert "between gaps" not in text
     assert "½ (DT0064) of the mean square" in text
     assert "8 sin⁶ x / x²" in text
 

@@ -18,6 +18,8 @@ __all__ = ["ChainStep", "processing_chain"]
 
 _DENSE = 64
 """Averaging factor below which a mean starts at every sample."""
+_LONG = 128
+"""Part of the run from which on rows of the archive are closer than the terms of a stream."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +72,12 @@ def processing_chain(
     choices = choices or CurveChoices()
     cutoffs = part.cutoffs_hz("gx", rate_hz) if part is not None else ()
     low_pass = f"low-pass at {' or '.join(f'{hz:.3g}' for hz in cutoffs)} Hz"
-    starts = f"every start below m = {_DENSE}, {lags_of_level(1, 1)[0]} or more in tau above"
+    starts = f"every start below m = {_DENSE}, {lags_of_level(1, 1)[0]} or more in τ above"
     archive = f"at most {ROWS:,} rows, joined in pairs when full"
+    starts += f"; from 1/{_LONG} of the run at rows of the archive"
+    across = "; τ longer than between gaps"
     if choices.needs_samples:
-        starts, archive = "every start", "every sample"
+        starts, archive, across = "every start", "every sample", ""
     third = "½ (DT0064)" if choices.hadamard == "dt0064" else "⅙ (DT0064: ½)"
     return [
         ChainStep(
@@ -132,6 +136,12 @@ def processing_chain(
             f"segments of {SEGMENT}, each level at a quarter of the rate",
             "density, N reading, lines",
         ),
-        ChainStep(5, "history", history, "coefficients N B K Q R, effects, residual"),
+        ChainStep(5, "history", history, "effects"),
+        ChainStep(
+            6,
+            "bridge",
+            "fills short gaps with noise like that around them",
+            f"coefficients N B K Q R, residual{across}",
+        ),
         ChainStep(5, "watch", "blocks against what went before", "events, undisturbed"),
     ]

@@ -26,6 +26,13 @@ def test_a_coefficient_that_is_not_detected_is_a_limit_with_the_time_to_wait(ana
     assert rows["Q"].status == "upper limit"
 
 
+def test_a_coefficient_that_nothing_limits_is_a_dash(analysis):
+    open_ended = Coefficient(0.0, 0.0, float("inf"), "", False)
+    axis = replace(analysis.axes["gx"], coefficients={"R": open_ended})
+    (row,) = coefficient_table.coefficient_rows(axis)
+    assert (row.value, row.other, row.status) == ("–", "–", "no limit")
+
+
 def test_an_expanded_uncertainty_stands_beside_what_was_detected(analysis):
     known = Coefficient(1e-3, 0.902e-3, 1.098e-3, "", True)
     limit = Coefficient(1e-6, 0.0, 3e-6, "", False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -57,6 +58,8 @@ def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
             value = f"{interval(one.value * usual.factor, low, high)} {unit}"
             second = f"{number(one.value * other.factor)} {symbols(other.unit)}"
             status = "detected"
+        elif not math.isfinite(high):
+            value, second, status = "–", "–", "no limit"
         else:
             value = f"{limit(high)} {unit}"
             second = f"{limit(one.upper * other.factor)} {symbols(other.unit)}"

@@ -21,7 +21,7 @@ _SHORT = 0.1
 
 @register
 class TheoH(TheoBR):
-    """Hybrid of OAVAR and TheoBR: one curve from tau0 to three quarters of the run.
+    """Hybrid of OAVAR and TheoBR: one curve from tau0 to three quarters of the run, trusted to one.
 
     OAVAR at tau = m up to a tenth of the run, TheoBR at tau = 0.75 m (m even) above (J. Taylor and
     D. Howe 2010: THEOH; NIST SP 1065; DT0064: Theo1H). Degrees of freedom are those of the

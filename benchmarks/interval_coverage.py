@@ -274,15 +274,22 @@ def kept() -> dict[tuple[int, int], Rows]:
 
 
 def overlaid(before: Rows, rows: Rows) -> Rows:
-    """Return all rows of estimators, those measured anew in place of those before."""
-    return {noise: before.get(noise, {}) | rows.get(noise, {}) for noise in (before or rows) | rows}
+    """Return the rows of all estimators: of each those measured anew, or else those before."""
+    anew = {kind for kinds in rows.values() for kind in kinds}
+    old = {
+        noise: {kind: row for kind, row in kinds.items() if kind not in anew}
+        for noise, kinds in before.items()
+    }
+    return {noise: old.get(noise, {}) | rows.get(noise, {}) for noise in old | rows}
 
 
 def page(parts: list[Part], options: argparse.Namespace) -> str:
     """Return the published page: a line for each study, and the extremes of each estimator."""
     text = HEAD.format(seed=options.seed)
     if options.stored:
-        text += AGAIN.format(cells=sum(_cells(rows) for rows in stored(options).values()))
+        cells = sum(_cells(rows) for rows in stored(options).values())
+        every = sum(_cells(kinds) for *_, rows in parts for kinds in rows.values())
+        text += AGAIN.format(cells=cells, others=every - cells)
     for samples, runs, knee, rows in parts:
         if not knee:
             text += LINE.format(samples=samples, runs=runs, **told(rows, runs))
@@ -353,8 +360,9 @@ between, to the end of the trusted range), is in [coverage.csv](coverage.csv).
 
 """
 AGAIN = """\
-{cells} cells, of TOTDEV, TheoBR, TheoH and most plain deviations where noises meet, were measured
-again with degrees of freedom of mixed noises; the others are those of limits before that.
+{cells} cells were measured with the limits of this version; the other {others}, of MTOTDEV, HTOTDEV
+and THEO1 in the longest runs, with those before noises that meet had degrees of freedom of their
+own.
 
 """
 LINE = """\

@@ -101,7 +101,7 @@ def test_limits_hold_at_a_knee_near_the_end_of_the_run(first, second, power_law)
         ("totdev", -2, 512, "oadev"),
         ("theo1", 0, 128, "theo1"),
         ("theobr", -1, 256, "oadev"),
-        ("theobr", 0, 512, "oadev"),
+        ("theobr", 0, 192, "oadev"),
         ("mtotdev", -1, 256, "mdev"),
         ("htotdev", 0, 96, "ohdev"),
         ("htotdev", -4, 64, "ohdev"),

@@ -288,7 +288,7 @@ def page(parts: list[Part], options: argparse.Namespace) -> str:
     text = HEAD.format(seed=options.seed)
     if options.stored:
         cells = sum(_cells(rows) for rows in stored(options).values())
-        every = sum(_cells(kinds) for *_, rows in parts for kinds in rows.values())
+        every = sum(summary(rows)[0] for *_, rows in parts)
         text += AGAIN.format(cells=cells, others=every - cells)
     for samples, runs, knee, rows in parts:
         if not knee:

@@ -120,7 +120,7 @@ def fit_power_laws(
         raise ValueError("need a row of 17 or more finite values")
     dt, duration = 1.0 / rate, samples.size / rate
 
-    def differences() -> list[Evidence]:
+    def differences() -> Sequence[Evidence]:
         return evidence_of([np.diff(samples)[np.newaxis] * rate], dt)
 
     evidence = evidence_of([samples[np.newaxis]], dt)
@@ -128,7 +128,7 @@ def fit_power_laws(
 
 
 def power_laws_of(
-    record: Record, axis: str, noises: str, fit: NoiseFit, signal: ArrayLike = 0.0
+    record: Record, axis: str, noises: str, fit: NoiseFit, signal: Array | float = 0.0
 ) -> dict[str, Coefficient]:
     """Return the coefficients of the power laws that are named, of an axis of a run.
 
@@ -143,7 +143,7 @@ def power_laws_of(
     fit : NoiseFit
         Of this axis: its evidence is fitted again, beside its effects and behind its filters. With
         F or D the differences of the rows are, up to a tenth of their rate.
-    signal : array_like, shape (n,)
+    signal : ndarray, shape (n,), or float
         What the effects add to the rows, steps and slow signals among them.
 
     Raises
@@ -155,7 +155,7 @@ def power_laws_of(
     row_s = 1.0 / record.rate_hz
     duration = len(record.values) * row_s
 
-    def differences() -> list[Evidence]:
+    def differences() -> Sequence[Evidence]:
         values = record.values[:, record.axes.index(axis)] - signal
         stretches = stretches_of(values, [(int(a), int(b) - 1) for a, b in record.segments])
         steps = [np.diff(table, axis=1) / row_s for table in stretches]

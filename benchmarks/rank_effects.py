@@ -181,7 +181,7 @@ class Hider:
         after = np.maximum(self.t - at, 0.0)
         swing = np.cos(2 * np.pi * (15.6 * after + self.rng.random()))
         shape = np.exp(-after / decay) * swing * (self.t >= at)
-        self.d = self.between(20.0, 160.0)
+        self.d = self.between(2.5, 80.0)
         size = self.scale(shape)
         # Its end is where it is as loud as the noise, which is a matter of definition.
         truth = {"time": at, "peak": size * float(np.abs(shape).max())}

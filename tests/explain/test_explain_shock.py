@@ -92,3 +92,69 @@ def test_pieces_of_a_shock_contradict_a_step_and_a_true_step_does_not(bench):
     swing = 30 * np.exp(-np.abs(b.t - 150.0) / 0.3) * np.cos(2 * np.pi * 3 * (b.t - 150.0))
     assert _contradiction(pulse, white + 8 * pulse[0], 52.0) < 2
     assert _contradiction(pulse, white + swing, 52.0) > 20
+
+
+RATE = 104.0
+
+
+def soft(rng, peak, decay_s=0.4, hz=15.6, at=20.0, seconds=40.0):
+    """Return white noise of deviation 1 in which something rings softly."""
+    t = np.arange(int(seconds * RATE)) / RATE
+    late = np.maximum(t - at, 0.0)
+    ring = np.exp(-late / decay_s) * np.cos(2 * np.pi * hz * late) * (t >= at)
+    return np.round(8 * (peak * ring + rng.standard_normal(len(t)))) / 8
+
+
+def shocks(*axes, rate=RATE, step=0.125):
+    """Return what is found in rows of some axes."""
+    rows = dict(zip(("gx", "gy", "gz"), axes, strict=False))
+    return find_shock_rows(rows, rate, dict.fromkeys(rows, step))
+
+
+def test_what_rings_for_many_rows_is_a_shock_though_none_is_loud():
+    rng = np.random.default_rng(620)
+    found = [shocks(soft(rng, 3.0)) for _ in range(12)]
+    assert sum(len(one) == 1 for one in found) >= 11
+    assert all(len(one) <= 1 for one in found)
+    firm = [one[0] for one in found if one]
+    held = [s.onset[1] <= 20.0 * RATE - 0.5 <= s.onset[2] for s in firm]
+    assert np.mean(held) > 0.8
+    peaks = np.array([s.rings["gx"].peak for s in firm])
+    assert abs(np.mean((peaks[:, 0] - 3.0) / peaks[:, 1])) < 0.8
+
+
+def test_two_axes_that_ring_at_once_are_one_shock():
+    rng = np.random.default_rng(621)
+    found = shocks(soft(rng, 4.0), soft(rng, 3.5, hz=22.0), soft(rng, 0.0))
+    assert [one.axes for one in found] == [("gx", "gy")]
+    assert found[0].first == pytest.approx(20.0 * RATE, abs=3)
+
+
+def test_noise_does_not_ring():
+    rng = np.random.default_rng(622)
+    assert not any(shocks(soft(rng, 0.0)) for _ in range(60))
+
+
+def test_levels_that_hop_do_not_ring():
+    """Short visits of another level are swings to a filter; two changes explain them better."""
+    rng = np.random.default_rng(623)
+    for _ in range(15):
+        rows = soft(rng, 0.0, seconds=100.0)
+        hops = rng.random(len(rows)) < 1 / (1.5 * RATE)
+        found = shocks(rows + 4.0 * (np.cumsum(hops) % 2))
+        assert not any(one.rings for one in found)
+
+
+def test_noise_that_is_louder_for_a_moment_does_not_ring():
+    rng = np.random.default_rng(624)
+    for _ in range(20):
+        loud = np.repeat(np.exp(rng.normal(0, 0.8, 100)), 64)
+        found = shocks(np.round(8 * loud * rng.standard_normal(6400)) / 8)
+        assert not any(one.rings for one in found)  # rows of six deviations are another matter
+
+
+def test_few_codes_do_not_ring():
+    rng = np.random.default_rng(625)
+    for sigma in (0.2, 0.4, 0.8):
+        slow = np.cumsum(rng.standard_normal(8000)) * 0.01
+        assert not shocks(np.round(slow + sigma * rng.standard_normal(8000)), step=1.0)

@@ -4,17 +4,20 @@ Rows beyond six robust deviations from a running median, close to each other, ar
 goes to and fro is a shock; one that goes only once to the other side is a piece of something on a
 single axis, and a shock where a second axis does so at the same time. A knock moves the whole
 board: at a time that is known the other axes need not be as loud to be moved by it.
+
+What rings more softly is found by all its rows together (`burst_rows`), away from what is loud.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
+from allanscope.explain.burst_rows import Burst, find_bursts
 from allanscope.explain.loudness_border import rows_of_border
 from allanscope.quantities import MAD_TO_SIGMA
 
@@ -45,6 +48,10 @@ _SIDE, _TURNS = 3.0, 2
 """Deviations from which a row is on one side, and least changes of the side."""
 _AXES = 2
 """Axes on which one change of the side at the same time is enough."""
+_FINEST = 0.8
+"""Deviation of rows in steps of the values, from which they tell what rings softly."""
+_SHORT_S = 2.0
+"""What begins to ring again and again for longer is no shock."""
 _AROUND = 2 * _MEANS[-1]
 """Rows on each side of the first loud one among which a shock begins."""
 
@@ -61,12 +68,18 @@ class ShockRows:
         Axis that is moved to the standard deviation of its rows in quiet.
     onset : tuple of float
         When it begins, in rows: median and ends of the interval. A mean is loud some rows sooner.
+    log_alternatives : float
+        Log of the number of places that were looked at.
+    rings : mapping
+        Axis to how it rings, where no row is loud; empty for a loud shock.
     """
 
     first: int
     stop: int
     sigma: Mapping[str, float]
     onset: tuple[float, float, float]
+    log_alternatives: float
+    rings: Mapping[str, Burst] = field(default_factory=dict)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -123,7 +136,7 @@ def find_shock_rows(
         return []
     away = {axis: one for axis, x in axes.items() if (one := _away(x, window, steps[axis]))}
     groups = [group for axis, one in away.items() for group in _groups(axis, one, rate_hz)]
-    found = []
+    soft, looked_at = _soft(away, groups, rate_hz, steps)
     for first, stop in _events(groups, rate_hz):
         part = slice(first, stop)
         moved = {
@@ -133,8 +146,53 @@ def find_shock_rows(
             or np.count_nonzero(one.beyond(_LOUD, part)) >= _AT_KNOWN_TIME
         }
         squares = np.mean([away[axis].rows ** 2 for axis in moved], axis=0)
-        found.append(ShockRows(first, stop, moved, _onset(squares, first, stop, len(moved))))
-    return found
+        onset = _onset(squares, first, stop, len(moved))
+        soft.append(ShockRows(first, stop, moved, onset, looked_at))
+    return sorted(soft, key=lambda one: one.first)
+
+
+def _soft(
+    away: Mapping[str, _Away], groups: list[_Group], rate_hz: float, steps: Mapping[str, float]
+) -> tuple[list[ShockRows], float]:
+    """Return what rings softly, away from what is loud, and the log of what was looked at."""
+    rows = {axis: one.rows for axis, one in away.items() if one.sigma > _FINEST * steps[axis]}
+    found: list[tuple[str, Burst]] = []
+    looked_at = float(np.log(max((len(one.rows) for one in away.values()), default=1)))
+    for axis, x in rows.items():
+        bursts, looked_at = find_bursts(x, rate_hz, len(rows))
+        found += [(axis, burst) for burst in bursts if not _is_near(burst, groups, rate_hz)]
+    sets: list[list[tuple[str, Burst]]] = []
+    for one in sorted(found, key=lambda pair: pair[1].first):
+        if sets and one[1].first < max(burst.stop for _, burst in sets[-1]):
+            sets[-1].append(one)
+        else:
+            sets.append([one])
+    short = [s for s in sets if s[-1][1].first - s[0][1].first < _SHORT_S * rate_hz]
+    if len(short) > _MOST_SHOCKS:
+        return [], looked_at
+    return [_ringing(members, away, looked_at) for members in short], looked_at
+
+
+def _is_near(burst: Burst, groups: list[_Group], rate_hz: float) -> bool:
+    """Return whether a burst belongs to what is loud: what is left of a shock rings on."""
+    return any(
+        burst.first < 2 * group.stop - group.first + _GAP_S * rate_hz
+        and burst.first + 4 * burst.decay > group.first
+        for group in groups
+    )
+
+
+def _ringing(
+    members: list[tuple[str, Burst]], away: Mapping[str, _Away], looked_at: float
+) -> ShockRows:
+    """Return bursts of several axes and decay times at one time as one shock."""
+    rings: dict[str, Burst] = {}
+    for axis, burst in members:
+        if axis not in rings or burst.gain > rings[axis].gain:
+            rings[axis] = burst
+    best = max(rings.values(), key=lambda burst: burst.gain)
+    sigma = {axis: away[axis].sigma for axis in rings}
+    return ShockRows(best.first, best.stop, sigma, best.onset, looked_at, rings)
 
 
 def _onset(squares: Array, first: int, stop: int, axes: int) -> tuple[float, float, float]:

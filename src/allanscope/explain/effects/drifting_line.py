@@ -44,6 +44,8 @@ _HOLDS = 0.9
 """Share of the power that is called its bandwidth."""
 _RESOLVED = 0.8
 """Standard error of the width of a line without noise, times the length of the record."""
+_WIDER = 0.4
+"""Ordinates by which the record makes a line wider, by simulation of lines that swing."""
 _SHARES = 96
 """Sub-bands of a profile."""
 _AROUND, _LOUD = 5, 4.0
@@ -254,7 +256,7 @@ def _bandwidth(f: Array, power: Array, noise: Array, unit: float) -> Estimate:
     """Return the width that holds most of the power of a line.
 
     It is that of this record, not of a process: each edge is known as far as the record resolves,
-    which also makes the line an ordinate wider, and as noise moves the power on its two sides.
+    which also makes the line a little wider, and as noise moves the power on its two sides.
 
     Parameters
     ----------
@@ -273,7 +275,7 @@ def _bandwidth(f: Array, power: Array, noise: Array, unit: float) -> Estimate:
         first, last = np.interp([share - moved, share + moved], below, f)
         edges.append(edge)
         errors.append(float(last - first) / 2)
-    width = max(edges[1] - edges[0] - unit, 2 * unit)
+    width = max(edges[1] - edges[0] - _WIDER * unit, 2 * unit)
     return Estimate.of_log(
         width, float(np.linalg.norm([*errors, 2 * _RESOLVED * unit])) / width, "Hz"
     )

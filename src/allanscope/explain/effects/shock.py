@@ -55,6 +55,7 @@ class Shock(EffectKind):
 
     kind = "shock"
     meaning = "a mechanical shock that rings"
+    sized_by = "peak"
     stage = 0
     located_by = "time"
     shared_by = "time"
@@ -125,16 +126,18 @@ def _candidate(view: View, shaken: ShockRows) -> Candidate:
     rest, level = _quiet(view.data, first, stop, sigma)
     signal = np.zeros(n)
     signal[first:stop] = view.data[first:stop] - rest
-    size = np.abs(view.data[first:stop] - level)
-    gain = 0.5 * float(np.sum(np.maximum((size / sigma) ** 2 - 1, 0.0)))
-    off = _OFF_ROWS / rate
     duration = (shaken.stop - shaken.onset[0]) / rate
-    effect = Shock(
-        instant_of(shaken.onset, rate, view.series.start_s),
-        Estimate(duration, max(duration - 2 * off, 0.0), duration + off, "s"),
-        _peak(size, sigma, view.unit),
-    )
-    return Candidate(effect, gain, float(np.log(n)), signal=signal)
+    ring = shaken.rings.get(view.axis)
+    if ring is None:
+        size = np.abs(view.data[first:stop] - level)
+        gain, off = 0.5 * float(np.sum(np.maximum((size / sigma) ** 2 - 1, 0.0))), _OFF_ROWS / rate
+        lasts = Estimate(duration, max(duration - 2 * off, 0.0), duration + off, "s")
+        peak = _peak(size, sigma, view.unit)
+    else:  # of decay times in a ratio of two
+        gain, lasts = ring.gain, Estimate(duration, duration / 2, duration * 2, "s")
+        peak = Estimate.of(ring.peak[0] * sigma, ring.peak[1] * sigma, view.unit)
+    effect = Shock(instant_of(shaken.onset, rate, view.series.start_s), lasts, peak)
+    return Candidate(effect, gain, shaken.log_alternatives, signal=signal)
 
 
 def _peak(size: Array, sigma: float, unit: str) -> Estimate:

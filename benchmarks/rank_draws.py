@@ -16,7 +16,8 @@ from blind_noise import Array
 from efficiency import RATE, simulate
 from rank_effects import STUDIES, Hidden, Hider
 from rank_streams import ONSETS, onset, rate
-from scipy.stats import norm
+from scipy.optimize import brentq
+from scipy.stats import chi2, norm
 
 from allanscope.explain import Effect, Parameter, explain
 from allanscope.explain.effects import KINDS
@@ -104,10 +105,7 @@ def ramp(rng: np.random.Generator) -> Outcome:
     fit = fitted(with_ramp(rng, slope), RAMP_HZ)
     if not fit.coefficients["R"].detected:
         return Outcome()
-    above, observed = roots_of_ramp(fit, slope)
-    limit = np.sqrt(RAMP / RAMP_LIMIT)
-    given = conditional_rank(observed + above, observed, min(limit, observed))
-    return Outcome(found=2, ranks={"R": float(norm.cdf(above)), CORRECTED: given})
+    return Outcome(found=2, ranks={"R": rank_of_ramp(fit, slope)})
 
 
 def with_ramp(rng: np.random.Generator, slope: float) -> Array:
@@ -118,20 +116,31 @@ def with_ramp(rng: np.random.Generator, slope: float) -> Array:
     return samples + slope * np.arange(n) / RAMP_HZ
 
 
-def roots_of_ramp(fit: NoiseFit, slope: float) -> tuple[float, float]:
-    """Return how far a slope is above the estimate, and that above none: roots of the profile."""
+def rank_of_ramp(fit: NoiseFit, slope: float) -> float:
+    """Return the confidence below a slope, given that a ramp was detected.
 
-    def root(distance: float) -> float:
-        evidence = [
-            part.less(distance * ramp_pattern(part)) if isinstance(part, Ordinates) else part
-            for part in fit.evidence
-        ]
-        held = Likelihood(evidence).maximise(fit.fit.model, held=fit.fit.held)
-        lost = max(2 * (fit.fit.loglik - held.loglik), 0.0)
-        return float(np.sign(distance) * np.sqrt(lost / RAMP_LIMIT))
+    The noise is known from few ordinates: of m degrees of freedom the profile falls as
+    m ln(1 + t^2 / m), of which the end of the interval and the gain over no ramp tell m. For each
+    noise that they allow the slope is normal and truncated where it is detected.
+    """
+    size, half = abs(fit.slope), fit.coefficients["R"].upper - abs(fit.slope)
+    none = [
+        part.less(-fit.slope * ramp_pattern(part)) if isinstance(part, Ordinates) else part
+        for part in fit.evidence
+    ]
+    held = Likelihood(none).maximise(fit.fit.model, held=fit.fit.held)
+    lost = 2 * (fit.fit.loglik - held.loglik) / RAMP_LIMIT
 
-    sign = np.sign(fit.slope)
-    return float(sign * root(slope - fit.slope)), float(sign * root(fit.slope))
+    def fallen(m: float) -> float:
+        return m * float(np.log1p((size / half) ** 2 * np.expm1(TWO_SIDED_95**2 / m))) - lost
+
+    most, least = 1e3, 0.6
+    m = least if fallen(least) > 0 else most if fallen(most) < 0 else brentq(fallen, least, most)
+    error = half / np.sqrt(m * np.expm1(TWO_SIDED_95**2 / m))
+    limit = min(error * np.sqrt(m * np.expm1(RAMP / RAMP_LIMIT / m)), size)
+    errors = error * np.sqrt(m / chi2.ppf((np.arange(200) + 0.5) / 200, m))
+    truth = slope * np.sign(fit.slope)
+    return float(np.mean(norm.cdf((truth - size) / errors) / norm.cdf((truth - limit) / errors)))
 
 
 def effect(study: str) -> Draw:

@@ -74,6 +74,8 @@ _LOUDER, _LOUDEST = 3.0, 10.0
 """Standard errors from which it is louder there than in the record; times at which it is cut."""
 _LEVELS, _BY_LEVELS = 10.0, 0.3
 """Nats that two changes of the level gain by chance; share of the gain that they may explain."""
+_FITTED = 2.5
+"""Nats that noise adds to the gain: amplitude, phase, start, decay and frequency are fitted."""
 _SINGULAR = 1e-6
 """Of two changes at nearly one time the sizes cannot be told apart."""
 _PIECES = 128
@@ -271,7 +273,9 @@ def _at(bank: _Bank, centre: int, loudness: Array, looked_at: float) -> Burst | 
         s, d, k = (int(i) for i in np.unravel_index(int(np.argmax(inner)), inner.shape))
         centre, reach, step = int(starts[s]), 8 * step, max(1, step // 8)
     most = float(inner[s, d, k])
-    if _by_levels(bank, centre) - _LEVELS > _BY_LEVELS * _uncut(bank, centre, decays[d], k):
+    ordinate = (k + 2 * _SWINGS) / 2
+    uncut = _uncut(bank, centre, decays[d], ordinate)
+    if _by_levels(bank, centre) - _LEVELS > _BY_LEVELS * abs(uncut) ** 2:
         return None
     gain = min(
         _beside(bank, inner[s, d], k, _evenness(loudness, centre, centre + bank.size)),
@@ -284,13 +288,14 @@ def _at(bank: _Bank, centre: int, loudness: Array, looked_at: float) -> Burst | 
     edges = np.concatenate([[starts[0] - step], starts]).astype(float)
     low, median, high = np.interp([0.025, 0.5, 0.975], below, edges).tolist()
     amplitude = amplitude[:, :, 2 * _SWINGS : -2 * _TOP]
-    sizes = np.abs(amplitude) * np.sqrt(np.maximum(1 - 1 / np.maximum(inner, 1.0), 0.0))
+    sizes = np.abs(amplitude) * np.sqrt(np.maximum(1 - _FITTED / np.maximum(inner, 1.0), 0.0))
     mean = float(np.sum(weight * sizes))
     spread = np.sqrt(np.sum(weight * (sizes - mean) ** 2) + mean**2 / (2 * most))
-    ordinate = (k + 2 * _SWINGS) / 2
+    energy = np.sum(np.exp(-2 * np.arange(bank.size) / decays[d]))
+    cut_off = 2 * abs(uncut) / np.sqrt(energy) / np.abs(amplitude[s, d, k])
     swings = np.exp((2j * np.pi * ordinate / bank.size - 1 / decays[d]) * np.arange(bank.decay))
     share = float(np.max(np.abs((amplitude[s, d, k] * swings).real)) / np.abs(amplitude[s, d, k]))
-    unit = share / bank.source.passed(ordinate, bank.size)
+    unit = max(cut_off, 1.0) * share / bank.source.passed(ordinate, bank.size)
     return Burst(
         int(np.ceil(median)), bank.decay, gain, looked_at, (median, low, high),
         (mean * unit, float(spread) * unit),
@@ -327,12 +332,11 @@ def _around(bank: _Bank, first: int, ordinate: int, relative: float) -> float:
     return _gain(relative, known + even, loudness)
 
 
-def _uncut(bank: _Bank, first: int, decay: float, ordinate: int) -> float:
-    """Return what a ringing gains on rows that are not cut, in white noise."""
+def _uncut(bank: _Bank, first: int, decay: float, ordinate: float) -> complex:
+    """Return what a filter of energy 1 collects of rows that are not cut."""
     rows = bank.source.uncut[first : first + bank.size]
-    turn = 1j * np.pi * (ordinate + 2 * _SWINGS) / bank.size + 1 / decay
-    form = np.exp(-turn * np.arange(len(rows)))
-    return float(np.abs(rows @ form) ** 2 / np.sum(np.abs(form) ** 2))
+    form = np.exp(-(2j * np.pi * ordinate / bank.size + 1 / decay) * np.arange(len(rows)))
+    return complex(rows @ form / np.sqrt(np.sum(np.abs(form) ** 2)))
 
 
 def _by_levels(bank: _Bank, first: int) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from blind_noise import Array
 from efficiency import RATE, simulate
 from rank_effects import STUDIES, Hidden, Hider
-from rank_streams import ONSETS, onset, rate
+from rank_streams import BLOCK_S, ONSETS, onset, rate
 from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
@@ -186,7 +186,7 @@ def begun(kind: str) -> Draw:
             return Outcome(found=int(bool(made.events)))
         first = own[0].occurrences[0]
         moment = Parameter(first.onset_s, first.lower_s, first.upper_s)
-        ranks = {"onset": rank_of_parameter(moment, made.at_s)}
+        ranks = {"onset": rank_of_parameter(moment, made.at_s, BLOCK_S)}
         if own[0].frequency_hz is not None and own[0].frequency_interval_hz is not None:
             line = Parameter(own[0].frequency_hz, *own[0].frequency_interval_hz)
             ranks["frequency"] = rank_of_parameter(line, made.frequency_hz)

@@ -18,6 +18,8 @@ from allanscope.watch import Event, Watch
 
 RATE, BEFORE, AFTER = 52.0, 240, 120
 """Samples a second; seconds before and after an onset."""
+BLOCK_S = 1.0
+"""What the watch looks at: within one an onset is anywhere."""
 SIGMA = 20.0
 """Counts of noise."""
 ONSETS = (
@@ -56,7 +58,10 @@ class Begun:
 
 
 def onset(kind: str, rng: np.random.Generator) -> Begun:
-    """Let something begin in a stream, and watch it."""
+    """Let something begin in a stream, and watch it.
+
+    Losses and repeats begin with the first; outliers may have begun before one was seen.
+    """
     n = int(RATE * (BEFORE + AFTER))
     at = BEFORE + rng.uniform(0.0, 20.0)
     t = np.arange(n) / RATE
@@ -79,16 +84,19 @@ def onset(kind: str, rng: np.random.Generator) -> Begun:
     if kind == "repeated_samples":
         again = after & (rng.random(n) < 0.02 * size)
         counts = counts[np.maximum.accumulate(np.where(again, 0, np.arange(n)))]
-    events = _watched(kind, counts, at, size, rng)
-    return Begun(at, frequency, events)
+        at = float(t[np.argmax(again)])
+    events, lost = _watched(kind, counts, at, size, rng)
+    return Begun(at if lost is None else lost, frequency, events)
 
 
 def _watched(
     kind: str, counts: Array, at: float, size: float, rng: np.random.Generator
-) -> tuple[Event, ...]:
+) -> tuple[tuple[Event, ...], float | None]:
+    """Return the events, and when a frame was lost first."""
     info = StreamInfo(axes=("gx",), scale=(1e-3,), nominal_hz=RATE)
     watch = Watch(info)
     frame = 13
+    lost: float | None = None
     drift = 2e-3 * size * (kind == "rate_change")
     for first in range(0, len(counts), frame):
         time_s = (first + frame - 1) / RATE
@@ -99,6 +107,7 @@ def _watched(
         )
         if kind == "lost_samples" and first / RATE >= at and rng.random() < 0.03 * size:
             watch.gap(Gap("link", frame))
+            lost = first / RATE if lost is None else lost
             continue
         watch.rows(counts[first : first + frame, np.newaxis])
-    return watch.events(RATE)
+    return watch.events(RATE), lost

@@ -44,7 +44,7 @@ _SOURCE = 2.0
 """Times that the variance of a source exceeds that of what follows it: two axes that one machine
 shakes at the same times are alike."""
 _CLEARLY = 5.0
-"""Nats by which intervals of another level must explain less."""
+"""Nats by which intervals of another level must explain less, both less their penalties."""
 _ELSEWHERE = 3.0
 """Nats that are gained away from the stretch that gains most, at the least."""
 _MOST = 0.999
@@ -111,9 +111,6 @@ class AmplitudeCoupling(EffectKind):
         if not found:
             return []
         gain, share, source, level, q = max(found, key=lambda one: one[0])
-        abrupt = max((c.gain for c in VarianceChange.propose(view)), default=0.0)
-        if gain < abrupt + _CLEARLY:
-            return []
         looked_at = float(np.log(2 * (len(view.series.axes) - 1)))
         curvature = -(
             _gains(power, freedom, q, share + _STEP).sum()
@@ -131,8 +128,9 @@ class AmplitudeCoupling(EffectKind):
             Estimate.of(share, error),
             level,
         )
-        signal = effect.signal(view, q, size)
-        return [Candidate(effect, gain, looked_at, signal=signal)]
+        best = Candidate(effect, gain, looked_at, signal=effect.signal(view, q, size))
+        abrupt = max((c.excess for c in VarianceChange.propose(view)), default=0.0)
+        return [] if abrupt > 0 and best.excess < abrupt + _CLEARLY else [best]
 
     def signal(self, view: View, q: Array, size: int) -> Array:
         """Return what the rows exceed those of even noise by, shape (n,)."""

@@ -258,7 +258,7 @@ def _evenness(loudness: Array, first: int, stop: int) -> float:
         return 0.0
     changes = np.minimum(away, _LOUDEST) / away.mean() - 1
     varies = float(np.mean(changes**2)) - _VARIES
-    return 1 / max(varies + _VARIES * np.sqrt(2 / len(away)), _EVEN)
+    return float(1 / max(varies + _VARIES * np.sqrt(2 / len(away)), _EVEN))
 
 
 def _at(bank: _Bank, centre: int, loudness: Array, looked_at: float) -> Burst | None:

@@ -9,6 +9,10 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
+from allanscope.explain.effects.amplitude_coupling import AmplitudeCoupling
+from allanscope.explain.effects.variance_change import VarianceChange
+from allanscope.explain.series import series_of
+from allanscope.explain.view import View
 from support.thinned import RATE as ROWS_PER_S
 from support.thinned import thinned
 
@@ -231,6 +235,20 @@ def test_noise_that_follows_another_axis_does_so_more_than_once(bench):
         axis = np.sqrt(1 - share + share * power) * b.noise()
         found = kinds(explain(b.record(axis, motion * b.noise())))["gx"]
         assert ("amplitude_coupling" in found) == follows
+
+
+def test_intervals_of_another_level_are_weighed_by_what_their_search_costs(bench, monkeypatch):
+    b = bench(724, 600.0)
+    motion = np.repeat(np.exp(b.rng.normal(0, 0.6, 120)), len(b.t) // 120)
+    power = motion**2 / np.mean(motion**2)
+    axis = np.sqrt(0.92 + 0.08 * power) * b.noise()
+    series = series_of(b.record(axis, motion * b.noise()))
+    view = View(series, series.grid, "gx", series.values[:, 0], series.lsb[0])
+    (alone,) = AmplitudeCoupling.propose(view)
+    for ahead, named in ((-6.0, True), (-4.0, False)):  # of what each gains beyond its penalty
+        rival = replace(alone, gain=alone.gain + 9.0 + ahead, log_alternatives=9.0)
+        monkeypatch.setattr(VarianceChange, "propose", lambda _, rival=rival: [rival])
+        assert bool(AmplitudeCoupling.propose(view)) == named
 
 
 def test_a_low_pass_far_below_nyquist_is_no_correlated_noise(bench):

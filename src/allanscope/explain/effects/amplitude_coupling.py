@@ -111,6 +111,8 @@ class AmplitudeCoupling(EffectKind):
         if not found:
             return []
         gain, share, source, level, q = max(found, key=lambda one: one[0])
+        if gain < _CLEARLY:
+            return []
         looked_at = float(np.log(2 * (len(view.series.axes) - 1)))
         curvature = -(
             _gains(power, freedom, q, share + _STEP).sum()

@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import median_filter
-from scipy.signal import lfilter
 
 from allanscope.quantities import MAD_TO_SIGMA
 
@@ -179,12 +178,12 @@ class _Rows:
         covariance[0] *= 1 + 1e-6  # values have a step
         predicted = solve_toeplitz(covariance[:-1], covariance[1:])
         errors = np.concatenate([[1.0], -predicted])
-        white = lfilter(errors, [1.0], cut)
+        white = np.convolve(cut, errors)[: len(cut)]
         own = MAD_TO_SIGMA * float(np.median(np.abs(white)))
         if own <= 0:
             return None
         errors /= own * scale
-        return cls(np.clip(white / own, -_CUT, _CUT), lfilter(errors, [1.0], x), errors)
+        return cls(np.clip(white / own, -_CUT, _CUT), np.convolve(x, errors)[: len(x)], errors)
 
     def passed(self, ordinate: float, size: int) -> float:
         """Return by what a swing was multiplied."""

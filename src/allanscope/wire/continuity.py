@@ -12,6 +12,9 @@ The period is the mean over up to 8192 samples. When stamps scatter by s periods
 from n samples, its relative error is 2 s / n at most; a gap of m samples can be counted while m
 times that is below a quarter. What is longer is left without a number.
 
+Where there are no times, or they tell nothing, rows without values count as the samples that they
+should have been.
+
 Some clocks stand still for several samples: hundredths of a second at 416 Hz, milliseconds at
 6.66 kHz. Most stamps repeat the one before, so there is no period to compare with. Such a clock
 still goes step by step (`Standstill`): when it jumps over some, samples are missing; how many,
@@ -67,18 +70,25 @@ class Continuity:
         self._times: list[float] = []
         self._resolution_s = 0.0
         self._farthest_s: float | None = None
+        self._blank_is_lost = True
         self._pacer: Pacer | None = None
         self._standstill = Standstill()
         self._due: GapReason | None = None
         self._discarded = False
 
     def learn(
-        self, times: list[float], resolution_s: float, farthest_s: float | None = None
+        self,
+        times: list[float],
+        resolution_s: float,
+        farthest_s: float | None = None,
+        blank_is_lost: bool = True,
     ) -> None:
         """Take the times of some rows, and the step of their clock, to see how they are paced.
 
-        Where `farthest_s` is given the times do not tell single losses, only steps above it.
+        Where `farthest_s` is given the times do not tell single losses, only steps above it. Rows
+        without values are lost samples if `blank_is_lost`, and those of another rate if not.
         """
+        self._blank_is_lost = blank_is_lost
         self._times = times
         self._resolution_s = resolution_s
         self._farthest_s = farthest_s
@@ -98,9 +108,16 @@ class Continuity:
             return 0
         damaged = row.damaged_before or self._discarded
         if not self._timed(row):
+            if row.blank_before and self._blank_is_lost and not damaged:
+                return row.blank_before
             return None if damaged or self._standstill.jumped(row.device_s) else 0
         assert self._pacer is not None
         return self._pacer.missing(row.device_s, damaged)
+
+    def lost_as_blank(self, blank_before: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the samples before each row that only rows without values tell are missing."""
+        counted = self._pacer is None and self._blank_is_lost
+        return blank_before if counted else np.zeros_like(blank_before)
 
     def in_doubt(self, row: Row, missing: Missing) -> bool:
         """Return whether the time of a row is to be believed only if the next one bears it out."""

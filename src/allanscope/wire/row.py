@@ -58,6 +58,8 @@ class Row(NamedTuple):
         NaN without one.
     damaged_before : bool
         Whether something unreadable came between this row and the one before.
+    blank_before : int
+        Rows without a value between this row and the one before.
     """
 
     values: tuple[float, ...]
@@ -65,6 +67,7 @@ class Row(NamedTuple):
     host_s: float
     temperature_c: float = math.nan
     damaged_before: bool = False
+    blank_before: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +128,7 @@ class RowTable:
     values : ndarray, shape (n, k)
     device_s, host_s, temperature_c : ndarray, shape (n,)
     damaged_before : ndarray of bool, shape (n,)
+    blank_before : ndarray of int, shape (n,)
     """
 
     values: Values
@@ -132,17 +136,19 @@ class RowTable:
     host_s: NDArray[np.float64]
     temperature_c: NDArray[np.float64]
     damaged_before: NDArray[np.bool_]
+    blank_before: NDArray[np.int64]
 
     @classmethod
     def of(cls, rows: Sequence[Row]) -> RowTable:
         """Return single rows together."""
-        values, device_s, host_s, degrees, damaged = zip(*rows, strict=True)
+        values, device_s, host_s, degrees, damaged, blank = zip(*rows, strict=True)
         return cls(
             np.array(values, np.float64),
             np.array(device_s, np.float64),
             np.array(host_s, np.float64),
             np.array(degrees, np.float64),
             np.array(damaged, np.bool_),
+            np.array(blank, np.int64),
         )
 
     @classmethod
@@ -162,10 +168,10 @@ class RowTable:
         """Return one row."""
         values = tuple(self.values[i].tolist())
         times = float(self.device_s[i]), float(self.host_s[i]), float(self.temperature_c[i])
-        return Row(values, *times, bool(self.damaged_before[i]))
+        return Row(values, *times, bool(self.damaged_before[i]), int(self.blank_before[i]))
 
     def whole(self, meaning: Meaning) -> RowTable:
-        """Return the rows that have all that is needed."""
+        """Return the rows that have all that is needed; the others are blank ones before them."""
         there = np.isfinite(self.values[:, list(meaning.needed)]).all(axis=1)
         if there.all():
             return self
@@ -175,7 +181,14 @@ class RowTable:
         # Damage before a row that is left out is damage before the next that is not.
         begins = np.append(0, at[:-1] + 1)
         damaged = np.logical_or.reduceat(self.damaged_before[: at[-1] + 1], begins)
-        return replace(self[at], damaged_before=damaged)
+        blank = np.add.reduceat(self.blank_before[: at[-1] + 1], begins) + at - begins
+        return replace(self[at], damaged_before=damaged, blank_before=blank)
+
+    def blank_at_end(self, meaning: Meaning) -> int:
+        """Return how many rows there were after the last one that has all that is needed."""
+        there = np.isfinite(self.values[:, list(meaning.needed)]).all(axis=1)
+        begin = int(np.flatnonzero(there)[-1]) + 1 if there.any() else 0
+        return len(self) - begin + int(self.blank_before[begin:].sum())
 
     def ticks(self) -> Ticks:
         """Return the times and temperatures; none at all when the rows have none."""
@@ -188,6 +201,7 @@ class RowTable:
 def _columns(table: RowTable) -> tuple[NDArray[Any], ...]:
     return (
         table.values, table.device_s, table.host_s, table.temperature_c, table.damaged_before,
+        table.blank_before,
     )  # fmt: skip
 
 

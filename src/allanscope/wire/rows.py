@@ -5,7 +5,9 @@ first few of them, so the first 25 are held back until a format has decided (of 
 where their times come unevenly); then come the StreamInfo and the Blocks. Losses are told by the
 time stamps where there are any (`continuity`); where there are none, a damaged row leaves a gap of
 unknown length. On a line that damages rows one that its neighbours do not bear out is left out as
-suspect (`plausibility`).
+suspect (`plausibility`). A row with blank cells or NaN is a lost sample: times beside it
+tell, or its place where there are none, unless most rows are like that because a device prints
+several rates in one table.
 
 Of a file, where nobody sees the gaps as they come, the first rows that were left out and the first
 places where the time goes back are also said.
@@ -68,6 +70,7 @@ class Rows:
         self._index = 0
         self._misfits: list[tuple[int, tuple[float, ...]]] = []
         self._damaged = False
+        self._blank = 0
         self._complaints = 0
 
     def add(
@@ -77,10 +80,14 @@ class Rows:
         host_s: float,
         temperature_c: float = math.nan,
     ) -> None:
-        """Take a row."""
+        """Take a row; one without any value only counts."""
+        if all(map(math.isnan, values)):
+            self._blank += 1
+            return
         device_s /= self._time_per_second
-        self._single.append(Row(values, device_s, host_s, temperature_c, self._damaged))
-        self._damaged = False
+        before = self._damaged, self._blank
+        self._single.append(Row(values, device_s, host_s, temperature_c, *before))
+        self._damaged, self._blank = False, 0
 
     def extend(
         self,
@@ -90,14 +97,19 @@ class Rows:
         temperature_c: NDArray[np.float64],
     ) -> None:
         """Take many rows, values of shape (n, axes), that came without damage between them."""
-        if not len(values):
+        at = np.flatnonzero(~np.isnan(values).all(axis=1))
+        if not len(at):
+            self._blank += len(values)
             return
-        damaged = np.zeros(len(values), np.bool_)
+        damaged = np.zeros(len(at), np.bool_)
         damaged[0], self._damaged = self._damaged, False
+        blank = np.diff(at, prepend=-1) - 1
+        blank[0] += self._blank
+        self._blank = len(values) - 1 - int(at[-1])
         self._collect()
-        times = device_s / self._time_per_second
-        hosts = np.full(len(values), host_s)
-        self._tables.append(RowTable(values, times, hosts, temperature_c, damaged))
+        times = device_s[at] / self._time_per_second
+        hosts = np.full(len(at), host_s)
+        self._tables.append(RowTable(values[at], times, hosts, temperature_c[at], damaged, blank))
 
     def damaged(self) -> None:
         """Note that something was unreadable."""
@@ -109,7 +121,7 @@ class Rows:
         Rows that were still held back are given up: they are too few to say what they mean.
         """
         self._single, self._tables = [], []
-        self._damaged = False
+        self._damaged, self._blank = False, 0
         self._continuity.interrupt(reason)
 
     def change(self) -> list[Event]:
@@ -165,9 +177,13 @@ class Rows:
         if meaning.time_per_second != self._time_per_second:
             self._time_per_second = meaning.time_per_second
             pending = replace(pending, device_s=pending.device_s / meaning.time_per_second)
-        times = pending[:HELD].whole(meaning).device_s.tolist()
+        whole = pending[:HELD].whole(meaning)
+        blank = float(np.median(whole.blank_before[1:])) if len(whole) > 1 else 0.0
+        resolution_s = meaning.info.time_resolution_s
         self._continuity.interrupt("restarted")
-        self._continuity.learn(times, meaning.info.time_resolution_s, meaning.farthest_s)
+        self._continuity.learn(
+            whole.device_s.tolist(), resolution_s, meaning.farthest_s, blank_is_lost=blank == 0.0
+        )
         events.append(meaning.info)
         assumed = {"host": 1, "assumed": 1}
         events += [Notice("text", remark, assumed) for remark in meaning.remarks]
@@ -182,12 +198,14 @@ class Rows:
         they would be told, too, one by one.
         """
         rows = pending.whole(meaning)
+        self._blank += pending.blank_at_end(meaning)
         if not len(rows):
             return None, False
         counts, agree = meaning.convert(rows.values)
         judged = self._plausibility.judge(counts[agree])
         between = self._continuity
-        alone = np.append(np.flatnonzero(~agree | rows.damaged_before), len(rows))
+        lost = between.lost_as_blank(rows.blank_before)
+        alone = np.append(np.flatnonzero(~agree | rows.damaged_before | (lost > 0)), len(rows))
         start = i = 0
         while i < len(rows):
             until = int(alone[np.searchsorted(alone, i)])
@@ -222,6 +240,8 @@ class Rows:
                 self._append_gap(gap, events)
                 if missing == "back":
                     self._complain(row, "the time goes back: a gap of unknown length", events)
+                elif lost[i]:
+                    self._complain(row, _blank_remark(int(lost[i])), events)
                 start = i
             i += 1
         self._block(rows[start:], counts[start:], events)
@@ -273,6 +293,17 @@ class Rows:
         events.append(Block(self._index, counts, rows.ticks()))
         self._index += len(rows)
         self._stats.samples += len(rows)
+
+
+def _blank_remark(count: int) -> str:
+    """Return what to say of rows without all their values.
+
+    >>> _blank_remark(2)
+    'the 2 rows before it have blank cells or NaN: lost samples'
+    """
+    if count == 1:
+        return "the row before it has blank cells or NaN: a lost sample"
+    return f"the {count} rows before it have blank cells or NaN: lost samples"
 
 
 def _even(times: list[float]) -> bool:

@@ -7,8 +7,6 @@ import re
 from collections.abc import Sequence
 from typing import cast
 
-import numpy as np
-
 from allanscope.samples import Event, GapReason, Notice
 from allanscope.sanitize import plain_line, without_escapes
 from allanscope.wire.base import LinkStats, WireSettings
@@ -121,8 +119,7 @@ class TextDecoder:
             return 0
         self.stats.frames += len(found.values)
         self._lines.skip(found.newlines)
-        some = ~np.isnan(found.values).all(axis=1)
-        self._rows.extend(found.values[some], found.time_s[some], self._host_s, found.degrees[some])
+        self._rows.extend(found.values, found.time_s, self._host_s, found.degrees)
         return found.size
 
     def interrupt(self, reason: str) -> list[Event]:
@@ -222,8 +219,7 @@ class TextDecoder:
             return False
         values, time_s, degrees = row
         self.stats.frames += 1
-        if any(not math.isnan(value) for value in values):
-            self._rows.add(values, time_s, self._host_s, degrees)
+        self._rows.add(values, time_s, self._host_s, degrees)
         return True
 
     def _numbers(self, line: bytes, text: str, count: int) -> list[Event]:

@@ -12,6 +12,7 @@ from allanscope.noise.filters import (
     Butterworth,
     HeldPattern,
     HeldSamples,
+    MovingAverage,
     OnePole,
 )
 
@@ -58,6 +59,23 @@ def test_an_average_is_that_of_a_decimating_converter(rng, taps, every, times):
     half = {1: 0.442946, 2: 0.318920, 3: 0.261938}[times]
     expected = Averaging(half / span, float(times)).response(f[1:-1], DT)
     np.testing.assert_allclose(measured[1:-1] * every / DT / 2, expected, rtol=0.05, atol=2e-3)
+
+
+@pytest.mark.parametrize("rows", [2, 5, 32])
+def test_a_moving_average_is_that_of_its_taps(rows):
+    average = MovingAverage.over(rows, DT)
+    f = np.linspace(0.0, 50.0, 501)
+    exact = np.abs(freqz(np.ones(rows) / rows, worN=f, fs=1 / DT)[1]) ** 2
+    np.testing.assert_allclose(average.response(f, DT), exact, atol=1.01e-5)
+    assert average.response(np.array([average.cutoff]), DT) == pytest.approx(0.5)
+
+
+def test_variances_behind_a_moving_average_are_those_of_samples(rng, overlapping_variance):
+    samples = np.convolve(rng.standard_normal(400_000), np.ones(7) / 7, "valid")
+    model = NoiseModel((White(np.sqrt(DT)),), DT, (MovingAverage.over(7, DT),))
+    for m in (1, 4, 7, 30):
+        measured = overlapping_variance(samples, m)
+        assert model.variance("avar", [m])[0] == pytest.approx(measured, rel=0.03)
 
 
 def test_a_low_pass_acts_on_the_sensor_and_holding_on_its_white_noise():

@@ -43,6 +43,9 @@ _CLEARLY = 1.5
 """Power of a part over that of all which its scatter does not explain."""
 _ROUNDING = 1e-12
 """Share of the information that rounding leaves of none."""
+_DARK = 3e-3
+"""Response of a filter with zeros below which there is nothing but leakage, which no signal is
+measured by."""
 _OUT = 0.025
 """Probability on each side of the interval of a place."""
 _AROUND_S = 30.0
@@ -96,27 +99,33 @@ class Spectrum:
         return self._sum(components, lambda c: self.grid.at(c, frequency), frequency)
 
     def _sum(self, components: Iterable[Component], of: Evaluation, frequency: Array) -> Array:
-        total = np.zeros_like(frequency)
+        total, floor = np.zeros_like(frequency), np.zeros_like(frequency)
+        zeros = any(one.has_zeros for one in self.model.filters)
         for component in components:
             part = of(component)
+            if zeros:
+                floor += _DARK * part
             if filters := self.model.filters_on(component):
                 part = part * combined_response(
                     filters, self.grid.dt, lambda f: f.response(frequency, self.grid.dt)
                 )
             total += part
-        return total
+        return np.maximum(total, floor)
 
     @once
     def ordinates(self) -> Array:
         """Variance of every ordinate, shape (n - 1,).
 
-        The first ones are exact, smooth ones further up interpolated.
+        The first ones are exact, smooth ones further up interpolated, but for filters with zeros.
         """
         grid = self.grid
         unit = grid.rate_hz / (2 * grid.n)
         smooth = [c for c in self.model if not c.is_narrow]
         nodes = grid.nodes * unit
-        total = grid.interpolate(self._sum(smooth, lambda c: grid.at(c, nodes), nodes))
+        if any(one.has_zeros for one in self.model.filters):
+            total = self._sum(smooth, lambda c: grid.interpolate(grid.at(c, nodes)), grid.frequency)
+        else:
+            total = grid.interpolate(self._sum(smooth, lambda c: grid.at(c, nodes), nodes))
         total[: grid.low] = self._sum(
             smooth, lambda c: grid.first(c, grid.low), grid.frequency[: grid.low]
         )
@@ -129,6 +138,15 @@ class Spectrum:
     def kept(self) -> NDArray[np.bool_]:
         """Ordinates that take part in the fit."""
         return self.grid.kept(self.excluded)
+
+    @once
+    def lit(self) -> NDArray[np.bool_]:
+        """Those of them that are not at a zero of a filter, where what leaks in is all there is."""
+        lit = self.kept
+        for one in self.model.filters:
+            if one.has_zeros:
+                lit = lit & (one.response(self.grid.frequency, self.grid.dt) > _DARK)
+        return lit
 
     def loglik_of(self, power: Array) -> float:
         """Log-likelihood of other binned power (mean square ordinates) under this spectrum."""

@@ -155,9 +155,10 @@ class View:
     def innovations(self) -> Array:
         """The data whitened by the noise model, back in time, shape (n,): unit variance.
 
-        What was cut out of the fit is left out here too: a modulated tone is no burst.
+        What was cut out of the fit is left out here too: a modulated tone is no burst. So are the
+        zeros of a filter.
         """
-        kept = self.spectrum.kept
+        kept = self.spectrum.lit
         white = self.ordinates / np.sqrt(self.spectrum.ordinates * max(kept.mean(), 1e-9))
         white = np.concatenate([[0.0], white * kept])
         return np.asarray(idct(white, norm="ortho"))

@@ -227,7 +227,15 @@ class Component(Part):
 
 @dataclass(frozen=True)
 class Filter(Part):
-    """A power response by which the density of some components is multiplied."""
+    """A power response by which the density of some components is multiplied.
+
+    Class attributes
+    ----------------
+    has_zeros : bool
+        Whether it has zeros within the band, so that it changes within a bin of the likelihood.
+    """
+
+    has_zeros: ClassVar[bool] = False
 
     @abstractmethod
     def response(self, f: Array, dt: float) -> Array:

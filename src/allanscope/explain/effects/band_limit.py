@@ -3,8 +3,9 @@ r"""A low-pass: the sensor's own filter, or one behind it, cuts the top of the b
 Spotted as a deficit towards Nyquist by Whittle likelihood. The order is not known, so a family is
 fitted, :math:`|H|^2 = 1 / (1 + (g(f)/g(f_c))^{2p})`, with g = sin (one pole in the sampled data, or
 an analog one aliased), tan (Butterworth by the bilinear transform) and f itself, p free; where the
-deficit is so large that its form can be told, an average as well (`noise.filters.low_pass`). For
-one pole the cutoff is that of its time constant, which may lie beyond Nyquist; otherwise it is
+deficit is so large that its form can be told, an average as well (`noise.filters.low_pass`): that
+of a converter, and the mean of the last k rows, for every k within a factor of the cutoff. For one
+pole the cutoff is that of its time constant, which may lie beyond Nyquist; otherwise it is
 where the response is down by 3 dB. It enters the model as a factor on the white noise.
 """
 
@@ -25,7 +26,14 @@ from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.residual import removes
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
-from allanscope.noise.filters import AnalogueLowPass, Averaging, Butterworth, LowPass, OnePole
+from allanscope.noise.filters import (
+    AnalogueLowPass,
+    Averaging,
+    Butterworth,
+    LowPass,
+    MovingAverage,
+    OnePole,
+)
 from allanscope.noise.selection import LOW_PASS_PENALTY
 from allanscope.quantities import TWO_SIDED_95
 
@@ -38,6 +46,8 @@ _UNKNOWN = 10.0
 """Standard error of ln cutoff beyond which nothing is known."""
 _BURSTS = 1e-3
 """Sigma of unsteadiness a nat of the gain, where one is some ten nats: about a hundredth."""
+_COUNTED = 1e-4
+"""The same of an average over rows, which are counted."""
 _ORDERS = (1.0, 12.0)
 """Of a filter whose response decays: its powers begin with f^2. Below 1 it would lower the density
 far below the cutoff, and raise N in return."""
@@ -47,6 +57,21 @@ _AS_WELL = 3.0
 """Nats within which two descriptions do as well."""
 _LITTLE = 0.3
 """Of the N before the filter, below which no white noise is left."""
+_RIPPLED, _ROUGHLY = 30.0, 0.02
+"""Gain in nats from which an average over rows is looked for, whose ripples no other response has;
+part of its own gain by which one over any time may be likelier and no better."""
+_TOP = 0.499
+"""Highest cutoff near which it may lie, as a share of the rate."""
+_NEAR = 4.0
+"""Factor from the cutoff of the likeliest other response within which averages over rows lie."""
+_HALF_POWER = 0.443
+"""Rows of an average times its cutoff, as a share of the rate."""
+_LONGEST = 256
+"""Most rows that are averaged."""
+_SMEARED = 1e-3
+"""Least response in a bin, of which the middle may lie at a zero."""
+_LIKELIEST = 3
+"""Averages over rows of which the likelihood is computed in full."""
 _CUTOFFS = (0.02, 0.05, 0.1, 0.18, 0.28, 0.38, 0.46, 0.7)
 """Cutoffs tried first, as shares of the rate."""
 
@@ -92,6 +117,7 @@ class BandLimit(EffectKind):
     cutoff: Estimate
     order: float | None = None
     response: str | None = None
+    rows: int | None = None
 
     kind = "band_limit"
     meaning = "a low-pass cuts the white noise"
@@ -106,7 +132,10 @@ class BandLimit(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        return f"a low-pass with a cutoff of {self.cutoff.value:.3g} Hz"
+        cutoff = f"a cutoff of {self.cutoff.value:.3g} Hz"
+        if self.rows is not None:
+            return f"a moving average over {self.rows} rows, a low-pass with {cutoff}"
+        return f"a low-pass with {cutoff}"
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
@@ -151,10 +180,37 @@ def _best(view: View, cutoffs: list[float]) -> Candidate:
     """Fit every family from the most promising of the cutoffs and take the most likely."""
     fitted = [_fitted(view, family, cutoffs) for family in _FAMILIES]
     loss, found = min(fitted, key=lambda one: one[0])
-    if -loss - view.spectrum.loglik > _SHAPELY:
+    gain = -loss - view.spectrum.loglik
+    if gain > _SHAPELY:
         other, averaging = _fitted(view, _AVERAGING, [found.cutoff])
-        found = averaging if other < loss else found
+        loss, found = min((loss, found), (other, averaging), key=lambda one: one[0])
+    if gain > _RIPPLED:
+        other, averaging = _over_rows(view, min(found.cutoff, _TOP * view.grid.rate_hz))
+        as_well = max(_AS_WELL, _ROUGHLY * (-other - view.spectrum.loglik))
+        found = averaging if other < loss + as_well * isinstance(found, Averaging) else found
     return _candidate(view, found)
+
+
+def _over_rows(view: View, cutoff: float) -> tuple[float, LowPass]:
+    """Return the likeliest average over rows near a cutoff, and what it loses.
+
+    A choice among many costs its logarithm. They are ranked by white noise alone behind each.
+    """
+    dt, grid = view.grid.dt, view.grid
+    middle = _HALF_POWER / (cutoff * dt)
+    least, most = (int(np.clip(k, 2, _LONGEST)) for k in (middle / _NEAR, middle * _NEAR))
+    kept = (grid.centre > cutoff / _NEAR) & (grid.counts(view.excluded) > 0)
+    dof, power = grid.counts(view.excluded)[kept], view.power[kept]
+
+    def alone(average: MovingAverage) -> float:
+        response = average.response(grid.centre[kept], dt) + _SMEARED
+        level = np.sum(dof * power / response) / np.sum(dof)
+        return float(np.sum(dof * np.log(level * response)))
+
+    averages = [MovingAverage.over(rows, dt) for rows in range(least, most + 1)]
+    likeliest = sorted(averages, key=alone)[:_LIKELIEST]
+    best = max(likeliest, key=view.loglik_with)
+    return float(np.log(len(averages))) - view.loglik_with(best), best
 
 
 def _fitted(view: View, family: _Family, cutoffs: list[float]) -> tuple[float, LowPass]:
@@ -170,12 +226,13 @@ def _fitted(view: View, family: _Family, cutoffs: list[float]) -> tuple[float, L
 
 
 def _candidate(view: View, low_pass: LowPass) -> Candidate:
-    cutoff, *order = low_pass.values
+    cutoff, *order = low_pass.values or (low_pass.cutoff,)
     factor = float(np.exp(TWO_SIDED_95 * _error(view, low_pass)))
     effect = BandLimit(
         Estimate(cutoff, cutoff / factor, cutoff * factor, "Hz"),
         order[0] if order else 1.0,
         type(low_pass).__name__,
+        low_pass.rows if isinstance(low_pass, MovingAverage) else None,
     )
     gain = view.loglik_with(low_pass) - view.spectrum.loglik
     looked_at = LOW_PASS_PENALTY + float(np.log(ALPHA))
@@ -183,7 +240,12 @@ def _candidate(view: View, low_pass: LowPass) -> Candidate:
 
 
 def _error(view: View, low_pass: LowPass) -> float:
-    """Return the standard error of ln cutoff; the order, where it is free, goes along with it."""
+    """Return the standard error of ln cutoff; the order, where it is free, goes along with it.
+
+    That of an average over rows is known: they are counted.
+    """
+    if not low_pass.values:
+        return _COUNTED
 
     def loss(point: Array) -> float:
         return -view.loglik_with(low_pass.with_values(np.exp(point).tolist()))

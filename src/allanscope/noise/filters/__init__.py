@@ -7,6 +7,7 @@ band_limit              OnePole                     cutoff               N, B an
 band_limit              Butterworth                 cutoff, order        N, B and K
 band_limit              AnalogueLowPass             cutoff, order        N, B and K
 band_limit              Averaging                   cutoff, order        N, B and K
+band_limit              MovingAverage               none: counted        N, B and K
 repeated_samples        HeldSamples                 fraction             N
 repeated_samples        HeldPattern                 none: counted        N
 remainder               Remainder                   none: smooth         all but lines
@@ -24,6 +25,7 @@ from allanscope.noise.filters.low_pass import (
     Averaging,
     Butterworth,
     LowPass,
+    MovingAverage,
     OnePole,
 )
 from allanscope.noise.filters.remainder import Remainder
@@ -37,6 +39,7 @@ __all__ = [
     "HeldPattern",
     "HeldSamples",
     "LowPass",
+    "MovingAverage",
     "OnePole",
     "Remainder",
     "combined_response",

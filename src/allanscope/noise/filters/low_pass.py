@@ -3,8 +3,10 @@ r"""A low-pass: the sensor's own filter, or one behind it.
 :math:`|H|^2 = 1 / (1 + (g(f) / g(f_c))^{2p})` with g = sin (one pole in the sampled data, or an
 analogue one aliased), tan (Butterworth by the bilinear transform) and f itself; or that of an
 average over a time T, repeated p times, :math:`|\sin(\pi f T) / (\pi f T)|^{2p}` with its aliases:
-the sinc or CIC filter of a converter, the boxcar or Bartlett window of a part. All are 1 at zero
-frequency, so that N stays what long averages show.
+the sinc or CIC filter of a converter, the boxcar or Bartlett window of a part. The mean of the last
+k rows, which firmware sends with every row, is :math:`|\sin(\pi k f/f_s) / k\sin(\pi f/f_s)|^2`,
+with zeros at every multiple of fs / k. All are 1 at zero frequency, so that N stays what long
+averages show.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from scipy.optimize import brentq
 
 from allanscope.noise.part import Filter, Quantity
 
-__all__ = ["AnalogueLowPass", "Averaging", "Butterworth", "LowPass", "OnePole"]
+__all__ = ["AnalogueLowPass", "Averaging", "Butterworth", "LowPass", "MovingAverage", "OnePole"]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,8 @@ _ORDER = Quantity("order", "", "shape", 0.1, 20.0)
 """Ranges of cutoff and order: those of any sensor."""
 _ALIASES = np.arange(-8, 9)[:, np.newaxis]
 """Multiples of the rate from which an average leaves something in the band."""
+_DARKEST = 1e-5
+"""Least response at a zero: the ends of a record leak into it."""
 _TOP = 0.499
 """Highest cutoff of a digital filter, as a share of the rate."""
 
@@ -107,6 +111,38 @@ class Averaging(LowPass):
             return np.asarray((passed ** (2 * self.order)).sum(axis=0))
 
         return np.asarray(folded(np.asarray(f, np.float64)) / folded(np.zeros(1)))
+
+
+@dataclass(frozen=True)
+class MovingAverage(LowPass):
+    """The mean of the last rows, at every row; their number is counted, not fitted."""
+
+    rows: int = 2
+    has_zeros: ClassVar[bool] = True
+
+    @classmethod
+    def over(cls, rows: int, dt: float) -> MovingAverage:
+        """Return the mean of so many rows, 2 or more.
+
+        >>> round(MovingAverage.over(5, 0.01).cutoff, 2)
+        9.04
+        """
+
+        def above_half(x: float) -> float:
+            return float(np.sin(rows * x) / (rows * np.sin(x)) - np.sqrt(0.5))
+
+        return cls(float(brentq(above_half, 1e-6, np.pi / rows)) / (np.pi * dt), rows)
+
+    def corners(self, dt: float) -> tuple[float, ...]:
+        """Return the cutoff and the zeros."""
+        zeros = np.arange(1, self.rows // 2 + 1) / (self.rows * dt)
+        return (self.cutoff, *(float(f) for f in zeros if f < 0.5 / dt))
+
+    def response(self, f: Array, dt: float) -> Array:
+        """Return sin^2(pi k f dt) / (k sin(pi f dt))^2."""
+        x = np.pi * np.maximum(np.asarray(f, np.float64) * dt, 1e-12)
+        passed = (np.sin(self.rows * x) / (self.rows * np.sin(x))) ** 2
+        return np.asarray(np.maximum(passed, _DARKEST))
 
 
 @lru_cache(maxsize=64)

@@ -22,6 +22,7 @@ __all__ = [
 KIND_NAMES: Mapping[str, str] = {
     "band_limit": "low-pass",
     "gauss_markov": "correlated noise",
+    "high_pass": "high-pass",
     "narrowband": "narrow-band noise",
     "power_law": "power-law noise",
     "sinusoid": "line",

@@ -214,6 +214,15 @@ def band_limit(b):
     return Four(*found.values(), {"cutoff": (12.0, 0.1)}, "gauss_markov")
 
 
+def high_pass(b):
+    def high(corner):
+        return lfilter(*butter(1, 2 * corner / RATE, "high"), b.noise())
+
+    low = lfilter(*butter(2, 2 * 12.0 / RATE), b.noise())
+    found = explain(b.record(high(0.2), low, high(0.004), b.noise())).axes
+    return Four(*found.values(), {"corner": (0.2, 0.2)}, "band_limit")
+
+
 def outliers(b):
     def hit(count, size):
         spikes = np.zeros(len(b.t))
@@ -374,7 +383,7 @@ FOURS: dict[str, Callable[..., Four]] = {
         *(sinusoid, narrowband, gauss_markov, random_telegraph, step, excursion, warm_up),
         *(temperature, cross_coupling, band_limit, outliers, variance_change, quantization),
         *(repeated_samples, clock_error, unexplained, saturation, scale_drift, drifting_line),
-        *(shock, power_law, dead_zone, amplitude_coupling),
+        *(shock, power_law, dead_zone, amplitude_coupling, high_pass),
     )
 }
 SEEDS = {kind: 200 + number for number, kind in enumerate(FOURS)}

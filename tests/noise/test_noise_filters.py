@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.fft import dct
 from scipy.signal import butter, freqz, lfilter, welch
 
 from allanscope.noise import NoiseModel
@@ -12,6 +13,7 @@ from allanscope.noise.filters import (
     Butterworth,
     HeldPattern,
     HeldSamples,
+    HighPass,
     MovingAverage,
     OnePole,
 )
@@ -76,6 +78,20 @@ def test_variances_behind_a_moving_average_are_those_of_samples(rng, overlapping
     for m in (1, 4, 7, 30):
         measured = overlapping_variance(samples, m)
         assert model.variance("avar", [m])[0] == pytest.approx(measured, rel=0.03)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_high_pass_and_what_leaks_into_a_record_are_those_of_ordinates(order, rng):
+    """Mean squares of the cosine ordinates of 400 records of 40 s, from the lowest up."""
+    n, corner = 4000, 0.8
+    taps = butter(order, 2 * corner * DT, "high")
+    records = lfilter(*taps, rng.standard_normal((400, n + 2000)), axis=1)[:, 2000:]
+    squares = np.mean(dct(records, norm="ortho", axis=1)[:, 1:] ** 2, axis=0)
+    f = np.arange(1, n) / (2 * n * DT)
+    expected = HighPass(corner, float(order), n * DT).response(f, DT)
+    for low, high in ((0, 4), (4, 10), (10, 25), (25, 60), (60, 120), (120, 400)):
+        ratio = np.mean(squares[low:high] / expected[low:high])
+        assert ratio == pytest.approx(1.0, abs=0.15), (low, high)
 
 
 def test_a_low_pass_acts_on_the_sensor_and_holding_on_its_white_noise():

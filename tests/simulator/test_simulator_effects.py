@@ -110,6 +110,16 @@ def test_band_limit_takes_three_db_at_its_cutoff_and_spares_what_is_added():
     assert abs(phasor) == pytest.approx(3.0, rel=1e-2)
 
 
+def test_high_pass_takes_three_db_at_its_corner_and_the_level_with_it():
+    n = 1 << 18
+    samples = record(Truth({"gx": AxisTruth(N=0.05)}), "high_pass:corner=10", n)
+    frequency = np.fft.rfftfreq(n, 1 / RATE)
+    power = np.abs(np.fft.rfft(samples)) ** 2 / (n * RATE)
+    for centre, share in ((0.5, 0.0), (10.0, 0.5), (45.0, 1.0)):
+        band = np.abs(frequency - centre) < 0.5
+        assert power[band].mean() == pytest.approx(share * 0.05**2, abs=0.06 * 0.05**2)
+
+
 def test_random_telegraph_has_two_levels_and_its_mean_dwell():
     samples = record(SILENT, "random_telegraph:amplitude=0.5,dwell=2", 1 << 19)
     levels, counts = np.unique(samples, return_counts=True)

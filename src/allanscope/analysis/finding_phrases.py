@@ -32,6 +32,7 @@ PHRASES = {
     "drifting_line": "drifting line around {frequency}, {sigma} rms",
     "excursion": "excursion at {event}, {size}",
     "gauss_markov": "correlated noise, {sigma} rms, correlation time {correlation_time}",
+    "high_pass": "high-pass at {corner}",
     "narrowband": "narrow-band noise around {frequency}, {sigma} rms",
     "outliers": "isolated outliers ({count})",
     "power_law": "power-law noise, f^-{exponent}, {density} at 1 Hz",
@@ -50,7 +51,14 @@ PHRASES = {
 """What is said of each kind; ``event`` is when it begins and ends."""
 
 _EVENTS = frozenset({"shock", "step", "excursion", "variance_change"})
-_COUNTED = _EVENTS | {"sinusoid", "drifting_line", "band_limit", "dead_zone", "warm_up"}
+_COUNTED = _EVENTS | {
+    "sinusoid",
+    "drifting_line",
+    "band_limit",
+    "high_pass",
+    "dead_zone",
+    "warm_up",
+}
 """Kinds of which there may be several."""
 _LEAST_SHARE = 0.01
 _SHARES = frozenset({"fraction", "relative", "share"})

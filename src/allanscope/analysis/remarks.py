@@ -277,6 +277,7 @@ _SHAPES: Mapping[str, Callable[[float], float]] = {
 
 _FAST = (
     *(
+        "high_pass",
         "gauss_markov",
         "power_law",
         "random_telegraph",
@@ -290,6 +291,7 @@ _FAST = (
 )
 _SLOW = (
     *(
+        "high_pass",
         "gauss_markov",
         "power_law",
         "random_telegraph",
@@ -471,6 +473,7 @@ _PHRASES = {
     "power_law": "power-law noise, f^-{exponent}",
     "random_telegraph": "a telegraph signal with a dwell time of {dwell} s",
     "band_limit": "a low-pass at {cutoff} Hz",
+    "high_pass": "a high-pass at {corner} Hz",
     "cross_coupling": "cross-coupling from {source}",
     "sinusoid": "a line at {frequency} Hz",
     "narrowband": "narrow-band noise around {frequency} Hz",

@@ -116,13 +116,13 @@ class Spectrum:
     def ordinates(self) -> Array:
         """Variance of every ordinate, shape (n - 1,).
 
-        The first ones are exact, smooth ones further up interpolated, but for filters with zeros.
+        The first ones are exact, smooth ones further up interpolated, but for filters with ripples.
         """
         grid = self.grid
         unit = grid.rate_hz / (2 * grid.n)
         smooth = [c for c in self.model if not c.is_narrow]
         nodes = grid.nodes * unit
-        if any(one.has_zeros for one in self.model.filters):
+        if any(one.has_ripples for one in self.model.filters):
             total = self._sum(smooth, lambda c: grid.interpolate(grid.at(c, nodes)), grid.frequency)
         else:
             total = grid.interpolate(self._sum(smooth, lambda c: grid.at(c, nodes), nodes))

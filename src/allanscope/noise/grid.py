@@ -202,7 +202,7 @@ def _narrow_column(grid: Grid, unit: Component, frequency: float, width: float) 
 
 @lru_cache(maxsize=128)
 def _response(grid: Grid, low_pass: Filter) -> Array:
-    if low_pass.has_zeros:
+    if low_pass.has_ripples:
         return grid.bin_means(low_pass.response(grid.frequency, grid.dt))
     nodes = _bin_nodes(grid) * (grid.rate_hz / (2 * grid.n))
     values = low_pass.response(nodes.ravel(), grid.dt).reshape(nodes.shape)

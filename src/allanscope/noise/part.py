@@ -232,10 +232,13 @@ class Filter(Part):
     Class attributes
     ----------------
     has_zeros : bool
-        Whether it has zeros within the band, so that it changes within a bin of the likelihood.
+        Whether it lets nothing through at some frequencies, where what leaks in is all there is.
+    has_ripples : bool
+        Whether it changes within a bin of the likelihood.
     """
 
     has_zeros: ClassVar[bool] = False
+    has_ripples: ClassVar[bool] = False
 
     @abstractmethod
     def response(self, f: Array, dt: float) -> Array:

@@ -53,6 +53,7 @@ class Step(PlacedSignal):
     located_by = "time"
     shared_by = "time"
     is_piecewise = True
+    excluded_by = frozenset({"high_pass"})  # no level lasts behind it
     confused_with: ClassVar[Mapping[str, str]] = {
         "random_telegraph": "comes back",
         "warm_up": "bends; a step does not",

@@ -58,6 +58,7 @@ class WarmUp(EffectKind):
     is_slow = True
     is_drift = True
     is_thermal = True
+    excluded_by = frozenset({"high_pass"})  # no level lasts behind it
     confused_with: ClassVar[Mapping[str, str]] = {
         "temperature": "the measured temperature explains it",
         "step": "does not bend",

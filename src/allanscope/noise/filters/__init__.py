@@ -8,6 +8,7 @@ band_limit              Butterworth                 cutoff, order        N, B an
 band_limit              AnalogueLowPass             cutoff, order        N, B and K
 band_limit              Averaging                   cutoff, order        N, B and K
 band_limit              MovingAverage               none: counted        N, B and K
+high_pass               HighPass                    corner, slope        N, B and K
 repeated_samples        HeldSamples                 fraction             N
 repeated_samples        HeldPattern                 none: counted        N
 remainder               Remainder                   none: smooth         all but lines
@@ -20,6 +21,7 @@ from allanscope.noise.filters.held_samples import (
     combined_response,
     made_white_share,
 )
+from allanscope.noise.filters.high_pass import HighPass
 from allanscope.noise.filters.low_pass import (
     AnalogueLowPass,
     Averaging,
@@ -38,6 +40,7 @@ __all__ = [
     "Filter",
     "HeldPattern",
     "HeldSamples",
+    "HighPass",
     "LowPass",
     "MovingAverage",
     "OnePole",

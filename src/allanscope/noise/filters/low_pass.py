@@ -119,6 +119,7 @@ class MovingAverage(LowPass):
 
     rows: int = 2
     has_zeros: ClassVar[bool] = True
+    has_ripples: ClassVar[bool] = True
 
     @classmethod
     def over(cls, rows: int, dt: float) -> MovingAverage:

@@ -23,6 +23,7 @@ from allanscope.simulator.effects import Apply, Parameter, Scene, Setting, effec
 __all__ = [
     "band_limit",
     "gauss_markov",
+    "high_pass",
     "narrowband",
     "power_law",
     "random_telegraph",
@@ -176,6 +177,34 @@ def band_limit(parameters: Mapping[str, float], setting: Setting) -> Apply:
             f"{setting.rate_hz / 2.0:g} Hz"
         )
     sections = butter(2, cutoff, fs=setting.rate_hz, output="sos")
+    carry = np.zeros((len(sections), 2))
+
+    def apply(values: NDArray[Any], scene: Scene) -> None:
+        values[:], carry[:] = sosfilt(sections, values, zi=carry)
+
+    return apply
+
+
+@effect(
+    "high_pass",
+    "high-pass of the noise floor",
+    "noise",
+    corner=Parameter("Hz", "-3 dB", above=0.0),
+)
+def high_pass(parameters: Mapping[str, float], setting: Setting) -> Apply:
+    """Take off what an exponential average follows: a first-order high-pass, -3 dB at the corner.
+
+    As `band_limit` it acts on the sensor's own noise alone. N is the level above the corner.
+    """
+    from scipy.signal import butter, sosfilt
+
+    corner = parameters["corner"]
+    if corner >= setting.rate_hz / 2.0:
+        raise UsageError(
+            f"effect high_pass: a corner of {corner:g} Hz must be below half the sample rate, "
+            f"{setting.rate_hz / 2.0:g} Hz"
+        )
+    sections = butter(1, corner, "highpass", fs=setting.rate_hz, output="sos")
     carry = np.zeros((len(sections), 2))
 
     def apply(values: NDArray[Any], scene: Scene) -> None:

@@ -1,0 +1,122 @@
+r"""A high-pass: the level, and whatever is slow, was taken away before the record was made.
+
+A phone's linear acceleration is without gravity, which an exponential average followed; a logger
+may couple by a capacitor, or subtract a running mean. All of it is
+:math:`|H|^2 = 1 / (1 + (f_c / f)^{2p})` on the noise. No noise of a sensor falls towards low
+frequencies, so it shows as a deficit of the lowest ordinates against the white noise; the Allan
+deviation falls faster than :math:`\tau^{-1/2}` beyond :math:`1 / 2 \pi f_c`, and what it reads at
+1 s is no longer N. B and K are known as far as they stand out above the corner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from allanscope.explain.candidate import Candidate
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects import EffectKind, errors_at
+from allanscope.explain.residual import removes
+from allanscope.explain.view import View
+from allanscope.noise.filters import HighPass as Filter
+from allanscope.quantities import TWO_SIDED_95
+
+Array = NDArray[np.float64]
+
+_FEWEST = 8
+"""Ordinates below the corner, which must lie low: what is subtracted takes along a few."""
+_LOW = 0.5
+"""Most of the white noise that is left of them on average."""
+_HIGHEST = 0.2
+"""Highest corner, as a share of the rate: beyond, it is the shape of the white noise."""
+_SLOPES = (0.6, 6.0)
+"""Of the filter: at a half it would not end."""
+_TRIED = 8
+"""Corners tried first."""
+_STEP = 0.02
+"""Of ln corner and ln slope, over which the likelihood is a parabola."""
+
+
+@dataclass(frozen=True)
+class HighPass(EffectKind):
+    """A high-pass."""
+
+    corner: Estimate
+    slope: float | None = None
+
+    kind = "high_pass"
+    meaning = "a high-pass takes away the level and what is slow"
+    is_single = True
+    is_process = True
+    confused_with: ClassVar[Mapping[str, str]] = {
+        "band_limit": "takes away the top of the band",
+        "gauss_markov": "adds at low frequencies",
+    }
+
+    @property
+    def words(self) -> str:
+        """What it is, in a phrase."""
+        return f"a high-pass with a corner of {self.corner.value:.3g} Hz takes away what is slower"
+
+    @classmethod
+    def propose(cls, view: View) -> Iterable[Candidate]:
+        """Fit corner and slope, if the lowest ordinates lack power at all."""
+        if view.drifts or not _lacks(view):
+            return []
+        lowest = view.grid.rate_hz * _FEWEST / (2 * view.grid.n)
+        highest = _HIGHEST * view.grid.rate_hz
+        if highest < 2 * lowest:
+            return []
+        found = _fitted(view, np.geomspace(lowest, highest, _TRIED).tolist(), lowest)
+        return [found] if found is not None else []
+
+    def refine(self, view: View) -> Candidate | None:
+        """Estimate the corner again."""
+        return _fitted(view, [self.corner.value], self.corner.value / 10)
+
+    def adequate(self, view: View, candidate: Candidate) -> Candidate | None:
+        """Return it where it removes its part of the residual."""
+        return candidate if removes(view, candidate) else None
+
+
+def _lacks(view: View) -> bool:
+    """Return whether the lowest ordinates hold less than the noise that is white beyond them."""
+    return bool(np.mean(view.squares[:_FEWEST] / view.spectrum.first(_FEWEST)) < _LOW)
+
+
+def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None:
+    low, high = np.log([lowest, _HIGHEST * view.grid.rate_hz])
+    length_s = view.grid.n / view.grid.rate_hz
+
+    def at(point: Array) -> Filter:
+        corner, slope = np.exp(point).tolist()
+        return Filter(corner, slope, length_s)
+
+    def loss(point: Array) -> float:
+        if not (low <= point[0] <= high and _SLOPES[0] <= np.exp(point[1]) <= _SLOPES[1]):
+            return 1e12
+        return -view.loglik_with(at(point))
+
+    first = min((np.array([np.log(one), 0.0]) for one in corners), key=loss)
+    found = minimize(
+        loss, first, method="Nelder-Mead",
+        options={
+            "initial_simplex": np.vstack([first, first + 0.15 * np.eye(2)]),
+            "xatol": 1e-3, "fatol": 1e-3, "maxiter": 80,
+        },
+    )  # fmt: skip
+    if found.fun >= 1e12:
+        return None
+    high_pass = at(np.asarray(found.x))
+    error = float(errors_at(loss, found.x, np.full(2, _STEP))[0])
+    factor = float(np.exp(TWO_SIDED_95 * min(error, 5.0)))
+    corner = Estimate(high_pass.corner, high_pass.corner / factor, high_pass.corner * factor, "Hz")
+    gain = -float(found.fun) - view.spectrum.loglik
+    return Candidate(
+        HighPass(corner, high_pass.slope), gain, float(np.log(_TRIED)), parts=(high_pass,)
+    )

@@ -24,7 +24,7 @@ from scipy.special import chdtrc, digamma, polygamma
 from allanscope.compiled import Pointer, kernel
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.view import View
-from allanscope.noise.components import Component, White
+from allanscope.noise.components import Component, Floor, White
 from allanscope.noise.filters import made_white_share
 
 __all__ = [
@@ -110,7 +110,9 @@ def _shares(after: View, candidate: Candidate, f: Array) -> tuple[Array, Array]:
 
 
 def _adding(candidate: Candidate) -> list[Component]:
-    return [part for part in candidate.parts if isinstance(part, Component)]
+    """Return the processes that a candidate adds; the floor behind a filter belongs to that."""
+    added = [part for part in candidate.parts if isinstance(part, Component)]
+    return [part for part in added if not isinstance(part, Floor)]
 
 
 def _open(view: View, f: Array) -> NDArray[np.bool_]:

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.history import Record
 from allanscope.noise.coefficients import Coefficient
-from allanscope.noise.components import Ramp, Rounding
+from allanscope.noise.components import Floor, Ramp, Rounding
 from allanscope.noise.drift import fit_drift
 from allanscope.noise.estimates import Estimates, ramp_coefficient
 from allanscope.noise.evidence import Evidence, evidence_of, stretches_of, with_ranges
@@ -302,9 +302,12 @@ def _fit(
 
 
 def _without_stop_band(fit: Fit) -> Fit:
-    """Leave out what lies beyond a low-pass: little but the unknown details of the filter."""
+    """Leave out what lies beyond a low-pass: little but the unknown details of the filter.
+
+    A floor of white noise behind it is known by nothing else.
+    """
     low_pass = next((f for f in fit.model.filters if isinstance(f, LowPass)), None)
-    if low_pass is None or fit.model.value("N") == 0.0:
+    if low_pass is None or fit.model.value("N") == 0.0 or fit.model.get(Floor.symbol):
         return fit
     dt = fit.model.dt
     frequency = np.linspace(0.0, 0.5 / dt, 2048)

@@ -7,7 +7,7 @@ of the two-sided density :math:`2 \sigma^2 T_c`, and nothing that averages over 
 correlation time can tell it from white noise. So is what a broad resonance far above 1 Hz has below
 itself, the response of a spring to what is slow:
 
-.. math:: N^2 = N_\text{white}^2 + \sum 2 \sigma^2 T_c + \sum S_\text{band}(0)
+.. math:: N^2 = N_\text{white}^2 + \sum 2 \sigma^2 T_c + \sum S_\text{band}(0) + N_\text{floor}^2
 
 Longer processes are no part of it. Where a reader takes each sample of the sensor several times,
 the white term is that of rows, and the density at 1 Hz as many times as large.
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.noise.coefficients import Coefficient, CoefficientPart
-from allanscope.noise.components import GaussMarkov, Narrowband, RandomTelegraph
+from allanscope.noise.components import Floor, GaussMarkov, Narrowband, RandomTelegraph
 from allanscope.noise.filters import HeldPattern
 from allanscope.noise.part import Component
 from allanscope.quantities import TWO_SIDED_95
@@ -153,6 +153,8 @@ def add_coupled(
 
 def _is_flat(component: Component, dt: float) -> bool:
     """Return whether a process is white at 1 Hz and below."""
+    if isinstance(component, Floor):
+        return True
     tc = correlation_time(component)
     if tc is not None:
         return tc <= SHORT_S

@@ -6,7 +6,9 @@ an analog one aliased), tan (Butterworth by the bilinear transform) and f itself
 deficit is so large that its form can be told, an average as well (`noise.filters.low_pass`): that
 of a converter, and the mean of the last k rows, for every k within a factor of the cutoff. For one
 pole the cutoff is that of its time constant, which may lie beyond Nyquist; otherwise it is
-where the response is down by 3 dB. It enters the model as a factor on the white noise.
+where the response is down by 3 dB. What an amplifier or a converter adds behind a filter of more
+than one pole is a floor of white noise (behind one pole the two are Gauss-Markov noise beside white
+noise). It enters the model as a factor on the white noise.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.residual import removes
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
+from allanscope.noise.components import Floor
 from allanscope.noise.filters import (
     AnalogueLowPass,
     Averaging,
@@ -57,6 +60,10 @@ _AS_WELL = 3.0
 """Nats within which two descriptions do as well."""
 _LITTLE = 0.3
 """Of the N before the filter, below which no white noise is left."""
+_FLOOR_GAINS, _POLES, _FAINT = 10.0, 1.4, 0.02
+"""Nats that a floor behind a low-pass must gain; the order of that below which it may be one pole,
+whose noise beside a floor is Gauss-Markov noise as well: the floor must then gain no more than this
+part of what the low-pass gains alone."""
 _RIPPLED, _ROUGHLY = 30.0, 0.02
 """Gain in nats from which an average over rows is looked for, whose ripples no other response has;
 part of its own gain by which one over any time may be likelier and no better."""
@@ -118,6 +125,7 @@ class BandLimit(EffectKind):
     order: float | None = None
     response: str | None = None
     rows: int | None = None
+    floor: float | None = None
 
     kind = "band_limit"
     meaning = "a low-pass cuts the white noise"
@@ -135,12 +143,13 @@ class BandLimit(EffectKind):
         cutoff = f"a cutoff of {self.cutoff.value:.3g} Hz"
         if self.rows is not None:
             return f"a moving average over {self.rows} rows, a low-pass with {cutoff}"
-        return f"a low-pass with {cutoff}"
+        behind = "" if self.floor is None else ", and white noise behind it"
+        return f"a low-pass with {cutoff}{behind}"
 
     @classmethod
     def propose(cls, view: View) -> Iterable[Candidate]:
         """Fit the family from several cutoffs, if the top of the band lacks power at all."""
-        return [_best(view, [c * view.grid.rate_hz for c in _CUTOFFS])]
+        return [_best(view, _starts(view))]
 
     def refine(self, view: View) -> Candidate:
         """Estimate the cutoff again."""
@@ -165,18 +174,24 @@ def low_pass_instead(view: View, process: Candidate) -> Candidate | None:
     noise is left to lie flat above the bend: the process has then one number more for nothing. A
     sensor always has white noise, so it is the filter that is named, and the process its rival.
     """
+    if view.has(BandLimit.kind) or any(map(view.has, BandLimit.excluded_by)):
+        return None
     left = view.spectrum_with(*process.parts).model.value("N")
-    for found in BandLimit.candidates(view):
-        white = view.spectrum_with(*found.parts).model.value("N")
-        if found.gain > process.gain - _AS_WELL and left < _LITTLE * white:
-            low_pass = found.effect.adequate(view, found)
-            if low_pass is not None:
-                rivals = {**low_pass.rivals, process.kind: process.gain}
-                return replace(low_pass, rivals=rivals)
-    return None
+    found = _best(view, _starts(view), floor=False)
+    white = view.spectrum_with(*found.parts).model.value("N")
+    if found.gain <= process.gain - _AS_WELL or left >= _LITTLE * white:
+        return None
+    low_pass = found.effect.adequate(view, found)
+    if low_pass is None:
+        return None
+    return replace(low_pass, rivals={**low_pass.rivals, process.kind: process.gain})
 
 
-def _best(view: View, cutoffs: list[float]) -> Candidate:
+def _starts(view: View) -> list[float]:
+    return [share * view.grid.rate_hz for share in _CUTOFFS]
+
+
+def _best(view: View, cutoffs: list[float], floor: bool = True) -> Candidate:
     """Fit every family from the most promising of the cutoffs and take the most likely."""
     fitted = [_fitted(view, family, cutoffs) for family in _FAMILIES]
     loss, found = min(fitted, key=lambda one: one[0])
@@ -187,8 +202,34 @@ def _best(view: View, cutoffs: list[float]) -> Candidate:
     if gain > _RIPPLED:
         other, averaging = _over_rows(view, min(found.cutoff, _TOP * view.grid.rate_hz))
         as_well = max(_AS_WELL, _ROUGHLY * (-other - view.spectrum.loglik))
-        found = averaging if other < loss + as_well * isinstance(found, Averaging) else found
+        if other < loss + as_well * isinstance(found, Averaging):
+            loss, found = other, averaging
+    if gain > _SHAPELY and floor and (floored := _with_floor(view, found.cutoff, loss)):
+        return floored
     return _candidate(view, found)
+
+
+def _with_floor(view: View, cutoff: float, loss: float) -> Candidate | None:
+    """Return a low-pass of more than one pole with white noise behind it, if that is likelier."""
+    beside = view.with_parts(Floor(1.0))
+    fitted = [_fitted(beside, family, [cutoff, cutoff / 2]) for family in _FAMILIES]
+    other, found = min(fitted, key=lambda one: one[0])
+    more, alone = loss - other, -loss - view.spectrum.loglik
+    one_pole = isinstance(found, OnePole) or found.values[1] < _POLES
+    if more < _FLOOR_GAINS or (one_pole and more > _FAINT * alone):
+        return None
+    model = beside.spectrum_with(found).model
+    level = model.value("floor")
+    if not 0.0 < level < _LITTLE * model.value("N"):
+        return None
+    candidate = _candidate(beside, found)
+    assert isinstance(candidate.effect, BandLimit)
+    return replace(
+        candidate,
+        effect=replace(candidate.effect, floor=level),
+        gain=beside.loglik_with(found) - view.spectrum.loglik,
+        parts=(found, Floor(1.0)),
+    )
 
 
 def _over_rows(view: View, cutoff: float) -> tuple[float, LowPass]:

@@ -5,7 +5,9 @@ may couple by a capacitor, or subtract a running mean. All of it is
 :math:`|H|^2 = 1 / (1 + (f_c / f)^{2p})` on the noise. No noise of a sensor falls towards low
 frequencies, so it shows as a deficit of the lowest ordinates against the white noise; the Allan
 deviation falls faster than :math:`\tau^{-1/2}` beyond :math:`1 / 2 \pi f_c`, and what it reads at
-1 s is no longer N. B and K are known as far as they stand out above the corner.
+1 s is no longer N. B and K are known as far as they stand out above the corner. A random walk
+behind one has the spectrum of white noise behind a low-pass, so at the corner the white noise must
+be the larger.
 """
 
 from __future__ import annotations
@@ -113,6 +115,11 @@ def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None
     if found.fun >= 1e12:
         return None
     high_pass = at(np.asarray(found.x))
+    noise = view.spectrum_with(high_pass).model
+    slow = noise.value("B") ** 2 / (2 * np.pi * high_pass.corner)
+    slow += (noise.value("K") / (2 * np.pi * high_pass.corner)) ** 2
+    if noise.value("N") ** 2 < slow:
+        return None
     error = float(errors_at(loss, found.x, np.full(2, _STEP))[0])
     factor = float(np.exp(TWO_SIDED_95 * min(error, 5.0)))
     corner = Estimate(high_pass.corner, high_pass.corner / factor, high_pass.corner * factor, "Hz")

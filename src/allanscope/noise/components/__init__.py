@@ -17,6 +17,7 @@ D                     RandomRun                             D
 R                     Ramp                                  R
 power_law             PowerLaw                              P, exponent
 rounding              Rounding                              none: known from the LSB
+floor                 Floor                                 floor
 gauss_markov          GaussMarkov                           sigma, correlation_time
 random_telegraph      RandomTelegraph                       amplitude, dwell
 narrowband            Narrowband, WanderingLine,            sigma, frequency, bandwidth
@@ -30,6 +31,7 @@ from allanscope.noise.components.angle_quantization import AngleQuantization
 from allanscope.noise.components.flicker import Flicker
 from allanscope.noise.components.flicker_phase import FlickerPhase
 from allanscope.noise.components.flicker_walk import FlickerWalk
+from allanscope.noise.components.floor import Floor
 from allanscope.noise.components.gauss_markov import GaussMarkov
 from allanscope.noise.components.line_profile import LineProfile
 from allanscope.noise.components.narrowband import (
@@ -56,6 +58,7 @@ __all__ = [
     "Flicker",
     "FlickerPhase",
     "FlickerWalk",
+    "Floor",
     "GaussMarkov",
     "LineProfile",
     "MovingLine",

@@ -31,6 +31,7 @@ from allanscope.explain.view import Clock, View
 from allanscope.history import Record
 from allanscope.noise import NoiseFit, NoiseModel, fit_noise
 from allanscope.noise.components import AngleQuantization
+from allanscope.noise.filters import HighPass
 from allanscope.noise.fit import Known
 from allanscope.noise.gap_bridging import bridge_gaps
 from allanscope.quantities import duration
@@ -450,7 +451,14 @@ def _detection_limits(view: View) -> tuple[str, ...]:
     k = np.arange(1, view.grid.low + 1)
     shape = np.sin(np.pi * k / 2) ** 2 / (2 * np.sin(np.pi * k / (2 * n))) ** 2 * 2 / n
     step = 6.3 / np.sqrt(np.sum(shape / spectrum.first(view.grid.low)))
-    return (
+    limits = (
         f"detection limits in {duration(view.series.duration_s)}: line {line:.2g} {view.unit} (at "
-        f"{view.grid.rate_hz / 8:.3g} Hz), step {step:.2g} {view.unit}",
+        f"{view.grid.rate_hz / 8:.3g} Hz)"
     )
+    high_pass = next((one for one in view.parts if isinstance(one, HighPass)), None)
+    if high_pass is not None:
+        return (
+            f"{limits}; a step, a drift, and B and K below {high_pass.corner:.2g} Hz do not pass "
+            "the high-pass: B and K are those of the filtered values",
+        )
+    return (f"{limits}, step {step:.2g} {view.unit}",)

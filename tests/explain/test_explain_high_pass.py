@@ -1,0 +1,49 @@
+"""Acceleration without gravity, a mean that was subtracted, a coupling capacitor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from allanscope.explain import explain
+
+N, RATE = 4e-3, 52.0
+
+
+def settled(b, taps):
+    """Return noise behind a filter that has forgotten its start."""
+    n = len(b.t)
+    long = np.concatenate([b.noise(), b.noise()])
+    return lfilter(*taps, long)[-n:]
+
+
+@pytest.mark.parametrize(("order", "corner", "seed"), [(1, 0.5, 721), (1, 0.1, 722), (2, 0.3, 723)])
+def test_it_is_named_and_n_is_that_above_its_corner(bench, order, corner, seed):
+    """Without it the deficit was unexplained."""
+    b = bench(seed, 900.0)
+    result = explain(b.record(settled(b, butter(order, 2 * corner / RATE, "high"))))
+    axis = result.axes["gx"]
+    assert [effect.kind for effect in axis.effects] == ["high_pass"]
+    assert axis.explained
+    assert axis.effects[0].parameters["corner"].value == pytest.approx(corner, rel=0.25)
+    assert result.models_after["gx"].value("N") == pytest.approx(N, rel=0.02)
+    assert "do not pass the high-pass" in axis.remarks[-1]
+
+
+def test_a_running_mean_that_was_subtracted_is_one(bench):
+    b = bench(724, 900.0)
+    level = b.noise()
+    window = np.ones(401) / 401
+    axis = explain(b.record(level - np.convolve(level, window, "same"))).axes["gx"]
+    assert axis.effects[0].kind == "high_pass"
+    assert {effect.kind for effect in axis.effects} <= {"high_pass", "unexplained"}
+
+
+@pytest.mark.parametrize("seed", range(725, 728))
+def test_a_low_pass_and_a_drift_are_none(bench, seed):
+    b = bench(seed, 600.0)
+    low = lfilter(*butter(1, 2 * 2.0 / RATE), b.noise())
+    slow = b.noise() + 2 * N * np.sin(2 * np.pi * b.t / 400.0)
+    for axis in explain(b.record(low, slow)).axes.values():
+        assert "high_pass" not in [effect.kind for effect in axis.effects]

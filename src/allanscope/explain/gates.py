@@ -107,12 +107,21 @@ def _is_refuted(candidate: Candidate, held: HeldOut) -> bool:
 
 
 def adequate(view: View, candidate: Candidate) -> Candidate | None:
-    """Return the candidate, `unexplained` in its place, or None."""
-    if not is_measured(candidate) or not candidate.effect.is_resolved(view):
+    """Return the candidate, `unexplained` in its place, or None.
+
+    A band whose form is not that of the data has no numbers, and may still be a tone without a
+    name.
+    """
+    if not candidate.effect.is_resolved(view):
         return None
-    others = (kind.instead_of(view, candidate) for kind in KINDS.values())
-    better = next((one for one in others if one is not None), None)
-    return better or candidate.effect.adequate(view, candidate)
+    measured = is_measured(candidate)
+    if measured:
+        others = (kind.instead_of(view, candidate) for kind in KINDS.values())
+        better = next((one for one in others if one is not None), None)
+        if better is not None:
+            return better
+    found = candidate.effect.adequate(view, candidate)
+    return found if found is None or measured or not found.effect.is_named else None
 
 
 def is_measured(candidate: Candidate) -> bool:

@@ -34,6 +34,8 @@ _FEWEST = 8
 """Ordinates below the corner, which must lie low: what is subtracted takes along a few."""
 _LOW = 0.5
 """Most of the white noise that is left of them on average."""
+_MEDIAN = 0.4549
+"""Of the square of a Gaussian number, in variances."""
 _HIGHEST = 0.2
 """Highest corner, as a share of the rate: beyond, it is the shape of the white noise."""
 _SLOPES = (0.6, 6.0)
@@ -87,8 +89,14 @@ class HighPass(EffectKind):
 
 
 def _lacks(view: View) -> bool:
-    """Return whether the lowest ordinates hold less than the noise that is white beyond them."""
-    return bool(np.mean(view.squares[:_FEWEST] / view.spectrum.first(_FEWEST)) < _LOW)
+    """Return whether the lowest ordinates hold less than the noise that is white beyond them.
+
+    Less than the model has there, and than most others hold: lines that are not yet explained raise
+    the model.
+    """
+    modelled = np.mean(view.squares[:_FEWEST] / view.spectrum.first(_FEWEST))
+    usual = float(np.median(view.squares)) / _MEDIAN
+    return bool(modelled < _LOW and np.mean(view.squares[:_FEWEST]) < _LOW * usual)
 
 
 def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None:

@@ -55,6 +55,15 @@ def test_one_line_on_three_axes_is_one_finding():
     assert finding_phrase(found[0]) == "line at 7 Hz, 20 mdps"
 
 
+def test_signals_of_other_dwell_times_are_two_however_wide_their_intervals():
+    def hops(dwell_s, half_s):
+        size = (8.0e-3, 1e-3, "dps")
+        return effect("random_telegraph", amplitude=size, dwell=(dwell_s, half_s, "s"))
+
+    assert sizes({"gy": [hops(77.0, 50.0)], "gz": [hops(8.7, 1.0)]}) == [1, 1]
+    assert sizes({"gy": [hops(12.0, 4.0)], "gz": [hops(8.7, 1.0)]}) == [2]
+
+
 def test_a_harmonic_beyond_nyquist_belongs_to_its_fundamental():
     # 3 x 41 Hz and 4 x 41 Hz at 104 Hz are seen at 19 and 44 Hz.
     places = [(41.0, 0.02), (19.0, 0.005), (44.0, 0.002), (13.37, 0.01)]

@@ -48,6 +48,9 @@ _ONE_CAUSE = frozenset({"temperature", "repeated_samples"})
 """Kinds that have one cause on all axes, however large they are on each."""
 _NARROW = 0.1
 """Relative width up to which a range of frequencies is taken for one line."""
+_TIMES = 2.0
+"""Ratio up to which numbers of what has no place agree, however little is known of them: dwell
+times of 8 s and of 80 s, from a dozen hops, are those of two signals."""
 _AT_ONCE_S = 1.0
 """Time within which events are one: a knock and what it leaves behind."""
 
@@ -238,7 +241,10 @@ def _is_one(first: Member, second: Member) -> bool:
     else:
         shared = list(a.parameters)
     return bool(shared) and all(
-        name in b.parameters and _agree(a.parameters[name], b.parameters[name]) for name in shared
+        name in b.parameters
+        and _agree(a.parameters[name], b.parameters[name])
+        and (bool(a.located_by) or _alike(a.parameters[name], b.parameters[name]))
+        for name in shared
     )
 
 
@@ -361,3 +367,12 @@ def _agree(a: Parameter, b: Parameter) -> bool:
     if one is None or other is None:
         return a.value == b.value
     return a.unit == b.unit and abs(one.value - other.value) <= _half(one) + _half(other)
+
+
+def _alike(a: Parameter, b: Parameter) -> bool:
+    """Return whether two numbers are within a factor."""
+    one, other = _number(a), _number(b)
+    if one is None or other is None:
+        return True
+    small, large = sorted((abs(one.value), abs(other.value)))
+    return large <= _TIMES * small

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from allanscope.explain import explain
 from allanscope.explain.effects.unexplained import _bands, left_over, united
 from allanscope.explain.gates import judge
 from allanscope.explain.loop import _view
@@ -75,3 +76,13 @@ def test_what_the_model_lacks_has_its_size(bench):
     size = re.search(r"its rms is (\S+) dps", found.effect.words)
     assert size is not None
     assert float(size[1]) == pytest.approx(7e-3, rel=0.15)
+
+
+def test_an_axis_of_which_a_few_samples_leave_one_code_is_searched(bench):
+    """Taken for outliers, they left a constant, and the axis failed."""
+    b = bench(741, 500.0)
+    values = np.zeros(len(b.t))
+    values[b.rng.choice(len(b.t), 15, replace=False)] = b.rng.choice([-1.0, 1.0], 15)
+    found = explain(b.record(values, lsb=1.0))
+    assert not found.axes["gx"].failure
+    assert "outliers" not in [effect.kind for effect in found.axes["gx"].effects]

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 _LEAST_KEPT = 0.1
 """Share of the ordinates that must stay in the fit: of none, no noise can be told."""
+_NOTHING = 1e-9
+"""Part of the range of the data that is rounding."""
 _MANY = 400
 """Ordinates in a bin whose mean is known to a few per cent."""
 _TRUSTED = 0.9
@@ -215,7 +217,13 @@ class View:
         return replace(self, excluded=(*self.excluded, (low, high)))
 
     def leaves_too_little(self, candidate: Candidate) -> bool:
-        """Return whether next to nothing is left to fit once its ranges are left out too."""
+        """Return whether next to nothing is left to fit once its ranges or its signal are out too.
+
+        Where hardly a sample leaves one code, those few are all there is.
+        """
+        if candidate.signal is not None:
+            left, there = np.ptp(self.data - candidate.signal), np.ptp(self.data)
+            return bool(left <= _NOTHING * there)
         kept = self.grid.kept((*self.excluded, *candidate.excluded))
         return bool(candidate.excluded) and float(kept.mean()) < _LEAST_KEPT
 

@@ -236,9 +236,15 @@ def effect(kind, **parameters):
 DENSITY = {"band_hz": (0.1, 10.0)}
 
 
-def test_agreement_within_intervals_or_3_percent_is_not_told():
-    for value in (1e-3, 1.015e-3, 1.05e-3, 0.95e-3):
+def test_agreement_within_3_percent_and_the_interval_of_the_density_is_not_told():
+    for value in (1e-3, 1.015e-3, 1.035e-3, 0.97e-3):
         assert disagreement("dps", coefficients(), {"N": reading(value, **DENSITY)}) is None
+
+
+def test_n_is_what_the_density_shows_however_wide_its_own_interval():
+    wide = coefficients() | {"N": Coefficient(1e-3, 0.7e-3, 1.3e-3, "", True)}
+    assert disagreement("dps", wide, {"N": reading(1.06e-3, **DENSITY)}) is not None
+    assert disagreement("dps", wide, {"N": reading(1.03e-3, **DENSITY)}) is None
 
 
 @pytest.mark.parametrize(

@@ -379,8 +379,18 @@ def _how(name: str, reading: Reading) -> str:
 def _agree(
     name: str, coefficients: Mapping[str, Coefficient], reading: Reading, rounding: float
 ) -> bool:
-    """Return whether coefficient, or all of them together, and reading agree within intervals."""
+    """Return whether coefficient, or all of them together, and reading agree within intervals.
+
+    N has to be what the density shows but for its sampling error, however little the fit knows.
+    """
     one = coefficients[name[:1]]
+    if name == "N" and one.detected:
+        half = (reading.upper - reading.lower) / 2
+        if (
+            abs(math.hypot(one.value, rounding) - reading.value)
+            > _NOTICEABLE * reading.value + half
+        ):
+            return False
     low = one.lower if one.detected else 0.0
     if _overlap(low, one.upper, reading.lower, reading.upper):
         return True

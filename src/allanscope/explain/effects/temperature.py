@@ -56,6 +56,12 @@ _filter_bank = kernel(
 )
 
 
+_UPRIGHT = 0.9
+"""Level in g of an axis so near the vertical that a tilt hardly moves it."""
+_GRAVITY = (0.8, 1.2)
+"""Size in g of the means of all axes of an accelerometer at rest, whatever its scale is off by."""
+
+
 @dataclass(frozen=True)
 class Temperature(EffectKind):
     """The level follows the temperature.
@@ -70,6 +76,10 @@ class Temperature(EffectKind):
         Factor of the square of the temperature less its mean; None where there is none.
     temperature_span_c, temperature_mean_c : float
         Of the record.
+    level_g : float or None
+        Mean of an axis of an accelerometer whose axes together show gravity: a board that tilts
+        with the temperature moves it by sqrt(1 - level^2) g per radian, as a bias would. None for
+        other axes.
     """
 
     slope: Estimate
@@ -77,6 +87,7 @@ class Temperature(EffectKind):
     curvature: Estimate | None
     temperature_span_c: float
     temperature_mean_c: float
+    level_g: float | None = None
 
     kind = "temperature"
     meaning = "the level follows the measured temperature"
@@ -101,6 +112,9 @@ class Temperature(EffectKind):
             words += f", with a lag of {self.lag.value:.3g} s"
         if self.curvature is not None:
             words += f", in a curve of {self.curvature.value:.3g} {self.curvature.unit}"
+        if self.level_g is not None and abs(self.level_g) < _UPRIGHT:
+            tilt = abs(self.slope.value) / np.sqrt(1 - self.level_g**2)
+            words += f", or the board tilts by {np.degrees(tilt):.2g} deg/degC"
         return words
 
     @classmethod
@@ -110,7 +124,8 @@ class Temperature(EffectKind):
         assert thermal is not None
         assert measured is not None
         unit = Estimate(1.0, unit=f"{view.unit}/degC")
-        plain = cls(unit, None, None, float(np.ptp(thermal)), float(np.mean(measured)))
+        of_record = float(np.ptp(thermal)), float(np.mean(measured)), _level(view)
+        plain = cls(unit, None, None, *of_record)
         return [plain.extended(view)]
 
     @classmethod
@@ -235,6 +250,17 @@ class Temperature(EffectKind):
         covariance = marginal_covariance(view, columns, known)
         bare = Candidate(sized, fit.gain, price)
         return sized.solved(view, bare, known.amplitude, covariance)
+
+
+def _level(view: View) -> float | None:
+    """Return the mean of an axis of an accelerometer that shows gravity; None of any other."""
+    series = view.series
+    columns = [series.column(axis) for axis in series.axes if axis.startswith("a")]
+    if view.unit != "g" or len(columns) < 3:
+        return None
+    size = float(np.linalg.norm(series.values[:, columns].mean(axis=0)))
+    seen = _GRAVITY[0] < size < _GRAVITY[1]
+    return float(view.samples.mean()) if seen else None
 
 
 def _bounds(view: View) -> tuple[float, float]:

@@ -122,9 +122,17 @@ def sum_lags(
         Lag in units of tau beyond which nothing counts.
     other : callable, optional
         Autocorrelation of another noise, with which it is multiplied instead.
+    """
+    edge, width, centre = _blocks(span, reach)
+    square = width * rho(centre / span) * (other or rho)(centre / span)
+    squares, moments = square.cumsum(), (centre * square).cumsum()
+    return LagSums(edge, np.append(0.0, squares), np.append(0.0, moments))
 
-    Notes
-    -----
+
+@lru_cache(maxsize=1024)
+def _blocks(span: float, reach: float) -> tuple[Floats, Floats, Floats]:
+    """Return the lags at which blocks begin and the last one ends, widths and middles of them.
+
     White and flicker PM have a spike at every whole tau, of the width of one sample. A block grows
     with its distance from the nearest whole tau, an eighth of it, which leaves an error below 1e-3.
     """
@@ -143,10 +151,7 @@ def sum_lags(
         edge = np.unique(np.concatenate(knots).round())
         edge = edge[(edge >= 1) & (edge <= count + 1)]
     width = np.diff(edge)
-    centre = edge[:-1] + (width - 1) / 2
-    square = width * rho(centre / span) * (other or rho)(centre / span)
-    squares, moments = square.cumsum(), (centre * square).cumsum()
-    return LagSums(edge, np.append(0.0, squares), np.append(0.0, moments))
+    return edge, width, edge[:-1] + (width - 1) / 2
 
 
 def difference_edf(
@@ -258,14 +263,13 @@ def difference_overlap(
 def _shared_lags(
     alpha: int, beta: int, span: float, width: float, other: float, order: int, sampled: bool
 ) -> LagSums:
-    def correlation(law: int, wide: float) -> Callable[[Floats], Floats]:
-        def covariance(lag: Floats) -> Floats:
-            return difference_autocovariance(lag, wide, law, order, sampled=sampled)
-
-        power = covariance(np.zeros(1))[0]
-        return lambda lag: covariance(lag) / power
-
-    return sum_lags(correlation(alpha, width), span, order + 1, correlation(beta, other))
+    if alpha == beta:
+        return _difference_lags(alpha, span, width, order, sampled)
+    first, second = (
+        _correlation(law, span, wide, order, sampled)
+        for law, wide in ((alpha, width), (beta, other))
+    )
+    return sum_lags(lambda _: first, span, order + 1, lambda _: second)
 
 
 def _summed(
@@ -420,11 +424,16 @@ def _filter_width(alpha: int, m: int, span: float, modified: bool) -> float:
 
 @lru_cache(maxsize=8192)
 def _difference_lags(alpha: int, span: float, width: float, order: int, sampled: bool) -> LagSums:
-    def covariance(lag: Floats) -> Floats:
-        return difference_autocovariance(lag, width, alpha, order, sampled=sampled)
+    found = _correlation(alpha, span, width, order, sampled)
+    return sum_lags(lambda _: found, span, order + 1)
 
-    power = covariance(np.zeros(1))[0]
-    return sum_lags(lambda lag: covariance(lag) / power, span, order + 1)
+
+@lru_cache(maxsize=1024)
+def _correlation(alpha: int, span: float, width: float, order: int, sampled: bool) -> Floats:
+    """Return rho in the middle of each block: that of a noise, which every pair with it needs."""
+    lags = np.append(0.0, _blocks(span, order + 1)[2] / span)
+    covariance = difference_autocovariance(lags, width, alpha, order, sampled=sampled)
+    return covariance[1:] / covariance[0]
 
 
 def difference_autocovariance(
@@ -456,9 +465,11 @@ def difference_autocovariance(
     """
     middle, *sides = _BINOMIAL[order]
     phase = sampled_autocovariance if sampled else phase_autocovariance
-    total = middle * phase(lag, width, alpha)
+    shifts = np.arange(-order, order + 1.0)[:, np.newaxis]
+    at = phase(lag + shifts, width, alpha)
+    total = middle * at[order]
     for k, weight in enumerate(sides, start=1):
-        total += weight * (phase(lag - k, width, alpha) + phase(lag + k, width, alpha))
+        total += weight * (at[order - k] + at[order + k])
     return total
 
 
@@ -490,16 +501,19 @@ def sampled_autocovariance(lag: Floats, width: float, alpha: int) -> Floats:
     from scipy.special import digamma
 
     j = np.abs(lag) * width
-    even = {0: -j, -2: j**3 - j, -4: -j * (j**2 - 1.0) * (j**2 - 4.0)}
-    if alpha in even:
-        return np.asarray(even[alpha])
-    odd = 0.5 * (digamma(j + 0.5) - digamma(0.5))
-    factor = {
-        1: -np.ones_like(j),
-        -1: j**2 / 2.0 - 0.125,
-        -3: -(j**2 - 0.25) * (j**2 - 2.25),
-    }
-    return np.asarray(factor[alpha] * odd)
+    growing = j if alpha % 2 == 0 else 0.5 * (digamma(j + 0.5) - digamma(0.5))
+    return np.asarray(_POLYNOMIALS[alpha](j**2) * growing)
+
+
+_POLYNOMIALS: dict[int, Callable[[Floats], Floats | float]] = {
+    1: lambda _: -1.0,
+    0: lambda _: -1.0,
+    -1: lambda square: square / 2.0 - 0.125,
+    -2: lambda square: square - 1.0,
+    -3: lambda square: -(square - 0.25) * (square - 2.25),
+    -4: lambda square: -(square - 1.0) * (square - 4.0),
+}
+"""Of the square of the lag in samples: what its digamma function, or it itself, is multiplied by."""
 
 
 def _power(lag: Floats, alpha: int) -> Floats:

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from allanscope.allan.estimators import estimator_named
 from allanscope.allan.noise_type import LETTERS
+from allanscope.optimise import least_nonnegative
 
 __all__ = [
     "density_of_deviation",
@@ -276,8 +277,6 @@ def density_of_deviation(
     >>> density_of_deviation(tau, 3.0 / np.sqrt(tau), [1.0, 5.0]).round(2).tolist()
     [18.0, 18.0]
     """
-    from scipy.optimize import nnls
-
     t, variance = np.asarray(tau, np.float64), np.asarray(deviation, np.float64) ** 2
     if t.shape != variance.shape or t.ndim != 1 or not (np.all(t > 0) and np.all(variance > 0)):
         raise ValueError("need as many positive deviations as positive averaging times")
@@ -293,7 +292,7 @@ def density_of_deviation(
 
     lines = np.array([_passed(laws, m, hz, name) for m in factors_at(t, hz, kind)])
     scale = lines.max(axis=0)
-    squares, _ = nnls(lines / scale / variance[:, np.newaxis], np.ones_like(t))
+    squares = least_nonnegative(lines / scale / variance[:, np.newaxis], np.ones_like(t))
     return np.asarray((squares / scale) @ laws(np.asarray(f, np.float64)))
 
 

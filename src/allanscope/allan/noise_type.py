@@ -29,6 +29,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from allanscope.optimise import least_nonnegative
+
 __all__ = [
     "ALPHAS",
     "LETTERS",
@@ -349,8 +351,6 @@ def levels_of(m: ArrayLike, n: int, avar: ArrayLike, mvar: ArrayLike, alpha: Arr
     >>> levels_of(m, 1024, [3 * white + 2 * walk], [3 * slow + 2 * fast], alpha).round(6).tolist()
     [[0.0, 0.0, 3.0, 0.0, 2.0]]
     """
-    from scipy.optimize import nnls
-
     m = np.asarray(m, np.float64)
     plain, modified = (unit_variance(kind, m).T for kind in _FITTED)
     scale = plain.max(axis=0)
@@ -375,7 +375,7 @@ def levels_of(m: ArrayLike, n: int, avar: ArrayLike, mvar: ArrayLike, alpha: Arr
             rows.append((second - ratio[:, np.newaxis] * first) * of_ratio)
             wanted = np.append(measured * weight, np.zeros(int(use.sum())))
             try:
-                levels, _ = nnls(np.concatenate(rows), wanted)
+                levels = least_nonnegative(np.concatenate(rows), wanted)
             except RuntimeError:  # the columns are nearly dependent: those of the last round stand
                 break
             if not levels.any():
@@ -426,8 +426,6 @@ def steep_levels(m: ArrayLike, n: int, hvar: ArrayLike, alpha: ArrayLike) -> Flo
     >>> steep_levels(m, 1024, [3 * unit[2] + unit[5]], alpha).round(6).tolist()
     [[0.0, 0.0, 3.0, 0.0, 0.0, 1.0, 0.0]]
     """
-    from scipy.optimize import nnls
-
     m = np.asarray(m, np.float64)
     unit = unit_hadamard(m).T
     scale = unit.max(axis=0)
@@ -445,7 +443,7 @@ def steep_levels(m: ArrayLike, n: int, hvar: ArrayLike, alpha: ArrayLike) -> Flo
             columns = design / (expected * sigma)[:, np.newaxis]
             length = np.linalg.norm(columns, axis=0)
             try:
-                part, _ = nnls(columns / length, measured / (expected * sigma))
+                part = least_nonnegative(columns / length, measured / (expected * sigma))
             except RuntimeError:  # as in `levels_of`
                 break
             if not part.any():

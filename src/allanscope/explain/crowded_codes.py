@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import pdtrc
 
+from allanscope.explain.values import counted
+
 __all__ = ["CrowdedCode", "crowded_codes", "missing_codes"]
 
 Array = NDArray[np.float64]
@@ -86,7 +88,7 @@ def crowded_codes(samples: Array, step: float) -> tuple[CrowdedCode, ...]:
     if spread <= _FINEST * step:
         return ()
     codes = _codes(samples, step)
-    values, arrivals = np.unique(codes[moved], return_counts=True)
+    values, arrivals = counted(codes[moved])
     # Of a value within, a Gaussian of this spread has so many more than of the next.
     peak = 1.0 if step <= 0 else float(np.exp(0.5 * (step / spread) ** 2))
     found = []
@@ -130,7 +132,7 @@ def missing_codes(samples: Array, step: float) -> tuple[float, ...]:
     if step <= 0 or len(samples) < _FEWEST_ARRIVALS:
         return ()
     codes = _codes(samples, step)
-    values, seen = np.unique(codes, return_counts=True)
+    values, seen = counted(codes)
     counts = dict(zip(values.tolist(), seen.tolist(), strict=True))
     found = []
     for code in (values[:-1][np.diff(values) == 2] + 1).tolist():

@@ -24,10 +24,10 @@ three points, the estimate and the ends of its interval, and 0 where there is no
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import log_ndtr
 
 from allanscope.explain.effect import Estimate
+from allanscope.optimise import root_between
 from allanscope.quantities import TWO_SIDED_95
 
 __all__ = ["conditional_rank", "given_detection"]
@@ -122,4 +122,4 @@ def _root_at(rank: float, observed: float, limit: float) -> float:
     def excess(z: float) -> float:
         return conditional_rank(z, observed, limit) - rank
 
-    return 0.0 if excess(0.0) >= 0 else float(brentq(excess, 0.0, observed + _FARTHEST))
+    return 0.0 if excess(0.0) >= 0 else root_between(excess, 0.0, observed + _FARTHEST)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
@@ -22,6 +21,7 @@ from allanscope.explain.effects.narrowband import Narrowband
 from allanscope.explain.effects.sinusoid import Sinusoid
 from allanscope.explain.view import View
 from allanscope.noise.filters import Butterworth, OnePole
+from allanscope.optimise import minimise
 from allanscope.quantities import TWO_SIDED_95
 from allanscope.spectrum import Density
 
@@ -173,8 +173,8 @@ def _filter(bands: _Bands, use: Array) -> _Filter:
 
         for share in (0.1, 0.3, 1.0):
             start = np.log([level, share * bands.rate])
-            found = minimize(loss, start, method="Nelder-Mead", options={"maxiter": 800})
-            fits.append((float(found.fun), _Filter(np.asarray(found.x), poles)))
+            found = minimise(loss, start, turns=800)
+            fits.append((found.value, _Filter(found.x, poles)))
     return min(fits, key=lambda fit: fit[0])[1]
 
 

@@ -257,11 +257,13 @@ def _held(series: Series, views: Mapping[str, View]) -> KnownEffects:
     )
 
 
-def _view(series: Series, axis: str, clock: Clock | None) -> View:
+def _view(series: Series, axis: str, clock: Clock | None, step: float | None = None) -> View:
+    """Return an axis of which nothing is known but perhaps the step of its values."""
     column = series.column(axis)
     samples = np.ascontiguousarray(series.values[:, column])
-    measured = samples[~series.bridged]  # filling lies on no lattice
-    step = step_of(measured * series.stride, series.lsb[column])  # of the sums behind the means
+    if step is None:
+        measured = samples[~series.bridged]  # filling lies on no lattice
+        step = step_of(measured * series.stride, series.lsb[column])  # of the sums behind the means
     return View(series, series.grid, axis, samples, step, clock=clock)
 
 
@@ -293,7 +295,7 @@ def _explained(job: _Job, view: View) -> _Closed:
     """Return an axis with the error before and after, and its shares."""
     record, density = job.record, job.densities.get(view.axis)
     series, axis = view.series, view.axis
-    bare = _view(series, axis, view.clock)
+    bare = _view(series, axis, view.clock, view.step)
     textbook = _textbook(bare)
     before = _fit(record, axis, density, Known((AngleQuantization(1.0),), is_textbook=True))
     before_model = before.model if before else textbook.spectrum.model

@@ -21,7 +21,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
@@ -30,6 +29,7 @@ from allanscope.explain.effects.drifting_line import Cluster, gain_of, profile_o
 from allanscope.explain.effects.narrowband import Narrowband, misfit
 from allanscope.explain.view import View
 from allanscope.noise.components import MovingLine
+from allanscope.optimise import minimise
 from allanscope.quantities import TWO_SIDED_95
 
 __all__ = ["moving_band"]
@@ -135,14 +135,8 @@ def _lines(bare: View, centres: Array, width: float) -> tuple[MovingLine, float]
         return -bare.loglik_with(line(point))
 
     first = np.log([width / 2, 0.8])
-    simplex = np.vstack([first, first + 0.3 * np.eye(2)])
-    found = minimize(
-        loss,
-        first,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2, "maxiter": 80},
-    )
-    if not found.success or abs(found.x[1]) > _FACTOR - _STEP:
+    found = minimise(loss, first, 0.3 * np.eye(2), x_within=1e-3, within=1e-2, turns=80)
+    if not found.converged or abs(found.x[1]) > _FACTOR - _STEP:
         return None
     error = float(errors_at(loss, found.x, np.full(2, _STEP))[0])
     return (line(found.x), error) if error > 0 else None

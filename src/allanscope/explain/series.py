@@ -190,6 +190,12 @@ class Series:
         return Coincidence.of(self.values, self.equal)
 
     @once
+    def products(self) -> Array:
+        """Sums of the products of any two axes about their means, shape (axes, axes)."""
+        centred = self.values - self.values.mean(axis=0)
+        return np.asarray(centred.T @ centred)
+
+    @once
     def ordinates(self) -> Array:
         """DCT-II ordinates of every axis, shape (axes, n - 1)."""
         centred = (self.values - self.values.mean(axis=0)).T
@@ -210,11 +216,15 @@ class Series:
 def multiple_of(series: Series, axis: str, other: str) -> float | None:
     """Return by what one axis is a multiple of another, to the rounding; None where it is not."""
     here, there = series.column(axis), series.column(other)
+    whole, power = float(series.products[here, here]), float(series.products[there, there])
+    common = float(series.products[here, there])
+    factor = common / power if power > 0 else 0.0
+    # Of what is left after a copy the products do not know the last digits; elsewhere they do.
+    if whole - factor * common > 2 * _COPIED * whole:
+        return None
     own = series.values[:, here] - series.values[:, here].mean()
     source = series.values[:, there] - series.values[:, there].mean()
-    power = float(source @ source)
-    factor = float(own @ source) / power if power > 0 else 0.0
-    rest, whole = own - factor * source, float(own @ own)
+    rest = own - factor * source
     rounding = (series.lsb[here] ** 2 + (factor * series.lsb[there]) ** 2) / 12 / series.stride
     allowed = min(_ROUNDED * rounding * len(own), _COPIED * whole)
     left = float(rest @ rest)

@@ -14,14 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import ndtr
 
 from allanscope.noise import find_step
+from allanscope.optimise import minimise
 
 __all__ = [
     "Coincidence",
     "beyond_runs",
+    "counted",
     "noise_on_lattice",
     "step_of",
     "typical_and_limit",
@@ -29,6 +30,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+_SPARSE = 8
+"""Room that a table of all codes may have, in samples, before sorting is quicker."""
 _WINDOWS = 48
 """Places of a record at which equal neighbours are counted."""
 _PARTS = (0.5, 0.0, -0.25)
@@ -65,11 +68,29 @@ def step_of(samples: Array, lsb: float) -> float:
     whole = np.round(counts)
     if np.max(np.abs(counts - whole)) > _OFF or (not whole.any() and counts.any()):
         return find_step(samples)
-    codes = np.unique(whole).astype(np.int64)
+    codes = counted(whole.astype(np.int64))[0]
     common = int(np.gcd.reduce(codes))
     if common > 1 or len(codes) < 2:
         return float(max(common, 1) * lsb)
     return _uneven_step(codes) * lsb
+
+
+def counted(codes: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the codes that occur, ascending, and how often each does.
+
+    Counted in a table, which takes a tenth of the time of sorting a long record.
+
+    Examples
+    --------
+    >>> counted(np.array([7, -2, 7, 0]))
+    (array([-2,  0,  7]), array([1, 1, 2]))
+    """
+    lowest = int(codes.min())
+    if int(codes.max()) - lowest > _SPARSE * len(codes):
+        return np.unique(codes, return_counts=True)
+    seen = np.bincount(codes - lowest)
+    occurring = np.flatnonzero(seen)
+    return occurring + lowest, seen[occurring]
 
 
 def _uneven_step(codes: NDArray[np.int64]) -> float:
@@ -123,7 +144,7 @@ def noise_on_lattice(samples: Array, step: float) -> float:
             return float(-np.sum(counts * np.log(np.maximum(chance, 1e-12))))
 
         first = [codes.mean(), np.log(max(np.sqrt(max(codes.var() - 1 / 12, 0.0)), 0.15))]
-        found.append(float(np.exp(minimize(loss, first, method="Nelder-Mead").x[1])))
+        found.append(float(np.exp(minimise(loss, np.array(first)).x[1])))
     return float(np.median(found))
 
 

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.fleet.repeats import UnitEstimates
+from allanscope.optimise import minimise_between
 
 __all__ = [
     "FALSE_ALARMS",
@@ -127,8 +128,6 @@ def restricted(values: Floats, errors: Floats) -> tuple[float, float]:
     >>> round(centre, 3), round(scatter, 3)
     (1.0, 1.0)
     """
-    from scipy.optimize import minimize_scalar
-
     if len(values) < 2 or np.ptp(values) == 0.0:
         return float(np.mean(values)), 0.0
     middle = float(np.median(values))
@@ -137,8 +136,8 @@ def restricted(values: Floats, errors: Floats) -> tuple[float, float]:
     def lost(x: float) -> float:
         return -float(others.sums(others.tau2(np.array([x]))).log_likelihood()[0])
 
-    best = minimize_scalar(lost, bounds=others.bounds, method="bounded", options={"xatol": 1e-6})
-    tau2 = others.tau2(np.array([best.x]))
+    best, _ = minimise_between(lost, *others.bounds, within=1e-6)
+    tau2 = others.tau2(np.array([best]))
     return middle + float(others.sums(tau2).mean[0]), float(np.sqrt(tau2[0]))
 
 

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.fleet.lot import Lot
+from allanscope.optimise import root_between
 from allanscope.quantities import TWO_SIDED_95
 
 __all__ = [
@@ -133,8 +134,6 @@ def excess_of_repeats(values: Floats, errors: Floats, units: Names) -> float:
     >>> round(excess_of_repeats(np.array([0.0, 2.0, 5.0, 7.0]), np.zeros(4), units), 3)
     1.414
     """
-    from scipy.optimize import brentq
-
     if not len(values):
         return 0.0
     _, of, repeats = np.unique(units, return_inverse=True, return_counts=True)
@@ -149,7 +148,7 @@ def excess_of_repeats(values: Floats, errors: Floats, units: Names) -> float:
         mean = np.bincount(of, weight * values) / np.bincount(of, weight)
         return float(weight @ (values - mean[of]) ** 2) - freedom
 
-    return float(brentq(over, 0.0, 2.0 * largest)) if over(0.0) > 0.0 else 0.0
+    return root_between(over, 0.0, 2.0 * largest) if over(0.0) > 0.0 else 0.0
 
 
 def unit_means(

@@ -21,7 +21,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from allanscope.lazy import once
 from allanscope.noise.amplitudes import maximise
@@ -29,6 +28,7 @@ from allanscope.noise.components import Component
 from allanscope.noise.evidence import Evidence
 from allanscope.noise.filters import combined_response
 from allanscope.noise.model import Free, NoiseModel
+from allanscope.optimise import minimise
 
 __all__ = ["Basis", "Fit", "Likelihood"]
 
@@ -115,19 +115,10 @@ class Likelihood:
         def loss(point: Array) -> float:
             return -at(point).loglik
 
-        found = minimize(
-            loss,
-            first,
-            method="Nelder-Mead",
-            options={
-                "initial_simplex": np.vstack([first, first + _SIMPLEX * np.eye(len(first))]),
-                "xatol": _NATS,
-                "fatol": _NATS,
-                "maxiter": 120 * len(first),
-            },
-        )
-        best = at(np.asarray(found.x))
-        return Fit(self, best.model, best.loglik, held, bool(found.success), best.expected)
+        steps, turns = _SIMPLEX * np.eye(len(first)), 120 * len(first)
+        found = minimise(loss, first, steps, x_within=_NATS, within=_NATS, turns=turns)
+        best = at(found.x)
+        return Fit(self, best.model, best.loglik, held, found.converged, best.expected)
 
     def amplitudes(self, model: NoiseModel) -> Fit:
         """Find the powers that maximise the likelihood, all shapes held."""

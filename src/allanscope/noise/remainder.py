@@ -187,6 +187,9 @@ class _Problem:
 
     def __init__(self, k: int, left: NDArray[np.int64], share: Array, r: Array, half: Array):
         self.k, self.left, self.share, self.r, self.half = k, left, share, r, half
+        a, b = 1 - share, share
+        self._weight = self._at_nodes(a * a * half, b * b * half)
+        self._beside = np.bincount(left, a * b * half, k)
 
     def at(self, prior: Array) -> tuple[Array, float]:
         """Return s at the nodes and the gain in marginal likelihood for one precision of s."""
@@ -229,8 +232,7 @@ class _Problem:
         slope = self.half * (self.r * np.exp(-self._between(s)) - 1)
         a, b = 1 - self.share, self.share
         gradient, information = self._at_nodes(a * slope, b * slope), np.zeros_like(prior)
-        information[0] = self._at_nodes(a * a * self.half, b * b * self.half)
-        information[1] = np.bincount(self.left, a * b * self.half, self.k)
+        information[0], information[1] = self._weight, self._beside
         return gradient - _times(prior, s), information
 
 

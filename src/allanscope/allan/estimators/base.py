@@ -16,7 +16,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -318,18 +318,25 @@ def _likeness(
     near = np.maximum(np.minimum(near.round().astype(np.int64), n // 4), 1)
     step = np.where(step >= m, near, np.minimum(step, near))
     alike = np.ones((*share.shape, len(alphas)))
+    long = n >= _FEWEST_LONG
+
+    def overlap(one: int, other: int, at: NDArray[np.bool_]) -> NDArray[np.float64]:
+        return difference_overlap(one, other, near[at], n[at], step[at], order, modified=modified)
+
+    @cache
+    def alone(alpha: int) -> NDArray[np.float64]:
+        of_each = np.ones(m.size)
+        of_each[long] = overlap(alpha, alpha, long)
+        return of_each
+
     for i, one in enumerate(alphas):
         for j, other in enumerate(alphas[:i]):
             counts = share[..., i] * share[..., j] > _SMALL_SHARES
             at = counts.reshape(-1, m.size).any(axis=0)
-            at &= n >= _FEWEST_LONG
+            at &= long
             if not at.any():
                 continue
-            common, first, second = (
-                difference_overlap(a, b, near[at], n[at], step[at], order, modified=modified)
-                for a, b in ((one, other), (one, one), (other, other))
-            )
-            together = common / np.sqrt(first * second)
+            together = overlap(one, other, at) / np.sqrt(alone(one)[at] * alone(other)[at])
             if max(one, other) > 0:
                 ratio = edf[at, i] / edf[at, j]
                 together = np.maximum(together, np.minimum(ratio, 1.0 / ratio) ** 0.25)

@@ -22,13 +22,13 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate, Parameter
 from allanscope.explain.effects import EffectKind
 from allanscope.explain.effects.variance_change import VarianceChange
 from allanscope.explain.view import View
+from allanscope.optimise import minimise_between
 
 Array = NDArray[np.float64]
 
@@ -256,5 +256,5 @@ def _fit(power: Array, freedom: float, q: Array, mean: float | None = None) -> t
     def loss(share: float) -> float:
         return -float(_gains(power, freedom, q, share, mean).sum())
 
-    best = minimize_scalar(loss, bounds=(0.0, _MOST), method="bounded", options={"xatol": 1e-4})
-    return float(best.x), -float(best.fun)
+    share, least = minimise_between(loss, 0.0, _MOST, within=1e-4)
+    return share, -least

@@ -20,7 +20,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
@@ -38,6 +37,7 @@ from allanscope.noise.filters import (
     OnePole,
 )
 from allanscope.noise.selection import LOW_PASS_PENALTY
+from allanscope.optimise import minimise
 from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
@@ -258,12 +258,9 @@ def _fitted(view: View, family: _Family, cutoffs: list[float]) -> tuple[float, L
     """Return the likeliest of a family, and what it loses; an order that is free costs a nat."""
     losses = [family.loss(view, point) for point in family.starts(cutoffs)]
     first = family.starts(cutoffs)[int(np.argmin(losses))]
-    simplex = np.vstack([first, first + 0.15 * np.eye(len(first))])
-    found = minimize(
-        partial(family.loss, view), first, method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3, "maxiter": 120},
-    )  # fmt: skip
-    return float(found.fun) + (1.0 if family.order is not None else 0.0), family.at(found.x)
+    loss = partial(family.loss, view)
+    found = minimise(loss, first, 0.15 * np.eye(len(first)), within=1e-3, turns=120)
+    return found.value + (1.0 if family.order is not None else 0.0), family.at(found.x)
 
 
 def _candidate(view: View, low_pass: LowPass) -> Candidate:

@@ -22,7 +22,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
@@ -35,6 +34,7 @@ from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import GaussMarkov as Process
 from allanscope.noise.grid import Grid
+from allanscope.optimise import minimise_between
 
 Array = NDArray[np.float64]
 
@@ -139,11 +139,13 @@ def _loglik(view: View, sigma: float, tc: float) -> float:
 
 
 def _candidate(view: View, low: float, high: float) -> Candidate:
-    best = minimize_scalar(
+    best, _ = minimise_between(
         lambda x: -view.loglik_with(Process(1.0, float(np.exp(x)))),
-        bounds=(np.log(low), np.log(high)), method="bounded", options={"xatol": 0.01},
-    )  # fmt: skip
-    tc = float(np.exp(best.x))
+        float(np.log(low)),
+        float(np.log(high)),
+        within=0.01,
+    )
+    tc = float(np.exp(best))
     fit = view.spectrum_with(Process(1.0, tc))
     sigma = _sigma(fit)
     h = 0.1

@@ -21,7 +21,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import gammaincc
 
 from allanscope.explain.candidate import ALPHA, Candidate
@@ -43,6 +42,7 @@ from allanscope.noise.components import BandPassed, Component, PeakFiltered, Wan
 from allanscope.noise.components import Narrowband as Resonance
 from allanscope.noise.grid import Grid
 from allanscope.noise.selection import calibrated_penalty
+from allanscope.optimise import minimise
 
 Array = NDArray[np.float64]
 Shape = Callable[[float, float], Component]
@@ -362,12 +362,9 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
         # What is beside the band is known only once the band is in the model.
         window = _window(view, beside, float(point[2]), float(np.exp(point[3])), shape)
         spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
-        found = minimize(
-            window.loss, point, method="Nelder-Mead",
-            options={"initial_simplex": np.vstack([point, point + spread]), "maxiter": 500,
-                     "xatol": 1e-3 * np.exp(point[3]), "fatol": 1e-3},
-        )  # fmt: skip
-        point = np.asarray(found.x)
+        x_within = 1e-3 * float(np.exp(point[3]))
+        found = minimise(window.loss, point, spread, x_within=x_within, within=1e-3, turns=500)
+        point = found.x
         f0, w = float(point[2]), float(np.exp(point[3]))
         if w < 1.5 * unit or w > _BROADEST * f0:
             return None
@@ -376,7 +373,7 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
         beside = partial(whole.of, whole.model.components[:-1])
     gain = whole.loglik - view.spectrum.loglik
     if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
-        gain = max(gain, window.flat() - float(found.fun))
+        gain = max(gain, window.flat() - found.value)
     effect = _band(view, point[1:], _errors(window.loss, point)[1:])
     return effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
 
@@ -453,6 +450,8 @@ def _shape_of(part: Component) -> Shape:
 
 def _descend(window: _Window, start: Array, width: float) -> Array:
     """Return the least loss downhill from a point."""
+    from scipy.optimize import minimize  # much to load, and few records have a band to split
+
     scale = np.ones(len(start))
     scale[2::3] = width
 

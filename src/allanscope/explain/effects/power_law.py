@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
@@ -27,6 +26,7 @@ from allanscope.explain.stationarity import UNSTEADY
 from allanscope.explain.view import View
 from allanscope.noise.components import PowerLaw as Process
 from allanscope.noise.grid import Grid
+from allanscope.optimise import minimise_between
 
 _BANK = np.array([0.25, 0.4, 0.6, 0.75, 1.25, 1.4, 1.6, 1.75])
 """Exponents tried: those between the textbook's 0, 1 and 2."""
@@ -110,11 +110,9 @@ class PowerLaw(EffectKind):
 def _candidate(view: View, low: float, high: float) -> Candidate:
     _, shape = Process.quantities
     low, high = max(low, _LEAST), min(max(high, 2 * _LEAST), shape.upper)
-    found = minimize_scalar(
-        lambda a: -view.loglik_with(Process(1.0, float(a))),
-        bounds=(low, high), method="bounded", options={"xatol": 2e-3},
-    )  # fmt: skip
-    exponent = float(found.x)
+    exponent, _ = minimise_between(
+        lambda a: -view.loglik_with(Process(1.0, a)), low, high, within=2e-3
+    )
     fit = view.spectrum_with(Process(1.0, exponent))
     free = fit.fit.all_free()
     spread = dict(zip(free.names, free.relative_sd(), strict=True))

@@ -24,7 +24,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
@@ -32,6 +31,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.values import Coincidence, beyond_runs, typical_and_limit
 from allanscope.explain.view import View
 from allanscope.noise.filters import Filter, HeldPattern, HeldSamples
+from allanscope.optimise import root_between
 from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
@@ -146,7 +146,7 @@ def _together(equal: NDArray[np.bool_], by_chance: Coincidence) -> tuple[float, 
         return float(d + dependence * np.prod(each - d) / (1 - d) ** (axes - 1) - share)
 
     top = float(each.min())
-    fraction = float(brentq(excess, 0.0, top)) if excess(top) > 0 > excess(0.0) else share
+    fraction = root_between(excess, 0.0, top) if excess(top) > 0 > excess(0.0) else share
     floor = max(chance * n, by_chance.far * n, 0.05)
     if share * n <= floor:
         return 0.0, 0.0, 1.0

@@ -23,7 +23,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import idct
-from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc
 
 from allanscope.explain.candidate import Candidate, HeldOut
@@ -35,6 +34,7 @@ from allanscope.explain.effects.variance_change import (
     log_alternatives,
 )
 from allanscope.explain.view import View
+from allanscope.optimise import minimise_between
 
 Array = NDArray[np.float64]
 
@@ -157,9 +157,8 @@ def _fit(
     def loss(slope: float) -> float:
         return -float(_gains(power, freedom, slope, known)[known].sum())
 
-    bounds = (-_STEEPEST, _STEEPEST)
-    best = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-4})
-    return float(best.x), -float(best.fun)
+    slope, least = minimise_between(loss, -_STEEPEST, _STEEPEST, within=1e-4)
+    return slope, -least
 
 
 def _pooled(power: Array, freedom: Array) -> Array:

@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import minimum_filter1d
-from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
 from allanscope.explain.effect import Estimate
@@ -38,6 +37,7 @@ from allanscope.explain.stationarity import constancy
 from allanscope.explain.view import View
 from allanscope.noise.components import Sinusoid as Line
 from allanscope.noise.grid import Grid
+from allanscope.optimise import minimise_between
 from allanscope.quantities import CHI_SQUARE_MEDIAN
 
 Array = NDArray[np.float64]
@@ -322,11 +322,9 @@ def _slow_fit(view: View, frequency: float) -> tuple[float, Regression]:
     def loss(f: float) -> float:
         return -joint_fit(view, _slow_pair(view.grid, f), rounds=4).gain
 
-    bounds = (max(frequency - spread, lowest), frequency + spread)
-    best = minimize_scalar(
-        loss, bounds=bounds, method="bounded", options={"xatol": 0.01 / duration}
-    )
-    return float(best.x), joint_fit(view, _slow_pair(view.grid, float(best.x)))
+    low, high = max(frequency - spread, lowest), frequency + spread
+    best, _ = minimise_between(loss, low, high, within=0.01 / duration)
+    return best, joint_fit(view, _slow_pair(view.grid, best))
 
 
 @lru_cache(maxsize=256)  # every scan goes through the same frequencies
@@ -375,9 +373,7 @@ def _peak(data: Array, rate: float, frequency: float, spread: float) -> float:
     def loss(offset: float) -> float:
         return -float(abs(np.sum(slow * np.exp(-2j * np.pi * offset * at))))
 
-    best = minimize_scalar(loss, bounds=(-spread, spread), method="bounded",
-                           options={"xatol": 1e-4 * spread})  # fmt: skip
-    return frequency + float(best.x)
+    return frequency + minimise_between(loss, -spread, spread, within=1e-4 * spread)[0]
 
 
 def _local_level(view: View, frequency: float) -> float:

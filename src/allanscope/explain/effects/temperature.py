@@ -21,7 +21,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
-from scipy.optimize import minimize_scalar
 
 from allanscope.compiled import Pointer, kernel
 from allanscope.explain.candidate import ALPHA, Candidate, HeldOut
@@ -30,6 +29,7 @@ from allanscope.explain.effects import EffectKind
 from allanscope.explain.heldout import interleaved
 from allanscope.explain.regression import joint_fit, marginal_covariance
 from allanscope.explain.view import View
+from allanscope.optimise import minimise_between
 
 Array = NDArray[np.float64]
 
@@ -282,12 +282,9 @@ def _late(effect: Temperature, view: View) -> Temperature:
     best = int(np.argmax(gains))
     if best == _BANK - 1:  # it wants to be slower than the record can tell
         return effect
-    ends = np.log(bank[[max(0, best - 1), best + 1]])
-    found = minimize_scalar(
-        lambda x: -at(float(np.exp(x))).gain(view),
-        bounds=tuple(ends), method="bounded", options={"xatol": 0.01},
-    )  # fmt: skip
-    return at(float(np.exp(found.x)))
+    ends = np.log(bank[[max(0, best - 1), best + 1]]).tolist()
+    found, _ = minimise_between(lambda x: -at(float(np.exp(x))).gain(view), *ends, within=0.01)
+    return at(float(np.exp(found)))
 
 
 def _bent(effect: Temperature, view: View) -> Temperature:

@@ -14,7 +14,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from allanscope.explain.candidate import Candidate, HeldOut
 from allanscope.explain.effect import Estimate
@@ -28,6 +27,7 @@ from allanscope.explain.regression import (
 )
 from allanscope.explain.view import View
 from allanscope.noise.grid import Grid
+from allanscope.optimise import minimise_between
 
 Array = NDArray[np.float64]
 
@@ -154,11 +154,13 @@ def _derivative(view: View, tc: float) -> Array:
 
 
 def _candidate(view: View, low: float, high: float) -> Candidate:
-    best = minimize_scalar(
+    best, _ = minimise_between(
         lambda x: -joint_fit(view, _column(view, float(np.exp(x))), rounds=5).gain,
-        bounds=(np.log(low), np.log(high)), method="bounded", options={"xatol": 0.01},
-    )  # fmt: skip
-    tc = float(np.exp(best.x))
+        float(np.log(low)),
+        float(np.log(high)),
+        within=0.01,
+    )
+    tc = float(np.exp(best))
     fit = joint_fit(view, _column(view, tc))
     spectrum = fit.spectrum
     # Gauss-Newton errors of both numbers under the final noise

@@ -17,9 +17,9 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from allanscope.noise.part import Filter, Quantity
+from allanscope.optimise import root_between
 
 __all__ = ["AnalogueLowPass", "Averaging", "Butterworth", "LowPass", "MovingAverage", "OnePole"]
 
@@ -149,4 +149,4 @@ class MovingAverage(LowPass):
 @lru_cache(maxsize=64)
 def _half_power(order: float) -> float:
     """Return x at which sinc(x)^(2 order) is one half."""
-    return float(brentq(lambda x: np.sinc(x) - 0.5 ** (1 / (2 * order)), 1e-6, 1.0))
+    return root_between(lambda x: float(np.sinc(x)) - 0.5 ** (1 / (2 * order)), 1e-6, 1.0)

@@ -255,11 +255,16 @@ def _over_rows(view: View, cutoff: float) -> tuple[float, LowPass]:
 
 
 def _fitted(view: View, family: _Family, cutoffs: list[float]) -> tuple[float, LowPass]:
-    """Return the likeliest of a family, and what it loses; an order that is free costs a nat."""
-    losses = [family.loss(view, point) for point in family.starts(cutoffs)]
-    first = family.starts(cutoffs)[int(np.argmin(losses))]
+    """Return the likeliest of a family, and what it loses; an order that is free costs a nat.
+
+    One that is far from its penalty is not followed to the last digit.
+    """
     loss = partial(family.loss, view)
-    found = minimise(loss, first, 0.15 * np.eye(len(first)), within=1e-3, turns=120)
+    first = min(family.starts(cutoffs), key=loss)
+    found = minimise(loss, first, 0.15 * np.eye(len(first)), x_within=0.05, within=0.5, turns=120)
+    if -found.value - view.spectrum.loglik > LOW_PASS_PENALTY / 2:
+        fine = 0.03 * np.eye(len(first))
+        found = minimise(loss, found.x, fine, x_within=1e-3, within=1e-3, turns=120)
     return found.value + (1.0 if family.order is not None else 0.0), family.at(found.x)
 
 

@@ -55,10 +55,16 @@ _SUB_BINS = 400
 """Bins in a window: the sums of ordinates between them lose nothing of a band that is resolved."""
 _PARTS = 256
 """Of a record, whose powers tell how uneven its noise is."""
-_FINEST_HZ = 1e-8
-"""Narrowest band: below it is a constant line."""
+_FINEST = 1.0
+"""Width in ordinates below which a band is not followed: what wants to be narrower is a line."""
 _ROUNDS = 3
 """Times that window and band are found from each other."""
+_SIMPLEX = (0.05, 0.3, 0.3, 0.3)
+"""First steps of the background, the variance and the width, in logarithms, and of the frequency in
+widths."""
+_HOPELESS = 0.5
+"""Share of the penalty below which the first fit stands: what another shape and another background
+add to so faint a band are a few nats."""
 _PENALTY = calibrated_penalty("narrowband")
 """Nats beyond half of those of as many independent frequencies as there are rows."""
 _RESOLVED = 0.05
@@ -294,6 +300,11 @@ class _Window:
     grid: Grid
     shape: Shape
 
+    @property
+    def finest(self) -> float:
+        """Return the least width in Hz."""
+        return _FINEST * self.grid.rate_hz / (2 * self.grid.n)
+
     def loss(self, p: Array) -> float:
         """Negative log-likelihood of (log background factor, log variance, f0, log width).
 
@@ -303,11 +314,15 @@ class _Window:
         for log_variance, f0, log_width in p[1:].reshape(-1, 3).tolist():
             width = float(np.exp(log_width))
             inside = self.frequency[0] < f0 < self.frequency[-1]
-            if not inside or not _FINEST_HZ < width < 1.5 * f0:
+            if not inside or not self.finest < width < 1.5 * f0:
                 return _FORBIDDEN
             band = self.shape(f0, width).spectrum(self.frequency, self.grid.dt, self.grid.stride)
             variance = variance + np.exp(log_variance) * band
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
+
+    def scaled_loss(self, scale: Array, p: Array) -> float:
+        """Return the loss of numbers in other units."""
+        return self.loss(p * scale)
 
     def flat(self) -> float:
         """Return the least loss without a band."""
@@ -335,6 +350,11 @@ def _gain(fit: Fitted) -> float:
     return fit[1].gain
 
 
+def _is_hopeless(fit: Fitted) -> bool:
+    """Return whether no other shape, and no better background, will make up for the penalty."""
+    return fit[1].gain < _HOPELESS * fit[1].penalty
+
+
 def _fit(view: View, start: int, width: int) -> Fitted | None:
     """Return the likeliest shape; flat tops are looked for only where one could be seen."""
 
@@ -342,7 +362,11 @@ def _fit(view: View, start: int, width: int) -> Fitted | None:
         fits = (_fit_shape(view, start, width, shape) for shape in shapes)
         return max((fit for fit in fits if fit is not None), key=_gain, default=None)
 
-    best = likeliest((_resonance, _wandering))
+    best = likeliest((_resonance,))
+    if best is not None and _is_hopeless(best):
+        return best
+    others = (best, likeliest((_wandering,)))
+    best = max((fit for fit in others if fit is not None), key=_gain, default=None)
     if best is None or best[1].gain < _SHAPELY:
         return best
     if best[0].bandwidth.value * view.series.duration_s < _BROAD:
@@ -361,21 +385,26 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
     for _ in range(_ROUNDS):
         # What is beside the band is known only once the band is in the model.
         window = _window(view, beside, float(point[2]), float(np.exp(point[3])), shape)
-        spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
-        x_within = 1e-3 * float(np.exp(point[3]))
-        found = minimise(window.loss, point, spread, x_within=x_within, within=1e-3, turns=500)
-        point = found.x
+        scale = np.array([1.0, 1.0, np.exp(point[3]), 1.0])  # the frequency in widths
+        found = minimise(
+            partial(window.scaled_loss, scale), point / scale, np.diag(_SIMPLEX),
+            x_within=1e-3, within=1e-3, turns=500,
+        )  # fmt: skip
+        point = found.x * scale
         f0, w = float(point[2]), float(np.exp(point[3]))
         if w < 1.5 * unit or w > _BROADEST * f0:
             return None
         band = shape(f0, w)
         whole = view.spectrum_with(band)
+        gain = whole.loglik - view.spectrum.loglik
+        if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
+            gain = max(gain, window.flat() - found.value)
+        effect = _band(view, point[1:], _errors(window.loss, point)[1:])
+        fitted = effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
+        if _is_hopeless(fitted):
+            break
         beside = partial(whole.of, whole.model.components[:-1])
-    gain = whole.loglik - view.spectrum.loglik
-    if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
-        gain = max(gain, window.flat() - found.value)
-    effect = _band(view, point[1:], _errors(window.loss, point)[1:])
-    return effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
+    return fitted
 
 
 def _band(view: View, at: Array, error: Array) -> Narrowband:

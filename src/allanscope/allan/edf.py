@@ -513,7 +513,7 @@ _POLYNOMIALS: dict[int, Callable[[Floats], Floats | float]] = {
     -3: lambda square: -(square - 0.25) * (square - 2.25),
     -4: lambda square: -(square - 1.0) * (square - 4.0),
 }
-"""Of the square of the lag in samples: what its digamma function, or it itself, is multiplied by."""
+"""Of the square of the lag in samples: factors of the lag itself or of its digamma function."""
 
 
 def _power(lag: Floats, alpha: int) -> Floats:

@@ -112,25 +112,23 @@ def joint_fit(view: View, columns: Array, rounds: int = _ROUNDS) -> Regression:
     """
     columns = np.atleast_2d(columns)
     m = columns.shape[1]
-    grid, null = view.grid, view.spectrum
+    fitter, null = view.fitter, view.spectrum
     d = view.ordinates[:m]
     kept = null.kept[:m].astype(np.float64)
-    spectrum = null
-    bins = int(np.searchsorted(grid.edges, m))
     power = view.power.copy()
-    low = _low_bins(grid, bins, m)
+    binned = _low_bins(view.grid, kept)
+    powers, loglik = null.powers, np.inf
     for _ in range(rounds):
-        weight = kept / spectrum.first(m)
-        weighted = columns * weight
+        weighted = columns * (kept / fitter.first(powers, m))
         covariance = _inverse(weighted @ columns.T)
         amplitude = covariance @ (weighted @ d)
-        rest = (d - amplitude @ columns) ** 2
-        power[:bins] = low(rest, kept)
-        fitted = view.fitter.fit(power, spectrum.powers)
-        done = abs(fitted.loglik - spectrum.loglik) < 1e-3 and spectrum is not null
-        spectrum = fitted
-        if done:
+        means = binned((d - amplitude @ columns) ** 2)
+        power[: len(means)] = means
+        before = loglik
+        powers, loglik = fitter.powers(power, powers)
+        if abs(loglik - before) < 1e-3:
             break
+    spectrum = fitter.spectrum(power, powers)
     gain = spectrum.loglik - null.loglik
     return Regression(np.asarray(amplitude, np.float64), covariance, spectrum, gain)
 
@@ -150,13 +148,13 @@ def marginal_covariance(view: View, columns: Array, fit: Regression) -> Array:
     would have come out higher. Each amplitude is moved to where the likelihood, the noise fitted
     again, has dropped as far as it does at 95 %, and the covariance is scaled to reach there.
     """
-    grid, m = view.grid, columns.shape[1]
-    bins = int(np.searchsorted(grid.edges, m))
-    low, power = _low_bins(grid, bins, m), view.power.copy()
+    m, power = columns.shape[1], view.power.copy()
     kept, d = fit.spectrum.kept[:m].astype(np.float64), view.ordinates[:m]
+    binned = _low_bins(view.grid, kept)
 
     def loglik(amplitude: Array) -> float:
-        power[:bins] = low((d - amplitude @ columns) ** 2, kept)
+        means = binned((d - amplitude @ columns) ** 2)
+        power[: len(means)] = means
         return view.fitter.loglik(power, fit.spectrum.powers)
 
     top = loglik(fit.amplitude)
@@ -187,17 +185,14 @@ def reach_at_95(drop: Callable[[float], float]) -> float:
     return reach
 
 
-def _low_bins(grid: Grid, bins: int, m: int) -> Callable[[Array, Array], Array]:
-    """Return a function that bins the first m squares."""
-    edges = grid.edges[:bins]
-
-    def binned(squares: Array, kept: Array) -> Array:
-        count = np.add.reduceat(kept, edges)
-        return np.asarray(np.add.reduceat(squares * kept, edges) / np.maximum(count, 1.0))
-
-    if m < grid.n - 1 and grid.edges[bins] != m:
+def _low_bins(grid: Grid, kept: Array) -> Callable[[Array], Array]:
+    """Return a function that averages the first squares, of which these are kept, over bins."""
+    bins = int(np.searchsorted(grid.edges, len(kept)))
+    if len(kept) < grid.n - 1 and grid.edges[bins] != len(kept):
         raise ValueError("signals must end at the border of a bin")
-    return binned
+    edges = grid.edges[:bins]
+    count = np.maximum(np.add.reduceat(kept, edges), 1.0)
+    return lambda squares: np.add.reduceat(squares * kept, edges) / count
 
 
 def refit_jointly(view: View) -> View:

@@ -167,6 +167,11 @@ class Series:
         return ordinates * np.repeat(share, grid.count.astype(int)) * (grid.frequency < fastest)
 
     @once
+    def felt(self) -> dict[tuple[float, bool], Array]:
+        """Ordinates of the temperature behind a lag, and of its square: what `Temperature` kept."""
+        return {}
+
+    @once
     def equal(self) -> NDArray[np.bool_]:
         """Which rows equal the row before, for every axis, shape (n - 1, axes).
 

@@ -204,9 +204,47 @@ class SpectrumFitter:
         found = self._likelihood(power).maximum(self.basis, start)
         return Spectrum(self.grid, found, self.excluded)
 
+    def spectrum(self, power: Array, powers: Array) -> Spectrum:
+        """Return the spectrum with given squared amplitudes."""
+        likelihood = self._likelihood(power)
+        expected = self.basis.fixed + powers @ self.basis.columns
+        found = self.basis.model_of(powers)
+        fit = Fit(likelihood, found, likelihood.value(expected), self.basis.held, True, expected)
+        return Spectrum(self.grid, fit, self.excluded)
+
     def loglik(self, power: Array, start: Array | None = None) -> float:
         """Return the log-likelihood of the spectrum that `fit` returns."""
-        return maximise(self.basis.columns, power, self.dof, self.basis.fixed, start)[1]
+        return self.powers(power, start)[1]
+
+    def powers(self, power: Array, start: Array | None = None) -> tuple[Array, float]:
+        """Return the squared amplitudes of that spectrum, and its log-likelihood."""
+        return maximise(self.basis.columns, power, self.dof, self.basis.fixed, start)[:2]
+
+    def first(self, powers: Array, m: int) -> Array:
+        """Return the variances of the first m ordinates under given squared amplitudes."""
+        if m > self.grid.low:
+            return self.spectrum(np.ones(len(self.dof)), powers).ordinates[:m]
+        fixed, columns = self._first
+        return np.asarray(fixed[:m] + powers @ columns[:, :m])
+
+    @once
+    def _first(self) -> tuple[Array, Array]:
+        """What the fixed parts give them, and what each of the others does at an amplitude of 1."""
+        grid, model = self.grid, self.basis.model
+        frequency = grid.frequency[: grid.low]
+        fixed, columns = np.zeros(grid.low), []
+        for component, is_free in zip(model, self.basis.free, strict=True):
+            one = component.with_power(1.0) if is_free else component
+            part = grid.first(one, grid.low)
+            if filters := model.filters_on(one):
+                part = part * combined_response(
+                    filters, grid.dt, lambda f: f.response(frequency, grid.dt)
+                )
+            if is_free:
+                columns.append(part)
+            else:
+                fixed = fixed + part
+        return fixed, np.array(columns).reshape(-1, grid.low)
 
     def _likelihood(self, power: Array) -> Likelihood:
         return Likelihood([Ordinates(self.grid, power, self.dof)])

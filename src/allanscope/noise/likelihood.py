@@ -158,12 +158,7 @@ class Likelihood:
             expected = np.maximum(basis.fixed, self._tiny)
             return Fit(self, model, self.value(expected), held, True, expected)
         powers, loglik, expected = maximise(basis.columns, self.power, self.dof, basis.fixed, start)
-        left = iter(powers.tolist())
-        components = tuple(
-            c.with_power(next(left)) if f else c for c, f in zip(model, basis.free, strict=True)
-        )
-        fitted = NoiseModel(components, model.dt, model.filters)
-        return Fit(self, fitted, loglik, held, True, expected)
+        return Fit(self, basis.model_of(powers), loglik, held, True, expected)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +180,14 @@ class Basis:
     free: tuple[bool, ...]
     columns: Array
     fixed: Array
+
+    def model_of(self, powers: Array) -> NoiseModel:
+        """Return the model with the squares of the amplitudes that are fitted, shape (p,)."""
+        left = iter(powers.tolist())
+        components = tuple(
+            c.with_power(next(left)) if f else c for c, f in zip(self.model, self.free, strict=True)
+        )
+        return NoiseModel(components, self.model.dt, self.model.filters)
 
 
 @dataclass(frozen=True, eq=False)

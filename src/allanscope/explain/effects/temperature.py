@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -39,6 +40,8 @@ _BANK = 10
 """Lags tried, equally far apart in their logarithm; each is paid for."""
 _LAG_PRICE = float(np.log(_BANK / ALPHA))
 _CURVE_PRICE = float(-np.log(ALPHA))
+_BETWEEN = 3.0
+"""Nats that a lag between two of the bank may gain over both."""
 _STEP = 0.05
 """Of ln lag, over which derivatives are taken."""
 _LEAP = 0.4
@@ -207,24 +210,30 @@ class Temperature(EffectKind):
         ordinates = view.series.thermal_ordinates
         assert ordinates is not None
         lag = 0.0 if self.lag is None else self.lag.value
-        return _terms(view, ordinates, lag, self.curvature is not None)
+        bent, known = self.curvature is not None, view.series.felt
+        found = known.get((lag, bent))
+        if found is None:
+            found = _terms(view, ordinates, lag, bent)
+            if lag in _lags(view):  # those that every axis is asked for again and again
+                known[lag, bent] = found
+        return found
 
     def extended(self, view: View) -> Candidate:
         """Return the likeliest of the forms that pay for what they have more than a slope."""
         best, price = self, 0.0
-        refused: Callable[[Temperature, View], Temperature] | None = None
+        refused: Callable[[Temperature, View, float], Temperature] | None = None
         gain = best.gain(view)
         for extend, paid in ((_late, _LAG_PRICE), (_bent, _CURVE_PRICE), (_late, _LAG_PRICE)):
             if extend is refused:
                 continue  # nothing has changed since
-            trial = extend(best, view)
+            trial = extend(best, view, gain + paid)
             more = trial.gain(view) - gain if trial is not best else 0.0
             if more > paid:
                 best, gain, price, refused = trial, gain + more, price + paid, None
             else:
                 refused = refused or extend
         if best.lag is not None and best.curvature is not None:
-            best = _late(replace(best, lag=None), view)  # the one was found without the other
+            best = _late(replace(best, lag=None), view, 0.0)  # the one was found without the other
         return best.measured(view, price)
 
     def gain(self, view: View) -> float:
@@ -268,8 +277,21 @@ def _bounds(view: View) -> tuple[float, float]:
     return _SHORTEST_S, max(_SHORTEST_S, _LONGEST * view.series.duration_s)
 
 
-def _late(effect: Temperature, view: View) -> Temperature:
-    """Return the effect with the likeliest lag; itself where it has one, or none is to be seen."""
+@lru_cache(maxsize=1)
+def _bank(shortest: float, longest: float) -> tuple[float, ...]:
+    return tuple(np.geomspace(shortest, longest, _BANK).tolist())
+
+
+def _lags(view: View) -> tuple[float, ...]:
+    """Return the lags that are tried first."""
+    return _bank(*_bounds(view))
+
+
+def _late(effect: Temperature, view: View, least: float) -> Temperature:
+    """Return the effect with the likeliest lag; itself where it has one, or none is to be seen.
+
+    None is where the best of a few lags gains too little for one between them to gain `least`.
+    """
     shortest, longest = _bounds(view)
     if effect.lag is not None or longest < 2 * shortest:
         return effect
@@ -277,18 +299,21 @@ def _late(effect: Temperature, view: View) -> Temperature:
     def at(lag: float) -> Temperature:
         return replace(effect, lag=Estimate(lag, unit="s"))
 
-    bank = np.geomspace(shortest, longest, _BANK)
-    gains = [at(float(lag)).gain(view) for lag in bank]
+    bank = _lags(view)
+    gains = [at(lag).gain(view) for lag in bank]
     best = int(np.argmax(gains))
     if best == _BANK - 1:  # it wants to be slower than the record can tell
         return effect
-    ends = np.log(bank[[max(0, best - 1), best + 1]]).tolist()
+    if gains[best] < least - _BETWEEN:
+        return effect
+    ends = np.log([bank[max(0, best - 1)], bank[best + 1]]).tolist()
     found, _ = minimise_between(lambda x: -at(float(np.exp(x))).gain(view), *ends, within=0.01)
     return at(float(np.exp(found)))
 
 
-def _bent(effect: Temperature, view: View) -> Temperature:
+def _bent(effect: Temperature, view: View, least: float) -> Temperature:
     """Return the effect with a curvature."""
+    del least
     return replace(effect, curvature=Estimate(1.0, unit=f"{view.unit}/degC^2"))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from queue import SimpleQueue
 from typing import Any, Self, TypeVar
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import set_workers
 
+from allanscope.allan import Deviation
 from allanscope.clock import RateFit
 from allanscope.explain.candidate import Candidate, HeldOut, effect_of
 from allanscope.explain.effect import AxisExplanation, Effect, Parameter, ResidualError, failed
@@ -23,7 +25,7 @@ from allanscope.explain.gates import growth
 from allanscope.explain.highband import above_the_rows
 from allanscope.explain.known_effects import KnownEffects, known_of, signals_of
 from allanscope.explain.moves.drop import refuse
-from allanscope.explain.residual import error_of, same_ordinates, shares_of
+from allanscope.explain.residual import deviation_of, error_of, same_ordinates, shares_of
 from allanscope.explain.search import Budget, close_loop
 from allanscope.explain.series import Series, hindrances, observations, series_of
 from allanscope.explain.values import step_of
@@ -299,13 +301,16 @@ def _explained(job: _Job, view: View) -> _Closed:
     textbook = _textbook(bare)
     before = _fit(record, axis, density, Known((AngleQuantization(1.0),), is_textbook=True))
     before_model = before.model if before else textbook.spectrum.model
-    after, after_model, error_after = _final(record, density, view)
+    measured = deviation_of(bare.data, bare.grid.rate_hz)
+    final = partial(_final, record, density, measured)
+    after, after_model, error_after = final(view)
     evidence = same_ordinates(before, after) if before and after else ()
-    error_before = error_of(replace(textbook, data=bare.data), before_model, before, evidence)
-    kept = refuse(view, error_before, error_after, lambda one: _final(record, density, one)[2])
+    plain = replace(textbook, data=bare.data)
+    error_before = error_of(plain, before_model, before, evidence, measured)
+    kept = refuse(view, error_before, error_after, lambda one: final(one)[2])
     if kept is not view:
         view = kept
-        after, after_model, error_after = _final(record, density, view)
+        after, after_model, error_after = final(view)
     shares, parts = None, (math.nan,) * len(view.accepted)
     if before is not None and after is not None:
         shares, parts = shares_of(view, before, after)
@@ -347,15 +352,16 @@ def _grown(before: ResidualError, after: ResidualError) -> tuple[str, ...]:
 
 
 def _final(
-    record: Record, density: Density | None, view: View
+    record: Record, density: Density | None, measured: Deviation, view: View
 ) -> tuple[NoiseFit | None, NoiseModel, ResidualError]:
-    """Fit the final model of a view, and compare the data with it."""
+    """Fit the final model of a view, and compare the data, whose curve is known, with it."""
     fit = _fit(record, view.axis, density, known_of(view))
     model = fit.model if fit else view.spectrum.model
     for c in view.accepted:
         if c.effect.is_coefficient and c.signal is not None:  # it has been subtracted
             model = model.without(*c.effect.parameters)
-    return fit, model, error_of(view, model, fit)
+    untouched = all(c.signal is None for c in view.accepted)
+    return fit, model, error_of(view, model, fit, curve=measured if untouched else None)
 
 
 def _fit(record: Record, axis: str, density: Density | None, known: Known) -> NoiseFit | None:

@@ -167,7 +167,11 @@ def deviation_of(data: Array, rate_hz: float) -> Deviation:
 
 
 def error_of(
-    view: View, model: NoiseModel, fit: NoiseFit | None, evidence: tuple[Evidence, ...] = ()
+    view: View,
+    model: NoiseModel,
+    fit: NoiseFit | None,
+    evidence: tuple[Evidence, ...] = (),
+    curve: Deviation | None = None,
 ) -> ResidualError:
     """Compare the data of a view with a model, up to a third of the record.
 
@@ -178,8 +182,10 @@ def error_of(
         was long enough; then that of the view is compared.
     evidence : tuple of Evidence
         Ordinates of which the bands are made; those of the fit when not given.
+    curve : Deviation, optional
+        That of the data of the view, where it is known.
     """
-    curve = deviation_of(view.data, view.grid.rate_hz)
+    curve = curve or deviation_of(view.data, view.grid.rate_hz)
     stride = view.grid.stride  # the model is one of samples
     curve = replace(curve, m=stride * curve.m)
     fitted = sum(

@@ -26,7 +26,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, is_alike
 from allanscope.explain.effects.gauss_markov import GaussMarkov
 from allanscope.explain.heldout import interleaved
-from allanscope.explain.regression import joint_fit, ordinates_of
+from allanscope.explain.regression import Regression, joint_fit, ordinates_of
 from allanscope.explain.residual import removes
 from allanscope.explain.view import View
 from allanscope.noise.components import Flicker, RandomWalk, Rounding, White
@@ -192,18 +192,25 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
     if path is None or not _is_lasting(path) or _is_regular(path):
         return None
     fit = joint_fit(view, _column(view, path))
-    size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
+    size = float(fit.amplitude[0])
     if size <= 0:
         return None
     # When a hop was is known to a block in whose mean the white noise is half as large as the size.
     known = size**2 * path.dwell_s / max(4 * view.spectrum.model.value("N") ** 2, 1e-300)
     known = max(_TO_MEASURE, known)
+    gain = fit.gain + path.log_prior + path.slack
+    if gain < 0:  # no hops: their size does not matter
+        return _measured(view, path, path, fit, gain)
     part = _stretch(view, _MOST_BLOCKS * max(1, int(path.dwell_s * view.grid.rate_hz / known)))
     finer = _path(part, size, path.dwell_s, known)
     if finer is None or finer.switches < _FEWEST_SWITCHES:
         part, finer = view, path
-    measured = joint_fit(part, _column(part, finer))
-    size, error = float(measured.amplitude[0]), float(np.sqrt(measured.covariance[0, 0]))
+    return _measured(view, path, finer, joint_fit(part, _column(part, finer)), gain)
+
+
+def _measured(view: View, path: _Path, finer: _Path, fit: Regression, gain: float) -> Candidate:
+    """Return hops that were found on one path and measured on a finer one."""
+    size, error = float(fit.amplitude[0]), float(np.sqrt(fit.covariance[0, 0]))
     dwell = finer.dwell_s
     spread = TWO_SIDED_95 * _MISSED / np.sqrt(finer.switches)
     effect = RandomTelegraph(
@@ -212,7 +219,6 @@ def _candidate(view: View, amplitude: float, dwell_s: float) -> Candidate | None
         path.switches,
         size,
     )
-    gain = fit.gain + path.log_prior + path.slack
     return Candidate(effect, gain, float(np.log(12)), parts=(Process(1.0, dwell),))
 
 

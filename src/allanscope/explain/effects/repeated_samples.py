@@ -187,7 +187,8 @@ def _zeros(codes: Array, reach: int) -> tuple[float, float, float] | None:
 
     The variance is relative. None where the others are too few to tell.
     """
-    counts = np.array([np.count_nonzero(np.abs(codes) == j) for j in range(reach + 1)], float)
+    sizes = np.minimum(np.abs(codes), reach + 1).astype(np.int64)
+    counts = np.bincount(sizes, minlength=reach + 1)[: reach + 1].astype(np.float64)
     if counts[1:].min() < _FEWEST:
         return None
     j = np.arange(1, reach + 1)

@@ -96,10 +96,12 @@ def test_growing_blocks_of_lags_equal_the_sum_of_all(alpha, order, modified, mon
 
     m, n = 700, 20_000
     found = float(difference_edf(alpha, m, n, 1, order, modified=modified))
-    edf._difference_lags.cache_clear()
     monkeypatch.setattr(edf, "_ONE_BY_ONE", 10**6)
+    for table in (edf._blocks, edf._correlation):
+        table.cache_clear()
     exact = float(difference_edf(alpha, m, n, 1, order, modified=modified))
-    edf._difference_lags.cache_clear()
+    for table in (edf._blocks, edf._correlation):
+        table.cache_clear()
     assert found == pytest.approx(exact, rel=2e-3)
 
 
@@ -122,9 +124,9 @@ def test_degrees_of_freedom_between_two_factors_are_those_of_each(alpha, monkeyp
 def test_every_factor_of_a_long_record_needs_few_sums():
     from allanscope.allan import edf
 
-    edf._difference_lags.cache_clear()
+    edf._correlation.cache_clear()
     difference_edf(0, np.arange(600, 4600), 10_000, 1, order=2)
-    assert edf._difference_lags.cache_info().misses < 60
+    assert edf._correlation.cache_info().misses < 60
 
 
 def test_huge_factors_keep_their_digits():

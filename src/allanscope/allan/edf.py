@@ -34,7 +34,7 @@ noise, S(f) ~ |2 sin(pi f)|^alpha, which is a closed form of the lag j in sample
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -104,12 +104,7 @@ class LagSums:
         return float((1.0 + 2.0 * (squares - moments / terms)) / terms)
 
 
-def sum_lags(
-    rho: Callable[[Floats], Floats],
-    span: float,
-    reach: float,
-    other: Callable[[Floats], Floats] | None = None,
-) -> LagSums:
+def sum_lags(rho: Callable[[Floats], Floats], span: float, reach: float) -> LagSums:
     """Sum the squares of an autocorrelation over all lags up to `reach` tau.
 
     Parameters
@@ -120,11 +115,13 @@ def sum_lags(
         Lags in one tau: m / stride.
     reach : float
         Lag in units of tau beyond which nothing counts.
-    other : callable, optional
-        Autocorrelation of another noise, with which it is multiplied instead.
     """
     edge, width, centre = _blocks(span, reach)
-    square = width * rho(centre / span) * (other or rho)(centre / span)
+    return _summed_up(edge, centre, width * rho(centre / span) ** 2)
+
+
+def _summed_up(edge: Floats, centre: Floats, square: Floats) -> LagSums:
+    """Return the sums of squares, one for each block."""
     squares, moments = square.cumsum(), (centre * square).cumsum()
     return LagSums(edge, np.append(0.0, squares), np.append(0.0, moments))
 
@@ -250,26 +247,24 @@ def difference_overlap(
 
         def summed(factor: float, count: float, step: float = step, mean: bool = averaged) -> float:
             span = factor / step
-            widths = (_filter_width(a, int(factor), span, mean) for a in pair)
-            lags = _shared_lags(*pair, span, *widths, order, not mean)
-            return lags.inverse(count) * count
+            noises = [(law, _filter_width(law, int(factor), span, mean)) for law in pair]
+            return _overlap(noises, span, order, not mean, count) * count
 
         factor, count = float(m[i]), float(terms[i])
         found[i] = _by_neighbours(summed, factor, step, count, straight=True) / count
     return found
 
 
-@lru_cache(maxsize=8192)
-def _shared_lags(
-    alpha: int, beta: int, span: float, width: float, other: float, order: int, sampled: bool
-) -> LagSums:
-    if alpha == beta:
-        return _difference_lags(alpha, span, width, order, sampled)
-    first, second = (
-        _correlation(law, span, wide, order, sampled)
-        for law, wide in ((alpha, width), (beta, other))
-    )
-    return sum_lags(lambda _: first, span, order + 1, lambda _: second)
+def _overlap(
+    noises: Sequence[tuple[int, float]], span: float, order: int, sampled: bool, terms: float
+) -> float:
+    """Return c_ij of two noises, each a power law and the width of its filter; 1 / edf of one."""
+    edge, width, centre = _blocks(span, order + 1)
+    first, second = (_correlation(law, span, wide, order, sampled) for law, wide in noises)
+    square = width * first * second
+    if terms < edge[-1]:
+        return _summed_up(edge, centre, square).inverse(terms)
+    return float((1.0 + 2.0 * (square.sum() - (centre @ square) / terms)) / terms)
 
 
 def _summed(
@@ -277,8 +272,8 @@ def _summed(
 ) -> float:
     """Return the degrees of freedom of so many terms at m, by the sum over their lags."""
     span = m / stride
-    width = _filter_width(alpha, int(m), span, averaged)
-    return _difference_lags(alpha, span, width, order, discrete).edf(terms)
+    noise = alpha, _filter_width(alpha, int(m), span, averaged)
+    return 1.0 / _overlap((noise, noise), span, order, discrete, terms) if terms >= 1 else 0.0
 
 
 def _by_neighbours(
@@ -422,13 +417,7 @@ def _filter_width(alpha: int, m: int, span: float, modified: bool) -> float:
     return np.inf if alpha <= 0 and m > 100 else float(m)
 
 
-@lru_cache(maxsize=8192)
-def _difference_lags(alpha: int, span: float, width: float, order: int, sampled: bool) -> LagSums:
-    found = _correlation(alpha, span, width, order, sampled)
-    return sum_lags(lambda _: found, span, order + 1)
-
-
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=4096)
 def _correlation(alpha: int, span: float, width: float, order: int, sampled: bool) -> Floats:
     """Return rho in the middle of each block: that of a noise, which every pair with it needs."""
     lags = np.append(0.0, _blocks(span, order + 1)[2] / span)

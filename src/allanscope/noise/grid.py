@@ -93,7 +93,8 @@ class Grid:
     @once
     def centre(self) -> Array:
         """Mean frequency of every bin in Hz."""
-        return self.bin_means(self.frequency)
+        after = np.append(self.edges[1:], self.n - 1)
+        return np.asarray((self.edges + after + 1) / 2 * (self.rate_hz / (2 * self.n)))
 
     def bin_means(self, per_ordinate: Array) -> Array:
         """Average something over every bin."""

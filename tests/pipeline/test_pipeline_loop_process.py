@@ -55,6 +55,21 @@ def test_a_line_is_found_by_the_child_and_announced_once(analyser):
     assert explanation.after.rms_percent < explanation.before.rms_percent
 
 
+def test_of_a_search_only_what_a_result_needs_is_held(analyser):
+    """As long as the record are one signal an effect, in single precision, and nothing else."""
+    process = LoopProcess(first_s=120.0)
+    process.offer(analyser.frozen())
+    finished(process)
+    known = process.explanation
+    assert not known.cleaned
+    assert not known.signals
+    assert all(part.raw.size == 0 for part in known.fits["gx"].evidence)
+    (line,) = known.held.accepted["gx"]
+    assert line.signal.dtype == np.float32
+    result = summarise(analyser.frozen(), LinkStats(), "live", {}, known=known)
+    assert "sinusoid" in result.axes["gx"].model.components
+
+
 def more(analyser, seconds, sigma):
     """Let so many seconds pass with noise of another size, the line going on."""
     state = analyser.state

@@ -52,6 +52,17 @@ class KnownEffects:
     rate_hz: float = 1.0
     start_s: float = 0.0
 
+    def in_single_precision(self) -> KnownEffects:
+        """Return the same in half the memory: what is held for hours is as long as the record."""
+        accepted = {
+            axis: tuple(
+                c if c.signal is None else replace(c, signal=c.signal.astype(np.float32))
+                for c in candidates
+            )
+            for axis, candidates in self.accepted.items()
+        }
+        return replace(self, accepted=accepted)
+
 
 @dataclass(frozen=True)
 class NoiseBeside:
@@ -162,7 +173,7 @@ def prolonged(signal: Array, ratio: int, late: float, rows: int) -> Array:
     array([0., 2., 3.])
     """
     edges = late + ratio * np.arange(rows + 1, dtype=np.float64)
-    total = np.concatenate([[0.0], np.cumsum(signal)])
+    total = np.concatenate([[0.0], np.cumsum(signal, dtype=np.float64)])
     inside = np.interp(edges, np.arange(len(total)), total)
     inside += signal[-1] * np.maximum(edges - len(signal), 0.0)
     inside += signal[0] * np.minimum(edges, 0.0)

@@ -25,7 +25,7 @@ from allanscope.noise.coefficients import Coefficient
 from allanscope.noise.components import Floor, Ramp, Rounding
 from allanscope.noise.drift import fit_drift
 from allanscope.noise.estimates import Estimates, ramp_coefficient
-from allanscope.noise.evidence import Evidence, evidence_of, stretches_of, with_ranges
+from allanscope.noise.evidence import Evidence, Ordinates, evidence_of, stretches_of, with_ranges
 from allanscope.noise.filters import HeldPattern, HeldSamples, LowPass
 from allanscope.noise.gap_bridging import bridge_gaps, worth_of
 from allanscope.noise.grid import Ranges
@@ -94,6 +94,15 @@ class NoiseFit:
     bands: Bands
     step_limited: bool = False
     remarks: tuple[str, ...] = ()
+
+    def without_ordinates(self) -> NoiseFit:
+        """Return it without the transform of every row: for what reads coefficients and models."""
+        evidence = tuple(
+            replace(part, raw=np.empty((0, 0))) if isinstance(part, Ordinates) else part
+            for part in self.evidence
+        )
+        fit = replace(self.fit, likelihood=Likelihood(evidence))
+        return replace(self, evidence=evidence, fit=fit)
 
     @property
     def chi2(self) -> float:

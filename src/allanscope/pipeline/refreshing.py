@@ -299,6 +299,9 @@ def _searched(loop: LiveLoop, look: LoopInput, is_stretch: bool) -> LiveLoop | t
     loop.update(look.record, rate_fit=look.rate_fit, densities=look.densities or None)
     if is_stretch:
         return loop.findings
-    if loop.explanation is not None:
-        loop.explanation = replace(loop.explanation, cleaned={})  # of no use to a result
+    if (found := loop.explanation) is not None:
+        # What is as long as the record is held for hours, and is of no use to a result.
+        held = found.held.in_single_precision()
+        fits = {axis: fit.without_ordinates() for axis, fit in found.fits.items()}
+        loop.explanation = replace(found, cleaned={}, signals={}, fits=fits, held=held)
     return loop

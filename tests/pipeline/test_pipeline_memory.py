@@ -59,6 +59,35 @@ assert resident("RssAnon") - heap < 26 << 10, "each of a megabyte that was freed
 """
 
 
+TRANSFORMS = """
+import numpy as np
+from scipy.fft import dct, prev_fast_len, rfft
+from allanscope.pipeline.process import configure_malloc, forget_transforms
+
+def resident():
+    return int(open("/proc/self/status").read().partition("RssAnon:")[2].split()[0])
+
+configure_malloc()
+record = np.random.default_rng(1).standard_normal(1 << 18)
+dct(record[: 1 << 12])
+before = resident()
+for end in range(len(record), len(record) - 48_000, -4_000):
+    length = prev_fast_len(end, real=True)
+    known = dct(record[:length])
+    rfft(record[:length])
+kept = resident() - before
+forget_transforms()
+left = resident() - before
+assert kept > 40 << 10 and left < 8 << 10, (kept, left)
+assert np.array_equal(dct(record[:length]), known)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux shows it")
+def test_the_tables_of_transforms_of_a_growing_record_are_let_go() -> None:
+    subprocess.run([sys.executable, "-c", TRANSFORMS], check=True)
+
+
 def test_only_libraries_of_which_no_page_was_changed_are_let_go(tmp_path: Path) -> None:
     (tmp_path / "smaps").write_text(SMAPS)
     (tmp_path / "maps").write_text("".join(_mappings(SMAPS)))

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 from allanscope.analysis import Analyser, LoopInput, StreamState, loop_input
 from allanscope.explain import Explanation, Finding, LiveLoop
-from allanscope.pipeline.process import trim_memory
+from allanscope.pipeline.process import forget_transforms, trim_memory
 from allanscope.quantities import duration
 from allanscope.samples import StreamInfo
 from allanscope.worker_process import WorkerProcess
@@ -132,6 +132,7 @@ class Refresher:
                 self._fail(f"a result during the run failed: {type(error).__name__}: {error}")
             spent_s = time.thread_time() - began_cpu_s
             del frozen  # twenty megabytes, not needed until the next one
+            forget_transforms()
             results += 1
             now = time.monotonic()
             if results.bit_count() == 1 or now - trimmed_s > TRIM_S:  # each may have loaded code

@@ -261,10 +261,10 @@ def _fitted(view: View, family: _Family, cutoffs: list[float]) -> tuple[float, L
     """
     loss = partial(family.loss, view)
     first = min(family.starts(cutoffs), key=loss)
-    found = minimise(loss, first, 0.15 * np.eye(len(first)), x_within=0.05, within=0.5, turns=120)
+    steps = 0.15 * np.eye(len(first))
+    found = minimise(loss, first, steps, x_within=0.05, within=0.5, turns=120)
     if -found.value - view.spectrum.loglik > LOW_PASS_PENALTY / 2:
-        fine = 0.03 * np.eye(len(first))
-        found = minimise(loss, found.x, fine, x_within=1e-3, within=1e-3, turns=120)
+        found = minimise(loss, first, steps, within=1e-3, turns=120)
     return found.value + (1.0 if family.order is not None else 0.0), family.at(found.x)
 
 

@@ -55,13 +55,10 @@ _SUB_BINS = 400
 """Bins in a window: the sums of ordinates between them lose nothing of a band that is resolved."""
 _PARTS = 256
 """Of a record, whose powers tell how uneven its noise is."""
-_FINEST = 1.0
-"""Width in ordinates below which a band is not followed: what wants to be narrower is a line."""
+_FINEST_HZ = 1e-8
+"""Narrowest band: below it is a constant line."""
 _ROUNDS = 3
 """Times that window and band are found from each other."""
-_SIMPLEX = (0.05, 0.3, 0.3, 0.3)
-"""First steps of the background, the variance and the width, in logarithms, and of the frequency in
-widths."""
 _HOPELESS = 0.5
 """Share of the penalty below which the first fit stands: what another shape and another background
 add to so faint a band are a few nats."""
@@ -300,11 +297,6 @@ class _Window:
     grid: Grid
     shape: Shape
 
-    @property
-    def finest(self) -> float:
-        """Return the least width in Hz."""
-        return _FINEST * self.grid.rate_hz / (2 * self.grid.n)
-
     def loss(self, p: Array) -> float:
         """Negative log-likelihood of (log background factor, log variance, f0, log width).
 
@@ -314,15 +306,11 @@ class _Window:
         for log_variance, f0, log_width in p[1:].reshape(-1, 3).tolist():
             width = float(np.exp(log_width))
             inside = self.frequency[0] < f0 < self.frequency[-1]
-            if not inside or not self.finest < width < 1.5 * f0:
+            if not inside or not _FINEST_HZ < width < 1.5 * f0:
                 return _FORBIDDEN
             band = self.shape(f0, width).spectrum(self.frequency, self.grid.dt, self.grid.stride)
             variance = variance + np.exp(log_variance) * band
         return float(0.5 * self.size * np.sum(np.log(variance) + self.power / variance))
-
-    def scaled_loss(self, scale: Array, p: Array) -> float:
-        """Return the loss of numbers in other units."""
-        return self.loss(p * scale)
 
     def flat(self) -> float:
         """Return the least loss without a band."""
@@ -385,12 +373,10 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
     for _ in range(_ROUNDS):
         # What is beside the band is known only once the band is in the model.
         window = _window(view, beside, float(point[2]), float(np.exp(point[3])), shape)
-        scale = np.array([1.0, 1.0, np.exp(point[3]), 1.0])  # the frequency in widths
-        found = minimise(
-            partial(window.scaled_loss, scale), point / scale, np.diag(_SIMPLEX),
-            x_within=1e-3, within=1e-3, turns=500,
-        )  # fmt: skip
-        point = found.x * scale
+        spread = np.diag([0.05, 0.3, 0.3 * np.exp(point[3]), 0.3])
+        x_within = 1e-3 * float(np.exp(point[3]))
+        found = minimise(window.loss, point, spread, x_within=x_within, within=1e-3, turns=500)
+        point = found.x
         f0, w = float(point[2]), float(np.exp(point[3]))
         if w < 1.5 * unit or w > _BROADEST * f0:
             return None

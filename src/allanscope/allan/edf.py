@@ -422,7 +422,7 @@ def _correlation(alpha: int, span: float, width: float, order: int, sampled: boo
     """Return rho in the middle of each block: that of a noise, which every pair with it needs."""
     lags = np.append(0.0, _blocks(span, order + 1)[2] / span)
     covariance = difference_autocovariance(lags, width, alpha, order, sampled=sampled)
-    return covariance[1:] / covariance[0]
+    return np.asarray(covariance[1:] / covariance[0])
 
 
 def difference_autocovariance(
@@ -459,7 +459,7 @@ def difference_autocovariance(
     total = middle * at[order]
     for k, weight in enumerate(sides, start=1):
         total += weight * (at[order - k] + at[order + k])
-    return total
+    return np.asarray(total)
 
 
 def phase_autocovariance(lag: Floats, width: float, alpha: int) -> Floats:

@@ -306,8 +306,8 @@ def _late(effect: Temperature, view: View, least: float) -> Temperature:
         return effect
     if gains[best] < least - _BETWEEN:
         return effect
-    ends = np.log([bank[max(0, best - 1)], bank[best + 1]]).tolist()
-    found, _ = minimise_between(lambda x: -at(float(np.exp(x))).gain(view), *ends, within=0.01)
+    low, high = np.log([bank[max(0, best - 1)], bank[best + 1]]).tolist()
+    found, _ = minimise_between(lambda x: -at(float(np.exp(x))).gain(view), low, high, within=0.01)
     return at(float(np.exp(found)))
 
 

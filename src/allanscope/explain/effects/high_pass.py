@@ -18,7 +18,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from allanscope.explain.candidate import Candidate
 from allanscope.explain.effect import Estimate
@@ -26,6 +25,7 @@ from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.residual import removes
 from allanscope.explain.view import View
 from allanscope.noise.filters import HighPass as Filter
+from allanscope.optimise import minimise
 from allanscope.quantities import TWO_SIDED_95
 
 Array = NDArray[np.float64]
@@ -113,16 +113,10 @@ def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None
         return -view.loglik_with(at(point))
 
     first = min((np.array([np.log(one), 0.0]) for one in corners), key=loss)
-    found = minimize(
-        loss, first, method="Nelder-Mead",
-        options={
-            "initial_simplex": np.vstack([first, first + 0.15 * np.eye(2)]),
-            "xatol": 1e-3, "fatol": 1e-3, "maxiter": 80,
-        },
-    )  # fmt: skip
-    if found.fun >= 1e12:
+    found = minimise(loss, first, 0.15 * np.eye(2), x_within=1e-3, within=1e-3, turns=80)
+    if found.value >= 1e12:
         return None
-    high_pass = at(np.asarray(found.x))
+    high_pass = at(found.x)
     noise = view.spectrum_with(high_pass).model
     slow = noise.value("B") ** 2 / (2 * np.pi * high_pass.corner)
     slow += (noise.value("K") / (2 * np.pi * high_pass.corner)) ** 2
@@ -131,7 +125,7 @@ def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None
     error = float(errors_at(loss, found.x, np.full(2, _STEP))[0])
     factor = float(np.exp(TWO_SIDED_95 * min(error, 5.0)))
     corner = Estimate(high_pass.corner, high_pass.corner / factor, high_pass.corner * factor, "Hz")
-    gain = -float(found.fun) - view.spectrum.loglik
+    gain = -found.value - view.spectrum.loglik
     return Candidate(
         HighPass(corner, high_pass.slope), gain, float(np.log(_TRIED)), parts=(high_pass,)
     )

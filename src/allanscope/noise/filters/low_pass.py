@@ -132,7 +132,7 @@ class MovingAverage(LowPass):
         def above_half(x: float) -> float:
             return float(np.sin(rows * x) / (rows * np.sin(x)) - np.sqrt(0.5))
 
-        return cls(float(brentq(above_half, 1e-6, np.pi / rows)) / (np.pi * dt), rows)
+        return cls(root_between(above_half, 1e-6, np.pi / rows) / (np.pi * dt), rows)
 
     def corners(self, dt: float) -> tuple[float, ...]:
         """Return the cutoff and the zeros."""

@@ -26,7 +26,7 @@ from allanscope.explain.residual import removes
 from allanscope.explain.view import View
 from allanscope.noise.filters import HighPass as Filter
 from allanscope.optimise import minimise
-from allanscope.quantities import TWO_SIDED_95
+from allanscope.quantities import CHI_SQUARE_MEDIAN
 
 Array = NDArray[np.float64]
 
@@ -34,8 +34,6 @@ _FEWEST = 8
 """Ordinates below the corner, which must lie low: what is subtracted takes along a few."""
 _LOW = 0.5
 """Most of the white noise that is left of them on average."""
-_MEDIAN = 0.4549
-"""Of the square of a Gaussian number, in variances."""
 _HIGHEST = 0.2
 """Highest corner, as a share of the rate: beyond, it is the shape of the white noise."""
 _SLOPES = (0.6, 6.0)
@@ -95,7 +93,7 @@ def _lacks(view: View) -> bool:
     the model.
     """
     modelled = np.mean(view.squares[:_FEWEST] / view.spectrum.first(_FEWEST))
-    usual = float(np.median(view.squares)) / _MEDIAN
+    usual = float(np.median(view.squares)) / CHI_SQUARE_MEDIAN
     return bool(modelled < _LOW and np.mean(view.squares[:_FEWEST]) < _LOW * usual)
 
 
@@ -123,8 +121,7 @@ def _fitted(view: View, corners: list[float], lowest: float) -> Candidate | None
     if noise.value("N") ** 2 < slow:
         return None
     error = float(errors_at(loss, found.x, np.full(2, _STEP))[0])
-    factor = float(np.exp(TWO_SIDED_95 * min(error, 5.0)))
-    corner = Estimate(high_pass.corner, high_pass.corner / factor, high_pass.corner * factor, "Hz")
+    corner = Estimate.of_log(high_pass.corner, error, "Hz")
     gain = -found.value - view.spectrum.loglik
     return Candidate(
         HighPass(corner, high_pass.slope), gain, float(np.log(_TRIED)), parts=(high_pass,)

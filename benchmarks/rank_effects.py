@@ -286,6 +286,19 @@ class Hider:
         self.d = size_of(best_nats(passed, np.zeros(len(f)), self.noise, self.rate))
         return Hidden("band_limit", self.d, {"cutoff": cutoff}, rows[:, np.newaxis], self.rate)
 
+    def high_pass(self) -> Hidden:
+        """Take away the level that an exponential average follows."""
+        corner = self.between(10.0, 80.0) / (2 * self.duration)
+        lag = self.rate / (2 * np.pi * corner)
+        rows = self.base() - self.noise.offset
+        rows = rows - _late(rows, lag)
+        f = ordinates(self.n, self.rate)
+        turn, keep = 2 * np.cos(2 * np.pi * f / self.rate), float(np.exp(-1 / lag))
+        gain = keep**2 * (2 - turn) / (1 - keep * turn + keep**2)
+        passed = gain * ordinate_density(self.noise, f, self.rate)
+        self.d = size_of(best_nats(passed, np.zeros(len(f)), self.noise, self.rate))
+        return Hidden("high_pass", self.d, {"corner": corner}, rows[:, np.newaxis], self.rate)
+
     def variance_change(self) -> Hidden:
         length = self.between(20.0, 0.3 * self.duration)
         start = self.rng.uniform(0.05, 0.95 - length / self.duration) * self.duration

@@ -144,7 +144,7 @@ def test_a_silent_board_is_started_after_debris_that_fits_no_format() -> None:
     assert sent == []  # slow text may go on
     (notice,) = decoding.feed(Chunk(4 * SECOND, b"", "stalled"))
     assert isinstance(notice, Notice)
-    assert "fits no format" in notice.text
+    assert "fit no format" in notice.text
     for tenth in range(41, 60):
         decoding.feed(Chunk(tenth * SECOND // 10))
     assert len(sent) > 3

@@ -126,7 +126,7 @@ class MovingAverage(LowPass):
         """Return the mean of so many rows, 2 or more.
 
         >>> round(MovingAverage.over(5, 0.01).cutoff, 2)
-        9.04
+        9.02
         """
 
         def above_half(x: float) -> float:

@@ -47,3 +47,14 @@ def test_a_low_pass_and_a_drift_are_none(bench, seed):
     slow = b.noise() + 2 * N * np.sin(2 * np.pi * b.t / 400.0)
     for axis in explain(b.record(low, slow)).axes.values():
         assert "high_pass" not in [effect.kind for effect in axis.effects]
+
+
+@pytest.mark.parametrize("seed", [728, 729])
+def test_noise_of_the_angle_is_none(bench, seed):
+    """Flicker phase noise over white noise rises all the way up."""
+    b = bench(seed, 600.0)
+    n = len(b.t)
+    f = np.fft.rfftfreq(2 * n, 1 / RATE)
+    shape = np.fft.irfft(np.fft.rfft(b.rng.standard_normal(2 * n)) * np.sqrt(f))[:n]
+    axis = explain(b.record(0.25 * b.noise() + 2 * N * shape)).axes["gx"]
+    assert "high_pass" not in [effect.kind for effect in axis.effects]

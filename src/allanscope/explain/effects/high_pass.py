@@ -2,7 +2,7 @@ r"""A high-pass: the level, and whatever is slow, was taken away before the reco
 
 A phone's linear acceleration is without gravity, which an exponential average followed; a logger
 may couple by a capacitor, or subtract a running mean. All of it is
-:math:`|H|^2 = 1 / (1 + (f_c / f)^{2p})` on the noise. No noise of a sensor falls towards low
+:math:`|H|^2 = 1 / (1 + (f_c / f)^{2p})` on the noise. No noise of a sensor's rate falls towards low
 frequencies, so it shows as a deficit of the lowest ordinates against the white noise; the Allan
 deviation falls faster than :math:`\tau^{-1/2}` beyond :math:`1 / 2 \pi f_c`, and what it reads at
 1 s is no longer N. B and K are known as far as they stand out above the corner. A random walk
@@ -24,6 +24,7 @@ from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, errors_at
 from allanscope.explain.residual import removes
 from allanscope.explain.view import View
+from allanscope.noise.components import AngleQuantization, FlickerPhase
 from allanscope.noise.filters import HighPass as Filter
 from allanscope.optimise import minimise
 from allanscope.quantities import CHI_SQUARE_MEDIAN
@@ -58,6 +59,7 @@ class HighPass(EffectKind):
     confused_with: ClassVar[Mapping[str, str]] = {
         "band_limit": "takes away the top of the band",
         "gauss_markov": "adds at low frequencies",
+        "Q": "the noise rises up to the Nyquist frequency, not to a corner",
     }
 
     @property
@@ -75,7 +77,11 @@ class HighPass(EffectKind):
         if highest < 2 * lowest:
             return []
         found = _fitted(view, np.geomspace(lowest, highest, _TRIED).tolist(), lowest)
-        return [found] if found is not None else []
+        if found is None:
+            return []
+        # Noise of the angle rises all the way up, and is one of the textbook's.
+        phase = max(view.loglik_with(one(1.0)) for one in (FlickerPhase, AngleQuantization))
+        return [found] if found.gain > phase - view.spectrum.loglik else []
 
     def refine(self, view: View) -> Candidate | None:
         """Estimate the corner again."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from allanscope.explain import explain
 from allanscope.explain.heldout import _contradiction
@@ -158,3 +159,14 @@ def test_few_codes_do_not_ring():
     for sigma in (0.2, 0.4, 0.8):
         slow = np.cumsum(rng.standard_normal(8000)) * 0.01
         assert not shocks(np.round(slow + sigma * rng.standard_normal(8000)), step=1.0)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.002, 0.005, 0.01, 0.02, 0.05])
+def test_repeated_rows_behind_a_low_pass_do_not_ring(share):
+    """There rows tell the next one closely: one that is repeated, or cut, is a kick."""
+    rng, n = np.random.default_rng(626), 31_200
+    for _ in range(2):
+        rows = np.where(rng.random(n) < share, 0, np.arange(n))
+        axes = lfilter(*butter(2, 24.0 / 52.0), rng.standard_normal((3, n)))
+        axes = axes[:, np.maximum.accumulate(rows)]
+        assert not shocks(*np.round(axes * 53) / 53, rate=52.0, step=1 / 53)

@@ -18,7 +18,10 @@ with m degrees of freedom r has an F distribution, and what it gains is :math:`m
 where the loudness of the record hardly changes elsewhere, m is large.
 
 A level that changes is strongest at low frequencies, has no swings, and is explained as well by two
-instants at which it changes: a ringing must be more than that.
+instants at which it changes: a ringing must be more than that. A row that is sent twice is no
+measurement: behind a low-pass, where the rows before tell the next one closely, it is a kick that
+the prediction error filter draws out. So a ringing must be more than errors of the repeated rows,
+too.
 """
 
 from __future__ import annotations
@@ -37,6 +40,7 @@ from allanscope.quantities import MAD_TO_SIGMA
 __all__ = ["Burst", "find_bursts"]
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 ALPHA = 1e-3
 """Chance of a burst in a record that has none."""
@@ -73,6 +77,11 @@ _LOUDER, _LOUDEST = 3.0, 10.0
 """Standard errors from which it is louder there than in the record; times at which it is cut."""
 _LEVELS, _BY_LEVELS = 10.0, 0.3
 """Nats that two changes of the level gain by chance; share of the gain that they may explain."""
+_UNCUT = 0.5
+"""Share of what cut rows show that uncut rows must show as well."""
+_BY_REPEATS = 0.5
+"""Share of the gain that errors of repeated rows may explain: of codes so few that a third of the
+rows are equal by chance, they explain a third of a ringing."""
 _FITTED = 2.5
 """Nats that noise adds to the gain: amplitude, phase, start, decay and frequency are fitted."""
 _SINGULAR = 1e-6
@@ -110,7 +119,9 @@ class Burst:
         return self.first + 3 * self.decay
 
 
-def find_bursts(x: Array, rate_hz: float, axes: int = 1) -> tuple[list[Burst], float]:
+def find_bursts(
+    x: Array, rate_hz: float, axes: int = 1, repeated: Flags | None = None
+) -> tuple[list[Burst], float]:
     """Return the bursts of one axis, and the log of everything that was looked at.
 
     What is found at several decay times is there several times.
@@ -121,13 +132,15 @@ def find_bursts(x: Array, rate_hz: float, axes: int = 1) -> tuple[list[Burst], f
         Rows about their level.
     axes : int
         Axes that are searched.
+    repeated : ndarray of bool, shape (n,), optional
+        Rows that may be the row before, sent again.
     """
     decays, decay = [], _SHORTEST_ROWS
     while decay <= _LONGEST_S * rate_hz and len(x) >= _FEWEST * _WINDOW * decay:
         decays.append(decay)
         decay *= 2
     looked_at = float(np.log(_FINER * axes * max(sum(_cells(len(x), d) for d in decays), 1)))
-    rows = _Rows.of(x) if decays else None
+    rows = _Rows.of(x, repeated) if decays else None
     if rows is None:
         return [], looked_at
     found, loudness = [], None
@@ -160,14 +173,18 @@ def _loud_places(best: Array, limit: float) -> list[int]:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Whitened rows in deviations, cut and as they are, and the prediction error filter."""
+    """Whitened rows in deviations, cut and as they are, and the prediction error filter.
+
+    With them the numbers of the rows that are repeated.
+    """
 
     white: Array
     uncut: Array
     filter: Array
+    repeated: NDArray[np.int64]
 
     @classmethod
-    def of(cls, x: Array) -> _Rows | None:
+    def of(cls, x: Array, repeated: Flags | None = None) -> _Rows | None:
         """Whiten rows by linear prediction; None where nothing moves."""
         scale = MAD_TO_SIGMA * float(np.median(np.abs(x)))
         if scale <= 0:
@@ -183,7 +200,9 @@ class _Rows:
         if own <= 0:
             return None
         errors /= own * scale
-        return cls(np.clip(white / own, -_CUT, _CUT), np.convolve(x, errors)[: len(x)], errors)
+        uncut = np.convolve(x, errors)[: len(x)]
+        numbers = np.flatnonzero(np.zeros(0, bool) if repeated is None else repeated)
+        return cls(np.clip(white / own, -_CUT, _CUT), uncut, errors, numbers)
 
     def passed(self, ordinate: float, size: int) -> float:
         """Return by what a swing was multiplied."""
@@ -261,7 +280,7 @@ def _evenness(loudness: Array, first: int, stop: int) -> float:
 
 
 def _at(bank: _Bank, centre: int, loudness: Array, looked_at: float) -> Burst | None:
-    """Return what rings near a row; None where it is a level that changes."""
+    """Return what rings near a row; None where it is a level that changes, or repeated rows."""
     decays = bank.decay * np.array(_DECAYS)
     reach, step = bank.decay, max(1, bank.decay // _ROWS)
     for _ in range(2):  # at some rows, and then at every one near the best
@@ -275,6 +294,10 @@ def _at(bank: _Bank, centre: int, loudness: Array, looked_at: float) -> Burst | 
     ordinate = (k + 2 * _SWINGS) / 2
     uncut = _uncut(bank, centre, decays[d], ordinate)
     if _by_levels(bank, centre) - _LEVELS > _BY_LEVELS * abs(uncut) ** 2:
+        return None
+    if abs(uncut) ** 2 < _UNCUT * most:
+        return None
+    if _by_repeats(bank, centre) > _BY_REPEATS * abs(uncut) ** 2:
         return None
     gain = min(
         _beside(bank, inner[s, d], k, _evenness(loudness, centre, centre + bank.size)),
@@ -351,3 +374,17 @@ def _by_levels(bank: _Bank, first: int) -> float:
     free = own * own.T - inner**2
     two = np.where(free > _SINGULAR * own * own.T, explained / np.maximum(free, 1e-300), 0.0)
     return float(two.max()) / 2
+
+
+def _by_repeats(bank: _Bank, first: int) -> float:
+    """Return what errors of the repeated rows near a burst gain, beyond what they do by chance."""
+    source, length = bank.source, len(bank.source.filter)
+    begin, end = max(0, first - length), first + bank.size
+    at = source.repeated[slice(*np.searchsorted(source.repeated, (begin, end)))]
+    if not len(at):
+        return 0.0
+    rows = source.uncut[begin:end]
+    lag = np.arange(begin, begin + len(rows))[:, np.newaxis] - at
+    kicks = np.where((lag >= 0) & (lag < length), source.filter[np.clip(lag, 0, length - 1)], 0.0)
+    left = rows - kicks @ np.linalg.lstsq(kicks, rows, rcond=None)[0]
+    return float(rows @ rows - left @ left - len(at)) / 2

@@ -136,7 +136,9 @@ def find_shock_rows(
         return []
     away = {axis: one for axis, x in axes.items() if (one := _away(x, window, steps[axis]))}
     groups = [group for axis, one in away.items() for group in _groups(axis, one, rate_hz)]
-    soft, looked_at = _soft(away, groups, rate_hz, steps)
+    repeated = np.zeros(size, bool)  # a row that is sent twice is so on all axes
+    repeated[1:] = np.all([x[1:] == x[:-1] for x in axes.values()], axis=0)
+    soft, looked_at = _soft(away, groups, rate_hz, steps, repeated)
     for first, stop in _events(groups, rate_hz):
         part = slice(first, stop)
         moved = {
@@ -152,14 +154,18 @@ def find_shock_rows(
 
 
 def _soft(
-    away: Mapping[str, _Away], groups: list[_Group], rate_hz: float, steps: Mapping[str, float]
+    away: Mapping[str, _Away],
+    groups: list[_Group],
+    rate_hz: float,
+    steps: Mapping[str, float],
+    repeated: Flags,
 ) -> tuple[list[ShockRows], float]:
     """Return what rings softly, away from what is loud, and the log of what was looked at."""
     rows = {axis: one.rows for axis, one in away.items() if one.sigma > _FINEST * steps[axis]}
     found: list[tuple[str, Burst]] = []
     looked_at = float(np.log(max((len(one.rows) for one in away.values()), default=1)))
     for axis, x in rows.items():
-        bursts, looked_at = find_bursts(x, rate_hz, len(rows))
+        bursts, looked_at = find_bursts(x, rate_hz, len(rows), repeated)
         found += [(axis, burst) for burst in bursts if not _is_near(burst, groups, rate_hz)]
     sets: list[list[tuple[str, Burst]]] = []
     for one in sorted(found, key=lambda pair: pair[1].first):

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from allanscope.explain.candidate import ALPHA, Candidate
 from allanscope.explain.effect import Estimate
 from allanscope.explain.effects import EffectKind, errors_at
-from allanscope.explain.residual import removes
+from allanscope.explain.residual import band_scores, removes
 from allanscope.explain.stationarity import UNSTEADY, bartlett_z_of
 from allanscope.explain.view import View
 from allanscope.noise.components import Floor
@@ -64,6 +64,8 @@ _FLOOR_GAINS, _POLES, _FAINT = 10.0, 1.4, 0.02
 """Nats that a floor behind a low-pass must gain; the order of that below which it may be one pole,
 whose noise beside a floor is Gauss-Markov noise as well: the floor must then gain no more than this
 part of what the low-pass gains alone."""
+_COUNT, _HOLLOW = 100, 0.5
+"""Ordinates in a band, and measured over model there, below which the band is empty."""
 _RIPPLED, _ROUGHLY = 30.0, 0.02
 """Gain in nats from which an average over rows is looked for, whose ripples no other response has;
 part of its own gain by which one over any time may be likelier and no better."""
@@ -210,7 +212,11 @@ def _best(view: View, cutoffs: list[float], floor: bool = True) -> Candidate:
 
 
 def _with_floor(view: View, cutoff: float, loss: float) -> Candidate | None:
-    """Return a low-pass of more than one pole with white noise behind it, if that is likelier."""
+    """Return a low-pass of more than one pole with white noise behind it, if that is likelier.
+
+    Loud tones below a cutoff and the noise above it are as likely to be one, but noise that passes
+    leaves nothing empty between them.
+    """
     beside = view.with_parts(Floor(1.0))
     fitted = [_fitted(beside, family, [cutoff, cutoff / 2]) for family in _FAMILIES]
     other, found = min(fitted, key=lambda one: one[0])
@@ -218,9 +224,12 @@ def _with_floor(view: View, cutoff: float, loss: float) -> Candidate | None:
     one_pole = isinstance(found, OnePole) or found.values[1] < _POLES
     if more < _FLOOR_GAINS or (one_pole and more > _FAINT * alone):
         return None
-    model = beside.spectrum_with(found).model
-    level = model.value("floor")
-    if not 0.0 < level < _LITTLE * model.value("N"):
+    both = beside.with_parts(found)
+    level = both.spectrum.model.value("floor")
+    if not 0.0 < level < _LITTLE * both.spectrum.model.value("N"):
+        return None
+    bands = band_scores(both)
+    if np.any(bands.ratio[bands.count > _COUNT] < _HOLLOW):
         return None
     candidate = _candidate(beside, found)
     assert isinstance(candidate.effect, BandLimit)

@@ -170,3 +170,13 @@ def test_repeated_rows_behind_a_low_pass_do_not_ring(share):
         axes = lfilter(*butter(2, 24.0 / 52.0), rng.standard_normal((3, n)))
         axes = axes[:, np.maximum.accumulate(rows)]
         assert not shocks(*np.round(axes * 53) / 53, rate=52.0, step=1 / 53)
+
+
+def test_a_loud_line_that_wanders_does_not_ring():
+    """It leaves the notch that linear prediction has for it, for as long as a shock lasts."""
+    rng, n = np.random.default_rng(627), 30_000
+    for _ in range(8):
+        wanders = 0.2 * lfilter([5e-4], [1, -0.9995], rng.normal(0, 30, n))
+        phase = 2 * np.pi * np.cumsum(10 + wanders) / RATE
+        tone = np.sin(phase) + 0.4 * np.sin(2 * phase)
+        assert not shocks(60 * tone + rng.standard_normal(n))

@@ -341,14 +341,21 @@ def _beside(bank: _Bank, relative: Array, best: int, evenness: float) -> float:
 
 
 def _around(bank: _Bank, first: int, ordinate: int, relative: float) -> float:
-    """Return what it gains over noise as loud as the seconds around are at its frequency."""
+    """Return what it gains over noise as loud as the seconds around are at its frequency.
+
+    A line that wanders by an ordinate leaves the notch that the whitening has for it, and rings.
+    """
     away = np.arange(2 * bank.size, _AROUND * bank.size, bank.hop)
     starts = np.concatenate([first - away + bank.size, first + away])
     starts = starts[(starts >= 0) & (starts < len(bank.rows))]
     known = len(starts) / (_WINDOW * _HOPS) * 1.5
     if not len(starts):
         return np.inf
-    there = float(bank.power(starts)[:, ordinate].mean()) / bank.mean[ordinate]
+    near = np.arange(ordinate - 1, ordinate + 2)
+    passed = np.array([bank.source.passed(k, bank.size) for k in near.tolist()])
+    power = bank.power(starts)[:, near].mean(axis=0) * (passed[1] / passed) ** 2
+    there, line = float(power[1]) / bank.mean[ordinate], float(power.max()) / bank.mean[ordinate]
+    there = line if line > _LINE else there
     even = _FREEDOM * bank.windows if there < 1 + _LOUDER / np.sqrt(known) else 0.0
     loudness = (known * max(there, 1.0) + even) / (known + even)
     return _gain(relative, known + even, loudness)

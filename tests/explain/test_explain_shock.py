@@ -180,3 +180,10 @@ def test_a_loud_line_that_wanders_does_not_ring():
         phase = 2 * np.pi * np.cumsum(10 + wanders) / RATE
         tone = np.sin(phase) + 0.4 * np.sin(2 * phase)
         assert not shocks(60 * tone + rng.standard_normal(n))
+
+
+def test_a_loud_line_does_not_ring_where_the_record_begins():
+    rng = np.random.default_rng(628)
+    for hz in (16.6, 30.0):
+        tone = 10 * np.sin(2 * np.pi * hz * np.arange(int(40 * RATE)) / RATE)
+        assert not any(shocks(tone + soft(rng, 0.0)) for _ in range(10))

@@ -196,11 +196,13 @@ class _Rows:
         predicted = solve_toeplitz(covariance[:-1], covariance[1:])
         errors = np.concatenate([[1.0], -predicted])
         white = np.convolve(cut, errors)[: len(cut)]
+        white[:_ORDER] = 0.0  # predicted from rows that there are not
         own = MAD_TO_SIGMA * float(np.median(np.abs(white)))
         if own <= 0:
             return None
         errors /= own * scale
         uncut = np.convolve(x, errors)[: len(x)]
+        uncut[:_ORDER] = 0.0
         numbers = np.flatnonzero(np.zeros(0, bool) if repeated is None else repeated)
         return cls(np.clip(white / own, -_CUT, _CUT), uncut, errors, numbers)
 

@@ -63,6 +63,9 @@ _POINTS = 4096
 """Places that are transformed, and of which a median is taken, at once."""
 _SMOOTH, _LINE = 9, 3.0
 """Ordinates over which the noise is even, and standard errors by which a line exceeds it."""
+_FLAT = 0.85
+"""Geometric over arithmetic mean of the power over frequency, at the least: below, whitening has
+left lines that wander and ring by themselves (constant lines and low-passes stay above 0.9)."""
 _BESIDE = 5
 """Ordinates on each side of a ringing that hold some of it."""
 _AROUND = 8
@@ -146,6 +149,8 @@ def find_bursts(
     found, loudness = [], None
     for decay in decays:
         bank = _Bank(rows, decay)
+        if bank.flatness < _FLAT:
+            continue
         power = bank.power(np.arange(0, len(bank.rows), bank.hop))
         inner = power[:, _SWINGS:-_TOP] / bank.mean[_SWINGS:-_TOP]
         loudness = _of_windows(_loudness(inner)) if loudness is None else loudness
@@ -223,6 +228,8 @@ class _Bank:
         What is filtered.
     mean : ndarray, shape (size // 2 + 1,)
         Power in noise.
+    flatness : float
+        Of that power over frequency: 1 in white noise.
     """
 
     def __init__(self, source: _Rows, decay: int) -> None:
@@ -235,6 +242,8 @@ class _Bank:
         power = self.power(starts[:: max(1, len(starts) // _POINTS)])
         mean = np.median(power, axis=0) / np.log(2)
         even = median_filter(mean, _SMOOTH, mode="nearest")
+        inner = np.maximum(even[_SWINGS:-_TOP], 1e-30)
+        self.flatness = float(np.exp(np.mean(np.log(inner))) / inner.mean())
         self.mean = np.where(mean > even * (1 + _LINE / np.sqrt(self.windows)), mean, even)
 
     def power(self, starts: NDArray[np.int64]) -> Array:

@@ -29,6 +29,7 @@ from allanscope.explain.search import close_loop
 from allanscope.explain.series import Series
 from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile, White
+from allanscope.noise.filters import Filter, MovingAverage, OnePole
 
 Array = NDArray[np.float64]
 
@@ -275,3 +276,15 @@ def test_no_low_pass_lowers_the_density_far_below_its_cutoff() -> None:
     assert isinstance(found, BandLimit)
     assert found.order is not None
     assert found.order >= 1.0
+
+
+@pytest.mark.parametrize("filters", [(), (OnePole(8.0),), (MovingAverage.over(16, 1 / RATE),)])
+def test_slow_signals_are_weighed_as_the_spectrum_of_the_fit_weighs_them(
+    filters: tuple[Filter, ...],
+) -> None:
+    """At a zero of a filter there is leakage, and no signal is measured by what is not there."""
+    view = view_of(noise(9)).with_parts(*filters)
+    for m in (100, view.grid.low):
+        np.testing.assert_allclose(
+            view.fitter.first(view.spectrum.powers, m), view.spectrum.first(m), rtol=1e-12
+        )

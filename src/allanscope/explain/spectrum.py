@@ -28,7 +28,6 @@ from allanscope.noise import NoiseModel
 from allanscope.noise.amplitudes import maximise
 from allanscope.noise.components import Component
 from allanscope.noise.evidence import Ordinates
-from allanscope.noise.filters import combined_response
 from allanscope.noise.grid import Grid, Ranges
 from allanscope.noise.likelihood import Basis, Fit, Likelihood
 from allanscope.noise.part import Filter, Part
@@ -105,11 +104,7 @@ class Spectrum:
             part = of(component)
             if zeros:
                 floor += _DARK * part
-            if filters := self.model.filters_on(component):
-                part = part * combined_response(
-                    filters, self.grid.dt, lambda f: f.response(frequency, self.grid.dt)
-                )
-            total += part
+            total += self.model.passed(component, part, frequency)
         return np.maximum(total, floor)
 
     @once
@@ -221,9 +216,9 @@ class SpectrumFitter:
         return maximise(self.basis.columns, power, self.dof, self.basis.fixed, start)[:2]
 
     def first(self, powers: Array, m: int) -> Array:
-        """Return the variances of the first m ordinates under given squared amplitudes."""
-        if m > self.grid.low:
-            return self.spectrum(np.ones(len(self.dof)), powers).ordinates[:m]
+        """Return `Spectrum.first` under given squared amplitudes, from a table where that does."""
+        if m > self.grid.low or any(one.has_zeros for one in self.basis.model.filters):
+            return self.spectrum(np.ones(len(self.dof)), powers).first(m)
         fixed, columns = self._first
         return np.asarray(fixed[:m] + powers @ columns[:, :m])
 
@@ -235,11 +230,7 @@ class SpectrumFitter:
         fixed, columns = np.zeros(grid.low), []
         for component, is_free in zip(model, self.basis.free, strict=True):
             one = component.with_power(1.0) if is_free else component
-            part = grid.first(one, grid.low)
-            if filters := model.filters_on(one):
-                part = part * combined_response(
-                    filters, grid.dt, lambda f: f.response(frequency, grid.dt)
-                )
+            part = model.passed(one, grid.first(one, grid.low), frequency)
             if is_free:
                 columns.append(part)
             else:

@@ -81,12 +81,15 @@ class NoiseModel:
         return total
 
     def _density(self, component: Component, frequency: Array) -> Array:
-        found = component.density(frequency, self.dt)
+        return self.passed(component, component.density(frequency, self.dt), frequency)
+
+    def passed(self, component: Component, power: Array, frequency: Array) -> Array:
+        """Return what the filters leave of a component's power at frequencies in Hz."""
         filters = self.filters_on(component)
         if not filters:
-            return found
+            return power
         response = combined_response(filters, self.dt, lambda f: f.response(frequency, self.dt))
-        return np.asarray(found * response)
+        return np.asarray(power * response)
 
     def variance(self, kind: str, m: ArrayLike) -> Array:
         """Return what an estimator expects at averaging factors `m`.

@@ -150,7 +150,7 @@ def find_bursts(
     for decay in decays:
         bank = _Bank(rows, decay)
         if bank.flatness < _FLAT:
-            continue
+            break  # what wanders shows the more, the finer the frequencies are
         power = bank.power(np.arange(0, len(bank.rows), bank.hop))
         inner = power[:, _SWINGS:-_TOP] / bank.mean[_SWINGS:-_TOP]
         loudness = _of_windows(_loudness(inner)) if loudness is None else loudness

@@ -205,12 +205,13 @@ def _either(
 ) -> dict[str, Coefficient]:
     """Fit the samples or, with F or D, their differences; ``auto`` finds what they ask for."""
     dt = beside.dt
+    within = differences() if letters == "auto" or _is_steep(letters) else ()
     if letters == "auto":
         fast, gain = _asked_for(_FAST, beside, evidence)
-        slow, more = _asked_for(_SLOW, NoiseModel((), dt), differences(), shift=2)
+        slow, more = _asked_for(_SLOW, NoiseModel((), dt), within, shift=2)
         letters = "".join(x for x in POWER_LAWS if x in _USUAL + (slow if more > gain else fast))
     if _is_steep(letters):
-        return _steep(letters, differences(), dt, duration, unit)
+        return _steep(letters, within, dt, duration, unit)
     return _fitted(letters, beside, evidence, duration, unit)
 
 

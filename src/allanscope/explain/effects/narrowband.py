@@ -338,9 +338,9 @@ def _gain(fit: Fitted) -> float:
     return fit[1].gain
 
 
-def _is_hopeless(fit: Fitted) -> bool:
+def _is_hopeless(view: View, gain: float) -> bool:
     """Return whether no other shape, and no better background, will make up for the penalty."""
-    return fit[1].gain < _HOPELESS * fit[1].penalty
+    return gain < _HOPELESS * (_looked_at(view) - float(np.log(ALPHA)))
 
 
 def _fit(view: View, start: int, width: int) -> Fitted | None:
@@ -351,7 +351,7 @@ def _fit(view: View, start: int, width: int) -> Fitted | None:
         return max((fit for fit in fits if fit is not None), key=_gain, default=None)
 
     best = likeliest((_resonance,))
-    if best is not None and _is_hopeless(best):
+    if best is not None and _is_hopeless(view, _gain(best)):
         return best
     others = (best, likeliest((_wandering,)))
     best = max((fit for fit in others if fit is not None), key=_gain, default=None)
@@ -385,12 +385,11 @@ def _fit_shape(view: View, start: int, width: int, shape: Shape) -> Fitted | Non
         gain = whole.loglik - view.spectrum.loglik
         if w < _RESOLVED * f0:  # a bin is as wide: the ordinates in the window know more
             gain = max(gain, window.flat() - found.value)
-        effect = _band(view, point[1:], _errors(window.loss, point)[1:])
-        fitted = effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
-        if _is_hopeless(fitted):
+        if _is_hopeless(view, gain):
             break
         beside = partial(whole.of, whole.model.components[:-1])
-    return fitted
+    effect = _band(view, point[1:], _errors(window.loss, point)[1:])
+    return effect, Candidate(effect, gain, _looked_at(view), parts=(band,))
 
 
 def _band(view: View, at: Array, error: Array) -> Narrowband:

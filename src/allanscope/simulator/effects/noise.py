@@ -6,13 +6,14 @@
 - Random telegraph noise: one defect that switches between two states.
 - A white level that is not one level: bursts of activity around a quiet bench.
 - The part's own low-pass filter: it shapes the noise floor near half the sample rate.
+- A high-pass: the level and what is slow, taken away before the record is made.
 - A scale that drifts: the noise of a sensor grows or fades in a straight line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,21 +169,7 @@ def band_limit(parameters: Mapping[str, float], setting: Setting) -> Apply:
     It acts on the sensor's own noise (N, B, K) and on nothing that is added as an effect, so that
     an amplitude is always that of the record. N is the level below the cutoff.
     """
-    from scipy.signal import butter, sosfilt
-
-    cutoff = parameters["cutoff"]
-    if cutoff >= setting.rate_hz / 2.0:
-        raise UsageError(
-            f"effect band_limit: a cutoff of {cutoff:g} Hz must be below half the sample rate, "
-            f"{setting.rate_hz / 2.0:g} Hz"
-        )
-    sections = butter(2, cutoff, fs=setting.rate_hz, output="sos")
-    carry = np.zeros((len(sections), 2))
-
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        values[:], carry[:] = sosfilt(sections, values, zi=carry)
-
-    return apply
+    return _butterworth("band_limit", "lowpass", 2, parameters["cutoff"], setting)
 
 
 @effect(
@@ -196,15 +183,21 @@ def high_pass(parameters: Mapping[str, float], setting: Setting) -> Apply:
 
     As `band_limit` it acts on the sensor's own noise alone. N is the level above the corner.
     """
+    return _butterworth("high_pass", "highpass", 1, parameters["corner"], setting)
+
+
+def _butterworth(
+    kind: str, form: Literal["lowpass", "highpass"], order: int, hz: float, setting: Setting
+) -> Apply:
     from scipy.signal import butter, sosfilt
 
-    corner = parameters["corner"]
-    if corner >= setting.rate_hz / 2.0:
+    if hz >= setting.rate_hz / 2.0:
+        name = "cutoff" if form == "lowpass" else "corner"
         raise UsageError(
-            f"effect high_pass: a corner of {corner:g} Hz must be below half the sample rate, "
+            f"effect {kind}: a {name} of {hz:g} Hz must be below half the sample rate, "
             f"{setting.rate_hz / 2.0:g} Hz"
         )
-    sections = butter(1, corner, "highpass", fs=setting.rate_hz, output="sos")
+    sections = butter(order, hz, form, fs=setting.rate_hz, output="sos")
     carry = np.zeros((len(sections), 2))
 
     def apply(values: NDArray[Any], scene: Scene) -> None:

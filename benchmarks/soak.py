@@ -46,6 +46,7 @@ CURVES = ("oadev", "mdev", "ohdev", "totdev")
 TELLING_HOURS = 0.25
 """A shorter run in real time is not judged by what it holds: it has only begun by then."""
 MOST_GROWTH_MB = 30.0
+"""What may be held more late in a run than early."""
 LAG = 1 << 20
 """Samples that the board may be ahead of the sums, so that memory is that of a live run."""
 

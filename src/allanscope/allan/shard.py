@@ -109,17 +109,15 @@ class Shard:
                 f"a shard takes multiples of {ALIGNED} samples of {self.cascade.axes} axes, "
                 f"got shape {samples.shape}"
             )
-        self._advance(samples)
         for begin in range(0, len(samples), _SLICE):
-            self._block_sums.append(_block_sums_of(samples[begin : begin + _SLICE], self.anchor))
+            piece = samples[begin : begin + _SLICE]
+            self._advance(piece)
+            self._block_sums.append(_block_sums_of(piece, self.anchor))
 
     def _advance(self, samples: NDArray[np.generic]) -> None:
         """Feed the low rungs."""
-        ladder = self.cascade.ladder()
-        for begin in range(0, len(samples), _SLICE):
-            piece = samples[begin : begin + _SLICE]
-            advance(piece, self.anchor, self.end, ladder)
-            self.end += len(piece)
+        advance(samples, self.anchor, self.end, self.cascade.ladder())
+        self.end += len(samples)
 
 
 _block_sums = kernel(

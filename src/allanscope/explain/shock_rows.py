@@ -138,7 +138,7 @@ def find_shock_rows(
     groups = [group for axis, one in away.items() for group in _groups(axis, one, rate_hz)]
     repeated = np.zeros(size, bool)  # a row that is sent twice is so on all axes
     repeated[1:] = np.all([x[1:] == x[:-1] for x in axes.values()], axis=0)
-    soft, looked_at = _soft(away, groups, rate_hz, steps, repeated)
+    found, looked_at = _soft(away, groups, rate_hz, steps, repeated)
     for first, stop in _events(groups, rate_hz):
         part = slice(first, stop)
         moved = {
@@ -149,8 +149,8 @@ def find_shock_rows(
         }
         squares = np.mean([away[axis].rows ** 2 for axis in moved], axis=0)
         onset = _onset(squares, first, stop, len(moved))
-        soft.append(ShockRows(first, stop, moved, onset, looked_at))
-    return sorted(soft, key=lambda one: one.first)
+        found.append(ShockRows(first, stop, moved, onset, looked_at))
+    return sorted(found, key=lambda one: one.first)
 
 
 def _soft(

@@ -168,12 +168,15 @@ class EffectKind(ABC):
         """Return candidates that would explain part of the residual, the noise refitted."""
 
     @classmethod
-    def candidates(cls, view: View) -> list[Candidate]:
-        """Return what it proposes; nothing where what is known already leaves it no place."""
+    def has_place(cls, view: View) -> bool:
+        """Return whether what is known already leaves it a place."""
         taken = cls.is_single and view.has(cls.kind)
-        if taken or (cls.is_drift and view.drifts) or any(map(view.has, cls.excluded_by)):
-            return []
-        return list(cls.propose(view))
+        return not (taken or (cls.is_drift and view.drifts) or any(map(view.has, cls.excluded_by)))
+
+    @classmethod
+    def candidates(cls, view: View) -> list[Candidate]:
+        """Return what it proposes; nothing where it has no place."""
+        return list(cls.propose(view)) if cls.has_place(view) else []
 
     @classmethod
     def available(cls, view: View) -> bool:

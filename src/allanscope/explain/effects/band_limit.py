@@ -176,7 +176,7 @@ def low_pass_instead(view: View, process: Candidate) -> Candidate | None:
     noise is left to lie flat above the bend: the process has then one number more for nothing. A
     sensor always has white noise, so it is the filter that is named, and the process its rival.
     """
-    if view.has(BandLimit.kind) or any(map(view.has, BandLimit.excluded_by)):
+    if not BandLimit.has_place(view):
         return None
     left = view.spectrum_with(*process.parts).model.value("N")
     found = _best(view, _starts(view), floor=False)

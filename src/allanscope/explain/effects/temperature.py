@@ -49,6 +49,10 @@ _LEAP = 0.4
 _AS_WELL = 0.9
 """Share of the gain of a line from which a curve takes its place: the temperature is known less
 well than the level."""
+_UPRIGHT = 0.9
+"""Level in g of an axis so near the vertical that a tilt hardly moves it."""
+_GRAVITY = (0.8, 1.2)
+"""Size in g of the means of all axes of an accelerometer at rest, whatever its scale is off by."""
 _FINER = 2
 """Times on which the temperature is followed, for every ordinate it has: its square has twice as
 many."""
@@ -57,12 +61,6 @@ _DOUBLES, _DOUBLES_OUT = Pointer(np.float64, 1), Pointer(np.float64, 1, written=
 _filter_bank = kernel(
     "filter_bank", _DOUBLES, _DOUBLES, int, float, _DOUBLES_OUT, _DOUBLES_OUT, int
 )
-
-
-_UPRIGHT = 0.9
-"""Level in g of an axis so near the vertical that a tilt hardly moves it."""
-_GRAVITY = (0.8, 1.2)
-"""Size in g of the means of all axes of an accelerometer at rest, whatever its scale is off by."""
 
 
 @dataclass(frozen=True)

@@ -43,9 +43,7 @@ _COARSE = 0.12
 """Share of the rounding in the power, at 0.75 of a step of noise, from which it is not Gaussian."""
 _TURNS = 4
 """Most times that the ends of a range are found again without it."""
-_WAVES = 5.0
-"""Waves from an end within which a tone leaves a change of the level."""
-_REMNANT = 0.1
+_WAVES, _REMNANT = 5.0, 0.1
 """Waves of a cut tone from an end of the record, and share of its gain, of what it may leave."""
 _OF_A_DRIFT = 0.03
 """Share of the gain of a drift without a name up to which a change of the level is left of it."""

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from allanscope import analyse
 from allanscope.analysis import finding_phrase, findings_of, verdict
-from allanscope.analysis.finding_phrases import PHRASES, finding_sentence
+from allanscope.analysis.finding_phrases import finding_sentence
 from allanscope.analysis.findings import Finding, Member
 from allanscope.explain import Effect, Parameter
-from allanscope.explain.effects import KINDS, VOCABULARY
+from allanscope.explain.effect import Estimate
+from allanscope.explain.effects import KINDS, VOCABULARY, EffectKind
 from allanscope.report import render
 from allanscope.view.tables import findings_table
 from support.demo_analysis import demo_analysis
 
 
-def effect(kind, located_by="", gain=10.0, axes=(), **numbers):
+def effect(kind, gain=10.0, axes=(), **numbers):
     """Return an effect; a number is (value, half of its interval, unit) or a name."""
     parameters = {
         name: Parameter(one)
@@ -28,21 +29,21 @@ def effect(kind, located_by="", gain=10.0, axes=(), **numbers):
         for name, one in numbers.items()
     }
     evidence = {"gain_nats": gain}
-    return Effect(kind, parameters, axes=axes, evidence=evidence, located_by=located_by)
+    return Effect(kind, parameters, axes=axes, evidence=evidence)
 
 
 def line(hz, half=1e-3, dps=0.02, gain=10.0):
     found = {"frequency": (hz, half, "Hz"), "amplitude": (dps, 0.001, "dps")}
-    return effect("sinusoid", "frequency", gain, **found)
+    return effect("sinusoid", gain, **found)
 
 
 def step(s, gain=10.0):
-    return effect("step", "time", gain, time=(s, 0.05, "s"), size=(0.01, 0.001, "dps"))
+    return effect("step", gain, time=(s, 0.05, "s"), size=(0.01, 0.001, "dps"))
 
 
 def excursion(s, duration_s):
     found = {"time": (s, 0.05, "s"), "duration": (duration_s, 0.1, "s"), "size": (1.0, 0.1, "dps")}
-    return effect("excursion", "time", **found)
+    return effect("excursion", **found)
 
 
 def sizes(effects):
@@ -145,7 +146,7 @@ def test_a_slow_line_is_no_fundamental_of_everything():
 
 def test_a_line_in_a_band_is_one_with_it():
     numbers = {"frequency": (7.3, 0.05, "Hz"), "bandwidth": (1.0, 0.1, "Hz")}
-    band = effect("narrowband", "frequency", **numbers, sigma=(0.01, 0.001, "dps"))
+    band = effect("narrowband", **numbers, sigma=(0.01, 0.001, "dps"))
     assert sizes({"gx": [line(7.0), band]}) == [2]
     assert sizes({"gx": [line(9.0), band]}) == [1, 1]
 
@@ -155,7 +156,7 @@ def test_what_happens_at_one_time_is_one_event():
     effects = {
         "gx": [step(300.0, gain=90.0), step(300.6)],
         "gy": [excursion(300.2, 25.0)],
-        "gz": [effect("variance_change", "start", **burst)],
+        "gz": [effect("variance_change", **burst)],
         "ax": [step(325.3)],
     }
     (found,) = findings_of(effects)
@@ -168,7 +169,7 @@ def test_what_happens_at_one_time_is_one_event():
 
 def band(low, high):
     numbers = {"frequency_low": (low, 0.0, "Hz"), "frequency_high": (high, 0.0, "Hz")}
-    return effect("unexplained", "frequency_low", **numbers, share=(0.2, 0.01, ""))
+    return effect("unexplained", **numbers, share=(0.2, 0.01, ""))
 
 
 def test_two_that_have_no_name_are_not_one_for_that():
@@ -200,7 +201,7 @@ def test_a_kind_without_a_place_is_one_where_all_of_it_agrees():
 
 def test_couplings_are_one_by_their_source_or_by_each_other():
     def leak(source):
-        return effect("cross_coupling", "source", source=source, slope=(0.3, 0.01, "dps/g"))
+        return effect("cross_coupling", source=source, slope=(0.3, 0.01, "dps/g"))
 
     assert sizes({"gx": [leak("ax")], "gy": [leak("ax")], "gz": [leak("ay")]}) == [2, 1]
     assert sizes({"gx": [leak("gy")], "gy": [leak("gx")]}) == [2]
@@ -216,13 +217,13 @@ def test_couplings_are_one_by_their_source_or_by_each_other():
 )
 def test_many_couplings_are_one_word(sources, said):
     slope = (0.3, 0.01, "g/g")
-    couplings = [effect("cross_coupling", "source", source=s, slope=slope) for s in sources.split()]
+    couplings = [effect("cross_coupling", source=s, slope=slope) for s in sources.split()]
     members = tuple(Member("ax", i, one) for i, one in enumerate(couplings))
     assert finding_phrase(Finding("cross_coupling", ("ax",), members, 10.0)) == said
 
 
 def test_what_is_of_the_stream_is_no_finding_of_an_axis():
-    clock = replace(effect("clock_error", relative=(1e-4, 1e-6, "")), of_the_stream=True)
+    clock = effect("clock_error", relative=(1e-4, 1e-6, ""))
     assert findings_of({"gx": [clock], "gy": [clock]}) == ()
 
 
@@ -312,7 +313,7 @@ def test_what_has_no_name_is_said_in_its_own_words(words, said):
 
 
 def test_a_share_of_an_axis_of_the_same_sensor_is_a_percentage():
-    leak = effect("cross_coupling", "source", source="az", slope=(-0.108, 0.01, "g/g"))
+    leak = effect("cross_coupling", source="az", slope=(-0.108, 0.01, "g/g"))
     (found,) = findings_of({"ax": [leak]})
     assert finding_phrase(found) == "cross-coupling from az, -11 %"
 
@@ -352,10 +353,30 @@ def test_events_at_one_time_are_one_sentence():
     assert said == "steps and excursions at 45 to 55 s on gx az"
 
 
-def test_every_kind_of_effect_has_a_phrase():
+def test_every_kind_of_effect_has_a_phrase_of_its_own_parameters():
     """One that is missing would be said by the word of the JSON."""
-    of_axes = {name for name in VOCABULARY if not KINDS[name].of_the_stream}
-    assert of_axes - {"unexplained"} == set(PHRASES)
-    for name, template in PHRASES.items():
-        fields = set(re.findall(r"\{(\w+)\}", template)) - {"event"}
-        assert fields <= set(KINDS[name].__dataclass_fields__), name
+    for name in set(VOCABULARY) - {"unexplained"}:
+        kind = KINDS[name]
+        assert kind.phrase or kind.of_the_stream, name
+        fields = set(re.findall(r"\{(\w+)\}", kind.phrase + kind.as_cause)) - {"event"}
+        assert fields <= set(kind.__dataclass_fields__), name
+
+
+def test_a_new_kind_brings_its_own_words_and_traits(monkeypatch):
+    """Nothing else has to know it: verdict, causes and events ask the kind."""
+    monkeypatch.setattr("allanscope.explain.effects.KINDS", dict(KINDS))
+
+    @dataclass(frozen=True)
+    class Earthquake(EffectKind):
+        size: Estimate
+        kind = "earthquake"
+        meaning = "the bench shakes"
+        phrase = "earthquake at {event}, {size}"
+        motion = "burst"
+        propose = classmethod(lambda cls, view: ())
+
+    quake = effect("earthquake", time=(45.0, 0.1, "s"), size=(0.01, 0.001, "dps"))
+    (found,) = findings_of({"gx": [quake]})
+    assert finding_phrase(found) == "earthquake at 45 s, 10 mdps"
+    (found,) = findings_of({"gx": [quake, step(45.2)]})
+    assert finding_phrase(found) == "earthquake and step at 45 s"

@@ -39,9 +39,6 @@ _TURN_S, _TURN_DPS, _TILT_G = 60.0, 30.0, 0.5
 """A board that is turned by hand to and fro: how long, and the rms that its axes then show."""
 _LEAST_MARGIN = 1.0
 """Nats by which two fitted processes are taken to differ where they differ by less."""
-_THERMAL = frozenset({"temperature", "warm_up"})
-_ONCE = frozenset({"step", "excursion", "shock", "variance_change"})
-_LINES = frozenset({"sinusoid", "narrowband", "drifting_line"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,7 +276,7 @@ def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
         return [finding.origin.experiment]
     lead = finding.members[0]
     effect, where = lead.effect, _named(finding.axes, analysis)
-    if effect.kind == "cross_coupling" and finding.leak is None and len(finding.members) > 1:
+    if effect.traits.is_coupling and finding.leak is None and len(finding.members) > 1:
         return [_turned(effect, lead.axis, analysis)]
     gain = effect.evidence.get("gain_nats") or 0.0
     is_once = effect.evidence.get("replicated") == "not replicated"
@@ -287,11 +284,11 @@ def _of_finding(finding: Finding, analysis: Analysis) -> list[Experiment]:
         return []
     names = [kind_name(one) for one in (effect.kind, *effect.equivalent)]
     question = f"{' or '.join(names)} on {where}" + ("" if effect.equivalent else " (seen once)")
-    if {effect.kind, *effect.equivalent} & _THERMAL:
+    if any(one.is_thermal for one in effect.rivals):
         return [_warmed(question, effect, gain, analysis.duration_s)]
     if effect.equivalent:
         return [_longer(question, effect, gain, analysis.duration_s)]
-    return [_beside(question, gain, analysis.duration_s)] if effect.kind in _ONCE else []
+    return [_beside(question, gain, analysis.duration_s)] if effect.traits.motion else []
 
 
 def _named(names: Iterable[str], analysis: Analysis) -> str:
@@ -362,7 +359,7 @@ def _longer(question: str, effect: Effect, gain: float, length_s: float) -> Expe
     times the record all but a third of the gain is between them.
     """
     rivals: Mapping[str, float] = effect.evidence.get("rivals") or {}
-    if {effect.kind, *effect.equivalent} <= _LINES:
+    if all(one.is_line for one in effect.rivals):
         return Experiment(
             question,
             _record_on(3 * length_s, length_s),

@@ -9,57 +9,25 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from allanscope.analysis.findings import UNEXPLAINED, Finding, event_times
 from allanscope.explain import Effect, Parameter
 from allanscope.labels import kind_name
 from allanscope.quantities import DEVIATION, LEVEL, duration, measured, number, symbols
 
+if TYPE_CHECKING:
+    from allanscope.explain import EffectKind
+
 __all__ = [
-    "PHRASES",
     "cause_phrase",
     "finding_phrase",
     "finding_sentence",
     "share_text",
     "source_text",
+    "with_article",
 ]
 
-PHRASES = {
-    "amplitude_coupling": "noise amplitude follows {source}, {share} of its power",
-    "band_limit": "low-pass at {cutoff}",
-    "cross_coupling": "cross-coupling from {source}, {slope}",
-    "dead_zone": "dead zone of {width} around {level}, {fraction} of the samples",
-    "drifting_line": "drifting line around {frequency}, {sigma} rms",
-    "excursion": "excursion at {event}, {size}",
-    "gauss_markov": "correlated noise, {sigma} rms, correlation time {correlation_time}",
-    "high_pass": "high-pass at {corner}",
-    "narrowband": "narrow-band noise around {frequency}, {sigma} rms",
-    "outliers": "isolated outliers ({count})",
-    "power_law": "power-law noise, f^-{exponent}, {density} at 1 Hz",
-    "quantization": "coarse quantization, step {step}",
-    "random_telegraph": "random telegraph signal, ±{amplitude}, mean dwell time {dwell}",
-    "repeated_samples": "{fraction} of the samples repeated",
-    "saturation": "saturation at {level}, {fraction} of the samples",
-    "scale_drift": "noise level changing by {relative} over the recording",
-    "shock": "shock at {event}, up to {peak}",
-    "sinusoid": "line at {frequency}, {amplitude}",
-    "step": "step at {event}, {size}",
-    "temperature": "temperature dependence, {slope}",
-    "variance_change": "noise level changed at {event}, by a factor of {ratio}",
-    "warm_up": "warm-up, {amplitude}, time constant {time_constant}",
-}
-"""What is said of each kind; ``event`` is when it begins and ends."""
-
-_EVENTS = frozenset({"shock", "step", "excursion", "variance_change"})
-_COUNTED = _EVENTS | {
-    "sinusoid",
-    "drifting_line",
-    "band_limit",
-    "high_pass",
-    "dead_zone",
-    "warm_up",
-}
-"""Kinds of which there may be several."""
 _LEAST_SHARE = 0.01
 _SHARES = frozenset({"fraction", "relative", "share"})
 _SAME = frozenset({"dps/dps", "g/g"})
@@ -118,16 +86,17 @@ def finding_phrase(finding: Finding) -> str:
     """
     effects = [one.effect for one in finding.members]
     lead = effects[0]
-    kinds = Counter(effect.kind for effect in effects)
-    is_repeated = lead.kind in _EVENTS and len(effects) > len(finding.axes)
-    if is_repeated or len(kinds.keys() & _EVENTS) > 1:
-        events = [_several(kind, n) for kind, n in kinds.items() if kind in _EVENTS]
-        text = f"{_listed(events)} at {_times(effects)}"
-        others = [kind for kind in kinds if kind not in _EVENTS]
+    kinds = Counter(effect.traits for effect in effects)
+    events = {kind: times for kind, times in kinds.items() if kind.motion}
+    is_repeated = lead.traits.motion and len(effects) > len(finding.axes)
+    if is_repeated or len(events) > 1:
+        named = [f"{kind_name(kind.kind)}{'s' * (n > 1)}" for kind, n in events.items()]
+        text = f"{_listed(named)} at {_times(effects)}"
+        others = [kind for kind in kinds if not kind.motion]
     else:
         text = _phrase([one for one in effects if _is_alike(one, lead)])
-        others = [kind for kind in kinds if kind != lead.kind]
-    belongs = [_with_article(kind) for kind in others]
+        others = [kind for kind in kinds if kind is not lead.traits]
+    belongs = [with_article(kind) for kind in others]
     if finding.harmonics:
         orders = _listed([str(order) for order in finding.harmonics])
         belongs.append(f"harmonic{'s' * (len(finding.harmonics) > 1)} {orders}")
@@ -137,14 +106,15 @@ def finding_phrase(finding: Finding) -> str:
     return f"{text}, with {_listed(belongs)}" if belongs else text
 
 
-def _with_article(kind: str) -> str:
+def with_article(kind: type[EffectKind]) -> str:
     """Return the name of a kind as one says it of one of them: "a line", "unexplained power".
 
-    >>> _with_article("sinusoid"), _with_article("excursion"), _with_article("narrowband")
-    ('a line', 'an excursion', 'narrow-band noise')
+    >>> from allanscope.explain.effects import KINDS
+    >>> [with_article(KINDS[kind]) for kind in ("sinusoid", "excursion", "narrowband")]
+    ['a line', 'an excursion', 'narrow-band noise']
     """
-    name = kind_name(kind)
-    if kind not in _COUNTED:
+    name = kind_name(kind.kind)
+    if not (kind.is_counted or kind.motion):
         return name
     return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
 
@@ -170,10 +140,10 @@ def _phrase(effects: Sequence[Effect]) -> str:
     lead = effects[0]
     if lead.kind == UNEXPLAINED:
         return _own_words(lead)
-    if lead.kind == "cross_coupling" and len(_sources(effects)) > _FEW_SOURCES:
+    if lead.traits.is_coupling and len(_sources(effects)) > _FEW_SOURCES:
         return "mutual cross-coupling"
-    template = PHRASES.get(lead.kind)
-    if template is None or not all(_is_known(name, lead) for name in _FIELD.findall(template)):
+    template = lead.traits.phrase
+    if not template or not all(_is_known(name, lead) for name in _FIELD.findall(template)):
         return lead.brief or kind_name(lead.kind)
     return _FIELD.sub(lambda field: _filled(field[1], effects), template)
 
@@ -273,10 +243,6 @@ def _span(low: str, high: str, between: str = " to ") -> str:
     if unit == other and " " not in unit:
         return f"{first}{between}{last} {unit}".rstrip()
     return f"{low}{between}{high}"
-
-
-def _several(kind: str, count: int) -> str:
-    return f"{kind_name(kind)}{'s' * (count > 1)}"
 
 
 def _listed(texts: Sequence[str]) -> str:

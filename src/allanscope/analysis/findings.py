@@ -44,8 +44,6 @@ _HIGHEST = 40
 """Highest order of a harmonic."""
 _BY_CHANCE = 0.02
 """Largest uncertainty of an order; beyond, any line would be a harmonic of any other."""
-_ONE_CAUSE = frozenset({"temperature", "repeated_samples"})
-"""Kinds that have one cause on all axes, however large they are on each."""
 _NARROW = 0.1
 """Relative width up to which a range of frequencies is taken for one line."""
 _TIMES = 2.0
@@ -131,7 +129,7 @@ def findings_of(
         Member(axis, index, effect)
         for axis, here in effects.items()
         for index, effect in enumerate(here)
-        if not effect.of_the_stream
+        if not effect.traits.of_the_stream
     ]
     group = list(range(len(members)))
     for i, j in combinations(range(len(members)), 2):
@@ -233,24 +231,24 @@ def _is_one(first: Member, second: Member) -> bool:
     bands = _narrow_band(a), _narrow_band(b)
     if bands[0] and bands[1]:
         return max(bands[0][0], bands[1][0]) <= min(bands[0][1], bands[1][1])
-    if not a.located_by and (a.kind in _ONE_CAUSE or second.axis in a.axes):
+    where = a.traits.located_by
+    if not where and (a.traits.has_one_cause or second.axis in a.axes):
         return True
-    if a.located_by:
-        unit = a.parameters[a.located_by].unit if a.located_by in a.parameters else ""
-        shared = [n for n, p in a.parameters.items() if p.unit == unit and _places(n, a)]
+    if where:
+        unit = a.parameters[where].unit if where in a.parameters else ""
+        shared = [n for n, p in a.parameters.items() if p.unit == unit and _places(n, where)]
     else:
         shared = list(a.parameters)
     return bool(shared) and all(
         name in b.parameters
         and _agree(a.parameters[name], b.parameters[name])
-        and (bool(a.located_by) or _alike(a.parameters[name], b.parameters[name]))
+        and (bool(where) or _alike(a.parameters[name], b.parameters[name]))
         for name in shared
     )
 
 
-def _places(name: str, effect: Effect) -> bool:
+def _places(name: str, where: str) -> bool:
     """Return whether a parameter says where an effect is: both ends of a range do."""
-    where = effect.located_by
     return name == where or (where.endswith("_low") and name == f"{where[:-4]}_high")
 
 

@@ -23,10 +23,10 @@ from statistics import median
 import numpy as np
 
 from allanscope.analysis.analyser import Analyser, StreamState
+from allanscope.analysis.finding_phrases import with_article
 from allanscope.analysis.result import AxisAnalysis, ModelCurve, Rate, Reading
 from allanscope.clock import DISAGREEMENT
 from allanscope.explain import Effect
-from allanscope.labels import kind_name
 from allanscope.noise import Coefficient, resolution_advice
 from allanscope.parts import ACCEL_SCALES, GYRO_SCALES
 from allanscope.quantities import COEFFICIENTS, GRAVITY, duration, number, symbols
@@ -258,7 +258,7 @@ def _repeated(axes: Mapping[str, AxisAnalysis]) -> float:
         for axis in axes.values()
         if axis.explanation is not None
         for effect in axis.explanation.effects
-        if effect.repeats_rows
+        if effect.traits.repeats_rows
     ]
     return max(found, default=0.0)
 
@@ -274,38 +274,6 @@ _SHAPES: Mapping[str, Callable[[float], float]] = {
     "R": lambda tau: tau**2 / 2,
 }
 """Allan variance of each coefficient of size 1 at tau in s."""
-
-_FAST = (
-    *(
-        "high_pass",
-        "gauss_markov",
-        "power_law",
-        "random_telegraph",
-        "band_limit",
-        "outliers",
-        "repeated_samples",
-    ),
-    *("cross_coupling", "variance_change", "scale_drift", "saturation", "narrowband", "sinusoid"),
-    *("drifting_line", "dead_zone", "amplitude_coupling"),
-    "unexplained",
-)
-_SLOW = (
-    *(
-        "high_pass",
-        "gauss_markov",
-        "power_law",
-        "random_telegraph",
-        "shock",
-        "step",
-        "excursion",
-        "warm_up",
-        "temperature",
-    ),
-    *("cross_coupling", "scale_drift", "variance_change", "outliers", "sinusoid", "narrowband"),
-    "drifting_line",
-    "unexplained",
-)
-"""Which effects explain a difference at short averaging times and at long ones, likeliest first."""
 
 
 def disagreement(
@@ -344,12 +312,12 @@ def disagreement(
             one
             for one in effects
             if _is_near(one, reading.band_hz)
-            and not (one.kind == "cross_coupling" and _is_coupled_little(known))
+            and not (one.traits.is_coupling and _is_coupled_little(known))
         )
         cause = _largest(name, reading, near, model) or _cause(
             name, reading.value > known.value, near
         )
-        cause = _PHRASES["quantization"] if rounded else cause
+        cause = "the step of the values" if rounded else cause
         usual = COEFFICIENTS[unit, letter][0]
         fitted = (
             usual.limit(known.upper) if not known.detected else number(known.value * usual.factor)
@@ -436,19 +404,28 @@ def _largest(
     if not kind or added[kind] < _MUCH * read:
         return ""
     same = [effect for effect in effects if effect.kind == kind]
-    return _phrase(max(same, key=lambda one: one.share if math.isfinite(one.share) else 0.0))
+    return _phrase(max(same, key=_held))
 
 
 def _cause(name: str, more: bool, effects: tuple[Effect, ...]) -> str:
-    """Return what explains the difference; `more` where the reading is above the coefficient."""
-    order = _FAST if name[0] == "N" else _SLOW
-    known = [e for e in effects if not e.of_the_stream]
-    for kind in order:
-        found = next((effect for effect in known if effect.kind == kind), None)
-        if found is not None and not (kind == "band_limit" and more):
-            return _phrase(found)
-    other = next((effect for effect in known if effect.kind not in order), None)
-    return "not identified" if other is None else _phrase(other)
+    """Return what explains the difference; `more` where the reading is above the coefficient.
+
+    That is the effect of the largest share among those that act at the averaging times of the
+    reading; a low-pass explains no reading that is too large.
+    """
+    known = [
+        one
+        for one in effects
+        if not (one.traits.of_the_stream or (more and "cutoff" in one.parameters))
+    ]
+    is_fast = name[0] == "N"
+    acting = [one for one in known if (one.traits.acts_fast if is_fast else one.traits.acts_slow)]
+    return _phrase(max(acting or known, key=_held)) if known else "not identified"
+
+
+def _held(effect: Effect) -> float:
+    """Return the share of an effect; 0 where it is not known."""
+    return effect.share if math.isfinite(effect.share) else 0.0
 
 
 def _is_coupled_little(known: Coefficient) -> bool:
@@ -468,33 +445,8 @@ def _is_near(effect: Effect, band_hz: tuple[float, float] | None) -> bool:
 
 def _phrase(effect: Effect) -> str:
     """Return an effect as a cause."""
-    words = _PHRASES.get(effect.kind)
-    if words is None:
-        kind = kind_name(effect.kind)
-        return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+    words = effect.traits.as_cause or with_article(effect.traits)
     values = {name: one.value for name, one in effect.parameters.items()}
     return words.format_map(
         {name: one if isinstance(one, str) else number(one) for name, one in values.items()}
     )
-
-
-_PHRASES = {
-    "gauss_markov": "Gauss-Markov noise with a correlation time of {correlation_time} s",
-    "power_law": "power-law noise, f^-{exponent}",
-    "random_telegraph": "a telegraph signal with a dwell time of {dwell} s",
-    "band_limit": "a low-pass at {cutoff} Hz",
-    "high_pass": "a high-pass at {corner} Hz",
-    "cross_coupling": "cross-coupling from {source}",
-    "sinusoid": "a line at {frequency} Hz",
-    "narrowband": "narrow-band noise around {frequency} Hz",
-    "drifting_line": "a drifting line around {frequency} Hz",
-    "temperature": "the temperature",
-    "quantization": "the step of the values",
-    "outliers": "outliers",
-    "repeated_samples": "repeated samples",
-    "saturation": "saturation",
-    "dead_zone": "a dead zone",
-    "amplitude_coupling": "noise whose amplitude follows {source}",
-    "unexplained": "an unexplained component",
-}
-"""Effects as causes; others by the name of their kind."""

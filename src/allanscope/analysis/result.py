@@ -306,7 +306,7 @@ class Analysis:
         found: dict[str, Effect] = {}
         for axis in self.axes.values():
             for effect in axis.explanation.effects if axis.explanation else ():
-                if effect.of_the_stream:
+                if effect.traits.of_the_stream:
                     found.setdefault(effect.kind, effect)
         return tuple(found.values())
 

@@ -23,9 +23,6 @@ from allanscope.parts import PARTS
 
 __all__ = ["Trace", "trace_findings"]
 
-_EVENTS = frozenset({"step", "excursion"})
-_BURSTS = frozenset({"shock", "variance_change"})
-
 
 @dataclass(frozen=True, slots=True)
 class Trace:
@@ -112,14 +109,14 @@ def trace_findings(
             )
             motion = _line_motion(values, axes, numbers, rate_hz, line, origin)
             trace = Trace(origin, motion)
-        elif lead.effect.kind in _EVENTS:
+        elif lead.effect.traits.motion == "shift":
             at = event_times(lead.effect)[0]
             trace = replace(trace, motion=motion_of_step(values, record.start_s, axes, at))
-        elif lead.effect.kind in _BURSTS:
+        elif lead.effect.traits.motion == "burst":
             start, stop = event_times(lead.effect)
             motion = motion_of_burst(values, record.start_s, axes, start, stop)
             trace = replace(trace, motion=motion)
-        elif lead.effect.kind == "cross_coupling":
+        elif lead.effect.traits.is_coupling:
             trace = replace(trace, leak=leak_of(finding, lines_on(finding), record, rate_hz))
         if trace != Trace():
             known[lead.axis, lead.index] = trace
@@ -155,7 +152,7 @@ def _cutoff(axis: str, rate_hz: float, part: str, effects: Sequence[Effect]) -> 
     """Return the low-pass of an axis: measured, else the only one that the part has."""
     for effect in effects:
         cutoff = effect.parameters.get("cutoff")
-        if effect.kind == "band_limit" and cutoff is not None:
+        if cutoff is not None:
             return float(cutoff.value)
     offered = PARTS[part].cutoffs_hz(axis, rate_hz) if part in PARTS else ()
     return offered[0] if len(offered) == 1 else None

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         failed,
         failure_text,
     )
+    from allanscope.explain.effects import EffectKind
     from allanscope.explain.known_effects import fit_beside
     from allanscope.explain.live import Finding, LiveLoop
     from allanscope.explain.loop import Explanation, explain
@@ -40,6 +41,7 @@ __all__ = [
     "AxisExplanation",
     "Budget",
     "Effect",
+    "EffectKind",
     "Explanation",
     "Finding",
     "LiveLoop",
@@ -58,6 +60,7 @@ __getattr__, __dir__ = lazily(
         "AxisExplanation": "effect",
         "Budget": "search",
         "Effect": "effect",
+        "EffectKind": "effects",
         "Explanation": "loop",
         "Finding": "live",
         "LiveLoop": "live",

@@ -170,11 +170,8 @@ def effect_of(candidate: Candidate, axis: str, share: float = math.nan) -> Effec
         equivalent=candidate.equivalent,
         axes=candidate.axes or (axis,),
         evidence=evidence,
-        of_the_stream=kind.of_the_stream,
-        located_by=kind.located_by,
         brief=kind.brief,
         curve=kind.curve,
-        repeats_rows=kind.repeats_rows,
         share=share,
         given_detection=_corrected(candidate) if evidence["detection_selected"] else None,
     )

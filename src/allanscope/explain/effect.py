@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Self
 from allanscope.noise import Coefficient
 from allanscope.quantities import TWO_SIDED_95
 
-if TYPE_CHECKING:  # a component brings scipy along, which whoever reads a result can do without
+if TYPE_CHECKING:  # both bring scipy along, which whoever reads a result can do without
+    from allanscope.explain.effects import EffectKind
     from allanscope.noise.components import Component
 
 __all__ = [
@@ -98,16 +99,10 @@ class Effect:
     evidence : mapping
         What convinced: ``words`` (one sentence) and the numbers it speaks of, such as
         ``held_out_nats``, ``p_value``, ``replicated``.
-    of_the_stream : bool
-        Whether it is a property of the stream: one finding, though every axis lists it.
-    located_by : str
-        Parameter that tells two effects of this kind on one axis apart; empty where there is one.
     brief : str
         A phrase for a line of its own; empty where its parameters say all.
     curve : Component or None
         What has its Allan variance; None where that follows from what it adds to the samples.
-    repeats_rows : bool
-        Whether its ``fraction`` is that of rows which repeat the row before.
     share : float
         Its part of the excess of the axis over sampling error (`Shares`); NaN where there is none.
     given_detection : Parameter or None
@@ -120,13 +115,26 @@ class Effect:
     equivalent: tuple[str, ...] = ()
     axes: tuple[str, ...] = ()
     evidence: Mapping[str, Any] = field(default_factory=dict)
-    of_the_stream: bool = False
-    located_by: str = ""
     brief: str = ""
     curve: Component | None = None
-    repeats_rows: bool = False
     share: float = math.nan
     given_detection: Parameter | None = None
+
+    @property
+    def traits(self) -> type[EffectKind]:
+        """Its kind, which declares the words and the traits that all of one kind share."""
+        return _kinds()[self.kind]
+
+    @property
+    def rivals(self) -> tuple[type[EffectKind], ...]:
+        """The kinds that this record cannot rule out, its own first."""
+        return tuple(_kinds()[kind] for kind in (self.kind, *self.equivalent))
+
+
+def _kinds() -> Mapping[str, type[EffectKind]]:
+    from allanscope.explain.effects import KINDS
+
+    return KINDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +264,7 @@ class AxisExplanation:
     @property
     def own_effects(self) -> tuple[Effect, ...]:
         """Effects of the axis itself: those that are part of the model of its data."""
-        return tuple(effect for effect in self.effects if not effect.of_the_stream)
+        return tuple(effect for effect in self.effects if not effect.traits.of_the_stream)
 
 
 def failure_text(error: Exception) -> str:

@@ -165,9 +165,9 @@ def _length_s(record: Record) -> float:
 
 def _same(first: Effect, second: Effect) -> bool:
     """Return whether two looks speak of one effect: same kind, in the same place."""
-    if first.kind != second.kind or not first.located_by:
+    if first.kind != second.kind or not (place := first.traits.located_by):
         return first.kind == second.kind
-    a, b = first.parameters[first.located_by], second.parameters[first.located_by]
+    a, b = first.parameters[place], second.parameters[place]
     if isinstance(a.value, str) or isinstance(b.value, str):
         return a.value == b.value
     room = _WIDTHS * (_half_width(a) + _half_width(b))

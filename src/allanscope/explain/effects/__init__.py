@@ -32,7 +32,7 @@ from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from itertools import combinations
 from pkgutil import iter_modules
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,11 @@ class EffectKind(ABC):
         Its word in the vocabulary.
     meaning : str
         One line for people.
+    phrase : str
+        What is said of it as a finding: ``{name}`` is a parameter, ``{event}`` when it begins and
+        ends. Empty: its name.
+    as_cause : str
+        What is said of it as the cause of something. Empty: its name.
     needs : frozenset of str
         What it must be given: ``samples`` (rows that are single samples), ``temperature``,
         ``axes`` (more than one), ``clock``.
@@ -109,6 +114,18 @@ class EffectKind(ABC):
         Whether it is one of those that pass together though none passes alone (`moves.add`).
     is_drift, is_piecewise : bool
         Whether it may be a piece of a drift without a name, or of a relaxation without one.
+    is_line : bool
+        Whether it shows as a line in the spectrum.
+    is_coupling : bool
+        Whether it is what another axis measures, so that it may be asked which is the source.
+    is_counted : bool
+        Whether there may be several: "a line", but "narrow-band noise".
+    motion : str
+        How an event moves the board: ``shift`` of the level, ``burst``; empty of what is no event.
+    has_one_cause : bool
+        Whether one cause stands behind it on all axes, however large it is on each.
+    acts_fast, acts_slow : bool
+        Whether it changes the deviation at short averaging times, where N is read, or at long ones.
     is_thermal : bool
         Whether it shares the level with the temperature (`moves.add`).
     is_coefficient : bool
@@ -133,6 +150,8 @@ class EffectKind(ABC):
 
     kind: ClassVar[str]
     meaning: ClassVar[str]
+    phrase: ClassVar[str] = ""
+    as_cause: ClassVar[str] = ""
     needs: ClassVar[frozenset[str]] = frozenset()
     stage: ClassVar[int] = 2
     confused_with: ClassVar[Mapping[str, str]] = {}
@@ -147,6 +166,13 @@ class EffectKind(ABC):
     is_slow: ClassVar[bool] = False
     is_drift: ClassVar[bool] = False
     is_piecewise: ClassVar[bool] = False
+    is_line: ClassVar[bool] = False
+    is_coupling: ClassVar[bool] = False
+    is_counted: ClassVar[bool] = False
+    motion: ClassVar[Literal["", "shift", "burst"]] = ""
+    has_one_cause: ClassVar[bool] = False
+    acts_fast: ClassVar[bool] = True
+    acts_slow: ClassVar[bool] = True
     is_thermal: ClassVar[bool] = False
     is_coefficient: ClassVar[bool] = False
     is_rival: ClassVar[bool] = True

@@ -76,6 +76,9 @@ class AmplitudeCoupling(EffectKind):
 
     kind = "amplitude_coupling"
     meaning = "the amplitude of the noise follows another axis"
+    phrase = "noise amplitude follows {source}, {share} of its power"
+    as_cause = "noise whose amplitude follows {source}"
+    acts_slow = False
     sized_by = "share"
     needs = frozenset({"axes", "samples"})
     stage = 3

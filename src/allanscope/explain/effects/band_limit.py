@@ -131,6 +131,10 @@ class BandLimit(EffectKind):
 
     kind = "band_limit"
     meaning = "a low-pass cuts the white noise"
+    phrase = "low-pass at {cutoff}"
+    as_cause = "a low-pass at {cutoff} Hz"
+    is_counted = True
+    acts_slow = False
     is_single = True
     is_process = True
     excluded_by = frozenset({"Q"})

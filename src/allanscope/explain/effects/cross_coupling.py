@@ -65,6 +65,9 @@ class CrossCoupling(EffectKind):
 
     kind = "cross_coupling"
     meaning = "another axis couples in, equally at all frequencies"
+    phrase = "cross-coupling from {source}, {slope}"
+    as_cause = "cross-coupling from {source}"
+    is_coupling = True
     sized_by = "slope"
     located_by = "source"
     needs = frozenset({"axes"})

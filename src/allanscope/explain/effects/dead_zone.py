@@ -41,6 +41,10 @@ class DeadZone(EffectKind):
 
     kind = "dead_zone"
     meaning = "samples near one value are replaced by it"
+    phrase = "dead zone of {width} around {level}, {fraction} of the samples"
+    as_cause = "a dead zone"
+    is_counted = True
+    acts_slow = False
     needs = frozenset({"samples"})
     stage = 0
     is_not_gaussian = True

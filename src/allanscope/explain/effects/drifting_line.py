@@ -81,6 +81,10 @@ class DriftingLine(EffectKind):
 
     kind = "drifting_line"
     meaning = "a tone whose amplitude, phase or frequency changes slowly"
+    phrase = "drifting line around {frequency}, {sigma} rms"
+    as_cause = "a drifting line around {frequency} Hz"
+    is_counted = True
+    is_line = True
     sized_by = "sigma"
     located_by = "frequency"
     shared_by = "frequency"

@@ -53,6 +53,9 @@ class Excursion(PlacedSignal):
 
     kind = "excursion"
     meaning = "the level shifts once and returns"
+    phrase = "excursion at {event}, {size}"
+    motion = "shift"
+    acts_fast = False
     sized_by = "size"
     located_by = "time"
     is_piecewise = True

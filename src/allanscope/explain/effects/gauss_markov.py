@@ -62,6 +62,8 @@ class GaussMarkov(EffectKind):
 
     kind = "gauss_markov"
     meaning = "a stationary, exponentially correlated bias"
+    phrase = "correlated noise, {sigma} rms, correlation time {correlation_time}"
+    as_cause = "Gauss-Markov noise with a correlation time of {correlation_time} s"
     # Not `sized_by`: what it gains goes by how far its shape is from flicker, and where that is
     # detected sigma is no larger.
     is_process = True

@@ -54,6 +54,9 @@ class HighPass(EffectKind):
 
     kind = "high_pass"
     meaning = "a high-pass takes away the level and what is slow"
+    phrase = "high-pass at {corner}"
+    as_cause = "a high-pass at {corner} Hz"
+    is_counted = True
     is_single = True
     is_process = True
     confused_with: ClassVar[Mapping[str, str]] = {

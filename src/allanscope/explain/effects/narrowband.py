@@ -135,6 +135,9 @@ class Narrowband(EffectKind):
 
     kind = "narrowband"
     meaning = "noise in a band: a resonance, or a line that wanders"
+    phrase = "narrow-band noise around {frequency}, {sigma} rms"
+    as_cause = "narrow-band noise around {frequency} Hz"
+    is_line = True
     sized_by = "sigma"
     located_by = "frequency"
     shared_by = "frequency"

@@ -46,6 +46,8 @@ class Outliers(EffectKind):
 
     kind = "outliers"
     meaning = "isolated samples far outside the distribution of the rest"
+    phrase = "isolated outliers ({count})"
+    as_cause = "outliers"
     needs = frozenset({"samples"})
     stage = 1
     is_single = True

@@ -56,6 +56,8 @@ class PowerLaw(EffectKind):
 
     kind = "power_law"
     meaning = "noise whose density falls with a slope between those of N, B and K"
+    phrase = "power-law noise, f^-{exponent}, {density} at 1 Hz"
+    as_cause = "power-law noise, f^-{exponent}"
     sized_by = "density"
     is_process = True
     is_single = True

@@ -39,6 +39,7 @@ class Quantization(EffectKind):
 
     kind = "quantization"
     meaning = "the LSB is coarser than twice the noise"
+    phrase = "coarse quantization, step {step}"
     needs = frozenset({"samples"})
     stage = 0
     is_single = True

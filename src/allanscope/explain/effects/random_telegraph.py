@@ -85,6 +85,8 @@ class RandomTelegraph(EffectKind):
 
     kind = "random_telegraph"
     meaning = "the level switches between two values"
+    phrase = "random telegraph signal, ±{amplitude}, mean dwell time {dwell}"
+    as_cause = "a telegraph signal with a dwell time of {dwell} s"
     sized_by = "amplitude"
     is_single = True
     is_fitted = True

@@ -66,6 +66,10 @@ class RepeatedSamples(EffectKind):
 
     kind = "repeated_samples"
     meaning = "rows repeat the row before"
+    phrase = "{fraction} of the samples repeated"
+    as_cause = "repeated samples"
+    acts_slow = False
+    has_one_cause = True
     needs = frozenset({"samples"})
     stage = 0
     is_single = True

@@ -34,6 +34,9 @@ class Saturation(EffectKind):
 
     kind = "saturation"
     meaning = "samples beyond a limit are cut off at it"
+    phrase = "saturation at {level}, {fraction} of the samples"
+    as_cause = "saturation"
+    acts_slow = False
     needs = frozenset({"samples"})
     stage = 0
     is_not_gaussian = True

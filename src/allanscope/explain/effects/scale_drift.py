@@ -62,6 +62,7 @@ class ScaleDrift(EffectKind):
 
     kind = "scale_drift"
     meaning = "the whole signal grows or fades slowly"
+    phrase = "noise level changing by {relative} over the recording"
     sized_by = "relative"
     stage = 1
     is_single = True

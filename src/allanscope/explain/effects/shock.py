@@ -55,6 +55,9 @@ class Shock(EffectKind):
 
     kind = "shock"
     meaning = "a mechanical shock that rings"
+    phrase = "shock at {event}, up to {peak}"
+    motion = "burst"
+    acts_fast = False
     sized_by = "peak"
     stage = 0
     located_by = "time"

@@ -72,6 +72,10 @@ class Sinusoid(EffectKind):
 
     kind = "sinusoid"
     meaning = "a tone of constant amplitude and frequency"
+    phrase = "line at {frequency}, {amplitude}"
+    as_cause = "a line at {frequency} Hz"
+    is_counted = True
+    is_line = True
     sized_by = "amplitude"
     located_by = "frequency"
     shared_by = "frequency"

@@ -49,6 +49,9 @@ class Step(PlacedSignal):
 
     kind = "step"
     meaning = "the level jumps once and stays"
+    phrase = "step at {event}, {size}"
+    motion = "shift"
+    acts_fast = False
     sized_by = "size"
     located_by = "time"
     shared_by = "time"

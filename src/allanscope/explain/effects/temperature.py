@@ -92,6 +92,10 @@ class Temperature(EffectKind):
 
     kind = "temperature"
     meaning = "the level follows the measured temperature"
+    phrase = "temperature dependence, {slope}"
+    as_cause = "the temperature"
+    acts_fast = False
+    has_one_cause = True
     sized_by = "slope"
     is_slow = True
     is_drift = True

@@ -89,6 +89,7 @@ class Unexplained(EffectKind):
 
     kind = "unexplained"
     meaning = "a residual that no effect explains"
+    as_cause = "an unexplained component"
     located_by = "frequency_low"
     is_named = False
     stage = 4

@@ -58,6 +58,8 @@ class VarianceChange(EffectKind):
 
     kind = "variance_change"
     meaning = "the white level is not one level"
+    phrase = "noise level changed at {event}, by a factor of {ratio}"
+    motion = "burst"
     sized_by = "ratio"
     size_of_none = 1.0
     located_by = "start"

@@ -52,6 +52,9 @@ class WarmUp(EffectKind):
 
     kind = "warm_up"
     meaning = "the level relaxes exponentially from the start of the record"
+    phrase = "warm-up, {amplitude}, time constant {time_constant}"
+    is_counted = True
+    acts_fast = False
     sized_by = "amplitude"
     shared_by = "time_constant"
     is_single = True

@@ -327,7 +327,7 @@ class TestEveryFormat:
 def test_whole_samples_that_vanish_are_counted_exactly(
     name: str, lost: int, fed: Callable[..., list[Event]], accounted: Callable[..., None]
 ) -> None:
-    # Stamps of 10 ms are too coarse to count single samples at 104 Hz, but not at 26 Hz.
+    # WrappingCounter of 10 ms are too coarse to count single samples at 104 Hz, but not at 26 Hz.
     rate = 26.0 if name in COARSE else RATE
     later = block(200, 200 + lost, seed=6, rate=rate)
     info = replace(INFO, nominal_hz=rate)

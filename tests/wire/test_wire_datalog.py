@@ -11,8 +11,8 @@ from allanscope.errors import UsageError
 from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
 from allanscope.wire import WireSettings, format_named
 from allanscope.wire.datalog import CLOCK, COUNTER, RecordReader
-from allanscope.wire.milli import MilliUnits, recover, truncate
-from allanscope.wire.row import Row
+from allanscope.wire.milli_units import MilliUnits, recover, truncate
+from allanscope.wire.rows import Row
 
 V2 = (
     "TimeStamp: {t}\r\n Acc_X: {a[0]}, Acc_Y: {a[1]}, Acc_Z :{a[2]}\r\n"

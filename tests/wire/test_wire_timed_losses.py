@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
 from allanscope.wire import LinkStats, WireSettings, format_named
-from allanscope.wire.continuity import Pacer
-from allanscope.wire.row import Meaning, Row
-from allanscope.wire.rows import Rows
-from allanscope.wire.stamps import Stamps, period_of, resolution_of
+from allanscope.wire.continuity import PeriodTracker
+from allanscope.wire.row_events import RowEvents
+from allanscope.wire.rows import Meaning, Row
+from allanscope.wire.timestamps import WrappingCounter, period_of, resolution_of
 
 RATE = 50.0
 INFO = StreamInfo(AXES, (70e-3,) * 3 + (0.061e-3,) * 3, RATE)
@@ -118,11 +118,11 @@ def test_a_hole_too_long_to_count_has_no_number(name: str) -> None:
     assert decoder.stats.unknown_losses == 1
 
 
-def _follow(pacer: Pacer, times: NDArray[np.float64]) -> list[Any]:
+def _updated(tracker: PeriodTracker, times: NDArray[np.float64]) -> list[Any]:
     found: list[Any] = []
     for time in times:
-        found.append(pacer.missing(time))
-        pacer.follow(time, found[-1])
+        found.append(tracker.missing(time))
+        tracker.update(time, found[-1])
     return found
 
 
@@ -133,8 +133,8 @@ def test_late_stamps_are_not_taken_for_losses(jitter: float) -> None:
     true = 0.0096 * np.arange(5000) * 1.03
     kept = np.delete(true, [700, 701, 1500, 3000, 3001, 3002])
     stamps = kept + generator.uniform(0.0, jitter * 0.0096, len(kept))
-    pacer = Pacer(period_of(stamps[:25].tolist()) or 0.0)
-    found = [n for n in _follow(pacer, stamps) if n != 0]
+    tracker = PeriodTracker(period_of(stamps[:25].tolist()) or 0.0)
+    found = [n for n in _updated(tracker, stamps) if n != 0]
     assert sum(found) == 6
     if jitter < 0.5:
         assert found == [2, 1, 3]
@@ -142,21 +142,21 @@ def test_late_stamps_are_not_taken_for_losses(jitter: float) -> None:
 
 def test_the_longer_a_stream_has_run_the_longer_a_hole_can_be_counted() -> None:
     times = 0.01 * np.arange(4000)
-    assert _follow(Pacer(0.01), np.append(times[:100], 1.0 + 0.2))[-1] == 20
-    assert _follow(Pacer(0.01), np.append(times[:100], 1.0 + 0.4))[-1] is None
-    assert _follow(Pacer(0.01), np.append(times, 40.0 + 9.0))[-1] == 900
+    assert _updated(PeriodTracker(0.01), np.append(times[:100], 1.0 + 0.2))[-1] == 20
+    assert _updated(PeriodTracker(0.01), np.append(times[:100], 1.0 + 0.4))[-1] is None
+    assert _updated(PeriodTracker(0.01), np.append(times, 40.0 + 9.0))[-1] == 900
 
 
 def test_what_was_learnt_of_the_period_outlives_a_restart() -> None:
     times = 0.01 * np.arange(4000)
     again = np.concatenate([times, times[:30], [0.3 + 5.0]])
-    assert _follow(Pacer(0.0101), again)[-1] == 500
+    assert _updated(PeriodTracker(0.0101), again)[-1] == 500
 
 
 def test_a_frozen_clock_does_no_harm() -> None:
-    pacer = Pacer(0.01)
-    assert set(_follow(pacer, np.zeros(10_000))) == {0}
-    assert pacer.missing(1e12) is None
+    tracker = PeriodTracker(0.01)
+    assert set(_updated(tracker, np.zeros(10_000))) == {0}
+    assert tracker.missing(1e12) is None
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def test_coarse_stamps_have_the_right_mean_period() -> None:
 
 
 def test_a_stamp_wraps_and_goes_negative() -> None:
-    stamps = Stamps(1 << 32, 1000.0)
+    stamps = WrappingCounter(1 << 32, 1000.0)
     raw = [2**31 - 20, 2**31 - 1 - 2**32 + 1, -(2**31) + 20, -20, 0, 20]
     seconds = [stamps.seconds(number) for number in raw]
     assert np.all(np.diff(seconds) > 0)
@@ -190,7 +190,7 @@ def test_a_stamp_wraps_and_goes_negative() -> None:
 
 
 def test_a_clock_of_the_day_goes_on_after_midnight() -> None:
-    stamps = Stamps(8_640_000, 100.0)
+    stamps = WrappingCounter(8_640_000, 100.0)
     assert stamps.seconds(8_639_999) == 86_399.99
     assert stamps.seconds(1) == pytest.approx(86_400.01)
 
@@ -203,7 +203,7 @@ def _limited(rows: list[Row]) -> Meaning:
 
 def test_a_meaning_that_no_longer_fits_is_replaced() -> None:
     stats = LinkStats()
-    rows = Rows(stats, _limited)
+    rows = RowEvents(stats, _limited)
     for i in range(60):
         rows.add((5.0 if i < 30 else 50.0,), 0.01 * i, 0.0)
     events = rows.events(final=True)
@@ -215,7 +215,7 @@ def test_a_meaning_that_no_longer_fits_is_replaced() -> None:
 
 def test_a_row_that_does_not_fit_is_damaged_and_lost() -> None:
     stats = LinkStats()
-    rows = Rows(stats, _limited)
+    rows = RowEvents(stats, _limited)
     for i in range(5000):
         rows.add((50.0 if i % 1500 == 700 else 5.0,), 0.01 * i, 0.0)
     events = rows.events(final=True)
@@ -225,7 +225,7 @@ def test_a_row_that_does_not_fit_is_damaged_and_lost() -> None:
 
 def test_rows_that_mean_nothing_are_counted_and_dropped() -> None:
     stats = LinkStats()
-    rows = Rows(stats, lambda _: None)
+    rows = RowEvents(stats, lambda _: None)
     for i in range(60):
         rows.add((1.0,), 0.01 * i, 0.0)
     assert rows.events(final=True) == []

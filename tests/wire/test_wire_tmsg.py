@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from allanscope.samples import AXES, Block, Event, Gap, Notice, StreamInfo, Ticks
 from allanscope.wire import WireSettings, format_named
-from allanscope.wire.row import Pairing
+from allanscope.wire.rows import Pairing
 from allanscope.wire.tmsg.messages import Reading, Unwrapper, read_current, read_sensortile, wrap
 
 VECTORS = {

@@ -112,7 +112,7 @@ KERNEL(int64_t, read_rows)
     return rows;
 }
 
-/* Follow time stamps as `Pacer.follow` does, up to one that `Pacer.missing` has something to say of.
+/* Follow time stamps as `PeriodTracker.update` does, up to one of which `missing` says something.
 
    `limits`: least and most period, the share of a deviation that the clock is pulled by, and the
    lateness in periods from which a sample is missing. `state`: period, expected and last time, times

@@ -32,7 +32,8 @@ from allanscope.recording import Recording
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks, unit_of
 from allanscope.view import is_notebook
 from allanscope.wire import LinkStats
-from allanscope.wire.stamps import (
+from allanscope.wire.text import DIVISORS, LARGEST, SMALLEST
+from allanscope.wire.timestamps import (
     long_gaps,
     mean_rate,
     period_of,
@@ -40,7 +41,6 @@ from allanscope.wire.stamps import (
     rows_come_in_bursts,
     rows_come_unevenly,
 )
-from allanscope.wire.text import DIVISORS, LARGEST, SMALLEST
 
 __all__ = ["analyse", "analyse_columns", "events_of_columns", "words_of"]
 

@@ -15,10 +15,12 @@ it counts in its `LinkStats`.
 ``tmsg/`` ``datalog/``        stock ST firmware: losses from time stamps, counts from milli-units
 ``sdatalog/``                 ST's firmware of today: a conversation, and counts with time stamps
 ``text/``                     tables and labelled lines from anywhere
-``rows`` ``row``              what those without numbers share: rows to events
+``rows`` ``row_events``       what those without numbers share: rows of values, and rows to events
 ``continuity``                what is missing between two rows, as far as time stamps tell
-``stamps`` ``lines``          wrapping counters, what time stamps show; line ends
-``milli`` ``device_side``     milli-units of stock firmware; what simulated devices share
+``plausibility``              rows that a damaged line has altered
+``timestamps`` ``lines``      wrapping counters, what time stamps show; line ends
+``milli_units``               the milli-units of stock firmware, and counts again
+``device_side``               what simulated devices share
 ============================= ======================================================================
 
 `feed_chunks` feeds a decoder many reads at once, as a replay does; `answers` are what a host must

@@ -46,8 +46,8 @@ class LinkStats:
     unknown : int
         Sound frames of a type that this version does not know.
     suspect : int
-        Rows that no check refused and their neighbours do not bear out, on a line that damages
-        rows: left out like a damaged one, and among the lost where times or numbers tell.
+        Rows that no check refused and their neighbours contradict, on a line that damages rows:
+        left out like a damaged one, and among the lost where times or numbers tell.
     samples : int
         Samples delivered.
     lost_samples : int

@@ -3,10 +3,10 @@
 It is nothing, a gap of known length, or a gap of unknown length. Stock firmware numbers nothing,
 but it stamps every sample with its clock. The stamp is taken when the sample was read, which is up
 to a polling loop late; so it is not the step between two stamps that is compared with the period,
-but each stamp with the time that the samples before predict (`Pacer`). A sample that is late is
-followed by one that is not; a sample that is missing shifts all that follow by a whole period.
+but each stamp with the time that the samples before predict (`PeriodTracker`). A sample that is
+late is followed by one that is not; one that is missing shifts all that follow by a whole period.
 
-A jump is believed only when the next stamp bears it out.
+A jump is believed only when the next stamp confirms it.
 
 The period is the mean over up to 8192 samples. When stamps scatter by s periods and it was taken
 from n samples, its relative error is 2 s / n at most; a gap of m samples can be counted while m
@@ -17,7 +17,7 @@ should have been.
 
 Some clocks stand still for several samples: hundredths of a second at 416 Hz, milliseconds at
 6.66 kHz. Most stamps repeat the one before, so there is no period to compare with. Such a clock
-still goes step by step (`Standstill`): when it jumps over some, samples are missing; how many,
+still goes step by step (`CoarseClock`): when it jumps over some, samples are missing; how many,
 nothing tells.
 """
 
@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 
 from allanscope.compiled import Pointer, kernel
 from allanscope.samples import Gap, GapReason
-from allanscope.wire.row import Row
-from allanscope.wire.stamps import period_of
+from allanscope.wire.rows import Row
+from allanscope.wire.timestamps import period_of
 
-__all__ = ["Continuity", "Missing", "Pacer", "Standstill"]
+__all__ = ["CoarseClock", "Continuity", "Missing", "PeriodTracker"]
 
 Missing = int | Literal["back"] | None
 """Samples that are missing: 0 none, None an unknown number, ``back`` where time went back."""
@@ -71,8 +71,8 @@ class Continuity:
         self._resolution_s = 0.0
         self._farthest_s: float | None = None
         self._blank_is_lost = True
-        self._pacer: Pacer | None = None
-        self._standstill = Standstill()
+        self._tracker: PeriodTracker | None = None
+        self._coarse_clock = CoarseClock()
         self._due: GapReason | None = None
         self._discarded = False
 
@@ -83,7 +83,7 @@ class Continuity:
         farthest_s: float | None = None,
         blank_is_lost: bool = True,
     ) -> None:
-        """Take the times of some rows, and the step of their clock, to see how they are paced.
+        """Take the times of some rows, and the step of their clock, to find their period.
 
         Where `farthest_s` is given the times do not tell single losses, only steps above it. Rows
         without values are lost samples if `blank_is_lost`, and those of another rate if not.
@@ -110,39 +110,39 @@ class Continuity:
         if not self._timed(row):
             if row.blank_before and self._blank_is_lost and not damaged:
                 return row.blank_before
-            return None if damaged or self._standstill.jumped(row.device_s) else 0
-        assert self._pacer is not None
-        return self._pacer.missing(row.device_s, damaged)
+            return None if damaged or self._coarse_clock.jumped(row.device_s) else 0
+        assert self._tracker is not None
+        return self._tracker.missing(row.device_s, damaged)
 
-    def lost_as_blank(self, blank_before: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the samples before each row that only rows without values tell are missing."""
-        counted = self._pacer is None and self._blank_is_lost
+    def blank_losses(self, blank_before: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the samples lost before each row, where only rows without values show it."""
+        counted = self._tracker is None and self._blank_is_lost
         return blank_before if counted else np.zeros_like(blank_before)
 
-    def in_doubt(self, row: Row, missing: Missing) -> bool:
-        """Return whether the time of a row is to be believed only if the next one bears it out."""
-        if self._pacer is None or not self._timed(row) or (self._checked and row.damaged_before):
+    def needs_confirmation(self, row: Row, missing: Missing) -> bool:
+        """Return whether the time of a row is to be believed only if the next one confirms it."""
+        if self._tracker is None or not self._timed(row) or (self._checked and row.damaged_before):
             return False
-        return missing != 0 or self._pacer.fresh
+        return missing != 0 or self._tracker.is_new
 
-    def borne_out(self, row: Row, after: Row) -> bool:
-        """Return whether the row after one that is in doubt agrees with it."""
-        return self._pacer is None or self._pacer.believable(
+    def is_confirmed(self, row: Row, after: Row) -> bool:
+        """Return whether the row after one that needs confirmation agrees with it."""
+        return self._tracker is None or self._tracker.is_confirmed(
             row.device_s, after.device_s, apart=after.damaged_before
         )
 
-    def discard(self) -> None:
+    def note_discarded(self) -> None:
         """Note that a row was thrown away as damaged."""
         self._discarded = True
 
-    def follow(self, row: Row, missing: Missing) -> Gap | None:
+    def update(self, row: Row, missing: Missing) -> Gap | None:
         """Accept a row and return the gap before it, if there is one."""
         self.accepted += 1
         due, self._due = self._due, None
         damaged, self._discarded = row.damaged_before or self._discarded, False
-        self._standstill.follow(row.device_s)
-        if self._pacer is not None and self._timed(row):
-            self._pacer.follow(row.device_s, missing)
+        self._coarse_clock.update(row.device_s)
+        if self._tracker is not None and self._timed(row):
+            self._tracker.update(row.device_s, missing)
         if due is not None:
             return Gap(due, None)
         if missing == "back":
@@ -152,30 +152,30 @@ class Continuity:
     def accept(self, device_s: NDArray[np.float64]) -> int:
         """Accept rows of these times, without damage, up to the first that needs a closer look.
 
-        That is one before which something is missing, or that is in doubt. Return how many came
-        before it: for each of them `missing` says 0, and `follow` no gap.
+        That is one before which something is missing, or that needs confirmation. Return how many
+        came before it: for each of them `missing` says 0, and `update` no gap.
         """
         if self.accepted == 0 or self._due is not None or self._discarded:
             return 0
-        follower = self._standstill if self._pacer is None else self._pacer
+        follower = self._coarse_clock if self._tracker is None else self._tracker
         count = follower.accept(device_s)
         if count:
             self.accepted += count
-            self._standstill.follow(float(device_s[count - 1]))
+            self._coarse_clock.update(float(device_s[count - 1]))
         return count
 
     def _timed(self, row: Row) -> bool:
-        return self._pacer is not None and not math.isnan(row.device_s)
+        return self._tracker is not None and not math.isnan(row.device_s)
 
     def _start_over(self) -> None:
         if self._farthest_s is not None:
-            self._pacer, self._standstill = None, Standstill(self._farthest_s)
+            self._tracker, self._coarse_clock = None, CoarseClock(self._farthest_s)
             return
-        self._pacer = Pacer.of(self._times, self._resolution_s)
-        self._standstill = Standstill.of(self._times, self._resolution_s)
+        self._tracker = PeriodTracker.of(self._times, self._resolution_s)
+        self._coarse_clock = CoarseClock.of(self._times, self._resolution_s)
 
 
-class Pacer:
+class PeriodTracker:
     """Follow the time stamps of a stream and count what is missing between them.
 
     Parameters
@@ -202,8 +202,8 @@ class Pacer:
         self._anchors: list[tuple[int, float]] = []
 
     @classmethod
-    def of(cls, times: Sequence[float], resolution_s: float) -> Pacer | None:
-        """Return a pacer for a stream that begins with these times; None when it has no period."""
+    def of(cls, times: Sequence[float], resolution_s: float) -> PeriodTracker | None:
+        """Return a tracker of a stream that begins with these times; None without a period."""
         period_s = period_of(times)
         if period_s is None:
             return None
@@ -236,12 +236,12 @@ class Pacer:
         return number if number <= self._known() * self._reach else None
 
     @property
-    def fresh(self) -> bool:
+    def is_new(self) -> bool:
         """Whether no stamp has been followed yet, so that there is nothing to compare with."""
         return self._expected is None
 
-    def believable(self, time_s: float, next_s: float, apart: bool = False) -> bool:
-        """Return whether a stamp that jumps, or the first one, is borne out by the one after it.
+    def is_confirmed(self, time_s: float, next_s: float, apart: bool = False) -> bool:
+        """Return whether a stamp that jumps, or the first one, is confirmed by the one after it.
 
         Text has no checksum: a lost digit makes a wrong stamp. Then the next one goes on where the
         one before had left off, and the one between must not be taken for a loss.
@@ -258,14 +258,14 @@ class Pacer:
             return True
         steps = (next_s - time_s) / self._period
         off = abs(steps - (max(1, round(steps)) if apart else 1))
-        if self.fresh:
+        if self.is_new:
             return off <= 0.5
         late = self._lateness(next_s)
         if not 0.5 <= late <= _NEARBY:
             return True
         return off <= abs(late - round(late)) + 0.25
 
-    def follow(self, time_s: float, missing: Missing) -> None:
+    def update(self, time_s: float, missing: Missing) -> None:
         """Take the next time stamp and what `missing` said of it.
 
         After a jump that cannot be counted everything but the period starts over.
@@ -321,7 +321,7 @@ class Pacer:
         return max(span, self._trusted)
 
 
-class Standstill:
+class CoarseClock:
     """Follow the stamps of a clock that is coarser than the samples.
 
     Parameters
@@ -335,11 +335,11 @@ class Standstill:
         self._last_s = math.nan
 
     @classmethod
-    def of(cls, times: Sequence[float], resolution_s: float) -> Standstill:
-        """Return what follows a stream that begins with these times; deaf unless they stand still.
+    def of(cls, times: Sequence[float], resolution_s: float) -> CoarseClock:
+        """Return the clock of a stream that begins with these times; no jump unless they repeat.
 
-        >>> clock = Standstill.of([0.0, 0.0, 0.0, 0.01, 0.01, 0.01], 0.01)
-        >>> clock.follow(0.01)
+        >>> clock = CoarseClock.of([0.0, 0.0, 0.0, 0.01, 0.01, 0.01], 0.01)
+        >>> clock.update(0.01)
         >>> clock.jumped(0.02), clock.jumped(0.5)
         (False, True)
         """
@@ -351,7 +351,7 @@ class Standstill:
         """Return whether the clock went farther than a step or two since the last stamp."""
         return abs(time_s - self._last_s) > self._farthest_s
 
-    def follow(self, time_s: float) -> None:
+    def update(self, time_s: float) -> None:
         """Take the next stamp."""
         self._last_s = time_s
 

@@ -29,9 +29,9 @@ from allanscope.samples import AXES, Block, Event, GapReason, StreamInfo
 from allanscope.wire.base import LinkStats, WireFormat, WireSettings
 from allanscope.wire.device_side import OneWayEncoder, milli_units, temperatures, times
 from allanscope.wire.lines import Lines
-from allanscope.wire.milli import MilliUnits
-from allanscope.wire.rows import Rows
-from allanscope.wire.stamps import Stamps
+from allanscope.wire.milli_units import MilliUnits
+from allanscope.wire.row_events import RowEvents
+from allanscope.wire.timestamps import WrappingCounter
 
 __all__ = [
     "CLOCK",
@@ -93,7 +93,7 @@ class DataLogDecoder:
             accel_choices=() if clock else (_LSM303AGR_MG,),
             polled=True,
         )
-        self._rows = Rows(self.stats, units.decide)
+        self._rows = RowEvents(self.stats, units.decide)
 
     def feed(self, data: bytes, host_s: float) -> list[Event]:
         """Take bytes that arrived at host time `host_s` and return what they complete."""
@@ -130,7 +130,7 @@ class DataLogDecoder:
 
     def _damage(self, times: int) -> None:
         self.stats.resyncs += times
-        self._rows.damaged()
+        self._rows.note_damage()
 
     def _add(self, record: Record | None) -> None:
         if record is None or record.gyro is None or record.accel is None:
@@ -143,8 +143,12 @@ class DataLogDecoder:
         device_s = self._stamps.seconds(numbers[0])
         self._rows.add(record.gyro + record.accel, device_s, self._host_s, record.temperature_c)
 
-    def _new_stamps(self) -> Stamps:
-        return Stamps(24 * 3600 * 100, 100.0) if self._clock else Stamps(1 << 32, 1000.0)
+    def _new_stamps(self) -> WrappingCounter:
+        return (
+            WrappingCounter(24 * 3600 * 100, 100.0)
+            if self._clock
+            else WrappingCounter(1 << 32, 1000.0)
+        )
 
 
 @dataclass(slots=True)

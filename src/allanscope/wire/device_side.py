@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from allanscope.samples import AXES, Block, StreamInfo
 from allanscope.wire.base import Command
-from allanscope.wire.milli import truncate
+from allanscope.wire.milli_units import truncate
 
 __all__ = ["OneWayEncoder", "milli_units", "temperatures", "times"]
 

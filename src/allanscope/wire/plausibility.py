@@ -1,4 +1,4 @@
-"""Rows that a damaged line has altered and no check has caught: one value that nothing bears out.
+"""Rows that a damaged line has altered and no check has caught: one value far from all others.
 
 Text has no checksum, so a flipped bit can make one digit of another, and TMsg sums eight bits. What
 is known of such a row is what happened to it: the line damages rows, and in this one a single value
@@ -40,7 +40,7 @@ _AT_ONCE = 1024
 
 
 class Plausibility:
-    """Follows rows of counts and finds those whose neighbours do not bear them out.
+    """Follows rows of counts and finds those that their neighbours contradict.
 
     Examples
     --------
@@ -48,14 +48,14 @@ class Plausibility:
     >>> rows[90, 1] = 800.0
     >>> follower = Plausibility()
     >>> follower.note_damage()
-    >>> judged = follower.judge(rows)
-    >>> [i for i in range(100) if judged.next()]
+    >>> checks = follower.check(rows)
+    >>> [i for i in range(100) if checks.next()]
     [90]
     """
 
     def __init__(self) -> None:
         self._recent: NDArray[Any] = np.empty((0, 0))
-        self.sound = _REMEMBERED
+        self.since_damage = _REMEMBERED
         """Rows since the last visible damage."""
 
     def restart(self) -> None:
@@ -64,14 +64,14 @@ class Plausibility:
 
     def note_damage(self) -> None:
         """Take note of a row that was visibly damaged."""
-        self.sound = 0
+        self.since_damage = 0
 
-    def judge(self, rows: NDArray[Any]) -> Judged:
-        """Return what is to be said of rows, shape (n, k), one after the other."""
-        return Judged(self, rows)
+    def check(self, rows: NDArray[Any]) -> RowChecks:
+        """Return the checks of rows, shape (n, k), one after the other."""
+        return RowChecks(self, rows)
 
-    def follow(self, rows: NDArray[Any]) -> None:
-        """Take rows, shape (n, k), that have been judged: accepted or not, they are the past."""
+    def update(self, rows: NDArray[Any]) -> None:
+        """Take rows, shape (n, k), that have been checked: accepted or not, they are the past."""
         if self._recent.shape[1:] != rows.shape[1:]:
             self._recent = rows[:0]
         self._recent = np.concatenate([self._recent, rows[-WINDOW:]])[-WINDOW:]
@@ -93,13 +93,13 @@ class Plausibility:
         return found
 
 
-class Judged:
-    """What is to be said of rows, in their order; nothing is computed on a line without damage.
+class RowChecks:
+    """Which rows are suspect, in their order; nothing is computed on a line without damage.
 
     Attributes
     ----------
     is_last : bool
-        Whether the row that was asked for is the last one: its successor may bear it out yet.
+        Whether the row that was asked for is the last one: its successor may still confirm it.
     """
 
     def __init__(self, follower: Plausibility, rows: NDArray[Any]) -> None:
@@ -112,12 +112,12 @@ class Judged:
     def is_last(self) -> bool:
         return self._at + 1 == len(self._rows)
 
-    def sound(self, count: int) -> int:
+    def count_sound(self, count: int) -> int:
         """Return how many of the next `count` rows come before one that is suspect.
 
         None of these has damage before it. They are still to be asked for, or passed over.
         """
-        watched = min(count, _REMEMBERED - self._follower.sound)
+        watched = min(count, _REMEMBERED - self._follower.since_damage)
         if watched <= 0:
             return count
         first = self._at + 1
@@ -125,18 +125,18 @@ class Judged:
         return int(suspect[0]) if len(suspect) else count
 
     def skip(self, count: int) -> None:
-        """Pass over rows that are `sound`."""
+        """Pass over rows that `count_sound` has counted."""
         self._at += count
-        self._follower.sound = min(self._follower.sound + count, _REMEMBERED)
+        self._follower.since_damage = min(self._follower.since_damage + count, _REMEMBERED)
 
     def next(self, damaged_before: bool = False) -> bool:
         """Return whether the next row is suspect, before which there may have been damage."""
         self._at += 1
         if damaged_before:
             self._follower.note_damage()
-        if self._follower.sound >= _REMEMBERED:
+        if self._follower.since_damage >= _REMEMBERED:
             return False
-        self._follower.sound += 1
+        self._follower.since_damage += 1
         return bool(self._found()[self._at])
 
     def _found(self) -> NDArray[np.bool_]:

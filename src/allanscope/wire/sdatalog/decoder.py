@@ -18,8 +18,8 @@ from allanscope.parts import PARTS
 from allanscope.samples import AXES, Event, GapReason, Notice, StreamInfo
 from allanscope.sanitize import text_of
 from allanscope.wire.base import LinkStats, WireSettings
-from allanscope.wire.row import ABSENT, Meaning, Row, Triple, Values
-from allanscope.wire.rows import Rows
+from allanscope.wire.row_events import RowEvents
+from allanscope.wire.rows import ABSENT, Meaning, Row, Triple, Values
 from allanscope.wire.sdatalog.conversation import Conversation, Sensor, Status
 from allanscope.wire.sdatalog.packets import BINARY, CUSTOM, Packet, Unpacker
 
@@ -172,7 +172,7 @@ class SDatalogDecoder:
         self._settings = settings
         self._unpacker = Unpacker()
         self._conversation = Conversation(settings)
-        self._rows = Rows(self.stats, self._decide)
+        self._rows = RowEvents(self.stats, self._decide)
         self._told: Status | None = None
         self._sensors: dict[int, Sensor] = {}
         self._frames: dict[int, HSDatalogFrames] = {}
@@ -187,7 +187,7 @@ class SDatalogDecoder:
         for packet in self._unpacker.feed(data):
             if packet is None:
                 self.stats.resyncs += 1
-                self._rows.damaged()
+                self._rows.note_damage()
             elif packet.kind in (BINARY, CUSTOM):
                 events += self._data(packet, host_s)
             else:
@@ -227,7 +227,7 @@ class SDatalogDecoder:
             halves = frames.feed(packet.content) if frames else None
         if halves is None:
             self.stats.unknown += 1
-            self._rows.damaged()
+            self._rows.note_damage()
             return []
         self.stats.frames += 1
         for values, time_s in self._halves.feed(sensor.kind, halves):

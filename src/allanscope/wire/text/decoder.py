@@ -11,7 +11,7 @@ from allanscope.samples import Event, GapReason, Notice
 from allanscope.sanitize import plain_line, without_escapes
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.lines import Lines
-from allanscope.wire.rows import Rows
+from allanscope.wire.row_events import RowEvents
 from allanscope.wire.text.columns import (
     Columns,
     cells_of,
@@ -21,7 +21,13 @@ from allanscope.wire.text.columns import (
     unnamed,
     with_units_below,
 )
-from allanscope.wire.text.labelled import Sentence, Spoken, SpokenRow, read_labelled, sentence_in
+from allanscope.wire.text.labelled import (
+    LabelledRow,
+    LabelledRows,
+    Sentence,
+    read_labelled,
+    sentence_in,
+)
 from allanscope.wire.text.meaning import TextMeaning
 from allanscope.wire.text.refusal import why_no_row
 from allanscope.wire.text.table import Table, is_number, joined_dates, realigned
@@ -68,10 +74,10 @@ class TextDecoder:
         self.named = False
         self._lines = Lines()
         self._meaning = TextMeaning(settings)
-        self._rows = Rows(self.stats, self._meaning.decide, patience=PATIENCE)
+        self._rows = RowEvents(self.stats, self._meaning.decide, patience=PATIENCE)
         self._table: Table | None = None
         self._doubted: Columns = ()
-        self._spoken = Spoken(self._meaning.temperature_lsb_per_c)
+        self._labelled = LabelledRows(self._meaning.temperature_lsb_per_c)
         self._unnamed: list[bytes] = []
         self._misaligned: list[tuple[bytes, int]] = []
         self._given_up = False
@@ -132,8 +138,8 @@ class TextDecoder:
     def finish(self) -> list[Event]:
         """Return what the end of the stream completes: a last line, rows that were held back."""
         events = self._line(self._lines.flush()) + self._count_misaligned_as_damaged()
-        if self._table is None and not self._spoken.chosen:
-            self._add_rows(self._spoken.settle())
+        if self._table is None and not self._labelled.chosen:
+            self._add_rows(self._labelled.choose())
         return events + self._rows.events(final=True)
 
     def _line(self, line: bytes) -> list[Event]:
@@ -179,7 +185,7 @@ class TextDecoder:
         self._others += 1
         if self._others > 2 * len(self._unnamed) + 2:
             self._unnamed.clear()
-        if not any(numbers) and not self._spoken.chosen:
+        if not any(numbers) and not self._labelled.chosen:
             events = self._header(cells_of(_COMMENT.sub("", text)))
             if events is not None:
                 return events
@@ -227,7 +233,7 @@ class TextDecoder:
         if self._table is not None:
             held = self._misfit(self._table, line)
             return self._bad_row(text) if held is None else held
-        if self._spoken.chosen or count == self._heading or unnamed(count) is None:
+        if self._labelled.chosen or count == self._heading or unnamed(count) is None:
             self.stats.unknown += 1
             return []
         if self._unnamed and len(cells_of(plain_line(self._unnamed[0]))) != count:
@@ -251,8 +257,8 @@ class TextDecoder:
         if found is None:
             return self._count_misaligned_as_damaged()
         self._misaligned.clear()
-        columns, said = found
-        self._start_table(columns, (*self._left_out, said))
+        columns, remark = found
+        self._start_table(columns, (*self._left_out, remark))
         return [event for one in lines for event in self._line(one)]
 
     def _count_misaligned_as_damaged(self) -> list[Event]:
@@ -305,21 +311,21 @@ class TextDecoder:
         return events
 
     def _words(self, text: str, count: int) -> None:
-        said = read_labelled(text) if self._table is None else None
-        if said is not None:
-            self._add_rows(self._spoken.update(said))
+        labelled = read_labelled(text) if self._table is None else None
+        if labelled is not None:
+            self._add_rows(self._labelled.update(labelled))
             return
         self._heading = count if count > 1 else 0
-        if self._spoken.chosen and self._spoken.begins_like_a_row(text):
+        if self._labelled.chosen and self._labelled.has_chosen_label(text):
             self._damage()
         else:
             self.stats.unknown += 1
 
-    def _add_rows(self, rows: list[SpokenRow]) -> None:
+    def _add_rows(self, rows: list[LabelledRow]) -> None:
         if not rows:
             return
         self.named = True
-        self._meaning.expect(self._spoken.units)
+        self._meaning.expect(self._labelled.units)
         for values, degrees in rows:
             self.stats.frames += 1
             self._rows.add(values, math.nan, self._host_s, degrees)
@@ -330,17 +336,17 @@ class TextDecoder:
         if self._complaints == _MOST_COMPLAINTS or not math.isnan(self._host_s):
             return []
         self._complaints += 1
-        said = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"
+        quote = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"
         why = why_no_row(self._table.columns, text.encode()) if self._table is not None else ""
         line = (
-            f"line {number or self._lines.number} is not a row of the table: {said!r}"
+            f"line {number or self._lines.number} is not a row of the table: {quote!r}"
             f"{f' ({why})' if why else ''}; such lines are skipped"
         )
         return [Notice("error", line)]
 
     def _damage(self) -> None:
         self.stats.resyncs += 1
-        self._rows.damaged()
+        self._rows.note_damage()
 
 
 def _only_numbers(line: bytes) -> bool:

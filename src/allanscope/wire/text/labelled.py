@@ -1,4 +1,4 @@
-"""Lines that say in words what their numbers are, and sentences whose name says it.
+"""Lines with labels that name their numbers, and NMEA sentences, whose name stands for a layout.
 
 Consoles and tutorials print one line a sample, or one a sensor::
 
@@ -11,8 +11,8 @@ A line counts when it gives all three axes of a sensor. A remark in parentheses 
 a unit, whole numbers are counts.
 
 A console prints the same sample in several ways: raw, in units, one sensor at a time. The first
-dozen lines decide which of them are the stream (`Spoken`): lines with both sensors before lines
-with one, counts before units, the more frequent kind before the rarer. What is chosen stays.
+dozen lines decide which of them are the stream (`LabelledRows`): lines with both sensors before
+lines with one, counts before units, the more frequent kind before the rarer. What is chosen stays.
 
 Sentences as NMEA 0183 has them are a name, values, and a checksum, the XOR of what it is of::
 
@@ -32,11 +32,18 @@ from functools import reduce
 from operator import xor
 
 from allanscope.samples import AXES
-from allanscope.wire.row import ABSENT, Pairing, Triple
+from allanscope.wire.rows import ABSENT, Pairing, Triple
 from allanscope.wire.text.columns import Column, Columns, column_of
 from allanscope.wire.text.units import DIVISORS, Quantity, unit_of_text
 
-__all__ = ["Labelled", "Sentence", "Spoken", "SpokenRow", "read_labelled", "sentence_in"]
+__all__ = [
+    "LabelledLine",
+    "LabelledRow",
+    "LabelledRows",
+    "Sentence",
+    "read_labelled",
+    "sentence_in",
+]
 
 _SENTENCE = re.compile(rb"[$!](([A-Z][A-Z0-9]{1,9}),([^*$]*))(?:\*([0-9A-Fa-f]{2}|XX))?\s*")
 _ACCEL = tuple(Column("accel", "m/s2", AXES.index(axis)) for axis in ("ax", "ay", "az"))
@@ -89,7 +96,7 @@ def sentence_in(line: bytes) -> Sentence | None:
     return Sentence(match[2], match[3], sound)
 
 
-SpokenRow = tuple[tuple[float, ...], float]
+LabelledRow = tuple[tuple[float, ...], float]
 """Six values in the units of the text, and the temperature in degC."""
 Kind = tuple[str, str, str]
 """Label of a line, unit of its gyroscope, unit of its accelerometer."""
@@ -110,7 +117,7 @@ _ENOUGH = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Labelled:
+class LabelledLine:
     """What a labelled line says.
 
     Attributes
@@ -141,7 +148,7 @@ class Labelled:
         return self.label, self.gyro_unit, self.accel_unit
 
 
-class _Found:
+class _LineValues:
     """Values of one line while it is being read."""
 
     def __init__(self) -> None:
@@ -170,7 +177,7 @@ class _Found:
         return (x, y, z), unit
 
 
-def read_labelled(line: str) -> Labelled | None:
+def read_labelled(line: str) -> LabelledLine | None:
     """Return what a line says, None when it does not give all axes of a sensor.
 
     Parameters
@@ -181,7 +188,7 @@ def read_labelled(line: str) -> Labelled | None:
     if len(line) > LONGEST_LABELLED or (":" not in line and "=" not in line):
         return None
     line = " ".join(line.split())  # blanks without end cost their square
-    found = _Found()
+    found = _LineValues()
     label = _LABEL.search(line)
     for part in _REMARK.sub(" ", line).split("|"):
         _read_part(part, found)
@@ -197,10 +204,10 @@ def read_labelled(line: str) -> Labelled | None:
             counts_c = float(number)
     if gyro is None and accel is None and math.isnan(temperature_c):
         return None
-    return Labelled(gyro, accel, gyro_unit, accel_unit, temperature_c, counts_c, name)
+    return LabelledLine(gyro, accel, gyro_unit, accel_unit, temperature_c, counts_c, name)
 
 
-def _read_part(part: str, found: _Found) -> None:
+def _read_part(part: str, found: _LineValues) -> None:
     sensor = _sensor(part)
     if match := _LIST.fullmatch(part.strip()):
         unit = unit_of_text(match[2] or match[6] or "")
@@ -224,8 +231,8 @@ def _sensor(part: str) -> Quantity | None:
     return "accel" if match[1] else "gyro"
 
 
-class Spoken:
-    """Labelled lines to rows.
+class LabelledRows:
+    """LabelledLine lines to rows.
 
     Parameters
     ----------
@@ -244,21 +251,21 @@ class Spoken:
         self.units: dict[Quantity, str] = {}
         self.chosen: frozenset[Kind] = frozenset()
         self._per_c = temperature_lsb_per_c
-        self._heard: list[Labelled] = []
+        self._undecided: list[LabelledLine] = []
         self._pairing = Pairing()
         self._temperature_c = math.nan
 
-    def update(self, said: Labelled) -> list[SpokenRow]:
+    def update(self, line: LabelledLine) -> list[LabelledRow]:
         """Take a line and return the rows that can be made now."""
         if self.chosen:
-            return self._rows([said])
-        self._heard.append(said)
-        with_axes = sum(line.gyro is not None or line.accel is not None for line in self._heard)
-        return self.settle() if with_axes >= _ENOUGH or len(self._heard) > 10 * _ENOUGH else []
+            return self._rows([line])
+        self._undecided.append(line)
+        with_axes = sum(one.gyro is not None or one.accel is not None for one in self._undecided)
+        return self.choose() if with_axes >= _ENOUGH or len(self._undecided) > 10 * _ENOUGH else []
 
-    def settle(self) -> list[SpokenRow]:
+    def choose(self) -> list[LabelledRow]:
         """Choose by the lines so far and return their rows."""
-        lines, self._heard = self._heard, []
+        lines, self._undecided = self._undecided, []
         both = Counter(line.kind for line in lines if line.gyro and line.accel)
         gyro = Counter(line.kind for line in lines if line.gyro)
         accel = Counter(line.kind for line in lines if line.accel)
@@ -269,19 +276,19 @@ class Spoken:
             self.units |= {"accel": accel_unit} if accel_unit else {}
         return self._rows(lines) if kinds else []
 
-    def _values(self, line: Labelled) -> tuple[float, ...] | None:
+    def _values(self, line: LabelledLine) -> tuple[float, ...] | None:
         if len(self.chosen) > 1:
             return self._pairing.update(line.gyro, line.accel)
         return (*(line.gyro or ABSENT), *(line.accel or ABSENT))
 
-    def begins_like_a_row(self, text: str) -> bool:
-        """Return whether a line that says nothing has the label of one that was chosen."""
+    def has_chosen_label(self, text: str) -> bool:
+        """Return whether a line without values has the label of one that was chosen."""
         label, colon, _ = text.partition(":")
         words = label.lower().split()
         return bool(colon and words) and words[-1] in {kind[0] for kind in self.chosen}
 
-    def _rows(self, lines: list[Labelled]) -> list[SpokenRow]:
-        rows: list[SpokenRow] = []
+    def _rows(self, lines: list[LabelledLine]) -> list[LabelledRow]:
+        rows: list[LabelledRow] = []
         for line in lines:
             degrees = line.temperature_c
             if line.kind in self.chosen:

@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 from allanscope.parts import PARTS, part_named
 from allanscope.samples import AXES, INT16_MAX, INT16_MIN, StreamInfo
 from allanscope.wire.base import WireSettings
-from allanscope.wire.row import HELD, Meaning, Row, Values, nominal_rate
-from allanscope.wire.stamps import (
-    mean_rate,
-    period_of,
-    resolution_of,
-    rows_come_in_bursts,
-    rows_come_unevenly,
-)
+from allanscope.wire.rows import HELD, Meaning, Row, Values, nominal_rate
 from allanscope.wire.text.table import Table
 from allanscope.wire.text.units import (
     DIVISORS,
@@ -29,6 +22,13 @@ from allanscope.wire.text.units import (
     accel_comes_first,
     quantity_named,
     unit_by_gravity,
+)
+from allanscope.wire.timestamps import (
+    mean_rate,
+    period_of,
+    resolution_of,
+    rows_come_in_bursts,
+    rows_come_unevenly,
 )
 
 __all__ = ["TextMeaning"]

@@ -22,10 +22,10 @@ from allanscope.samples import AXES, Block, Event, GapReason, Notice, StreamInfo
 from allanscope.sanitize import text_of
 from allanscope.wire.base import Command, LinkStats, WireFormat, WireSettings
 from allanscope.wire.device_side import OneWayEncoder, milli_units, temperatures, times
-from allanscope.wire.milli import MilliUnits
-from allanscope.wire.row import Pairing
-from allanscope.wire.rows import Rows
-from allanscope.wire.stamps import Stamps
+from allanscope.wire.milli_units import MilliUnits
+from allanscope.wire.row_events import RowEvents
+from allanscope.wire.rows import Pairing
+from allanscope.wire.timestamps import WrappingCounter
 from allanscope.wire.tmsg.messages import (
     DEVICE,
     END,
@@ -68,7 +68,7 @@ class TMsgDecoder:
             usual_rates=_USUAL_RATES,
             time_resolution_s=1e-2 if sensortile else 1e-6,
         )
-        self._rows = Rows(self.stats, units.decide, checked=True)
+        self._rows = RowEvents(self.stats, units.decide, checked=True)
         self._start_over()
 
     def feed(self, data: bytes, host_s: float) -> list[Event]:
@@ -78,7 +78,7 @@ class TMsgDecoder:
         for body in self._unwrapper.feed(data):
             if body is None:
                 self.stats.crc_errors += 1
-                self._rows.damaged()
+                self._rows.note_damage()
             elif body[2] == STREAM:
                 self._stream(body, host_s)
             else:
@@ -98,7 +98,11 @@ class TMsgDecoder:
         return self._rows.events(final=True)
 
     def _start_over(self) -> None:
-        self._stamps = Stamps(24 * 3600 * 100, 100.0) if self._sensortile else Stamps(1 << 32, 1e6)
+        self._stamps = (
+            WrappingCounter(24 * 3600 * 100, 100.0)
+            if self._sensortile
+            else WrappingCounter(1 << 32, 1e6)
+        )
         self._pairing = Pairing()
         self._temperature_c = math.nan
 
@@ -106,7 +110,7 @@ class TMsgDecoder:
         reading = self._read(body)
         if reading is None:
             self.stats.unknown += 1
-            self._rows.damaged()
+            self._rows.note_damage()
             return
         self.stats.frames += 1
         device_s = self._stamps.seconds(reading.stamp)

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from allanscope.wire.base import Command, WireSettings
-from allanscope.wire.row import Triple
+from allanscope.wire.rows import Triple
 
 __all__ = [
     "DEVICE",

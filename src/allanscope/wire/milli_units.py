@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from allanscope.parts import GYRO_SCALES, part_named
 from allanscope.samples import AXES, StreamInfo
 from allanscope.wire.base import WireSettings
-from allanscope.wire.row import HELD, Meaning, Row, Values, nominal_rate
+from allanscope.wire.rows import HELD, Meaning, Row, Values, nominal_rate
 
 __all__ = ["MilliUnits", "fits", "milli_of", "recover", "truncate"]
 

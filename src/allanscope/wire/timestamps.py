@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "Stamps",
+    "WrappingCounter",
     "long_gaps",
     "mean_rate",
     "period_of",
@@ -21,7 +21,7 @@ __all__ = [
 ]
 
 _SHORTEST_S = 1e-12
-"""Stamps that differ by less are no times."""
+"""WrappingCounter that differ by less are no times."""
 _FEWEST_STEPS = 4
 _FINEST = 1e-6
 _BURSTY = 1.25
@@ -40,7 +40,7 @@ _REGULAR = 0.5
 """Relative scatter of the time from burst to burst; that between random losses is 1."""
 
 
-class Stamps:
+class WrappingCounter:
     """Unwrap a counter of a device's time.
 
     Parameters
@@ -52,7 +52,7 @@ class Stamps:
 
     Examples
     --------
-    >>> milliseconds = Stamps(1 << 32, 1000.0)
+    >>> milliseconds = WrappingCounter(1 << 32, 1000.0)
     >>> [milliseconds.seconds(stamp) for stamp in (2147483647, -2147483648, -2147483628)]
     [2147483.647, 2147483.648, 2147483.668]
     """

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from allanscope.samples import AXES, Block, Event, StreamInfo, Ticks
 from allanscope.wire.native import NativeDecoder, NativeEncoder
 from allanscope.wire.native.framing import Deframer, seal, stuff, unstuff
-from allanscope.wire.native.kernel import batch_table
+from allanscope.wire.native.table import batch_table
 
 Check = Callable[[list[Event], list[Event]], None]
 INFO = StreamInfo(AXES, (8.75e-3,) * 3 + (6.1e-5,) * 3, 416.0, "LSM6DSM", epoch=9)

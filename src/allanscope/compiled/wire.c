@@ -1,4 +1,4 @@
-/* The batch reader of the native protocol: `wire/native/kernel.py`. */
+/* The batch reader of the native protocol: `wire/native/table.py`. */
 
 #include "kernels.h"
 
@@ -92,7 +92,7 @@ static int is_data(const uint8_t *frame, int64_t size) {
 
    `found` receives: data frames, bytes of their samples, other frames, CRC errors, malformed frames,
    where the first incomplete chunk starts, whether the next may be the tail of a frame, and whether
-   it is already longer than a frame can be. The other arrays: see `wire/native/kernel.py`. */
+   it is already longer than a frame can be. The other arrays: see `wire/native/table.py`. */
 KERNEL(void, read_frames)
 (const uint8_t *data, int64_t end, int64_t joining, const uint32_t *tables, uint8_t *headers,
  int64_t *ends, uint8_t *samples, uint8_t *others, int64_t *other_rows, int64_t *other_ends,

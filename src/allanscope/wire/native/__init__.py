@@ -2,9 +2,8 @@
 
 ::
 
-    bytes ─▶ framing (plain) ─┐                             ┌▶ StreamInfo  Block  Gap  Notice
-             kernel  (batch) ─┴▶ table of frames ─▶ assembly ┘
-                                                  epochs, losses, time
+    bytes ─▶ framing ─▶ table of frames ─▶ decoder ─▶ StreamInfo  Block  Gap  Notice
+                                           epochs, losses, time
     Block ─▶ encoder ─▶ framing (many frames at once) ─▶ bytes
 
 `layout` mirrors the numbers of the norm, `descriptor` says what the counts mean, and `messages` are

@@ -20,7 +20,7 @@ it counts in its `LinkStats`.
 ``plausibility``              rows that a damaged line has altered
 ``timestamps`` ``lines``      wrapping counters, what time stamps show; line ends
 ``milli_units``               the milli-units of stock firmware, and counts again
-``device_side``               what simulated devices share
+``base`` ``registry``         what a format has, and what simulated devices share; all formats
 ============================= ======================================================================
 
 `feed_chunks` feeds a decoder many reads at once, as a replay does; `answers` are what a host must

@@ -1,5 +1,8 @@
 """What every wire format provides: a decoder, an encoder, a way to be recognised and to be started.
 
+And what the encoders share, which are simulated devices: times and temperatures of rows, and a
+device that only sends (`OneWayEncoder`).
+
 Independent of the transport: bytes go in, events come out (and the other way round
 for the encoder, which the simulated device uses); whoever owns the port moves the bytes.
 
@@ -22,10 +25,13 @@ __all__ = [
     "Decoder",
     "Encoder",
     "LinkStats",
+    "OneWayEncoder",
     "WireFormat",
     "WireSettings",
     "answers",
+    "device_times",
     "feed_chunks",
+    "temperatures_at",
 ]
 
 
@@ -156,6 +162,60 @@ class Encoder(Protocol):
 
     def reply(self, command: Command, ok: bool = True) -> bytes:
         """Return the answer to a command; empty when the format has none."""
+
+
+class OneWayEncoder:
+    """A device that only sends samples: it has no status, and whatever it is told it ignores."""
+
+    silent_until_started: ClassVar[bool] = False
+
+    def __init__(self, info: StreamInfo) -> None:
+        self._info = info
+
+    def samples_per_frame(self, rate_hz: float) -> int:
+        """Return 1: each sample is sent by itself."""
+        return 1
+
+    def describe(self, info: StreamInfo) -> bytes:
+        """Take note of the scales; the format has no words for them."""
+        self._info = info
+        return b""
+
+    def status(self, produced: int, sent: int, dropped: int, uptime_s: float) -> bytes:
+        """Return nothing: such a device does not know what it lost."""
+        return b""
+
+    def receive(self, data: bytes) -> list[Command]:
+        """Return nothing: such a device does not listen."""
+        return []
+
+    def reply(self, command: Command, ok: bool = True) -> bytes:
+        """Return nothing."""
+        return b""
+
+
+def device_times(block: Block, rows: NDArray[np.int64], nominal_hz: float) -> NDArray[np.float64]:
+    """Return the device time of some rows of a block, in seconds.
+
+    Interpolated between the ticks; beyond them, or without any, carried on at the nominal rate.
+    """
+    period = 1.0 / nominal_hz if nominal_hz else 0.0
+    known = np.isfinite(block.ticks.device_s)
+    if not known.any():
+        return np.asarray((block.index + rows) * period, np.float64)
+    offsets, seconds = block.ticks.offset[known], block.ticks.device_s[known]
+    beyond = np.maximum(rows - offsets[-1], 0) + np.minimum(rows - offsets[0], 0)
+    found = np.interp(rows, offsets, seconds) + beyond * period
+    return np.asarray(np.maximum(found, 0.0), np.float64)
+
+
+def temperatures_at(block: Block, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the temperature at some rows of a block, interpolated; NaN when it has none."""
+    known = np.isfinite(block.ticks.temperature_c)
+    if not known.any():
+        return np.full(len(rows), np.nan)
+    offsets, degrees = block.ticks.offset[known], block.ticks.temperature_c[known]
+    return np.asarray(np.interp(rows, offsets, degrees), np.float64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,10 +26,16 @@ from typing import cast
 import numpy as np
 
 from allanscope.samples import AXES, Block, Event, GapReason, StreamInfo
-from allanscope.wire.base import LinkStats, WireFormat, WireSettings
-from allanscope.wire.device_side import OneWayEncoder, milli_units, temperatures, times
+from allanscope.wire.base import (
+    LinkStats,
+    OneWayEncoder,
+    WireFormat,
+    WireSettings,
+    device_times,
+    temperatures_at,
+)
 from allanscope.wire.lines import Lines
-from allanscope.wire.milli_units import MilliUnits
+from allanscope.wire.milli_units import MilliUnits, to_milli_units
 from allanscope.wire.row_events import RowEvents
 from allanscope.wire.timestamps import WrappingCounter
 
@@ -266,11 +272,11 @@ class DataLogEncoder(OneWayEncoder):
     def encode(self, block: Block) -> bytes:
         """Return one record a row; it always names both sensors, an absent one reads 0."""
         rows = np.arange(len(block))
-        seconds = times(block, rows, self._info.nominal_hz)
-        degrees = np.nan_to_num(temperatures(block, rows), nan=_ROOM_C)
+        seconds = device_times(block, rows, self._info.nominal_hz)
+        degrees = np.nan_to_num(temperatures_at(block, rows), nan=_ROOM_C)
         per_second = 100 if self._clock else 1000
         stamps = np.round(seconds * per_second).astype(np.int64).tolist()
-        values = milli_units(block, self._info).tolist()
+        values = to_milli_units(block, self._info).tolist()
         write = _version_1 if self._clock else _version_2
         text = "".join(map(write, stamps, values, degrees.tolist()))
         return text.encode("ascii")

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.parts import GYRO_SCALES, part_named
-from allanscope.samples import AXES, StreamInfo
+from allanscope.samples import AXES, Block, StreamInfo
 from allanscope.wire.base import WireSettings
 from allanscope.wire.rows import HELD, Meaning, Row, Values, nominal_rate
 
-__all__ = ["MilliUnits", "fits", "milli_of", "recover", "truncate"]
+__all__ = ["MilliUnits", "fits", "milli_of", "recover", "to_milli_units", "truncate"]
 
 _USUAL_FULL_SCALE = 2000.0
 _FEWEST_LEVELS = 6
@@ -159,3 +159,11 @@ def fits(
     """Return for each number whether some count gives it."""
     same: NDArray[np.bool_] = truncate(recover(sent, milli_per_count), milli_per_count) == sent
     return same
+
+
+def to_milli_units(block: Block, info: StreamInfo) -> NDArray[np.int64]:
+    """Return counts as stock firmware sends them: mdps and mg, cut, shape (n, 6), absent ones 0."""
+    sent = np.zeros((len(block), len(AXES)), np.int64)
+    columns = [AXES.index(axis) for axis in info.axes]
+    sent[:, columns] = truncate(block.counts, np.round(np.asarray(info.scale) * 1e3, 6))
+    return sent

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.samples import AXES, INT16_MAX, INT16_MIN, Block, StreamInfo
-from allanscope.wire.base import Command
-from allanscope.wire.device_side import temperatures, times
+from allanscope.wire.base import Command, device_times, temperatures_at
 from allanscope.wire.native import descriptor
 from allanscope.wire.native.framing import Deframer, seal, stuff_frames
 from allanscope.wire.native.layout import (
@@ -153,14 +152,14 @@ class NativeEncoder:
         headers["flags"] = valid | np.bitwise_or.reduceat(saturated, starts)
         headers["n"] = np.minimum(len(block) - starts, size)
         headers["index"] = (block.index + starts) & 0xFFFFFFFF
-        seconds = times(block, starts, self._info.nominal_hz)
+        seconds = device_times(block, starts, self._info.nominal_hz)
         headers["mcu_us"] = np.rint(seconds * 1e6)
         headers["sensor_ticks"] = np.rint(seconds * _TICKS_PER_S).astype(np.int64) % NO_TICKS
         headers["temperature"] = self._temperatures(block, starts)
         return headers
 
     def _temperatures(self, block: Block, starts: NDArray[np.int64]) -> NDArray[np.int16]:
-        degrees = temperatures(block, starts) - descriptor.ZERO_COUNTS_C
+        degrees = temperatures_at(block, starts) - descriptor.ZERO_COUNTS_C
         counts = np.rint(degrees * descriptor.counts_per_degree(self._info.part))
         known = np.clip(np.nan_to_num(counts), NO_TEMPERATURE + 1, INT16_MAX)
         return np.where(np.isnan(degrees), NO_TEMPERATURE, known).astype(np.int16)

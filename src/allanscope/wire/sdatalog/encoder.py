@@ -18,8 +18,7 @@ import numpy as np
 
 from allanscope.parts import PARTS, Part, part_named
 from allanscope.samples import AXES, Block, StreamInfo
-from allanscope.wire.base import Command
-from allanscope.wire.device_side import OneWayEncoder, times
+from allanscope.wire.base import Command, OneWayEncoder, device_times
 
 __all__ = ["SDatalogEncoder"]
 
@@ -69,7 +68,7 @@ class SDatalogEncoder(OneWayEncoder):
         """Return the packets of each sample."""
         if not len(block):
             return b""
-        seconds = times(block, np.arange(len(block)), self._info.nominal_hz).tolist()
+        seconds = device_times(block, np.arange(len(block)), self._info.nominal_hz).tolist()
         head = {kind: _head(kind) for kind in self._enabled}
         columns = {
             kind: block.counts[:, [self._info.axes.index(axis) for axis in axes]].tolist()

@@ -13,13 +13,22 @@ tables in files as well.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from allanscope.wire.base import WireFormat, WireSettings
+import numpy as np
+
+from allanscope.samples import AXES, Block, StreamInfo, unit_of
+from allanscope.wire.base import (
+    OneWayEncoder,
+    WireFormat,
+    WireSettings,
+    device_times,
+    temperatures_at,
+)
 from allanscope.wire.lines import is_text
 from allanscope.wire.text.columns import Column, column_of
 from allanscope.wire.text.decoder import TextDecoder
-from allanscope.wire.text.encoder import TextEncoder
 from allanscope.wire.text.refusal import why_no_rows
 from allanscope.wire.text.units import (
     DIVISORS,
@@ -46,6 +55,34 @@ __all__ = [
     "unit_by_gravity",
     "why_no_rows",
 ]
+
+
+_DIGITS = 9
+
+
+class TextEncoder(OneWayEncoder):
+    """Blocks to comma-separated lines: time in us, axes in dps and g, temperature in degC."""
+
+    def __init__(self) -> None:
+        super().__init__(StreamInfo(AXES, (8.75e-3,) * 3 + (0.061e-3,) * 3, 104.0))
+
+    def describe(self, info: StreamInfo) -> bytes:
+        """Return the header."""
+        super().describe(info)
+        names = [f"{axis}[{unit_of(axis)}]" for axis in info.axes]
+        return ",".join(["t[us]", *names, "temp[degC]"]).encode("ascii") + b"\r\n"
+
+    def encode(self, block: Block) -> bytes:
+        """Return one line a row; the temperature is empty where there is none."""
+        rows = np.arange(len(block))
+        stamps = np.rint(1e6 * device_times(block, rows, self._info.nominal_hz)).tolist()
+        values = np.round(block.counts * np.asarray(self._info.scale), _DIGITS).tolist()
+        degrees = temperatures_at(block, rows).tolist()
+        lines = [
+            f"{stamp:.0f},{','.join(map(repr, row))},{'' if math.isnan(t) else f'{t:.3f}'}\r\n"
+            for stamp, row, t in zip(stamps, values, degrees, strict=True)
+        ]
+        return "".join(lines).encode("ascii")
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,16 @@ from numpy.typing import NDArray
 
 from allanscope.samples import AXES, Block, Event, GapReason, Notice, StreamInfo
 from allanscope.sanitize import text_of
-from allanscope.wire.base import Command, LinkStats, WireFormat, WireSettings
-from allanscope.wire.device_side import OneWayEncoder, milli_units, temperatures, times
-from allanscope.wire.milli_units import MilliUnits
+from allanscope.wire.base import (
+    Command,
+    LinkStats,
+    OneWayEncoder,
+    WireFormat,
+    WireSettings,
+    device_times,
+    temperatures_at,
+)
+from allanscope.wire.milli_units import MilliUnits, to_milli_units
 from allanscope.wire.row_events import RowEvents
 from allanscope.wire.rows import Pairing
 from allanscope.wire.timestamps import WrappingCounter
@@ -182,8 +189,8 @@ class TMsgEncoder(OneWayEncoder):
 
     def _bodies(self, block: Block) -> NDArray[np.uint8]:
         rows = np.arange(len(block))
-        sent = milli_units(block, self._info).astype("<i4")
-        degrees = temperatures(block, rows).astype("<f4")
+        sent = to_milli_units(block, self._info).astype("<i4")
+        degrees = temperatures_at(block, rows).astype("<f4")
         blocks: list[tuple[int, NDArray[Any]]] = []
         if np.isfinite(degrees).all():
             blocks.append((_TEMPERATURE_BIT, degrees))
@@ -192,8 +199,8 @@ class TMsgEncoder(OneWayEncoder):
                 blocks.append((bit, sent[:, columns]))
         head = np.zeros(len(block), _CURRENT)
         head["head"] = (_HOST, DEVICE, STREAM)
-        microseconds = np.rint(times(block, rows, self._info.nominal_hz) * 1e6).astype(np.int64)
-        head["time"] = microseconds & 0xFFFFFFFF
+        microseconds = np.rint(1e6 * device_times(block, rows, self._info.nominal_hz))
+        head["time"] = microseconds.astype(np.int64) & 0xFFFFFFFF
         head["mask"] = sum(bit for bit, _ in blocks)
         return np.hstack([_bytes(head), *(_bytes(values) for _, values in blocks)])
 
@@ -207,13 +214,13 @@ class SensorTileEncoder(TMsgEncoder):
         rows = np.arange(len(block))
         body = np.zeros(len(block), _SENSORTILE)
         body["head"] = (_HOST, DEVICE, STREAM)
-        hundredths = np.floor(times(block, rows, self._info.nominal_hz) * 100.0 + 1e-6)
+        hundredths = np.floor(device_times(block, rows, self._info.nominal_hz) * 100.0 + 1e-6)
         clock = hundredths.astype(np.int64)
         steps = ((360_000, 24), (6000, 60), (100, 60), (1, 100))
         body["clock"] = np.stack([clock // size % modulus for size, modulus in steps], axis=1)
-        degrees = temperatures(block, rows)
+        degrees = temperatures_at(block, rows)
         body["temperature"] = np.nan_to_num(degrees)
-        sent = milli_units(block, self._info)
+        sent = to_milli_units(block, self._info)
         body["gyro"], body["accel"] = sent[:, :3], sent[:, 3:]
         new = 2 * ("gx" in self._info.axes) | 1 * ("ax" in self._info.axes)
         body["new"] = np.where(np.isnan(degrees), new, new | 32)

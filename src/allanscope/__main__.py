@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -14,6 +15,9 @@ from allanscope.lazy import defer_unused
 from allanscope.sanitize import complain, spell_out_standard_streams
 
 __all__ = ["main"]
+
+_DISTRIBUTION = {"PIL": "pillow", "rerun": "rerun-sdk", "serial": "pyserial", "yaml": "pyyaml"}
+"""Names of modules that differ from those of the packages which bring them."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -79,15 +83,53 @@ def _not_parsed(error: UsageError | BrokenPipeError) -> int:
 def _unexpected(error: Exception, command: str) -> int:
     """Print an internal error, or which package is not installed; return the exit code."""
     if isinstance(error, ModuleNotFoundError):
-        from allanscope.missing_package import missing_package_message
-
-        missing = missing_package_message(error, command)
+        missing = _missing_package(error, command)
         if missing is not None:
             complain(missing)
             return ExitCode.USAGE
     what = f"{type(error).__name__}: {error}"
     complain(f"internal error: {what}; run with --debug for the traceback")
     return ExitCode.UNEXPECTED
+
+
+def _missing_package(error: ModuleNotFoundError, command: str) -> str | None:
+    """Return a line for a package that is not installed, None for a module of our own.
+
+    Parameters
+    ----------
+    error : ModuleNotFoundError
+        Raised by the import.
+    command : str
+        Of allanscope, that ran into it.
+
+    Examples
+    --------
+    >>> error = ModuleNotFoundError("No module named 'zarr'", name="zarr")
+    >>> print(_missing_package(error, "fleet"))
+    fleet needs the package zarr, which is not installed: python -m pip install zarr
+    """
+    module = (error.name or "").partition(".")[0]
+    if module in ("", "allanscope") or module in sys.modules:
+        return None  # a part of a package that is there: its version is wrong, or it is damaged
+    package = _DISTRIBUTION.get(module, module)
+    wanted = _requirement(package)
+    quoted = f"'{wanted}'" if set(wanted) & set("<>~! ") else wanted
+    return (
+        f"{command} needs the package {package}, which is not installed: "
+        f"python -m pip install {quoted}"
+    )
+
+
+def _requirement(package: str) -> str:
+    """Return a package with the versions that are asked for, as far as they are known."""
+    from importlib.metadata import PackageNotFoundError, requires  # needed only here
+
+    try:
+        lines = requires("allanscope") or []
+    except PackageNotFoundError:  # run from its sources
+        lines = []
+    names = (line.partition(";")[0].strip() for line in lines)
+    return next((one for one in names if re.split(r"[<>=!~\[ ]", one)[0] == package), package)
 
 
 def _discard_unwritable_output() -> None:

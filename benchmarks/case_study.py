@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from allanscope.analysis import Analyser
 from allanscope.analysis.analyser import loop_input
-from allanscope.analysis.published import published
+from allanscope.analysis.coefficients import published_coefficients
 from allanscope.explain import AxisExplanation, Explanation, explain
 from allanscope.explain.residual import deviation_of
 from allanscope.history import Record
@@ -131,7 +131,7 @@ def print_axis(axis: str, result: Explanation, reading: Reading, held: list[Held
     print_effects(found)
     factor, prefix = SMALL[axis[0]]
     print("\n| | before | after |\n|---|---|---|")
-    final = published(axis, result.fits, result.axes)
+    final = published_coefficients(axis, result.fits, result.axes)
     for letter in "QNBKR":
         before, after = found.coefficients_before[letter], final[letter]
         unit = f"{prefix}{before.unit}"

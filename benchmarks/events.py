@@ -30,7 +30,7 @@ from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.pipeline import Decoding, DeviceSettings
 from allanscope.pipeline.analyse_arrays import events_of_columns
 from allanscope.pipeline.columns import with_guesses
-from allanscope.pipeline.replaying import analysed
+from allanscope.pipeline.replaying import feed_analyser
 from allanscope.pipeline.session import Session
 from allanscope.pipeline.table_files import table_of_file
 from allanscope.recording import Chunk, write_recording
@@ -132,7 +132,7 @@ def night(minutes: float, speed: float, seed: int, folder: Path) -> list[Figure]
     played = found(session.analyser)
     print(f"played {minutes:g} min in {time.monotonic() - began:.0f} s")
     morning = Analyser(AnalyserSettings(buffered_rows=1 << 17))
-    analysed(path, decoding(), morning, quiet=True)
+    feed_analyser(path, decoding(), morning, quiet=True)
     print(f"{'kind':18}{'true, s':>9}{'found, s':>10} {'interval':>18}{'delay, s':>10}  event")
     missed, delays, other = 0, [], list(played)
     for kind, onset_s in sensor.onset_s.items():

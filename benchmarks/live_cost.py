@@ -83,7 +83,7 @@ class Threads:
 
 
 class Watch:
-    """Somebody in the audience who looks at the clock."""
+    """A listener that looks at the clock."""
 
     def __init__(self) -> None:
         self.began_cpu_s = self.began_s = math.nan
@@ -158,13 +158,13 @@ def run(
     decoding = Decoding(WireSettings(), write=source.write)
     whole_s = WARM_S + seconds
     session = Session(
-        source, decoding, Analyser(), ledger=recorder, duration_s=whole_s, policy=policy
+        source, decoding, Analyser(), recorder=recorder, duration_s=whole_s, policy=policy
     )
     session.loop_process = LoopProcess(
         first_s=WARM_S + seconds / 2
     )  # one look falls into every run
     viewer = RerunView(folder, "none", {"name": "benchmark"}, lambda line, level="info": None)
-    session.audience = (watch, TerminalView("quiet"), viewer)
+    session.listeners = (watch, TerminalView("quiet"), viewer)
     viewer.start()
     session.run()
     spent_s, passed_s = time.process_time() - watch.began_cpu_s, time.monotonic() - watch.began_s

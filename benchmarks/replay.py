@@ -29,7 +29,7 @@ from allanscope.analysis import Analyser, AnalyserSettings, StreamState, summari
 from allanscope.analysis import rows as row_tools
 from allanscope.pipeline import Decoding
 from allanscope.pipeline.analyse_file import FULL_BUFFERED, FULL_ROWS
-from allanscope.pipeline.replaying import analysed
+from allanscope.pipeline.replaying import feed_analyser
 from allanscope.recording import Fingerprint, Recording
 from allanscope.samples import Block, StreamInfo
 from allanscope.wire import WireSettings
@@ -80,7 +80,7 @@ def whole(path: Path) -> dict[str, float]:
     decoding = Decoding(WireSettings())
     analyser = Analyser(AnalyserSettings(history_rows=FULL_ROWS, buffered_rows=FULL_BUFFERED))
     marks = [(time.process_time(), time.monotonic())]
-    analysed(path, decoding, analyser, quiet=True, seen=Fingerprint().add)
+    feed_analyser(path, decoding, analyser, quiet=True, seen=Fingerprint().add)
     assert analyser.state is not None
     analyser.state.settle()
     marks.append((time.process_time(), time.monotonic()))

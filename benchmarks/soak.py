@@ -34,7 +34,7 @@ from allanscope.allan import AllanBank
 from allanscope.analysis import Analyser, Analysis
 from allanscope.pipeline import Decoding
 from allanscope.pipeline.process import configure_malloc
-from allanscope.pipeline.replaying import analysed
+from allanscope.pipeline.replaying import feed_analyser
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recorder
 from allanscope.samples import Block, Gap, Notice, StreamInfo
@@ -53,7 +53,7 @@ LAG = 1 << 20
 
 @dataclass
 class Witness:
-    """An audience that notes which samples came, to the sample."""
+    """A listener that notes which samples came, to the sample."""
 
     ranges: list[list[int]] = field(default_factory=list)
     epoch: int = -1
@@ -159,8 +159,8 @@ def virtual(options: argparse.Namespace, folder: Path) -> bool:
         _Paced(source, night, witness, over),
         Decoding(WireSettings()),
         Analyser(),
-        audience=(witness,),
-        ledger=recorder,
+        listeners=(witness,),
+        recorder=recorder,
     )
     every_s = 5.0 if options.hours >= 1.0 else 0.1
     health = Health(os.getpid(), lambda: night.now_s / 3600.0, every_s)
@@ -272,7 +272,7 @@ def _against_truth(
 def _against_replay(folder: Path, session: Session) -> list[tuple[bool, str]]:
     began = time.monotonic()
     decoding = Decoding(WireSettings())
-    state = analysed(folder, decoding, Analyser(), quiet=True).state
+    state = feed_analyser(folder, decoding, Analyser(), quiet=True).state
     took = time.monotonic() - began
     live = session.analyser.state
     assert state is not None

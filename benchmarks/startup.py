@@ -4,7 +4,7 @@
 
 Wall time of whole processes, the least of several, and processor time beside it, which tells how
 much of the wall time was waiting for a busy machine; ``live sim`` is stopped when a first curve is
-handed to the audience. In the first run ever Python finds no bytecode of any package, as after an
+handed to the listeners. In the first run ever Python finds no bytecode of any package, as after an
 installation without it, and compiles all of it.
 """
 

@@ -9,7 +9,7 @@ import pytest
 
 from allanscope.analysis import Analyser, AnalyserSettings, summarise
 from allanscope.pipeline import Decoding
-from allanscope.pipeline.replaying import analysed
+from allanscope.pipeline.replaying import feed_analyser
 from allanscope.recording import Chunk, Fingerprint, Recording, SessionWriter
 from allanscope.simulator import Simulator, simulate_blocks
 from allanscope.wire import WireSettings
@@ -68,7 +68,7 @@ def one_by_one(folder, settings):
 def in_bulk(folder, settings):
     """Take everything in megabytes."""
     decoding, analyser = Decoding(WireSettings()), Analyser(settings)
-    return decoding, analysed(folder, decoding, analyser, quiet=True)
+    return decoding, feed_analyser(folder, decoding, analyser, quiet=True)
 
 
 def sums(analyser):

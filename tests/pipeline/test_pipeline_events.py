@@ -10,7 +10,7 @@ import pytest
 
 from allanscope.analysis import Analyser, AnalyserSettings
 from allanscope.pipeline import Decoding, DeviceSettings, SimulatedSettings, simulate_recording
-from allanscope.pipeline.replaying import analysed
+from allanscope.pipeline.replaying import feed_analyser
 from allanscope.pipeline.session import Session
 from allanscope.recording import Recording
 from allanscope.samples import Notice
@@ -29,7 +29,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Listener:
-    """An audience that keeps remarks."""
+    """A listener that keeps remarks."""
 
     def __init__(self) -> None:
         self.notices: list[Notice] = []
@@ -57,11 +57,11 @@ def test_replay_finds_what_live_found(recording: Path):
         for event in decoding.feed(chunk):
             live.feed(event)
     quick = Analyser(AnalyserSettings(buffered_rows=1 << 17))
-    analysed(recording, Decoding(DeviceSettings().for_wire()), quick, quiet=True)
+    feed_analyser(recording, Decoding(DeviceSettings().for_wire()), quick, quiet=True)
     listener = Listener()
     source = RecordedSource(recording, math.inf)
     replayed = Analyser()
-    session = Session(source, Decoding(DeviceSettings().for_wire()), replayed, audience=[listener])
+    session = Session(source, Decoding(DeviceSettings().for_wire()), replayed, listeners=[listener])
     session.run()
     assert events(live) == events(quick) == events(replayed)
     assert [event.kind for event in events(live)] == ["step", "sinusoid"]
@@ -81,7 +81,7 @@ def test_what_was_found_before_a_crash_is_no_news(recording: Path):
     ]
     source = RecordedSource(recording, math.inf)
     source.close()
-    session = Session(source, decoding, Analyser(), audience=[listener], earlier=past)
+    session = Session(source, decoding, Analyser(), listeners=[listener], earlier=past)
     session.run()
     assert len(events(session.analyser)) == 2
     assert not [one for one in listener.notices if one.kind == "event"]

@@ -11,7 +11,6 @@ from allanscope import __version__
 from allanscope.__main__ import main
 from allanscope.allan import deviation
 from allanscope.noise import Coefficient, bound_model
-from allanscope.pipeline.convert import stored_result
 from allanscope.pipeline.exports import (
     LAYOUTS,
     NotDetected,
@@ -24,6 +23,7 @@ from allanscope.pipeline.exports import (
     ros_covariance_yaml,
     vins_yaml,
 )
+from allanscope.pipeline.import_export import stored_result
 
 RATE = 104.0
 DEGREE, G = np.pi / 180, 9.80665

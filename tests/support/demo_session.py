@@ -1,4 +1,4 @@
-"""A made-up session, told to an audience as the pipeline would tell it."""
+"""A made-up session, told to a listener as the pipeline would tell it."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def watch(port: str, out: Path, seconds: float) -> Analysis:
         source.write(data)
 
     decoding.resume(write)
-    session = Session(source, decoding, Analyser(), ledger=recorder, duration_s=seconds)
+    session = Session(source, decoding, Analyser(), recorder=recorder, duration_s=seconds)
     try:
         session.run()
     finally:

@@ -20,13 +20,13 @@ from allanscope.analysis.analyser import (
     StreamState,
     loop_input,
 )
+from allanscope.analysis.coefficients import published_coefficients
 from allanscope.analysis.coherence import common_of
 from allanscope.analysis.comparison import ReferenceCurve, compare_curve
 from allanscope.analysis.curves_across_gaps import across_gaps
 from allanscope.analysis.datasheet import compare, rms_of
 from allanscope.analysis.line_origin import clock_wander_of
 from allanscope.analysis.model_curves import draw_models
-from allanscope.analysis.published import published
 from allanscope.analysis.readings import density_of, read_axis
 from allanscope.analysis.remarks import (
     axis_remarks,
@@ -456,7 +456,7 @@ def _axis(
         fit = _fit(record, name, density, part)
     curve = curves.get("oadev")
     fits = {**(loop.fits if loop else {}), **({name: fit} if fit else {})}
-    coefficients = published(name, fits, loop.axes if loop else {})
+    coefficients = published_coefficients(name, fits, loop.axes if loop else {})
     # Where gaps leave the stream no density, that of the bridged rows is read.
     measured = density if len(density.frequency) or fit is None else density_of(fit.evidence)
     readings = read_axis(measured, curve, unit_of(name))

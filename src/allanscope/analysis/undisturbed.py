@@ -126,7 +126,7 @@ def undisturbed(
     inside = record.between(begin_s, end_s)
     if end_s - begin_s > NEARLY_ALL * whole_s or len(inside.values) < FEWEST_ROWS:
         return None
-    from allanscope.analysis.published import published
+    from allanscope.analysis.coefficients import published_coefficients
     from allanscope.explain import fit_beside
     from allanscope.noise import fit_noise
 
@@ -138,5 +138,5 @@ def undisturbed(
         if axis not in fits:
             with suppress(ValueError):  # constant, or in pieces too short
                 fits[axis] = fit_noise(inside, axis, part=part)
-    found = {axis: published(axis, fits, searched) for axis in fits}
+    found = {axis: published_coefficients(axis, fits, searched) for axis in fits}
     return Undisturbed(begin_s, end_s, found) if found else None

@@ -101,8 +101,8 @@ def shares_text(explanation: AxisExplanation) -> str:
     )
 
 
-def effect_text(effect: Effect, intervals: bool = True) -> str:
-    """Return one effect in one line, with or without the intervals of its parameters.
+def effect_text(effect: Effect) -> str:
+    """Return one effect in one line, with the intervals of its parameters.
 
     >>> effect_text(Effect("sinusoid", {"frequency": Parameter(50.02, 50.0, 50.04, "Hz")}))
     'line: frequency 50.020 [50.000, 50.040] Hz'
@@ -110,7 +110,7 @@ def effect_text(effect: Effect, intervals: bool = True) -> str:
     if effect.kind == UNEXPLAINED and effect.evidence.get("words"):
         return symbols(f"{UNEXPLAINED}: {effect.evidence['words']}")
     parameters = ", ".join(
-        f"{name.replace('_', ' ')} {parameter_text(value, intervals)}"
+        f"{name.replace('_', ' ')} {parameter_text(value)}"
         for name, value in effect.parameters.items()
     )
     name = kind_name(effect.kind)
@@ -129,11 +129,18 @@ def effect_brief(effect: Effect) -> str:
     if effect.brief:
         return effect.brief
     parts = (
-        f"{name.replace('_', ' ')} {parameter_text(Parameter(p.value, unit=p.unit), False)}"
-        for name, p in effect.parameters.items()
+        f"{name.replace('_', ' ')} {_value_text(parameter)}"
+        for name, parameter in effect.parameters.items()
     )
     inside = ", ".join(parts)
     return kind_name(effect.kind) + (f" ({inside})" if inside else "")
+
+
+def _value_text(parameter: Parameter) -> str:
+    """Return one number of an effect without its interval; lengths of time as people say them."""
+    if parameter.unit == "s" and not isinstance(parameter.value, str):
+        return duration(parameter.value)
+    return parameter_text(Parameter(parameter.value, unit=parameter.unit))
 
 
 def rate_text(known: Rate) -> str:
@@ -251,19 +258,12 @@ def simulation_notice(origin: Origin) -> tuple[str, str] | None:
             return None
 
 
-def parameter_text(parameter: Parameter, intervals: bool = True) -> str:
-    """Return one number of an effect with its unit; lengths of time as people say them.
+def parameter_text(parameter: Parameter) -> str:
+    """Return one number of an effect with its interval and its unit.
 
     >>> parameter_text(Parameter(0.00274, 0.00264, 0.00283, "dps"))
     '2.74 [2.64, 2.83] mdps'
-    >>> parameter_text(Parameter(2999.8, 2999.0, 3000.9, "s"), intervals=False)
-    '50 min'
     """
     if isinstance(parameter.value, str):
         return parameter.value
-    if parameter.unit == "s" and not intervals:
-        return duration(parameter.value)
-    text = measured(parameter.value, parameter.lower, parameter.upper, parameter.unit)
-    if not intervals and " [" in text:
-        text = f"{text.partition(' [')[0]}{text.partition(']')[2]}"
-    return symbols(text)
+    return symbols(measured(parameter.value, parameter.lower, parameter.upper, parameter.unit))

@@ -62,12 +62,12 @@ class Drift:
     is_seen: bool = False
 
 
-def drifts_of(lot: Lot, names: tuple[str, ...] = MAIN_LETTERS) -> list[Drift]:
+def drifts_of(lot: Lot) -> list[Drift]:
     """Return the slopes of coefficients and levels of all axes, as far as repeats tell."""
     found: list[Drift] = []
     for axis in lot.axes:
         here = lot.of_axis(axis)
-        for name in names:
+        for name in MAIN_LETTERS:
             some = here.detected(name)
             found += _slopes(some, axis, name, np.log(some[f"{name}_value"]))
         known = here.where(np.isfinite(here["level_mean"]))

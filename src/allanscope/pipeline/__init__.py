@@ -2,9 +2,9 @@
 
 ::
 
-    live, replay   source ─▶ Session ─┬▶ Recorder                 session, inbox, process
+    live, replay   source ─▶ Session ─┬▶ Recorder                 session, read_queue, process
                                       ├▶ Decoding ─▶ Analyser     decoding
-                                      └▶ refresh ─▶ audience      refreshing (and a child)
+                                      └▶ refresh ─▶ listeners     refreshing (and a child)
 
     analyse        file ─▶ prefetch: decode ─▶ Analyser ─▶ Analysis    analyse_file, replaying
     Python         arrays ─▶ events ─────────▶ Analyser ─▶ Analysis    analyse_arrays, columns
@@ -13,7 +13,7 @@
     notebook ─ live ─▶ Session, in the background ──▶ newest Analysis  live_session
 
 A function here is what a command of the same name calls: `run` (live and replays), `analyse_file`,
-`check`, `convert` (import and export), `simulate`, `together`. `outputs` writes what a run leaves
+`check`, `import_export`, `simulate`, `together`. `outputs` writes what a run leaves
 behind, and opens its charts again. Whichever way samples come, they pass the same decoder and the
 same sums, so that no two ways can disagree.
 """
@@ -41,15 +41,15 @@ if TYPE_CHECKING:
         to_json,
         to_junit,
     )
-    from allanscope.pipeline.convert import (
-        export_recording,
-        import_capture,
-    )
     from allanscope.pipeline.decoding import (
         Decoding,
     )
     from allanscope.pipeline.doctor import (
         machine_checks,
+    )
+    from allanscope.pipeline.import_export import (
+        export_recording,
+        import_capture,
     )
     from allanscope.pipeline.live_session import LiveSession, live
     from allanscope.pipeline.outputs import (
@@ -152,10 +152,10 @@ __getattr__, __dir__ = lazily(
         "Limits": "check",
         "check_against": "check",
         "machine_checks": "doctor",
-        "export_recording": "convert",
+        "export_recording": "import_export",
         "check_failure": "check",
         "full_settings": "analyse_file",
-        "import_capture": "convert",
+        "import_capture": "import_export",
         "is_table_file": "table_files",
         "open_charts": "outputs",
         "open_stream": "stream",

@@ -42,7 +42,7 @@ from allanscope.wire.timestamps import (
     rows_come_unevenly,
 )
 
-__all__ = ["analyse", "analyse_columns", "events_of_columns", "words_of"]
+__all__ = ["analyse", "analyse_columns", "columns_text", "events_of_columns"]
 
 ROWS = 1 << 16
 """Rows of one Block."""
@@ -185,12 +185,12 @@ def analyse_columns(
     state = analyser.state
     if state is None or not state.samples:
         raise ValueError("the arrays contain no samples; nothing to analyse")
-    known = {"wire": state.info.wire, **facts, "units": words_of(columns, state.info)}
+    known = {"wire": state.info.wire, **facts, "units": columns_text(columns, state.info)}
     link = LinkStats(samples=state.samples, lost_samples=state.lost)
     return summarise(analyser, link, "full", known)
 
 
-def words_of(columns: Columns, info: StreamInfo) -> str:
+def columns_text(columns: Columns, info: StreamInfo) -> str:
     """Return how the columns were understood: ``gx dps, gy dps`` or ``az lsb of 6.1e-05 g``."""
     words = []
     for axis, scale in zip(columns.axes, info.scale, strict=True):

@@ -12,7 +12,7 @@ from allanscope.errors import InputError, UsageError
 from allanscope.pipeline.columns import with_units
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.process import usable_processes
-from allanscope.pipeline.replaying import analysed
+from allanscope.pipeline.replaying import feed_analyser
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.recording import Fingerprint, Recording, is_recording
@@ -70,7 +70,7 @@ def analyse_input(
     decoding = Decoding(device.for_wire(), device.wire)
     settings = replace(full_settings(device.part, curves=curves), full_scales=device.full_scales)
     analyser = Analyser(settings)
-    analysed(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
+    feed_analyser(path, decoding, analyser, quiet, seen=fingerprint.add if fingerprint else None)
     if analyser.state is None or not analyser.state.samples:
         why = analyser.errors[0] if analyser.errors else "nothing to analyse"
         raise InputError(f"{path} contains no samples; {why}")

@@ -38,8 +38,8 @@ class LiveSession:
 
     def __init__(self, opened: OpenSession) -> None:
         self._session, self._recorder, self.folder, _ = opened
-        self._audience = _Newest()
-        self._session.audience = (self._audience,)
+        self._newest = _NewestResult()
+        self._session.listeners = (self._newest,)
         self._error: BaseException | None = None
         self._ended = threading.Event()
         self._final: Analysis | None = None
@@ -59,19 +59,19 @@ class LiveSession:
         """
         if self._final is not None:
             return self._final
-        while not self._audience.has_come.wait(0.1):
+        while not self._newest.has_come.wait(0.1):
             if self._ended.is_set():
                 break
         if self._error is not None:
             raise self._error
-        if self._audience.newest is None:
+        if self._newest.newest is None:
             raise no_samples_error(self._session.source)
-        return self._audience.newest
+        return self._newest.newest
 
     @property
     def notices(self) -> tuple[str, ...]:
         """What was reported so far: events, remarks of the device, failures."""
-        return tuple(self._audience.notices)
+        return tuple(self._newest.notices)
 
     def wait(self, seconds: float) -> Analysis:
         """Measure for so long, or until the session ends; return the newest result."""
@@ -121,13 +121,13 @@ class LiveSession:
 
     def __repr__(self) -> str:
         """Return what is measured, and for how long it has been."""
-        newest = self._final or self._audience.newest
+        newest = self._final or self._newest.newest
         state = "ended" if self._ended.is_set() else "running"
         length = duration(newest.duration_s) if newest is not None else "no result yet"
         return f"<LiveSession {self._session.source.name}: {state}, {length}>"
 
     def _repr_html_(self) -> str:
-        newest = self._final or self._audience.newest
+        newest = self._final or self._newest.newest
         if newest is None:
             return f"<p>{escape(self._session.source.name)}: no result yet</p>"
         state = "ended" if self._ended.is_set() else "running"
@@ -142,7 +142,7 @@ class LiveSession:
         self._ended.set()
 
 
-class _Newest:
+class _NewestResult:
     """Keeps the newest result of a session, and what was reported."""
 
     def __init__(self) -> None:

@@ -30,7 +30,7 @@ from allanscope.samples import Event, Notice
 from allanscope.sources import RecordedSource, Source, open_file
 from allanscope.view import progress
 
-__all__ = ["Extent", "analysed", "buffers_of", "events_of", "prefetch"]
+__all__ = ["InputLength", "buffers_of", "events_of", "feed_analyser", "prefetch"]
 
 _GZIP_MAGIC = b"\x1f\x8b"
 
@@ -70,17 +70,17 @@ def events_of(
         When the file cannot be read or no wire format fits it.
     """
     source = open_file(path)
-    extent = Extent.of(source, path)
+    length = InputLength.of(source, path)
 
     def decoded(buffers: Iterable[Buffer]) -> Iterator[tuple[float, list[Event]]]:
         for buffer in buffers:
             if seen is not None:
                 seen(buffer)
-            yield extent.of_buffer(buffer), decoding.feed_buffer(buffer)
+            yield length.of_buffer(buffer), decoding.feed_buffer(buffer)
         yield 0.0, [*decoding.finish(), *_damage_of(source)]
 
     try:
-        with progress(extent.total, doing, unit=extent.unit, quiet=quiet) as advance:
+        with progress(length.total, doing, unit=length.unit, quiet=quiet) as advance:
             for size, events in prefetch(decoded(buffers_of(source))):
                 yield from events
                 advance(size)
@@ -106,22 +106,21 @@ def _damage_of(source: Source) -> list[Event]:
     return [Notice("error", text, {"host": 1})]
 
 
-def analysed(
+def feed_analyser(
     path: Path,
     decoding: Decoding,
     analyser: Analyser,
     quiet: bool,
-    doing: str = "analysing",
     seen: Callable[[Buffer], None] | None = None,
 ) -> Analyser:
     """Take a whole file into an analyser and return it."""
-    for event in events_of(path, decoding, quiet, doing, seen):
+    for event in events_of(path, decoding, quiet, "analysing", seen):
         analyser.feed(event)
     return analyser
 
 
 @dataclass(slots=True)
-class Extent:
+class InputLength:
     """What there is to read, for a bar that says how much is left.
 
     Attributes
@@ -138,7 +137,7 @@ class Extent:
 
     @classmethod
     def of(cls, source: Source, path: Path) -> Self:
-        """Return the extent of a source that has an end."""
+        """Return the length of a source that has an end."""
         if isinstance(source, RecordedSource):
             return cls(source.recording.duration_s or None, "s")
         with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""A session with an audience: live from a device, or replayed from a recording.
+"""A session with its listeners: live from a device, or replayed from a recording.
 
 A session that was cut off goes on: what it held is taken again, then the device. The recording is
 the checkpoint. Replayed through a decoder and an analyser it leaves both exactly as they were, and
@@ -30,9 +30,9 @@ from allanscope.analysis import (
 )
 from allanscope.errors import AllanscopeError, DeviceError, InputError, UsageError
 from allanscope.pipeline.analyse_file import analyse_input, recorded_facts, recorded_settings
-from allanscope.pipeline.convert import import_capture
 from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.event_hook import EventHook
+from allanscope.pipeline.import_export import import_capture
 from allanscope.pipeline.outputs import (
     ReportProcess,
     ResultFiles,
@@ -155,7 +155,7 @@ def open_session(
         source,
         decoding,
         Analyser(_analyser_settings(device, settings)),
-        ledger=recorder,
+        recorder=recorder,
         duration_s=settings.duration_s,
         input_facts=lambda: {**facts, "reader": source.reader},
         notices=notices,
@@ -286,7 +286,7 @@ def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettin
     return final
 
 
-class _Leaving:
+class _ResultOutput:
     """Leaves the result in the folder of a session: the numbers at once, the report meanwhile.
 
     Without a folder it does nothing.
@@ -374,7 +374,7 @@ def _run(
     done: Callable[[Analysis], None] = lambda _: None,
     stays: bool = False,
 ) -> Analysis:
-    """Run one session with its audience, and leave its result in the folder.
+    """Run one session with its listeners, and leave its result in the folder.
 
     The result is handed to `done`; then the page of the web viewer may stay until it is ended.
     """
@@ -389,15 +389,15 @@ def _run(
     terminal = TerminalView(mode, session.mark, stop, whole_s=whole_s)
     named = {**facts, "name": facts["name"]}
     viewer = RerunView(folder, settings.view, named, terminal.line, settings.view_port)
-    session.audience = (terminal, viewer, hook)
+    session.listeners = (terminal, viewer, hook)
     final: Analysis | None = None
-    leaving = _Leaving(folder, recorder is not None, terminal)
+    output = _ResultOutput(folder, recorder is not None, terminal)
 
     def stay() -> None:
         nonlocal final
         if final is None:
             return
-        final = leaving.finish(final)
+        final = output.finish(final)
         if stays and viewer.serves_page and not stopped.is_set():
             terminal.line("the charts stay available until Ctrl-C")
         terminal.close()
@@ -409,7 +409,7 @@ def _run(
         try:
             try:
                 _open(viewer, terminal, recorder, settings.duration_s)
-                with _prepared(leaving, session.analyser, settings.duration_s):
+                with _prepared(output, session.analyser, settings.duration_s):
                     session.run()
             finally:
                 _end_input(session, hook, recorder)
@@ -418,28 +418,30 @@ def _run(
                     facts |= _identity(Recording(folder))
             ended = "Recording stopped" if whole_s is None else "Replay finished"
             terminal.line(f"{ended}; running the final analysis")
-            leaving.prepare(session.analyser)
-            result = session.result("full", leaving.workers)
+            output.prepare(session.analyser)
+            result = session.result("full", output.workers)
             terminal.snapshot(result)
-            leaving.begin(result)
+            output.begin(result)
             final = result
         finally:
             viewer.close(final, stay=stay)
             terminal.close()
-            leaving.close()
+            output.close()
     return (
         final if not viewer.failure else replace(final, failures=(*final.failures, viewer.failure))
     )
 
 
 @contextmanager
-def _prepared(leaving: _Leaving, analyser: Analyser, duration_s: float | None) -> Iterator[None]:
+def _prepared(
+    output: _ResultOutput, analyser: Analyser, duration_s: float | None
+) -> Iterator[None]:
     """Prepare the end of a run, if it is known when that is, some seconds before it comes."""
     if duration_s is None:
         yield
         return
     due_s = max(duration_s - _READY_S, duration_s / 2.0)
-    timer = threading.Timer(due_s, leaving.prepare, [analyser])
+    timer = threading.Timer(due_s, output.prepare, [analyser])
     timer.daemon = True
     timer.start()
     try:

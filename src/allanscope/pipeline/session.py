@@ -3,8 +3,8 @@
 Three threads, so that none waits for another::
 
     reader    source.read ──▶ recorder (its own writer) and ──▶ queue
-    session   queue ──▶ decode ──▶ analyser and audience        (the caller's thread)
-    refresh   a frozen copy of the analyser ──▶ result ──▶ audience
+    session   queue ──▶ decode ──▶ analyser and listeners       (the caller's thread)
+    refresh   a frozen copy of the analyser ──▶ result ──▶ listeners
                                         └─ when the run has doubled ──▶ a child looks for effects
 
 The reader does nothing but move bytes, so a slow disk, a long fit or a stalled viewer costs no
@@ -43,7 +43,7 @@ from allanscope.sanitize import one_line
 from allanscope.sources import Chunk, Source
 from allanscope.worker_process import WorkerProcess
 
-__all__ = ["Audience", "Ledger", "NoticeQueue", "Session"]
+__all__ = ["Listener", "NoticeQueue", "Session", "SessionRecorder"]
 
 SPACE_FIRST_NS, SPACE_EVERY_NS = 10_000_000_000, 60_000_000_000
 """When the room on the disk is first told, and how often."""
@@ -53,7 +53,7 @@ _SETTLED_S = 1.0
 over from the thread that began."""
 
 
-class Audience(Protocol):
+class Listener(Protocol):
     """Whoever watches a session: the viewer, the terminal. No method may block."""
 
     def info(self, info: StreamInfo) -> None:
@@ -72,7 +72,7 @@ class Audience(Protocol):
         """Show the result so far."""
 
 
-class Ledger(Protocol):
+class SessionRecorder(Protocol):
     """Whoever keeps what was read: the recorder."""
 
     @property
@@ -104,9 +104,9 @@ class Session:
         Turns them into events.
     analyser : Analyser
         Sums them up.
-    audience : sequence of Audience
+    listeners : sequence of Listener
         Who is shown what happens.
-    ledger : Ledger, optional
+    recorder : SessionRecorder, optional
         Who records it.
     duration_s : float, optional
         Stop this long after the first byte, or after the start when none has come by then.
@@ -127,8 +127,8 @@ class Session:
         decoding: Decoding,
         analyser: Analyser,
         *,
-        audience: Sequence[Audience] = (),
-        ledger: Ledger | None = None,
+        listeners: Sequence[Listener] = (),
+        recorder: SessionRecorder | None = None,
         duration_s: float | None = None,
         input_facts: Callable[[], dict[str, str]] = dict,
         notices: NoticeQueue | None = None,
@@ -138,13 +138,13 @@ class Session:
         self.source = source
         self.decoding = decoding
         self.analyser = analyser
-        self.audience: Sequence[Audience] = audience
-        self.ledger = ledger
+        self.listeners: Sequence[Listener] = listeners
+        self.recorder = recorder
         self._duration_s = duration_s
         self._input_facts = input_facts
         self._earlier = earlier
         self._stop = threading.Event()
-        if ledger is None:
+        if recorder is None:
             self._inbox = ReadQueue(REPLAY_ROOM)
         else:
             # At once at first: a device that has to be asked for samples waits for each next word.
@@ -227,18 +227,18 @@ class Session:
         """Emit the notices of other threads; a mark is recorded with this host time."""
         while not self._notices.empty():
             notice = self._notices.get()
-            if notice.kind == "mark" and self.ledger is not None:
-                self.ledger.mark(notice.text, host_ns)
+            if notice.kind == "mark" and self.recorder is not None:
+                self.recorder.mark(notice.text, host_ns)
             self._emit(notice)
 
     def _samples_come(self) -> bool:
         """Return whether any sample has come; a replay is always taken together."""
         state = self.analyser.state
-        return self.ledger is not None and state is not None and state.samples > 0
+        return self.recorder is not None and state is not None and state.samples > 0
 
     def _emit_disk_space(self, host_ns: int) -> None:
         """Say once for how long the disk has room, and then plot it; the recorder alarms."""
-        left_s = self.ledger.space_left_s if self.ledger is not None else None
+        left_s = self.recorder.space_left_s if self.recorder is not None else None
         if left_s is None or host_ns < self._space_due_ns:
             return
         first = self._space_due_ns == 0
@@ -255,7 +255,7 @@ class Session:
         self._space_told = True
 
     def _read(self) -> None:
-        """Move chunks from the source to the ledger and the queue; the reader thread."""
+        """Move chunks from the source to the recorder and the queue; the reader thread."""
         most_s = math.inf if self._duration_s is None else self._duration_s
         deadline, received, who = time.monotonic() + most_s, False, ""
         settled = math.inf
@@ -269,8 +269,8 @@ class Session:
                 if chunk.data and now >= settled and self.source.reader != who:
                     who = self.source.reader
                     self._notices.put(Notice("text", f"the port is read by {who}", {"host": 1}))
-                if self.ledger is not None and (chunk.data or chunk.event):
-                    self.ledger.rx(chunk)
+                if self.recorder is not None and (chunk.data or chunk.event):
+                    self.recorder.rx(chunk)
                 if chunk.event == "end":
                     break
                 self._inbox.put(chunk)
@@ -290,7 +290,7 @@ class Session:
             for event in feed(piece):  # type: ignore[arg-type]
                 self._emit(event)
         state = self.analyser.state
-        if state is not None and state.samples and self.audience:
+        if state is not None and state.samples and self.listeners:
             self._refresher.offer(self.analyser)
 
     def _fresh_events(self) -> list[Notice]:
@@ -313,25 +313,25 @@ class Session:
 
     def _show_all(self, event: Event) -> None:
         self.analyser.feed(event)
-        for viewer in self.audience:
+        for listener in self.listeners:
             try:
-                self._emit_to(viewer, event)
+                self._emit_to(listener, event)
             except Exception as error:  # whoever watches must not end the measurement
-                self.audience = [one for one in self.audience if one is not viewer]
+                self.listeners = [one for one in self.listeners if one is not listener]
                 self.fail(f"a view failed and was closed: {type(error).__name__}: {error}")
 
-    def _emit_to(self, viewer: Audience, event: Event) -> None:
+    def _emit_to(self, listener: Listener, event: Event) -> None:
         state = self.analyser.state
         match event:
             case StreamInfo():
-                viewer.info(event)
+                listener.info(event)
             case Block():
                 assert state is not None
-                viewer.samples(state.info, event)
+                listener.samples(state.info, event)
             case Gap():
-                viewer.gap(event)
+                listener.gap(event)
             case Notice():
-                viewer.notice(event)
+                listener.notice(event)
 
     def _show(self, frozen: Analyser) -> None:
         analysis = summarise(
@@ -342,6 +342,6 @@ class Session:
             reconnects=self.decoding.reconnects,
             known=self.loop_process.explanation,
         )
-        for viewer in self.audience:
-            viewer.snapshot(analysis)
+        for listener in self.listeners:
+            listener.snapshot(analysis)
         self.loop_process.offer(frozen)

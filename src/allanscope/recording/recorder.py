@@ -62,8 +62,8 @@ class Recorder:
         How often to write, and how often to wait for the disk.
     backlog_bytes : int
         What may wait in memory.
-    max_bytes, max_seconds : float
-        A new file is begun when one has become this large or this long.
+    max_seconds : float
+        A new file is begun when one has become this long, or a gibibyte large.
     free_bytes : callable
         Free space of the disk that holds a folder.
 
@@ -83,13 +83,10 @@ class Recorder:
         commit_s: float = COMMIT_S,
         sync_s: float = SYNC_S,
         backlog_bytes: int = BACKLOG_BYTES,
-        max_bytes: float = 1 << 30,
         max_seconds: float = 3600.0,
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
     ) -> None:
-        self._session = SessionWriter(
-            path, metadata, max_bytes=max_bytes, max_seconds=max_seconds, resume=resume
-        )
+        self._session = SessionWriter(path, metadata, max_seconds=max_seconds, resume=resume)
         self.alarm = ""
         self.failure = ""
         """What of the recording is missing, known at its end; empty if nothing."""

@@ -1,4 +1,4 @@
-"""The Rerun view: an audience that draws what happens, in a thread of its own.
+"""The Rerun view: a listener that draws what happens, in a thread of its own.
 
 ::
 

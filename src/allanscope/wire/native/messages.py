@@ -9,7 +9,6 @@ from typing import Any, cast
 from allanscope.samples import AXES, Notice
 from allanscope.sanitize import text_of
 from allanscope.wire.base import Command, WireSettings
-from allanscope.wire.native.descriptor import channels_of
 from allanscope.wire.native.framing import seal
 from allanscope.wire.native.layout import (
     HEADER_BYTES,
@@ -102,15 +101,13 @@ def request(kind: FrameType, seq: int, body: bytes = b"") -> bytes:
     return b"\0" + seal(kind, seq, 0, body)
 
 
-def settings_body(settings: WireSettings, axes: tuple[str, ...] = ()) -> bytes:
+def settings_body(settings: WireSettings) -> bytes:
     """Return the body of a `set` command; empty when nothing is to be set."""
     entries = [
         (tag, float32(getattr(settings, name)))
         for name, tag in _NUMBERS.items()
         if getattr(settings, name) is not None
     ]
-    if axes:
-        entries.append((Tag.CHANNELS, bytes((channels_of(axes),))))
     return pack_entries(entries)
 
 

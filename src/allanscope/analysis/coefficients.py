@@ -13,10 +13,10 @@ from allanscope.explain import AxisExplanation
 from allanscope.noise import Coefficient, NoiseFit, add_coupled, total_white
 from allanscope.quantities import TWO_SIDED_95
 
-__all__ = ["published"]
+__all__ = ["published_coefficients"]
 
 
-def published(
+def published_coefficients(
     axis: str, fits: Mapping[str, NoiseFit], loop: Mapping[str, AxisExplanation]
 ) -> dict[str, Coefficient]:
     """Return the coefficients of one axis; none where it was not fitted.

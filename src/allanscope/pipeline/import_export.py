@@ -19,7 +19,7 @@ from allanscope.noise import Coefficient
 from allanscope.pipeline.analyse_file import analyse_input, recorded_settings
 from allanscope.pipeline.columns import text_of_columns, with_guesses, with_units
 from allanscope.pipeline.decoding import Decoding
-from allanscope.pipeline.replaying import Extent, events_of
+from allanscope.pipeline.replaying import InputLength, events_of
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
 from allanscope.recording import (
@@ -126,8 +126,8 @@ def import_capture(source: Path, out: Path, device: DeviceSettings, quiet: bool)
     facts = {**device.metadata(), "name": source.name, "wire": decoding.wire}
     file = FileSource(source)
 
-    extent = Extent.of(file, source)
-    with progress(extent.total, "writing", unit=extent.unit, quiet=quiet) as advance:
+    length = InputLength.of(file, source)
+    with progress(length.total, "writing", unit=length.unit, quiet=quiet) as advance:
 
         def chunks() -> Iterator[Chunk]:
             while (chunk := file.read()).event != "end":

@@ -22,7 +22,7 @@ from allanscope.simulator import (
     effect_help,
     parse_effect,
 )
-from allanscope.simulator.effects import Scene, Setting, effect_kinds
+from allanscope.simulator.effects import Conditions, EffectContext, effect_kinds
 from allanscope.simulator.noise import stream
 
 RATE = 104.0
@@ -320,15 +320,19 @@ def test_effect_carries_its_state_from_one_stretch_to_the_next(kind):
     n, rows = 5000, effect_kinds()[kind].stage == "rows"
     signal = stream(1, "signal").standard_normal((n, 2) if rows else n)
     t = time_s(n)
-    scene = Scene(0, t, np.sin(t), {"ay": np.cos(t)})
+    conditions = Conditions(0, t, np.sin(t), {"ay": np.cos(t)})
     results = []
     for cuts in ([], [1, 18, 2500, 2501]):
-        setting = Setting(RATE, 48.0, 0.0, 1.0, 0.01, "ay", stream(2, kind))
-        effect = effect_kinds()[kind].set_up(numbers_of(kind), setting)
+        context = EffectContext(RATE, 48.0, 0.0, 1.0, 0.01, "ay", stream(2, kind))
+        effect = effect_kinds()[kind].set_up(numbers_of(kind), context)
         values = signal.copy()
         for begin, end in pairwise([0, *cuts, n]):
-            part = Scene(begin, *(x[begin:end] for x in (scene.time_s, scene.temperature_c)),
-                         {axis: x[begin:end] for axis, x in scene.axes.items()})  # fmt: skip
+            part = Conditions(
+                begin,
+                conditions.time_s[begin:end],
+                conditions.temperature_c[begin:end],
+                {axis: x[begin:end] for axis, x in conditions.axes.items()},
+            )
             effect(values[begin:end], part)
         results.append(values)
     assert np.array_equal(*results)

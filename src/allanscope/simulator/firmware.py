@@ -16,7 +16,7 @@ from allanscope.samples import Block, Ticks
 from allanscope.simulator.faults import FaultSpec, LineNoise, Occurrences
 from allanscope.simulator.noise import stream
 from allanscope.simulator.simulator import Simulator
-from allanscope.simulator.transmitter import Ledger, Ring, Transmitter, Unit
+from allanscope.simulator.transmitter import Ledger, Message, Ring, Transmitter
 from allanscope.wire import Command, format_named
 
 __all__ = ["Firmware", "reconfigure"]
@@ -229,7 +229,7 @@ class Firmware:
         ticks = Ticks(ticks.offset, since_boot, ticks.host_s, ticks.temperature_c)
         data = self._encoder.encode(Block(first, block.counts, ticks))
         self._counts.sent += count
-        self._ring.push(Unit(data, self.epoch, first, count))
+        self._ring.push(Message(data, self.epoch, first, count))
 
     def _report(self) -> None:
         """Say once a second what follows and how it goes."""
@@ -244,7 +244,7 @@ class Firmware:
 
     def _push(self, data: bytes) -> None:
         if data and self._host:
-            self._ring.push(Unit(data))
+            self._ring.push(Message(data))
 
     # -- commands -------------------------------------------------------------------------------
 

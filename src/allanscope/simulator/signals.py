@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.simulator.effect_spec import EffectSpec
-from allanscope.simulator.effects import Apply, Run, Scene, Setting, Stage, effect_kinds
+from allanscope.simulator.effects import Apply, Conditions, EffectContext, Run, Stage, effect_kinds
 from allanscope.simulator.noise import (
     Flicker,
     FlickerPhase,
@@ -45,7 +45,7 @@ class EffectChain:
     run : Run
         What is the same for all axes.
     white_sigma, lsb : float
-        See `Setting`.
+        See `EffectContext`.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class EffectChain:
         self._stages: dict[Stage, list[tuple[float, Apply]]] = {}
         for number, spec in enumerate(specs):
             kind = effect_kinds()[spec.kind]
-            setting = Setting(
+            context = EffectContext(
                 rate_hz=run.rate_hz,
                 duration_s=run.duration_s,
                 onset_s=spec.time,
@@ -68,17 +68,17 @@ class EffectChain:
                 source=spec.source,
                 rng=run.stream(name, spec.kind, str(number)),
             )
-            apply = kind.set_up(spec.parameters, setting)
+            apply = kind.set_up(spec.parameters, context)
             self._stages.setdefault(kind.stage, []).append((spec.time, apply))
 
-    def apply(self, stage: Stage, values: NDArray[np.generic], scene: Scene) -> None:
+    def apply(self, stage: Stage, values: NDArray[np.generic], conditions: Conditions) -> None:
         """Let all effects of a stage act, each from its onset on."""
         for onset_s, effect in self._stages.get(stage, ()):
-            rows = int(np.searchsorted(scene.time_s, onset_s))
+            rows = int(np.searchsorted(conditions.time_s, onset_s))
             if rows == 0:
-                effect(values, scene)
+                effect(values, conditions)
             elif rows < len(values):
-                effect(values[rows:], scene.after(rows))
+                effect(values[rows:], conditions.after(rows))
 
     def has(self, stage: Stage) -> bool:
         """Return whether any effect acts at a stage."""
@@ -132,20 +132,20 @@ class AxisSignal:
             self._angle.append(FlickerPhase(truth.P, rate, run.stream(axis, "flicker angle")))
         self.effects = EffectChain(effects, axis, run, self._white.sigma, lsb)
 
-    def take(self, scene: Scene) -> NDArray[np.float64]:
-        """Return the next samples, as many as the scene has, up to the stage ``signal``."""
-        n = len(scene.time_s)
+    def take(self, conditions: Conditions) -> NDArray[np.float64]:
+        """Return the next samples, as many as have conditions, up to the stage ``signal``."""
+        n = len(conditions.time_s)
         signal = self._white.take(n)
-        self.effects.apply("white", signal, scene)
+        self.effects.apply("white", signal, conditions)
         for process in self._slow:
             signal += process.take(n)
-        self.effects.apply("noise", signal, scene)
+        self.effects.apply("noise", signal, conditions)
         signal += self._truth.offset
         if self._truth.R:
-            signal += self._truth.R * scene.time_s
+            signal += self._truth.R * conditions.time_s
         for process in self._angle:
             signal += process.take(n)
-        self.effects.apply("signal", signal, scene)
+        self.effects.apply("signal", signal, conditions)
         return signal
 
 

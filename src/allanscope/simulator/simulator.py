@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from allanscope.errors import UsageError
 from allanscope.parts import part_named
 from allanscope.samples import AXES, INT16_MAX, INT16_MIN, Block, StreamInfo, Ticks
-from allanscope.simulator.effects import Run, Scene, effect_kinds
+from allanscope.simulator.effects import Conditions, Run, effect_kinds
 from allanscope.simulator.noise import stream
 from allanscope.simulator.signals import AxisSignal, EffectChain, Thermometer
 from allanscope.simulator.truth import AxisTruth, Truth
@@ -259,21 +259,21 @@ class Simulator:
     def _next_chunk(self) -> _Rows:
         true_c, reading_c = self._thermometer.take(CHUNK)
         time_s = self._times(true_c)
-        scene = Scene(self._made, time_s, true_c - REFERENCE_C, {})
-        signals = {axis: signal.take(scene) for axis, signal in self._signals.items()}
+        conditions = Conditions(self._made, time_s, true_c - REFERENCE_C, {})
+        signals = {axis: signal.take(conditions) for axis, signal in self._signals.items()}
         if self._coupled:
             before = {axis: signal.copy() for axis, signal in signals.items()}
-            with_axes = replace(scene, axes=before)
+            with_axes = replace(conditions, axes=before)
             for axis, signal in self._signals.items():
                 signal.effects.apply("coupling", signals[axis], with_axes)
         counts = np.empty((CHUNK, len(self.info.axes)), np.int16)
         for column, (axis, lsb) in enumerate(zip(self.info.axes, self.info.scale, strict=True)):
             values = signals[axis]
-            self._signals[axis].effects.apply("rounding", values, scene)
+            self._signals[axis].effects.apply("rounding", values, conditions)
             counts[:, column] = _convert(values, lsb)
         for columns, effects in self._row_effects:
             rows = counts[:, columns]
-            effects.apply("rows", rows, scene)
+            effects.apply("rows", rows, conditions)
             counts[:, columns] = rows
         self._made += CHUNK
         return _Rows(counts, self.clock.stamps(time_s, self._stamp_noise), reading_c)

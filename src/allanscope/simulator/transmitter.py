@@ -2,9 +2,9 @@
 
 ::
 
-    units ──▶ Ring (bounded) ──▶ faults damage some ──▶ bytes written, in flight ──▶ host
+    messages ──▶ Ring (bounded) ──▶ faults damage some ──▶ bytes written, in flight ──▶ host
 
-A unit is what the encoder made in one call: a frame of samples, or anything else. The
+A message is what the encoder made in one call: a frame of samples, or anything else. The
 transmitter knows which samples are in which bytes, so whatever happens to bytes can be told in
 samples.
 
@@ -20,7 +20,7 @@ from typing import Any
 
 from allanscope.simulator.faults import LineNoise
 
-__all__ = ["Ledger", "Loss", "Ring", "Transmitter", "Unit"]
+__all__ = ["Ledger", "Loss", "Message", "Ring", "Transmitter"]
 
 RESERVE_BYTES = 4096
 """Room in the ring that only replies take, so that they fit into a full ring."""
@@ -30,7 +30,7 @@ IN_FLIGHT_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class Message:
     """What the encoder made in one call, and which samples it holds (`count` 0: none)."""
 
     data: bytes
@@ -40,7 +40,7 @@ class Unit:
 
 
 class Ring:
-    """Units that wait to be sent, at most `capacity` bytes of samples.
+    """Messages that wait to be sent, at most `capacity` bytes of samples.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Ring:
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
-        self._units: deque[Unit] = deque()
+        self._messages: deque[Message] = deque()
         self._largest = 0
         self.bytes = 0
         self.samples = 0
@@ -63,26 +63,26 @@ class Ring:
         """Return whether a reply may be made."""
         return self.bytes <= self._capacity + RESERVE_BYTES
 
-    def push(self, unit: Unit) -> None:
-        """Append a unit."""
-        self._units.append(unit)
-        self.bytes += len(unit.data)
-        self.samples += unit.count
-        if unit.count:
-            self._largest = max(self._largest, len(unit.data))
+    def push(self, message: Message) -> None:
+        """Append a message."""
+        self._messages.append(message)
+        self.bytes += len(message.data)
+        self.samples += message.count
+        if message.count:
+            self._largest = max(self._largest, len(message.data))
 
-    def pop(self) -> Unit | None:
-        """Remove and return the oldest unit; None when there is none."""
-        if not self._units:
+    def pop(self) -> Message | None:
+        """Remove and return the oldest message; None when there is none."""
+        if not self._messages:
             return None
-        unit = self._units.popleft()
-        self.bytes -= len(unit.data)
-        self.samples -= unit.count
-        return unit
+        message = self._messages.popleft()
+        self.bytes -= len(message.data)
+        self.samples -= message.count
+        return message
 
 
 class Transmitter:
-    """Takes units out of the ring, damages some, and knows where each one is.
+    """Takes messages out of the ring, damages some, and knows where each one is.
 
     Parameters
     ----------
@@ -100,23 +100,23 @@ class Transmitter:
         self._ledger = ledger
         self._out = bytearray()
         self._loaded = 0
-        self._in_flight: deque[tuple[int, Unit]] = deque()
+        self._in_flight: deque[tuple[int, Message]] = deque()
 
     def next_bytes(self, now_s: float) -> bytes:
         """Return what is to be written next, 4096 bytes at most."""
-        while len(self._out) < WRITE_BYTES and (unit := self._ring.pop()) is not None:
+        while len(self._out) < WRITE_BYTES and (message := self._ring.pop()) is not None:
             # What happens once at a given time is to happen to samples, not to a status.
-            damage = self._noise.damage(unit.data, now_s if unit.count else -math.inf)
+            damage = self._noise.damage(message.data, now_s if message.count else -math.inf)
             self._out += damage.data
             self._loaded += len(damage.data)
-            self._ledger.sent += unit.count
+            self._ledger.sent += message.count
             self._ledger.faults.update(damage.kinds)
-            if not unit.count:
+            if not message.count:
                 continue
             if damage.cause:
-                self._ledger.lose(unit.epoch, unit.first, unit.count, damage.cause)
+                self._ledger.lose(message.epoch, message.first, message.count, damage.cause)
             else:
-                self._in_flight.append((self._loaded, unit))
+                self._in_flight.append((self._loaded, message))
         return bytes(self._out[:WRITE_BYTES])
 
     def written(self, n: int) -> None:
@@ -140,9 +140,9 @@ class Transmitter:
             What to write down for those that never left the ring.
         """
         read = self._loaded - len(self._out) - unread
-        for end, unit in self._in_flight:
+        for end, message in self._in_flight:
             if end > read:
-                self._ledger.lose(unit.epoch, unit.first, unit.count, cause)
+                self._ledger.lose(message.epoch, message.first, message.count, cause)
         self._in_flight.clear()
         self._out.clear()
         while (waited := self._ring.pop()) is not None:

@@ -24,11 +24,11 @@ from allanscope.simulator.parameters import Parameter
 
 __all__ = [
     "Apply",
+    "Conditions",
+    "EffectContext",
     "EffectKind",
     "Parameter",
     "Run",
-    "Scene",
-    "Setting",
     "Stage",
     "effect",
     "effect_kinds",
@@ -76,7 +76,7 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class EffectContext:
     """What an effect gets when it is set up for one axis.
 
     Attributes
@@ -105,8 +105,8 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
-    """The stretch of samples on which an effect acts, as seen from outside the axis.
+class Conditions:
+    """Time, temperature and other axes at the samples on which an effect acts.
 
     Attributes
     ----------
@@ -125,9 +125,9 @@ class Scene:
     temperature_c: NDArray[np.float64]
     axes: Mapping[str, NDArray[np.float64]]
 
-    def after(self, rows: int) -> Scene:
-        """Return the scene without its first `rows` samples."""
-        return Scene(
+    def after(self, rows: int) -> Conditions:
+        """Return the conditions without those of the first `rows` samples."""
+        return Conditions(
             self.first + rows,
             self.time_s[rows:],
             self.temperature_c[rows:],
@@ -135,10 +135,10 @@ class Scene:
         )
 
 
-Apply = Callable[[NDArray[Any], Scene], None]
+Apply = Callable[[NDArray[Any], Conditions], None]
 """Alters samples in place; called with consecutive stretches of samples."""
 
-SetUp = Callable[[Mapping[str, float], Setting], Apply]
+SetUp = Callable[[Mapping[str, float], EffectContext], Apply]
 """Prepares an effect for one axis, with its parameters by name."""
 
 

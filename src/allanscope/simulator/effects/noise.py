@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allanscope.errors import UsageError
-from allanscope.simulator.effects import Apply, Parameter, Scene, Setting, effect
+from allanscope.simulator.effects import Apply, Conditions, EffectContext, Parameter, effect
 
 __all__ = [
     "band_limit",
@@ -40,15 +40,15 @@ __all__ = [
     sigma=Parameter("axis", "stationary standard deviation", above=0.0),
     correlation_time=Parameter("s", "to 1/e", above=0.0),
 )
-def gauss_markov(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def gauss_markov(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add noise that is stationary with autocovariance sigma^2 exp(-|t| / correlation_time)."""
     from allanscope.simulator.noise import GaussMarkov
 
     process = GaussMarkov(
-        parameters["sigma"], parameters["correlation_time"], setting.rate_hz, setting.rng
+        parameters["sigma"], parameters["correlation_time"], context.rate_hz, context.rng
     )
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
         values += process.take(len(values))
 
     return apply
@@ -62,7 +62,7 @@ def gauss_markov(parameters: Mapping[str, float], setting: Setting) -> Apply:
     bandwidth=Parameter("Hz", "full width at half height", above=0.0),
     sigma=Parameter("axis", "stationary standard deviation", above=0.0),
 )
-def narrowband(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def narrowband(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add the solution of x'' + 2 pi bandwidth x' + (2 pi frequency)^2 x = white noise."""
     from allanscope.simulator.noise import Narrowband
 
@@ -70,11 +70,11 @@ def narrowband(parameters: Mapping[str, float], setting: Setting) -> Apply:
         parameters["frequency"],
         parameters["bandwidth"],
         parameters["sigma"],
-        setting.rate_hz,
-        setting.rng,
+        context.rate_hz,
+        context.rng,
     )
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
         values += process.take(len(values))
 
     return apply
@@ -87,14 +87,14 @@ def narrowband(parameters: Mapping[str, float], setting: Setting) -> Apply:
     exponent=Parameter("", "between 0 (white) and 2 (random walk)", above=0.0, most=2.0),
     density=Parameter("axis/sqrt(Hz)", "at 1 Hz, as N is", above=0.0),
 )
-def power_law(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def power_law(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add white noise integrated exponent / 2 times: density^2 (f / 1 Hz)^-exponent."""
     from allanscope.simulator.noise import PowerLaw
 
     h = parameters["density"] ** 2
-    process = PowerLaw(-parameters["exponent"], h, setting.rate_hz, setting.rng)
+    process = PowerLaw(-parameters["exponent"], h, context.rate_hz, context.rng)
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
         values += process.take(len(values))
 
     return apply
@@ -107,18 +107,18 @@ def power_law(parameters: Mapping[str, float], setting: Setting) -> Apply:
     amplitude=Parameter("axis", "half the distance between the levels", above=0.0),
     dwell=Parameter("s", "mean time in one level", above=0.0),
 )
-def random_telegraph(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def random_telegraph(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add y(t) = +-amplitude, switching after exponentially distributed times of mean `dwell`.
 
     Seen at the samples it is a Markov chain that has switched since the sample before with
     probability (1 - exp(-2 t0 / dwell)) / 2. Its autocovariance amplitude^2 exp(-2 |t| / dwell) is
     that of Gauss-Markov noise of correlation time dwell / 2: no spectrum tells the two apart.
     """
-    amplitude, rng = parameters["amplitude"], setting.rng
-    switch = -0.5 * np.expm1(-2.0 / (setting.rate_hz * parameters["dwell"]))
+    amplitude, rng = parameters["amplitude"], context.rng
+    switch = -0.5 * np.expm1(-2.0 / (context.rate_hz * parameters["dwell"]))
     level = int(rng.integers(2))
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
         nonlocal level
         states = (level + np.cumsum(rng.random(len(values)) < switch)) & 1
         level = int(states[-1])
@@ -135,22 +135,22 @@ def random_telegraph(parameters: Mapping[str, float], setting: Setting) -> Apply
     ratio=Parameter("1", "of the standard deviations", default=2.0, above=0.0),
     length=Parameter("s", "of each; 0 for a quarter of its share", 0.0, least=0.0),
 )
-def variance_change(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def variance_change(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Make the white noise `ratio` times as large within each of `intervals` stretches of time.
 
     The record is cut into as many equal parts; each has one noisy stretch of `length` (a quarter of
     the part when 0) at a random place. AVAR keeps its slope of -1 and shows the mean square.
     """
     count = int(parameters["intervals"])
-    part = max(setting.duration_s - setting.onset_s, 0.0) / max(count, 1)
+    part = max(context.duration_s - context.onset_s, 0.0) / max(count, 1)
     length = min(parameters["length"] or part / 4.0, part)
-    offsets = setting.rng.uniform(0.0, part - length, count)
-    begins = setting.onset_s + part * np.arange(count) + offsets
+    offsets = context.rng.uniform(0.0, part - length, count)
+    begins = context.onset_s + part * np.arange(count) + offsets
     gain = parameters["ratio"] - 1.0
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        inside = np.searchsorted(begins, scene.time_s, side="right") - np.searchsorted(
-            begins + length, scene.time_s, side="right"
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        inside = np.searchsorted(begins, conditions.time_s, side="right") - np.searchsorted(
+            begins + length, conditions.time_s, side="right"
         )
         values *= 1.0 + gain * inside
 
@@ -163,13 +163,13 @@ def variance_change(parameters: Mapping[str, float], setting: Setting) -> Apply:
     "noise",
     cutoff=Parameter("Hz", "-3 dB", above=0.0),
 )
-def band_limit(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def band_limit(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Filter by a second-order Butterworth low-pass, -3 dB at the cutoff (bilinear, prewarped).
 
     It acts on the sensor's own noise (N, B, K) and on nothing that is added as an effect, so that
     an amplitude is always that of the record. N is the level below the cutoff.
     """
-    return _butterworth("band_limit", "lowpass", 2, parameters["cutoff"], setting)
+    return _butterworth("band_limit", "lowpass", 2, parameters["cutoff"], context)
 
 
 @effect(
@@ -178,29 +178,29 @@ def band_limit(parameters: Mapping[str, float], setting: Setting) -> Apply:
     "noise",
     corner=Parameter("Hz", "-3 dB", above=0.0),
 )
-def high_pass(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def high_pass(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Take off what an exponential average follows: a first-order high-pass, -3 dB at the corner.
 
     As `band_limit` it acts on the sensor's own noise alone. N is the level above the corner.
     """
-    return _butterworth("high_pass", "highpass", 1, parameters["corner"], setting)
+    return _butterworth("high_pass", "highpass", 1, parameters["corner"], context)
 
 
 def _butterworth(
-    kind: str, form: Literal["lowpass", "highpass"], order: int, hz: float, setting: Setting
+    kind: str, form: Literal["lowpass", "highpass"], order: int, hz: float, context: EffectContext
 ) -> Apply:
     from scipy.signal import butter, sosfilt
 
-    if hz >= setting.rate_hz / 2.0:
+    if hz >= context.rate_hz / 2.0:
         name = "cutoff" if form == "lowpass" else "corner"
         raise UsageError(
             f"effect {kind}: a {name} of {hz:g} Hz must be below half the sample rate, "
-            f"{setting.rate_hz / 2.0:g} Hz"
+            f"{context.rate_hz / 2.0:g} Hz"
         )
-    sections = butter(order, hz, form, fs=setting.rate_hz, output="sos")
+    sections = butter(order, hz, form, fs=context.rate_hz, output="sos")
     carry = np.zeros((len(sections), 2))
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
         values[:], carry[:] = sosfilt(sections, values, zi=carry)
 
     return apply
@@ -212,12 +212,12 @@ def _butterworth(
     "noise",
     relative=Parameter("1", "change of the scale at the end of the record", least=-1.0),
 )
-def scale_drift(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def scale_drift(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Multiply by s(t) = 1 + relative (t - onset) / T, T the time from the onset to the end."""
-    length = max(setting.duration_s - setting.onset_s, 1.0 / setting.rate_hz)
+    length = max(context.duration_s - context.onset_s, 1.0 / context.rate_hz)
     slope = parameters["relative"] / length
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        values *= 1.0 + slope * (scene.time_s - setting.onset_s)
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        values *= 1.0 + slope * (conditions.time_s - context.onset_s)
 
     return apply

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.simulator.effects import Apply, Parameter, Scene, Setting, effect
+from allanscope.simulator.effects import Apply, Conditions, EffectContext, Parameter, effect
 
 __all__ = [
     "amplitude_coupling",
@@ -43,11 +43,11 @@ __all__ = [
     "signal",
     size=Parameter("axis", "signed"),
 )
-def step(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def step(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add y(t) = size for t >= time, which is the onset that every effect has."""
     size = parameters["size"]
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
         values += size
 
     return apply
@@ -60,12 +60,12 @@ def step(parameters: Mapping[str, float], setting: Setting) -> Apply:
     duration=Parameter("s", "until the level comes back", above=0.0),
     size=Parameter("axis", "signed"),
 )
-def excursion(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def excursion(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add y(t) = size for time <= t < time + duration."""
-    size, back_s = parameters["size"], setting.onset_s + parameters["duration"]
+    size, back_s = parameters["size"], context.onset_s + parameters["duration"]
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        values[scene.time_s < back_s] += size
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        values[conditions.time_s < back_s] += size
 
     return apply
 
@@ -77,12 +77,12 @@ def excursion(parameters: Mapping[str, float], setting: Setting) -> Apply:
     time_constant=Parameter("s", "of the decay", above=0.0),
     amplitude=Parameter("axis", "at its start, signed"),
 )
-def warm_up(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def warm_up(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add y(t) = amplitude exp(-(t - time) / time_constant)."""
     amplitude, time_constant = parameters["amplitude"], parameters["time_constant"]
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        values += amplitude * np.exp((setting.onset_s - scene.time_s) / time_constant)
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        values += amplitude * np.exp((context.onset_s - conditions.time_s) / time_constant)
 
     return apply
 
@@ -99,12 +99,12 @@ _DECAYS = 4.6
     duration=Parameter("s", "until it has decayed to a few percent", above=0.0),
     peak=Parameter("axis", "signed"),
 )
-def shock(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def shock(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add peak exp(-x) cos(2 pi f t) from the time of the shock on."""
-    duration, peak, begin = parameters["duration"], parameters["peak"], setting.onset_s
+    duration, peak, begin = parameters["duration"], parameters["peak"], context.onset_s
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        t = np.maximum(scene.time_s - begin, 0.0) / duration
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        t = np.maximum(conditions.time_s - begin, 0.0) / duration
         values += peak * np.exp(-_DECAYS * t) * np.cos(2 * pi * _CYCLES * t)
 
     return apply
@@ -118,7 +118,7 @@ def shock(parameters: Mapping[str, float], setting: Setting) -> Apply:
     amplitude=Parameter("axis", "peak", above=0.0),
     locked=Parameter("1", "1: of the sensor's own clock", 0.0, least=0.0, most=1.0),
 )
-def sinusoid(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def sinusoid(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add y(t) = amplitude sin(2 pi frequency t + phase), the phase drawn at random.
 
     AVAR(tau) = amplitude^2 sin^4(pi f tau) / (m^2 sin^2(pi f t0)), averaged over the phase.
@@ -126,12 +126,12 @@ def sinusoid(parameters: Mapping[str, float], setting: Setting) -> Apply:
     A line that is locked is made by the sensor's own clock: it goes with the number of the sample.
     """
     amplitude, omega = parameters["amplitude"], 2.0 * pi * parameters["frequency"]
-    phase = setting.rng.uniform(0.0, 2.0 * pi)
+    phase = context.rng.uniform(0.0, 2.0 * pi)
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        time_s = scene.time_s
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        time_s = conditions.time_s
         if parameters["locked"]:
-            time_s = (scene.first + np.arange(len(values))) / setting.rate_hz
+            time_s = (conditions.first + np.arange(len(values))) / context.rate_hz
         values += amplitude * np.sin(omega * time_s + phase)
 
     return apply
@@ -152,18 +152,18 @@ _HOLDS = 0.988
     bandwidth=Parameter("Hz", "range of the frequency in 90 % of the time", above=0.0),
     sigma=Parameter("axis", "rms amplitude", above=0.0),
 )
-def drifting_line(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def drifting_line(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add a tone whose frequency swings as a sine, for 90 % of the time within the bandwidth.
 
     The amplitude swells and fades by 30 %, with the rms amplitude sigma over many periods.
     """
     frequency, sigma = parameters["frequency"], parameters["sigma"]
     reach = parameters["bandwidth"] / 2 / _HOLDS
-    start, swing, swell = setting.rng.uniform(0.0, 2 * pi, 3)
+    start, swing, swell = context.rng.uniform(0.0, 2 * pi, 3)
     peak = sigma * sqrt(2 / (1 + _SWELL**2 / 2))
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        t = scene.time_s
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        t = conditions.time_s
         phase = 2 * pi * frequency * t + start
         phase -= reach * _PERIOD_S * np.cos(2 * pi * t / _PERIOD_S + swing)
         envelope = 1 + _SWELL * np.sin(2 * pi * t / _SWELL_S + swell)
@@ -182,21 +182,21 @@ SIGMAS = 20.0
     count=Parameter("1", "in the whole record", above=0.0),
     size=Parameter("axis", "0 for 20 standard deviations", default=0.0),
 )
-def outliers(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def outliers(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Displace `count` single samples, spread at random over the record, by +-size.
 
     Without a size: 20 standard deviations of the white noise, at least 20 counts.
     """
-    rng, count = setting.rng, int(parameters["count"])
-    usual = SIGMAS * max(setting.white_sigma, setting.lsb)
+    rng, count = context.rng, int(parameters["count"])
+    usual = SIGMAS * max(context.white_sigma, context.lsb)
     size = parameters["size"] or usual
-    times = rng.uniform(setting.onset_s, max(setting.duration_s, setting.onset_s), count)
-    rows = np.sort(np.floor(times * setting.rate_hz).astype(np.int64))
+    times = rng.uniform(context.onset_s, max(context.duration_s, context.onset_s), count)
+    rows = np.sort(np.floor(times * context.rate_hz).astype(np.int64))
     sizes = size * rng.choice([-1.0, 1.0], count)
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        here = slice(*np.searchsorted(rows, (scene.first, scene.first + len(values))))
-        values[rows[here] - scene.first] += sizes[here]
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        here = slice(*np.searchsorted(rows, (conditions.first, conditions.first + len(values))))
+        values[rows[here] - conditions.first] += sizes[here]
 
     return apply
 
@@ -209,7 +209,7 @@ def outliers(parameters: Mapping[str, float], setting: Setting) -> Apply:
     curvature=Parameter("axis/degC^2", "change per square of degrees from 25", default=0.0),
     lag=Parameter("s", "time constant with which it follows", default=0.0, least=0.0),
 )
-def temperature(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def temperature(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add y = slope x + curvature x^2 with x = T - 25 degC, T being true and not its noisy reading.
 
     With a lag x follows T as lag dx/dt = T - 25 degC - x, in balance when the effect begins.
@@ -218,11 +218,11 @@ def temperature(parameters: Mapping[str, float], setting: Setting) -> Apply:
     from scipy.signal import lfilter
 
     slope, curvature, lag = (parameters[name] for name in ("slope", "curvature", "lag"))
-    keep = float(np.exp(-1 / (lag * setting.rate_hz))) if lag > 0 else 0.0
+    keep = float(np.exp(-1 / (lag * context.rate_hz))) if lag > 0 else 0.0
     state: list[float] = []
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        warmth = scene.temperature_c
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        warmth = conditions.temperature_c
         if keep and len(warmth):
             before = state.pop() if state else keep * float(warmth[0])
             warmth, after = lfilter([1 - keep], [1.0, -keep], warmth, zi=[before])
@@ -240,12 +240,13 @@ def temperature(parameters: Mapping[str, float], setting: Setting) -> Apply:
     rest=Parameter("source", "value of the source at which there is none", 0.0),
     takes_source=True,
 )
-def amplitude_coupling(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def amplitude_coupling(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add y(t) = slope (x(t) - rest) w, x the source before any coupling, w unit white noise."""
-    slope, rest, source = parameters["slope"], parameters["rest"], setting.source
+    slope, rest, rng = parameters["slope"], parameters["rest"], context.rng
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        values += slope * (scene.axes[source] - rest) * setting.rng.standard_normal(len(values))
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        size = slope * (conditions.axes[context.source] - rest)
+        values += size * rng.standard_normal(len(values))
 
     return apply
 
@@ -257,14 +258,14 @@ def amplitude_coupling(parameters: Mapping[str, float], setting: Setting) -> App
     slope=Parameter("axis/source", "change per unit of the source"),
     takes_source=True,
 )
-def cross_coupling(parameters: Mapping[str, float], setting: Setting) -> Apply:
+def cross_coupling(parameters: Mapping[str, float], context: EffectContext) -> Apply:
     """Add y(t) = slope x(t), x being the source axis before any coupling, level and all.
 
     With an accelerometer as the source of a gyro axis this is g-sensitivity.
     """
-    slope, source = parameters["slope"], setting.source
+    slope, source = parameters["slope"], context.source
 
-    def apply(values: NDArray[Any], scene: Scene) -> None:
-        values += slope * scene.axes[source]
+    def apply(values: NDArray[Any], conditions: Conditions) -> None:
+        values += slope * conditions.axes[source]
 
     return apply

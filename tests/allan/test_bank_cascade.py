@@ -152,7 +152,7 @@ def test_a_term_larger_than_an_int64_does_not_wrap():
     rate = np.where(np.arange(BATCH) < BATCH // 2, 0.0, 65535.0)
     blocks = np.zeros((1, BATCH, 3))
     blocks[0, :, 0], blocks[0, :, 1] = rate * stride, rate * stride * (stride - 1) / 2.0
-    kernels.hand_up(blocks, level, 0, cascade.ladder())
+    kernels.add_block_sums(blocks, level, 0, cascade.ladder())
     x = np.append(0.0, np.cumsum(blocks[0, :, 0]))
     z = np.append(0.0, np.cumsum(stride * x[:-1] + blocks[0, :, 1]))
     third = z[3 * k :] - 3 * z[2 * k : -k] + 3 * z[k : -2 * k] - z[: -3 * k]

@@ -9,7 +9,7 @@ import pytest
 
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.wire import WireSettings, format_named
-from allanscope.wire.native.framing import stuff, unstuff
+from allanscope.wire.native.framing import cobs_decode, cobs_encode
 from support.encoder_ring import Ring
 
 AXES = 6
@@ -135,7 +135,7 @@ def test_cobs_and_crc_agree_with_python_over_twenty_thousand_frames(encoder):
         size = int(rng.integers(1, 247))
         frame = rng.integers(0, int(rng.choice([2, 256])), size).astype(np.uint8).tobytes()
         n = encoder.as_cobs_encode(frame, size, out)
-        assert out.raw[:n] == stuff(frame)
+        assert out.raw[:n] == cobs_encode(frame)
         assert encoder.as_crc32(frame, size) == zlib.crc32(frame)
 
 
@@ -146,7 +146,7 @@ def test_what_cobs_refuses_python_refuses_too(encoder):
         size = int(rng.integers(1, 240))
         chunk = rng.integers(1, int(rng.choice([6, 256])), size).astype(np.uint8).tobytes()
         n = encoder.as_cobs_decode(chunk, size, out)
-        expected = unstuff(chunk)
+        expected = cobs_decode(chunk)
         assert out.raw[:n] == (expected or b"")
 
 
@@ -220,7 +220,7 @@ def receive(encoder, data):
 
 def command(kind, seq, body=b""):
     frame = struct.pack("<BBHHBB", kind, 0x10, seq, 0, 0, len(body)) + body
-    return b"\0" + stuff(frame + zlib.crc32(frame).to_bytes(4, "little")) + b"\0"
+    return b"\0" + cobs_encode(frame + zlib.crc32(frame).to_bytes(4, "little")) + b"\0"
 
 
 def test_commands_are_read_between_damaged_ones_and_the_damage_is_counted(encoder):

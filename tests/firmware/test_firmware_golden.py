@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from allanscope.wire.native.framing import stuff
+from allanscope.wire.native.framing import cobs_encode
 from allanscope.wire.native.layout import VERSION
 from support.synthetic_sensor import count
 
@@ -36,7 +36,7 @@ def frames():
         nonlocal seq
         plain = struct.pack("<BBHHBB", kind, 0x12, seq, 0x4C41, flags, n) + body
         seq += 1
-        return stuff(plain + zlib.crc32(plain).to_bytes(4, "little")) + b"\0"
+        return cobs_encode(plain + zlib.crc32(plain).to_bytes(4, "little")) + b"\0"
 
     yield b"\0" + frame(2, 0, len(descriptor()), descriptor())
     while True:

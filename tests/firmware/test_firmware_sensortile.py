@@ -16,7 +16,7 @@ import pytest
 
 from allanscope.samples import Block, Gap, Notice, StreamInfo
 from allanscope.wire import WireSettings, format_named
-from allanscope.wire.native.framing import seal
+from allanscope.wire.native.framing import pack_frame
 from support.emulator import Patience
 from support.lsm6dsm_model import Lsm6dsm
 from support.stm32l476_model import STALL, Chip
@@ -111,7 +111,7 @@ class Bench:
         """Send a command and return the result of the reply, and how long it took."""
         self.seq += 1
         begun = self.chip.now_us
-        self.host.write(b"\0" + seal(kind, self.seq, 0, body))
+        self.host.write(b"\0" + pack_frame(kind, self.seq, 0, body))
         for _ in range(2000):
             self.chip.turn()
             self.feed(self.host.read())

@@ -6,7 +6,7 @@ import serial
 
 from allanscope.samples import Block, Gap, Notice
 from allanscope.wire import WireSettings, format_named
-from allanscope.wire.native.framing import seal
+from allanscope.wire.native.framing import pack_frame
 
 START, STOP, DESCRIBE, SET, PING = 0x81, 0x82, 0x83, 0x84, 0x85
 
@@ -29,7 +29,7 @@ class Host:
 
     def send(self, kind, body=b""):
         self.sent += 1
-        self._port.write(b"\0" + seal(kind, self.sent, 0, body))
+        self._port.write(b"\0" + pack_frame(kind, self.sent, 0, body))
         return self.sent
 
     def until(self, condition, what):

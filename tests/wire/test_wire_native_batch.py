@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from allanscope.samples import AXES, Block, Event, StreamInfo, Ticks
 from allanscope.wire.native import NativeDecoder, NativeEncoder
-from allanscope.wire.native.framing import Deframer, seal, stuff, unstuff
+from allanscope.wire.native.framing import Deframer, cobs_decode, cobs_encode, pack_frame
 from allanscope.wire.native.table import batch_table
 
 Check = Callable[[list[Event], list[Event]], None]
@@ -42,7 +42,7 @@ STREAM = _stream()
 def _like_data(n: int, samples: int) -> bytes:
     """Return a sound frame that may or may not be as long as it says."""
     frame = struct.pack("<BBHHBBIQIh", 1, 0x10, 0, 9, 3, n, 0, 0, 0, 0) + bytes(12 * samples)
-    return stuff((frame + crc32(frame).to_bytes(4, "little"))[:246]) + b"\0"
+    return cobs_encode((frame + crc32(frame).to_bytes(4, "little"))[:246]) + b"\0"
 
 
 def _both(data: bytes, cuts: list[int], check: Check) -> None:
@@ -64,7 +64,9 @@ def test_the_checksum_of_a_frame_of_any_length_is_that_of_zlib() -> None:
         turned = bytearray(sealed)
         turned[int(rng.integers(size))] ^= 1 << int(rng.integers(8))
         reader = Deframer()
-        table = batch_table(reader, stuff(sealed) + b"\0" + stuff(bytes(turned)) + b"\0")
+        table = batch_table(
+            reader, cobs_encode(sealed) + b"\0" + cobs_encode(bytes(turned)) + b"\0"
+        )
         assert [other.frame for other in table.others] == [frame]
         assert (reader.crc_errors, reader.malformed) == (1, 0)
 
@@ -100,7 +102,7 @@ def test_both_readers_agree_on_a_damaged_stream(
             st.binary(max_size=30),
             st.binary(min_size=240, max_size=256).map(lambda b: b.replace(b"\0", b"\1")),
             st.binary(min_size=8, max_size=242).map(
-                lambda b: stuff(b + crc32(b).to_bytes(4, "little")) + b"\0"
+                lambda b: cobs_encode(b + crc32(b).to_bytes(4, "little")) + b"\0"
             ),
             st.builds(_like_data, st.integers(0, 20), st.integers(0, 20)),
             st.just(b"\0"),
@@ -137,7 +139,7 @@ def test_a_frame_sent_without_stuffing_is_no_frame_in_either_reader(assert_same:
 def test_the_tail_of_a_frame_at_the_start_is_no_crc_error(joining: bool) -> None:
     for batch, step in ((True, 20), (True, 7), (False, 20), (False, 7)):
         decoder = NativeDecoder(batch=batch)
-        tail = STREAM[-20:] if joining else seal(4, 0, 0, bytes(20)) + STREAM[-20:]
+        tail = STREAM[-20:] if joining else pack_frame(4, 0, 0, bytes(20)) + STREAM[-20:]
         for start in range(0, len(tail), step):
             decoder.feed(tail[start : start + step], 0.0)
         assert decoder.stats.crc_errors == (not joining)
@@ -173,29 +175,29 @@ def test_each_frame_has_the_time_of_the_chunk_that_completed_it(assert_same: Che
 def test_unstuffing_undoes_stuffing_for_every_length_of_run() -> None:
     for size in range(1, 247):
         for frame in (bytes(size), b"\1" * size, b"\1" * (size - 1) + b"\0"):
-            assert unstuff(stuff(frame)) == frame
-            assert len(stuff(frame)) == size + 1
+            assert cobs_decode(cobs_encode(frame)) == frame
+            assert len(cobs_encode(frame)) == size + 1
 
 
 def test_a_distance_of_zero_ends_nothing() -> None:
-    assert unstuff(b"\x01\x00") is None
-    assert unstuff(b"") is None
+    assert cobs_decode(b"\x01\x00") is None
+    assert cobs_decode(b"") is None
 
 
 @pytest.mark.parametrize("batch", [True, False])
 def test_a_sound_frame_that_is_too_long_is_no_frame(batch: bool) -> None:
     for size, sound in ((242, True), (243, False)):
         frame = bytes([4, 0x10, 0, 0, 0, 0, 0, size - 8]) + b"\1" * (size - 8)
-        wire = stuff(frame + crc32(frame).to_bytes(4, "little")) + b"\0"
+        wire = cobs_encode(frame + crc32(frame).to_bytes(4, "little")) + b"\0"
         decoder = NativeDecoder(batch=batch)
         assert bool(decoder.feed(wire, 0.0)) == sound
         assert decoder.stats.resyncs == (not sound)
 
 
 def test_a_frame_too_long_to_send_is_refused() -> None:
-    assert len(seal(4, 0, 0, bytes(234))) == 248
+    assert len(pack_frame(4, 0, 0, bytes(234))) == 248
     with pytest.raises(ValueError, match="234 fit"):
-        seal(4, 0, 0, bytes(235))
+        pack_frame(4, 0, 0, bytes(235))
 
 
 def test_plain_frames_end_where_their_zero_is() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from allanscope.samples import Block, Event, Gap, Notice, StreamInfo, Ticks
 from allanscope.wire import Command
 from allanscope.wire.native import Flag, NativeDecoder, NativeEncoder
-from allanscope.wire.native.framing import unstuff
+from allanscope.wire.native.framing import cobs_decode
 from allanscope.wire.native.layout import float32, pack_entries
 
 Noise = Callable[..., Block]
@@ -362,7 +362,7 @@ def test_the_device_says_that_it_dropped_samples(
     encoder = NativeEncoder()
     encoder.describe(imu)
     encoder.encode(noise(9))
-    frame = unstuff(encoder.encode(noise(9, index=9 + missing))[:-1])
+    frame = cobs_decode(encoder.encode(noise(9, index=9 + missing))[:-1])
     assert frame is not None
     assert bool(frame[6] & Flag.DROPPED_BEFORE) == bool(missing)
 

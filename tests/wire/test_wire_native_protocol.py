@@ -15,7 +15,7 @@ import pytest
 from allanscope.samples import Block, Gap, Notice, StreamInfo, Ticks
 from allanscope.wire import Command
 from allanscope.wire.native import NativeDecoder, NativeEncoder
-from allanscope.wire.native.framing import seal
+from allanscope.wire.native.framing import pack_frame
 
 PROTOCOL = Path(__file__).parents[2] / "firmware_protocol" / "PROTOCOL.md"
 TEXT = PROTOCOL.read_text(encoding="utf-8")
@@ -198,7 +198,7 @@ def test_losses_are_told_as_the_norm_says() -> None:
         facts, _, told = line.partition("->")
         seq = int(re.findall(r"seq (\d+)", facts)[0])
         if "status" in facts:
-            wire = seal(0x03, seq, 0x1234, bytes(32))
+            wire = pack_frame(0x03, seq, 0x1234, bytes(32))
         else:
             index, n = (int(re.findall(rf"{key} (\d+)", facts)[0]) for key in ("index", "n"))
             flags = int(re.findall(r"flags (\w+)", facts)[0], 16)

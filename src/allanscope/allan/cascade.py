@@ -22,9 +22,9 @@ from allanscope.allan.kernels import (
     MOMENTS,
     WIDTH,
     Ladder,
+    add_block_sums,
     advance,
-    hand_up,
-    put_all_back,
+    restore_offsets,
     settle,
 )
 from allanscope.allan.moments import Pair, sample_variance, shifted, two_sum
@@ -219,14 +219,14 @@ class Cascade:
             raise ValueError(f"the shard begins at {start}, {self.taken} samples are here")
         count = block_sums.shape[1] << low.levels
         self.grow(((start + count) // 32).bit_length())
-        put_all_back(self.ladder())
-        put_all_back(low.ladder())
+        restore_offsets(self.ladder())
+        restore_offsets(low.ladder())
         self.rungs[:, : low.levels] = low.rungs
         self.offsets[:, : low.levels] = low.offsets
         if start == 0:
             self.heads[:, : low.levels] = low.heads
         self._add(low.sums)
-        hand_up(block_sums, low.levels, start >> low.levels, self.ladder())
+        add_block_sums(block_sums, low.levels, start >> low.levels, self.ladder())
         self.samples += count
         self.taken += count
 

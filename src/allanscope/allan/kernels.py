@@ -72,10 +72,10 @@ __all__ = [
     "NOTED",
     "WIDTH",
     "Ladder",
+    "add_block_sums",
     "advance",
-    "hand_up",
     "offset_near",
-    "put_all_back",
+    "restore_offsets",
     "rows_of",
     "settle",
 ]
@@ -155,8 +155,8 @@ _advance = {
     for name, rows in _ROWS.items()
 }
 _settle = kernel("cascade_settle", int, *_LADDER)
-_put_all_back = kernel("cascade_put_all_back", *_LADDER)
-_hand_up = kernel("cascade_hand_up", Pointer(np.float64, 3), int, int, int, *_LADDER)
+_restore_offsets = kernel("cascade_restore_offsets", *_LADDER)
+_add_block_sums = kernel("cascade_add_block_sums", Pointer(np.float64, 3), int, int, int, *_LADDER)
 
 
 def rows_of(samples: NDArray[Any]) -> NDArray[Any]:
@@ -192,13 +192,13 @@ def settle(taken: int, ladder: Ladder) -> None:
     _settle(taken, *_checked(ladder))
 
 
-def put_all_back(ladder: Ladder) -> None:
-    """Move the sums of w of all rungs to those without offsets."""
-    _put_all_back(*_checked(ladder))
+def restore_offsets(ladder: Ladder) -> None:
+    """Put the offsets back into the sums of w of all rungs: see `MOMENTS`."""
+    _restore_offsets(*_checked(ladder))
 
 
-def hand_up(block_sums: Floats, level: int, taken: int, ladder: Ladder) -> None:
-    """Take sums of blocks of 2^level samples in at a rung, as the rung below would hand them up.
+def add_block_sums(block_sums: Floats, level: int, taken: int, ladder: Ladder) -> None:
+    """Take sums of blocks of 2^level samples in at a rung, as the rung below would pass them on.
 
     A block of s samples moves the running sums of a rung by its own (X, Z, Q), as at the top of
     this file, so whoever has those of neighbouring blocks needs their samples no more to go on
@@ -219,7 +219,7 @@ def hand_up(block_sums: Floats, level: int, taken: int, ladder: Ladder) -> None:
     if sums != 3 or not 0 <= level < ladder.rungs.shape[1]:
         raise ValueError(f"rung {level} takes sums of shape (axes, k, 3), got {block_sums.shape}")
     own = np.ascontiguousarray(block_sums, np.float64)
-    _hand_up(own, blocks, level, taken, *_checked(ladder, axes))
+    _add_block_sums(own, blocks, level, taken, *_checked(ladder, axes))
 
 
 def _checked(ladder: Ladder, *axes: int) -> tuple[Any, ...]:

@@ -87,7 +87,7 @@ static inline double two_product(double a, double b, double *low) {
 }
 
 /* Add `number` values, each `step` short, to a sum and a sum of squares; clear what was added. */
-static void put_back_moments(double *moments, double *squares, double step) {
+static void restore_moments(double *moments, double *squares, double step) {
     double *total = moments + 2;
     double number = moments[0], first = moments[1], second = *squares;
     double more_low, low_1, low_2, twice_low, product_low;
@@ -104,19 +104,19 @@ static void put_back_moments(double *moments, double *squares, double step) {
 }
 
 /* Move the sums of w of a rung to those without its offset, which may change then. */
-static void put_back(const ladder *l, int64_t axis, int64_t level) {
+static void restore_offset(const ladder *l, int64_t axis, int64_t level) {
     double stride = ldexp(1.0, (int)level);
     for (int64_t t = l->first[level]; t < l->first[level + 1]; t++) {
         double *total = sums_of(l, axis, t), step = *offset_of(l, axis, level) * ((double)l->lags[t] * stride);
-        put_back_moments(total + OSTDEV_MOMENTS, total + OSTDEV, step);
-        put_back_moments(total + STDEV_MOMENTS, total + STDEV, step);
+        restore_moments(total + OSTDEV_MOMENTS, total + OSTDEV, step);
+        restore_moments(total + STDEV_MOMENTS, total + STDEV, step);
     }
 }
 
-KERNEL(void, cascade_put_all_back)(LADDER) {
+KERNEL(void, cascade_restore_offsets)(LADDER) {
     ladder all = THE_LADDER, *l = &all;
     for (int64_t axis = 0; axis < axes; axis++)
-        for (int64_t level = 0; level < levels; level++) put_back(l, axis, level);
+        for (int64_t level = 0; level < levels; level++) restore_offset(l, axis, level);
 }
 
 /* A round number near the mean of samples that rise by `rise` above an offset: 24 bits, so that
@@ -328,7 +328,7 @@ static void spend(const ladder *l, int64_t axis, int64_t level, int64_t before, 
         /* Only now is there a mean to count from. The first sample may lie anywhere. */
         double old = *offset_of(l, axis, level);
         double offset = offset_near(old, rung[stop - 1], (double)new * stride);
-        put_back(l, axis, level);
+        restore_offset(l, axis, level);
         with_offset(
             rung + BATCH, rung + ENTRIES + BATCH, rung + 2 * ENTRIES + BATCH, new, 1, stride,
             old - offset);
@@ -497,7 +497,7 @@ static double make_history(double *rung, double stride) {
 static void count_from_mean(const ladder *l, int64_t axis, int64_t level, double rise) {
     double stride = ldexp(1.0, (int)level), old = *offset_of(l, axis, level), *rung = rung_of(l, axis, level);
     double offset = offset_near(old, rise, BATCH * stride);
-    put_back(l, axis, level);
+    restore_offset(l, axis, level);
     with_offset(
         rung, rung + ENTRIES, rung + 2 * ENTRIES, BATCH, 1 - BATCH, stride, old - offset);
     *offset_of(l, axis, level) = offset;
@@ -586,12 +586,12 @@ KERNEL(void, cascade_settle)(int64_t taken, LADDER) {
         }
     }
     for (int64_t axis = 0; axis < axes; axis++)
-        for (int64_t level = 0; level < levels; level++) put_back(l, axis, level);
+        for (int64_t level = 0; level < levels; level++) restore_offset(l, axis, level);
 }
 
-/* Take sums (X, Z, Q) of k blocks of 2^level samples in at a rung, as the rung below would hand
-   them up; `taken` blocks of the segment came before. */
-KERNEL(void, cascade_hand_up)
+/* Take sums (X, Z, Q) of k blocks of 2^level samples in at a rung, as the rung below would pass
+   them on; `taken` blocks of the segment came before. */
+KERNEL(void, cascade_add_block_sums)
 (const double *block_sums, int64_t k, int64_t level, int64_t taken, LADDER) {
     ladder all = THE_LADDER, *l = &all;
     double s = ldexp(1.0, (int)level), half = 0.5 * s * s;

@@ -67,7 +67,7 @@ static uint32_t crc32(const uint8_t *data, int64_t size, const uint32_t (*table)
 }
 
 /* Write the frame that starts at `data` and return how far off its final zero is, or -1. */
-static int64_t unstuff(const uint8_t *data, int64_t left, uint8_t *frame) {
+static int64_t cobs_decode(const uint8_t *data, int64_t left, uint8_t *frame) {
     int64_t size = least(left, LONGEST_CHUNK + 1), here = 0, count = 0;
     uint8_t places[LONGEST_CHUNK + 1];
     while (here < size && data[here] != 0) {
@@ -106,7 +106,7 @@ KERNEL(void, read_frames)
             start++;
             continue;
         }
-        int64_t length = unstuff(data + start, end - start, frame);
+        int64_t length = cobs_decode(data + start, end - start, frame);
         int sound = length >= 0;
         if (!sound) {
             const uint8_t *stop = memchr(data + start, 0, (size_t)(end - start));

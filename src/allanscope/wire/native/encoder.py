@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from allanscope.samples import AXES, INT16_MAX, INT16_MIN, Block, StreamInfo
 from allanscope.wire.base import Command, device_times, temperatures_at
 from allanscope.wire.native import descriptor
-from allanscope.wire.native.framing import Deframer, seal, stuff_frames
+from allanscope.wire.native.framing import Deframer, pack_data_frames, pack_frame
 from allanscope.wire.native.layout import (
     DATA_HEADER,
     NO_TEMPERATURE,
@@ -62,7 +62,7 @@ class NativeEncoder:
         if info.epoch != self._info.epoch:
             self._next_index = None
         self._info = info
-        return b"\0" + self._seal(FrameType.DESCRIPTOR, descriptor.write(info))
+        return b"\0" + self._frame(FrameType.DESCRIPTOR, descriptor.write(info))
 
     def encode(self, block: Block) -> bytes:
         """Return the data frames of a block.
@@ -87,7 +87,7 @@ class NativeEncoder:
         self._next_index = block.index + len(block)
         self._seq += len(starts)
         full = len(block) // size
-        return stuff_frames(headers[:full], samples[: full * size]) + stuff_frames(
+        return pack_data_frames(headers[:full], samples[: full * size]) + pack_data_frames(
             headers[full:], samples[full * size :]
         )
 
@@ -96,12 +96,12 @@ class NativeEncoder:
         bad = self._deframer.crc_errors + self._deframer.malformed
         counters = (produced, sent, dropped, 0, self._received, bad)
         body = STATUS.pack(round(uptime_s * 1e6), *(n & 0xFFFFFFFF for n in counters))
-        return self._seal(FrameType.STATUS, body)
+        return self._frame(FrameType.STATUS, body)
 
     def event(self, text: str, uptime_s: float, level: int = 0) -> bytes:
         """Return a line of text for the user; level 0 is a remark, 1 a warning, 2 an error."""
         body = EVENT_HEAD.pack(round(uptime_s * 1e6), level) + text.encode("utf-8")[:200]
-        return self._seal(FrameType.EVENT, body)
+        return self._frame(FrameType.EVENT, body)
 
     def receive(self, data: bytes) -> list[Command]:
         """Take bytes from the host and return the commands that they complete."""
@@ -124,10 +124,10 @@ class NativeEncoder:
             payload = command.fields.get("payload", b"") + uptime_us.to_bytes(8, "little")
         kind = int(command.fields.get("type", 0))
         body = REPLY_HEAD.pack(command.sequence & 0xFFFF, kind, result) + payload
-        return self._seal(FrameType.REPLY, body)
+        return self._frame(FrameType.REPLY, body)
 
-    def _seal(self, kind: FrameType, body: bytes) -> bytes:
-        frame = seal(kind, self._seq, self._info.epoch, body)
+    def _frame(self, kind: FrameType, body: bytes) -> bytes:
+        frame = pack_frame(kind, self._seq, self._info.epoch, body)
         self._seq += 1
         return frame
 

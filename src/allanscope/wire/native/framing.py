@@ -10,7 +10,7 @@ distance to the next one (or to the end). What is sent holds no zero, so a zero 
 
 A receiver that joins in the middle, or that lost bytes, is in step again after the next zero.
 `Deframer` reads frame by frame; a simulated device writes its data frames many at once
-(`stuff_frames`), a frame in each row of a matrix.
+(`pack_data_frames`), a frame in each row of a matrix.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from allanscope.wire.native.layout import (
     VERSION,
 )
 
-__all__ = ["Deframer", "seal", "stuff", "stuff_frames", "unstuff"]
+__all__ = ["Deframer", "cobs_decode", "cobs_encode", "pack_data_frames", "pack_frame"]
 
 _HEADER = struct.Struct("<BBHHBB")
 
 
-def stuff(frame: bytes) -> bytes:
+def cobs_encode(frame: bytes) -> bytes:
     r"""Return the COBS form of a frame of at most 253 bytes, without the final zero.
 
-    >>> stuff(bytes([0x11, 0x22, 0x00, 0x33])).hex(" ")
+    >>> cobs_encode(bytes([0x11, 0x22, 0x00, 0x33])).hex(" ")
     '03 11 22 02 33'
     """
     return b"".join(bytes((len(run) + 1,)) + run for run in frame.split(b"\0"))
 
 
-def unstuff(chunk: bytes) -> bytes | None:
-    r"""Return the frame that `stuff` made this chunk of, or None when nothing can give it.
+def cobs_decode(chunk: bytes) -> bytes | None:
+    r"""Return the frame that `cobs_encode` made this chunk of, or None when nothing can give it.
 
-    >>> unstuff(bytes.fromhex("03 11 22 02 33")).hex(" ")
+    >>> cobs_decode(bytes.fromhex("03 11 22 02 33")).hex(" ")
     '11 22 00 33'
-    >>> unstuff(bytes.fromhex("04 11 22")) is None
+    >>> cobs_decode(bytes.fromhex("04 11 22")) is None
     True
     """
     frame = bytearray(chunk)
@@ -66,7 +66,7 @@ def unstuff(chunk: bytes) -> bytes | None:
     return bytes(frame[1:]) if here == end and end else None
 
 
-def seal(kind: int, seq: int, epoch: int, body: bytes) -> bytes:
+def pack_frame(kind: int, seq: int, epoch: int, body: bytes) -> bytes:
     """Return a frame other than data as it goes over the wire, with its final zero."""
     frame = _HEADER.pack(kind, VERSION, seq & 0xFFFF, epoch & 0xFFFF, 0, len(body)) + body
     if len(frame) + CRC_BYTES > LONGEST_FRAME:
@@ -74,7 +74,7 @@ def seal(kind: int, seq: int, epoch: int, body: bytes) -> bytes:
             f"a body of {len(body)} bytes is too long for a frame; "
             f"{LONGEST_FRAME - CRC_BYTES - HEADER_BYTES} fit"
         )
-    return stuff(frame + crc32(frame).to_bytes(CRC_BYTES, "little")) + b"\0"
+    return cobs_encode(frame + crc32(frame).to_bytes(CRC_BYTES, "little")) + b"\0"
 
 
 class Deframer:
@@ -134,7 +134,7 @@ class Deframer:
         if not chunk and not overlong:
             return None
         self.joining = False
-        frame = None if overlong else unstuff(chunk)
+        frame = None if overlong else cobs_decode(chunk)
         if frame is None or len(frame) < HEADER_BYTES + CRC_BYTES:
             self.malformed += 1
             return None
@@ -145,7 +145,7 @@ class Deframer:
         return frame[:-CRC_BYTES]
 
 
-def stuff_frames(headers: NDArray[np.void], samples: NDArray[np.int16]) -> bytes:
+def pack_data_frames(headers: NDArray[np.void], samples: NDArray[np.int16]) -> bytes:
     """Return data frames as they go over the wire.
 
     Parameters

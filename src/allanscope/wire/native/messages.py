@@ -9,7 +9,7 @@ from typing import Any, cast
 from allanscope.samples import AXES, Notice
 from allanscope.sanitize import text_of
 from allanscope.wire.base import Command, WireSettings
-from allanscope.wire.native.framing import seal
+from allanscope.wire.native.framing import pack_frame
 from allanscope.wire.native.layout import (
     HEADER_BYTES,
     VERSION_MAJOR,
@@ -98,7 +98,7 @@ def notice_of(kind: int, version: int, body: bytes) -> Notice | None:
 
 def request(kind: FrameType, seq: int, body: bytes = b"") -> bytes:
     """Return a command as it goes over the wire; the zero in front ends whatever came before."""
-    return b"\0" + seal(kind, seq, 0, body)
+    return b"\0" + pack_frame(kind, seq, 0, body)
 
 
 def settings_body(settings: WireSettings) -> bytes:

@@ -43,7 +43,7 @@ def gone(pid: int) -> bool:
 def apart(device: Device) -> Iterator[SerialSource]:
     """Yield a source whose port the other process has begun to read."""
     with_process = SerialSource(str(device.path), comports=list)
-    eventually(lambda: with_process.read() and _link(with_process).alone)
+    eventually(lambda: with_process.read() and _link(with_process).is_reading)
     yield with_process
     with_process.close()
 
@@ -87,7 +87,7 @@ def test_realtimekit_is_asked_where_the_reader_is_not_allowed_to(
     monkeypatch.setattr("allanscope.sources.isolated_reader.make_real_time", make)
     _link(apart)._start_reader_process(had)
     assert asked == ([] if had.startswith("real-time") else [(pid_of(apart), 10)])
-    assert _link(apart).how == f"a separate process at {said}"
+    assert _link(apart).description == f"a separate process at {said}"
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -115,7 +115,7 @@ def test_a_driver_that_gathers_bytes_is_told_not_to(
         return b""
 
     monkeypatch.setattr(fcntl, "ioctl", ioctl)
-    source = SerialSource(str(device.path), SourceSettings(apart=False), comports=list)
+    source = SerialSource(str(device.path), SourceSettings(own_process=False), comports=list)
     device.say(b"x")
     assert read_bytes(source, 1) == b"x"
     source.close()
@@ -161,8 +161,8 @@ def test_no_byte_is_lost_or_swapped_while_the_other_process_takes_over(device: D
     for _ in range(5):
         source = SerialSource(str(device.path), comports=list)
         sent, data = b"", b""
-        while not (_link(source).alone and len(data) == len(sent)):
-            if not _link(source).alone:
+        while not (_link(source).is_reading and len(data) == len(sent)):
+            if not _link(source).is_reading:
                 more = os.urandom(100)
                 device.say(more)
                 sent += more
@@ -176,7 +176,7 @@ def test_a_reader_that_is_killed_is_replaced_by_a_thread_and_a_gap_is_told(
     device: Device, apart: SerialSource
 ) -> None:
     os.kill(pid_of(apart), signal.SIGKILL)
-    eventually(lambda: apart.read() and not _link(apart).alone)
+    eventually(lambda: apart.read() and not _link(apart).is_reading)
     device.say(b"after")
     chunks = read_until(apart, lambda chunk: bool(chunk.data))
     assert (chunks[-1].data, chunks[-1].event) == (b"after", "overrun")
@@ -215,7 +215,7 @@ def test_unplugged_it_ends_and_the_next_one_begins(device: Device, apart: Serial
     assert gone(pid)
     device.plug()
     read_until(apart, lambda chunk: chunk.event == "reconnected")
-    eventually(lambda: apart.read() and _link(apart).alone)
+    eventually(lambda: apart.read() and _link(apart).is_reading)
     apart.write(b"hello")
     assert device.heard(5) == b"hello"
 
@@ -225,7 +225,7 @@ def test_no_orphan_is_left_by_a_process_that_is_killed(device: Device) -> None:
         f"""
         from allanscope.sources import SerialSource
         source = SerialSource({str(device.path)!r}, comports=list)
-        while not source._link.alone:
+        while not source._link.is_reading:
             source.read()
         print(source._link._process.pid, flush=True)
         while True:
@@ -257,6 +257,6 @@ def test_without_a_process_a_thread_reads_and_says_so(
 
 
 def test_it_can_be_told_not_to(device: Device) -> None:
-    source = SerialSource(str(device.path), SourceSettings(apart=False), comports=list)
+    source = SerialSource(str(device.path), SourceSettings(own_process=False), comports=list)
     assert not isinstance(source._link, IsolatedReader)
     source.close()

@@ -15,7 +15,7 @@ from allanscope.samples import AXES, Block, Event, Gap, StreamInfo, Ticks
 from allanscope.wire import LinkStats, WireSettings, format_named
 from allanscope.wire.continuity import PeriodTracker
 from allanscope.wire.row_events import RowEvents
-from allanscope.wire.rows import Meaning, Row
+from allanscope.wire.rows import Interpretation, Row
 from allanscope.wire.timestamps import WrappingCounter, period_of, resolution_of
 
 RATE = 50.0
@@ -195,10 +195,12 @@ def test_a_clock_of_the_day_goes_on_after_midnight() -> None:
     assert stamps.seconds(1) == pytest.approx(86_400.01)
 
 
-def _limited(rows: list[Row]) -> Meaning:
+def _limited(rows: list[Row]) -> Interpretation:
     """Rows below ten mean one thing, rows below a hundred another."""
     limit = 10.0 if rows[0].values[0] < 10.0 else 100.0
-    return Meaning(StreamInfo(("gx",), (limit,)), lambda v: (v.astype(np.int32), v[:, 0] < limit))
+    return Interpretation(
+        StreamInfo(("gx",), (limit,)), lambda v: (v.astype(np.int32), v[:, 0] < limit)
+    )
 
 
 def test_a_meaning_that_no_longer_fits_is_replaced() -> None:

@@ -303,10 +303,10 @@ class Decoding:
         assert self._opened_ns is not None
         silent_s = (now_ns - self._opened_ns) * 1e-9
         if self._wakes and silent_s > self._wakes[0][0]:
-            _, alone = self._wakes.pop(0)
+            _, first = self._wakes.pop(0)
             if self._format is not None:
                 self._wakes.clear()
-            self._send_start(alone)
+            self._send_start(first)
         if self._missed or silent_s <= MUTE_S:
             return []
         self._missed = True
@@ -344,20 +344,20 @@ class Decoding:
         self._opened_ns = now_ns
         return [Notice("error", f"silence after bytes that fit no format: {excerpt(debris)}", OURS)]
 
-    def _send_start(self, alone: bool | None = None) -> None:
-        """Tell the device to start; where its format is not known, in those that are spoken alone.
+    def _send_start(self, first: bool | None = None) -> None:
+        """Tell the device to start; where its format is not known, in those that must start first.
 
-        Or in the others, or (None) in all of them, those that are spoken alone first.
+        Or in the others (False), or in all of them (None).
         """
         if self._write is None:
             return
         known = (
             [self._format]
             if self._format
-            else sorted(map(format_named, formats()), key=lambda one: not one.alone)
+            else sorted(map(format_named, formats()), key=lambda one: not one.must_start_first)
         )
         for one in known:
-            if self._format or alone in (None, one.alone):
+            if self._format or first in (None, one.must_start_first):
                 for message in one.start(self._settings):
                     self._write(message)
 

@@ -87,8 +87,8 @@ class ReadQueue:
         self._free(sum(len(chunk.data) + _OVERHEAD for chunk in taken))
         return taken
 
-    def _wait_for_more(self, came_ns: int) -> None:
-        age_s = 1e-9 * (time.monotonic_ns() - came_ns) if self._live else 0.0
+    def _wait_for_more(self, read_ns: int) -> None:
+        age_s = 1e-9 * (time.monotonic_ns() - read_ns) if self._live else 0.0
         wait_s = min(self.together_s - age_s, self.together_s)
         if wait_s > 0.0:
             self._ended.wait(wait_s)

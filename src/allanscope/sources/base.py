@@ -49,7 +49,7 @@ class SourceSettings:
         A device that has streamed and then says nothing for this long has stalled.
     give_up_s : float
         A device that has gone is waited for this long; for ever, if not given.
-    apart : bool
+    own_process : bool
         Whether a port is read by a process of its own, where the system allows it (Linux).
     speed : float
         Multiple of real time at which a recording is replayed; infinity for as fast as possible.
@@ -64,7 +64,7 @@ class SourceSettings:
     stall_s: float = 3.0
     give_up_s: float = math.inf
     speed: float = math.inf
-    apart: bool = True
+    own_process: bool = True
 
     def __post_init__(self) -> None:
         for name in ("baud", "stall_s", "give_up_s", "speed"):

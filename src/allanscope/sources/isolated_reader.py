@@ -3,7 +3,7 @@
 The port is opened and configured here, and written to from here. The other process is given the
 open file; while it starts, which takes some hundredths of a second, this one reads, so that a board
 need not wait and a start takes no longer. Then it is told to go on alone: never do both read. If it
-cannot be started, or is killed, this process reads again, and `how` says so.
+cannot be started, or is killed, this process reads again, and `description` says so.
 """
 
 from __future__ import annotations
@@ -107,11 +107,11 @@ class IsolatedReader:
 
     Attributes
     ----------
-    came_ns : int
+    read_ns : int
         Host monotonic time, in ns, of what `read` returned last; 0 where it was read right then.
-    how : str
+    description : str
         Who reads, at which priority.
-    alone : bool
+    is_reading : bool
         Whether the other process reads.
     missed : bool
         Set when that process was killed: bytes that it had read are lost.
@@ -124,9 +124,9 @@ class IsolatedReader:
 
     def __init__(self, link: Posix) -> None:
         self._link = link
-        self.came_ns = 0
-        self.how = A_THREAD
-        self.alone = self.missed = False
+        self.read_ns = 0
+        self.description = A_THREAD
+        self.is_reading = self.missed = False
         self._raw = bytearray()
         self._frames: deque[tuple[bytes, int, bytes]] = deque()
         self._data, out = os.pipe()
@@ -161,20 +161,20 @@ class IsolatedReader:
         until = time.monotonic() + timeout_s
         while not self._frames:
             if self._process is None:
-                self.came_ns = 0
+                self.read_ns = 0
                 return self._link.read(max(until - time.monotonic(), 0.0))
-            ports = [] if self.alone else [self._link.fileno()]
+            ports = [] if self.is_reading else [self._link.fileno()]
             left_s = max(until - time.monotonic(), 0.0)
             ready = select.select([self._data, *ports], [], [], left_s)[0]
             if not ready:
-                self.came_ns = 0
+                self.read_ns = 0
                 return b""
             if self._data in ready:
                 self._read_pipe()
             elif ready:
-                self.came_ns = 0
+                self.read_ns = 0
                 return self._link.read(0.0)
-        kind, self.came_ns, data = self._frames.popleft()
+        kind, self.read_ns, data = self._frames.popleft()
         if kind == GONE:
             number = int(data)
             raise OSError(
@@ -200,7 +200,7 @@ class IsolatedReader:
         self._raw += got
         at = 0
         while len(self._raw) - at >= HEADER.size:
-            kind, came_ns, size = HEADER.unpack_from(self._raw, at)
+            kind, read_ns, size = HEADER.unpack_from(self._raw, at)
             if len(self._raw) - at < HEADER.size + size:
                 break
             at += HEADER.size + size
@@ -208,27 +208,27 @@ class IsolatedReader:
             if kind == READY:
                 self._start_reader_process(frame.decode())
             elif kind in (DATA, GONE):
-                self._frames.append((kind, came_ns, frame))
+                self._frames.append((kind, read_ns, frame))
         del self._raw[:at]
 
     def _start_reader_process(self, priority: str) -> None:
         """Let the other process read from here on; nothing is read here any more."""
         with suppress(BrokenPipeError):
             os.write(self._control, b"g")
-        self.alone = True
+        self.is_reading = True
         if (
             self._process is not None
             and not priority.startswith(REAL_TIME)
             and make_real_time(self._process.pid, PRIORITY)
         ):
             priority = f"{REAL_TIME} (SCHED_RR {PRIORITY}, by RealtimeKit)"
-        self.how = f"a separate process at {priority}"
+        self.description = f"a separate process at {priority}"
 
     def _fall_back(self) -> None:
         """Read here again: the other process ended without a word."""
-        self.missed = self.alone
-        self.alone = False
-        self.how = f"{A_THREAD}, because its process has ended"
+        self.missed = self.is_reading
+        self.is_reading = False
+        self.description = f"{A_THREAD}, because its process has ended"
         self._raw.clear()
         self._end()
 

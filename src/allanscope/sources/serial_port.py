@@ -168,23 +168,23 @@ class SerialSource:
     # --- while the link is there --------------------------------------------------------------
 
     def _listen(self, link: Transport) -> Chunk:
-        apart = link if isinstance(link, IsolatedReader) else None
-        if self._pause_s and not (apart and apart.waiting):
+        isolated = link if isinstance(link, IsolatedReader) else None
+        if self._pause_s and not (isolated and isolated.waiting):
             self._sleep(self._pause_s)
         try:
             data = link.read(WAIT_S)
         except LINK_ERRORS:
             return self._disconnect()
         # A read of the other process may be older than the silence that was just told of.
-        now = self._last_ns = max((apart and apart.came_ns) or self._clock(), self._last_ns)
-        self.reader = (apart.how if apart else A_THREAD) + self._latency
-        if apart:
-            self._overrun |= apart.missed
-            apart.missed = False
+        now = self._last_ns = max((isolated and isolated.read_ns) or self._clock(), self._last_ns)
+        self.reader = (isolated.description if isolated else A_THREAD) + self._latency
+        if isolated:
+            self._overrun |= isolated.missed
+            isolated.missed = False
         if not data:
             self._pause_s = 0.0
             return Chunk(now, event=self._stall(now))
-        if apart and apart.alone:
+        if isolated and isolated.is_reading:
             self._pause_s = TAKE_EVERY_S
         else:
             pause_s = self._pace.after(len(data), now - self._heard_ns)
@@ -279,9 +279,9 @@ class SerialSource:
         self._waited, self._was_short = (0 if was_full else None), False
         if isinstance(link, Posix):
             self._latency = "; low latency" if link.low_latency else "; no low-latency mode"
-        return (
-            isolated_reader_of(link) if isinstance(link, Posix) and self._settings.apart else link
-        )
+        if isinstance(link, Posix) and self._settings.own_process:
+            return isolated_reader_of(link)
+        return link
 
     def _described(self, name: str) -> PortDescription:
         if "://" not in name:

@@ -234,7 +234,7 @@ class WireFormat:
     framed : bool
         True when samples come in frames, between others that hold none. Elsewhere what is counted
         as a frame is a row of samples.
-    alone : bool
+    must_start_first : bool
         True where what a host writes in other formats puts a device out of step for good, so that
         it must be spoken to before those.
     baud : int
@@ -242,7 +242,7 @@ class WireFormat:
     """
 
     framed: ClassVar[bool] = False
-    alone: ClassVar[bool] = False
+    must_start_first: ClassVar[bool] = False
     baud: ClassVar[int] = 115_200
 
     name: str

@@ -128,7 +128,7 @@ class Continuity:
     def is_confirmed(self, row: Row, after: Row) -> bool:
         """Return whether the row after one that needs confirmation agrees with it."""
         return self._tracker is None or self._tracker.is_confirmed(
-            row.device_s, after.device_s, apart=after.damaged_before
+            row.device_s, after.device_s, damaged_between=after.damaged_before
         )
 
     def note_discarded(self) -> None:
@@ -240,7 +240,7 @@ class PeriodTracker:
         """Whether no stamp has been followed yet, so that there is nothing to compare with."""
         return self._expected is None
 
-    def is_confirmed(self, time_s: float, next_s: float, apart: bool = False) -> bool:
+    def is_confirmed(self, time_s: float, next_s: float, damaged_between: bool = False) -> bool:
         """Return whether a stamp that jumps, or the first one, is confirmed by the one after it.
 
         Text has no checksum: a lost digit makes a wrong stamp. Then the next one goes on where the
@@ -250,14 +250,14 @@ class PeriodTracker:
         ----------
         time_s, next_s : float
             The stamp and the one after it.
-        apart : bool
+        damaged_between : bool
             Whether something unreadable came between the two, so that they may be several periods
             from each other: a sound sample between two damaged ones is sound.
         """
         if not self._countable:
             return True
         steps = (next_s - time_s) / self._period
-        off = abs(steps - (max(1, round(steps)) if apart else 1))
+        off = abs(steps - (max(1, round(steps)) if damaged_between else 1))
         if self.is_new:
             return off <= 0.5
         late = self._lateness(next_s)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from allanscope.parts import GYRO_SCALES, part_named
 from allanscope.samples import AXES, Block, StreamInfo
 from allanscope.wire.base import WireSettings
-from allanscope.wire.rows import HELD, Meaning, Row, Values, nominal_rate
+from allanscope.wire.rows import HELD, Interpretation, Row, Values, nominal_rate
 
 __all__ = ["MilliUnits", "fits", "milli_of", "recover", "to_milli_units", "truncate"]
 
@@ -71,7 +71,7 @@ class MilliUnits:
         self._accel = list(accel_choices)
         self._epoch = 0
 
-    def decide(self, rows: list[Row]) -> Meaning:
+    def decide(self, rows: list[Row]) -> Interpretation:
         """Return what rows of six values mean, those of an absent sensor being NaN."""
         values = np.array([row.values for row in rows])
         columns = np.flatnonzero(np.isfinite(values[0]))
@@ -99,13 +99,13 @@ class MilliUnits:
             epoch=self._epoch,
             truncated=tuple(bool(m == 1.0) for m in milli),
         )
-        return Meaning(
+        return Interpretation(
             info,
             lambda new: _convert(new, columns, milli),
-            lambda odd: self._mistaken(odd, columns),
+            lambda odd: self._fits_another(odd, columns),
         )
 
-    def _mistaken(self, odd: Values, columns: NDArray[np.int64]) -> bool:
+    def _fits_another(self, odd: Values, columns: NDArray[np.int64]) -> bool:
         """Return whether rows have other axes, or steps of a finer range, all of them."""
         if not np.isfinite(odd[:, columns]).all():
             return bool((np.isfinite(odd) == np.isfinite(odd[0])).all())

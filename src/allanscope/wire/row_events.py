@@ -26,7 +26,7 @@ from allanscope.samples import Block, Event, Gap, GapReason, Notice
 from allanscope.wire.base import LinkStats
 from allanscope.wire.continuity import Continuity
 from allanscope.wire.plausibility import Plausibility
-from allanscope.wire.rows import HELD, Meaning, Row, RowTable
+from allanscope.wire.rows import HELD, Interpretation, Row, RowTable
 
 __all__ = ["RowEvents"]
 
@@ -54,7 +54,7 @@ class RowEvents:
     def __init__(
         self,
         stats: LinkStats,
-        decide: Callable[[list[Row]], Meaning | None],
+        decide: Callable[[list[Row]], Interpretation | None],
         checked: bool = False,
         patience: int = HELD,
     ) -> None:
@@ -63,7 +63,7 @@ class RowEvents:
         self._patience = patience
         self._single: list[Row] = []
         self._tables: list[RowTable] = []
-        self._meaning: Meaning | None = None
+        self._interpretation: Interpretation | None = None
         self._time_per_second = 1.0
         self._continuity = Continuity(checked)
         self._plausibility = Plausibility()
@@ -127,7 +127,7 @@ class RowEvents:
     def change(self) -> list[Event]:
         """Note that the rows that follow mean something else; return what was held back."""
         events = self.events(final=True)
-        self._meaning = None
+        self._interpretation = None
         self._time_per_second = 1.0
         return events
 
@@ -139,8 +139,8 @@ class RowEvents:
             return events
         pending: RowTable | None = RowTable.joined(self._tables)
         while pending:
-            if self._meaning is not None:
-                pending, waits = self._deliver(self._meaning, pending, events, final)
+            if self._interpretation is not None:
+                pending, waits = self._deliver(self._interpretation, pending, events, final)
                 if waits:
                     break
                 continue
@@ -169,39 +169,42 @@ class RowEvents:
     def _settle(self, pending: RowTable, events: list[Event], held: int) -> RowTable:
         """Decide what the rows mean and return them; without those that mean nothing."""
         first = [pending.row(i) for i in range(min(held, len(pending)))]
-        meaning = self._meaning = self._decide(first)
-        if meaning is None:
+        interpretation = self._interpretation = self._decide(first)
+        if interpretation is None:
             self._stats.unknown += len(first)
             return pending[len(first) :]
         self._plausibility.restart()
-        if meaning.time_per_second != self._time_per_second:
-            self._time_per_second = meaning.time_per_second
-            pending = replace(pending, device_s=pending.device_s / meaning.time_per_second)
-        whole = pending[:HELD].whole(meaning)
+        if interpretation.time_per_second != self._time_per_second:
+            self._time_per_second = interpretation.time_per_second
+            pending = replace(pending, device_s=pending.device_s / interpretation.time_per_second)
+        whole = pending[:HELD].whole(interpretation)
         blank = float(np.median(whole.blank_before[1:])) if len(whole) > 1 else 0.0
-        resolution_s = meaning.info.time_resolution_s
+        resolution_s = interpretation.info.time_resolution_s
         self._continuity.interrupt("restarted")
         self._continuity.learn(
-            whole.device_s.tolist(), resolution_s, meaning.farthest_s, blank_is_lost=blank == 0.0
+            whole.device_s.tolist(),
+            resolution_s,
+            interpretation.farthest_s,
+            blank_is_lost=blank == 0.0,
         )
-        events.append(meaning.info)
+        events.append(interpretation.info)
         assumed = {"host": 1, "assumed": 1}
-        events += [Notice("text", remark, assumed) for remark in meaning.remarks]
+        events += [Notice("text", remark, assumed) for remark in interpretation.remarks]
         return pending
 
     def _deliver(
-        self, meaning: Meaning, pending: RowTable, events: list[Event], final: bool
+        self, interpretation: Interpretation, pending: RowTable, events: list[Event], final: bool
     ) -> tuple[RowTable | None, bool]:
         """Deliver rows; return those that are left, and whether they wait for one after them.
 
         Rows about which there is nothing to say are taken together; what is said of the others
         they would be told, too, one by one.
         """
-        rows = pending.whole(meaning)
-        self._blank += pending.blank_at_end(meaning)
+        rows = pending.whole(interpretation)
+        self._blank += pending.blank_at_end(interpretation)
         if not len(rows):
             return None, False
-        counts, agree = meaning.convert(rows.values)
+        counts, agree = interpretation.convert(rows.values)
         checks = self._plausibility.check(counts[agree])
         between = self._continuity
         lost = between.blank_losses(rows.blank_before)
@@ -217,12 +220,12 @@ class RowEvents:
             row, agrees = rows.row(i), bool(agree[i])
             missing = between.missing(row)
             doubtful = agrees and between.needs_confirmation(row, missing)
-            failed = not agrees and self._failed(meaning, row)
+            failed = not agrees and self._failed(interpretation, row)
             suspect = agrees and checks.next(row.damaged_before)
             waits = doubtful and i + 1 == len(rows)
             if failed or waits or (suspect and checks.is_last and not final):
                 self._block(rows[start:i], counts[start:i], events)
-                self._meaning = None if failed else meaning
+                self._interpretation = None if failed else interpretation
                 self._plausibility.update(counts[:i][agree[:i]])
                 return rows[i:], not failed
             unsound = not agrees or (doubtful and not between.is_confirmed(row, rows.row(i + 1)))
@@ -265,21 +268,21 @@ class RowEvents:
         at = "" if math.isnan(row.device_s) else f", time {row.device_s:.6g} s"
         events.append(Notice("error", f"sample {self._index}{at}: {what}"))
 
-    def _failed(self, meaning: Meaning, row: Row) -> bool:
-        """Note a row that does not fit; return whether it is the meaning that does not.
+    def _failed(self, interpretation: Interpretation, row: Row) -> bool:
+        """Note a row that does not fit; return whether it is the interpretation that does not.
 
         It is where a fifth of the last rows do not fit, or where a few of the last thousand do
-        not and have another meaning in common. Damaged rows have nothing in common.
+        not and have another interpretation in common. Damaged rows have nothing in common.
         """
         now = self._continuity.accepted
         self._misfits = [misfit for misfit in self._misfits if misfit[0] > now - _FORGOTTEN]
         self._misfits.append((now, row.values))
-        many = sum(number > now - HELD for number, _ in self._misfits) > HELD // 5
-        few = len(self._misfits) > _FORGIVEN
-        if many or (few and meaning.mistaken(np.array([values for _, values in self._misfits]))):
+        wrong = sum(number > now - HELD for number, _ in self._misfits) > HELD // 5
+        if not wrong and len(self._misfits) > _FORGIVEN:
+            wrong = interpretation.fits_another(np.array([row for _, row in self._misfits]))
+        if wrong:
             self._misfits.clear()
-            return True
-        return False
+        return wrong
 
     def _append_gap(self, gap: Gap, events: list[Event]) -> None:
         self._stats.lost_samples += gap.lost or 0

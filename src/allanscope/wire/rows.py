@@ -1,4 +1,4 @@
-"""One row of values, what rows mean, and rows made of halves.
+"""Rows of values, their interpretation, and rows made of halves.
 
 Both sensors of a part run on one oscillator, but firmware polls them one after the other, so that
 the two halves of a sample may come in two messages or on two lines (`Pairing`).
@@ -21,7 +21,7 @@ __all__ = [
     "ABSENT",
     "HELD",
     "Convert",
-    "Meaning",
+    "Interpretation",
     "Pairing",
     "Row",
     "RowTable",
@@ -71,18 +71,18 @@ class Row(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Meaning:
-    """What a format makes of its rows.
+class Interpretation:
+    """What the values of rows are: axes, scales, rate.
 
     Attributes
     ----------
     info : StreamInfo
         What to tell the rest of the program.
     convert : callable
-        Takes values (n, k) and returns counts (n, axes) and which rows agree with this meaning. A
+        Takes values (n, k) and returns counts (n, axes) and which rows agree with it. A
         row that does not is damaged, unless there are too many of them.
-    mistaken : callable
-        Takes values of rows that do not agree and returns whether another meaning fits them all.
+    fits_another : callable
+        Takes values of rows that do not agree and returns whether something else fits them all.
     needed : tuple of int
         Columns without which a row is no sample: where devices print several rates in one table,
         most rows have empty cells.
@@ -97,7 +97,7 @@ class Meaning:
 
     info: StreamInfo
     convert: Convert
-    mistaken: Callable[[Values], bool] = lambda _: False
+    fits_another: Callable[[Values], bool] = lambda _: False
     needed: tuple[int, ...] = ()
     time_per_second: float = 1.0
     farthest_s: float | None = None
@@ -170,9 +170,9 @@ class RowTable:
         times = float(self.device_s[i]), float(self.host_s[i]), float(self.temperature_c[i])
         return Row(values, *times, bool(self.damaged_before[i]), int(self.blank_before[i]))
 
-    def whole(self, meaning: Meaning) -> RowTable:
+    def whole(self, interpretation: Interpretation) -> RowTable:
         """Return the rows that have all that is needed; the others are blank ones before them."""
-        there = np.isfinite(self.values[:, list(meaning.needed)]).all(axis=1)
+        there = np.isfinite(self.values[:, list(interpretation.needed)]).all(axis=1)
         if there.all():
             return self
         at = np.flatnonzero(there)
@@ -184,9 +184,9 @@ class RowTable:
         blank = np.add.reduceat(self.blank_before[: at[-1] + 1], begins) + at - begins
         return replace(self[at], damaged_before=damaged, blank_before=blank)
 
-    def blank_at_end(self, meaning: Meaning) -> int:
+    def blank_at_end(self, interpretation: Interpretation) -> int:
         """Return how many rows there were after the last one that has all that is needed."""
-        there = np.isfinite(self.values[:, list(meaning.needed)]).all(axis=1)
+        there = np.isfinite(self.values[:, list(interpretation.needed)]).all(axis=1)
         begin = int(np.flatnonzero(there)[-1]) + 1 if there.any() else 0
         return len(self) - begin + int(self.blank_before[begin:].sum())
 

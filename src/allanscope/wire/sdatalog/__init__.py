@@ -30,7 +30,7 @@ class SDatalogFormat(WireFormat):
     """What boards with STSW-SDATALOG or STAIOTCRAFT_SDATALOG send."""
 
     # A board that has read a wrong header waits for a reset: its receiver is not armed again.
-    alone: ClassVar[bool] = True
+    must_start_first: ClassVar[bool] = True
     baud: ClassVar[int] = 1_843_200
 
     name: str = "sdatalog"

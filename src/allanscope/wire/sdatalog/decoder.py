@@ -19,7 +19,7 @@ from allanscope.samples import AXES, Event, GapReason, Notice, StreamInfo
 from allanscope.sanitize import text_of
 from allanscope.wire.base import LinkStats, WireSettings
 from allanscope.wire.row_events import RowEvents
-from allanscope.wire.rows import ABSENT, Meaning, Row, Triple, Values
+from allanscope.wire.rows import ABSENT, Interpretation, Row, Triple, Values
 from allanscope.wire.sdatalog.conversation import Conversation, Sensor, Status
 from allanscope.wire.sdatalog.packets import BINARY, CUSTOM, Packet, Unpacker
 
@@ -251,7 +251,7 @@ class SDatalogDecoder:
         events: list[Event] = []
         status = self._conversation.status
         if status is not None and status != self._told:
-            changed = _meaning(status) != _meaning(self._told)
+            changed = _scales_and_rate(status) != _scales_and_rate(self._told)
             self._told = status
             if changed:
                 events += self._rows.change()
@@ -273,7 +273,7 @@ class SDatalogDecoder:
             one.channel: HSDatalogFrames(one.rows, period_s) for one in sensors if one.rows
         }
 
-    def _decide(self, rows: list[Row]) -> Meaning | None:
+    def _decide(self, rows: list[Row]) -> Interpretation | None:
         sensors = {one.kind: one for one in self._sensors.values()}
         if not sensors or self._told is None:
             return None
@@ -299,9 +299,9 @@ class SDatalogDecoder:
             agree = np.asarray(np.isfinite(values).all(axis=1))
             return np.nan_to_num(values).astype(np.int16), agree
 
-        return Meaning(info, convert)
+        return Interpretation(info, convert)
 
 
-def _meaning(status: Status | None) -> object:
+def _scales_and_rate(status: Status | None) -> object:
     """Return what makes the counts of one status another scale or rate than those of the next."""
     return status and tuple(one for one in status.sensors if one.enabled)

@@ -2,8 +2,9 @@
 
 ::
 
-    bytes ─▶ lines ─┬▶ columns (header) ─▶ table (rows) ─┬▶ meaning (axes, units, scale) ─▶ rows
-                    └▶ labelled (which kind of line) ────┘             losses, Blocks ◀────┘
+    bytes ─▶ lines ─┬▶ columns (header) ─▶ table (rows) ─┬▶ interpretation ─▶ row_events
+                    └▶ labelled (which kind of line) ────┘  axes, units,      losses, Blocks
+                                                            scale
 
 Sentences as of NMEA are rows of known columns (`labelled`). Values arrive as they are written: in
 dps and g as float64, or in counts when the text says so (``[lsb]``) or has nothing but whole

@@ -21,6 +21,7 @@ from allanscope.wire.text.columns import (
     unnamed,
     with_units_below,
 )
+from allanscope.wire.text.interpretation import TextInterpreter
 from allanscope.wire.text.labelled import (
     LabelledRow,
     LabelledRows,
@@ -28,7 +29,6 @@ from allanscope.wire.text.labelled import (
     read_labelled,
     sentence_in,
 )
-from allanscope.wire.text.meaning import TextMeaning
 from allanscope.wire.text.refusal import why_no_row
 from allanscope.wire.text.table import Table, is_number, joined_dates, realigned
 from allanscope.wire.text.units import Quantity
@@ -73,11 +73,11 @@ class TextDecoder:
         self.stats = LinkStats()
         self.named = False
         self._lines = Lines()
-        self._meaning = TextMeaning(settings)
-        self._rows = RowEvents(self.stats, self._meaning.decide, patience=PATIENCE)
+        self._interpreter = TextInterpreter(settings)
+        self._rows = RowEvents(self.stats, self._interpreter.decide, patience=PATIENCE)
         self._table: Table | None = None
         self._doubted: Columns = ()
-        self._labelled = LabelledRows(self._meaning.temperature_lsb_per_c)
+        self._labelled = LabelledRows(self._interpreter.temperature_lsb_per_c)
         self._unnamed: list[bytes] = []
         self._misaligned: list[tuple[bytes, int]] = []
         self._given_up = False
@@ -217,7 +217,7 @@ class TextDecoder:
     @property
     def _bare(self) -> Quantity:
         """The sensor of columns that are called just x, y and z."""
-        return "accel" if "accel" in self._meaning.given else "gyro"
+        return "accel" if "accel" in self._interpreter.given else "gyro"
 
     def _row(self, table: Table, line: bytes) -> bool:
         row = table.row(line)
@@ -306,8 +306,8 @@ class TextDecoder:
         self._misaligned.clear()
         self._given_up = False
         events = self._rows.change() if self._table is not None else []
-        self._table = Table(columns, self._meaning.given.get("time", ""))
-        self._meaning.expect(self._table.units, assumed, self._table, by_position)
+        self._table = Table(columns, self._interpreter.given.get("time", ""))
+        self._interpreter.expect(self._table.units, assumed, self._table, by_position)
         return events
 
     def _words(self, text: str, count: int) -> None:
@@ -325,7 +325,7 @@ class TextDecoder:
         if not rows:
             return
         self.named = True
-        self._meaning.expect(self._labelled.units)
+        self._interpreter.expect(self._labelled.units)
         for values, degrees in rows:
             self.stats.frames += 1
             self._rows.add(values, math.nan, self._host_s, degrees)

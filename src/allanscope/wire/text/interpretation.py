@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from allanscope.parts import PARTS, part_named
 from allanscope.samples import AXES, INT16_MAX, INT16_MIN, StreamInfo
 from allanscope.wire.base import WireSettings
-from allanscope.wire.rows import HELD, Meaning, Row, Values, nominal_rate
+from allanscope.wire.rows import HELD, Interpretation, Row, Values, nominal_rate
 from allanscope.wire.text.table import Table
 from allanscope.wire.text.units import (
     DIVISORS,
@@ -31,7 +31,7 @@ from allanscope.wire.timestamps import (
     rows_come_unevenly,
 )
 
-__all__ = ["TextMeaning"]
+__all__ = ["TextInterpreter"]
 
 _SHORT = {"time": "t", "temperature": "temp"}
 _USUAL = {"gyro": "dps", "accel": "g"}
@@ -64,7 +64,7 @@ class _Timing(NamedTuple):
     farthest_s: float | None = None
 
 
-class TextMeaning:
+class TextInterpreter:
     """Decides what rows of six values in units of the text mean.
 
     Parameters
@@ -123,7 +123,7 @@ class TextMeaning:
         self._table = table
         self._by_position = by_position
 
-    def decide(self, rows: list[Row]) -> Meaning | None:
+    def decide(self, rows: list[Row]) -> Interpretation | None:
         """Return what rows mean; None when no axis ever has a value."""
         values = np.array([row.values for row in rows], np.float64)
         columns = np.flatnonzero(np.isfinite(values).any(axis=0))
@@ -165,7 +165,7 @@ class TextMeaning:
         divisors = np.array(
             [DIVISORS[_sensor(axis)][unit] for axis, unit in zip(axes, units, strict=True)]
         )
-        return Meaning(
+        return Interpretation(
             info,
             lambda new: _converted(new[:, columns], divisors, counted),
             needed=tuple(columns.tolist()),

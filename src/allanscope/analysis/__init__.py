@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from allanscope.analysis.shared_lines import RecordedLines, SharedLine, lines_in_both
     from allanscope.analysis.summary import Depth, search_processes, summarise, with_comparison
     from allanscope.analysis.together import (
-        Aligned,
+        AlignedRecords,
         IndividualNoise,
         Separation,
         aligned,
@@ -84,7 +84,7 @@ if TYPE_CHECKING:
 __all__ = [
     "SCHEMA",
     "UNEXPLAINED",
-    "Aligned",
+    "AlignedRecords",
     "Analyser",
     "AnalyserSettings",
     "Analysis",
@@ -160,7 +160,7 @@ __getattr__, __dir__ = lazily(
         "aligned": "together",
         "Separation": "together",
         "IndividualNoise": "together",
-        "Aligned": "together",
+        "AlignedRecords": "together",
         "Analyser": "analyser",
         "AnalyserSettings": "analyser",
         "Analysis": "result",

@@ -22,7 +22,7 @@ from allanscope.history import Record
 from allanscope.labels import kind_name
 from allanscope.quantities import number
 
-__all__ = ["Common", "Leak", "common_of", "leak_of"]
+__all__ = ["CoherentBand", "Leak", "common_of", "leak_of"]
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ _FITS_NATS = 8.0
 
 
 @dataclass(frozen=True, slots=True)
-class Common:
+class CoherentBand:
     """A range of frequencies in which axes are coherent.
 
     Attributes
@@ -91,7 +91,7 @@ class Leak:
     words: str
 
 
-def common_of(record: Record, findings: Sequence[Finding] = ()) -> tuple[Common, ...]:
+def common_of(record: Record, findings: Sequence[Finding] = ()) -> tuple[CoherentBand, ...]:
     """Return the bands in which axes have one cause, from low to high frequencies.
 
     Parameters
@@ -117,7 +117,7 @@ def common_of(record: Record, findings: Sequence[Finding] = ()) -> tuple[Common,
     edges = np.unique(np.geomspace(_FIRST_BIN, n // 2, steps + 1).astype(int))
     bands = [(a, b) for a, b in pairwise(edges) if b - a >= _FEWEST_BINS]
     pairs = list(combinations(range(len(moving)), 2))
-    found: list[Common] = []
+    found: list[CoherentBand] = []
     for low, high in bands:
         groups = {k: {k} for k in range(len(moving))}
         best, limit = 0.0, 0.0
@@ -139,7 +139,7 @@ def common_of(record: Record, findings: Sequence[Finding] = ()) -> tuple[Common,
         for group in {tuple(sorted(one)) for one in groups.values() if len(one) > 1}:
             axes = tuple(record.axes[moving[k]] for k in group)
             ends = low * record.rate_hz / n, high * record.rate_hz / n
-            found.append(Common(*ends, axes, best, limit))
+            found.append(CoherentBand(*ends, axes, best, limit))
     return tuple(_with_cause(one, findings) for one in _joined(found))
 
 
@@ -156,20 +156,20 @@ def _whitened(values: Array) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]
     return white, np.abs(white) ** 2 < _LOUD
 
 
-def _joined(found: Sequence[Common]) -> list[Common]:
+def _joined(found: Sequence[CoherentBand]) -> list[CoherentBand]:
     """Join neighbouring bands of the same axes."""
-    out: list[Common] = []
+    out: list[CoherentBand] = []
     for one in found:
         before = next((k for k in out if k.axes == one.axes and k.high_hz == one.low_hz), None)
         if before is None:
             out.append(one)
         else:
             size, limit = max((before.coherence, before.limit), (one.coherence, one.limit))
-            out[out.index(before)] = Common(before.low_hz, one.high_hz, one.axes, size, limit)
+            out[out.index(before)] = CoherentBand(before.low_hz, one.high_hz, one.axes, size, limit)
     return out
 
 
-def _with_cause(one: Common, findings: Sequence[Finding]) -> Common:
+def _with_cause(one: CoherentBand, findings: Sequence[Finding]) -> CoherentBand:
     """Return it with the finding that has these axes and is no line, if there is one."""
     for finding in findings:
         sources = {
@@ -181,7 +181,7 @@ def _with_cause(one: Common, findings: Sequence[Finding]) -> Common:
         on = {*finding.axes, *sources}
         if line_of(finding.members[0].effect) is None and set(one.axes) <= on:
             cause = kind_name(finding.kind)
-            return Common(one.low_hz, one.high_hz, one.axes, one.coherence, one.limit, cause)
+            return CoherentBand(one.low_hz, one.high_hz, one.axes, one.coherence, one.limit, cause)
     return one
 
 

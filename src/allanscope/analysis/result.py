@@ -26,7 +26,7 @@ from allanscope.wire import LinkStats
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from allanscope.analysis.coherence import Common
+    from allanscope.analysis.coherence import CoherentBand
     from allanscope.analysis.tracing import Trace
 
 __all__ = [
@@ -266,7 +266,7 @@ class Analysis:
         How the curves were made, and what is shown of them.
     traces : mapping
         What findings were traced to, by axis and index of the leading effect.
-    common : tuple of Common
+    common : tuple of CoherentBand
         Ranges of frequencies in which axes are coherent, from low to high.
     reference : str
         Name of the earlier session, or of the mask, with which the axes are compared; empty when
@@ -297,7 +297,7 @@ class Analysis:
     origin: Origin = ""
     choices: CurveChoices = field(default_factory=CurveChoices)
     traces: Mapping[tuple[str, int], Trace] = field(default_factory=dict)
-    common: tuple[Common, ...] = ()
+    common: tuple[CoherentBand, ...] = ()
     reference: str = ""
 
     @property

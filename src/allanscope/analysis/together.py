@@ -27,7 +27,14 @@ from allanscope.allan import deviation
 from allanscope.analysis.result import Analysis
 from allanscope.quantities import MAD_TO_SIGMA
 
-__all__ = ["Aligned", "IndividualNoise", "Separation", "aligned", "separate_units", "separated"]
+__all__ = [
+    "AlignedRecords",
+    "IndividualNoise",
+    "Separation",
+    "aligned",
+    "separate_units",
+    "separated",
+]
 
 Array = NDArray[np.float64]
 
@@ -47,7 +54,7 @@ _FEWEST_STEPS = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Aligned:
+class AlignedRecords:
     """Records on one clock.
 
     Attributes
@@ -119,7 +126,7 @@ class Separation:
 
 def separate_units(
     results: Sequence[Analysis], names: Sequence[str]
-) -> tuple[Aligned | None, dict[str, Separation], list[str]]:
+) -> tuple[AlignedRecords | None, dict[str, Separation], list[str]]:
     """Return results of one bench on one clock, each axis separated, and what must be said of it.
 
     Parameters
@@ -131,7 +138,7 @@ def separate_units(
 
     Returns
     -------
-    clock : Aligned or None
+    clock : AlignedRecords or None
         None where they have no axis in common.
     axes : dict of str to Separation
         Empty if they cannot be aligned in time.
@@ -174,7 +181,7 @@ def separate_units(
     return clock, axes, two if len(results) == 2 else []
 
 
-def aligned(records: Sequence[Array], rates_hz: Sequence[float]) -> Aligned:
+def aligned(records: Sequence[Array], rates_hz: Sequence[float]) -> AlignedRecords:
     """Return records on one clock, as long as all of them last.
 
     Parameters
@@ -216,7 +223,7 @@ def aligned(records: Sequence[Array], rates_hz: Sequence[float]) -> Aligned:
     inside = np.flatnonzero(whole)
     values = values[:, inside[0] : inside[-1] + 1] if len(inside) else values[:, :0]
     # Where another record begins is where it says that the first has reached so far.
-    return Aligned(values, 1 / step_s, tuple(0.0 - one for one in lags), tuple(drifts), sure)
+    return AlignedRecords(values, 1 / step_s, tuple(0.0 - one for one in lags), tuple(drifts), sure)
 
 
 def _means(record: Array, rate_hz: float, lag_s: float, stretch: float, step_s: float) -> Array:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from allanscope.analysis import (
-    Aligned,
+    AlignedRecords,
     Analysis,
     RecordedLines,
     Separation,
@@ -50,7 +50,7 @@ class Together:
     ----------
     names : tuple of str
         Of the recordings.
-    clock : Aligned or None
+    clock : AlignedRecords or None
         How they lie in time; None where they have no axis in common for long enough.
     axes : mapping
         Axis to what all share of it and what each has alone; empty where nothing tells how they
@@ -62,7 +62,7 @@ class Together:
     """
 
     names: tuple[str, ...]
-    clock: Aligned | None
+    clock: AlignedRecords | None
     axes: Mapping[str, Separation]
     lines: tuple[tuple[str, str, SharedLine], ...]
     remarks: tuple[str, ...]

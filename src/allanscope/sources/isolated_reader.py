@@ -29,7 +29,7 @@ from allanscope.sources.port_reader import (
     RUNNING_US,
 )
 from allanscope.sources.rtkit import make_real_time
-from allanscope.sources.transport import Posix
+from allanscope.sources.transport import PosixPort
 
 __all__ = ["IsolatedReader", "buffers", "isolated_reader_of", "may_run_in_real_time"]
 
@@ -38,7 +38,7 @@ END_S = 2.0
 A_THREAD = "a thread of the measuring process"
 
 
-def isolated_reader_of(link: Posix) -> Posix | IsolatedReader:
+def isolated_reader_of(link: PosixPort) -> PosixPort | IsolatedReader:
     """Return a link that a process of its own reads, where there can be one; else the link."""
     if not sys.platform.startswith("linux") or not sys.executable:
         return link
@@ -102,7 +102,7 @@ class IsolatedReader:
 
     Parameters
     ----------
-    link : Posix
+    link : PosixPort
         The open port.
 
     Attributes
@@ -122,7 +122,7 @@ class IsolatedReader:
         If no process can be started.
     """
 
-    def __init__(self, link: Posix) -> None:
+    def __init__(self, link: PosixPort) -> None:
         self._link = link
         self.read_ns = 0
         self.description = A_THREAD

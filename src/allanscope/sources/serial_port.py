@@ -23,7 +23,7 @@ from allanscope.sources.isolated_reader import A_THREAD, IsolatedReader, isolate
 from allanscope.sources.port_reader import LATE_BYTES, ReadPacer
 from allanscope.sources.transport import (
     LINK_ERRORS,
-    Posix,
+    PosixPort,
     Transport,
     WriteTimeoutError,
     open_error,
@@ -274,14 +274,14 @@ class SerialSource:
     def _opened(self, name: str) -> Transport:
         """Open a port, and have it read by a process of its own where there can be one."""
         link = self._opener(name, self._settings.baud)
-        # A port that was full has a whole read waiting: what comes from here on is no sign of it.
-        was_full = isinstance(link, Posix) and link.queued() >= READ_BYTES
-        self._waited, self._was_short = (0 if was_full else None), False
-        if isinstance(link, Posix):
-            self._latency = "; low latency" if link.low_latency else "; no low-latency mode"
-        if isinstance(link, Posix) and self._settings.own_process:
-            return isolated_reader_of(link)
-        return link
+        self._waited, self._was_short = None, False
+        if not isinstance(link, PosixPort):
+            return link
+        if link.queued() >= READ_BYTES:
+            # A port that was full has a whole read waiting: what comes after is no sign of it.
+            self._waited = 0
+        self._latency = "; low latency" if link.low_latency else "; no low-latency mode"
+        return isolated_reader_of(link) if self._settings.own_process else link
 
     def _described(self, name: str) -> PortDescription:
         if "://" not in name:

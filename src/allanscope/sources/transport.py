@@ -27,7 +27,7 @@ from allanscope.sources.discovery import PortDescription, plugged_in
 
 __all__ = [
     "LINK_ERRORS",
-    "Posix",
+    "PosixPort",
     "Transport",
     "WriteTimeoutError",
     "open_error",
@@ -102,7 +102,7 @@ def open_transport(name: str, baud: int) -> Transport:
     if not is_url:
         port.exclusive = None if sys.platform == "win32" else True
     port.open()
-    return _Polled(port) if is_url or sys.platform == "win32" else Posix(port)
+    return _PolledPort(port) if is_url or sys.platform == "win32" else PosixPort(port)
 
 
 class _Port(serial.Serial):
@@ -134,7 +134,26 @@ def _low_latency(fd: int) -> bool:
     return bool(struct.unpack_from("i", settings, _FLAGS_AT)[0] & _ASYNC_LOW_LATENCY)
 
 
-class Posix:
+class _OpenPort:
+    """The end of a link that pyserial has opened: what is sent, and its release."""
+
+    def __init__(self, port: Any) -> None:
+        self._port = port
+
+    def write(self, data: bytes) -> None:
+        """Send all of it."""
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            raise WriteTimeoutError from error
+
+    def close(self) -> None:
+        """Release the port."""
+        with suppress(*LINK_ERRORS):  # the device is gone, and the descriptor with it
+            self._port.close()
+
+
+class PosixPort(_OpenPort):
     """A serial port on a system where a file descriptor says when there is something to read.
 
     Attributes
@@ -144,7 +163,7 @@ class Posix:
     """
 
     def __init__(self, port: Any) -> None:
-        self._port = port
+        super().__init__(port)
         self.low_latency = _low_latency(int(port.fileno()))
 
     def fileno(self) -> int:
@@ -165,32 +184,15 @@ class Posix:
             raise OSError(errno.EIO, "the device closed the connection")
         return data
 
-    def write(self, data: bytes) -> None:
-        """Send all of it."""
-        _write(self._port, data)
 
-    def close(self) -> None:
-        """Release the port."""
-        _close(self._port)
-
-
-class _Polled:
+class _PolledPort(_OpenPort):
     """Any other port that pyserial knows: Windows, rfc2217, loop, spy."""
-
-    def __init__(self, port: Any) -> None:
-        self._port = port
 
     def read(self, timeout_s: float) -> bytes:
         if self._port.timeout != timeout_s:
             self._port.timeout = timeout_s
         data: bytes = self._port.read(self._port.in_waiting or 1)
         return data
-
-    def write(self, data: bytes) -> None:
-        _write(self._port, data)
-
-    def close(self) -> None:
-        _close(self._port)
 
 
 class _Socket:
@@ -219,18 +221,6 @@ class _Socket:
 
     def close(self) -> None:
         self._socket.close()
-
-
-def _write(port: Any, data: bytes) -> None:
-    try:
-        port.write(data)
-    except serial.SerialTimeoutException as error:
-        raise WriteTimeoutError from error
-
-
-def _close(port: Any) -> None:
-    with suppress(*LINK_ERRORS):  # the device is gone, and the descriptor with it
-        port.close()
 
 
 def open_error(name: str, error: Exception, ports: list[PortDescription]) -> DeviceError:

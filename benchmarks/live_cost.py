@@ -169,7 +169,7 @@ def run(
     session.run()
     spent_s, passed_s = time.process_time() - watch.began_cpu_s, time.monotonic() - watch.began_s
     recorder.close()
-    looks = session.loop_process.looks
+    looks = session.loop_process.searches
     viewer.close(None)
     stats = decoding.stats
     late_ms, away_ms = 1e3 * np.array(watch.late_s), 1e3 * np.array(source.away_s)

@@ -75,12 +75,9 @@ def open_view(options: Namespace) -> int:
 
 def analyse(options: Namespace) -> int:
     """Analyse a complete recording, raw capture or text file."""
-    from allanscope.atomic_write import require_writable
     from allanscope.pipeline import analyse_input, write_json, write_report, write_table
 
-    for name in (options.report, options.json, options.table):
-        if name and name != "-":
-            require_writable(Path(name))
+    _require_writable(options.report, options.json, options.table)
     if not options.report and (options.title or options.operator or options.full):
         raise UsageError("--title, --operator and --full need --report FILE")
     references = _references(options)
@@ -180,13 +177,11 @@ def recover(options: Namespace) -> int:
 
 def check(options: Namespace) -> int:
     """Compare a recording's coefficients with the limits of a specification."""
-    from allanscope.atomic_write import require_writable, write_text
+    from allanscope.atomic_write import write_text
     from allanscope.pipeline import check_against, check_failure, to_json, to_junit
 
     asked = Path(options.recording), Path(options.against)
-    for name in (options.junit, options.json):
-        if name and name != "-":
-            require_writable(Path(name))
+    _require_writable(options.junit, options.json)
     verdicts = check_against(*asked, _device_settings(options))
     if options.junit:
         write_text(Path(options.junit), to_junit(verdicts, *asked))
@@ -204,12 +199,11 @@ def check(options: Namespace) -> int:
 
 def verify(options: Namespace) -> int:
     """Compare what this machine computes with certified values."""
-    from allanscope.atomic_write import require_writable, write_text
+    from allanscope.atomic_write import write_text
     from allanscope.errors import CheckFailed
     from allanscope.verify import table_lines, to_json, verify
 
-    if options.json and options.json != "-":
-        require_writable(Path(options.json))
+    _require_writable(options.json)
 
     def report(name: str) -> None:
         if not options.quiet:
@@ -249,11 +243,10 @@ def report(options: Namespace) -> int:
 
 def together(options: Namespace) -> int:
     """Separate common from individual noise of boards on one bench; compare their lines."""
-    from allanscope.atomic_write import require_writable, write_text
+    from allanscope.atomic_write import write_text
     from allanscope.pipeline import analyse_together
 
-    if options.json and options.json != "-":
-        require_writable(Path(options.json))
+    _require_writable(options.json)
     paths = [Path(path) for path in options.recordings]
     found = analyse_together(paths, _device_settings(options), options.quiet)
     if options.json == "-":
@@ -584,6 +577,15 @@ def _name_outputs(options: Namespace, *names: str | None) -> None:
     for name in names:
         if name and not options.quiet and (Path(name).is_file() or Path(name).is_dir()):
             print(f"Saved: {name}", file=stream)
+
+
+def _require_writable(*names: str | None) -> None:
+    """Say before long work is begun that a result could not be written; `-` is standard output."""
+    from allanscope.atomic_write import require_writable
+
+    for name in names:
+        if name and name != "-":
+            require_writable(Path(name))
 
 
 def _print_json(analysis: Analysis, wanted: bool) -> None:

@@ -250,7 +250,7 @@ def test_the_rows_about_an_event_are_searched_when_it_has_settled():
     block = Block(0, np.rint(counts).astype(np.int16)[:, np.newaxis], Ticks.none())
     taken.feed(block)
     told = []
-    process = LoopProcess(first_s=1e6, tell=told.append)
+    process = LoopProcess(first_s=1e6, report=told.append)
     process.offer(taken.frozen())
     finished(process)
     assert process.trouble == ""

@@ -1,15 +1,15 @@
 """Results while a run goes on: computed beside it, as often as that costs next to nothing.
 
-The closed loop needs a process of its own. A look at a long record takes seconds of plain Python
+The closed loop needs a process of its own. A search of a long record takes seconds of plain Python
 and small transforms, during which the interpreter's lock is hardly released: a reader in the same
-process would be late, and a late reader loses samples. So each look is a worker process that is
-given what there is to look at and gives back what it found. Looks come when the run has doubled
+process would be late, and a late reader loses samples. So each search is a worker process that is
+given what there is to search and gives back what it found. Searches come when the run has doubled
 (`allanscope.explain.live`), so there are a dozen in a night; between them the process is gone, and
 with it the memory that it took.
 
 ::
 
-    refresh thread          thread "look"        worker process, at low priority
+    refresh thread          thread "search"      worker process, at low priority
     offer(frozen) ─ due? ─▶ loop and record ───▶ LiveLoop.update
     explanation  ◀───────── LiveLoop, with what it knows now
 """
@@ -178,26 +178,26 @@ class LoopProcess:
     Parameters
     ----------
     first_s : float
-        Length of the run at the first look.
+        Length of the run at the first search.
     fail : callable
-        Called with a line when a look comes to nothing.
-    tell : callable
+        Called with a line when a search fails.
+    report : callable
         Called with a line when the rows about an event have been searched.
 
     Attributes
     ----------
     trouble : str
-        Why the last look came to nothing; empty while all is well.
+        Why the last search failed; empty while all is well.
     """
 
     def __init__(
         self,
         first_s: float = 120.0,
         fail: Callable[[str], None] = lambda _: None,
-        tell: Callable[[str], None] = lambda _: None,
+        report: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.trouble = ""
-        self._tell = tell
+        self._report = report
         self._searched = -1
         self._fail = fail
         self._first_s = self._due_s = first_s
@@ -210,21 +210,21 @@ class LoopProcess:
 
     @property
     def explanation(self) -> Explanation | None:
-        """What is known as of the last look; None before the first."""
+        """What is known as of the last search; None before the first."""
         return self._loop.explanation
 
     @property
-    def looks(self) -> int:
-        """How often it was looked."""
+    def searches(self) -> int:
+        """How often a search has ended."""
         return self._loop.looks
 
     @property
     def busy(self) -> bool:
-        """Whether a look is under way."""
+        """Whether a search is under way."""
         return self._thread is not None and self._thread.is_alive()
 
     def offer(self, frozen: Analyser) -> None:
-        """Begin a look at a copy of the analyser, if one is due and none is under way."""
+        """Begin a search of a copy of the analyser, if one is due and none is under way."""
         state = frozen.state
         if state is None or self.busy or self._closed:
             return
@@ -235,12 +235,12 @@ class LoopProcess:
             self._info, self._due_s = state.info, self._first_s
         if state.samples < self._due_s * state.info.nominal_hz:
             return
-        look = loop_input(state)
-        if not self._loop.due(look.record):
+        given = loop_input(state)
+        if not self._loop.due(given.record):
             return
-        self._due_s = 1.9 * look.length_s  # a little early: the true rate may be a little lower
+        self._due_s = 1.9 * given.length_s  # a little early: the true rate may be a little lower
         # What was found before is not asked for again, and is the larger part.
-        self._begin(replace(self._loop, explanation=None), look)
+        self._begin(replace(self._loop, explanation=None), given)
 
     def _stretch_due(self, state: StreamState) -> bool:
         """Begin a search of the rows about an event that was found a while ago, if there is one."""
@@ -250,23 +250,23 @@ class LoopProcess:
             return False
         self._searched = onset.found
         before_s = max((onset.found - onset.onset) / hz, BEFORE_S)
-        look = loop_input(state).since(onset.onset / hz - before_s)
-        if len(look.record.values) < FEWEST_STRETCH:
+        given = loop_input(state).since(onset.onset / hz - before_s)
+        if len(given.record.values) < FEWEST_STRETCH:
             return False
         words = f"about the event at {duration(onset.onset / hz)}"
-        self._begin(LiveLoop(0.0, nominal_hz=look.nominal_hz), look, words)
+        self._begin(LiveLoop(0.0, nominal_hz=given.nominal_hz), given, words)
         return True
 
-    def _begin(self, loop: LiveLoop, look: LoopInput, stretch: str = "") -> None:
+    def _begin(self, loop: LiveLoop, given: LoopInput, stretch: str = "") -> None:
         """Begin a search in the background."""
-        self._request = loop, look
+        self._request = loop, given
         self._thread = threading.Thread(
-            target=self._search_in_background, args=(stretch,), name="look", daemon=True
+            target=self._search_in_background, args=(stretch,), name="search", daemon=True
         )
         self._thread.start()
 
     def close(self) -> None:
-        """Give up a look that is under way: the run has ended, and is now searched in full."""
+        """Give up a search that is under way: the run has ended, and is now searched in full."""
         self._closed = True
         if (worker := self._worker) is not None:
             worker.close()
@@ -290,14 +290,14 @@ class LoopProcess:
                 self._fail(f"the search for effects during the run failed: {self.trouble}")
         elif isinstance(answer, tuple):
             found = "; ".join(one.words for one in answer) or "no effects beyond the noise model"
-            self._tell(f"search {stretch}: {found}")
+            self._report(f"search {stretch}: {found}")
         elif loop is self._loop:
             self._loop, self.trouble = answer, ""
 
 
-def _searched(loop: LiveLoop, look: LoopInput, is_stretch: bool) -> LiveLoop | tuple[Finding, ...]:
+def _searched(loop: LiveLoop, given: LoopInput, is_stretch: bool) -> LiveLoop | tuple[Finding, ...]:
     """Search in the worker process: return the loop, or what it found."""
-    loop.update(look.record, rate_fit=look.rate_fit, densities=look.densities or None)
+    loop.update(given.record, rate_fit=given.rate_fit, densities=given.densities or None)
     if is_stretch:
         return loop.findings
     if (found := loop.explanation) is not None:

@@ -5,7 +5,7 @@ Three threads, so that none waits for another::
     reader    source.read ──▶ recorder (its own writer) and ──▶ queue
     session   queue ──▶ decode ──▶ analyser and listeners       (the caller's thread)
     refresh   a frozen copy of the analyser ──▶ result ──▶ listeners
-                                        └─ when the run has doubled ──▶ a child looks for effects
+                                        └─ when the run has doubled ──▶ a worker searches effects
 
 The reader does nothing but move bytes, so a slow disk, a long fit or a stalled viewer costs no
 sample. The session thread never computes a result: it copies the running sums, which takes
@@ -153,7 +153,7 @@ class Session:
         self._notices = NoticeQueue() if notices is None else notices
         self._reader_error: BaseException | None = None
         self.failures: list[str] = []
-        self.loop_process = LoopProcess(fail=self.fail, tell=self._remark)
+        self.loop_process = LoopProcess(fail=self.fail, report=self._remark)
         self._refresher = Refresher(self._show, policy, self.fail)
         self._space_due_ns = 0
         self._space_told = False

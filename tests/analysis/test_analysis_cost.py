@@ -9,7 +9,7 @@ import pytest
 
 from allanscope.allan import AllanBank
 from allanscope.analysis import Analyser, AnalyserSettings, StreamState, summarise, summary
-from allanscope.analysis.rows import WORTH_IT, BackgroundTask, RowBuffer
+from allanscope.analysis.row_buffer import WORTH_IT, BackgroundTask, RowBuffer
 from allanscope.noise import fit_noise
 from allanscope.pipeline import Decoding
 from allanscope.recording import Chunk, Recording, write_recording

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from allanscope.analysis.rows import WORTH_IT
+from allanscope.analysis.row_buffer import WORTH_IT
 from allanscope.fleet.worker_tasks import new_analyser
 from allanscope.pipeline import DeviceSettings, full_settings
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from allanscope.allan import AllanBank, CurveChoices
 from allanscope.analysis.comparison import ReferenceCurve
 from allanscope.analysis.logger_padding import Padding
-from allanscope.analysis.rows import BUFFERED, BackgroundTask, RowBuffer, lowest_and_highest
+from allanscope.analysis.row_buffer import BUFFERED, BackgroundTask, RowBuffer, lowest_and_highest
 from allanscope.clock import Clock
 from allanscope.errors import UsageError
 from allanscope.history import History, Record

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.analysis.rows import Piece
+from allanscope.analysis.row_buffer import Piece
 
 __all__ = ["Padding"]
 

@@ -120,8 +120,8 @@ class Clock:
     def gap(self, gap: Gap) -> None:
         """Take a gap; only one that leaves the numbers without meaning breaks the lines."""
         if gap.lost is None or gap.reason in ("restarted", "resumed", "file"):
-            self._host.cut()
-            self._device.cut()
+            self._host.begin_segment()
+            self._device.begin_segment()
 
     def restart(self, nominal_hz: float | None = None) -> None:
         """Forget everything, because the device was set to another rate."""
@@ -254,7 +254,7 @@ class Envelope:
             if self._waiting == BATCH:
                 self._add_waiting()
 
-    def cut(self) -> None:
+    def begin_segment(self) -> None:
         """Begin a segment: numbers or times from here on have another origin."""
         self._add_waiting()
         self._current += 1

@@ -37,7 +37,7 @@ __all__ = [
     "extremes",
     "outlying_units",
     "outlying_values",
-    "restricted",
+    "reml",
 ]
 
 Floats = NDArray[np.float64]
@@ -119,12 +119,12 @@ def extremes(values: Floats, errors: Floats, level: float) -> list[Extreme]:
     return [Extreme(index, float(p)) for index, p in found]
 
 
-def restricted(values: Floats, errors: Floats) -> tuple[float, float]:
+def reml(values: Floats, errors: Floats) -> tuple[float, float]:
     """Return the centre and the scatter between units, by restricted maximum likelihood.
 
     Examples
     --------
-    >>> centre, scatter = restricted(np.array([0.0, 1.0, 2.0]), np.zeros(3))
+    >>> centre, scatter = reml(np.array([0.0, 1.0, 2.0]), np.zeros(3))
     >>> round(centre, 3), round(scatter, 3)
     (1.0, 1.0)
     """
@@ -347,7 +347,7 @@ def outlying_values(
 
 def _usual(values: Floats, errors: Floats, far: Sequence[Extreme]) -> tuple[float, float]:
     without = [one.index for one in far]
-    return restricted(np.delete(values, without), np.delete(errors, without))
+    return reml(np.delete(values, without), np.delete(errors, without))
 
 
 def _weighted_median(values: Floats, errors: Floats) -> float:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allanscope.fleet.outliers import restricted
+from allanscope.fleet.outliers import reml
 from allanscope.fleet.repeats import UnitEstimates
 from allanscope.quantities import TWO_SIDED_95
 
@@ -103,7 +103,7 @@ def typical_of(units: UnitEstimates) -> Typical:
     marginal = share.sum(axis=0) / _prior(error, scatters, floor)
     scatter = float(np.sqrt(max(np.exp(scatters[marginal.argmax()]) - floor, 0.0)))
     if units.well_known.all():
-        scatter = restricted(np.log(units.value), units.sigma / units.value)[1]
+        scatter = reml(np.log(units.value), units.sigma / units.value)[1]
     return Typical(float(value), float(lower), float(upper), scatter)
 
 

@@ -74,7 +74,7 @@ def analyse_input(
     if analyser.state is None or not analyser.state.samples:
         why = analyser.errors[0] if analyser.errors else "nothing to analyse"
         raise InputError(f"{path} contains no samples; {why}")
-    _refuse_without_rate(path, analyser)
+    _require_rate(path, analyser)
     facts["wire"] = decoding.wire
     if fingerprint is not None:
         facts["sha256"] = fingerprint.hexdigest()
@@ -82,10 +82,10 @@ def analyse_input(
 
     with progress(None, "searching for effects", quiet=quiet):
         analysis = summarise(analyser, decoding.stats, "full", facts, decoding.reconnects)
-    return _with_a_curve(path, analysis)
+    return _require_curve(path, analysis)
 
 
-def _with_a_curve(path: Path, analysis: Analysis) -> Analysis:
+def _require_curve(path: Path, analysis: Analysis) -> Analysis:
     """Return a result if it has a curve on any axis.
 
     One averaging time is no curve: two of them take five samples without a gap between.
@@ -153,10 +153,10 @@ def _analyse_table(
         raise
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
-    return _with_a_curve(path, analysis)
+    return _require_curve(path, analysis)
 
 
-def _refuse_without_rate(path: Path, analyser: Analyser) -> None:
+def _require_rate(path: Path, analyser: Analyser) -> None:
     """Refuse samples without times or a rate: tau would be unknown."""
     state = max(analyser.configurations, key=lambda one: one.samples)
     if state.samples < FEWEST:

@@ -52,7 +52,7 @@ BYTES_WITHOUT_SAMPLES = 2 << 20
 """A file whose first bytes, so many of them, hold no sample is none of ours: reading on may take as
 long as it likes."""
 
-OURS = {"host": 1}
+FROM_HOST = {"host": 1}
 """Marks a notice as the host's own remark, not the device's."""
 
 ENOUGH = 0.5
@@ -151,7 +151,7 @@ class Decoding:
             found = self._decoder.feed(chunk.data, _seconds(chunk))
             self._refuse_without_samples(chunk.host_ns)
             self._complete_events(found)
-            return events + found + self._watch(found, np.array([chunk.host_ns]))
+            return events + found + self._check_samples(found, np.array([chunk.host_ns]))
         return events + self._listen(chunk)
 
     def feed_buffer(self, buffer: Buffer) -> list[Event]:
@@ -183,7 +183,7 @@ class Decoding:
             found = feed_chunks(self._decoder, data, ends[taken:] - begin, host_s)
             self._refuse_without_samples(int(host_ns[0]))
             self._complete_events(found)
-            events += found + self._watch(found, host_ns)
+            events += found + self._check_samples(found, host_ns)
         return events
 
     def finish(self) -> list[Event]:
@@ -199,9 +199,9 @@ class Decoding:
             events += self._decide(last=True)
         if self._decoder is not None:
             events += self._decoder.finish()
-            if self._watchdog.long and self.stats.samples:
+            if self._watchdog.is_due and self.stats.samples:
                 if not self._watchdog.reported:
-                    events.append(Notice("error", self._watchdog.text(), OURS))
+                    events.append(Notice("error", self._watchdog.text(), FROM_HOST))
                 self.stats.unknown_losses += 1
                 events.append(Gap("link", None))
         return events
@@ -230,7 +230,7 @@ class Decoding:
             for message in self._format.describe():
                 self._write(message)
 
-    def _watch(self, events: list[Event], read_ns: NDArray[np.int64]) -> list[Event]:
+    def _check_samples(self, events: list[Event], read_ns: NDArray[np.int64]) -> list[Event]:
         """Say when bytes come and no samples: garbage, or a stream that never describes itself.
 
         At once only of a device that is there; a replay, which takes many reads in one piece, says
@@ -245,7 +245,7 @@ class Decoding:
         if not text:
             return []
         missing = [] if self._numbered else self._decoder.interrupt("stalled")
-        return [*missing, Notice("error", text, OURS)]
+        return [*missing, Notice("error", text, FROM_HOST)]
 
     def _refuse_without_samples(self, host_ns: int) -> None:
         """Raise InputError for a file, which has no times, that begins with too much of nothing."""
@@ -291,7 +291,7 @@ class Decoding:
                 )
         self._choose(found.name)
         assert self._decoder is not None
-        events: list[Event] = [Notice("text", f"wire format {found.name}", OURS)]
+        events: list[Event] = [Notice("text", f"wire format {found.name}", FROM_HOST)]
         for chunk in self._unsniffed:
             events += self._decoder.feed(chunk.data, _seconds(chunk))
         self._unsniffed.clear()
@@ -313,7 +313,7 @@ class Decoding:
         text = f"no data for {silent_s:.0f} s; check the port and whether the board is on"
         if self._format is None:
             text += "; firmware with SDATALOG at a UART needs --wire sdatalog"
-        return [Notice("error", text, OURS)]
+        return [Notice("error", text, FROM_HOST)]
 
     def _link_event(self, chunk: Chunk) -> list[Event]:
         self._watchdog.restart()
@@ -321,7 +321,7 @@ class Decoding:
             self.reconnects += 1
             self._send_start()
         if self._decoder is None:
-            return self._begin_again(chunk.host_ns) if chunk.event == "stalled" else []
+            return self._restart_listening(chunk.host_ns) if chunk.event == "stalled" else []
         if chunk.event == "overrun" and self._counts_frames:
             return []  # nothing need be missing, and numbers tell what is: half a frame may go on
         if chunk.event in _REASONS:
@@ -329,20 +329,21 @@ class Decoding:
         if chunk.event == "stalled":
             # A board that restarted without leaving the bus may wait to be told to start.
             self._send_start()
-            return [Notice("error", "no data from the device", OURS)]
+            return [Notice("error", "no data from the device", FROM_HOST)]
         if chunk.event == "resumed":
             # Numbers or times tell what is missing; without either nothing does.
             missing = [] if self._numbered else self._decoder.interrupt("stalled")
-            return [*missing, Notice("text", "data from the device again", OURS)]
+            return [*missing, Notice("text", "data from the device again", FROM_HOST)]
         return []
 
-    def _begin_again(self, now_ns: int) -> list[Event]:
+    def _restart_listening(self, now_ns: int) -> list[Event]:
         """Take what came before a silence for debris of a board that waits to be started."""
         debris = b"".join(chunk.data for chunk in self._unsniffed)
         self._unsniffed.clear()
         self._begin()
         self._opened_ns = now_ns
-        return [Notice("error", f"silence after bytes that fit no format: {excerpt(debris)}", OURS)]
+        text = f"silence after bytes that fit no format: {excerpt(debris)}"
+        return [Notice("error", text, FROM_HOST)]
 
     def _send_start(self, first: bool | None = None) -> None:
         """Tell the device to start; where its format is not known, in those that must start first.
@@ -372,8 +373,8 @@ class SampleWatchdog:
 
     Attributes
     ----------
-    told : bool
-        Whether it has been said and no sample has come since.
+    reported : bool
+        Whether the message was sent and no sample has come since.
     """
 
     def __init__(self) -> None:
@@ -388,7 +389,7 @@ class SampleWatchdog:
         self._held_ns = self._last_ns = 0
 
     @property
-    def long(self) -> bool:
+    def is_due(self) -> bool:
         """Whether bytes have come for too long since the last sample, if there was one."""
         return (
             self._first_ns is not None
@@ -425,7 +426,7 @@ class SampleWatchdog:
             self._held_ns = self._last_ns
         self._frames = stats.frames
         held = self._last_ns - self._held_ns <= SECONDS_WITHOUT_SAMPLES * 1e9
-        if self.reported or held or not self.long:
+        if self.reported or held or not self.is_due:
             return ""
         return self.text()
 

@@ -8,7 +8,7 @@
 
 The second thread decodes the next piece while the last one is summed up. Everything that takes
 long is compiled code that releases the interpreter's lock. The result is that of taking the same
-reads one by one, to the last bit: see `allanscope.analysis.rows`.
+reads one by one, to the last bit: see `allanscope.analysis.row_buffer`.
 """
 
 from __future__ import annotations

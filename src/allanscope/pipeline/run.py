@@ -169,7 +169,7 @@ def _folder(source: Source, settings: SessionSettings, resume: Path | None) -> P
     """Return the folder of the session: a new one, or the one that goes on."""
     if resume is None:
         return session_folder(settings.out or settings.folder / new_session_folder(source.name))
-    set_view_aside(resume)
+    rename_earlier_view(resume)
     return resume
 
 
@@ -221,7 +221,7 @@ def run_replay(
             return run_replay(imported, speed, device, settings, done)
     unheard = not settings.on_event and settings.events_to is None
     if math.isinf(speed) and settings.view == "none" and settings.out is None and unheard:
-        final = _replayed_unseen(path, device, settings)
+        final = _replay_without_view(path, device, settings)
         done(final)
         return final
     recording = Recording(path)
@@ -274,7 +274,7 @@ def _analyser_settings(device: DeviceSettings, settings: SessionSettings) -> Ana
     )
 
 
-def _replayed_unseen(path: Path, device: DeviceSettings, settings: SessionSettings) -> Analysis:
+def _replay_without_view(path: Path, device: DeviceSettings, settings: SessionSettings) -> Analysis:
     """Return the result of a recording, without a screen: the fast way, on two cores."""
     curves = CurveChoices(window_s=settings.window_s)
     final = with_comparison(
@@ -492,7 +492,7 @@ def earlier_events(
     decoding.resume(write)
 
 
-def set_view_aside(folder: Path) -> None:
+def rename_earlier_view(folder: Path) -> None:
     """Keep what was shown before under a name of its own: ``session.rrd`` is the newest part."""
     shown = folder / "session.rrd"
     if shown.exists():

@@ -5,7 +5,7 @@ Three threads, so that none waits for another::
     reader    source.read ──▶ recorder (its own writer) and ──▶ queue
     session   queue ──▶ decode ──▶ analyser and listeners       (the caller's thread)
     refresh   a frozen copy of the analyser ──▶ result ──▶ listeners
-                                        └─ when the run has doubled ──▶ a worker searches effects
+                                        └─ when the run has doubled ──▶ a worker looks for effects
 
 The reader does nothing but move bytes, so a slow disk, a long fit or a stalled viewer costs no
 sample. The session thread never computes a result: it copies the running sums, which takes

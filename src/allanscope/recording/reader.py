@@ -127,7 +127,7 @@ class Recording:
     def damage(self) -> list[Damage]:
         """Everything that cannot be read, in order; reads the whole recording once to know."""
         if not self._read_through:
-            for _ in self.sound():
+            for _ in self.intact_chunks():
                 pass
         known = [damage for _, outline in self._segments for damage in outline.damage]
         files = self.files
@@ -143,10 +143,16 @@ class Recording:
     @property
     def duration_s(self) -> float:
         """Time from the first read to the last, pauses included, in seconds."""
-        first, last = (
-            next((m[2] for _, found in self.sound(step) for m in found[::step] if m[0] == RX), 0)
-            for step in (1, -1)
-        )
+
+        def first_read_ns(step: int) -> int:
+            """Return the time of the first read, or from the end (-1) of the last; 0 without."""
+            for _, found in self.intact_chunks(step):
+                for message in found[::step]:
+                    if message[0] == RX:
+                        return message[2]
+            return 0
+
+        first, last = first_read_ns(1), first_read_ns(-1)
         return (last - first) * 1e-9
 
     def chunks(self) -> Iterator[Chunk]:
@@ -164,7 +170,7 @@ class Recording:
         """
         gathered = _ReadBatch()
         expected = after
-        for data, messages in self.sound():
+        for data, messages in self.intact_chunks():
             for topic, sequence, _, host_ns, start, stop in messages:
                 if topic == RX:
                     if sequence != expected and expected and sequence:
@@ -193,7 +199,7 @@ class Recording:
 
     def next_read(self, after: int = 0) -> int:
         """Return the number that a read behind the last one should have; `after` without one."""
-        for _, messages in self.sound(-1):
+        for _, messages in self.intact_chunks(-1):
             for message in reversed(messages):
                 if message[0] == RX:
                     return message[1] + 1 & 0xFFFFFFFF
@@ -217,7 +223,7 @@ class Recording:
             fingerprint.add(buffer)
         return fingerprint.hexdigest()
 
-    def sound(self, step: int = 1) -> Iterator[tuple[bytes, list[Message]]]:
+    def intact_chunks(self, step: int = 1) -> Iterator[tuple[bytes, list[Message]]]:
         """Yield the bytes of every MCAP chunk that is sound, with the messages that lie in them.
 
         With step -1 from the last chunk to the first.
@@ -240,7 +246,7 @@ class Recording:
         self._read_through = True
 
     def _topic(self, wanted: str) -> Iterator[tuple[int, bytes]]:
-        for data, messages in self.sound():
+        for data, messages in self.intact_chunks():
             for topic, _, _, host_ns, start, stop in messages:
                 if topic == wanted:
                     yield host_ns, data[start:stop]

@@ -129,7 +129,7 @@ def _copy(
 def _messages(
     recording: Recording, advance: Callable[[float], None]
 ) -> Iterator[tuple[str, int, int, int, bytes]]:
-    for data, messages in recording.sound():
+    for data, messages in recording.intact_chunks():
         advance(len(data))
         for topic, sequence, epoch_ns, host_ns, start, stop in messages:
             if topic in _CHANNELS:

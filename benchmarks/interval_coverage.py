@@ -285,15 +285,16 @@ def overlaid(before: Rows, rows: Rows) -> Rows:
 
 def page(parts: list[Part], options: argparse.Namespace) -> str:
     """Return the published page: a line for each study, and the extremes of each estimator."""
-    text = HEAD.format(seed=options.seed)
+    again = "."
     if options.stored:
         cells = sum(_cells(rows) for rows in stored(options).values())
         every = sum(summary(rows)[0] for *_, rows in parts)
-        text += AGAIN.format(cells=cells, others=every - cells)
+        again = AGAIN.format(cells=cells, others=every - cells).rstrip()
+    text = HEAD.format(seed=options.seed, again=again) + LENGTHS_HEAD
     for samples, runs, knee, rows in parts:
         if not knee:
             text += LINE.format(samples=samples, runs=runs, **told(rows, runs))
-    text += TRUTH + MEETING.format(runs=KNEE_RUNS)
+    text += TRUTH + MEETING.format(runs=KNEE_RUNS) + KNEES_HEAD
     for _, runs, knee, rows in parts:
         if knee:
             text += KNEE.format(knee=knee, **told(rows, runs))
@@ -316,8 +317,7 @@ def told(rows: Rows, runs: int) -> dict[str, object]:
     shares = [share for kinds in rows.values() for row in kinds.values() for share in row.values()]
     sure = sum(not LOWEST - 2 * error <= share <= MOST + 2 * error for share in shares)
     return {
-        "cells": cells, "low": low, "high": high, "error": error, "sure": sure,
-        "outside": len(outside),
+        "cells": cells, "low": low, "high": high, "sure": sure, "outside": len(outside),
     }  # fmt: skip
 
 
@@ -350,28 +350,30 @@ def table(parts: list[Part]) -> str:
 HEAD = """\
 # How often the limits hold
 
-Written by `python benchmarks/interval_coverage.py --write` (half an hour of processor time; seed
-{seed}: not one of those that the limits were calibrated with).
+How often, in %, the 95 % limits of a deviation contain the truth, for records of one noise, whose
+type the program identifies, and where two noises meet. Written by
+`python benchmarks/interval_coverage.py --write` (half an hour; seed {seed}: not one of those that
+the limits were calibrated with).
 
-How often, in %, the 95 % limits of a deviation contain the truth in records of one noise, whose
-type the program identifies. Records are arrays, of which every term is used
-([streams](estimators.md#every-tau-at-once)). Every cell, by averaging factor m (1, octaves and some
-between, to the end of the trusted range), is in [coverage.csv](coverage.csv).
+Records are arrays, of which every term is used ([streams](estimators.md#every-tau-at-once)). Every
+cell, by averaging factor m (1, octaves and some between, to the end of the trusted range), is in
+[coverage.csv](coverage.csv){again}
 
 """
 AGAIN = """\
-{cells} cells were measured with the limits of this version; the other {others}, of MTOTDEV, HTOTDEV
-and THEO1 in the longest runs, with those before noises that meet had degrees of freedom of their
-own.
-
+: {cells} with the limits of this version, {others}, of MTOTDEV, HTOTDEV and
+THEO1 in the longest runs, before noises that meet had degrees of freedom of their own.
+"""
+LENGTHS_HEAD = """\
+| records, samples | cells | lowest to highest | outside 93 to 97 % | by over two standard errors |
+|---|---|---|---|---|
 """
 LINE = """\
-- {samples} samples, {runs} records, standard error {error:.2f} %: {cells} cells, from {low:.1f} to
-  {high:.1f} %. Outside 93 to 97 %: {outside}; by more than two standard errors: {sure}.
+| {runs}, {samples} | {cells} | {low:.1f} to {high:.1f} | {outside} | {sure} |
 """
+KNEES_HEAD = LENGTHS_HEAD.replace("records, samples", "same level at a window of")
 KNEE = """\
-- Level at a window of 1/{knee} of the run: {cells} cells, from {low:.1f} to {high:.1f} %. Outside
-  93 to 97 %: {outside}; by more than two standard errors ({error:.1f} % each): {sure}.
+| 1/{knee} of the run | {cells} | {low:.1f} to {high:.1f} | {outside} | {sure} |
 """
 TRUTH = """
 The truth is the mean variance over all records: of AVAR for TOTDEV, TheoBR and TheoH, of MVAR for
@@ -382,12 +384,12 @@ MTOTDEV, of HVAR for HTOTDEV, of the estimator itself for all others. `tdev` has
 MEETING = """
 ## Where two noises meet
 
-Two noises of one level (AVAR; HVAR with FWFM, RRFM) at one window, {runs} records of 1024 samples.
-Limits hold less often than with one noise, or more: of the slower one the record shows little.
+Two noises have the same level (of AVAR; of HVAR with FWFM, RRFM) at one window, in {runs} records
+of 1024 samples. Of the slower one the record shows little.
 
 """
 EXTREMES = """
-| % | 1024 samples of one noise | of two |
+| 1024 samples | one noise | two noises |
 |---|---|---|
 """
 

@@ -284,7 +284,7 @@ def overlaid(before: Rows, rows: Rows) -> Rows:
 
 
 def page(parts: list[Part], options: argparse.Namespace) -> str:
-    """Return the published page: a line for each study, and the extremes of each estimator."""
+    """Return the published page: a line for each study, and the extremes."""
     again = "."
     if options.stored:
         cells = sum(_cells(rows) for rows in stored(options).values())
@@ -298,12 +298,8 @@ def page(parts: list[Part], options: argparse.Namespace) -> str:
     for _, runs, knee, rows in parts:
         if knee:
             text += KNEE.format(knee=knee, **told(rows, runs))
-    one = [parts[0][3]]
     two = [rows for *_, knee, rows in parts if knee]
-    lines = (
-        f"| `{kind}` | {extremes(one, kind)} | {extremes(two, kind)} |\n" for kind in options.kinds
-    )
-    return text + EXTREMES + "".join(line for line in lines if " to " in line)
+    return text + EXTREMES.format(one=extremes([parts[0][3]]), two=extremes(two))
 
 
 def _cells(kinds: dict[str, dict[str, float]]) -> int:
@@ -321,17 +317,17 @@ def told(rows: Rows, runs: int) -> dict[str, object]:
     }  # fmt: skip
 
 
-def extremes(parts: list[Rows], kind: str) -> str:
-    """Return the lowest and the highest coverage of an estimator, each with its noise."""
+def extremes(parts: list[Rows]) -> str:
+    """Return the lowest and the highest coverage, each with its estimator and noise."""
     every = [
-        (share, noise)
+        (share, kind, noise)
         for rows in parts
         for noise, kinds in rows.items()
-        for share in kinds.get(kind, {}).values()
+        for kind, row in kinds.items()
+        for share in row.values()
     ]
-    if not every:
-        return ""
-    return " to ".join(f"{share:.1f} ({noise})" for share, noise in (min(every), max(every)))
+    ends = min(every), max(every)
+    return " to ".join(f"{share:.1f} (`{kind}`, {noise})" for share, kind, noise in ends)
 
 
 def table(parts: list[Part]) -> str:
@@ -389,8 +385,7 @@ of 1024 samples. Of the slower one the record shows little.
 
 """
 EXTREMES = """
-| 1024 samples | one noise | two noises |
-|---|---|---|
+The extremes, at 1024 samples: {one} of one noise, {two} of two.
 """
 
 

@@ -18,18 +18,18 @@ PAGE = Path(__file__).resolve().parent / "reference" / "commands.md"
 HEAD = """\
 # Commands
 
-Written by `python docs/commands.py`. `allanscope COMMAND --help` explains every option, and
-`--effect help` of `simulate`, `device` and `live sim` the effects that can be simulated; the
-[site](../../CONTRIBUTING.md#tests) lists all of them below this table. Every command takes
-`--quiet` (only results and errors) and `--debug` (show a traceback). `allanscope --version` prints
+What each command does, with an example, and what its exit code means. `allanscope COMMAND --help`
+explains every option, and `--effect help` of `simulate`, `device` and `live sim` the effects that
+can be simulated; the [site](../../CONTRIBUTING.md#tests) lists all below this table. Every command
+takes `--quiet` (only results and errors) and `--debug` (a traceback). `allanscope --version` prints
 all versions that matter.
 
-`allanscope --show-settings` prints the settings file with everything it may contain: the defaults
-of `live`, `replay` and `open`. It is `~/.config/allanscope/settings.toml`, on Windows
-`%APPDATA%/allanscope/settings.toml`, or the file named by `ALLANSCOPE_SETTINGS`.
+`allanscope --show-settings` prints the settings file with the defaults of `live`, `replay` and
+`open`: `~/.config/allanscope/settings.toml`, on Windows `%APPDATA%/allanscope/settings.toml`, or
+the file named by `ALLANSCOPE_SETTINGS`.
 
-| command | does | example |
-|---|---|---|"""
+| example | does |
+|---|---|"""
 
 TAIL = """
 An error is one line on standard error: what, where, what to do.
@@ -53,7 +53,7 @@ HEADS = ["| argument | meaning |", "|---|---|"]
 
 def page() -> str:
     """Return the page: a row for each command."""
-    return "\n".join([HEAD, *(_command(name, one) for name, one in commands().items()), TAIL])
+    return "\n".join([HEAD, *map(_command, commands().values()), TAIL])
 
 
 def options() -> str:
@@ -92,8 +92,10 @@ def commands() -> dict[str, ArgumentParser]:
     return dict(found.choices)
 
 
-def _command(name: str, one: ArgumentParser) -> str:
-    return f"| **{name}** | {(one.description or '').replace('|', PIPE)} | `{_example(one)}` |"
+def _command(one: ArgumentParser) -> str:
+    return (
+        f"| `{_example(one).partition('  ')[0]}` | {(one.description or '').replace('|', PIPE)} |"
+    )
 
 
 def _example(one: ArgumentParser) -> str:

@@ -148,7 +148,7 @@ def commands():
 def test_the_page_of_commands_has_every_command(commands):
     written = commands.PAGE.read_text("utf-8")
     assert written == commands.page(), "run: python docs/commands.py"
-    assert all(f"| **{name}** |" in written for name in commands.commands())
+    assert all(f"\n| `allanscope {name}" in written for name in commands.commands())
 
 
 def test_the_site_and_the_help_have_every_option_with_its_meaning(commands):

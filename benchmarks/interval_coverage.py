@@ -381,7 +381,7 @@ MEETING = """
 ## Where two noises meet
 
 Two noises have the same level (of AVAR; of HVAR with FWFM, RRFM) at one window, in {runs} records
-of 1024 samples. Of the slower one the record shows little.
+of 1024 samples.
 
 """
 EXTREMES = """

@@ -124,6 +124,14 @@ def anchors(page):
     return {title.replace(" ", "-") for title in plain}
 
 
+@pytest.mark.parametrize("page", sorted(ROOT.glob("docs/**/*.md")), ids=named)
+def test_a_page_begins_with_a_sentence(page):
+    """What a reader gets from a page stands first, before any heading, table, list or code."""
+    title, first = [line for line in page.read_text("utf-8").splitlines() if line][:2]
+    assert title.startswith("# ")
+    assert not first.startswith(("#", "|", "-", "```", "    ", "!", "1.")), first
+
+
 def test_every_page_is_reached_from_the_readme():
     reached, waiting = set(), [ROOT / "README.md"]
     while waiting:

@@ -132,6 +132,17 @@ def test_a_page_begins_with_a_sentence(page):
     assert not first.startswith(("#", "|", "-", "```", "    ", "!", "1.")), first
 
 
+def test_files_and_constants_that_contributors_are_sent_to_exist():
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8").replace("`utils.py`", "")
+    sources = [path for room in ("src", "tests") for path in (ROOT / room).rglob("*.[pjtc]*")]
+    files = [path.as_posix() for path in sources]
+    for name in re.findall(r"`([\w/]+\.(?:py|json|toml|c))`", text):
+        assert "NAME" in name or any(f"/{file}".endswith(f"/{name}") for file in files), name
+    code = "".join(path.read_text("utf-8") for path in sources if path.suffix == ".py")
+    for name in re.findall(r"`([A-Z][A-Z_]+)`", text):
+        assert re.search(rf"\b{name}\b", code), name
+
+
 def test_every_page_is_reached_from_the_readme():
     reached, waiting = set(), [ROOT / "README.md"]
     while waiting:

@@ -10,8 +10,10 @@ from __future__ import annotations
 import argparse
 import re
 from argparse import ArgumentParser, Namespace, _ActionsContainer
+from collections.abc import Mapping
 
 __all__ = [
+    "SUGGESTIONS",
     "analyse",
     "chart",
     "check",
@@ -33,6 +35,19 @@ __all__ = [
     "together",
     "verify",
 ]
+
+SUGGESTIONS: Mapping[str, tuple[str, ...]] = {
+    "port": ("auto", "sim", "iio"),
+    "part": (
+        *("LSM6DS3H", "LSM6DSL", "LSM6DSM", "LSM6DSO", "LSM6DSR", "LSM6DSV", "LSM6DSV16X"),
+        *("ISM330DHCX", "ASM330LHH", "ASM330LHHX"),
+    ),
+    "wire": ("native", "sdatalog", "tmsg", "tmsg-sensortile", "datalog", "datalog11", "text"),
+    "taus": ("octave", "decade", "many", "all"),
+    "noise_type": ("WPM", "FPM", "WFM", "FFM", "RWFM", "FWFM", "RRFM"),
+    "speed": ("1", "10", "max"),
+}
+"""Values that a shell offers for arguments that take others too, or are checked later."""
 
 
 def live(one: ArgumentParser) -> None:
@@ -559,7 +574,7 @@ def _compare_argument(one: _ActionsContainer) -> None:
         "--compare",
         metavar="DIR",
         help="compare with an earlier session, or with a mask: a CSV file with tau in s and gyro, "
-        "accel, gx ... az in dps and g",
+        "accel, gx ... az in dps and g; exit code 5 if a curve is higher",
     )
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import sys
 import tomllib
 from argparse import SUPPRESS, Action, ArgumentParser, _SubParsersAction
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from allanscope.arguments import SUGGESTIONS
 from allanscope.errors import UsageError
 from allanscope.sanitize import sanitize
 
@@ -109,7 +111,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def completion(top: ArgumentParser, shell: str) -> str:
-    """Return a script that completes commands, options and their choices; files by default."""
+    """Return a script that completes commands, options and values; files where they are taken."""
     commands = {name: _options(one) for name, one in _commands(top).items()}
     summaries = {name: one.description or "" for name, one in _commands(top).items()}
     match shell:
@@ -121,21 +123,39 @@ def completion(top: ArgumentParser, shell: str) -> str:
             return _fish(commands, summaries)
 
 
+def _values(one: Action) -> str:
+    """Return the values that an argument takes, or the usual ones, separated by spaces."""
+    return " ".join(map(str, one.choices or SUGGESTIONS.get(one.dest, ())))
+
+
+def _takes_files(one: Action) -> bool:
+    """Whether files and folders are values: of arguments without a flag they nearly always are."""
+    return not one.choices and (not one.option_strings or bool(_FILES.match(str(one.metavar))))
+
+
+_FILES = re.compile(r"FILE|DIR|PATH|JSON|SPEC|COMMAND")
+"""Beginnings of the metavars of options that take a file, a folder or a program."""
+
+
 def _bash(commands: Mapping[str, list[Action]]) -> str:
     choices, options = [], []
     for name, actions in commands.items():
         flags = " ".join(flag for one in actions for flag in one.option_strings)
         options.append(f'    {name}) words="{flags}" ;;')
         for one in actions:
-            if one.choices:
-                values = " ".join(map(str, one.choices))
+            if values := _values(one):
                 wanted = "|".join(f'"{name} {flag}"' for flag in one.option_strings)
                 wanted = wanted or f'"{name} {name}"'
-                choices.append(f'    {wanted}) words="{values}"; wanted=1 ;;')
+                is_closed = "" if _takes_files(one) else " wanted=1"
+                choices.append(f'    {wanted}) words="{values}"{is_closed} ;;')
     return f"""# bash completion of allanscope; add to ~/.bashrc:
 #   eval "$(allanscope completion bash)"
 _allanscope() {{
   local cur=${{COMP_WORDS[COMP_CWORD]}} prev=${{COMP_WORDS[COMP_CWORD-1]}} words="" wanted=""
+  # --view=web is three words.
+  if [[ $cur == = ]]; then cur=""
+  elif [[ $prev == = ]]; then prev=${{COMP_WORDS[COMP_CWORD-2]}}
+  fi
   case "${{COMP_WORDS[1]}} $prev" in
 {chr(10).join(choices)}
   esac
@@ -156,17 +176,7 @@ def _zsh(commands: Mapping[str, list[Action]], summaries: Mapping[str, str]) -> 
     named = " ".join(shlex.quote(f"{name}:{_plain(text)}") for name, text in summaries.items())
     cases = []
     for name, actions in commands.items():
-        rows = []
-        for one in actions:
-            values = f"({' '.join(map(str, one.choices))})" if one.choices else "_files"
-            value = "" if one.nargs == 0 else f":{_plain(str(one.metavar or one.dest))}:{values}"
-            for flag in one.option_strings:
-                rows.append(shlex.quote(f"{flag}[{_plain(one.help or '')}]{value}"))
-        # One pattern for all that is no option: files, or the choices of the only one.
-        last = [one for one in actions if not one.option_strings][-1:]
-        for one in last:
-            values = f"({' '.join(map(str, one.choices))})" if one.choices else "_files"
-            rows.append(shlex.quote(f"*:{_plain(one.dest)}:{values}"))
+        rows = [shlex.quote(row) for one in actions for row in _zsh_rows(one)]
         cases.append(f"    {name}) _arguments {' '.join(rows)} ;;")
     return f"""#compdef allanscope
 # zsh completion of allanscope; add to ~/.zshrc, after compinit:
@@ -187,6 +197,27 @@ compdef _allanscope allanscope
 """
 
 
+def _zsh_rows(one: Action) -> Iterable[str]:
+    """Yield the specifications of `_arguments` for one argument."""
+    words = f"({_values(one)})" if _values(one) else ""
+    values = "_files" if _takes_files(one) else words
+    if words and _takes_files(one):
+        values = f"{{_files; compadd -- {_values(one)}}}"
+    what = _zsh_escaped(str(one.metavar or one.dest))
+    if not one.option_strings:
+        yield f"{'*' if one.nargs in ('*', '+') else ''}:{what}:{values}"
+        return
+    again = "*" if isinstance(one.default, list) else ""  # may be given more than once
+    value = "" if one.nargs == 0 else f":{what}:{values}"
+    for flag in one.option_strings:
+        joined = "=" if value and flag.startswith("--") else ""
+        yield f"{again}{flag}{joined}[{_zsh_escaped(_plain(one.help or ''))}]{value}"
+
+
+def _zsh_escaped(text: str) -> str:
+    return re.sub(r"[\[\]:]", r"\\\g<0>", text)
+
+
 def _fish(commands: Mapping[str, list[Action]], summaries: Mapping[str, str]) -> str:
     lines = [
         "# fish completion of allanscope:",
@@ -195,22 +226,25 @@ def _fish(commands: Mapping[str, list[Action]], summaries: Mapping[str, str]) ->
     for name, actions in commands.items():
         told = shlex.quote(_plain(summaries[name]))
         lines.append(f"complete -c allanscope -n __fish_use_subcommand -f -a {name} -d {told}")
-        here = f"-n '__fish_seen_subcommand_from {name}'"
+        here = f"__fish_seen_subcommand_from {name}"
         for one in actions:
-            values = f" -x -a '{' '.join(map(str, one.choices))}'" if one.choices else ""
-            values = values or ("" if one.nargs == 0 else " -r")
+            words = f" -a '{_values(one)}'" if _values(one) else ""
+            values = "" if one.nargs == 0 else " -r" if _takes_files(one) else " -x"
             told = shlex.quote(_plain(one.help or ""))
             for flag in one.option_strings:
                 if flag.startswith("--"):
-                    lines.append(f"complete -c allanscope {here} -l {flag[2:]}{values} -d {told}")
-            if not one.option_strings and one.choices:
-                lines.append(f"complete -c allanscope {here}{values}")
+                    option = f"-l {flag[2:]}{values}{words}"
+                    lines.append(f"complete -c allanscope -n '{here}' {option} -d {told}")
+            if words and not one.option_strings:
+                first = f"{here}; and test (count (commandline -opc)) -eq 2"
+                files = "" if _takes_files(one) else " -f"
+                lines.append(f"complete -c allanscope -n '{first}'{files}{words}")
     return "\n".join(lines) + "\n"
 
 
 def _plain(text: str) -> str:
-    """Return a text without what means something to a shell's description."""
-    marks = str.maketrans({"'": "’", **dict.fromkeys('[]:`$\\"', " ")})
+    """Return a text without what means something to a shell within quotes."""
+    marks = str.maketrans({"'": "’", **dict.fromkeys('`$\\"', " ")})
     return " ".join(sanitize(text.replace("%%", "%")).translate(marks).split())
 
 

@@ -9,12 +9,18 @@ from pathlib import Path
 import pytest
 
 from allanscope.__main__ import main
+from allanscope.allan import CurveChoices
+from allanscope.allan.noise_type import NAMES
+from allanscope.arguments import SUGGESTIONS
 from allanscope.cli import parser
 from allanscope.errors import UsageError
+from allanscope.parts import PARTS
 from allanscope.pipeline import doctor
 from allanscope.shell import SHELLS, apply_settings, completion, settings_lines
 from allanscope.simulator.effects import effect_kinds
 from allanscope.simulator.faults import FAULT_KINDS
+from allanscope.wire import formats
+from support.terminal import Terminal
 
 
 @pytest.fixture
@@ -42,6 +48,92 @@ def test_bash_completes_commands_options_and_choices(tmp_path):
     assert completed(["allanscope", "export", "--la"], tmp_path) == ["--layout"]
     assert completed(["allanscope", "completion", ""], tmp_path) == ["bash", "zsh", "fish"]
     assert completed(["allanscope", "analyse", ""], tmp_path) == [], "files, by the shell itself"
+
+
+COMPLETIONS = {
+    "allanscope re": {"replay", "recover", "report"},
+    "allanscope live --vi": {"--view"},
+    "allanscope live --view w": {"window", "web"},
+    "allanscope live --view=w": {"window", "web"},
+    "allanscope live --part LSM6DSV": {"LSM6DSV", "LSM6DSV16X"},
+    "allanscope analyse --wire tm": {"tmsg", "tmsg-sensortile"},
+    "allanscope stability t": {"tierms"},
+    "allanscope live --effect step --eff": {"--effect"},
+    "allanscope live --rate ": set(),
+    "allanscope analyse here": {"here-1.csv", "here-2.csv"},
+    "allanscope live --out here": {"here-1.csv", "here-2.csv"},
+}
+"""What stands on the line, and what a shell offers in a folder with two files."""
+
+
+@pytest.fixture
+def two_files(tmp_path, monkeypatch):
+    """Move to a folder with two files; return another one, of the shell's own."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    for name in ("here-1.csv", "here-2.csv"):
+        (folder / name).touch()
+    monkeypatch.chdir(folder)
+    home = tmp_path / "home"
+    home.mkdir()
+    return home
+
+
+@pytest.mark.skipif(shutil.which("fish") is None, reason="no fish")
+def test_fish_completes_commands_options_values_and_files(two_files):
+    script = two_files / "allanscope.fish"
+    script.write_text(completion(parser(), "fish"))
+    environment = {**os.environ, "HOME": str(two_files)}
+    for line, offered in COMPLETIONS.items():
+        asked = f"source {script}; complete -C '{line}'"
+        ran = subprocess.run(
+            ["fish", "-N", "-c", asked], capture_output=True, text=True, check=True, env=environment
+        )
+        words = {row.partition("\t")[0].removeprefix("--view=") for row in ran.stdout.splitlines()}
+        assert (words, ran.stderr) == (offered, ""), line
+
+
+ZSHRC = """
+PS1="ready> "
+autoload -Uz compinit; compinit -u -D
+source "$HOME/allanscope.zsh"
+compadd() {  # notes what is added, and adds it
+  if [[ ${@[1,(i)(-|--)]} != *-(O|A|D)\\ * ]]; then
+    local -a found
+    builtin compadd -O found "$@"
+    print -rl -- $found >>$HOME/offered
+  fi
+  builtin compadd "$@"
+}
+complete-and-tell() { zle expand-or-complete; print end >>$HOME/ended }
+zle -N complete-and-tell
+bindkey '^I' complete-and-tell
+"""
+
+
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="no zsh")
+def test_zsh_completes_commands_options_values_and_files(two_files):
+    (two_files / "allanscope.zsh").write_text(completion(parser(), "zsh"))
+    (two_files / ".zshrc").write_text(ZSHRC)
+    offered, ended = two_files / "offered", two_files / "ended"
+    ended.touch()
+    start = "import os; os.execvp('zsh', ['zsh', '-i'])"
+    with Terminal(start, 200, 60, HOME=str(two_files), ZDOTDIR=str(two_files)) as terminal:
+        terminal.read_until("ready> ")
+        for k, (line, words) in enumerate(COMPLETIONS.items()):
+            offered.write_text("")
+            terminal.type(f"{line}\t")
+            terminal.wait_for(lambda _, k=k: len(ended.read_text().split()) > k)
+            terminal.type("\x15")  # the line is thrown away
+            assert set(offered.read_text().split()) == words, line
+
+
+def test_the_values_that_a_shell_offers_are_those_there_are():
+    assert sorted(SUGGESTIONS["part"]) == sorted(PARTS)
+    assert SUGGESTIONS["wire"] == formats()
+    assert SUGGESTIONS["noise_type"] == tuple(NAMES.values())
+    for name in SUGGESTIONS["taus"]:
+        CurveChoices(taus=name)
 
 
 @pytest.mark.parametrize("shell", SHELLS)

@@ -41,7 +41,7 @@ An error is one line on standard error: what, where, what to do.
 | 2 | wrong usage |
 | 3 | input cannot be read |
 | 4 | device lost or not found |
-| 5 | `check` or `verify` failed |
+| 5 | `check`, `verify`, `doctor`, `fleet --against` or `--compare` failed |
 | 6 | incomplete: standard error and `failures` in the result say what is missing |
 | 130 | stopped by Ctrl-C before it was done |
 """

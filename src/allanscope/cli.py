@@ -601,8 +601,25 @@ def _exit_code(analysis: Analysis) -> int:
         f"the analysis of {name} failed: {why}; the other axes are complete"
         for name, why in failed.items()
     ]
-    for line in (*lines, *analysis.failures):
+    not_passed = _not_passed(analysis)
+    for line in (*lines, *analysis.failures, *not_passed):
         complain(line)
     if failed:
         return ExitCode.UNEXPECTED
+    if not_passed:
+        return ExitCode.CHECK_FAILED
     return ExitCode.INCOMPLETE if analysis.failures else ExitCode.DONE
+
+
+def _not_passed(analysis: Analysis) -> list[str]:
+    """Return why the curves do not pass the reference of ``--compare``; nothing where they do."""
+    if not analysis.reference:
+        return []
+    compared = {name: one.comparison for name, one in analysis.axes.items() if one.comparison}
+    if not compared:  # as a limit that the recording is too short for
+        return [f"no curve at the averaging times of {analysis.reference}: nothing was compared"]
+    higher = [name for name, one in compared.items() if not one.passed]
+    if not higher:
+        return []
+    many = f"{len(higher)} of {len(compared)} axes"
+    return [f"higher than {analysis.reference}: {', '.join(higher)} ({many})"]

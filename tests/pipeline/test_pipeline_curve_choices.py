@@ -28,7 +28,7 @@ def run(text, folder, *options):
     written = zip(("--json", "--table", "--report"), map(str, names), strict=True)
     arguments = [word for pair in written for word in pair]
     code = main(["analyse", str(text), "--rate", "100", "--quiet", *arguments, *options])
-    if code:
+    if code not in (0, 5):  # also of a comparison that fails
         return code, None, None, None
     with names[1].open(encoding="utf-8") as file:
         table = list(csv.DictReader(file))
@@ -143,7 +143,11 @@ def test_a_curve_is_compared_with_an_earlier_session_and_with_a_mask(text, tmp_p
     (tmp_path / "result.json").write_text(json.dumps(alone))
     noisier = tmp_path / "noisier.csv"
     noisier.write_text("gx[dps]\n" + "".join(f"{1.5 * x:.5f}\n" for x in DATA), encoding="ascii")
-    _, result, _, page = run(noisier, tmp_path, "--compare", str(tmp_path))
+    capsys.readouterr()
+    code, result, _, page = run(noisier, tmp_path, "--compare", str(tmp_path))
+    assert code == 5, "a script on a test bench sees it"
+    said = capsys.readouterr().err
+    assert said == f"allanscope: higher than {tmp_path.name}: gx (1 of 1 axes)\n"
     found = result["axes"]["gx"]["comparison"]
     assert not found["passed"]
     assert found["ratio"] == pytest.approx(1.5, rel=1e-3)
@@ -153,6 +157,9 @@ def test_a_curve_is_compared_with_an_earlier_session_and_with_a_mask(text, tmp_p
     mask.write_text("tau,gyro\n0.01,0.06\n1,0.006\n")
     assert main(["analyse", str(text), "--rate", "100", "--compare", str(mask)]) == 0
     assert "PASS against mask.csv: no axis higher at τ = " in capsys.readouterr().out
+    mask.write_text("tau,gyro\n1e4,0.06\n1e5,0.006\n")
+    assert main(["analyse", str(text), "--rate", "100", "--compare", str(mask)]) == 5
+    assert "averaging times of mask.csv: nothing was compared" in capsys.readouterr().err
     assert main(["analyse", str(text), "--rate", "100", "--compare", "nowhere"]) == 3
     assert "cannot compare with nowhere" in capsys.readouterr().err
 

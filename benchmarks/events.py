@@ -40,7 +40,7 @@ from allanscope.sources import RecordedSource
 from allanscope.watch import ALPHA, Event, Watch
 from allanscope.watch.counts import RareCounts, scan_p_value
 from allanscope.watch.false_alarms import log_weight
-from allanscope.watch.lines import Lines
+from allanscope.watch.lines import LineCusums
 from allanscope.watch.scan import Scan
 from allanscope.watch.summary import KNOCK, LANES, Summariser, groups_of, rows_of_block
 from allanscope.watch.watch import log_alphas
@@ -252,7 +252,7 @@ def accelerated(nights: int, blocks: int, seed: int = 1) -> list[Figure]:
     axes = 6 * nights
     drawn, alpha = Drawn(axes, seed), log_alphas(6)
     scan = Scan(2 * axes, np.repeat([alpha["level"], alpha["noise"]], axes))
-    lines = Lines(axes, drawn.bins, alpha["lines"])
+    lines = LineCusums(axes, drawn.bins, alpha["lines"])
     rare = RareCounts(axes, np.full(axes, alpha["outliers"]))
     held = np.zeros(drawn.power.shape, np.int32)
     alarmed: dict[str, set[int]] = {
@@ -359,7 +359,7 @@ def delays(blocks: int = 3000, after: int = 90, axes: int = 800) -> list[Figure]
     alpha = log_alphas(6)
     of_series = [alpha["level"], alpha["level"], alpha["noise"], alpha["rate"]]
     scan = Scan(4 * axes, np.repeat(of_series, axes))
-    lines = Lines(axes, drawn.bins, alpha["lines"])
+    lines = LineCusums(axes, drawn.bins, alpha["lines"])
     held = np.zeros(drawn.power.shape, np.int32)
     slope, strength = 3 * 0.37 / 120.0 * 2.0, 3.0 * math.sqrt(0.7)
     first = np.full((5, axes), np.inf)

@@ -17,7 +17,7 @@ from allanscope.pipeline.settings import SessionSettings
 from allanscope.samples import Notice
 
 EVENT = json.dumps({"news": "found", "kind": "step", "words": "$(touch hacked); `id`"})
-TOLD = Notice("event", "the level shifts", {"host": 1, "news": "found", "event": EVENT})
+TOLD = Notice("event", "level shift", {"host": 1, "news": "found", "event": EVENT})
 
 
 def test_command_gets_the_event_on_its_input_and_no_shell_sees_it(tmp_path: Path):

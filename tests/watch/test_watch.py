@@ -13,7 +13,7 @@ from allanscope.watch import ALPHA, Event, Watch
 from allanscope.watch.change import locate
 from allanscope.watch.false_alarms import log_weight
 from allanscope.watch.scan import Scan
-from allanscope.watch.watch import SHARES
+from allanscope.watch.watch import ALPHA_SHARES
 
 RATE = 104
 INFO = StreamInfo(axes=("gx", "az"), scale=(0.00437, 6.1e-5), nominal_hz=float(RATE))
@@ -276,7 +276,7 @@ def test_delay_is_near_that_of_an_oracle():
     size, at, many = 3 * 0.37, 7200, 200
     x = np.random.default_rng(5).standard_normal((at + 200, many))
     x[at:] += size
-    scan = Scan(many, np.full(many, np.log(ALPHA * SHARES["level"])))
+    scan = Scan(many, np.full(many, np.log(ALPHA * ALPHA_SHARES["level"])))
     delay = np.full(many, np.inf)
     for time, values in enumerate(x):
         for alarm in scan.update(values):

@@ -11,21 +11,29 @@ from scipy.special import ndtr
 from scipy.stats import t as student
 
 from allanscope.watch.false_alarms import log_weight
-from allanscope.watch.lines import CAP, LEAST, OF_CLEAR, OF_WEAK, OVERSHOOT, TILT, WEAK
+from allanscope.watch.lines import (
+    CLEAR_INCREMENT,
+    CLEAR_TILT,
+    LEAST_BLOCKS,
+    LOG_OVERSHOOT,
+    RATIO_CAP,
+    WEAK_EXCESS,
+    WEAK_INCREMENT,
+)
 from allanscope.watch.scan import (
-    BEFORE,
-    BORROWED,
-    CLIP,
-    DELAY,
-    FEWEST,
-    LEAST_BEFORE,
-    LENT,
-    MEMORY,
-    OVERLAP,
-    SHARES,
-    STEPS,
+    ALPHA_SHARES,
+    BORROWED_DOF_RATIO,
+    CLIP_SIGMAS,
+    HOPS,
+    LEAST_DOF,
+    LEAST_REFERENCE,
+    LOG_OVERLAP,
+    MOST_BORROWED_DOF,
+    REFERENCE,
+    SCALE_DELAY,
+    SCALE_MEMORY,
     WINDOWS,
-    WINSOR,
+    WINSOR_RATIO,
     Scan,
     log_tail,
 )
@@ -66,31 +74,31 @@ class PlainScan:
 
     def __init__(self, channels: int, log_alpha: NDArray[np.float64]) -> None:
         many = len(WINDOWS)
-        self.log_alpha = (OVERLAP + np.log(SHARES * STEPS))[:, np.newaxis] + log_alpha
+        self.log_alpha = (LOG_OVERLAP + np.log(ALPHA_SHARES * HOPS))[:, np.newaxis] + log_alpha
         self.values: list[NDArray[np.float64]] = []
         self.start = np.zeros(channels, np.int64)
         self.square, self.looks = np.zeros((2, many, channels))
         self.fourth = np.full((many, channels), 3.0)
-        self.pending = np.full((DELAY, many, channels), np.nan)
+        self.pending = np.full((SCALE_DELAY, many, channels), np.nan)
 
     def update(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return by how much the nats of each channel exceed the limit, -inf where not judged."""
-        if len(self.values) >= BEFORE[0]:
-            centre = np.mean(self.values[-BEFORE[0] :], axis=0)
-            room = CLIP * np.sqrt(self.square[0] / (1 / WINDOWS[0] + 1 / BEFORE[0]))
-            clip = (len(self.values) - self.start >= BEFORE[0]) & (self.looks[0] >= FEWEST)
+        if len(self.values) >= REFERENCE[0]:
+            centre = np.mean(self.values[-REFERENCE[0] :], axis=0)
+            room = CLIP_SIGMAS * np.sqrt(self.square[0] / (1 / WINDOWS[0] + 1 / REFERENCE[0]))
+            clip = (len(self.values) - self.start >= REFERENCE[0]) & (self.looks[0] >= LEAST_DOF)
             values = np.where(clip, np.clip(values, centre - room, centre + room), values)
         self.values.append(values)
         now = len(self.values)
         due = [
             w
             for w in range(len(WINDOWS))
-            if not now % STEPS[w] and now >= (WINDOWS + LEAST_BEFORE)[w]
+            if not now % HOPS[w] and now >= (WINDOWS + LEAST_REFERENCE)[w]
         ]
         differences = {}
         best = np.full(len(values), -np.inf)
         for w in due:
-            window, full = int(WINDOWS[w]), int(BEFORE[w])
+            window, full = int(WINDOWS[w]), int(REFERENCE[w])
             before = min(now - window, full)  # no series begins anew here
             recent, past = self.values[-window:], self.values[-window - before : -window]
             difference = np.mean(recent, axis=0) - np.mean(past, axis=0)
@@ -100,7 +108,7 @@ class PlainScan:
         raised = best > 0.0
         self.pending[:, :, raised] = np.nan
         for w in due:
-            slot = now // STEPS[w] % DELAY
+            slot = now // HOPS[w] % SCALE_DELAY
             self.learn(w, self.pending[slot, w])
             self.pending[slot, w] = np.where(raised, np.nan, differences[w])
         return best
@@ -109,17 +117,17 @@ class PlainScan:
         return np.asarray(-(self.log_alpha[w] + log_weight(now)))
 
     def judged(self, w: int, difference: NDArray[np.float64]) -> NDArray[np.float64]:
-        window, before, own = WINDOWS[w], BEFORE[w], self.square[w]
-        white = self.square[0] / (1 / WINDOWS[0] + 1 / BEFORE[0]) * (1 / window + 1 / before)
+        window, before, own = WINDOWS[w], REFERENCE[w], self.square[w]
+        white = self.square[0] / (1 / WINDOWS[0] + 1 / REFERENCE[0]) * (1 / window + 1 / before)
         nats = np.zeros(len(own))
         for c in np.flatnonzero(own > 0.0):
             coloured = 1.0 - min(white[c] / own[c], 1.0)
-            kept = min(self.looks[w, c], 2 * MEMORY)
-            dof = kept * STEPS[w] / (window + coloured * (window + before / 4))
-            if dof < FEWEST:
+            kept = min(self.looks[w, c], 2 * SCALE_MEMORY)
+            dof = kept * HOPS[w] / (window + coloured * (window + before / 4))
+            if dof < LEAST_DOF:
                 continue
             is_white = own[c] < white[c] * (1 + np.sqrt(2 / dof))
-            lent = min(BORROWED, LENT * dof) if is_white else 0.0
+            lent = min(MOST_BORROWED_DOF, BORROWED_DOF_RATIO * dof) if is_white else 0.0
             scale = (dof * own[c] + lent * white[c]) / (dof + lent)
             heavy = max(self.fourth[w, c] - 3.0 - 2.0 * np.sqrt(24.0 / dof), 0.005)
             dof = min(dof + lent, 4.0 + 6.0 / heavy)
@@ -129,9 +137,9 @@ class PlainScan:
     def learn(self, w: int, difference: NDArray[np.float64]) -> None:
         for c in np.flatnonzero(np.isfinite(difference)):
             self.looks[w, c] += 1
-            gain, new = 1.0 / min(self.looks[w, c], MEMORY), difference[c] ** 2
+            gain, new = 1.0 / min(self.looks[w, c], SCALE_MEMORY), difference[c] ** 2
             usual, early = self.square[w, c], self.looks[w, c] <= 16
-            calm = new if early else min(new, WINSOR * usual)
+            calm = new if early else min(new, WINSOR_RATIO * usual)
             peak = 3.0 if early else min(new / usual, 16.0) ** 2
             self.square[w, c] += gain * (calm - usual)
             self.fourth[w, c] += gain * (peak - self.fourth[w, c])
@@ -200,31 +208,31 @@ def test_copy_of_a_scan_goes_on_by_itself():
 def test_sums_of_noise_raise_alarms_as_seldom_as_allowed(clear: bool):
     """By runs of a line, each weighted with the likelihood of noise over that of the line."""
     rng, runs, limit = np.random.default_rng(1), 40_000, 17.0
-    by, less = OF_CLEAR if clear else OF_WEAK
+    by, less = CLEAR_INCREMENT if clear else WEAK_INCREMENT
 
     def gain(ratio: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(by * (np.sqrt(ratio) if clear else ratio) - less)
 
     root = np.linspace(0.0, 15.0, 100_001)
-    spread = np.cumsum(root * np.exp(TILT * root - root**2))
+    spread = np.cumsum(root * np.exp(CLEAR_TILT * root - root**2))
     total, likelihood, weight = np.zeros((3, runs))
     goes_on, length = np.ones(runs, np.bool_), 0
     while goes_on.any():
         length += 1
-        ratio = rng.exponential(1.0 + WEAK, runs)
+        ratio = rng.exponential(1.0 + WEAK_EXCESS, runs)
         if clear:
             ratio = np.interp(rng.random(runs), spread / spread[-1], root) ** 2
-        more = gain(np.minimum(ratio, CAP))
+        more = gain(np.minimum(ratio, RATIO_CAP))
         total += more
         likelihood += gain(ratio)
-        alarm = goes_on & (total >= limit) & (more > 0.0) & (length >= LEAST)
+        alarm = goes_on & (total >= limit) & (more > 0.0) & (length >= LEAST_BLOCKS)
         weight[alarm] = np.exp(limit - likelihood[alarm])
         goes_on &= (total > 0.0) & ~alarm
     # A sum begins at each block in which the one before it has ended.
     ended, total = 0, np.zeros(1000)
     for _ in range(500):
-        total = np.maximum(total + gain(np.minimum(rng.standard_exponential(1000), CAP)), 0.0)
+        total = np.maximum(total + gain(np.minimum(rng.standard_exponential(1000), RATIO_CAP)), 0.0)
         ended += int((total == 0.0).sum())
     exact = -np.log(weight.mean() * ended / 500_000)
-    assert OVERSHOOT[int(clear)] == pytest.approx(exact, abs=0.15)
-    assert OVERSHOOT[int(clear)] < exact + 0.03
+    assert LOG_OVERSHOOT[int(clear)] == pytest.approx(exact, abs=0.15)
+    assert LOG_OVERSHOOT[int(clear)] < exact + 0.03

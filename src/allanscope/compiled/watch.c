@@ -367,7 +367,7 @@ static double tail_of(double deviate, double dof) {
    normal deviate (1959), and the bound of Borjesson and Sundberg on the tail of that. */
 KERNEL(double, log_tail)(double deviate, double dof) { return tail_of(deviate, dof); }
 
-/* What `scan.py` calls CLIP, WINSOR, FEWEST, BORROWED, LENT, RING, DELAY, MEMORY, SETTLED. */
+/* In the order of `_CONSTANTS` in `scan.py`. */
 typedef struct {
     double clip, winsor, fewest, borrowed, lent, ring, delay, memory, settled;
 } rules;

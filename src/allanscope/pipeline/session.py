@@ -296,13 +296,13 @@ class Session:
     def _fresh_events(self) -> list[Notice]:
         """Return what the watch has found, or seen go, since this was last asked for."""
         state = self.analyser.state
-        if state is None or not state.watch.tracks.fresh:
+        if state is None or not state.watch.tracks.unreported:
             return []
         rate_hz = state.clock.rate().hz or state.info.nominal_hz or 1.0
         notices = []
         for what, event in state.watch.changes(rate_hz):
             told = json.dumps({"news": what, **event_dict(event)}, allow_nan=False)
-            text = event.words if what == "found" else f"over: {event.words}"
+            text = event.words if what == "found" else f"ended: {event.words}"
             notices.append(Notice("event", text, {"host": 1, "news": what, "event": told}))
         return notices
 

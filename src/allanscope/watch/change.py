@@ -16,7 +16,7 @@ because block values have memory."""
 RAMP_NATS = 4.0
 """By how much a ramp must be better than a step: a step is the rule."""
 
-MIXED = 5.0
+MIXED_SIGMAS = 5.0
 """Standard deviations from its level from which on a value next to a step is a mixture of both."""
 
 SHORTEST_RAMP = 8
@@ -125,7 +125,7 @@ def _level(values: NDArray[np.float64], spread: float) -> float:
     9.0
     """
     rest = values[1:]
-    is_mixed = len(rest) > 0 and abs(values[0] - rest.mean()) > MIXED * spread
+    is_mixed = len(rest) > 0 and abs(values[0] - rest.mean()) > MIXED_SIGMAS * spread
     return float((rest if is_mixed else values).mean())
 
 

@@ -20,10 +20,12 @@ __all__ = ["WINDOWS", "Burst", "RareCounts", "scan_p_value"]
 
 WINDOWS = (1, 2, 4, 8, 16)
 _WINDOWS = np.array(WINDOWS)
-FEWEST_BLOCKS = 60
-OFTEN = 0.5
+LEAST_EXPOSURE = 60
+"""Blocks that the rate before needs."""
+HIGHEST_MEAN = 0.5
 """Mean count from which on the counts are a series like any other: see `scan`."""
-PRIOR = 0.5
+JEFFREYS_COUNT = 0.5
+"""Counts before the first one: the prior of Jeffreys for a Poisson rate."""
 
 
 @dataclass(slots=True)
@@ -55,7 +57,7 @@ class Burst:
         return max(round(self.count - self.mean * (self.last - self.first + 1)), 1)
 
     @property
-    def silence(self) -> int:
+    def onset_reach(self) -> int:
         """Blocks of it that may have held none before the first one did, in 19 of 20 cases."""
         least = max(math.sqrt(self.count) - 1.0, 0.5) ** 2 / (self.last - self.first + 1)
         return min(math.ceil(3.0 / least), WINDOWS[-1])
@@ -94,7 +96,7 @@ class RareCounts:
             return found, ended
         for channel in np.flatnonzero(counts):
             one = int(channel)
-            if one not in self.open and (burst := self._judged(one, at)) is not None:
+            if one not in self.open and (burst := self._tested(one, at)) is not None:
                 self.open[one] = burst
                 found.append(burst)
         for one, burst in list(self.open.items()):
@@ -112,10 +114,10 @@ class RareCounts:
         self._exposure += past
         return found, ended
 
-    def _judged(self, channel: int, at: int) -> Burst | None:
+    def _tested(self, channel: int, at: int) -> Burst | None:
         exposure = float(self._exposure[channel])
         mean = float(self._total[channel]) / max(exposure, 1.0)
-        if exposure < FEWEST_BLOCKS or mean > OFTEN:
+        if exposure < LEAST_EXPOSURE or mean > HIGHEST_MEAN:
             return None
         total, square = float(self._total[channel]), float(self._square[channel])
         bunch = max((square - total * mean) / total, 1.0) if total else 1.0
@@ -159,7 +161,7 @@ def scan_p_value(
     (16, 17.4)
     """
     counts = np.arange(1, 2 * seen[-1] + 9)[:, np.newaxis] / bunch
-    tails = betainc(counts, total + PRIOR, _WINDOWS / (_WINDOWS + exposure))
+    tails = betainc(counts, total + JEFFREYS_COUNT, _WINDOWS / (_WINDOWS + exposure))
     # That so many fall into these blocks is seen at one of their own only.
     with np.errstate(divide="ignore"):
         tails *= -np.expm1(counts * np.log1p(-1.0 / _WINDOWS))

@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from allanscope.labels import kind_name
 from allanscope.quantities import duration, number
 
 __all__ = ["KINDS", "Event", "Occurrence"]
 
 KINDS: Mapping[str, str] = {
-    "step": "the level shifts",
-    "ramp": "the level drifts",
-    "variance_change": "the noise changes",
-    "sinusoid": "a line begins",
-    "outliers": "a burst of outliers",
-    "repeated_samples": "rows repeat more often",
-    "lost_samples": "samples are lost",
-    "rate_change": "the sample rate changes",
+    "step": "level shift",
+    "ramp": "level drift",
+    "variance_change": kind_name("variance_change"),
+    "sinusoid": "new line",
+    "outliers": "burst of outliers",
+    "repeated_samples": "repeated rows",
+    "lost_samples": "lost samples",
+    "rate_change": "sample rate change",
 }
 """Kinds of events, in the words of the effects where they are the same."""
 
@@ -108,14 +109,14 @@ class Event:
         --------
         >>> once = Occurrence(15_000.0, 14_999.0, 15_002.0, 15_004.0, None, 0.12, 1, 2)
         >>> Event("step", ("gx",), "dps", (once,), 1, 30.0).words
-        'the level shifts on gx: 0.12 dps, since 4 h 10 min'
+        'level shift on gx: 0.12 dps, since 4 h 10 min'
         """
         last = self.occurrences[-1]
         where = f" on {', '.join(self.axes)}" if self.axes else ""
         what = KINDS[self.kind]
         if self.frequency_hz is not None and self.frequency_interval_hz is not None:
             ends = ", ".join(number(one) for one in self.frequency_interval_hz)
-            what = f"a line at {number(self.frequency_hz)} [{ends}] Hz begins"
+            what = f"new line at {number(self.frequency_hz)} [{ends}] Hz"
         size = f"{number(last.size, 2)} {self.unit}".strip()
         if last.end_s is None:
             when = f"since {duration(last.onset_s)}"

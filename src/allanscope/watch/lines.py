@@ -20,28 +20,28 @@ from allanscope.compiled import Fixed, Pointer, kernel
 from allanscope.watch.false_alarms import log_weight
 from allanscope.watch.summary import LANES, groups_of, of_axis
 
-__all__ = ["LineAlarm", "Lines"]
+__all__ = ["LineAlarm", "LineCusums"]
 
-WEAK = 0.7
+WEAK_EXCESS = 0.7
 """rho, power that a weak line adds to its bin, in units of the noise there."""
-TILT = 5.0
+CLEAR_TILT = 5.0
 """k of a clear line: see above."""
-SHARES = (0.1, 0.9)
+ALPHA_SHARES = (0.1, 0.9)
 """Of the probability of a false alarm that each of the two may spend."""
 
-OVERSHOOT = np.array([2.8, 2.0])
+LOG_OVERSHOOT = np.array([2.8, 2.0])
 """-log(p exp(h)), p the probability that the sum of each raises an alarm at a block, in noise, at
 the limit h: few blocks begin a sum, most sums begin by falling, one that arrives is over h by far,
-and it must have lasted for `LEAST` blocks. Neighbouring bins have 0.44 of their power in common,
-but hardly any alarms."""
+and it must have lasted for `LEAST_BLOCKS`. Neighbouring bins share 0.44 of their power, but
+hardly any alarms."""
 
-CAP = 18.0
+RATIO_CAP = 18.0
 """Ratio beyond which a block counts no more: a knock is in all bins of one block."""
 
-UNCERTAIN = 0.03
+MEAN_SQUARE_ERROR = 0.03
 """Standard error of the mean square of the ratios of half an hour, in units of the expected one."""
 
-LEAST = 3
+LEAST_BLOCKS = 3
 """Blocks that a line lasts, and it is there in the last one: a board that is touched swings for a
 second or two, and what it did then stays in the sums for some more."""
 
@@ -85,8 +85,8 @@ def _log_mean(tilt: float) -> float:
     return math.log1p(root * (1.0 + math.erf(tilt / 2.0)))
 
 
-OF_WEAK = (WEAK / (1.0 + WEAK), math.log1p(WEAK))
-OF_CLEAR = (TILT, _log_mean(TILT))
+WEAK_INCREMENT = (WEAK_EXCESS / (1.0 + WEAK_EXCESS), math.log1p(WEAK_EXCESS))
+CLEAR_INCREMENT = (CLEAR_TILT, _log_mean(CLEAR_TILT))
 """By how much a ratio, or the root of it, adds to a sum, and what is taken off."""
 
 
@@ -100,20 +100,20 @@ _lines = kernel(
 )
 
 
-class Lines:
+class LineCusums:
     """Follow the bins of `axes` spectra; arrays are (groups of eight axes, bins, 8)."""
 
     def __init__(self, axes: int, bins: int, log_alpha: float) -> None:
         self.blocks = 0
         self._axes = axes
         penalty = math.log(bins) - log_alpha
-        self._limits = penalty - np.log(SHARES) - OVERSHOOT
+        self._limits = penalty - np.log(ALPHA_SHARES) - LOG_OVERSHOOT
         shape = groups_of(axes), bins, LANES
         self._spread = np.ones(shape, np.float32)
-        self._sums = np.zeros((len(SHARES), *shape), np.float32)
-        self._since = np.zeros((len(SHARES), *shape), np.int32)
-        self._tops = np.zeros((len(SHARES), shape[0], LANES), np.float32)
-        gains = np.array([*OF_WEAK, *OF_CLEAR], np.float32)
+        self._sums = np.zeros((len(ALPHA_SHARES), *shape), np.float32)
+        self._since = np.zeros((len(ALPHA_SHARES), *shape), np.int32)
+        self._tops = np.zeros((len(ALPHA_SHARES), shape[0], LANES), np.float32)
+        gains = np.array([*WEAK_INCREMENT, *CLEAR_INCREMENT], np.float32)
         self._fixed = Fixed(gains, self._spread, self._sums, self._since, self._tops)
 
     def update(
@@ -135,13 +135,13 @@ class Lines:
         # always there and beats with another, ratios count for less.
         gain, is_on = 1.0 / min(self.blocks, 1800), self.blocks > WARM_UP
         groups, bins = ratio.shape[:2]
-        limits = CAP, UNCERTAIN
+        limits = RATIO_CAP, MEAN_SQUARE_ERROR
         self._fixed.call(
             _lines, groups, bins, gain, self.blocks, is_on, ratio, scale, held, *limits
         )
         if not is_on:
             return []
-        weight, tops = log_weight(self.blocks), self._tops.reshape(len(SHARES), -1)
+        weight, tops = log_weight(self.blocks), self._tops.reshape(len(ALPHA_SHARES), -1)
         if all(
             max(row) - limit + weight < 0.0
             for row, limit in zip(tops.tolist(), self._limits, strict=True)
@@ -153,7 +153,7 @@ class Lines:
             if axis < self._axes:
                 alarm, adds = self._alarm(int(number), int(axis), ratio, scale)
                 known = alarms.get(alarm.axis)
-                if alarm.since < LEAST or not adds:
+                if alarm.since < LEAST_BLOCKS or not adds:
                     continue
                 if known is None or alarm.nats > known.nats:
                     alarms[alarm.axis] = alarm
@@ -167,16 +167,18 @@ class Lines:
         at = int(sums.argmax())
         nats = float(sums[at])
         length = self.blocks - int(of_axis(self._since[number], axis)[at])
-        spread = max(float(of_axis(self._spread, axis)[at]) - UNCERTAIN, 1.0)
+        spread = max(float(of_axis(self._spread, axis)[at]) - MEAN_SQUARE_ERROR, 1.0)
         last = float(of_axis(ratio, axis)[at] * of_axis(scale, axis))
-        by, less = (OF_WEAK, OF_CLEAR)[number]
+        by, less = (WEAK_INCREMENT, CLEAR_INCREMENT)[number]
         mean, usual = (nats / length + less) / by, last / spread
         if number:
             mean, usual = mean**2, math.sqrt(usual)
         mean *= spread
         adds = by * usual > less
         # The sum is one of ratios that are capped; beyond the cap, the last one tells more.
-        return LineAlarm(axis, at, length, max(mean, last) if last > CAP else mean, nats), adds
+        return LineAlarm(
+            axis, at, length, max(mean, last) if last > RATIO_CAP else mean, nats
+        ), adds
 
     def forget(self, axis: int, bins: slice | NDArray[np.bool_] = slice(None)) -> None:
         """Begin the sums of an axis anew, of all bins or of some."""

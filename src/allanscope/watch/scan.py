@@ -19,43 +19,47 @@ from numpy.typing import NDArray
 from allanscope.compiled import Fixed, Pointer, kernel
 from allanscope.watch.false_alarms import log_weight
 
-__all__ = ["LONGEST", "Alarm", "Scan", "log_tail"]
+__all__ = ["LONGEST_SPAN", "Alarm", "Scan", "log_tail"]
 
 WINDOWS = np.array(
     [2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 40, 48, 64, 96, 128, 192, 256]
 )
 """Blocks. Densest where shifts at three times the limit are seen: a shift waits for a window."""
-BEFORE = np.minimum(32 * WINDOWS, np.maximum(8 * WINDOWS, 1024))
-LEAST_BEFORE = np.minimum(16 * WINDOWS, np.maximum(8 * WINDOWS, 512))
-STEPS = np.maximum(WINDOWS // 16, 1)
-LONGEST = int((WINDOWS + BEFORE).max())
-RING = 1 << 12
+REFERENCE = np.minimum(32 * WINDOWS, np.maximum(8 * WINDOWS, 1024))
+LEAST_REFERENCE = np.minimum(16 * WINDOWS, np.maximum(8 * WINDOWS, 512))
+HOPS = np.maximum(WINDOWS // 16, 1)
+LONGEST_SPAN = int((WINDOWS + REFERENCE).max())
+KEPT_BLOCKS = 1 << 12
 """Blocks that are kept: an hour, and more than the longest window with what is before it."""
 
-CLIP = 6.0
+CLIP_SIGMAS = 6.0
 """Standard deviations beyond which a single block counts no more: one block alone is no change."""
-WINSOR = 9.0
-FEWEST = 8.0
-BORROWED, LENT = 600.0, 3.0
-DELAY = 32
+WINSOR_RATIO = 9.0
+"""Largest square of a difference that moves the scale, in units of the mean square."""
+LEAST_DOF = 8.0
+"""Degrees of freedom that a scale needs before its window is tested."""
+MOST_BORROWED_DOF, BORROWED_DOF_RATIO = 600.0, 3.0
+"""Degrees of freedom that the scale of a window takes over from that of the shortest one, as long
+as the noise may be white: at most so many, and so many times its own."""
+SCALE_DELAY = 32
 """Looks, two windows, after which a difference counts as one that means nothing: what begins slowly
 must not become the measure of itself."""
-MEMORY = 4096
+SCALE_MEMORY = 4096
 """Looks over which the scale of a window is averaged."""
-SETTLED = 4
+SETTLING_BLOCKS = 4
 """Blocks after a change, besides twice the window, that are enough to compare with.
 
 The scale of a difference with so few before it is that of white noise: with flicker or a random
 walk such a difference scatters less. It moves no scale itself.
 """
 
-SHARES = 1.0 / (1.0 + (np.log2(WINDOWS / 28.0) / 1.5) ** 2)
-SHARES /= SHARES.sum()
+ALPHA_SHARES = 1.0 / (1.0 + (np.log2(WINDOWS / 28.0) / 1.5) ** 2)
+ALPHA_SHARES /= ALPHA_SHARES.sum()
 """Of the probability of a false alarm that each window may spend. Most goes to windows that see
 three times what the longest sees; short windows see shifts so large that it matters little there.
 """
 
-OVERLAP = 0.8
+LOG_OVERLAP = 0.8
 """Neighbouring looks share most of their blocks, so that their false alarms come together: the log
 of how many fewer there are than looks allow, in white noise at 16 to 18 nats."""
 
@@ -82,8 +86,20 @@ class Alarm:
     nats: float
 
 
-_LOOKS = np.ascontiguousarray(np.stack([WINDOWS, BEFORE, LEAST_BEFORE, STEPS], axis=1))
-_RULES = np.array([CLIP, WINSOR, FEWEST, BORROWED, LENT, RING, DELAY, MEMORY, SETTLED])
+_SCHEDULE = np.ascontiguousarray(np.stack([WINDOWS, REFERENCE, LEAST_REFERENCE, HOPS], axis=1))
+_CONSTANTS = np.array(
+    [
+        CLIP_SIGMAS,
+        WINSOR_RATIO,
+        LEAST_DOF,
+        MOST_BORROWED_DOF,
+        BORROWED_DOF_RATIO,
+        KEPT_BLOCKS,
+        SCALE_DELAY,
+        SCALE_MEMORY,
+        SETTLING_BLOCKS,
+    ]
+)
 _State = Pointer(np.float64, 2, written=True)
 _scan = kernel(
     "scan_block",
@@ -117,19 +133,19 @@ class Scan:
         many = len(WINDOWS)
         self.blocks = 0
         self.start = np.zeros(channels, np.int64)
-        shares = OVERLAP + np.log(SHARES * STEPS)
+        shares = LOG_OVERLAP + np.log(ALPHA_SHARES * HOPS)
         self._log_alpha = shares[:, np.newaxis] + log_alpha
-        self._sums = np.zeros((RING, channels))
-        self._raw = np.zeros((RING, channels))
+        self._sums = np.zeros((KEPT_BLOCKS, channels))
+        self._raw = np.zeros((KEPT_BLOCKS, channels))
         self._anchor: NDArray[np.float64] | None = None
         self._square = np.zeros((many, channels))
         self._fourth = np.full((many, channels), 3.0)
         self._looks = np.zeros((many, channels))
-        self._pending = np.full((DELAY, many, channels), np.nan)
+        self._pending = np.full((SCALE_DELAY, many, channels), np.nan)
         self._room = np.zeros((many, channels))
         self._found = np.zeros((channels, 4))
         self._fixed = Fixed(
-            *(_LOOKS, _RULES, self._log_alpha, self.start, self._sums, self._raw),
+            *(_SCHEDULE, _CONSTANTS, self._log_alpha, self.start, self._sums, self._raw),
             *(self._square, self._fourth, self._looks, self._pending, self._room, self._found),
         )
 
@@ -139,7 +155,7 @@ class Scan:
             self._anchor = values.copy()
         weight = log_weight(self.blocks + 1)
         values = values - self._anchor
-        alarms = self._fixed.call(_scan, values, len(values), self.blocks, len(_LOOKS), weight)
+        alarms = self._fixed.call(_scan, values, len(values), self.blocks, len(_SCHEDULE), weight)
         self.blocks += 1
         if not alarms:
             return []
@@ -155,20 +171,22 @@ class Scan:
         What was clipped since as far from the level before counts in full: it is the level now.
         """
         self.start[channel] = block
-        since = np.arange(max(block, self.blocks - RING + 1), self.blocks)
-        added = np.cumsum(self._raw[since % RING, channel])
-        self._sums[(since + 1) % RING, channel] = self._sums[since[:1] % RING, channel] + added
+        since = np.arange(max(block, self.blocks - KEPT_BLOCKS + 1), self.blocks)
+        added = np.cumsum(self._raw[since % KEPT_BLOCKS, channel])
+        self._sums[(since + 1) % KEPT_BLOCKS, channel] = (
+            self._sums[since[:1] % KEPT_BLOCKS, channel] + added
+        )
 
     def values(self, channel: int, first: int) -> NDArray[np.float64]:
         """Return the values of a series from block `first` on, as far as they are kept."""
-        first = max(first, self.blocks - RING + 1, 0)
+        first = max(first, self.blocks - KEPT_BLOCKS + 1, 0)
         assert self._anchor is not None
-        rows = np.arange(first, self.blocks) % RING
+        rows = np.arange(first, self.blocks) % KEPT_BLOCKS
         return np.asarray(self._raw[rows, channel] + self._anchor[channel])
 
     def spread(self, channel: int) -> float:
         """Return the standard deviation of a block's value about what came just before it."""
-        shortest = 1 / WINDOWS[0] + 1 / BEFORE[0]
+        shortest = 1 / WINDOWS[0] + 1 / REFERENCE[0]
         return float(np.sqrt(self._square[0, channel] / shortest))
 
 

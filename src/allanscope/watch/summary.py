@@ -27,19 +27,19 @@ FIRST_BIN = 2
 LANES = 8
 """Axes that the loops take side by side."""
 
-OUTLYING = 6.0
+OUTLIER_SIGMAS = 6.0
 """Standard deviations that an outlier is away from the median of five samples about it."""
-OF_MEDIAN = 2.04
+MEDIAN_TO_SIGMA = 2.04
 """Standard deviation of white noise over the median of its distances from a median of five."""
-BURST = 0.1
+MOST_OUTLIERS = 0.1
 """Share of the samples of a block above which they are no outliers but other noise."""
-FIRST_BLOCKS = 16
+START_BLOCKS = 16
 """Blocks in which the spread of an axis is found from medians alone."""
-MEMORY = 1800
+REFERENCE_BLOCKS = 1800
 """Blocks over which references are averaged: half an hour."""
-KNOCK = 1.6
+KNOCK_RATIO = 1.6
 """Times its mean from which on the level of a block is taken by itself."""
-MOST = 5.0
+MOST_RATIO = 5.0
 """Times its reference that the power of a bin may be where it moves the reference."""
 
 _Floats, _Doubles = (Pointer(kind, 3, written=True) for kind in (np.float32, np.float64))
@@ -188,13 +188,13 @@ class Summariser:
             self._anchor.ravel()[: self._axes] = np.rint(block[0])
         by_type = (self._of_rows, _rows_int16), (self._of_wide_rows, _rows_float64)
         fixed, loop = by_type[block.dtype != np.int16]
-        wide, early = fixed.call(loop, block, *block.shape), self._blocks < FIRST_BLOCKS
+        wide, early = fixed.call(loop, block, *block.shape), self._blocks < START_BLOCKS
         np.divide(self._summed[0], self.rows, out=self._mean)
         outliers = np.zeros(self._axes, np.int64)
         if wide or early:
             self._replace_outliers(outliers, self._mean, self._reach)
-        memory = min(self._blocks + 1, MEMORY)
-        self._of_levels.call(_levels, len(self._x), self.rows, early, memory, 0.8 * OUTLYING)
+        memory = min(self._blocks + 1, REFERENCE_BLOCKS)
+        self._of_levels.call(_levels, len(self._x), self.rows, early, memory, 0.8 * OUTLIER_SIGMAS)
         level = self._level.ravel()[: self._axes].copy()
         self._transformed(held, other)
         noise = self._noise.ravel()[: self._axes].copy()
@@ -216,15 +216,15 @@ class Summariser:
             at = divmod(axis, LANES)
             middle, summed = float(mean[at]), self._summed[:, *at]
             widest = max(summed[3] - middle, middle - summed[2])
-            if self._blocks >= FIRST_BLOCKS and widest <= reach[at]:
+            if self._blocks >= START_BLOCKS and widest <= reach[at]:
                 continue
             row = of_axis(self._x, axis)
             x = row - np.float32(middle)
             away = np.abs(x - _median_of_five(x))
-            usual = max(OF_MEDIAN * float(np.median(away)), 0.7 * float(self._spread[at]))
-            where = away > OUTLYING * usual
+            usual = max(MEDIAN_TO_SIGMA * float(np.median(away)), 0.7 * float(self._spread[at]))
+            where = away > OUTLIER_SIGMAS * usual
             count = int(np.count_nonzero(where)) if usual > 0.0 else 0
-            if 0 < count <= BURST * len(row):
+            if 0 < count <= MOST_OUTLIERS * len(row):
                 far = row[where].astype(np.float64)
                 summed[0] += float(np.sum(middle - far))
                 summed[1] += float(np.sum(middle**2 - far**2))
@@ -236,15 +236,15 @@ class Summariser:
 
         The noise without a window, which would throw away half of what a block knows of it.
         """
-        gain = 1.0 / min(self._blocks + 1, MEMORY)
-        most = MOST if self._blocks > FIRST_BLOCKS else math.inf
+        gain = 1.0 / min(self._blocks + 1, REFERENCE_BLOCKS)
+        most = MOST_RATIO if self._blocks > START_BLOCKS else math.inf
         groups, many, is_first = len(self._x), len(self._edges) - 1, self._blocks == 0
         n = self.length // 2
         steps = len(_transform(n).radices)
         self._of_spectrum.call(
             _spectrum, groups, self.rows, n, steps, FIRST_BIN, many, gain, most, held
         )
-        self._of_noise.call(_noise, groups, many, self._trim, is_first, gain, KNOCK, other)
+        self._of_noise.call(_noise, groups, many, self._trim, is_first, gain, KNOCK_RATIO, other)
         if is_first:
             self._ratio[:] = 1.0
 

@@ -21,11 +21,11 @@ __all__ = ["Span", "Track", "Tracks"]
 MOST_TRACKS, MOST_SPANS = 256, 64
 """A stream that changes all night must not fill the memory."""
 
-ALIKE = 2.0
+SAME_SIZE_RATIO = 2.0
 """Ratio of sizes up to which a change that comes back is the same one."""
-OWN_WIDTH = 0.05
+LEAST_LINE_ERROR = 0.05
 """Bins by which the frequency of a line is uncertain at least: no fan is a crystal."""
-TOGETHER_S = 2.0
+SIMULTANEOUS_S = 2.0
 """Changes of a kind that begin so close to each other on several axes are one event."""
 
 
@@ -76,7 +76,7 @@ class Track:
         Strength of a line in the last `window` blocks, and since it is followed.
     followed : int
         Blocks for which it has been followed.
-    beside : tuple of float
+    powers : tuple of float
         Mean power of a line in its bin and in the ones below and above, and of the noise there.
     """
 
@@ -92,7 +92,7 @@ class Track:
     recent: float = 0.0
     mean: float = 0.0
     followed: int = 0
-    beside: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    powers: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
     @property
     def place(self) -> tuple[float, float, float]:
@@ -101,7 +101,7 @@ class Track:
         A Hann window shows a line d bins above a bin there as 1, above as (1 + d) / (2 - d), below
         as (1 - d) / (2 + d) of its amplitude.
         """
-        middle, below, above, noise = self.beside
+        middle, below, above, noise = self.powers
         side = max(below, above)
         if self.followed == 0 or middle <= 0.0 or side <= 0.0:
             return self.bin, self.bin - 1.5, self.bin + 1.5
@@ -116,7 +116,7 @@ class Track:
         ]
         ratio = max(up, down)
         # Neighbouring bins share much of their noise: 1.4 standard errors as if they did not.
-        reach = 1.4 * 3.0 * ratio / (ratio + 1.0) ** 2 * math.hypot(*error) + OWN_WIDTH
+        reach = 1.4 * 3.0 * ratio / (ratio + 1.0) ** 2 * math.hypot(*error) + LEAST_LINE_ERROR
         return self.bin + away, self.bin + away - min(reach, 1.5), self.bin + away + min(reach, 1.5)
 
     @property
@@ -129,18 +129,18 @@ class Track:
         """Whether it is there."""
         return self.last.end is None
 
-    def returns(self, span: Span) -> None:
+    def begin_again(self, span: Span) -> None:
         """Note that it is there again."""
         self.spans = [*self.spans, span][-MOST_SPANS:]
         self.count += 1
         self.followed = 0
 
-    def follow(self, strength: float, beside: NDArray[np.float64]) -> None:
-        """Take the strength of a line in a block, and what is `beside` it."""
+    def follow(self, strength: float, powers: NDArray[np.float64]) -> None:
+        """Take the strength of a line in a block, and the `powers` of its bin and about it."""
         self.followed += 1
-        pairs = zip(self.beside, beside.tolist(), strict=True)
+        pairs = zip(self.powers, powers.tolist(), strict=True)
         middle, below, above, noise = (old + (new - old) / self.followed for old, new in pairs)
-        self.beside = middle, below, above, noise
+        self.powers = middle, below, above, noise
         self.mean += (strength - self.mean) / self.followed
         self.recent += (strength - self.recent) / min(self.followed, self.window)
 
@@ -153,12 +153,12 @@ class Tracks:
     ----------
     all : list of Track
         In the order in which they were found.
-    fresh : list of (Track, str)
+    unreported : list of (Track, str)
         Events to report, not yet fetched: begun, or ended.
     """
 
     all: list[Track] = field(default_factory=list)
-    fresh: list[tuple[Track, str]] = field(default_factory=list)
+    unreported: list[tuple[Track, str]] = field(default_factory=list)
 
     def open(self, axis: int, kinds: Iterable[str]) -> list[Track]:
         """Return the changes of these kinds that are there, latest first."""
@@ -177,17 +177,17 @@ class Tracks:
             Tells whether an earlier one of its kind and axis is the same; by default when the size
             is alike.
         """
-        same = same or (lambda other: _alike(other.last.size, track.last.size))
+        same = same or (lambda other: _is_same_size(other.last.size, track.last.size))
         for other in reversed(self.all):
             is_kind = (other.kind, other.axis) == (track.kind, track.axis)
             if is_kind and not other.is_open and same(other):
-                other.returns(track.last)
+                other.begin_again(track.last)
                 other.before, other.window = track.before, track.window
                 other.bin = track.bin
-                self.fresh.append((other, "found"))
+                self.unreported.append((other, "found"))
                 return other
         self.all.append(track)
-        self.fresh.append((track, "found"))
+        self.unreported.append((track, "found"))
         if len(self.all) > MOST_TRACKS:
             closed = [one for one in self.all if not one.is_open]
             self.all.remove(min(closed or self.all, key=lambda one: one.count))
@@ -196,11 +196,11 @@ class Tracks:
     def close(self, track: Track, sample: int) -> None:
         """Note that a change has gone."""
         track.last.end = max(sample, track.last.onset)
-        self.fresh.append((track, "gone"))
+        self.unreported.append((track, "gone"))
 
 
-def _alike(first: float, second: float) -> bool:
-    return first * second > 0.0 and 1.0 / ALIKE <= first / second <= ALIKE
+def _is_same_size(first: float, second: float) -> bool:
+    return first * second > 0.0 and 1.0 / SAME_SIZE_RATIO <= first / second <= SAME_SIZE_RATIO
 
 
 def event_of(

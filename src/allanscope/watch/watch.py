@@ -15,8 +15,8 @@ from allanscope.watch.change import Change, is_one_ramp, locate
 from allanscope.watch.counts import Burst, RareCounts
 from allanscope.watch.events import Event
 from allanscope.watch.false_alarms import ALPHA
-from allanscope.watch.lines import LineAlarm, Lines
-from allanscope.watch.scan import RING, Alarm, Scan
+from allanscope.watch.lines import LineAlarm, LineCusums
+from allanscope.watch.scan import KEPT_BLOCKS, Alarm, Scan
 from allanscope.watch.summary import (
     FIRST_BIN,
     LANES,
@@ -25,31 +25,31 @@ from allanscope.watch.summary import (
     of_axis,
     rows_of_block,
 )
-from allanscope.watch.tracks import TOGETHER_S, Span, Track, Tracks, event_of, grouped
+from allanscope.watch.tracks import SIMULTANEOUS_S, Span, Track, Tracks, event_of, grouped
 
 __all__ = ["Watch"]
 
-SHARES = {"level": 0.2, "noise": 0.18, "lines": 0.58, "outliers": 0.04}
+ALPHA_SHARES = {"level": 0.2, "noise": 0.18, "lines": 0.58, "outliers": 0.04}
 """Of what an axis may spend. What is rare needs least: a burst is so many counts that a stricter
 limit is no delay."""
-OF_STREAM = {"repeats": 0.3, "losses": 0.3, "rate": 0.4}
+STREAM_ALPHA_SHARES = {"repeats": 0.3, "losses": 0.3, "rate": 0.4}
 """Of what the stream may spend, which is as much as an axis. Repeats are looked at in two ways."""
 
-LONG_GAP = 0.5
+LONG_GAP_SHARE = 0.5
 """Share of a block that may be missing within it."""
-MOST_LOST = 8
+MOST_LOST_COUNTED = 8
 """A gap counts for no more losses than this: how many matters less than that there are."""
 
-BESIDE = 3
+LINE_HALF_WIDTH = 3
 """Bins to each side of a line that belong to it."""
-GONE = 0.3
+GONE_SHARE = 0.3
 """Share of a change below which it has gone."""
 LEAST_WINDOW = 16
-LEAKED = 0.3
+LEAKAGE_RATIO = 0.3
 """Power that leaks into a bin, in units of the noise there, which a line would be told from."""
-LEVEL = ("step", "ramp")
+LEVEL_KINDS = ("step", "ramp")
 """Changes of the level of an axis."""
-NOISE_AFTER = 4
+NOISE_GUARD_BLOCKS = 4
 """Blocks about another event of an axis in which its noise says nothing of its own."""
 
 
@@ -61,13 +61,16 @@ def log_alphas(axes: int) -> dict[str, float]:
     Examples
     --------
     >>> spent = {kind: math.exp(value) for kind, value in log_alphas(6).items()}
-    >>> of_axis = sum(spent[kind] for kind in SHARES)
-    >>> of_stream = sum(spent[kind] for kind in OF_STREAM)
+    >>> of_axis = sum(spent[kind] for kind in ALPHA_SHARES)
+    >>> of_stream = sum(spent[kind] for kind in STREAM_ALPHA_SHARES)
     >>> round((6 * of_axis + of_stream) / ALPHA, 6)
     6.0
     """
     each = math.log(ALPHA * axes / (axes + 1))
-    return {kind: each + math.log(share) for kind, share in {**SHARES, **OF_STREAM}.items()}
+    return {
+        kind: each + math.log(share)
+        for kind, share in {**ALPHA_SHARES, **STREAM_ALPHA_SHARES}.items()
+    }
 
 
 class Watch:
@@ -101,17 +104,17 @@ class Watch:
         series = np.repeat([of["level"], of["noise"], repeats, of["rate"]], [axes, axes, 1, 1])
         counts = np.repeat([of["outliers"], repeats, of["losses"]], [axes, 1, 1])
         self._scan = Scan(2 * axes + 2, series)
-        self._lines = Lines(axes, bins, of["lines"])
+        self._lines = LineCusums(axes, bins, of["lines"])
         self._rare = RareCounts(axes + 2, counts)
-        self._held = np.zeros(self._summarise.power.shape, np.int32)
-        self._holding: set[int] = set()
-        self._other_noise = np.zeros((len(self._held), LANES), np.bool_)
+        self._masked = np.zeros(self._summarise.power.shape, np.int32)
+        self._axes_with_lines: set[int] = set()
+        self._has_changed_noise = np.zeros((len(self._masked), LANES), np.bool_)
         self._buffer: NDArray[Any] = np.empty((self._rows, axes), np.int16)
-        self._waits = 0
+        self._buffered = 0
         self._lost = 0
         self._position = 0
         self._first_row = 0
-        self._starts = np.zeros(RING, np.int64)
+        self._starts = np.zeros(KEPT_BLOCKS, np.int64)
         self._clock = BlockClock(info.nominal_hz or 100.0)
 
     def ticks(self, position: int, ticks: Ticks) -> None:
@@ -122,29 +125,29 @@ class Watch:
         """Take contiguous samples, shape (n, axes)."""
         taken = 0
         if self._buffer.dtype != counts.dtype:
-            self._buffer, self._waits = np.empty((self._rows, self._axes), counts.dtype), 0
+            self._buffer, self._buffered = np.empty((self._rows, self._axes), counts.dtype), 0
         while taken < len(counts):
-            if not self._waits:
+            if not self._buffered:
                 self._first_row = self._position
-            piece = counts[taken : taken + self._rows - self._waits]
+            piece = counts[taken : taken + self._rows - self._buffered]
             many = len(piece)
             taken += many
             self._position += many
             if many == self._rows:
                 self._block(piece)
                 continue
-            self._buffer[self._waits : self._waits + many] = piece
-            self._waits += many
-            if self._waits == self._rows:
-                self._waits = 0
+            self._buffer[self._buffered : self._buffered + many] = piece
+            self._buffered += many
+            if self._buffered == self._rows:
+                self._buffered = 0
                 self._block(self._buffer)
 
     def gap(self, gap: Gap) -> None:
         """Take a gap."""
-        self._lost += min(1 if gap.lost is None else gap.lost, MOST_LOST)
+        self._lost += min(1 if gap.lost is None else gap.lost, MOST_LOST_COUNTED)
         self._position += gap.lost or 0
-        if gap.lost is None or gap.lost > LONG_GAP * self._rows:
-            self._waits = 0
+        if gap.lost is None or gap.lost > LONG_GAP_SHARE * self._rows:
+            self._buffered = 0
         if gap.lost is None:
             self._clock.restart()
 
@@ -156,7 +159,7 @@ class Watch:
         rate_hz : float
             Samples a second.
         """
-        groups = grouped(self.tracks.all, TOGETHER_S * rate_hz)
+        groups = grouped(self.tracks.all, SIMULTANEOUS_S * rate_hz)
         return tuple(self._event(group, rate_hz) for group in groups)
 
     def unsearched(self, after: int, settled: int) -> Span | None:
@@ -175,10 +178,10 @@ class Watch:
 
     def changes(self, rate_hz: float) -> Iterator[tuple[str, Event]]:
         """Yield what was found or has gone since this was last asked for."""
-        fresh, self.tracks.fresh = self.tracks.fresh, []
+        unreported, self.tracks.unreported = self.tracks.unreported, []
         for what in ("found", "gone"):
-            told = {id(track): track for track, how in fresh if how == what}
-            for group in grouped(told.values(), TOGETHER_S * rate_hz):
+            told = {id(track): track for track, how in unreported if how == what}
+            for group in grouped(told.values(), SIMULTANEOUS_S * rate_hz):
                 yield what, self._event(group, rate_hz)
 
     def _event(self, group: list[Track], rate_hz: float) -> Event:
@@ -188,8 +191,8 @@ class Watch:
     # --- a block --------------------------------------------------------------------------------
 
     def _block(self, block: NDArray[Any]) -> None:
-        self._starts[self.blocks % RING] = self._first_row
-        known = self._summarise.update(block, self._held, self._other_noise)
+        self._starts[self.blocks % KEPT_BLOCKS] = self._first_row
+        known = self._summarise.update(block, self._masked, self._has_changed_noise)
         lost, self._lost = self._lost, 0
         self.blocks += 1
         axes = self._axes
@@ -201,7 +204,7 @@ class Watch:
         self._bursts(*self._rare.update(counts))
         alarms = self._scan.update(series)
         self._follow_lines(known)
-        for found in self._lines.update(known.ratio, known.scale, self._held):
+        for found in self._lines.update(known.ratio, known.scale, self._masked):
             self._line(found)
         for alarm in alarms:
             self._alarm(alarm)
@@ -210,13 +213,13 @@ class Watch:
         if alarms or self.blocks % LEAST_WINDOW == 0:
             noise = ("variance_change",)
             for axis in range(self._axes):
-                self._other_noise[divmod(axis, LANES)] = bool(self.tracks.open(axis, noise))
+                self._has_changed_noise[divmod(axis, LANES)] = bool(self.tracks.open(axis, noise))
 
     def _sample(self, block: int) -> int:
         """Return the number of the first sample of a block that is not too long ago."""
         if block >= self.blocks:
             return self._position
-        return int(self._starts[max(block, self.blocks - RING, 0) % RING])
+        return int(self._starts[max(block, self.blocks - KEPT_BLOCKS, 0) % KEPT_BLOCKS])
 
     def _span(self, onset: int, lower: int, upper: int, size: float) -> Span:
         return Span(
@@ -258,7 +261,7 @@ class Watch:
         change = locate(values, len(values) - 4 * alarm.window - 16, spread)
         at = first + change.at
         self._scan.restart(channel, min(first + change.upper + 1, now))  # not in its midst
-        kinds = LEVEL if kind == "step" else (kind,)
+        kinds = LEVEL_KINDS if kind == "step" else (kind,)
         after = float(values[change.at :].mean())
         if kind == "repeated_samples" and self._tracks_of(self._axes):
             return  # they are counted
@@ -304,7 +307,9 @@ class Watch:
 
     def _level_since(self, track: Track) -> int:
         """Return the block in which the change before the last one of an axis began."""
-        levels = (one for one in self.tracks.all if one.axis == track.axis and one.kind in LEVEL)
+        levels = (
+            one for one in self.tracks.all if one.axis == track.axis and one.kind in LEVEL_KINDS
+        )
         blocks = (span.block for one in levels for span in one.spans)
         return max((block for block in blocks if block < track.last.block), default=0)
 
@@ -315,11 +320,11 @@ class Watch:
         """
         length, power = self._summarise.length, of_axis(self._summarise.power, axis)
         leaked = length * size / (2.0 * np.pi * (FIRST_BIN + np.arange(len(power))))
-        self._lines.forget(axis, leaked**2 > LEAKED * power)
+        self._lines.forget(axis, leaked**2 > LEAKAGE_RATIO * power)
 
     def _has_another_cause(self, axis: int, lower: int, at: int) -> bool:
         """Return whether an event of the axis, or of the stream, began when its noise changed."""
-        near = (lower - NOISE_AFTER, at + NOISE_AFTER)
+        near = (lower - NOISE_GUARD_BLOCKS, at + NOISE_GUARD_BLOCKS)
         return any(
             one.axis in (axis, -1)
             and one.kind != "variance_change"
@@ -331,14 +336,14 @@ class Watch:
         """Close changes of series that have faded away."""
         for channel in range(2 * self._axes + 2):
             kind, axis = self._series(channel)
-            for track in self.tracks.open(axis, LEVEL if kind == "step" else (kind,)):
+            for track in self.tracks.open(axis, LEVEL_KINDS if kind == "step" else (kind,)):
                 if self.blocks - track.last.block < 2 * track.window or track.is_counted:
                     continue
                 recent = self._scan.values(channel, self.blocks - track.window)
                 scale = track.last.size
                 if kind == "repeated_samples":
                     scale = 2 * math.sqrt((track.before / 2) ** 2 + scale) - track.before
-                if abs(float(recent.mean()) - track.before) < GONE * abs(scale):
+                if abs(float(recent.mean()) - track.before) < GONE_SHARE * abs(scale):
                     self.tracks.close(track, self._sample(self.blocks - track.window))
 
     # --- counts ---------------------------------------------------------------------------------
@@ -346,7 +351,7 @@ class Watch:
     def _bursts(self, found: list[Burst], ended: list[Burst]) -> None:
         for burst in found:
             kind, axis = self._count(burst.channel)
-            lower = burst.first - burst.silence
+            lower = burst.first - burst.onset_reach
             span = self._span(burst.first, lower, burst.first, burst.count)
             track = Track(kind, axis, 0.0, 1, burst.nats, [span], is_counted=True)
             self.tracks.add(track, same=lambda _: True)
@@ -392,18 +397,20 @@ class Watch:
         self.tracks.add(track, same=lambda other: abs(other.bin - place) <= max(4, 0.05 * place))
 
     def _exclude_bins(self, axis: int, place: int) -> None:
-        of_axis(self._held, axis)[max(place - BESIDE, 0) : place + BESIDE + 1] = -1
-        self._holding.add(axis)
+        of_axis(self._masked, axis)[
+            max(place - LINE_HALF_WIDTH, 0) : place + LINE_HALF_WIDTH + 1
+        ] = -1
+        self._axes_with_lines.add(axis)
 
     def _follow_lines(self, known: BlockSummary) -> None:
         """Measure the lines that are there, and notice when they go."""
-        for axis in sorted(self._holding):
+        for axis in sorted(self._axes_with_lines):
             open_lines = self.tracks.open(axis, ("sinusoid",))
             for track in open_lines:
                 self._follow_line(track, known)
             if not any(track.is_open for track in open_lines):
-                of_axis(self._held, axis)[:] = 0
-                self._holding.remove(axis)
+                of_axis(self._masked, axis)[:] = 0
+                self._axes_with_lines.remove(axis)
 
     def _follow_line(self, track: Track, known: BlockSummary) -> None:
         place = round(track.bin) - FIRST_BIN
@@ -413,13 +420,15 @@ class Watch:
         excess = (of_axis(known.ratio, track.axis)[bins] * scale - 1.0) * noise
         power = dict(zip((bins - place).tolist(), excess.tolist(), strict=True))
         usual = float(noise[bins == place][0] / scale)
-        beside = np.array([power[0], power.get(-1, 0.0), power.get(1, 0.0), usual])
-        track.follow(float(excess.sum()), beside)
+        powers = np.array([power[0], power.get(-1, 0.0), power.get(1, 0.0), usual])
+        track.follow(float(excess.sum()), powers)
         if track.mean > 0.0 and track.followed >= LEAST_WINDOW:
             track.last.size = math.sqrt(track.mean / 0.09375) / self._summarise.length
-        if track.followed >= 2 * track.window and track.recent < GONE * track.mean:
+        if track.followed >= 2 * track.window and track.recent < GONE_SHARE * track.mean:
             self.tracks.close(track, self._sample(self.blocks - track.window))
-            of_axis(self._held, track.axis)[max(place - BESIDE, 0) : place + BESIDE + 1] = 0
+            of_axis(self._masked, track.axis)[
+                max(place - LINE_HALF_WIDTH, 0) : place + LINE_HALF_WIDTH + 1
+            ] = 0
 
 
 class BlockClock:

@@ -73,9 +73,9 @@ def test_what_the_model_lacks_has_its_size(bench):
     added *= 7e-3 / added.std()
     view = _view(series_of(b.record(b.noise() + added)), "gx", None)
     (found,) = _bands(view)
-    size = re.search(r"its rms is (\S+) dps", found.effect.words)
+    size = re.search(r"its rms is (\S+) mdps", found.effect.words)
     assert size is not None
-    assert float(size[1]) == pytest.approx(7e-3, rel=0.15)
+    assert float(size[1]) == pytest.approx(7.0, rel=0.15)
 
 
 def test_an_axis_of_which_a_few_samples_leave_one_code_is_searched(bench):

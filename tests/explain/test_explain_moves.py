@@ -252,7 +252,7 @@ def test_each_stage_has_a_budget_of_its_own_and_is_named_where_it_ends() -> None
 
 
 @pytest.mark.parametrize(
-    ("error", "size"), [(0.2, "its rms is 0.0001 dps"), (2.0, "its rms is below 0.000297 dps")]
+    ("error", "size"), [(0.2, "its rms is 0.100 mdps"), (2.0, "its rms is below 0.297 mdps")]
 )
 def test_power_that_may_be_none_has_a_limit_for_its_size(error: float, size: str) -> None:
     view = view_of(noise(1))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from allanscope.noise import Coefficient
-from allanscope.quantities import TWO_SIDED_95
+from allanscope.quantities import TWO_SIDED_95, measured
 
 if TYPE_CHECKING:  # both bring scipy along, which whoever reads a result can do without
     from allanscope.explain.effects import EffectKind
@@ -73,6 +73,15 @@ class Estimate(Parameter):
     def exact(cls, value: float, unit: str = "") -> Self:
         """Return a number that is known without error."""
         return cls(value, value, value, unit)
+
+    @property
+    def text(self) -> str:
+        """Three digits and the unit that people read, without the interval.
+
+        >>> Estimate.exact(0.01952, "dps").text
+        '19.5 mdps'
+        """
+        return measured(self.value, unit=self.unit)
 
     @property
     def error(self) -> float:

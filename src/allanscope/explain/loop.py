@@ -36,7 +36,7 @@ from allanscope.noise.components import AngleQuantization
 from allanscope.noise.filters import HighPass
 from allanscope.noise.fit import Known
 from allanscope.noise.gap_bridging import bridge_gaps
-from allanscope.quantities import duration
+from allanscope.quantities import duration, measured
 from allanscope.spectrum import Density
 from allanscope.worker_process import WorkerError, WorkerProcess
 
@@ -460,8 +460,8 @@ def _detection_limits(view: View) -> tuple[str, ...]:
     shape = np.sin(np.pi * k / 2) ** 2 / (2 * np.sin(np.pi * k / (2 * n))) ** 2 * 2 / n
     step = 6.3 / np.sqrt(np.sum(shape / spectrum.first(view.grid.low)))
     limits = (
-        f"detection limits in {duration(view.series.duration_s)}: line {line:.2g} {view.unit} (at "
-        f"{view.grid.rate_hz / 8:.3g} Hz)"
+        f"detection limits in {duration(view.series.duration_s)}: line "
+        f"{measured(line, unit=view.unit)} (at {view.grid.rate_hz / 8:.3g} Hz)"
     )
     high_pass = next((one for one in view.parts if isinstance(one, HighPass)), None)
     if high_pass is not None:
@@ -469,4 +469,4 @@ def _detection_limits(view: View) -> tuple[str, ...]:
             f"{limits}; a step, a drift, and B and K below {high_pass.corner:.2g} Hz do not pass "
             "the high-pass: B and K are those of the filtered values",
         )
-    return (f"{limits}, step {step:.2g} {view.unit}",)
+    return (f"{limits}, step {measured(step, unit=view.unit)}",)

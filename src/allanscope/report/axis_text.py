@@ -187,7 +187,7 @@ def _started(text: str) -> str:
 
 def sheet_cell(axis: AxisAnalysis) -> str:
     """Return the datasheet's verdicts on one axis, each with what it is about."""
-    return ", ".join(f"{name} {one.verdict}" for name, one in axis.datasheet.items()) or "–"
+    return "; ".join(f"{name}: {one.verdict}" for name, one in axis.datasheet.items()) or "–"
 
 
 def axis_facts(axis: AxisAnalysis) -> list[Fact]:
@@ -320,13 +320,14 @@ def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
 def conclusion(explanation: AxisExplanation) -> list[str]:
     """Return the outcome of the loop on one axis, and its remarks."""
     if not was_searched(explanation):
-        return [f"Not searched: {remark}." for remark in explanation.remarks]
+        return [f"Not searched: {symbols(remark)}." for remark in explanation.remarks]
     last = (
         "The residual is consistent with sampling error."
         if explanation.explained
         else "The residual is not consistent with sampling error: partly unexplained."
     )
-    return [last, *(f"{remark[:1].upper()}{remark[1:]}." for remark in explanation.remarks)]
+    remarks = map(symbols, explanation.remarks)
+    return [last, *(f"{remark[:1].upper()}{remark[1:]}." for remark in remarks)]
 
 
 def quality(analysis: Analysis) -> list[Fact]:

@@ -51,7 +51,7 @@ from allanscope.quantities import (
     size,
     symbols,
 )
-from allanscope.sanitize import markdown
+from allanscope.sanitize import markdown, one_line
 
 __all__ = [
     "axis_table",
@@ -66,7 +66,7 @@ _KEY = (
     "*Line: measured. Hatch: 95 % interval. Dashed end: too few terms. Broad line: model; dashed, "
     "with letters: its components. Grey: datasheet.*"
 )
-_BEHIND = 4
+_DETAILS_SHOWN = 4
 _NEXT_SHOWN = 3
 
 
@@ -77,9 +77,9 @@ def verdict_text(analysis: Analysis) -> str:
     lines += [f"**{markdown(line.head)}:** {markdown(line.text)}" for line in known.lines]
     if known.details:
         behind = [f"*{markdown(one.head)}:* {markdown(one.text)}" for one in known.details]
-        more = len(behind) - _BEHIND
+        more = len(behind) - _DETAILS_SHOWN
         tail = [f"*{more} more: see the findings*"] if more > 0 else []
-        lines.append(" · ".join((*behind[:_BEHIND], *tail)))
+        lines.append(" · ".join((*behind[:_DETAILS_SHOWN], *tail)))
     return "  \n".join(lines)  # a hard break: paragraphs would take twice the height
 
 
@@ -114,17 +114,20 @@ def axis_table(name: str, axis: AxisAnalysis) -> str:
         )
     head = ("coefficient", "value [95 % interval]", OTHER_UNITS, WAIT)
     parts = [f"### {name}", _table(head, rows) if rows else "*no fit yet*"]
-    parts += [f"- {line}" for line in (*_facts(axis), *map(markdown, axis.remarks))]
+    parts += [
+        f"- {line}"
+        for line in (*_facts(axis), *(markdown(symbols(remark)) for remark in axis.remarks))
+    ]
     if axis.explanation is not None:
         parts += [
             f"- found: {_mark(effect_text(effect))}" for effect in axis.explanation.own_effects
         ]
-        parts += [f"- {markdown(remark)}" for remark in axis.explanation.remarks]
+        parts += [f"- {markdown(symbols(remark))}" for remark in axis.explanation.remarks]
     return "\n\n".join([*parts[:2], "\n".join(parts[2:]), _KEY])
 
 
 def findings_table(analysis: Analysis) -> str:
-    """Return what the textbook model lacks: each disturbance with its axes, and its effects."""
+    """Return what the noise model lacks: each disturbance with its axes, and its effects."""
     lines = [f"- {markdown(effect_brief(effect))}" for effect in analysis.effects]
     for finding in analysis.findings:
         first = finding.members[0]
@@ -137,7 +140,7 @@ def findings_table(analysis: Analysis) -> str:
             ]
         words = first.effect.evidence.get("words")
         if words and first.effect.kind != UNEXPLAINED:
-            lines.append(f"    - {markdown(words)}")
+            lines.append(f"    - {markdown(symbols(words))}")
         if cause := cause_phrase(finding):
             lines.append(f"    - {markdown(cause)}")
     lines += [
@@ -149,7 +152,7 @@ def findings_table(analysis: Analysis) -> str:
     found = (
         events + "\n".join(lines) if lines else events + "*no effects found beyond the noise model*"
     )
-    remarks = "\n".join(f"- {markdown(remark)}" for remark in _remarks(analysis))
+    remarks = "\n".join(f"- {markdown(symbols(remark))}" for remark in _remarks(analysis))
     return f"{found}\n\n### Remarks\n\n{remarks}" if remarks else found
 
 
@@ -177,8 +180,8 @@ def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
     """Return what was measured, how long, at which rate and over what link."""
     link = analysis.link
     rows = [
-        ("device", markdown(analysis.input.get("name", ""))),
-        ("part", markdown(analysis.part or "unknown")),
+        ("device", markdown(one_line(analysis.input.get("name", "")))),
+        ("part", markdown(one_line(analysis.part or "unknown"))),
         ("duration", duration(analysis.duration_s)),
         ("samples", f"{count(analysis.samples)}, {gaps_text(analysis.segments)}"),
         ("lost samples", losses_text(analysis)),
@@ -195,7 +198,7 @@ def run_table(analysis: Analysis, session: Mapping[str, object]) -> str:
         rows.append(("temperature", f"{low:.1f} to {high:.1f} °C"))
     known = {"name", "part"}
     rows += [
-        (markdown(key), markdown(value))
+        (markdown(one_line(key.replace("_", " "))), markdown(one_line(value)))
         for key, value in {**session, **analysis.input}.items()
         if key not in known and value
     ]
@@ -249,16 +252,16 @@ def _facts(axis: AxisAnalysis) -> Iterable[str]:
         text = f"level {number(axis.level.mean * level.factor)} {symbols(level.unit)}"
         if axis.level.stability is not None:
             moved = number(axis.level.stability * level.factor, 2)
-            text += f", standard deviation over tenths of the run {moved}"
+            text += f"; means over tenths of the run scatter by {moved} {symbols(level.unit)}"
         yield text
     if axis.best_averaging is not None:
         yield (
-            f"{MINIMUM} {best_text(axis)} "
-            f"({count(axis.best_averaging.samples)} samples averaged), "
-            f"the minimum {between(axis.best_averaging.tau_lower, axis.best_averaging.tau_upper)}"
+            f"{MINIMUM}, {symbols(DEVIATION[axis.unit].unit)}: {best_text(axis)} "
+            f"({count(axis.best_averaging.samples)} samples averaged); it lies "
+            f"{between(axis.best_averaging.tau_lower, axis.best_averaging.tau_upper)}"
         )
-    for sheet in axis.datasheet.values():
-        yield f"{DATASHEET}: {sheet.verdict} ({markdown(sheet.explanation)})"
+    for name, sheet in axis.datasheet.items():
+        yield f"{DATASHEET}, {name}: {sheet.verdict} ({markdown(symbols(sheet.explanation))})"
 
 
 def _loop_row(explanation: AxisExplanation) -> Sequence[str]:

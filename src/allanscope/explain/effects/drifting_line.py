@@ -34,7 +34,7 @@ from allanscope.explain.stationarity import demodulate
 from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Grid
-from allanscope.quantities import CHI_SQUARE_MEDIAN
+from allanscope.quantities import CHI_SQUARE_MEDIAN, measured
 
 Array = NDArray[np.float64]
 
@@ -99,9 +99,9 @@ class DriftingLine(EffectKind):
         """What it is, in a phrase."""
         return (
             f"a line around {self.frequency.value:.5g} Hz drifts within "
-            f"{self.bandwidth.value:.3g} Hz; its rms amplitude is {self.sigma.value:.3g} "
-            f"{self.sigma.unit} ({self.amplitude_least:.3g} to {self.amplitude_most:.3g} over "
-            "tenths of the record)"
+            f"{self.bandwidth.value:.3g} Hz; its rms amplitude is {self.sigma.text} ("
+            f"{measured(self.amplitude_least, unit=self.sigma.unit)} to "
+            f"{measured(self.amplitude_most, unit=self.sigma.unit)} over tenths of the record)"
         )
 
     @classmethod

@@ -70,7 +70,7 @@ class Excursion(PlacedSignal):
     def words(self) -> str:
         """What it is, in a phrase."""
         return (
-            f"the level shifts by {self.size.value:.3g} {self.size.unit} at {self.time.value:.0f} s"
+            f"the level shifts by {self.size.text} at {self.time.value:.0f} s"
             f" and returns after {self.duration.value:.0f} s"
         )
 

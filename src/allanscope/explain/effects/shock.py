@@ -74,7 +74,7 @@ class Shock(EffectKind):
     def words(self) -> str:
         """What it is, in a phrase."""
         return (
-            f"a shock of up to {self.peak.value:.3g} {self.peak.unit} at {self.time.value:.1f} s "
+            f"a shock of up to {self.peak.text} at {self.time.value:.1f} s "
             f"for {self.duration.value:.2g} s, removed"
         )
 

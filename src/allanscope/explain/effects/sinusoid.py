@@ -89,8 +89,7 @@ class Sinusoid(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        peak = f"{self.amplitude.value:.3g} {self.amplitude.unit}"
-        return f"a line at {self.frequency.value:.6g} Hz of amplitude {peak}"
+        return f"a line at {self.frequency.value:.6g} Hz, amplitude {self.amplitude.text}"
 
     @property
     def curve(self) -> Line:

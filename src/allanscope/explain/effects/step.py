@@ -66,9 +66,7 @@ class Step(PlacedSignal):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        return (
-            f"the level jumps by {self.size.value:.3g} {self.size.unit} at {self.time.value:.1f} s"
-        )
+        return f"the level jumps by {self.size.text} at {self.time.value:.1f} s"
 
     def is_same(self, other: Self, grid: Grid) -> bool:
         """Return whether another jump is the same hypothesis."""

@@ -112,11 +112,11 @@ class Temperature(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        words = f"the level follows the temperature with {self.slope.value:.3g} {self.slope.unit}"
+        words = f"the level follows the temperature with {self.slope.text}"
         if self.lag is not None:
             words += f", with a lag of {self.lag.value:.3g} s"
         if self.curvature is not None:
-            words += f", in a curve of {self.curvature.value:.3g} {self.curvature.unit}"
+            words += f", in a curve of {self.curvature.text}"
         if self.level_g is not None and abs(self.level_g) < _UPRIGHT:
             tilt = abs(self.slope.value) / np.sqrt(1 - self.level_g**2)
             words += f", or the board tilts by {np.degrees(tilt):.2g} deg/degC"

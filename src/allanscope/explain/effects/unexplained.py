@@ -27,7 +27,7 @@ from allanscope.explain.view import View
 from allanscope.noise.components import LineProfile
 from allanscope.noise.grid import Ranges
 from allanscope.noise.selection import calibrated_penalty
-from allanscope.quantities import CHI_SQUARE_MEDIAN, TWO_SIDED_95
+from allanscope.quantities import CHI_SQUARE_MEDIAN, TWO_SIDED_95, measured
 
 Array = NDArray[np.float64]
 
@@ -253,7 +253,7 @@ def tone_without_name(
     size = profile.sigma if known else profile.sigma * float(np.sqrt(1 + 2 * TWO_SIDED_95 * error))
     words = (
         f"power between {profile.low:.5g} and {profile.high:.5g} Hz changes in frequency or "
-        f"amplitude; its rms is {'' if known else 'below '}{size:.3g} {view.unit}"
+        f"amplitude; its rms is {'' if known else 'below '}{measured(size, unit=view.unit)}"
     )
     band = (profile.low, profile.high)
     return left_over(view, band, searched.gain, words, searched.log_alternatives)

@@ -73,7 +73,7 @@ class WarmUp(EffectKind):
     def words(self) -> str:
         """What it is, in a phrase."""
         return (
-            f"the level relaxes by {self.amplitude.value:.3g} {self.amplitude.unit}, time constant "
+            f"the level relaxes by {self.amplitude.text}, time constant "
             f"{self.time_constant.value:.4g} s"
         )
 

@@ -33,24 +33,24 @@ def painted(analysis):
     wall = Wall()
     charts = ChartBuilder(wall.log)
     charts.paint(analysis)
-    return wall.drawings, charts.frames
+    return wall.drawings, charts.scales
 
 
 def test_a_curve_that_is_nowhere_trusted_keeps_its_name(painted, analysis):
-    _, frames = painted
+    _, scales = painted
     gx = analysis.axes["gx"]
     curve = gx.curves["mdev"]
     nowhere = replace(curve, trusted=np.zeros_like(curve.trusted))
-    drawing = draw_curve(frames.allan(gx.unit), nowhere, DEVIATION[gx.unit], AXIS["gx"], True)
+    drawing = draw_curve(scales.allan(gx.unit), nowhere, DEVIATION[gx.unit], AXIS["gx"], True)
     assert [word for _, word, _ in drawing.words] == ["MDEV"]
 
 
 @pytest.mark.parametrize("axis", ["gx", "gz", "ax", "az"])
 @pytest.mark.parametrize("kind", ["oadev", "mdev", "ohdev"])
 def test_every_dot_is_a_point_of_the_estimate(painted, analysis, axis, kind):
-    drawings, frames = painted
+    drawings, scales = painted
     curve, unit = analysis.axes[axis].curves[kind], analysis.axes[axis].unit
-    chart = frames.allan(unit)
+    chart = scales.allan(unit)
     drawn = chart.values(np.array(drawings[f"/{axis}/allan/{kind}"].dots))
     order = np.argsort(drawn[:, 0])
     sigma = DEVIATION[unit].factor * curve.deviation
@@ -70,11 +70,11 @@ def test_a_dot_says_what_it_is_when_pointed_at(painted, analysis):
 
 
 def test_what_is_not_trusted_is_faint_and_dashed(painted, analysis):
-    drawings, frames = painted
+    drawings, scales = painted
     curve = analysis.axes["gx"].curves["oadev"]
     drawing = drawings["/gx/allan/oadev"]
     last_trusted = curve.tau[curve.trusted][-1]
-    chart = frames.allan("dps")
+    chart = scales.allan("dps")
     edge = chart.points([last_trusted], [1.0])[0, 0]
     solid = [
         strip
@@ -93,9 +93,9 @@ def test_what_is_not_trusted_is_faint_and_dashed(painted, analysis):
 
 
 def test_the_interval_is_drawn_to_its_limits(painted, analysis):
-    drawings, frames = painted
+    drawings, scales = painted
     curve = analysis.axes["az"].curves["oadev"]
-    chart = frames.allan("g")
+    chart = scales.allan("g")
     drawing = drawings["/az/allan/oadev"]
     i = np.flatnonzero(curve.trusted)[-1]
     low, high = 1e6 * curve.lower[i], 1e6 * curve.upper[i]
@@ -105,7 +105,7 @@ def test_the_interval_is_drawn_to_its_limits(painted, analysis):
 
 
 def test_the_model_is_drawn_with_its_parts_by_name(painted, analysis):
-    drawings, frames = painted
+    drawings, scales = painted
     drawing = drawings["/gx/allan/model"]
     assert {word: colour for _, word, colour in drawing.words} == {
         "N": MODEL,
@@ -115,7 +115,7 @@ def test_the_model_is_drawn_with_its_parts_by_name(painted, analysis):
     assert not analysis.axes["gx"].coefficients["K"].detected, "hence it has no line"
     total = max(drawing.strips, key=len)
     model = analysis.axes["gx"].model
-    drawn = frames.allan("dps").values(total)
+    drawn = scales.allan("dps").values(total)
     np.testing.assert_allclose(
         drawn[:, 1], 1e3 * np.interp(drawn[:, 0], model.x, model.total), rtol=1e-3
     )
@@ -131,9 +131,9 @@ def test_words_stay_on_the_chart(painted):
 
 
 def test_the_datasheet_crosses_one_second_at_its_density_over_root_two(painted):
-    drawings, frames = painted
+    drawings, scales = painted
     for axis, unit in (("gx", "dps"), ("ax", "g")):
-        chart = frames.allan(unit)
+        chart = scales.allan(unit)
         points = np.concatenate(drawings[f"/{axis}/allan/datasheet"].strips)
         tau, sigma = chart.values(points).T
         at_one = np.exp(np.interp(0.0, np.log(tau), np.log(sigma)))
@@ -147,43 +147,43 @@ def test_an_earlier_session_is_drawn_where_it_was_with_its_name(analysis):
     wall = Wall()
     charts = ChartBuilder(wall.log)
     charts.paint(with_comparison(analysis, {"gx": earlier}))
-    assert "/gy/allan/earlier" not in wall.drawings
-    drawing = wall.drawings["/gx/allan/earlier"]
+    assert "/gy/allan/reference" not in wall.drawings
+    drawing = wall.drawings["/gx/allan/reference"]
     assert [text for _, text, _ in drawing.words] == ["first"]
-    drawn = charts.frames.allan("dps").values(np.concatenate(drawing.strips))
+    drawn = charts.scales.allan("dps").values(np.concatenate(drawing.strips))
     expected = np.interp(np.log(drawn[:, 0]), np.log(earlier.tau), np.log(earlier.deviation))
     np.testing.assert_allclose(np.log(drawn[:, 1] / 1e3), expected, atol=1e-3)
 
 
 def test_axes_of_one_sensor_share_their_scales(painted):
-    drawings, frames = painted
+    drawings, scales = painted
     assert drawings["/gx/allan/grid"].words == drawings["/gz/allan/grid"].words
-    assert frames.allan("dps") != frames.allan("g")
+    assert scales.allan("dps") != scales.allan("g")
 
 
 def test_time_deviations_have_a_chart_of_their_own(painted, analysis):
-    drawings, frames = painted
+    drawings, scales = painted
     curve = analysis.axes["gx"].curves["tdev"]
     assert "/gx/allan/tdev" not in drawings
-    drawn = frames.time("dps").values(np.array(drawings["/gx/time/tdev"].dots))
+    drawn = scales.time("dps").values(np.array(drawings["/gx/time/tdev"].dots))
     np.testing.assert_allclose(np.sort(drawn[:, 0])[:20], curve.tau[:20], rtol=2e-5)
 
 
 def test_the_spectrum_is_the_root_of_the_density(painted, analysis):
-    drawings, frames = painted
+    drawings, scales = painted
     density = analysis.axes["gy"].density
     line = max(drawings["/gy/spectrum/measured"].strips, key=len)
-    f, root = frames.spectrum("dps").values(line).T
+    f, root = scales.spectrum("dps").values(line).T
     expected = np.interp(f, density.frequency, DENSITY["dps"].factor * np.sqrt(density.density))
     np.testing.assert_allclose(root[5:-5], expected[5:-5], rtol=1e-3)
 
 
 def test_the_interval_of_a_density_is_that_of_chi_square(painted, analysis):
-    drawings, frames = painted
+    drawings, scales = painted
     drawing = drawings["/gz/spectrum/measured"]
     density = analysis.axes["gz"].density
     n = np.flatnonzero(density.averages < 20)[-1]
-    bands = [frames.spectrum("dps").values(s) for s in drawing.strips if len(s) == 2]
+    bands = [scales.spectrum("dps").values(s) for s in drawing.strips if len(s) == 2]
     near = min(bands, key=lambda band: abs(np.log(band[0, 0] / density.frequency[n])))
     ratio = near[1, 1] / near[0, 1]
     # 95 % of chi-square with 2 n degrees of freedom about its mean: +-1.96 sqrt(1/n), halved by
@@ -192,14 +192,14 @@ def test_the_interval_of_a_density_is_that_of_chi_square(painted, analysis):
 
 
 def test_a_line_that_was_found_is_marked_where_it_sits(painted):
-    drawings, frames = painted
-    drawing = drawings["/gx/spectrum/found"]
+    drawings, scales = painted
+    drawing = drawings["/gx/spectrum/effects"]
     x = np.concatenate(drawing.strips)[:, 0]
     np.testing.assert_allclose(
-        frames.spectrum("dps").values([[x[0], 0.0]])[0, 0], LINE_HZ, rtol=1e-5
+        scales.spectrum("dps").values([[x[0], 0.0]])[0, 0], LINE_HZ, rtol=1e-5
     )
     assert [word for _, word, _ in drawing.words] == ["line 49.98 Hz"]
-    assert drawings["/ax/spectrum/found"].strips == []
+    assert drawings["/ax/spectrum/effects"].strips == []
 
 
 def test_the_residual_shows_what_the_loop_removed(analysis):
@@ -238,14 +238,14 @@ def test_a_run_that_outgrows_its_chart_gets_a_new_grid_and_new_curves():
     wall = Wall()
     charts = ChartBuilder(wall.log)
     charts.paint(demo_analysis(9.0))
-    small = charts.frames.allan("dps")
+    small = charts.scales.allan("dps")
     charts.paint(demo_analysis(3000.0), everything=False)
-    large = charts.frames.allan("dps")
+    large = charts.scales.allan("dps")
     assert large.x.high > small.x.high
     assert wall.count["/gx/allan/grid"] == 2
     assert wall.count["/gx/allan/mdev"] == 2, "else it would lie on the old grid"
     charts.paint(demo_analysis(9.0), everything=False)
-    assert charts.frames.allan("dps") == large, "a chart never shrinks"
+    assert charts.scales.allan("dps") == large, "a chart never shrinks"
 
 
 def test_a_result_without_anything_yet_draws_nothing(analysis):

@@ -48,6 +48,9 @@ def test_the_axes_of_a_sensor_stand_together_in_one_frame():
         shown = [str(path) for path in view.contents]
         assert [f"/{axis}/allan/oadev/**" in shown for axis in axes] == [True] * 3
         assert sum("grid" in path for path in shown) == 1
+        first, *others = axes
+        assert f"/{first}/allan/reference/**" in shown, "with its name"
+        assert all(f"/{axis}/allan/reference" in shown for axis in others), "curves alone"
 
 
 def test_only_the_points_of_curves_answer_when_they_are_pointed_at():
@@ -72,7 +75,7 @@ def test_other_estimators_are_hidden_on_the_axis_tab_until_they_are_wanted():
         if behaviour.visible is not None and not behaviour.visible.as_arrow_array()[0].as_py()
     }
     assert hidden == {
-        f"/gx/allan/{kind}" for kind in ("textbook", "adev", "mdev", "ohdev", "totdev")
+        f"/gx/allan/{kind}" for kind in ("noise_model", "adev", "mdev", "ohdev", "totdev")
     }
 
 

@@ -9,7 +9,7 @@ import pytest
 from allanscope.quantities import DEVIATION
 from allanscope.view import RerunView
 from allanscope.view.chart import HEIGHT, MARGIN, WIDTH
-from allanscope.view.chart_builder import Frames
+from allanscope.view.chart_builder import SharedScales
 from allanscope.view.palette import AXIS, EFFECT
 from support.demo_analysis import demo_analysis
 from support.headless_viewer import HeadlessViewer, why_no_viewer
@@ -22,7 +22,7 @@ STALE = 4.0
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory):
-    """Pictures of the chart of every axis, and the frames they were drawn in."""
+    """Pictures of the chart of every axis, and the scales they were drawn in."""
     folder = tmp_path_factory.mktemp("pixels")
     final = demo_analysis(3000.0)
     view = RerunView(folder, "none")
@@ -30,9 +30,9 @@ def seen(tmp_path_factory):
     view.snapshot(_scaled(demo_analysis(2000.0), STALE))
     assert view.settle(30.0)
     view.close(final)
-    frames = Frames()
-    frames.fit(_scaled(demo_analysis(2000.0), STALE))
-    frames.fit(final)
+    scales = SharedScales()
+    scales.fit(_scaled(demo_analysis(2000.0), STALE))
+    scales.fit(final)
     with HeadlessViewer(str(folder / "session.rrd"), "1440x860") as viewer:
         state = viewer.wait(3000.0)
         assert not [report for shown in state.views for report in shown.reports]
@@ -44,7 +44,7 @@ def seen(tmp_path_factory):
                     pictures[shown.name] = viewer.picture(shown.view_id).astype(int)
         assert pictures.keys() == AXIS.keys()
         whole = viewer.picture().astype(int)
-    return final, frames, pictures, whole
+    return final, scales, pictures, whole
 
 
 def _scaled(analysis, factor):
@@ -84,12 +84,12 @@ def _share(picture, points, colour, tolerance=50, reach=3):
 
 @pytest.mark.parametrize("axis", list(AXIS))
 def test_the_curve_is_where_its_values_are(seen, axis):
-    final, frames, pictures, _ = seen
+    final, scales, pictures, _ = seen
     unit = final.axes[axis].unit
     curve = final.axes[axis].curves["oadev"]
     sigma = DEVIATION[unit].factor * curve.deviation[curve.trusted]
     tau = curve.tau[curve.trusted]
-    chart = frames.allan(unit)
+    chart = scales.allan(unit)
     assert _share(pictures[axis], chart.points(tau, sigma), AXIS[axis]) > 0.95
     stale = chart.points(tau, STALE * sigma)
     on = (stale[:, 1] > 20.0) & (stale[:, 1] < HEIGHT - 20.0)
@@ -97,10 +97,10 @@ def test_the_curve_is_where_its_values_are(seen, axis):
 
 
 def test_an_effect_that_was_found_is_drawn_in_its_own_colour(seen):
-    final, frames, pictures, _ = seen
+    final, scales, pictures, _ = seen
     model = final.axes["gx"].model
     part = 1e3 * model.components["sinusoid"]
-    chart = frames.allan("dps")
+    chart = scales.allan("dps")
     rising = (model.x < 0.004) & (part > 1.2 * chart.y.read(0.0))
     points = chart.points(model.x[rising], part[rising])
     assert _share(pictures["gx"], points, EFFECT, reach=4) > 0.5, "it is dashed"
@@ -116,8 +116,8 @@ def test_the_grid_is_visible_and_the_picture_is_neither_blank_nor_full(seen):
 
 
 def test_labels_are_written_beside_the_axes(seen):
-    _, frames, pictures, _ = seen
-    chart = frames.allan("dps")
+    _, scales, pictures, _ = seen
+    chart = scales.allan("dps")
     picture = pictures["gx"]
     for at, text in chart.labels():
         (x, y) = _pixels(picture, np.array([at]))[0].astype(int)

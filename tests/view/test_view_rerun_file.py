@@ -11,7 +11,7 @@ from allanscope.noise import Coefficient
 from allanscope.quantities import COEFFICIENTS, TWO_SIDED_95
 from allanscope.samples import Gap, Notice
 from allanscope.view import RerunView
-from allanscope.view.chart_builder import Frames
+from allanscope.view.chart_builder import SharedScales
 from allanscope.watch import Event, Occurrence
 from support.demo_analysis import demo_analysis
 from support.demo_session import INFO, LEVELS, blocks, perform
@@ -42,17 +42,17 @@ def session(tmp_path_factory):
 
 def test_the_last_curve_is_that_of_the_final_result(session):
     final = demo_analysis(SECONDS, seed=9)
-    frames = Frames()
+    scales = SharedScales()
     due = 1.0
     for second in range(1, int(SECONDS) + 1):
         if second >= due:
-            frames.fit(demo_analysis(float(second)))
+            scales.fit(demo_analysis(float(second)))
             due *= 1.06
-    frames.fit(final)
+    scales.fit(final)
     for axis, unit, factor in (("gx", "dps", 1e3), ("az", "g", 1e6)):
         row = session[f"/{axis}/allan/oadev/points"][-1]
         curve = final.axes[axis].curves["oadev"]
-        drawn = frames.allan(unit).values(row.dots())
+        drawn = scales.allan(unit).values(row.dots())
         order = np.argsort(drawn[:, 0])
         n = int(curve.trusted.sum())
         np.testing.assert_allclose(drawn[order][:n, 0], curve.tau[:n], rtol=1e-4)
@@ -127,7 +127,7 @@ def test_what_never_changes_is_logged_again_now_and_then_for_late_viewers(tmp_pa
         assert view.settle(60.0)
     view.close()
     rows = read_back(tmp_path / "session.rrd")
-    for path in ("/gx/allan/grid", "/gx/allan/oadev", "/gx/spectrum/found/words"):
+    for path in ("/gx/allan/grid", "/gx/allan/oadev", "/gx/spectrum/effects/words"):
         assert [row.elapsed_s for row in rows[path]] == [10.0, 15.0, 16.0], path
 
 

@@ -2,9 +2,9 @@
 
 ::
 
-    /gx/allan/grid  oadev  mdev  ...  model  textbook  datasheet  earlier
+    /gx/allan/grid  oadev  mdev  ...  model  noise_model  datasheet  reference
     /gx/time/grid   tdev  ...
-    /gx/spectrum/grid  measured  model  found  datasheet
+    /gx/spectrum/grid  measured  model  effects  datasheet
     /gx/residual/grid  oadev
     /gx/dynamic/grid  map
 
@@ -33,18 +33,18 @@ from allanscope.view.chart_content import (
     draw_density,
     draw_density_limit,
     draw_density_model,
-    draw_earlier,
-    draw_found,
+    draw_effects,
     draw_grid,
     draw_map,
     draw_model,
+    draw_noise_model,
+    draw_reference,
     draw_residual,
-    draw_textbook,
     percent_of_model,
 )
 from allanscope.view.palette import AXIS, ESTIMATOR, REFERENCE, Colour
 
-__all__ = ["DEFAULT_ESTIMATOR", "TIME_DEVIATIONS", "ChartBuilder", "Frames"]
+__all__ = ["DEFAULT_ESTIMATOR", "TIME_DEVIATIONS", "ChartBuilder", "SharedScales"]
 
 DEFAULT_ESTIMATOR = "oadev"
 """The estimator that the model is fitted to, and that is shown until another one is chosen."""
@@ -61,8 +61,8 @@ _TIME_STEPS = tuple(factor * 10.0**power for power in range(-2, 6) for factor in
 _STEPS = ((5.0, 2.5), (10.0, 5.0), (20.0, 10.0), (50.0, 25.0), (100.0, 50.0))
 
 
-class Frames:
-    """The charts of one run; `fit` them to a result, then take them by unit of the axis."""
+class SharedScales:
+    """Scales of the charts of a run, shared by the axes of a sensor: `fit`, then take by unit."""
 
     def __init__(self) -> None:
         self._scales: dict[tuple[str, str], tuple[Log, Log]] = {}
@@ -161,12 +161,12 @@ class ChartBuilder:
     ----------
     log : callable
         Takes the path of an entity and its drawing.
-    frames : Frames
+    scales : SharedScales
         The decades of every chart so far.
     """
 
     log: Callable[[str, Drawing], None]
-    frames: Frames = field(default_factory=Frames)
+    scales: SharedScales = field(default_factory=SharedScales)
     _grids: dict[str, Chart] = field(default_factory=dict)
 
     def paint(self, analysis: Analysis, everything: bool = True) -> None:
@@ -180,7 +180,7 @@ class ChartBuilder:
             Also what rarely changes or is rarely looked at: grids, and the estimators other than
             the default one. They are drawn on demand to keep the recording small.
         """
-        self.frames.fit(analysis)
+        self.scales.fit(analysis)
         if everything:
             self._grids.clear()
         for name, axis in analysis.axes.items():
@@ -202,7 +202,7 @@ class ChartBuilder:
 
     def _allan(self, name: str, axis: AxisAnalysis, everything: bool) -> None:
         reading = DEVIATION[axis.unit]
-        rates, times = self.frames.allan(axis.unit), self.frames.time(axis.unit)
+        rates, times = self.scales.allan(axis.unit), self.scales.time(axis.unit)
         grown = self._grid(f"/{name}/allan", rates) | self._grid(f"/{name}/time", times)
         for kind, curve in axis.curves.items():
             is_time = kind in TIME_DEVIATIONS
@@ -220,15 +220,15 @@ class ChartBuilder:
         if axis.model is not None:
             self.log(f"{base}/model", draw_model(chart, axis.model, reading))
         if axis.model_before is not None:
-            self.log(f"{base}/textbook", draw_textbook(chart, axis.model_before, reading))
+            self.log(f"{base}/noise_model", draw_noise_model(chart, axis.model_before, reading))
         if everything and axis.comparison is not None:
-            self.log(f"{base}/earlier", draw_earlier(chart, axis.comparison.reference, reading))
+            self.log(f"{base}/reference", draw_reference(chart, axis.comparison.reference, reading))
         if everything and "density" in axis.datasheet:
             self.log(f"{base}/datasheet", draw_datasheet(chart, axis.datasheet["density"], reading))
 
     def _spectrum(self, name: str, axis: AxisAnalysis) -> None:
         base = f"/{name}/spectrum"
-        chart = self.frames.spectrum(axis.unit)
+        chart = self.scales.spectrum(axis.unit)
         if chart is None or axis.density is None:
             return
         grown = self._grid(base, chart)
@@ -237,13 +237,13 @@ class ChartBuilder:
         if axis.density_model is not None:
             self.log(f"{base}/model", draw_density_model(chart, axis.density_model, reading))
         if axis.explanation is not None:
-            self.log(f"{base}/found", draw_found(chart, axis.explanation))
+            self.log(f"{base}/effects", draw_effects(chart, axis.explanation))
         if grown and "density" in axis.datasheet:
             limit = draw_density_limit(chart, axis.datasheet["density"], reading)
             self.log(f"{base}/datasheet", limit)
 
     def _residual(self, name: str, axis: AxisAnalysis) -> None:
-        chart = self.frames.residual(axis.unit)
+        chart = self.scales.residual(axis.unit)
         curve = axis.curves.get(DEFAULT_ESTIMATOR)
         if chart is None or curve is None:
             return

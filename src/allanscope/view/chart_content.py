@@ -41,13 +41,13 @@ __all__ = [
     "draw_density",
     "draw_density_limit",
     "draw_density_model",
-    "draw_earlier",
-    "draw_found",
+    "draw_effects",
     "draw_grid",
     "draw_map",
     "draw_model",
+    "draw_noise_model",
+    "draw_reference",
     "draw_residual",
-    "draw_textbook",
     "percent_of_model",
 ]
 
@@ -212,8 +212,8 @@ def draw_model(chart: Chart, model: ModelCurve, reading: Reading) -> Drawing:
     return drawing
 
 
-def draw_textbook(chart: Chart, model: ModelCurve, reading: Reading) -> Drawing:
-    """Draw the model before anything was found: what the textbook's coefficients alone say."""
+def draw_noise_model(chart: Chart, model: ModelCurve, reading: Reading) -> Drawing:
+    """Draw the noise model alone, without the effects that were found."""
     drawing = Drawing()
     drawing.dashes(chart.line(model.x, reading.factor * model.total), REFERENCE, width=1.8)
     return drawing
@@ -237,14 +237,14 @@ def draw_datasheet(chart: Chart, verdict: DatasheetVerdict, reading: Reading) ->
     return drawing
 
 
-def draw_earlier(chart: Chart, reference: ReferenceCurve, reading: Reading) -> Drawing:
+def draw_reference(chart: Chart, reference: ReferenceCurve, reading: Reading) -> Drawing:
     """Draw the curve of an earlier session, or a mask, with its name at the end."""
     drawing = Drawing()
     strips = chart.line(reference.tau, reading.factor * reference.deviation)
     drawing.line(strips, REFERENCE, width=1.6)
     if strips:
         x, y = (float(value) for value in strips[-1][-1])
-        drawing.word((min(x, WIDTH - 80.0), min(y + 40.0, HEIGHT - 44.0)), reference.name, TEXT)
+        drawing.word((min(x, WIDTH - 80.0), max(y - 50.0, 0.0)), reference.name, TEXT)
     return drawing
 
 
@@ -334,7 +334,7 @@ def draw_density_limit(chart: Chart, verdict: DatasheetVerdict, reading: Reading
     return drawing
 
 
-def draw_found(chart: Chart, explanation: AxisExplanation) -> Drawing:
+def draw_effects(chart: Chart, explanation: AxisExplanation) -> Drawing:
     """Mark every effect that has a frequency (or a cutoff) where it sits."""
     drawing = Drawing()
     height = 26.0

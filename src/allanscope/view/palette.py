@@ -75,10 +75,10 @@ MODEL = PURPLE
 """The fitted model, its total and its parts."""
 
 EFFECT = ORANGE
-"""What was found beyond the textbook model."""
+"""Effects, beyond the noise model."""
 
 REFERENCE = GREY
-"""What is there to compare with: the datasheet, the textbook model."""
+"""What curves are compared with: datasheet, noise model alone, earlier session or mask."""
 
 GRADE: dict[str, Colour] = {"good": GREEN, "bad": RED, "note": ORANGE}
 """How good a thing is."""

@@ -128,14 +128,18 @@ def _chart(
 
 
 def _overview(axis: str) -> rrb.Spatial2DView:
-    parts = ("grid", "datasheet", "earlier", "model", DEFAULT_ESTIMATOR)
+    parts = ("grid", "datasheet", "reference", "model", DEFAULT_ESTIMATOR)
     return _chart(f"/{axis}/allan", axis, [f"$origin/{part}/**" for part in parts])
 
 
 def _together(unit: str, axes: Sequence[str]) -> rrb.Spatial2DView:
-    """Return the curves of all axes of a sensor in one chart: their charts have one frame."""
+    """Return the curves of all axes of a sensor in one chart: their charts have one frame.
+
+    So have their references, a mask or an earlier session, of which only the first shows its name.
+    """
     chosen = [axis for axis in axes if unit_of(axis) == unit]
-    grid = [f"/{chosen[0]}/allan/{part}/**" for part in ("grid", "datasheet")]
+    grid = [f"/{chosen[0]}/allan/{part}/**" for part in ("grid", "datasheet", "reference")]
+    grid += [f"/{axis}/allan/reference" for axis in chosen[1:]]
     curves = [f"/{axis}/allan/{DEFAULT_ESTIMATOR}/**" for axis in chosen]
     colours = ", ".join(f"{axis} {NAMED[AXIS[axis]]}" for axis in chosen)
     name = f"{SENSOR_NAMES[unit]} σ(τ): {colours}"
@@ -151,7 +155,7 @@ def _estimator(axes: Sequence[str], kind: str) -> rrb.Grid:
 
 
 def _axis(axis: str, others: Sequence[str]) -> rrb.Horizontal:
-    hidden = ["textbook", *(kind for kind in others if kind not in TIME_DEVIATIONS)]
+    hidden = ["noise_model", *(kind for kind in others if kind not in TIME_DEVIATIONS)]
     sensor, about = SENSORS[unit_of(axis)], "x y z (± 1 σ; ▼ upper limit)"
     trends = [
         _plot(
@@ -173,7 +177,7 @@ def _axis(axis: str, others: Sequence[str]) -> rrb.Horizontal:
 
 def _loop(unit: str, axes: Sequence[str]) -> rrb.Vertical:
     chosen = [axis for axis in axes if unit_of(axis) == unit]
-    parts = ("grid", "textbook", "model", DEFAULT_ESTIMATOR)
+    parts = ("grid", "noise_model", "model", DEFAULT_ESTIMATOR)
     paths = [f"$origin/{part}/**" for part in parts]
     curves = [
         _chart(f"/{axis}/allan", f"{axis}: model before (grey) and after", paths) for axis in chosen
@@ -216,7 +220,7 @@ def _link() -> rrb.Vertical:
             _plot("/link/throughput", "received, kB/s"),
             _plot("/link/lost", "lost since the start"),
             _plot("/link/errors", "errors since the start"),
-            _plot("/link/health", "health"),
+            _plot("/link/health", "device counters"),
         ),
         rrb.StateTimelineView(
             origin="/link/state", name="state of the link", time_view=_whole_run()

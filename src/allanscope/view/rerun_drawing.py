@@ -27,7 +27,7 @@ Of four components at most the viewer shows the values, the text among them, whe
 of more it shows their number. So size and order are the layout's, and the viewer's own.
 """
 
-_ORDER = {"grid": -20.0, "datasheet": 0.0, "textbook": 10.0, "model": 15.0, "found": 25.0}
+_ORDER = {"grid": -20.0, "datasheet": 0.0, "noise_model": 10.0, "model": 15.0, "effects": 25.0}
 _ORDER_OF_CURVES = 20.0
 _ORDER_OF_IMAGES = -30.0
 

@@ -87,14 +87,14 @@ def complain(text: object) -> None:
 
 
 def markdown(text: object) -> str:
-    r"""Return one line in which no character means anything to Markdown.
+    r"""Return one line, however long, in which no character means anything to Markdown.
 
     Examples
     --------
     >>> print(markdown("a|b ![x](http://y)"))
     a\|b \!\[x\](http://y)
     """
-    return "".join(f"\\{c}" if c in "\\`*_{}[]<>#|!~" else c for c in one_line(text))
+    return "".join(f"\\{c}" if c in "\\`*_{}[]<>#|!~" else c for c in sanitize(str(text)))
 
 
 def text_of(data: bytes, limit: int = 200) -> str:

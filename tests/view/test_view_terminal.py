@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from allanscope.analysis import verdict
+from allanscope.analysis import VerdictLine, verdict
 from allanscope.noise import Coefficient
 from allanscope.samples import Gap, Notice
-from allanscope.view import TerminalView, summary_lines
+from allanscope.view import TerminalView, summary_lines, terminal_screen
 from allanscope.view.change_log import Trends
 from allanscope.view.palette import AXIS
 from allanscope.view.terminal_screen import Screen, curve_lines
@@ -258,7 +258,7 @@ def test_a_replay_says_how_much_is_left():
     clock.now = 10.0
     view.snapshot(replace(demo_analysis(60.0), duration_s=1800.0))
     # A quarter took 10 s, so the rest takes 30 s.
-    assert out.getvalue().splitlines()[-1].endswith(" of 2 h, 30 s left")
+    assert out.getvalue().splitlines()[-1].endswith(" µg/√Hz, 30 s left")
 
 
 def test_what_happens_between_two_results_has_its_own_time():
@@ -469,3 +469,14 @@ def test_a_curve_lies_where_its_numbers_are():
     drawn = [k for k, row in enumerate(rows) if braille(row[round(column)])]
     assert min(abs(k - expected) for k in drawn) <= 1.0
     assert len(drawn) <= 2, "a line, and no cloud"
+
+
+def test_the_summary_cuts_no_sentence_however_long(monkeypatch):
+    known = verdict(demo_analysis(7300.0))
+    text = " ".join(f"line at {hz} Hz;" for hz in range(200))
+    lines = (VerdictLine("note", "Additional effects found", text), *known.lines[1:])
+    monkeypatch.setattr(terminal_screen, "verdict", lambda _: replace(known, lines=lines))
+    shown = " ".join(summary_lines(demo_analysis(7300.0)))
+    assert text in " ".join(shown.split())
+    assert "95 % intervals, < upper limit" in shown
+    assert "as of" not in shown, "all is as of the end"

@@ -26,7 +26,7 @@ from allanscope.quantities import (
     duration,
     symbols,
 )
-from allanscope.sanitize import one_line
+from allanscope.sanitize import one_line, sanitize
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,7 +136,7 @@ def _facts(analysis: Analysis) -> str:
 
 
 def _plain(lines: Iterable[VerdictLine]) -> list[str]:
-    return [f"{one_line(line.head)}: {one_line(line.text)}" for line in lines]
+    return [f"{sanitize(line.head)}: {sanitize(line.text)}" for line in lines]
 
 
 def _tables(analysis: Analysis) -> Iterable[tuple[list[str], list[list[str]]]]:

@@ -209,15 +209,19 @@ class TerminalView:
         newer_s = (samples - analysis.samples) / rate_hz if rate_hz else 0.0
         return analysis.duration_s + newer_s, samples
 
-    def _left(self, analysis: Analysis) -> str:
-        """Return how much of a recording is left, and how long that takes."""
+    def _of_whole(self, analysis: Analysis) -> str:
+        """Return how long a recording is in all, and how long the rest of it takes."""
         if not self._whole_s or not analysis.duration_s:
             return ""
-        left_s = max(0.0, self._whole_s - analysis.duration_s)
+        return f" of {duration(self._whole_s)}{self._left(analysis)}"
+
+    def _left(self, analysis: Analysis) -> str:
+        """Return how long the rest of a recording takes; nothing at its end."""
+        if not self._whole_s or not analysis.duration_s:
+            return ""
         took_s = self._clock() - self._began
-        return (
-            f" of {duration(self._whole_s)}, {duration(left_s * took_s / analysis.duration_s)} left"
-        )
+        left_s = took_s * (self._whole_s / analysis.duration_s - 1.0)
+        return f", {duration(left_s)} left" if left_s >= 0.1 else ""
 
     def _start_live_display(self) -> None:
         self._start_screen()
@@ -253,7 +257,7 @@ class TerminalView:
             analysis,
             self._trends,
             keys,
-            self._left(analysis),
+            self._of_whole(analysis),
             self._recorded(analysis),
             self._curves,
             self._explain_keys,

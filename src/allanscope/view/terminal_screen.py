@@ -1,6 +1,7 @@
-"""Allan curves in a terminal: dots of braille, two by four to a character.
+"""What the terminal shows of a result: a screen, a status line for a log file, a summary.
 
-::
+The screen fits 80 columns and uses 200; the summary at the end of a command is the same screen as
+plain lines. Allan curves are dots of braille, two by four to a character::
 
     σ(τ), mdps   gx gy gz
       10 ┤⠑⢄
@@ -8,11 +9,6 @@
        1 ┤     ⠑⠒⠤⠤
          └┬────┬────┬─
          0.1   1    10 s
-
-What the terminal shows of a result: a screen, a status line for a log file, a summary.
-
-The screen fits 80 columns and uses 200; the summary at the end of a command is the same screen as
-plain lines.
 """
 
 from __future__ import annotations
@@ -60,7 +56,7 @@ from allanscope.quantities import (
     number,
     symbols,
 )
-from allanscope.sanitize import one_line
+from allanscope.sanitize import one_line, sanitize
 from allanscope.view.change_log import Direction, Trends
 from allanscope.view.chart import Log
 from allanscope.view.chart_builder import DEFAULT_ESTIMATOR
@@ -198,6 +194,8 @@ _HELP = (
 )
 """Their columns stand below each other where they do not fit."""
 
+_SIGNS = "95 % intervals, < upper limit"
+
 _BETWEEN = "   "
 """What separates the parts of a line: its last parts are left out where it does not fit."""
 
@@ -219,14 +217,16 @@ class Screen:
         Where its coefficients are heading.
     keys : str
         A last line, e.g. which keys do what.
-    left : str
-        What follows the time of the run, e.g. how much of a recording is left.
+    of_whole : str
+        What follows the time of the run: of how much, and what is left.
     recorded : (float, int), optional
         Time and samples that have come by now, where the result is older.
     curves : {'none', 'both', 'gyroscope', 'accelerometer'}
         Allan curves to draw where there is room.
     explain_keys : bool
         Explain keys and signs in the place of the details.
+    is_final : bool
+        All numbers are those of the whole run; none needs to say how old it is.
     """
 
     def __init__(
@@ -234,18 +234,20 @@ class Screen:
         analysis: Analysis,
         trends: Trends,
         keys: str = "",
-        left: str = "",
+        of_whole: str = "",
         recorded: tuple[float, int] | None = None,
         curves: Curves = "none",
         explain_keys: bool = False,
+        is_final: bool = False,
     ) -> None:
         self._analysis = analysis
         self._trends = trends
         self._keys = keys
-        self._left = left
+        self._of_whole = of_whole
         self._recorded = recorded or (analysis.duration_s, analysis.samples)
         self._curves = curves
         self._explain_keys = explain_keys
+        self._is_final = is_final
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         wide = options.max_width >= _WIDE
@@ -299,7 +301,7 @@ class Screen:
         device = Text("allanscope  ", style="bold")
         device.append("  ".join(one_line(name) for name in names if name), style="not bold")
         line.add_row(
-            device, Text(f"recorded {duration(self._recorded[0])}{self._left}", style="bold")
+            device, Text(f"recorded {duration(self._recorded[0])}{self._of_whole}", style="bold")
         )
         return line
 
@@ -322,7 +324,8 @@ class Screen:
         return _joined(parts, width)
 
     def _as_of(self) -> Text:
-        moments = as_of_text(self._analysis.axes)
+        """Return how old the numbers are; of a final result, what its signs mean."""
+        moments = _SIGNS if self._is_final else as_of_text(self._analysis.axes)
         return Text(moments, style="dim", no_wrap=True, overflow="ellipsis")
 
     def _axes(self, wide: bool) -> Table:
@@ -426,8 +429,8 @@ def _details(lines: Sequence[VerdictLine], room: int, width: int, most: int) -> 
 
 
 def _verdict_text(line: VerdictLine) -> Text:
-    text = Text(one_line(line.head), style=_style(GRADE[line.grade]))
-    text.append(f": {one_line(line.text)}", style="not bold default")
+    text = Text(sanitize(line.head), style=_style(GRADE[line.grade]))
+    text.append(f": {sanitize(line.text)}", style="not bold default")
     return text
 
 
@@ -510,5 +513,5 @@ def summary_lines(analysis: Analysis) -> list[str]:
         force_terminal=False,
         legacy_windows=False,
     )
-    console.print(Screen(analysis, Trends()))
+    console.print(Screen(analysis, Trends(), is_final=True))
     return [line.rstrip() for line in page.getvalue().rstrip().splitlines()]

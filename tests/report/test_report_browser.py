@@ -75,6 +75,15 @@ def test_six_axes_are_printed_on_eight_pages(tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="needs pdftotext (poppler-utils)")
+def test_open_sections_keep_their_headings_in_print_and_folded_ones_vanish(file, tmp_path):
+    (tmp_path / "page.pdf").write_bytes(pdf_of(file, tmp_path))
+    command = ["pdftotext", str(tmp_path / "page.pdf"), "-"]
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "Findings:" in text
+    assert "Level, datasheet, residual" not in text
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="needs pdftotext (poppler-utils)")
 def test_the_overlay_of_all_axes_is_printed_on_page_one(tmp_path):
     path = tmp_path / "six.html"
     path.write_text(render(demo_analysis(7300.0)), encoding="utf-8")

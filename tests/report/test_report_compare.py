@@ -94,7 +94,7 @@ def test_three_units_recorded_at_once_are_told_apart(bench):
     units = begun(bench, 1, 1, 1)
     assert "<summary>Recorded together" in render_comparison(units)
     (table,) = _separation_tables(units)
-    assert table.heads == ["τ, s", "all share", "A alone", "B alone", "C alone"]
+    assert table.heads == ["τ, s", "common", "A alone", "B alone", "C alone"]
     assert len(table.rows) >= 3
     for row in table.rows:
         m = round(float(row[0]) * 100.0)

@@ -88,10 +88,10 @@ def test_the_sampling_error_is_that_of_degrees_of_freedom(tables):
 
 def test_the_fold_is_on_the_page_and_closed(analysis):
     page = render(analysis)
-    assert '<details class="more"><summary>Beside the Allan deviation: MTIE' in page
+    assert '<details class="more"><summary>Other statistics: MTIE' in page
     assert "Groslambert codeviation of two axes" in page
     assert "|H(f)|²" in page
-    assert '<details class="more" open><summary>Beside the Allan' in render(analysis, full=True)
+    assert '<details class="more" open><summary>Other statistics' in render(analysis, full=True)
 
 
 def test_without_samples_only_what_needs_none_is_there(analysis):

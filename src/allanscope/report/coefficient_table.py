@@ -39,7 +39,6 @@ class CoefficientRow:
     value: str
     reading: str
     other: str
-    status: str
     wait: str
     uncertainty: str
 
@@ -57,13 +56,11 @@ def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
         if one.detected:
             value = f"{interval(one.value * usual.factor, low, high)} {unit}"
             second = f"{number(one.value * other.factor)} {symbols(other.unit)}"
-            status = "detected"
         elif not math.isfinite(high):
-            value, second, status = "–", "–", "no limit"
+            value, second = "no upper limit", "–"
         else:
             value = f"{limit(high)} {unit}"
             second = f"{limit(one.upper * other.factor)} {symbols(other.unit)}"
-            status = "upper limit"
         known = one.uncertainty
         uncertainty = "–"
         if known is not None:
@@ -77,7 +74,6 @@ def coefficient_rows(axis: AxisAnalysis) -> list[CoefficientRow]:
                 value,
                 read,
                 second,
-                status,
                 wait_text(one),
                 uncertainty,
             )

@@ -109,7 +109,7 @@ def _separation_table(
         ]
         rows.append([number(one.tau[i]), common, *own])
     caption = f"{axis}: Allan deviation in {symbols(reading.unit)}, with 95 % intervals"
-    return StabilityTable(caption, ["τ, s", "all share", *(f"{k} alone" for k in sessions)], rows)
+    return StabilityTable(caption, ["τ, s", "common", *(f"{k} alone" for k in sessions)], rows)
 
 
 def _axes(sessions: Mapping[str, Analysis]) -> list[str]:

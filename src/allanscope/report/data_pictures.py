@@ -72,7 +72,7 @@ def series_picture(
                 fontweight="bold",
             )
         ax.set_xlabel("time (s)")
-        ax.set_ylabel(f"minus the mean ({symbols(reading.unit)})")
+        ax.set_ylabel(f"deviation from the mean ({symbols(reading.unit)})")
         ax.legend(loc="upper right", ncols=3)
 
     return Picture(draw, height=2.8)

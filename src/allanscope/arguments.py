@@ -103,7 +103,7 @@ def analyse(one: ArgumentParser) -> None:
         help="recording, session folder, raw serial capture, delimited text, ROS 2 bag (.mcap, "
         ".db3 or its folder), HSDatalog or libiio folder, .ulg, .npz, .npy, .mat or Parquet",
     )
-    one.add_argument("--json", metavar="FILE", help="write the result; - prints it")
+    one.add_argument("--json", metavar="FILE", help="write the result as JSON; - prints it")
     one.add_argument("--report", metavar="FILE.html", help="write the report")
     one.add_argument("--table", metavar="FILE.csv", help="write all curves as a table")
     _compare_argument(one)
@@ -115,7 +115,9 @@ def analyse(one: ArgumentParser) -> None:
 def simulate(one: ArgumentParser) -> None:
     """Add the arguments of a simulated recording."""
     one.add_argument("out", help="recording to write")
-    one.add_argument("--hours", type=float, default=1.0, help="length of the recording")
+    one.add_argument(
+        "--hours", type=float, default=1.0, help="length of the recording (default: 1)"
+    )
     _sensor_arguments(one)
     _simulated_arguments(one, with_line=False)
 
@@ -153,7 +155,7 @@ def export_data(one: ArgumentParser) -> None:
     one.add_argument(
         "--layout",
         choices=["kalibr", "openvins", "orb-slam3", "vins", "ros", "axes"],
-        help="format of the .yaml; axes: every axis by itself (default kalibr)",
+        help="format of the .yaml; axes: every axis by itself (default: kalibr)",
     )
     one.add_argument(
         "--upper-limits",
@@ -183,14 +185,19 @@ def check(one: ArgumentParser) -> None:
         "--against", required=True, metavar="SPEC.toml", help="limits for each sensor or axis"
     )
     one.add_argument("--junit", metavar="FILE.xml", help="write a JUnit report")
-    one.add_argument("--json", metavar="FILE", help="write the verdicts; - prints them")
+    one.add_argument("--json", metavar="FILE", help="write the verdicts as JSON; - prints them")
     _device_arguments(one)
 
 
 def report(one: ArgumentParser) -> None:
     """Add the arguments of a report."""
     one.add_argument("sessions", nargs="+", help="session folders or recordings")
-    one.add_argument("--out", default="report.html", metavar="FILE.html", help="file to write")
+    one.add_argument(
+        "--out",
+        default="report.html",
+        metavar="FILE.html",
+        help="file to write (default: report.html)",
+    )
     _report_arguments(one)
     _curve_arguments(one)
     _device_arguments(one)
@@ -201,7 +208,7 @@ def together(one: ArgumentParser) -> None:
     one.add_argument(
         "recordings", nargs="+", help="two to twelve recordings made at once on one bench"
     )
-    one.add_argument("--json", metavar="FILE", help="write the curves; - prints them")
+    one.add_argument("--json", metavar="FILE", help="write the curves as JSON; - prints them")
     _device_arguments(one)
 
 
@@ -327,18 +334,25 @@ def stability(one: ArgumentParser) -> None:
         help="recordings, tables, or text with one number on each line; gcodev: A-B and A-C; hat: "
         "A-B, B-C and C-A; edf and cov: none",
     )
-    one.add_argument("--axis", default="", help="axis of a recording (default: the first)")
+    one.add_argument("--axis", default="", help="axis of a recording (default: its first)")
     one.add_argument(
-        "--data", default="rate", choices=["rate", "phase"], help="quantity of a column"
+        "--data",
+        default="rate",
+        choices=["rate", "phase"],
+        help="what the numbers are: rate (default) or phase",
     )
     one.add_argument(
         "--taus", default="octave", type=_taus, metavar="NAME|LIST", help="as for analyse"
     )
-    one.add_argument("--kind", default="oadev", help="estimator of hat, edf, cov and identify")
+    one.add_argument(
+        "--kind", default="oadev", help="estimator of hat, edf, cov and identify (default: oadev)"
+    )
     one.add_argument("--letters", default="auto", help="fit: any of QPNBKFD; avlr: one of QNBKR")
     one.add_argument("--low", type=float, default=0.0, metavar="S", help="avlr: smallest tau")
     one.add_argument("--high", type=float, default=1e12, metavar="S", help="avlr: largest tau")
-    one.add_argument("--noise-type", default="WFM", metavar="NAME", help="edf: WPM ... RRFM")
+    one.add_argument(
+        "--noise-type", default="WFM", metavar="NAME", help="edf: WPM to RRFM (default: WFM)"
+    )
     one.add_argument("--model", default="", metavar="N=...,B=...", help="cov: any of QPNBKFDR")
     one.add_argument(
         "--samples", type=int, default=0, metavar="N", help="edf, cov: length of the run"
@@ -353,9 +367,9 @@ def chart(one: ArgumentParser) -> None:
         "name",
         choices=["transfer", "slopes", "chain"],
         help="transfer: estimators over frequency; slopes: variances of every noise over tau; "
-        "chain: signal path",
+        "chain: signal chain",
     )
-    one.add_argument("out", help="file name; .svg and .png are written")
+    one.add_argument("out", help="file to write, as .svg and as .png")
     _sensor_arguments(one)
 
 
@@ -390,7 +404,7 @@ def _sensor_arguments(
 
 def _device_arguments(one: ArgumentParser) -> None:
     group = _sensor_arguments(one, "input", "detected")
-    group.description = "what the data do not state"
+    group.description = "what the data themselves do not state"
     group.add_argument(
         "--unit",
         action="append",
@@ -426,7 +440,11 @@ def _curve_arguments(one: ArgumentParser) -> None:
         "or seconds, e.g. 0.1,1,10 (default: --per-octave)",
     )
     group.add_argument(
-        "--per-octave", type=int, default=4, metavar="N", help="averaging times per octave"
+        "--per-octave",
+        type=int,
+        default=4,
+        metavar="N",
+        help="averaging times per octave (default: 4)",
     )
     group.add_argument(
         "--hadamard",
@@ -446,9 +464,7 @@ def _curve_arguments(one: ArgumentParser) -> None:
         choices=["usual", "none", "all"],
         help="bias correction: MTOT, TTOT and HTOT (default), none, or TOTDEV and THEO1 too",
     )
-    group.add_argument(
-        "--variance", action="store_true", help="show variances instead of deviations"
-    )
+    group.add_argument("--variance", action="store_true", help="variances in place of deviations")
     group.add_argument(
         "--simple-limits",
         action="store_true",
@@ -477,7 +493,7 @@ def _taus(text: str) -> str | tuple[float, ...]:
 
 def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None:
     group = one.add_argument_group("simulation")
-    group.add_argument("--seed", type=int, default=0, help="seed of the noise")
+    group.add_argument("--seed", type=int, default=0, help="seed of the noise (default: 0)")
     group.add_argument(
         "--effect",
         action=_AddOrList,
@@ -495,7 +511,7 @@ def _simulated_arguments(one: ArgumentParser, *, with_line: bool = True) -> None
         "walk) D (random run) R, B_dt0064 (B by the 1/f generator of ST's DT0064), or n1 n2 of "
         "dx/dt = n1 x + n2 w; e.g. N=0.003,F=1e-6,axis=gx",
     )
-    group.add_argument("--truth", metavar="JSON", help="simulate the model of this result")
+    group.add_argument("--truth", metavar="RESULT.json", help="simulate the model of this result")
     if not with_line:  # nothing can fail on it
         one.set_defaults(fault=[])
         return
@@ -538,7 +554,7 @@ def _session_arguments(parser: ArgumentParser) -> None:
         "--on-event",
         default="",
         metavar="COMMAND",
-        help="run this at each event, without a shell; it reads the event as a JSON line",
+        help="run this at each event, without a shell; the event is a JSON line on its input",
     )
     one.add_argument(
         "--events-to",
@@ -546,7 +562,7 @@ def _session_arguments(parser: ArgumentParser) -> None:
         help="write each event as a JSON line to a file, pipe or /dev/fd/N",
     )
     _window_argument(one)
-    one.add_argument("--json", action="store_true", help="print the result at the end")
+    one.add_argument("--json", action="store_true", help="print the result as JSON at the end")
 
 
 def _window_argument(one: _ActionsContainer) -> None:
@@ -572,7 +588,7 @@ def _view_port_argument(one: _ActionsContainer) -> None:
 def _compare_argument(one: _ActionsContainer) -> None:
     one.add_argument(
         "--compare",
-        metavar="DIR",
+        metavar="DIR|MASK.csv",
         help="compare with an earlier session, or with a mask: a CSV file with tau in s and gyro, "
         "accel, gx ... az in dps and g; exit code 5 if a curve is higher",
     )

@@ -34,7 +34,7 @@ WITH_SETTINGS = ("live", "replay", "open")
 
 
 def live(options: Namespace) -> int:
-    """Watch a device live, plot its curves and record every byte."""
+    """Watch a sensor live: plot its Allan curves and record every byte."""
     from allanscope.pipeline import run_live
 
     analysis = run_live(
@@ -137,7 +137,7 @@ def device(options: Namespace) -> int:
 
 
 def import_data(options: Namespace) -> int:
-    """Turn a text file or a raw capture into a recording."""
+    """Convert text, a raw capture, a log or a bag into a recording."""
     from allanscope.pipeline import import_capture
 
     import_capture(Path(options.input), Path(options.out), _device_settings(options), options.quiet)
@@ -146,7 +146,7 @@ def import_data(options: Namespace) -> int:
 
 
 def export_data(options: Namespace) -> int:
-    """Write samples as CSV or Parquet, or coefficients for Kalibr, OpenVINS, MATLAB and others."""
+    """Write samples as CSV or Parquet, or coefficients for Kalibr, OpenVINS, MATLAB, ..."""
     from allanscope.pipeline import export_recording
 
     export_recording(
@@ -242,7 +242,7 @@ def report(options: Namespace) -> int:
 
 
 def together(options: Namespace) -> int:
-    """Separate common from individual noise of boards on one bench; compare their lines."""
+    """Separate what boards on one bench have in common from the noise of each."""
     from allanscope.atomic_write import write_text
     from allanscope.pipeline import analyse_together
 
@@ -287,7 +287,7 @@ def fleet(options: Namespace) -> int:
 
 
 def convert(options: Namespace) -> int:
-    """Turn a density into a deviation, or a deviation into a density."""
+    """Convert a spectral density into a deviation, or back."""
     from allanscope.pipeline import convert_table
 
     convert_table(
@@ -334,7 +334,7 @@ def stability(options: Namespace) -> int:
 
 
 def chart(options: Namespace) -> int:
-    """Draw transfer functions of the estimators, slopes of the noise types, or the signal path."""
+    """Draw transfer functions of estimators, slopes of noise types, or the signal chain."""
     from allanscope.pipeline import draw_chart
 
     draw_chart(options.name, Path(options.out), _device_settings(options))
@@ -451,7 +451,8 @@ class _Parser(ArgumentParser):
             names = re.findall(r"[\w-]+", choices)
             meant = _did_you_mean(value, names) or f"; choose one of {', '.join(names)}"
             message = f"unknown {what.lower()} {value!r}{meant}"
-        self.exit(ExitCode.USAGE, f"allanscope: {sanitize(message)}; see {self.prog} --help\n")
+        see = " See" if message.endswith("?") else "; see"
+        self.exit(ExitCode.USAGE, f"allanscope: {sanitize(message)}{see} {self.prog} --help\n")
 
 
 _INVALID_CHOICE = re.compile(

@@ -28,7 +28,7 @@ _KEYS: Mapping[str, tuple[str, str | float, str]] = {
     "wire": ("wire", "native", "wire format"),
     "folder": ("folder", "~/sessions", "where new sessions are made"),
     "view": ("view", "web", "auto, window, web or none"),
-    "port": ("view_port", 9876, "of the web viewer"),
+    "port": ("view_port", 9876, "network port of the web viewer"),
 }
 """Key to the name of the option, an example, whose type a value must have, and what it is."""
 
@@ -133,7 +133,7 @@ def _takes_files(one: Action) -> bool:
     return not one.choices and (not one.option_strings or bool(_FILES.match(str(one.metavar))))
 
 
-_FILES = re.compile(r"FILE|DIR|PATH|JSON|SPEC|COMMAND")
+_FILES = re.compile(r"FILE|DIR|PATH|RESULT|SPEC|COMMAND")
 """Beginnings of the metavars of options that take a file, a folder or a program."""
 
 

@@ -263,7 +263,7 @@ def test_n_is_what_the_density_shows_however_wide_its_own_interval():
 def test_the_cause_is_what_was_found(found, cause):
     line = disagreement("dps", coefficients(), {"N": reading(6.2e-3, **DENSITY)}, found)
     assert line.startswith(
-        "N is 6.20 mdps/√Hz from the density from 0.10 to 10 Hz but 1.00 from the fit; cause: "
+        "N is 6.20 mdps/√Hz from the density between 0.10 and 10 Hz but 1.00 from the fit; cause: "
     )
     assert cause in line
 

@@ -67,9 +67,9 @@ def test_an_unknown_option_names_the_command_whose_help_has_the_others(complaint
 
 def test_a_mistyped_word_is_answered_with_the_one_that_was_meant(complaint):
     for call, meant in (
-        (("analyze", "log.csv"), "unknown command 'analyze'; did you mean analyse?; see"),
-        (("analyse", "log.csv", "--partt", "x"), "--partt x; did you mean --part?; see"),
-        (("live", "--view", "windw"), "unknown --view 'windw'; did you mean window?; see"),
+        (("analyze", "log.csv"), "unknown command 'analyze'; did you mean analyse? See"),
+        (("analyse", "log.csv", "--partt", "x"), "--partt x; did you mean --part? See"),
+        (("live", "--view", "windw"), "unknown --view 'windw'; did you mean window? See"),
         (("completion", "tcsh"), "unknown shell 'tcsh'; choose one of bash, zsh, fish; see"),
         (("frobnicate",), "unknown command 'frobnicate'; choose one of live, replay,"),
     ):

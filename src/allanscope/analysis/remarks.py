@@ -335,7 +335,7 @@ def _how(name: str, reading: Reading) -> str:
     match name:
         case "N" if reading.band_hz is not None:
             low, high = reading.band_hz
-            return f"the density from {number(low, 2)} to {number(high, 2)} Hz"
+            return f"the density between {number(low, 2)} and {number(high, 2)} Hz"
         case "N_1s":
             return "the deviation at 1 s"
         case "B":

@@ -252,7 +252,7 @@ def stability_table(request: StabilityRequest) -> str:
     """
     make, inputs = _QUANTITIES[request.name]
     if len(request.inputs) != inputs:
-        raise UsageError(f"{request.name} takes {inputs} inputs, got {len(request.inputs)}")
+        raise UsageError(f"{request.name}: {inputs} inputs are needed, {len(request.inputs)} given")
     series = [_series_of(path, request) for path in request.inputs]
     try:
         columns = make(request, *series)

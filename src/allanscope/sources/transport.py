@@ -240,7 +240,7 @@ def open_error(name: str, error: Exception, ports: list[PortDescription]) -> Dev
         return DeviceError(f"cannot open {name}: {_words(error)}; is the other side running?")
     if reason in _MISSING:
         return DeviceError(
-            f"no such port {name}: {plugged_in(ports)}; "
+            f"no such port {name}; {plugged_in(ports)}; "
             "see `allanscope ports`, or try: allanscope live sim"
         )
     if reason in _DENIED:

@@ -285,17 +285,21 @@ def measured(
 ) -> str:
     """Return a value of any unit with its interval: rates in mdps, accelerations in ug.
 
+    Ratios of two equal units are in per cent.
+
     Examples
     --------
     >>> measured(49.981, 49.97, 49.992, "Hz")
     '49.981 [49.970, 49.992] Hz'
     >>> measured(4.1e-3, 3.9e-3, 4.3e-3, "dps")
     '4.10 [3.90, 4.30] mdps'
-    >>> measured(2.0e-4, unit="g/degC")
-    '200 ug/degC'
+    >>> measured(2.0e-4, unit="g/degC"), measured(-0.0704, -0.081, -0.06, "dps/dps")
+    ('200 ug/degC', '-7.0 [-8.1, -6.0] %')
     """
     numerator, slash, rest = unit.partition("/")
-    if numerator in DEVIATION:
+    if numerator == rest:
+        text, unit = Reading(100.0, "%").interval(value, lower, upper), "%" if unit else ""
+    elif numerator in DEVIATION:
         reading = DEVIATION[numerator]
         text = reading.interval(value, lower, upper)
         unit = f"{reading.unit}{slash}{rest}"

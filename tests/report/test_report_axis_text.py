@@ -127,7 +127,7 @@ def test_evidence_says_what_convinced(replicated, said):
     assert found.kind == "step (the same on gx gy)"
     assert found.equivalent == "random telegraph"
     assert found.words == (
-        "the level jumps by 0.009 dps; false-alarm probability less than 1e-12; "
+        "the level jumps by 0.009 dps; false-alarm probability below 1e-12; "
         f"held-out test: interleaved blocks of 1 s; {said}"
     )
 
@@ -146,6 +146,24 @@ def test_quality_tells_rate_losses_link_and_temperature(analysis):
     assert known["rate"].startswith("6664.2000 Hz ±0.11 ppm; 6660.00 Hz nominal, 0.0631 % off")
     assert "between 24.1 and 31.7 °C" in known["temperature"]
     assert "3 checksum errors" in known["link"]
+
+
+def test_a_rate_within_its_uncertainty_is_not_off_and_a_file_of_arrays_has_no_link(analysis):
+    known = replace(analysis.rate, nominal_hz=100.0, measured_hz=100.0 + 1e-12, uncertainty_ppm=1.1)
+    found = facts(
+        axis_text.quality(
+            replace(analysis, rate=known, link=replace(analysis.link, bytes=0, frames=0))
+        )
+    )
+    assert found["rate"] == "100.00000 Hz ±1.1 ppm; 100.000 Hz nominal"
+    assert "link" not in found
+
+
+def test_a_p_value_has_a_floor(analysis):
+    loop = analysis.axes["gx"].explanation
+    worst = replace(loop, before=replace(loop.before, p_value=5.7e-246))
+    rows = {row.name: row for row in axis_text.error_rows(worst)}
+    assert rows["p-value of χ²"].before == "below 1e-12"
 
 
 def test_a_command_that_is_known_replaces_the_plain_one(analysis):

@@ -335,7 +335,7 @@ def _undisturbed_lines(analysis: Analysis) -> list[VerdictLine]:
         return []
     text = (
         f"{duration(quiet.begin_s)} to {duration(quiet.end_s)}, the longest stretch without shocks "
-        "and other events; its coefficients are below those of the whole run"
+        "and other events; its coefficients stand in the row below each axis"
     )
     return [VerdictLine("note", "Undisturbed", text)]
 

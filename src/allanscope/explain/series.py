@@ -24,7 +24,7 @@ from allanscope.history import Record
 from allanscope.lazy import once
 from allanscope.noise.grid import Grid, grid_of
 from allanscope.parts import full_scale_of
-from allanscope.quantities import CHI_SQUARE_MEDIAN, MAD_TO_SIGMA, duration
+from allanscope.quantities import CHI_SQUARE_MEDIAN, MAD_TO_SIGMA, count, duration
 
 __all__ = [
     "LOUD",
@@ -367,9 +367,9 @@ def hindrances(series: Series, axis: str) -> tuple[str, ...]:
         missing = duration(np.ceil(needed - series.duration_s))
         if series.gaps >= _MANY_GAPS:
             return (
-                f"rows are missing throughout: {series.gaps:,} gaps; the longest stretch without "
-                f"one is {duration(series.duration_s)} of the {duration(needed)} needed to search; "
-                "find where rows are lost (logger or link): a longer run does not help",
+                f"rows are missing throughout: {count(series.gaps)} gaps; the longest stretch "
+                f"without one is {duration(series.duration_s)} of the {duration(needed)} needed to "
+                "search; find where rows are lost (logger or link): a longer run does not help",
             )
         return (
             f"too short: {duration(series.duration_s)} of the {duration(needed)} needed to search; "
@@ -417,7 +417,11 @@ def observations(series: Series, axis: str) -> tuple[str, ...]:
     if share > 0:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], series.bridged, [0]])))
         longest = duration(float(np.max(edges[1::2] - edges[::2])) / series.rate_hz)
-        gaps = f"in {len(edges) // 2:,} gaps of up to {longest}" if len(edges) > 2 else "in one gap"
+        gaps = (
+            f"in {count(len(edges) // 2)} gaps of up to {longest}"
+            if len(edges) > 2
+            else "in one gap"
+        )
         found.append(f"{100 * share:.2g} % of the samples are missing, {gaps}, and were bridged")
     if series.stride > 1:
         found.append(

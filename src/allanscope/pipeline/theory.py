@@ -41,7 +41,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.replaying import events_of
 from allanscope.pipeline.settings import DeviceSettings
 from allanscope.pipeline.table_files import is_table_file, table_of_file
-from allanscope.quantities import duration
+from allanscope.quantities import count, duration
 from allanscope.recording import Recording, is_recording
 from allanscope.samples import Block, Gap, StreamInfo, unit_of
 from allanscope.sanitize import complain
@@ -479,5 +479,7 @@ def chain_steps(device: DeviceSettings) -> list[ChainStep]:
     dps, g = device.gyro_fs or 125.0, device.accel_fs or 2.0
     step, accel_step = 1e3 * part.gyro_scale(dps), 1e3 * part.accel_scale(g)
     scales = f"{step:.3g} mdps at {dps:g} dps, {accel_step:.3g} mg at {g:g} g"
-    history = f"at most {FULL_ROWS:,} rows: samples for {duration(FULL_ROWS / rate)}, then means"
+    history = (
+        f"at most {count(FULL_ROWS)} rows: samples for {duration(FULL_ROWS / rate)}, then means"
+    )
     return processing_chain(part, rate, scales, history)

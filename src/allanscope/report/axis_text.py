@@ -300,7 +300,7 @@ def _evidence(effect: Effect) -> str:
 
 
 def _probability(p: float) -> str:
-    return "less than 1e-12" if p < 1e-12 else number(p, 2)
+    return "below 1e-12" if p < 1e-12 else number(p, 2)
 
 
 def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
@@ -308,7 +308,13 @@ def error_rows(explanation: AxisExplanation) -> list[ErrorRow]:
     before, after = explanation.before, explanation.after
     gained = f"{number(explanation.held_out_nats)} ± {number(explanation.held_out_nats_se, 2)}"
     rows = [
-        ErrorRow(name, *(number(getattr(one, field)) for one in (before, after)))
+        ErrorRow(
+            name,
+            *(
+                (_probability if field == "p_value" else number)(getattr(one, field))
+                for one in (before, after)
+            ),
+        )
         for field, name in MODEL_ERRORS.items()
     ]
     rows.append(ErrorRow(HELD_OUT, "", gained))
@@ -339,10 +345,10 @@ def quality(analysis: Analysis) -> list[Fact]:
     else:
         rate_text = symbols(rate(measured, analysis.rate.uncertainty_ppm))
         if nominal_hz:
-            rate_text += (
-                f"; {number(nominal_hz, 6)} Hz nominal, "
-                f"{number(100 * (measured / nominal_hz - 1))} % off"
-            )
+            rate_text += f"; {number(nominal_hz, 6)} Hz nominal"
+            away = measured / nominal_hz - 1.0
+            if abs(away) > 1e-6 * (analysis.rate.uncertainty_ppm or 0.0):
+                rate_text += f", {number(100 * away)} % off"
     link = analysis.link
     facts = [
         Fact("duration", duration(analysis.duration_s)),
@@ -350,14 +356,17 @@ def quality(analysis: Analysis) -> list[Fact]:
         Fact("lost samples", losses_text(analysis)),
         Fact("rate", rate_text),
         *(Fact(kind_name(one.kind), effect_words(one).words) for one in analysis.effects),
-        Fact(
-            "link",
-            f"{size(link.bytes)} in {count(link.frames)} frames, "
-            f"{link.crc_errors} checksum errors, "
-            f"{link.resyncs} resynchronisations, {link.suspect} suspect rows, "
-            f"{analysis.reconnects} reconnections",
-        ),
     ]
+    if link.bytes:
+        facts.append(
+            Fact(
+                "link",
+                f"{size(link.bytes)} in {count(link.frames)} frames, "
+                f"{link.crc_errors} checksum errors, "
+                f"{link.resyncs} resynchronisations, {link.suspect} suspect rows, "
+                f"{analysis.reconnects} reconnections",
+            )
+        )
     if analysis.temperature:
         t = analysis.temperature
         facts.append(
@@ -377,7 +386,7 @@ def provenance(analysis: Analysis, command: str) -> list[Fact]:
         for name, text in analysis.input.items()
         if text and name != "command"
     ]
-    facts.append(Fact("part", analysis.part or "not named"))
+    facts.append(Fact("part", analysis.part or "unknown"))
     levels = {curve.level for axis in analysis.axes.values() for curve in axis.curves.values()}
     if levels:
         facts.append(Fact("intervals", f"{number(100 * max(levels))} %"))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from allanscope.allan import ROWS, CurveChoices, lags_of_level
 from allanscope.parts import Part
+from allanscope.quantities import count
 from allanscope.spectrum import SEGMENT
 
 __all__ = ["ChainStep", "processing_chain"]
@@ -73,7 +74,7 @@ def processing_chain(
     cutoffs = part.cutoffs_hz("gx", rate_hz) if part is not None else ()
     low_pass = f"low-pass at {' or '.join(f'{hz:.3g}' for hz in cutoffs)} Hz"
     starts = f"every start below m = {_DENSE}, {lags_of_level(1, 1)[0]} or more in τ above"
-    archive = f"at most {ROWS:,} rows, joined in pairs when full"
+    archive = f"at most {count(ROWS)} rows, joined in pairs when full"
     starts += f"; from 1/{_LONG} of the run at rows of the archive"
     across = "; τ longer than between gaps"
     if choices.needs_samples:
@@ -91,8 +92,13 @@ def processing_chain(
             2, "output registers", f"round to {scales}", "quantization, saturation, missing codes"
         ),
         ChainStep(3, "link", "frames checked and counted", "lost_samples, link, segments"),
-        ChainStep(4, "clock", "arrivals by the host's time", "rate, tau = m / rate, clock_error"),
-        ChainStep(5, "phase", "sum of the samples, from gap to gap", "level"),
+        ChainStep(
+            4,
+            "clock",
+            "line through arrival times by the host",
+            "rate, tau = m / rate, clock_error",
+        ),
+        ChainStep(5, "phase", "cumulative sum between gaps", "level"),
         ChainStep(
             6,
             "M(m)",
@@ -122,8 +128,10 @@ def processing_chain(
             "8 sin⁶ x / x²" if choices.hadamard == "dt0064" else "8/3 sin⁶ x / x²",
         ),
         ChainStep(8, "noise type", "MAVAR / AVAR, levels of power laws", "edf, lower, upper, bias"),
-        ChainStep(7, "D1(m)", "the same of the record and its images at both ends", "TOTVAR"),
-        ChainStep(6, "slope(m)", "of a line through m; half the mean square difference", "PVAR"),
+        ChainStep(7, "D1(m)", "the same, of the record reflected at both ends", "TOTVAR"),
+        ChainStep(
+            6, "slope(m)", "slope of a line through m; ½ of the mean square difference", "PVAR"
+        ),
         ChainStep(
             6,
             "archive",
@@ -143,5 +151,5 @@ def processing_chain(
             "fills short gaps with noise like that around them",
             f"coefficients N B K Q R, residual{across}",
         ),
-        ChainStep(5, "watch", "blocks against what went before", "events, undisturbed"),
+        ChainStep(5, "watch", "each block against those before", "events, undisturbed"),
     ]

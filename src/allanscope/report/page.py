@@ -27,7 +27,7 @@ from allanscope.analysis import (
     was_searched,
 )
 from allanscope.parts import PARTS
-from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, duration, symbols
+from allanscope.quantities import COEFFICIENTS, MAIN_LETTERS, SENSOR_NAMES, count, duration, symbols
 from allanscope.report import axis_text, coefficient_table
 from allanscope.report.axis_text import Fact
 from allanscope.report.chain import ChainStep, processing_chain
@@ -190,7 +190,7 @@ def _chain(analysis: Analysis) -> list[ChainStep]:
         }
         scales = ", ".join(steps.values())
         rows = "samples" if record.stride == 1 else f"means of {record.stride} samples"
-        history = f"{len(record.values):,} {rows}"
+        history = f"{count(len(record.values))} {rows}"
     part = PARTS.get(analysis.part)
     rate_hz = analysis.rate.best_hz
     return processing_chain(part, rate_hz, scales or "whole counts", history, analysis.choices)

@@ -105,7 +105,7 @@ def _time_errors(
         cells.append([f"{number(largest)}, {number(rms)}" for largest, rms in pairs])
     yield StabilityTable(
         f"{sensor}: change of the {what} within τ, in {symbols(reading.unit)}, without the mean "
-        "rate: MTIE, the largest, and TIE rms.",
+        "rate: the largest (MTIE) and the rms (TIE rms).",
         ["τ, s", *axes],
         [[number(k * step / hz), *row] for k, *row in zip(m, *cells, strict=True)],
     )
@@ -147,9 +147,9 @@ def _slopes(sensor: str, unit: str, axes: Mapping[str, AxisAnalysis]) -> Iterabl
     if rows:
         yield StabilityTable(
             f"{sensor}: AVLR, one line of known slope through the points of OADEV with one noise "
-            "type, beside the likelihood of the whole spectrum. A line takes in whatever else is "
+            "type, beside the fit to the whole spectrum. A line takes in whatever else is "
             "there.",
-            ["coefficient", "τ", "by AVLR", "by the likelihood"],
+            ["coefficient", "τ", "by AVLR", "by the fit"],
             rows,
         )
 

@@ -117,7 +117,8 @@ class Event:
         if self.frequency_hz is not None and self.frequency_interval_hz is not None:
             ends = ", ".join(number(one) for one in self.frequency_interval_hz)
             what = f"new line at {number(self.frequency_hz)} [{ends}] Hz"
-        size = f"{number(last.size, 2)} {self.unit}".strip()
+        size = f"{number(last.size, 2)} {self.unit}" if self.unit else number(last.size, 2)
+        size = size.removesuffix(".0")  # of a count
         if last.end_s is None:
             when = f"since {duration(last.onset_s)}"
         else:

@@ -79,7 +79,7 @@ class CrossCoupling(EffectKind):
     @property
     def words(self) -> str:
         """What it is, in a phrase."""
-        leak = f"{self.source.value} couples in with {self.slope.value:.3g} {self.slope.unit}"
+        leak = f"{self.source.value} couples in with {self.slope.text}"
         if not self.is_open:
             return leak
         leak += "; the direction is not determined by this recording"

@@ -55,7 +55,7 @@ _LOUD = 40.0
 """Power of an ordinate over the model's that noise does not reach in any record."""
 _OF_THE_MEDIAN = 1.06
 """Standard deviation of the median of chi-squares with one degree of freedom, times sqrt(n)."""
-_CHANGES = "a tone between {:.5g} and {:.5g} Hz changes in frequency or amplitude"
+_CHANGES = "a tone between {} Hz changes in frequency or amplitude"
 DEGREE = 7
 """Of the polynomial that stands for a drift without a form: its ordinates lie below the eighth."""
 RELAXATIONS = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -162,6 +162,18 @@ def _known(view: View) -> list[tuple[Candidate, Unexplained]]:
     return [(c, c.effect) for c in view.accepted if isinstance(c.effect, Unexplained)]
 
 
+def _range(low: float, high: float) -> str:
+    """Return two frequencies in as many digits as their distance deserves, three at least.
+
+    >>> _range(0.00093528, 3.9403), _range(49.97712, 49.99903)
+    ('0.000935 and 3.94', '49.977 and 49.999')
+    """
+    digits = 3
+    if high > low:
+        digits = min(max(3, 1 + math.ceil(math.log10(high / (high - low)))), 9)
+    return f"{low:.{digits}g} and {high:.{digits}g}"
+
+
 def left_over(
     view: View,
     band: tuple[float, float],
@@ -224,7 +236,7 @@ def tone_left_over(
 
 def band_left_over(view: View, candidate: Candidate, band: tuple[float, float]) -> Candidate:
     """Return a range that a tone or band covers which is not what its name would say."""
-    words, searched = _CHANGES.format(*band), candidate.log_alternatives
+    words, searched = _CHANGES.format(_range(*band)), candidate.log_alternatives
     return left_over(view, band, candidate.gain, words, searched)
 
 
@@ -252,7 +264,7 @@ def tone_without_name(
     known = 2 * TWO_SIDED_95 * error < 1
     size = profile.sigma if known else profile.sigma * float(np.sqrt(1 + 2 * TWO_SIDED_95 * error))
     words = (
-        f"power between {profile.low:.5g} and {profile.high:.5g} Hz changes in frequency or "
+        f"power between {_range(profile.low, profile.high)} Hz changes in frequency or "
         f"amplitude; its rms is {'' if known else 'below '}{measured(size, unit=view.unit)}"
     )
     band = (profile.low, profile.high)
@@ -269,7 +281,7 @@ def tones_left_over(view: View, lines: Sequence[tuple[Candidate, float]]) -> Can
     low, high = min(p[0] for p in parts), max(p[1] for p in parts)
     gain = sum(line.gain for line, _ in lines)
     searched = sum(line.log_alternatives for line, _ in lines)
-    words = _CHANGES.format(low, high)
+    words = _CHANGES.format(_range(low, high))
     return left_over(view, (low, high), gain, words, searched, parts)
 
 
@@ -321,7 +333,7 @@ def united(view: View, candidate: Candidate) -> tuple[View, Candidate]:
         rest = view.without(near)
         gain = near.gain + candidate.gain
         searched = near.log_alternatives + candidate.log_alternatives
-        words = _CHANGES.format(low, high)
+        words = _CHANGES.format(_range(low, high))
         union = left_over(rest, (low, high), gain, words, searched)
         if rest.leaves_too_little(union):
             break
@@ -389,7 +401,7 @@ def _misfit(
     inside = (frequency >= band[0]) & (frequency <= band[1]) & view.spectrum.kept
     power = float((view.squares - view.spectrum.ordinates)[inside].sum()) / view.grid.n
     if power > 0:
-        words += f"; its rms is {np.sqrt(power):.3g} {view.unit}"
+        words += f"; its rms is {measured(float(np.sqrt(power)), unit=view.unit)}"
     return left_over(view, band, gain, words, searched, z=z, excess=more)
 
 

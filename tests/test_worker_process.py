@@ -6,6 +6,7 @@ import operator
 import os
 import signal
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -49,6 +50,13 @@ def test_an_error_there_is_raised_here_and_the_next_call_is_answered():
         with pytest.raises(RuntimeError, match="Odd: three"):
             worker.call(exec, ODD)
         assert worker.call(operator.add, 1, 2) == 3
+
+
+def test_a_call_from_another_thread_waits_for_its_turn():
+    with WorkerProcess("json csv") as worker, ThreadPoolExecutor(1) as beside:
+        earlier = beside.submit(worker.call, operator.mul, 3, 5)
+        assert [worker.call(operator.add, 1, k) for k in range(50)] == list(range(1, 51))
+        assert earlier.result() == 15
 
 
 def test_what_is_printed_there_is_no_answer(capfd):

@@ -23,6 +23,7 @@ import pickle
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
@@ -47,7 +48,7 @@ class WorkerProcess:
     Parameters
     ----------
     preload : str
-        Module that it loads at once, before it is asked.
+        Modules that it loads at once, before it is asked; spaces between them.
     nice : int
         By how much its priority is lowered, where there are priorities.
 
@@ -58,6 +59,7 @@ class WorkerProcess:
 
     def __init__(self, preload: str = "", nice: int = 0) -> None:
         self._held: list[object] = []
+        self._calling = threading.Lock()
         self._complaint = tempfile.TemporaryFile()  # noqa: SIM115 closed with the process
         command = [sys.executable, "-P", "-m", __name__, preload, str(nice)]
         modules = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # the same as here
@@ -90,13 +92,16 @@ class WorkerProcess:
     def call(self, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
         """Return what a function of a module returns there; raise what it raises.
 
+        A call from another thread waits for its turn.
+
         Raises
         ------
         WorkerError
             When the process has ended.
         """
-        self.ask(function, *arguments, **named)
-        return self.answer()  # type: ignore[no-any-return]
+        with self._calling:
+            self.ask(function, *arguments, **named)
+            return self.answer()  # type: ignore[no-any-return]
 
     def ask(self, function: Callable[P, object], *arguments: P.args, **named: P.kwargs) -> None:
         """Begin a call, whose `answer` is to be taken before the next one.
@@ -213,8 +218,8 @@ def main() -> None:
     if hasattr(os, "nice"):
         os.nice(int(sys.argv[2]))
     defer_unused()
-    if sys.argv[1]:
-        import_module(sys.argv[1])
+    for name in sys.argv[1].split():
+        import_module(name)
     held: list[object] = []
     while True:
         try:

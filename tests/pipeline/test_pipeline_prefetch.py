@@ -26,9 +26,9 @@ def test_all_that_takes_long_is_loaded_before_the_port_is_opened(monkeypatch):
 def test_what_computes_the_result_loads_before_the_run_is_over_and_is_ended(monkeypatch, tmp_path):
     done, started = [], []
 
-    def processes(analyser):
+    def processes(analyser, preload):
         done.append("processes")
-        started.extend(search_processes(analyser))
+        started.extend(search_processes(analyser, preload))
         return started
 
     def end(*given):

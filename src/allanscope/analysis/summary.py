@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from importlib.metadata import version
@@ -11,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from allanscope.allan import CurveChoices, Deviation, DynamicDeviation
+from allanscope.allan import AllanBank, CurveChoices, Deviation, DynamicDeviation
 from allanscope.analysis.analyser import (
     FEWEST_ROWS,
     Analyser,
@@ -50,10 +51,10 @@ from allanscope.noise import (
     power_laws_of,
 )
 from allanscope.parts import PARTS, full_scale_of
-from allanscope.samples import unit_of
+from allanscope.samples import StreamInfo, unit_of
 from allanscope.spectrum import Density
 from allanscope.wire import LinkStats
-from allanscope.worker_process import WorkerProcess
+from allanscope.worker_process import WorkerError, WorkerProcess
 
 __all__ = ["Depth", "search_processes", "summarise", "with_comparison"]
 
@@ -73,7 +74,7 @@ WORTH_A_PROCESS = 30_000
 FEW_PROCESSES = 3_000_000
 """Values from which no more than two processes search: each may take some hundred megabytes."""
 
-_SEARCH = "allanscope.explain.loop"
+_SEARCH = __name__
 
 LIVE_KINDS = ("oadev", "mdev", "ohdev", "totdev")
 TENTHS = 10
@@ -279,12 +280,19 @@ def _axes(
     rate_hz = rate.best_hz or 1.0
     part = settings.part or state.info.part
     as_of = AsOf(state.samples / rate_hz, state.samples)
-    loop = known
     processes = settings.processes if depth == "full" else 1
-    with _workers(given, processes, ready) as workers:  # new ones load now
-        curves = _curves(state, given.record, depth, rate_hz, settings.level, settings.curves)
-        if depth == "full":
+    asked = given.record, depth, rate_hz, settings.level, settings.curves
+    with (
+        _workers(given, processes, ready) as workers,  # new ones load now
+        ThreadPoolExecutor(1) as beside,
+    ):
+        if depth == "full" and workers and not settings.curves.needs_samples:
+            coming = beside.submit(_curves_of, workers[0], state.info, state.bank, *asked)
             loop = _loop(given, workers)
+            curves = coming.result()
+        else:
+            curves = _curves(state, *asked)
+            loop = _loop(given, workers) if depth == "full" else known
     if loop is not None and depth == "live":
         loop = loop.with_rate(given.nominal_hz, given.rate_fit)
         try:
@@ -353,11 +361,36 @@ def _curves(
 ) -> dict[str, dict[str, Deviation]]:
     if depth == "full" and choices.needs_samples:
         return _curves_of_samples(state, rate_hz, level, choices)
-    out: dict[str, dict[str, Deviation]] = {name: {} for name in state.info.axes}
-    state.bank.scale = np.asarray(state.info.scale)
+    return _curves_of_bank(state.info, state.bank, record, depth, rate_hz, level, choices)
+
+
+def _curves_of(
+    worker: WorkerProcess,
+    info: StreamInfo,
+    bank: AllanBank,
+    *asked: *tuple[Record, Depth, float, float, CurveChoices],
+) -> dict[str, dict[str, Deviation]]:
+    """Have the curves computed by a worker, or here if it has ended."""
+    try:
+        return worker.call(_curves_of_bank, info, bank, *asked)
+    except WorkerError:
+        return _curves_of_bank(info, bank, *asked)
+
+
+def _curves_of_bank(
+    info: StreamInfo,
+    bank: AllanBank,
+    record: Record,
+    depth: Depth,
+    rate_hz: float,
+    level: float,
+    choices: CurveChoices,
+) -> dict[str, dict[str, Deviation]]:
+    out: dict[str, dict[str, Deviation]] = {name: {} for name in info.axes}
+    bank.scale = np.asarray(info.scale)
     for kind in choices.kinds_of_banks if depth == "full" else LIVE_KINDS:
-        both = choices.of_bank(state.bank, kind, level, rate_hz)
-        for column, name in enumerate(state.info.axes):
+        both = choices.of_bank(bank, kind, level, rate_hz)
+        for column, name in enumerate(info.axes):
             curve = both.axis(column)
             if len(curve.tau):
                 out[name][kind] = curve
@@ -389,17 +422,24 @@ def _curves_of_samples(
     return out
 
 
-def search_processes(analyser: Analyser) -> list[WorkerProcess]:
+def search_processes(analyser: Analyser, preload: str = "") -> list[WorkerProcess]:
     """Start the processes that search beside this one, for a full result that is soon wanted.
 
     They take a second to load. The caller ends them.
+
+    Parameters
+    ----------
+    analyser : Analyser
+        What is to be summarised.
+    preload : str
+        Module that the first one loads as well, for what it is asked after the search.
     """
     state = analyser.state
     if state is None:
         return []
     axes = len(state.info.axes)
     most = min(_most_processes(axes * state.samples, analyser.settings.processes), axes)
-    return [WorkerProcess(_SEARCH) for _ in range(most - 1)]
+    return [WorkerProcess(" ".join([_SEARCH, preload][: 1 + (k == 0)])) for k in range(most - 1)]
 
 
 def _most_processes(values: int, processes: int) -> int:

@@ -11,10 +11,12 @@ What rings more softly is found by all its rows together (`burst_rows`), away fr
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import get_workers
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from allanscope.explain.burst_rows import Burst, find_bursts
@@ -164,9 +166,10 @@ def _soft(
     rows = {axis: one.rows for axis, one in away.items() if one.sigma > _FINEST * steps[axis]}
     found: list[tuple[str, Burst]] = []
     looked_at = float(np.log(max((len(one.rows) for one in away.values()), default=1)))
-    for axis, x in rows.items():
-        bursts, looked_at = find_bursts(x, rate_hz, len(rows), repeated)
-        found += [(axis, burst) for burst in bursts if not _is_near(burst, groups, rate_hz)]
+    with ThreadPoolExecutor(get_workers()) as threads:  # as many as transforms may have
+        each = threads.map(lambda x: find_bursts(x, rate_hz, len(rows), repeated), rows.values())
+        for axis, (bursts, looked_at) in zip(rows, each, strict=True):
+            found += [(axis, burst) for burst in bursts if not _is_near(burst, groups, rate_hz)]
     sets: list[list[tuple[str, Burst]]] = []
     for one in sorted(found, key=lambda pair: pair[1].first):
         if sets and one[1].first < max(burst.stop for _, burst in sets[-1]):

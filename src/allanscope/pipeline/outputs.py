@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 
 from allanscope.atomic_write import require_writable, write_text
 from allanscope.errors import DeviceError, InputError, UsageError
-from allanscope.pipeline.process import stopped_by_signals
+from allanscope.pipeline.process import stopped_by_signals, usable_processes
 from allanscope.pipeline.settings import ViewMode
 from allanscope.view import ViewerProcess, has_display
 from allanscope.worker_process import WorkerError, WorkerProcess
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from allanscope.report import Picture
 
 __all__ = [
+    "REPORT",
     "ReportProcess",
     "ResultFiles",
     "charts_of",
@@ -49,6 +50,9 @@ __all__ = [
 ]
 
 _LOOK_EVERY_S = 0.2
+
+REPORT = "allanscope.report.page"
+"""Module that a process which draws a report loads before."""
 
 
 def write_json(analysis: Analysis, path: Path) -> None:
@@ -117,10 +121,15 @@ class ReportProcess:
     """Draws the report in another process, while this one finishes what else is to be done.
 
     The process takes a second to get ready: it is started when the end is in sight.
+
+    Parameters
+    ----------
+    worker : WorkerProcess, optional
+        One that has loaded `REPORT`, and is free when the report is begun.
     """
 
-    def __init__(self) -> None:
-        self._worker = WorkerProcess("allanscope.report.page")
+    def __init__(self, worker: WorkerProcess | None = None) -> None:
+        self._worker = worker or WorkerProcess(REPORT)
         self._analysis: Analysis | None = None
         self._page = ""
 
@@ -128,7 +137,7 @@ class ReportProcess:
         """Begin to draw the report of a full result."""
         self._analysis, self._page = analysis, ""
         with suppress(WorkerError):  # says so again when it is asked for the page
-            self._worker.ask(_drawn, analysis)
+            self._worker.ask(_drawn, analysis, usable_processes() > 1)
 
     def write(self, path: Path) -> None:
         """Write the report that was begun, when it is drawn.
@@ -151,10 +160,10 @@ class ReportProcess:
         self._worker.close()
 
 
-def _drawn(analysis: Analysis) -> str:
+def _drawn(analysis: Analysis, forked: bool = False) -> str:
     from allanscope.report import render
 
-    return render(analysis)
+    return render(analysis, forked=forked)
 
 
 class ResultFiles:

@@ -34,6 +34,7 @@ from allanscope.pipeline.decoding import Decoding
 from allanscope.pipeline.event_hook import EventHook
 from allanscope.pipeline.import_export import import_capture
 from allanscope.pipeline.outputs import (
+    REPORT,
     ReportProcess,
     ResultFiles,
     discard_session,
@@ -294,7 +295,7 @@ class _ResultOutput:
     Attributes
     ----------
     workers : list of WorkerProcess
-        They search beside this process, once it is prepared.
+        They search beside this process, once it is prepared; then the first one draws the report.
     """
 
     def __init__(self, folder: Path | None, recorded: bool, terminal: TerminalView) -> None:
@@ -307,12 +308,12 @@ class _ResultOutput:
         """Start the processes that take part; they take a second to load."""
         with self._lock:
             if self._report is None and self._folder is not None:
-                self._report = ReportProcess()
-                self.workers = search_processes(analyser)
+                self.workers = search_processes(analyser, REPORT)
+                self._report = ReportProcess(*self.workers[:1])
 
     def begin(self, final: Analysis) -> None:
         """Write the numbers, and begin to draw the report: the search is over."""
-        for worker in self.workers:
+        for worker in self.workers[1:]:
             worker.close()
         if self._folder is not None and self._report is not None and final.samples:
             self._files = ResultFiles(self._folder)

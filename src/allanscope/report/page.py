@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ from allanscope.report.data_pictures import (
     ratio_picture,
     series_picture,
 )
+from allanscope.report.forked_drawing import draw_forked
 from allanscope.report.method_pictures import transfer_picture
 from allanscope.report.picture import Picture
 from allanscope.report.stability_tables import stability_tables
@@ -104,6 +106,7 @@ def render(
     title: str = "",
     operator: str = "",
     full: bool = False,
+    forked: bool = False,
 ) -> str:
     """Return the page of one session.
 
@@ -120,9 +123,13 @@ def render(
         Title of the page, by default part and name; and name of the operator.
     full : bool
         Open what is folded otherwise, so that it is printed as well.
+    forked : bool
+        Draw half of the pictures in a copy of this process, which must have a single thread.
     """
     shown = {name: axis for name, axis in analysis.axes.items() if "oadev" in axis.curves}
-    svgs = {k: one.svg() + one.link(k) for k, one in (drawn or pictures(analysis)).items()}
+    found = (drawn or pictures(analysis)).items()
+    tasks = {name: partial(_embedded, name, one) for name, one in found}
+    svgs = draw_forked(tasks) if forked else {name: task() for name, task in tasks.items()}
     name = analysis.input.get("name", "session")
     zero_g = axis_text.zero_g(analysis)
     return template("page.html.j2").render(
@@ -302,6 +309,11 @@ def _command(analysis: Analysis) -> str:
     path = analysis.input.get("path", "")
     plain = f"allanscope analyse {shlex.quote(path)}" if path else ""
     return analysis.input.get("command", plain)
+
+
+def _embedded(name: str, one: Picture) -> str:
+    """Return a picture as it stands on the page."""
+    return one.svg() + one.link(name)
 
 
 def pictures(analysis: Analysis) -> dict[str, Picture]:
